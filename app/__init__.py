@@ -1,0 +1,1 @@
+"""The face of glidecal: commands, screens, exports. Knows typer, rich and Textual."""

@@ -1,0 +1,102 @@
+"""Indicators as the session sees them: live values with a word for their state, and takes."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from drivers.line import IndicatorLine
+from drivers.outcome import Fault, Outcome, Reading
+from drivers.profile import Profile
+
+HISTORY = 120
+
+
+class Motion(StrEnum):
+    """What an indicator is doing, in one word."""
+
+    WAITING = "waiting"
+    MOVING = "moving"
+    STABLE = "stable"
+    STALE = "stale"
+    FAULT = "fault"
+
+
+@dataclass(frozen=True)
+class Live:
+    """One indicator now: last outcome, its age, the state word and the recent values in mm."""
+
+    outcome: Outcome | None
+    age_s: float
+    motion: Motion
+    trend_mm: tuple[float, ...]
+
+
+class Gauge:
+    """One indicator on its line with the history that tells stable from moving."""
+
+    def __init__(
+        self,
+        profile: Profile,
+        port: str,
+        *,
+        interval_s: float | None = None,
+        window_s: float,
+        tolerance_mm: float = 0.004,
+    ) -> None:
+        self.profile = profile
+        self.port = port
+        self._window_s = window_s
+        self._tolerance_mm = tolerance_mm
+        self._lock = threading.Lock()
+        self._heard: deque[tuple[float, Outcome]] = deque(maxlen=HISTORY)
+        self._line = IndicatorLine(profile, port, interval_s=interval_s, listener=self._hear)
+
+    def start(self) -> None:
+        """Open the port. Raises IndicatorError."""
+        self._line.start()
+
+    def close(self) -> None:
+        """Close the port."""
+        self._line.close()
+
+    def _hear(self, outcome: Outcome) -> None:
+        with self._lock:
+            self._heard.append((time.monotonic(), outcome))
+
+    def restart_window(self) -> None:
+        """Forget what was stable: the machine is about to move."""
+        with self._lock:
+            self._heard.clear()
+
+    def live(self) -> Live:
+        """The state now; safe from any thread."""
+        with self._lock:
+            heard = tuple(self._heard)
+        now = time.monotonic()
+        if not heard:
+            return Live(None, 0.0, Motion.WAITING, ())
+        at, outcome = heard[-1]
+        trend = tuple(o.value_mm for _, o in heard if isinstance(o, Reading))
+        return Live(outcome, now - at, self._motion(heard, now), trend)
+
+    def _motion(self, heard: Sequence[tuple[float, Outcome]], now: float) -> Motion:
+        at, outcome = heard[-1]
+        if isinstance(outcome, Fault):
+            return Motion.FAULT
+        if now - at > max(self.profile.timeout_s, 2 * self._window_s):
+            return Motion.STALE
+        recent = [
+            o.value_mm for t, o in heard if now - t <= self._window_s and isinstance(o, Reading)
+        ]
+        covered = now - heard[0][0] >= self._window_s
+        still = len(recent) >= 2 and max(recent) - min(recent) <= self._tolerance_mm
+        return Motion.STABLE if covered and still else Motion.MOVING
+
+    def ask(self) -> Outcome:
+        """A fresh reading, taken after this call; waits for it."""
+        return self._line.ask().result()

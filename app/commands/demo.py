@@ -1,0 +1,43 @@
+"""``glidecal demo``: a whole guided calibration on a simulated machine."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from app.commands.options import Protocol, Seed, say
+
+
+def demo(
+    headless: Annotated[
+        bool, typer.Option("--headless", help="Run unattended and end with the summary.")
+    ] = False,
+    seed: Seed = 1,
+    protocol: Protocol = "zero-max-min",
+    folder: Annotated[Path, typer.Option(help="Where the sessions are written.")] = Path(
+        "demo-sessions"
+    ),
+) -> None:
+    """Measure, identify, export, measure again and compare, on a simulated machine."""
+    from app.bench import BenchSettings
+    from app.demo import DEMO_MOTION_S, demo_plan, run_headless
+    from app.folders import writable_folder
+    from app.opening import SIMULATED_INTERVAL_S
+    from app.wording.result import comparison_text, solution_text
+
+    unattended = headless or not (sys.stdin.isatty() and sys.stdout.isatty())
+    bench = BenchSettings() if unattended else BenchSettings(motion_s=DEMO_MOTION_S)
+    interval_s = 0.0 if unattended else SIMULATED_INTERVAL_S
+    plan = replace(demo_plan(writable_folder(folder), protocol, seed, bench), interval_s=interval_s)
+    if not unattended:
+        from app.screens.start import open_session
+
+        raise typer.Exit(open_session(plan))
+    before, after = run_headless(plan, say)
+    typer.echo(solution_text(before))
+    typer.echo("\nAfter the joint offsets were entered in the controller:\n")
+    typer.echo(comparison_text(before.solution, after.solution))

@@ -1,0 +1,71 @@
+"""``glidecal export``: offsets for the controller."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from app.commands.options import Method, MethodName, Output, SubsetName, say
+
+
+class Format(StrEnum):
+    """What to write."""
+
+    JSON = "json"
+    CSV = "csv"
+    LINUXCNC = "linuxcnc"
+
+
+def export(
+    source: Annotated[Path, typer.Argument(help="Session or model file.", show_default=False)],
+    output: Output,
+    format_name: Annotated[Format, typer.Option("--format", help="What to write.")],
+    subset: Annotated[
+        SubsetName, typer.Option(help="Parameters to identify from a session.")
+    ] = SubsetName.JOINT_OFFSETS,
+    method: Method = MethodName.EXACT,
+    home_offset: Annotated[
+        str | None, typer.Option(help="Present HOME_OFFSET of joints x,y,z in mm: '1.5,0,-2'.")
+    ] = None,
+    ini: Annotated[
+        Path | None, typer.Option(help="LinuxCNC INI file to read the present HOME_OFFSET from.")
+    ] = None,
+) -> None:
+    """Offsets for the controller: a file, or for linuxcnc a folder with three includes."""
+    from app.exports import FORMATS
+    from app.exports.linuxcnc import read_home_offsets
+    from app.exports.offsets import offsets_from_file, with_home_offset
+    from app.exports.writing import write_files
+    from protocols.errors import UsageError
+
+    if home_offset and ini:
+        raise UsageError("--home-offset and --ini", "both", "one of them")
+    offsets, warnings = offsets_from_file(source, subset.value, method.value)
+    if home_offset:
+        offsets = with_home_offset(offsets, _triple(home_offset))
+    if ini:
+        offsets = with_home_offset(offsets, read_home_offsets(ini))
+    for text in [*warnings, *offsets.remarks]:
+        say(f"glidecal: {text}")
+    if format_name is Format.LINUXCNC and offsets.home_offset_mm is None:
+        say(
+            "glidecal: WARNING: nobody stated the present HOME_OFFSET, 0 was assumed for every "
+            "joint; give --ini or --home-offset, or state it in the machine file."
+        )
+    for path in write_files(output, FORMATS[format_name](offsets)):
+        say(f"written: {path}")
+
+
+def _triple(text: str) -> tuple[float, float, float]:
+    from protocols.errors import UsageError
+
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError as problem:
+        raise UsageError(
+            "--home-offset", repr(text), "three numbers in mm: '1.5,0,-2'"
+        ) from problem
+    return x, y, z

@@ -1,0 +1,59 @@
+"""``glidecal import``: a session from a table of readings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from app.commands.options import Machine, Output, say
+
+
+def import_table(
+    table: Annotated[Path, typer.Argument(help="Table of readings (CSV).", show_default=False)],
+    output: Output,
+    machine: Machine = None,
+    resolution: Annotated[
+        float | None, typer.Option(min=0.0, help="Resolution of the indicators, mm.")
+    ] = None,
+    repeatability: Annotated[
+        float | None, typer.Option(min=0.0, help="Repeatability (standard deviation), mm.")
+    ] = None,
+    remark: Annotated[
+        list[str] | None, typer.Option(help="A remark for the record; may be repeated.")
+    ] = None,
+) -> None:
+    """A session from a table of readings."""
+    from app.opening import program
+    from protocols.events import Instrument, Opened
+    from protocols.journal import write_whole
+    from protocols.machine import load_machine
+    from protocols.table import read_table
+
+    known = load_machine(machine)
+    readings, unknown = read_table(table, known.geometry())
+    opened = Opened(
+        program=program(),
+        origin="imported",
+        machine=known,
+        instruments=(
+            Instrument(
+                profile="table",
+                port=table.name,
+                resolution_mm=resolution,
+                repeatability_mm=repeatability,
+            ),
+        ),
+        remarks=tuple(remark or ()),
+    )
+    write_whole(output, opened, list(readings))
+    if unknown:
+        say(f"glidecal: columns kept but not used: {', '.join(unknown)}")
+    limits = known.travel_min_mm, known.travel_max_mm
+    outside = sum(not limits[0] <= reading.displacement_mm <= limits[1] for reading in readings)
+    if outside:
+        say(f"glidecal: {outside} readings lie outside the joint limits of the machine file")
+    if len({reading.displacement_mm for reading in readings}) < 2:
+        say("glidecal: only one posture in this table; it cannot be solved alone")
+    say(f"{len(readings)} readings written to {output}")

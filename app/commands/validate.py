@@ -1,0 +1,35 @@
+"""``glidecal validate``: is a record complete, unbroken and unaltered?"""
+
+from __future__ import annotations
+
+import typer
+
+from app.commands.options import Sessions, say
+from app.exit_codes import Exit, exit_code
+
+
+def validate(sessions: Sessions) -> None:
+    """Check records: complete, unbroken, unaltered; names the first broken line."""
+    from app.solving import end_warning
+    from calib.errors import GlidecalError
+    from protocols.journal import read_record
+    from protocols.session import fold
+
+    status = Exit.DONE
+    for path in sessions:
+        try:
+            record = read_record(path)
+        except GlidecalError as problem:
+            say(f"glidecal: {problem}")
+            status = exit_code(problem)
+            continue
+        if record.end != "closed":
+            say(f"glidecal: {end_warning(record)} Continue it with: glidecal run --continue {path}")
+            status = Exit.RECORD
+            continue
+        session = fold(record.events)
+        typer.echo(
+            f"{path}: unbroken and closed, {len(record.events)} lines, "
+            f"{len(session.all_readings)} readings, {len(session.superseded)} superseded"
+        )
+    raise typer.Exit(status)

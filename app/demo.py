@@ -1,0 +1,115 @@
+"""The demonstration: calibrate a simulated machine, enter the offsets, measure again, compare."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from app.bench import BenchSettings, hidden_machine
+from app.exports import FORMATS
+from app.exports.offsets import offsets_from_solved
+from app.exports.writing import write_files
+from app.guided import GuidedSession, Taken
+from app.opening import Plan, session_name, start_session, unused_path
+from app.solving import Solved, solve_files
+from calib.errors import CalibrationError
+from calib.orthoglide.model import Model
+from calib.solution import Subset
+from drivers.errors import IndicatorError
+from protocols.machine import Machine, load_machine
+from protocols.procedure import load_procedure
+
+EXPORTED: Subset = "joint-offsets"
+DEMO_MOTION_S = 0.6
+
+
+def demo_plan(folder: Path, protocol: str, seed: int, bench: BenchSettings) -> Plan:
+    """A session on a machine whose errors are hidden behind the seed."""
+    machine = load_machine(None)
+    return Plan(
+        path=session_name(folder, "demo"),
+        machine=machine,
+        procedure=load_procedure(protocol),
+        operator="demo",
+        seed=seed,
+        bench=bench,
+    )
+
+
+def verification_plan(plan: Plan, before: Solved) -> Plan:
+    """The same procedure after the offsets were entered in the controller.
+
+    A simulated machine then moves as if its carriages were off by that much less.
+    """
+    offsets = offsets_from_solved(before)
+    entered = [
+        old + new
+        for old, new in zip(plan.machine.entered_offsets_mm, offsets.joint_offsets_mm, strict=True)
+    ]
+    machine: Machine = plan.machine.model_copy(update={"entered_offsets_mm": tuple(entered)})
+    truth: Model | None = None
+    if plan.simulated:
+        model = plan.truth or hidden_machine(plan.machine.geometry(), plan.seed)
+        left = [
+            true - new
+            for true, new in zip(model.parameters_mm[:3], offsets.joint_offsets_mm, strict=True)
+        ]
+        truth = replace(model, parameters_mm=(*left, *model.parameters_mm[3:]))
+    path = unused_path(plan.path.with_name(plan.path.stem + "-verify.jsonl"))
+    return replace(plan, path=path, machine=machine, truth=truth, before=before, seed=plan.seed + 1)
+
+
+def measure_all(guided: GuidedSession, progress: Callable[[Taken], None] = lambda _: None) -> None:
+    """Take every step of a simulated session unattended and close the record.
+
+    Raises IndicatorError where an indicator gives no value.
+    """
+    guided.go()
+    while (taken := guided.take()) is not None:
+        if taken.faults:
+            raise IndicatorError("simulated indicator", taken.faults[0].words, "a reading")
+        progress(taken)
+        guided.go()
+    guided.finish()
+
+
+def export_offsets(solved: Solved, folder: Path) -> list[Path]:
+    """Offsets of a solution in every format, into a folder. Raises RecordError."""
+    offsets = offsets_from_solved(solved)
+    paths: list[Path] = []
+    for name, written in FORMATS.items():
+        target = folder if name == "linuxcnc" else folder / f"offsets.{name}"
+        paths += write_files(target, written(offsets))
+    return paths
+
+
+def solve_for_controller(path: Path) -> Solved:
+    """The solution whose offsets go into the controller: joint offsets, exact fit."""
+    solved, _ = solve_files([path], subset=EXPORTED)
+    return solved
+
+
+def run_headless(plan: Plan, say: Callable[[str], None]) -> tuple[Solved, Solved]:
+    """Measure, identify, export, measure again; the two solutions to compare."""
+    before = _measured(plan, say)
+    folder = plan.path.with_suffix("")
+    for path in export_offsets(before, folder):
+        say(f"exported: {path}")
+    after = _measured(verification_plan(plan, before), say)
+    if not after.solution.rms_before_mm < before.solution.rms_before_mm:
+        raise CalibrationError(
+            "verification",
+            f"{after.solution.rms_before_mm:.3f} mm r.m.s. after calibration",
+            f"less than the {before.solution.rms_before_mm:.3f} mm before it",
+            "Look at both sessions with glidecal solve.",
+        )
+    return before, after
+
+
+def _measured(plan: Plan, say: Callable[[str], None]) -> Solved:
+    with start_session(plan) as guided:
+        total = len(guided.steps)
+        say(f"measuring {total} steps into {plan.path}")
+        measure_all(guided)
+    return solve_for_controller(plan.path)

@@ -1,0 +1,141 @@
+"""JSON documents that other programs read: docs/commands.md describes them."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+from app.solving import Solved
+from calib.noise import Noise
+from calib.observations import FloatArray
+from calib.solution import Solution
+from protocols.session import Session
+
+
+def to_json(document: dict[str, Any]) -> str:
+    """One JSON document; a value that is not finite is a defect and raises ValueError."""
+    return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False)
+
+
+def solution_document(solved: Solved) -> dict[str, Any]:
+    """Schema ``glidecal.solution/1``."""
+    solution = solved.solution
+    fit = solution.lack_of_fit
+    return {
+        "schema": "glidecal.solution/1",
+        "sessions": list(solved.names),
+        "method": solution.method,
+        "weights": solution.weights,
+        "subset": solution.subset,
+        "parameters": parameters(solution),
+        "covariance": {
+            "names": list(solution.names),
+            "matrix": solution.covariance_mm2.tolist(),
+            "unit": "mm²",
+        },
+        "differences": _differences(solution),
+        "rms_before_mm": solution.rms_before_mm,
+        "rms_after_mm": solution.rms_after_mm,
+        "degrees_of_freedom": solution.degrees_of_freedom,
+        "noise": _noise(solution.noise),
+        "lack_of_fit": {
+            "statistic": fit.statistic if fit else None,
+            "p_value": fit.p_value if fit else None,
+        },
+        "condition_number": solution.condition_number,
+        "weak_directions": [
+            {
+                "combination": direction.combination,
+                "standard_uncertainty_mm": direction.standard_uncertainty_mm,
+            }
+            for direction in solution.weak_directions
+        ],
+        "recommended_subset": solved.choice.recommended,
+        "reasons": list(solved.choice.reasons),
+    }
+
+
+def parameters(solution: Solution) -> dict[str, dict[str, float | str]]:
+    """Value and uncertainty of each identified parameter."""
+    uncertainty = standard_uncertainties(solution)
+    return {
+        name: {
+            "value": float(value),
+            "standard_uncertainty": float(u),
+            "expanded_uncertainty": float(u * solution.coverage_factor),
+            "coverage_factor": solution.coverage_factor,
+            "unit": "mm",
+        }
+        for name, value, u in zip(solution.names, solution.values_mm, uncertainty, strict=True)
+    }
+
+
+def standard_uncertainties(solution: Solution) -> FloatArray:
+    """Square roots of the variances ``(k,)``, mm."""
+    return solution.covariance_mm2.diagonal() ** 0.5
+
+
+def _differences(solution: Solution) -> dict[str, dict[str, float]]:
+    measured = solution.differences
+    return {
+        measured.names[k]: {
+            "value": float(measured.value_mm[k]),
+            "standard_uncertainty": float(solution.difference_uncertainty_mm[k]),
+            "predicted": float(solution.predicted_mm[k]),
+            "residual": float(measured.value_mm[k] - solution.predicted_mm[k]),
+        }
+        for k in measured.published_rows
+    }
+
+
+def _noise(noise: Noise) -> dict[str, float | str | None]:
+    known = math.isinf(noise.degrees_of_freedom)
+    return {
+        "standard_deviation_mm": noise.standard_deviation_mm,
+        "degrees_of_freedom": None if known else noise.degrees_of_freedom,
+        "source": noise.source,
+    }
+
+
+def replay_document(name: str, session: Session, end: str) -> dict[str, Any]:
+    """Schema ``glidecal.replay/1``: every reading, and the averages of those that count."""
+    averages: dict[tuple[str, str, float, float], list[tuple[float, int]]] = {}
+    for r in session.readings:
+        key = (r.leg, r.axis, r.station, r.displacement_mm)
+        averages.setdefault(key, []).append((r.value_mm, r.averaged))
+    return {
+        "schema": "glidecal.replay/1",
+        "session": name,
+        "end": end,
+        "readings": [
+            {
+                "reading": r.reading,
+                "leg": r.leg,
+                "axis": r.axis,
+                "displacement_mm": r.displacement_mm,
+                "value_mm": r.value_mm,
+                "text": r.text,
+                "cycle": r.cycle,
+                "mount": r.mount,
+                "station": r.station,
+                "time_s": r.time_s,
+                "temperature_c": r.temperature_c,
+                "averaged": r.averaged,
+                "superseded": session.superseded.get(r.reading),
+                "extra": r.extra,
+            }
+            for r in session.all_readings
+        ],
+        "averages": [
+            {
+                "leg": leg,
+                "axis": axis,
+                "station": station,
+                "displacement_mm": displacement,
+                "mean_mm": sum(v * n for v, n in values) / sum(n for _, n in values),
+                "readings": len(values),
+            }
+            for (leg, axis, station, displacement), values in averages.items()
+        ],
+    }

@@ -1,0 +1,79 @@
+"""Joint includes for LinuxCNC.
+
+``HOME_OFFSET`` is the joint coordinate of the home switch, so with true = believed + d_rho:
+``HOME_OFFSET_new = HOME_OFFSET_old + d_rho`` (docs/export.md). The controller refuses comments
+behind a number; comments stand on lines of their own.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from app.exports.offsets import Offsets, Written
+from calib.observations import LEG_NAMES
+from protocols.documents import read_text
+from protocols.errors import RecordError, UsageError
+
+
+def joint_includes(offsets: Offsets) -> Written:
+    """``calib_joint<n>.inc`` for n = 0, 1, 2. Raises UsageError where lengths cannot be held."""
+    if offsets.lengths_mm:
+        shown = ", ".join(f"{name} {value:+.4f}" for name, value in offsets.lengths_mm.items())
+        raise UsageError(
+            "LinuxCNC joint includes",
+            f"leg length errors ({shown} mm)",
+            "joint offsets alone: HOME_OFFSET cannot hold a length",
+            "Export with --subset joint-offsets, or use --format json.",
+        )
+    old = offsets.home_offset_mm or (0.0, 0.0, 0.0)
+    return {
+        f"calib_joint{n}.inc": _include(offsets, n, old[n], offset)
+        for n, offset in enumerate(offsets.joint_offsets_mm)
+    }
+
+
+def _include(offsets: Offsets, joint: int, old_mm: float, offset_mm: float) -> str:
+    name = f"d_rho_{LEG_NAMES[joint]}"
+    u = offsets.standard_uncertainty_mm.get(name)
+    known = "" if u is None else f", standard uncertainty {u:.6f} mm"
+    return (
+        f"# glidecal: joint {joint} ({LEG_NAMES[joint]}) of {_one_line(offsets.machine.name)}, "
+        f"from {_one_line(offsets.source)}\n"
+        f"# old HOME_OFFSET {old_mm:.6f} mm + {name} {offset_mm:+.6f} mm{known}\n"
+        f"# put '#INCLUDE calib_joint{joint}.inc' directly under [JOINT_{joint}]; "
+        "LINEAR_UNITS = mm\n"
+        f"HOME_OFFSET = {old_mm + offset_mm:.6f}\n"
+    )
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def read_home_offsets(path: Path) -> tuple[float, float, float]:
+    """HOME_OFFSET of [JOINT_0], [JOINT_1] and [JOINT_2] in a LinuxCNC INI file, mm.
+
+    As in the controller the first occurrence of a key wins and a comment behind a number is an
+    error. Raises RecordError.
+    """
+    found: dict[str, str] = {}
+    section = ""
+    for line in read_text(path, "INI file").splitlines():
+        if heading := re.fullmatch(r"\s*\[(\w+)\]\s*", line):
+            section = heading[1]
+        elif entry := re.fullmatch(r"\s*HOME_OFFSET\s*=\s*(.*?)\s*", line):
+            found.setdefault(section, entry[1])
+    x, y, z = (_number(path, f"JOINT_{n}", found) for n in range(3))
+    return x, y, z
+
+
+def _number(path: Path, section: str, found: dict[str, str]) -> float:
+    text = found.get(section, "")
+    if not re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", text, re.ASCII):
+        raise RecordError(
+            f"INI file {path}, [{section}] HOME_OFFSET",
+            repr(text) if text else "nothing",
+            "a number with a decimal point and no comment behind it",
+        )
+    return float(text)

@@ -1,0 +1,203 @@
+"""From what the operator asks for to a session that can be measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from datetime import datetime
+from itertools import chain, count
+from pathlib import Path
+
+from app.acquisition import Gauge
+from app.bench import BenchSettings, SimulatedBench, hidden_machine
+from app.guided import GuidedSession
+from app.solving import Solved
+from calib.errors import GlidecalError
+from calib.orthoglide.model import Model
+from drivers.profiles import profile_named
+from drivers.twin_port import Transport, default_transport
+from protocols.errors import RecordError
+from protocols.events import Instrument, Opened
+from protocols.journal import Journal, read_record
+from protocols.machine import Machine
+from protocols.procedure import Procedure, Step
+
+SIMULATED = "simulated"
+SIMULATED_INTERVAL_S = 0.05
+"""Simulated indicators may be asked faster than real ones; with 0 time is compressed."""
+
+STABLE_WINDOW_S = 1.0
+SIMULATED_WINDOW_S = 0.4
+"""How long readings must stand still to be called stable."""
+
+
+def program() -> str:
+    """Name and version for records."""
+    from app.cli import VERSION
+
+    return f"glidecal {VERSION}"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Everything known before the first reading. Ports empty: a simulated machine.
+
+    ``before`` is the solution whose offsets this session verifies.
+    """
+
+    path: Path
+    machine: Machine
+    procedure: Procedure
+    ports: tuple[str, ...] = ()
+    profile: str = "mitutoyo-01a"
+    operator: str = ""
+    temperature_c: float | None = None
+    seed: int = 1
+    truth: Model | None = None
+    before: Solved | None = None
+    bench: BenchSettings = BenchSettings()
+    transport: Transport = field(default_factory=default_transport)
+    interval_s: float = SIMULATED_INTERVAL_S
+
+    @property
+    def simulated(self) -> bool:
+        """No ports named: the machine and its indicators are simulated."""
+        return not self.ports
+
+    @property
+    def indicators(self) -> int:
+        """How many indicators are read at once."""
+        return 2 if self.simulated else min(2, len(self.ports))
+
+
+def opened_event(plan: Plan) -> Opened:
+    """The first line of the record."""
+    ports = plan.ports or (SIMULATED,) * 2
+    return Opened(
+        program=program(),
+        origin="simulated" if plan.simulated else "measured",
+        machine=plan.machine,
+        procedure=plan.procedure,
+        instruments=tuple(Instrument(profile=plan.profile, port=port) for port in ports),
+        indicators=plan.indicators,
+        seed=plan.seed if plan.simulated else None,
+        operator=plan.operator,
+        temperature_c=plan.temperature_c,
+    )
+
+
+@dataclass(frozen=True)
+class Indicators:
+    """Indicators that answer, and how to move the machine where that can be done."""
+
+    gauges: tuple[Gauge, ...]
+    go: Callable[[Step], None]
+    close_bench: Callable[[], None]
+
+    def close(self) -> None:
+        """Close every port, then switch a simulated machine off."""
+        for gauge in self.gauges:
+            gauge.close()
+        self.close_bench()
+
+
+def open_indicators(plan: Plan) -> Indicators:
+    """Open every port, all or none. Raises IndicatorError."""
+    profile = profile_named(plan.profile)
+    with ExitStack() as undo:
+        ports, interval_s, window_s = plan.ports, None, STABLE_WINDOW_S
+        go: Callable[[Step], None] = _stand_still
+        close_bench: Callable[[], None] = _nothing
+        if plan.simulated:
+            truth = plan.truth or hidden_machine(plan.machine.geometry(), plan.seed)
+            bench = SimulatedBench(truth, plan.seed, [profile] * 2, plan.transport, plan.bench)
+            go, close_bench = bench.go, bench.close
+            undo.callback(close_bench)
+            ports, interval_s, window_s = bench.rig.ports, plan.interval_s, SIMULATED_WINDOW_S
+        gauges = tuple(
+            Gauge(profile, port, interval_s=interval_s, window_s=window_s) for port in ports
+        )
+        for gauge in gauges:
+            gauge.start()
+            undo.callback(gauge.close)
+        undo.pop_all()
+    return Indicators(gauges, go, close_bench)
+
+
+def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
+    """Start the record of a new session. Raises RecordError or UsageError."""
+    plan.procedure.steps(plan.machine.geometry(), plan.indicators)
+    return _guided(Journal.create(plan.path, opened_event(plan)), indicators)
+
+
+def resume(plan: Plan, indicators: Indicators) -> GuidedSession:
+    """Go on with the record at the plan's path. Raises RecordError."""
+    return _guided(Journal.resume(plan.path, program()), indicators)
+
+
+def start_session(plan: Plan) -> GuidedSession:
+    """Open the indicators and begin. Raises IndicatorError, RecordError or UsageError."""
+    return _all_or_nothing(plan, begin)
+
+
+def continue_session(plan: Plan) -> GuidedSession:
+    """Open the indicators and go on. Raises IndicatorError or RecordError."""
+    return _all_or_nothing(plan, resume)
+
+
+def plan_to_continue(path: Path, ports: tuple[str, ...] = ()) -> Plan:
+    """The plan of an interrupted session, on the same ports unless others are named.
+
+    Raises RecordError where the record is altered, closed or was imported.
+    """
+    record = read_record(path)
+    opened = record.opened
+    if record.end == "closed" or opened.procedure is None:
+        found = "a closed session" if opened.procedure else "an imported table"
+        raise RecordError(f"session {path}", found, "an interrupted session to continue")
+    recorded = tuple(i.port for i in opened.instruments if opened.origin == "measured")
+    return Plan(
+        path=path,
+        machine=opened.machine,
+        procedure=opened.procedure,
+        ports=ports or recorded,
+        profile=opened.instruments[0].profile,
+        operator=opened.operator,
+        temperature_c=opened.temperature_c,
+        seed=opened.seed or 0,
+    )
+
+
+def _all_or_nothing(
+    plan: Plan, start: Callable[[Plan, Indicators], GuidedSession]
+) -> GuidedSession:
+    indicators = open_indicators(plan)
+    try:
+        return start(plan, indicators)
+    except GlidecalError:
+        indicators.close()
+        raise
+
+
+def _guided(journal: Journal, indicators: Indicators) -> GuidedSession:
+    return GuidedSession(journal, indicators.gauges, indicators.go, indicators.close)
+
+
+def _stand_still(_: Step) -> None:
+    """A real machine is moved by the operator."""
+
+
+def _nothing() -> None:
+    """There is no simulated machine to switch off."""
+
+
+def session_name(folder: Path, word: str) -> Path:
+    """A new file name with date and time."""
+    return unused_path(folder / f"{datetime.now():%Y-%m-%d_%H%M%S}_{word}.jsonl")
+
+
+def unused_path(path: Path) -> Path:
+    """The path, or the first numbered variant of it that does not exist yet."""
+    candidates = (path.with_stem(f"{path.stem}-{number}") for number in count(2))
+    return next(p for p in chain([path], candidates) if not p.exists())

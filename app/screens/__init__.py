@@ -1,0 +1,1 @@
+"""Textual screens: they show and ask; every number comes from elsewhere."""

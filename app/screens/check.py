@@ -1,0 +1,102 @@
+"""The instrument check: do the indicators answer, and is each where it should be?"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from rich.markup import escape
+from textual import work
+from textual.app import ComposeResult
+from textual.binding import BindingType
+from textual.containers import Horizontal
+from textual.screen import Screen
+from textual.widgets import Footer, Header, Static
+
+from app.guided import GuidedSession
+from app.opening import Indicators, Plan, begin, open_indicators, resume
+from app.screens.interface import Interface
+from app.screens.measure import MeasureScreen
+from app.screens.widgets import GaugeDisplay
+from app.wording.session import check_text
+from calib.errors import GlidecalError
+
+REFRESH_S = 0.1
+
+
+class CheckScreen(Screen[None]):
+    """Live readings before the record begins."""
+
+    app: Interface
+    BINDINGS: ClassVar[list[BindingType]] = [
+        ("enter", "begin", "Begin"),
+        ("f5", "begin", "Begin"),
+        ("escape", "back", "Back"),
+        ("f10", "app.quit", "Quit"),
+    ]
+
+    def __init__(self, plan: Plan, *, continued: bool = False) -> None:
+        super().__init__()
+        self._plan = plan
+        self._continued = continued
+
+    def compose(self) -> ComposeResult:
+        yield Header()
+        yield Static("Opening the indicators …", id="words", markup=False)
+        with Horizontal(id="gauges"):
+            for number in range(self._plan.indicators):
+                yield GaugeDisplay(f"indicator {number + 1}", f"gauge{number}")
+        yield Footer()
+
+    def on_mount(self) -> None:
+        self._open()
+
+    @work(thread=True)
+    def _open(self) -> None:
+        try:
+            indicators = open_indicators(self._plan)
+        except GlidecalError as problem:
+            self.app.call_from_thread(self._refused, problem)
+        else:
+            self.app.call_from_thread(self._opened, indicators)
+
+    def _refused(self, problem: GlidecalError) -> None:
+        self.query_one("#words", Static).update(f"{problem}\n\nEscape goes back.")
+
+    def _opened(self, indicators: Indicators) -> None:
+        self.app.indicators = indicators
+        self.query_one("#words", Static).update(check_text(self._plan, continued=self._continued))
+        for display, gauge in zip(self.query(GaugeDisplay), indicators.gauges, strict=True):
+            display.border_title = escape(gauge.port)
+        self.set_interval(REFRESH_S, self._show_live)
+
+    def _show_live(self) -> None:
+        if self.app.indicators is not None:
+            for display, gauge in zip(
+                self.query(GaugeDisplay), self.app.indicators.gauges, strict=True
+            ):
+                display.show(gauge.live())
+
+    def action_begin(self) -> None:
+        """Start or continue the record and go measuring."""
+        if self.app.indicators is None:
+            return
+        try:
+            guided = self._begin(self.app.indicators)
+        except GlidecalError as problem:
+            self.app.complain(problem)
+            return
+        self.app.indicators, self.app.guided = None, guided
+        self.app.go_to(MeasureScreen(guided, self._plan))
+
+    def _begin(self, indicators: Indicators) -> GuidedSession:
+        return (resume if self._continued else begin)(self._plan, indicators)
+
+    async def action_back(self) -> None:
+        """Close the ports and go back."""
+        indicators, self.app.indicators = self.app.indicators, None
+        if indicators is not None:
+            indicators.close()
+        if len(self.app.screen_stack) > 2:
+            self.app.pop_screen()
+        else:
+            await self.app.action_quit()

@@ -1,0 +1,66 @@
+"""The Textual application: it owns the open session, the screens only show it."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any, ClassVar
+
+from textual.app import App
+from textual.binding import Binding, BindingType
+from textual.screen import Screen
+
+from app.exit_codes import Exit
+from app.guided import GuidedSession
+from app.opening import Indicators
+from calib.errors import GlidecalError
+
+
+class Interface(App[str]):
+    """Screens over one session at a time. The result of `run` is a line for after the end."""
+
+    TITLE = "glidecal"
+    CSS_PATH = "glidecal.tcss"
+    ENABLE_COMMAND_PALETTE = True
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("ctrl+c", "interrupt", "Stop", show=False, priority=True),
+        Binding("f10", "quit", "Quit"),
+    ]
+
+    def __init__(self, first: Screen[None]) -> None:
+        super().__init__()
+        self._first = first
+        self.indicators: Indicators | None = None
+        self.guided: GuidedSession | None = None
+
+    def on_mount(self) -> None:
+        self.push_screen(self._first)
+
+    def complain(self, problem: GlidecalError | str) -> None:
+        """Show an error that a person can act on."""
+        self.notify(str(problem), severity="error", timeout=12, markup=False)
+
+    async def action_quit(self) -> None:
+        """Quit; an open session is paused and can be continued."""
+        self.exit(await self._leave())
+
+    async def action_interrupt(self) -> None:
+        """Ctrl-C: as quit, with the exit status of an interruption."""
+        self.exit(await self._leave(), return_code=Exit.INTERRUPTED)
+
+    async def _leave(self) -> str:
+        guided, indicators = self.guided, self.indicators
+        self.guided = self.indicators = None
+        if guided is not None:
+            await asyncio.to_thread(guided.leave)
+            done, steps = len(guided.session.done()), len(guided.steps)
+            return (
+                f"Session paused after {done} of {steps} steps; every reading taken is on the "
+                f"disk. Continue with: glidecal run --continue {guided.path}"
+            )
+        if indicators is not None:
+            await asyncio.to_thread(indicators.close)
+        return ""
+
+    def go_to(self, screen: Screen[Any]) -> None:
+        """Replace the present screen."""
+        self.switch_screen(screen)

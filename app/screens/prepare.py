@@ -1,0 +1,106 @@
+"""Before measuring: machine, procedure, operator, ports."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import BindingType
+from textual.containers import Horizontal, VerticalScroll
+from textual.screen import Screen
+from textual.widgets import Footer, Header, Input, Label, Select, Static
+
+from app.opening import Plan, session_name
+from app.screens.check import CheckScreen
+from app.screens.interface import Interface
+from app.wording.session import procedure_sentence
+from calib.errors import GlidecalError
+from protocols.errors import UsageError
+from protocols.machine import load_machine
+from protocols.procedure import load_procedure, procedure_names
+
+FIELDS = (
+    ("port1", "First indicator, port", "COM5, /dev/ttyUSB0; empty: simulated"),
+    ("port2", "Second indicator, port", "empty: one indicator, each leg is measured twice"),
+    ("machine", "Machine file", "empty: the prototype of the papers"),
+    ("operator", "Operator", ""),
+    ("temperature", "Temperature, °C", ""),
+)
+
+
+class PrepareScreen(Screen[None]):
+    """A form; F5 goes on to the instrument check."""
+
+    app: Interface
+    BINDINGS: ClassVar[list[BindingType]] = [
+        ("f5", "check", "Check the indicators"),
+        ("escape", "app.pop_screen", "Back"),
+        ("f10", "app.quit", "Quit"),
+    ]
+
+    def compose(self) -> ComposeResult:
+        yield Header()
+        with VerticalScroll(id="form"):
+            with Horizontal(classes="field"):
+                yield Label("Procedure", markup=False)
+                names = [(name, name) for name in procedure_names()]
+                yield Select(names, value="zero-max-min", allow_blank=False, id="procedure")
+            for name, label, hint in FIELDS:
+                with Horizontal(classes="field"):
+                    yield Label(label, markup=False)
+                    yield Input(placeholder=hint, id=name, compact=True)
+            yield Static("", id="summary", markup=False)
+        yield Footer()
+
+    def on_mount(self) -> None:
+        self.query_one("#port1", Input).focus()
+        self._summarise()
+
+    def on_select_changed(self) -> None:
+        self._summarise()
+
+    def on_input_changed(self) -> None:
+        self._summarise()
+
+    def on_input_submitted(self) -> None:
+        self.action_check()
+
+    def _summarise(self) -> None:
+        try:
+            plan = self._plan()
+            text = procedure_sentence(plan.procedure, plan.machine.geometry(), plan.indicators)
+        except GlidecalError as problem:
+            text = str(problem)
+        self.query_one("#summary", Static).update(text)
+
+    def action_check(self) -> None:
+        """On to the live readings."""
+        try:
+            plan = self._plan()
+        except GlidecalError as problem:
+            self.app.complain(problem)
+        else:
+            self.app.push_screen(CheckScreen(plan))
+
+    def _plan(self) -> Plan:
+        text = {name: self.query_one(f"#{name}", Input).value.strip() for name, _, _ in FIELDS}
+        name = str(self.query_one("#procedure", Select).value)
+        ports = tuple(port for port in (text["port1"], text["port2"]) if port)
+        if len(set(ports)) < len(ports):
+            raise UsageError("port of the second indicator", ports[1], "another port")
+        return Plan(
+            path=session_name(Path(), name),
+            machine=load_machine(Path(text["machine"]) if text["machine"] else None),
+            procedure=load_procedure(name),
+            ports=ports,
+            operator=text["operator"],
+            temperature_c=_temperature(text["temperature"]),
+        )
+
+
+def _temperature(text: str) -> float | None:
+    try:
+        return float(text) if text else None
+    except ValueError as problem:
+        raise UsageError("temperature", repr(text), "a number in °C, or nothing") from problem

@@ -1,0 +1,74 @@
+"""Small pieces of the screens: one indicator, the list of steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from textual.app import ComposeResult
+from textual.containers import Vertical
+from textual.widgets import Digits, Sparkline, Static
+
+from app.acquisition import Live, Motion
+from app.wording.tables import signed
+from calib.orthoglide.geometry import Geometry
+from drivers.outcome import Reading
+from protocols.procedure import Step
+
+MARKS = {
+    Motion.STABLE: "= STABLE",
+    Motion.MOVING: "~ MOVING",
+    Motion.WAITING: "… WAITING",
+    Motion.STALE: "! STALE",
+    Motion.FAULT: "! FAULT",
+}
+TREND_POINTS = 22
+
+
+class GaugeDisplay(Vertical):
+    """One indicator: big digits, unit, a word for its state, age, trend."""
+
+    def __init__(self, title: str, gauge_id: str) -> None:
+        super().__init__(id=gauge_id, classes="gauge")
+        self.border_title = title
+
+    def compose(self) -> ComposeResult:
+        yield Digits("------")
+        yield Static("", classes="state", markup=False)
+        yield Sparkline([])
+
+    def show(self, live: Live) -> None:
+        """Show what the indicator tells now."""
+        state = MARKS[live.motion]
+        if isinstance(live.outcome, Reading):
+            decimals = max(0, len(f"{live.outcome.resolution_mm:.6f}".rstrip("0")) - 2)
+            self.query_one(Digits).update(signed(live.outcome.value_mm, decimals))
+            state += f"  {live.age_s:.1f} s"
+            self.border_subtitle = "mm assumed" if live.outcome.unit_assumed else ""
+        elif live.outcome is not None:
+            self.query_one(Digits).update("------")
+            state += f"  {live.outcome.words}"
+        self.set_classes(f"gauge {live.motion.value}")
+        self.query_one(".state", Static).update(state)
+        self.query_one(Sparkline).data = list(live.trend_mm[-TREND_POINTS:])
+
+
+class StepList(Static):
+    """The steps around the present one: done, now, to come."""
+
+    def __init__(self) -> None:
+        super().__init__(id="steps", markup=False)
+        self.border_title = "steps"
+
+    def show(
+        self, steps: Sequence[Step], now: Step | None, done: frozenset[int], geometry: Geometry
+    ) -> None:
+        """List the steps so that the present one stays in view."""
+        height = max(self.content_size.height, 5)
+        at = (now.number if now else len(steps)) - 1
+        first = max(0, min(at - height // 2, len(steps) - height))
+        lines = []
+        for step in steps[first : first + height]:
+            mark = ">" if now and step.number == now.number else "+" if step.number in done else " "
+            posture = step.posture(geometry)
+            lines.append(f"{mark} {step.number:>3} {step.leg.upper()} {posture} {step.cycle}")
+        self.update("\n".join(lines))

@@ -1,0 +1,90 @@
+"""From session files to a solution: what the solve command and the result screen share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from calib.errors import NotIdentifiable
+from calib.orthoglide.model import Model
+from calib.solution import Method, Solution, Subset, Weights
+from calib.subset_choice import SubsetChoice, choose_subset
+from protocols.errors import RecordError
+from protocols.journal import Record, read_record
+from protocols.observations import to_observations
+from protocols.session import Session, fold
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A solution with the choice it was made from."""
+
+    names: tuple[str, ...]
+    sessions: tuple[Session, ...]
+    reading_count: int
+    choice: SubsetChoice
+    solution: Solution
+
+
+def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
+    """Sessions and warnings about records that have no proper end. Raises RecordError."""
+    doubled = [path for k, path in enumerate(paths) if path in paths[:k]]
+    if doubled:
+        raise RecordError(f"session {doubled[0]}", "the same file twice", "each session once")
+    records = [read_record(path) for path in paths]
+    warnings = [end_warning(record) for record in records if record.end != "closed"]
+    return [fold(record.events) for record in records], warnings
+
+
+def end_warning(record: Record) -> str:
+    """One sentence about a record that was cut or is still open."""
+    lines = len(record.events)
+    if record.end == "torn":
+        return f"{record.path}: cut inside line {lines + 1}; used up to line {lines}."
+    return f"{record.path}: not closed after line {lines}; the session is not finished."
+
+
+def solve_sessions(
+    names: Sequence[str],
+    sessions: Sequence[Session],
+    *,
+    subset: Subset | None = None,
+    method: Method = "exact",
+    weights: Weights = "equal",
+) -> Solved:
+    """Identify; without a subset the recommended one is taken.
+
+    Raises NotIdentifiable where the readings do not determine what was asked for.
+    """
+    observed = to_observations(sessions)
+    resolutions = [s.resolution_mm for s in sessions if s.resolution_mm is not None]
+    repeatabilities = [s.repeatability_mm for s in sessions if s.repeatability_mm is not None]
+    choice = choose_subset(
+        Model(sessions[0].opened.machine.geometry()),
+        observed,
+        method,
+        weights=weights,
+        resolution_mm=max(resolutions, default=None),
+        repeatability_mm=max(repeatabilities, default=None),
+    )
+    wanted = subset or choice.recommended
+    if wanted not in choice.solutions:
+        raise choice.refused[wanted]
+    solution = choice.solutions[wanted]
+    return Solved(tuple(names), tuple(sessions), len(observed), choice, solution)
+
+
+def solve_files(
+    paths: Sequence[Path],
+    *,
+    subset: Subset | None = None,
+    method: Method = "exact",
+    weights: Weights = "equal",
+) -> tuple[Solved, list[str]]:
+    """`load_sessions` and `solve_sessions` in one step, with the warnings."""
+    sessions, warnings = load_sessions(paths)
+    if not sessions:
+        raise NotIdentifiable("sessions", "none", "at least one session")
+    names = [path.name for path in paths]
+    return solve_sessions(names, sessions, subset=subset, method=method, weights=weights), warnings

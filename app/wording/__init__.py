@@ -1,0 +1,1 @@
+"""Sentences and tables that people read; commands and screens share them."""

@@ -1,0 +1,141 @@
+"""A solution in words and tables."""
+
+from __future__ import annotations
+
+import math
+
+from rich.table import Table
+
+from app.documents import standard_uncertainties
+from app.solving import Solved
+from app.wording.tables import new_table, signed, table_text
+from calib.solution import SUBSETS, Solution, Subset
+
+SUBSET_WORDS: dict[Subset, str] = {
+    "joint-offsets": "joint offsets",
+    "leg-lengths": "leg lengths",
+    "both": "joint offsets and leg lengths",
+}
+LACK_OF_FIT_LEVEL = 0.01
+
+
+def solution_text(solved: Solved) -> str:
+    """The whole result: the sentence that matters, warnings, then the tables."""
+    solution = solved.solution
+    parts = [
+        f"{', '.join(solved.names)}: {SUBSET_WORDS[solution.subset]}, {method_words(solution)}, "
+        f"{solved.reading_count} readings",
+        "\n".join([verdict(solution), *warnings(solved)]),
+        table_text(parameter_table(solution)),
+        table_text(difference_table(solution)),
+        table_text(subset_table(solved)),
+        noise_words(solution),
+    ]
+    return "\n\n".join(parts)
+
+
+def method_words(solution: Solution) -> str:
+    """Which estimate this is."""
+    if solution.method == "exact":
+        return "exact fit"
+    if solution.weights == "covariance":
+        return "linear system (11) weighted by covariance (14)"
+    return "linear system (11), pseudoinverse as in the papers"
+
+
+def verdict(solution: Solution) -> str:
+    """The first lines of a result."""
+    expanded = float(standard_uncertainties(solution).max()) * solution.coverage_factor
+    return (
+        f"{SUBSET_WORDS[solution.subset].capitalize()} known to ±{expanded:.3f} mm "
+        "(95 %, reading noise only).\n"
+        f"Leg deviations {solution.rms_before_mm:.4f} → {solution.rms_after_mm:.4f} mm r.m.s."
+    )
+
+
+def warnings(solved: Solved) -> list[str]:
+    """What a person must know before using the numbers."""
+    solution = solved.solution
+    said = []
+    fit = solution.lack_of_fit
+    if fit and fit.p_value < LACK_OF_FIT_LEVEL:
+        said.append(
+            f"WARNING: what the model leaves is {math.sqrt(fit.statistic):.1f} times the noise: "
+            "something is missing from the model."
+        )
+    for direction in solution.weak_directions:
+        half = direction.standard_uncertainty_mm * solution.coverage_factor
+        said.append(f"WEAK: {direction.combination} known only to ±{half:.2f} mm.")
+    if solution.subset != solved.choice.recommended:
+        said.append(f"RECOMMENDED instead: {SUBSET_WORDS[solved.choice.recommended]}.")
+    return said
+
+
+def parameter_table(solution: Solution) -> Table:
+    """Identified values with their uncertainties."""
+    table = new_table("parameter", "value, mm", "± U (95 %), mm", "u, mm")
+    uncertainty = standard_uncertainties(solution)
+    for name, value, u in zip(solution.names, solution.values_mm, uncertainty, strict=True):
+        expanded = u * solution.coverage_factor
+        table.add_row(name, signed(value, 4), f"{expanded:.4f}", f"{u:.4f}")
+    return table
+
+
+def difference_table(solution: Solution) -> Table:
+    """The (up to) twelve differences with what the model predicts."""
+    table = new_table("difference", "measured, mm", "predicted, mm", "left, mm")
+    measured = solution.differences
+    for k in measured.published_rows:
+        value, predicted = float(measured.value_mm[k]), float(solution.predicted_mm[k])
+        table.add_row(
+            measured.names[k], signed(value), signed(predicted), signed(value - predicted)
+        )
+    return table
+
+
+def subset_table(solved: Solved) -> Table:
+    """What each set of parameters would leave, and its expected error at the tool."""
+    table = new_table("set of parameters", "left, mm r.m.s.", "tool error, mm", "")
+    for subset in SUBSETS:
+        if subset in solved.choice.solutions:
+            left = f"{solved.choice.solutions[subset].rms_after_mm:.4f}"
+            expected = f"{solved.choice.tool_error_mm[subset]:.3f}"
+        else:
+            left, expected = "not seen", ""
+        mark = "recommended" if subset == solved.choice.recommended else ""
+        table.add_row(SUBSET_WORDS[subset], left, expected, mark)
+    return table
+
+
+def noise_words(solution: Solution) -> str:
+    """Where the noise figure comes from."""
+    noise = solution.noise
+    source = {
+        "repeats": f"from repeats, {noise.degrees_of_freedom:g} degrees of freedom",
+        "instrument": "from the indicator's stated resolution and repeatability",
+        "residuals": f"from residuals, {noise.degrees_of_freedom:g} degrees of freedom",
+    }[noise.source]
+    return (
+        f"Noise of a single reading {noise.standard_deviation_mm:.4f} mm, {source}.\n"
+        f"Coverage factor {solution.coverage_factor:.3f}; condition number "
+        f"{solution.condition_number:.1f}."
+    )
+
+
+def comparison_text(before: Solution, after: Solution) -> str:
+    """The differences before and after entering the offsets."""
+    table = new_table("difference", "before, mm", "after, mm")
+    later = dict(zip(after.differences.names, after.differences.value_mm, strict=True))
+    for k in before.differences.published_rows:
+        name = before.differences.names[k]
+        shown = signed(float(later[name])) if name in later else "not measured"
+        table.add_row(name, signed(float(before.differences.value_mm[k])), shown)
+    return f"{comparison_sentence(before, after)}\n\n{table_text(table)}"
+
+
+def comparison_sentence(before: Solution, after: Solution) -> str:
+    """Before and after in one sentence, with what had been expected."""
+    return (
+        f"Leg deviations went from {before.rms_before_mm:.4f} to {after.rms_before_mm:.4f} mm "
+        f"r.m.s.;\n{before.rms_after_mm:.4f} mm was expected."
+    )

@@ -1,0 +1,34 @@
+"""Tables and numbers as text, shared by every sentence and table."""
+
+from __future__ import annotations
+
+from io import StringIO
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+WIDTH = 80
+
+
+def new_table(*headings: str, left: int = 1) -> Table:
+    """A table; the first ``left`` columns are text, the others numbers."""
+    table = Table(box=SIMPLE_HEAD)
+    for number, heading in enumerate(headings):
+        table.add_column(heading, justify="left" if number < left else "right")
+    return table
+
+
+def table_text(table: Table) -> str:
+    """A table as plain text without blank edges; names from files are shown as they are."""
+    out = StringIO()
+    console = Console(
+        file=out, width=WIDTH, color_system=None, markup=False, emoji=False, highlight=False
+    )
+    console.print(table)
+    return "\n".join(line.rstrip() for line in out.getvalue().strip("\n").splitlines()).strip("\n")
+
+
+def signed(value: float, decimals: int = 3) -> str:
+    """A number with its sign; zero is never shown as minus zero."""
+    return f"{round(value, decimals) + 0.0:+.{decimals}f}"

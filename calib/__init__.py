@@ -1,0 +1,1 @@
+"""Mathematics of calibration on arrays: knows numpy and scipy, no file, no port, no screen."""

@@ -1,0 +1,24 @@
+"""The three tail areas that are needed, without the start-up cost of scipy.stats."""
+
+from __future__ import annotations
+
+import math
+
+from scipy.special import chdtrc, fdtrc, ndtri, stdtrit
+
+COVERAGE = 0.95
+
+
+def coverage_factor(degrees_of_freedom: float) -> float:
+    """Factor k for a two-sided 95 % interval: Student's t, GUM G.3.2; normal if infinite."""
+    upper = (1.0 + COVERAGE) / 2.0
+    if math.isinf(degrees_of_freedom):
+        return float(ndtri(upper))
+    return float(stdtrit(degrees_of_freedom, upper))
+
+
+def variance_ratio_p_value(ratio: float, numerator_df: float, denominator_df: float) -> float:
+    """Chance of a variance ratio at least this large; denominator known if its df is infinite."""
+    if math.isinf(denominator_df):
+        return float(chdtrc(numerator_df, ratio * numerator_df))
+    return float(fdtrc(numerator_df, denominator_df, ratio))

@@ -1,0 +1,50 @@
+"""What can go wrong, as one tree; every room adds its own leaves.
+
+GlidecalError
+├── CalibrationError           (calib)
+│   ├── UnreachablePosture     the legs cannot meet
+│   └── NotIdentifiable        the data cannot give the result
+├── RecordError                (protocols/errors.py) a file or record that cannot be used
+├── UsageError                 (protocols/errors.py) a wrong name or option
+└── IndicatorError             (drivers/errors.py) an indicator or port that cannot be used
+
+An error says four things: the thing, the value found, what is allowed, and what to do next.
+"""
+
+from __future__ import annotations
+
+
+class GlidecalError(Exception):
+    """Base of every error that is meant for a person.
+
+    ``thing`` names what is wrong, ``found`` the value met, ``allowed`` what would be right and
+    ``next_step`` what to do. Empty parts are left out of the paragraph.
+    """
+
+    def __init__(self, thing: str, found: str = "", allowed: str = "", next_step: str = "") -> None:
+        self.thing = thing
+        self.found = found
+        self.allowed = allowed
+        self.next_step = next_step
+        super().__init__(self.paragraph())
+
+    def paragraph(self) -> str:
+        """One short paragraph in the order thing, found, allowed, next step."""
+        parts = [
+            f"{self.thing}: found {self.found}" if self.found else self.thing,
+            f"Allowed: {self.allowed}" if self.allowed else "",
+            self.next_step,
+        ]
+        return " ".join(part.rstrip(".") + "." for part in parts if part)
+
+
+class CalibrationError(GlidecalError):
+    """The mathematics cannot go on with what it was given."""
+
+
+class UnreachablePosture(CalibrationError):
+    """No tool position satisfies the leg lengths for these carriages, or the reverse."""
+
+
+class NotIdentifiable(CalibrationError):
+    """The readings do not determine what was asked for."""

@@ -1,0 +1,104 @@
+"""What was commanded and what was read, as arrays with one entry for each reading."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+LEG_NAMES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """How each reading was taken, without its value. All arrays have shape ``(n_readings,)``.
+
+    ``leg`` and ``axis`` are 0, 1, 2 for x, y, z. ``displacement_mm`` is the commanded displacement
+    of the tool from Zero along the leg's axis. ``station`` is the touched point at Zero as a
+    fraction of the leg's length from the tool end. ``approach`` is +1 or -1 for the sign of the
+    last movement of the carriage and 0 where it is not known. ``mount`` numbers the mountings from
+    0 without gaps; readings of one mounting share one unknown zero. ``temperature_c`` may hold NaN: not measured.
+    """
+
+    leg: IntArray
+    axis: IntArray
+    displacement_mm: FloatArray
+    station: FloatArray
+    approach: FloatArray
+    cycle: IntArray
+    time_s: FloatArray
+    temperature_c: FloatArray
+    mount: IntArray
+
+    def __len__(self) -> int:
+        return len(self.leg)
+
+    def take(self, rows: NDArray[Any] | Sequence[int]) -> Self:
+        """The same kind of object with only these rows (indices or a mask); mounts renumbered."""
+        picked = np.asarray(rows)
+        arrays = {f.name: getattr(self, f.name)[picked] for f in fields(self)}
+        arrays["mount"] = np.unique(arrays["mount"], return_inverse=True)[1].ravel()
+        return replace(self, **arrays)
+
+    @property
+    def mount_count(self) -> int:
+        """Number of mountings, each with a zero of its own."""
+        return int(self.mount.max()) + 1 if len(self) else 0
+
+
+@dataclass(frozen=True, eq=False)
+class Observations(Conditions):
+    """Conditions with what the indicators showed.
+
+    ``value_mm`` and ``averaged`` have shape ``(n_readings,)``; ``averaged`` is the number of
+    readings that one value is the mean of and serves as its weight.
+    """
+
+    value_mm: FloatArray
+    averaged: FloatArray
+
+
+def conditions(
+    leg: Sequence[int],
+    axis: Sequence[int],
+    displacement_mm: Sequence[float],
+    *,
+    station: float | Sequence[float] = 0.5,
+    mount: Sequence[int] | None = None,
+) -> Conditions:
+    """Conditions of a plain list of readings, one mounting for each leg, axis and station.
+
+    Time, approach and cycle are zero and the temperature is not known: for tables of theory and
+    for tests, where only the geometry matters.
+    """
+    n = len(leg)
+    stations = np.broadcast_to(np.asarray(station, dtype=np.float64), n).copy()
+    keys = list(zip(leg, axis, stations.tolist(), strict=True))
+    order = {key: k for k, key in enumerate(dict.fromkeys(keys))}
+    mounts = [order[key] for key in keys] if mount is None else mount
+    return Conditions(
+        leg=np.asarray(leg, dtype=np.intp),
+        axis=np.asarray(axis, dtype=np.intp),
+        displacement_mm=np.asarray(displacement_mm, dtype=np.float64),
+        station=stations,
+        approach=np.zeros(n),
+        cycle=np.ones(n, dtype=np.intp),
+        time_s=np.zeros(n),
+        temperature_c=np.full(n, np.nan),
+        mount=np.asarray(mounts, dtype=np.intp),
+    )
+
+
+def observe(
+    taken: Conditions, value_mm: FloatArray, averaged: FloatArray | None = None
+) -> Observations:
+    """Observations from conditions and values, both with ``n_readings`` entries."""
+    arrays = {f.name: getattr(taken, f.name) for f in fields(Conditions)}
+    weight = np.ones(len(taken)) if averaged is None else np.asarray(averaged, dtype=np.float64)
+    return Observations(**arrays, value_mm=np.asarray(value_mm, dtype=np.float64), averaged=weight)

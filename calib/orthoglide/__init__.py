@@ -1,0 +1,1 @@
+"""The Orthoglide: three orthogonal linear drives, three bars, one tool that never turns."""

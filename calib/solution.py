@@ -1,0 +1,68 @@
+"""What identification gives: frozen results, no behaviour."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from calib.noise import Noise
+from calib.observations import FloatArray
+from calib.orthoglide.differences import Differences
+from calib.orthoglide.model import Model
+
+Subset = Literal["joint-offsets", "leg-lengths", "both"]
+Method = Literal["linear", "exact"]
+Weights = Literal["equal", "covariance"]
+
+SUBSETS: dict[Subset, tuple[int, ...]] = {
+    "joint-offsets": (0, 1, 2),
+    "leg-lengths": (3, 4, 5),
+    "both": (0, 1, 2, 3, 4, 5),
+}
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """Ratio of what the model leaves to the noise (variances), and the chance of one as large."""
+
+    statistic: float
+    degrees_of_freedom: int
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A combination of parameters and its standard uncertainty in mm."""
+
+    combination: str
+    standard_uncertainty_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Identified parameters of one subset with everything needed to trust them or not.
+
+    ``names`` and ``values_mm`` have k entries, ``covariance_mm2`` is ``(k, k)``. ``predicted_mm``
+    and ``difference_uncertainty_mm`` belong to ``differences``, ``(n_differences,)`` each.
+    Uncertainties carry the noise of the readings; they do not carry what the model leaves out.
+    """
+
+    model: Model
+    subset: Subset
+    method: Method
+    weights: Weights
+    names: tuple[str, ...]
+    values_mm: FloatArray
+    covariance_mm2: FloatArray
+    coverage_factor: float
+    differences: Differences
+    difference_uncertainty_mm: FloatArray
+    predicted_mm: FloatArray
+    rms_before_mm: float
+    rms_after_mm: float
+    degrees_of_freedom: int
+    noise: Noise
+    lack_of_fit: LackOfFit | None
+    condition_number: float
+    weak_directions: tuple[Direction, ...]
+    residual_mm: FloatArray

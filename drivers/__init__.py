@@ -1,0 +1,1 @@
+"""Bytes: ports, indicators and their simulated twins. Knows pyserial, no screen and no file."""

@@ -1,0 +1,76 @@
+"""A simulated machine that moves, with indicators that answer over real serial connections."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Self
+
+from drivers.profile import Profile
+from drivers.twin_port import Transport, TwinPort
+
+
+class SimulatedRig:
+    """Indicators whose spindles glide to wherever the machine is sent.
+
+    The rig knows nothing of machines: it is told where each spindle is to go. A motion takes
+    ``motion_s`` and follows a smooth curve, so a reading taken too early is a moving one.
+    """
+
+    def __init__(
+        self,
+        profiles: Sequence[Profile],
+        *,
+        resolution_mm: float,
+        transport: Transport,
+        motion_s: float = 0.0,
+    ) -> None:
+        self._motion_s = motion_s
+        self._lock = threading.Lock()
+        self._start_mm = [0.0] * len(profiles)
+        self._goal_mm = [0.0] * len(profiles)
+        self._departed = -math.inf
+        self._ports = [
+            TwinPort(profile.make_twin(self._spindle(k), resolution_mm), transport)
+            for k, profile in enumerate(profiles)
+        ]
+
+    @property
+    def ports(self) -> tuple[str, ...]:
+        """What a program opens to reach each indicator."""
+        return tuple(port.url for port in self._ports)
+
+    def go(self, goal_mm: Sequence[float]) -> None:
+        """Send every spindle to a new position, in mm."""
+        with self._lock:
+            now = [self._position(k) for k in range(len(self._goal_mm))]
+            self._start_mm, self._goal_mm = now, list(goal_mm)
+            self._departed = time.monotonic()
+
+    def close(self) -> None:
+        """Unplug every indicator."""
+        for port in self._ports:
+            port.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _spindle(self, index: int) -> Callable[[], float]:
+        def position_mm() -> float:
+            with self._lock:
+                return self._position(index)
+
+        return position_mm
+
+    def _position(self, index: int) -> float:
+        elapsed = time.monotonic() - self._departed
+        if elapsed >= self._motion_s:
+            return self._goal_mm[index]
+        share = (1.0 - math.cos(math.pi * elapsed / self._motion_s)) / 2.0
+        start = self._start_mm[index]
+        return start + share * (self._goal_mm[index] - start)

@@ -1,0 +1,59 @@
+"""The machine file: what is known of one Orthoglide before measuring."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from calib.errors import CalibrationError
+from calib.orthoglide.geometry import Geometry
+from protocols.documents import Document, read_toml
+
+Triple = Annotated[tuple[float, float, float], Field()]
+
+
+class Machine(Document):
+    """One machine: geometry in mm, and what its controller holds.
+
+    ``home_offset_mm`` are the controller's present HOME_OFFSET values, needed to write new ones;
+    ``entered_offsets_mm`` are joint offsets already entered when the session is measured.
+    """
+
+    schema_id: Literal["glidecal.machine/1"] = Field(alias="schema", default="glidecal.machine/1")
+    name: str = "orthoglide"
+    leg_length_mm: float = 310.25
+    travel_max_mm: float = 60.0
+    travel_min_mm: float = -100.0
+    parallelogram_width_mm: float = 80.0
+    tool_radius_mm: float = 31.0
+    home_offset_mm: Triple | None = None
+    entered_offsets_mm: Triple = (0.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _possible(self) -> Machine:
+        try:
+            self.geometry()
+        except CalibrationError as problem:
+            raise ValueError(str(problem)) from problem
+        return self
+
+    def geometry(self) -> Geometry:
+        """The nominal geometry for the mathematics."""
+        return Geometry(
+            leg_length_mm=self.leg_length_mm,
+            travel_max_mm=self.travel_max_mm,
+            travel_min_mm=self.travel_min_mm,
+            parallelogram_width_mm=self.parallelogram_width_mm,
+            tool_radius_mm=self.tool_radius_mm,
+        )
+
+
+def load_machine(path: Path | None) -> Machine:
+    """The machine of a TOML file; without one the prototype of the papers. Raises RecordError."""
+    if path is not None:
+        return read_toml(path, Machine, "machine file")
+    with resources.as_file(resources.files("protocols") / "machines" / "orthoglide.toml") as found:
+        return read_toml(found, Machine, "machine file")

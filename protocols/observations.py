@@ -1,0 +1,80 @@
+"""The only place where records become arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from calib.errors import NotIdentifiable
+from calib.observations import Observations
+from protocols.errors import UsageError
+from protocols.events import Reading
+from protocols.procedure import leg_number
+from protocols.session import Session
+
+
+def to_observations(sessions: Sequence[Session]) -> Observations:
+    """Readings that count of one or more sessions of one machine, in the order taken.
+
+    Mountings of different sessions are different mountings. Raises UsageError where the sessions
+    are of different machines and NotIdentifiable where there is no reading.
+    """
+    _check_same_machine(sessions)
+    rows: list[tuple[str, Reading, float]] = []
+    for number, session in enumerate(sessions):
+        rows += [
+            (f"{number}/{reading.mount}", reading, approach)
+            for reading, approach in zip(
+                session.readings, _approaches(session.readings), strict=True
+            )
+        ]
+    if not rows:
+        raise NotIdentifiable("readings", "none", "a session with readings in two postures")
+    mounts = {name: k for k, name in enumerate(dict.fromkeys(name for name, _, _ in rows))}
+    readings = [reading for _, reading, _ in rows]
+    return Observations(
+        leg=np.array([leg_number(r.leg) for r in readings], dtype=np.intp),
+        axis=np.array([leg_number(r.axis) for r in readings], dtype=np.intp),
+        displacement_mm=np.array([r.displacement_mm for r in readings]),
+        station=np.array([r.station for r in readings]),
+        approach=np.array([approach for _, _, approach in rows]),
+        cycle=np.array([r.cycle for r in readings], dtype=np.intp),
+        time_s=np.array(
+            [float(k) if r.time_s is None else r.time_s for k, r in enumerate(readings)]
+        ),
+        temperature_c=np.array(
+            [np.nan if r.temperature_c is None else r.temperature_c for r in readings]
+        ),
+        mount=np.array([mounts[name] for name, _, _ in rows], dtype=np.intp),
+        value_mm=np.array([r.value_mm for r in readings]),
+        averaged=np.array([float(r.averaged) for r in readings]),
+    )
+
+
+def _approaches(readings: Sequence[Reading]) -> list[float]:
+    """Sign of the last movement before each reading, from the rows of its mounting."""
+    found: dict[int, float] = {}
+    by_mount: dict[str, list[Reading]] = {}
+    for reading in readings:
+        by_mount.setdefault(reading.mount, []).append(reading)
+    for members in by_mount.values():
+        last = 0.0
+        for before, after in pairwise(members):
+            moved = float(np.sign(after.displacement_mm - before.displacement_mm))
+            last = moved or last
+            found[after.reading] = last
+    return [found.get(reading.reading, 0.0) for reading in readings]
+
+
+def _check_same_machine(sessions: Sequence[Session]) -> None:
+    machines = [session.opened.machine for session in sessions]
+    for machine in machines[1:]:
+        if machine != machines[0]:
+            raise UsageError(
+                "sessions of different machines",
+                f"'{machines[0].name}' and '{machine.name}' with other dimensions or offsets",
+                "sessions of one machine with the same offsets entered",
+                "Solve them one at a time.",
+            )

@@ -1,0 +1,87 @@
+"""The events of a session folded into its state: what counts, what is done, what is next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from protocols.events import Event, Mounted, Opened, Reading, Superseded
+from protocols.procedure import Step
+
+
+@dataclass(frozen=True)
+class Session:
+    """State of a session after its events.
+
+    ``readings`` are those that count, in the order taken; ``superseded`` maps the numbers of the
+    others to the reason.
+    """
+
+    opened: Opened
+    readings: tuple[Reading, ...]
+    superseded: dict[int, str]
+    all_readings: tuple[Reading, ...]
+    mountings: tuple[Mounted, ...]
+
+    def steps(self) -> tuple[Step, ...]:
+        """The steps of the session's procedure; none for an imported table."""
+        if self.opened.procedure is None:
+            return ()
+        geometry = self.opened.machine.geometry()
+        return self.opened.procedure.steps(geometry, self.opened.indicators)
+
+    def is_new_place(self, step: Step) -> bool:
+        """Whether the stand must be set up anew for a step: another leg, station or axis."""
+        last = self.mountings[-1] if self.mountings else None
+        return last is None or (last.leg, last.station, set(last.mounts)) != (
+            step.leg,
+            step.station,
+            set(step.axes),
+        )
+
+    def done(self) -> frozenset[int]:
+        """Numbers of the steps for which every axis has a reading that counts."""
+        axes: dict[int, set[str]] = {}
+        for reading in self.readings:
+            if reading.step is not None:
+                axes.setdefault(reading.step, set()).add(reading.axis)
+        wanted = {step.number: set(step.axes) for step in self.steps()}
+        return frozenset(n for n, found in axes.items() if found >= wanted.get(n, set("?")))
+
+    def next_step(self) -> Step | None:
+        """The first step that is not done."""
+        done = self.done()
+        return next((step for step in self.steps() if step.number not in done), None)
+
+    @property
+    def resolution_mm(self) -> float | None:
+        """The coarsest stated resolution of the indicators and of the readings' own text."""
+        stated = [i.resolution_mm for i in self.opened.instruments]
+        shown = [r.resolution_mm for r in self.readings]
+        return max((v for v in stated + shown if v is not None), default=None)
+
+    @property
+    def repeatability_mm(self) -> float | None:
+        """The largest stated repeatability of the indicators."""
+        stated = [i.repeatability_mm for i in self.opened.instruments]
+        return max((v for v in stated if v is not None), default=None)
+
+
+def fold(events: Iterable[Event]) -> Session:
+    """The state after these events; the first one must be `Opened`."""
+    opened: Opened | None = None
+    readings: list[Reading] = []
+    superseded: dict[int, str] = {}
+    mountings: list[Mounted] = []
+    for event in events:
+        if isinstance(event, Opened):
+            opened = event
+        elif isinstance(event, Reading):
+            readings.append(event)
+        elif isinstance(event, Superseded):
+            superseded |= dict.fromkeys(event.readings, event.reason)
+        elif isinstance(event, Mounted):
+            mountings.append(event)
+    assert opened is not None
+    counting = tuple(r for r in readings if r.reading not in superseded)
+    return Session(opened, counting, superseded, tuple(readings), tuple(mountings))

@@ -1,0 +1,200 @@
+"""Tables of readings (CSV): one header line, one row a reading, in the order taken."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Callable
+from io import StringIO
+from pathlib import Path
+from typing import TypeVar
+
+from calib.orthoglide.geometry import Geometry
+from protocols.documents import read_text
+from protocols.errors import RecordError
+from protocols.events import Reading
+from protocols.procedure import Leg, default_mount
+
+REQUIRED = ("leg", "axis", "displacement_mm", "value_mm")
+OPTIONAL = ("cycle", "time_s", "mount", "station", "temperature_c", "averaged", "seq")
+
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+LARGEST_COUNT = 1_000_000
+
+T = TypeVar("T")
+
+WHOLE = re.compile(r"\+?\d+", re.ASCII)
+
+
+class Row:
+    """One row of a table, with its line number for messages."""
+
+    def __init__(self, path: Path, line: int, fields: dict[str, str]) -> None:
+        self.path = path
+        self.line = line
+        self.fields = fields
+
+    def fault(self, column: str, allowed: str, next_step: str = "") -> RecordError:
+        """The error that this column's value deserves."""
+        thing = f"table {self.path}, line {self.line}, column {column}"
+        return RecordError(thing, repr(self.fields.get(column, "")), allowed, next_step)
+
+    def letter(self, column: str) -> Leg:
+        """x, y or z."""
+        match self.fields[column].lower():
+            case "x":
+                return "x"
+            case "y":
+                return "y"
+            case "z":
+                return "z"
+        raise self.fault(column, "x, y or z")
+
+    def number(self, column: str) -> float:
+        """A finite number with a decimal point."""
+        text = self.fields[column]
+        if not NUMBER.fullmatch(text):
+            comma = re.fullmatch(r"[+-]?\d*,\d+", text)
+            raise self.fault(
+                column,
+                "a finite number with a decimal point",
+                "Replace the decimal comma by a point" if comma else "",
+            )
+        value = float(text)
+        if abs(value) > 1e9:
+            raise self.fault(column, "a finite number of sensible size")
+        return value
+
+    def whole(self, column: str, least: int) -> int:
+        """A whole number not below ``least``."""
+        text = self.fields[column]
+        if not WHOLE.fullmatch(text) or not least <= int(text[:9]) <= LARGEST_COUNT:
+            raise self.fault(column, f"a whole number, {least} … {LARGEST_COUNT}")
+        return int(text)
+
+    def optional(self, column: str, read: Callable[[str], T], default: T) -> T:
+        """``read(column)``, or the default where the field is empty or missing."""
+        return read(column) if self.fields.get(column) else default
+
+
+def read_table(path: Path, geometry: Geometry) -> tuple[tuple[Reading, ...], tuple[str, ...]]:
+    """Readings of a table and the names of its unknown columns, which are kept with each reading.
+
+    Raises RecordError naming the line, the column and the value.
+    """
+    rows, unknown = _rows(path)
+    readings = tuple(
+        _reading(row, number, unknown, geometry) for number, row in enumerate(rows, start=1)
+    )
+    _check_sequence(rows)
+    _check_mounts(rows, readings)
+    return readings, unknown
+
+
+def _rows(path: Path) -> tuple[list[Row], tuple[str, ...]]:
+    text = read_text(path, "table")
+    lines = csv.reader(StringIO(text, newline=""), strict=True)
+    try:
+        header = [name.strip() for name in next(lines, [])]
+        _check_header(path, header)
+        rows = [
+            Row(path, lines.line_num, _fields(path, lines.line_num, header, values))
+            for values in lines
+            if any(value.strip() for value in values)
+        ]
+    except csv.Error as problem:
+        raise RecordError(
+            f"table {path}, line {lines.line_num}", str(problem), "comma separated values"
+        ) from problem
+    if not rows:
+        raise RecordError(f"table {path}", "no row of readings", "one row for each reading")
+    known = REQUIRED + OPTIONAL
+    return rows, tuple(name for name in header if name not in known)
+
+
+def _check_header(path: Path, header: list[str]) -> None:
+    thing = f"table {path}, header"
+    if len(header) == 1 and ";" in header[0]:
+        raise RecordError(thing, "semicolons", "commas between columns and decimal points")
+    missing = [name for name in REQUIRED if name not in header]
+    if missing:
+        raise RecordError(
+            thing,
+            ", ".join(header) or "nothing",
+            "columns " + ", ".join(REQUIRED + OPTIONAL),
+            f"Missing: {', '.join(missing)}",
+        )
+    doubled = [name for name, count in Counter(header).items() if count > 1]
+    if doubled:
+        raise RecordError(thing, f"{doubled[0]!r} twice", "each column once")
+
+
+def _fields(path: Path, line: int, header: list[str], values: list[str]) -> dict[str, str]:
+    if len(values) != len(header):
+        raise RecordError(
+            f"table {path}, line {line}",
+            f"{len(values)} fields",
+            f"{len(header)} fields as in the header",
+            "A decimal comma makes one field too many; write a decimal point.",
+        )
+    return dict(zip(header, (value.strip() for value in values), strict=True))
+
+
+def _reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geometry) -> Reading:
+    leg, axis = row.letter("leg"), row.letter("axis")
+    if leg == axis:
+        raise row.fault("axis", f"an axis across the leg, not {leg} itself")
+    displacement = row.number("displacement_mm")
+    if abs(displacement) >= geometry.leg_length_mm:
+        raise row.fault(
+            "displacement_mm",
+            f"less than the leg length {geometry.leg_length_mm:g} mm",
+            "No such posture exists; is the unit mm?",
+        )
+    station = row.optional("station", row.number, 0.5)
+    if not 0.0 <= station <= 1.0:
+        raise row.fault("station", "a fraction of the leg, 0 … 1")
+    return Reading(
+        reading=number,
+        leg=leg,
+        axis=axis,
+        displacement_mm=displacement,
+        value_mm=row.number("value_mm"),
+        text=row.fields["value_mm"],
+        cycle=row.optional("cycle", lambda name: row.whole(name, 0), 1),
+        mount=row.fields.get("mount") or default_mount(leg, axis, station),
+        station=station,
+        time_s=row.optional("time_s", row.number, None),
+        temperature_c=row.optional("temperature_c", row.number, None),
+        averaged=row.optional("averaged", lambda name: row.whole(name, 1), 1),
+        extra={name: row.fields[name] for name in unknown},
+    )
+
+
+def _check_sequence(rows: list[Row]) -> None:
+    """Row numbers, where given, must count up by one from 0 or 1."""
+    if not any(row.fields.get("seq") for row in rows):
+        return
+    first = rows[0].whole("seq", 0)
+    for expected, row in enumerate(rows, start=first):
+        if first > 1 or row.whole("seq", 0) != expected:
+            raise row.fault(
+                "seq",
+                f"{1 if first > 1 else expected}, counting rows from 1",
+                "A row is missing, doubled or out of order.",
+            )
+
+
+def _check_mounts(rows: list[Row], readings: tuple[Reading, ...]) -> None:
+    """One mounting is one stand in one place: same leg, axis and station throughout."""
+    places: dict[str, tuple[str, str, float]] = {}
+    for row, reading in zip(rows, readings, strict=True):
+        here = (reading.leg, reading.axis, reading.station)
+        if places.setdefault(reading.mount, here) != here:
+            leg, axis, station = places[reading.mount]
+            raise row.fault(
+                "mount",
+                f"a new name: {reading.mount!r} already is leg {leg}, axis {axis}, "
+                f"station {station:g}",
+            )

@@ -1,0 +1,92 @@
+"""Make the sample sessions again: python sample_sessions/make.py.
+
+Sources are the tables beside this file and the simulation. Existing files are replaced. Times and digests differ from run to run; values do not.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from app.opening import program
+from app.simulated_session import simulated_session
+from calib.orthoglide.geometry import Geometry
+from calib.orthoglide.model import Model
+from protocols.events import Instrument, Opened
+from protocols.journal import write_whole
+from protocols.machine import load_machine
+from protocols.procedure import load_procedure, procedure_names
+from protocols.table import read_table
+
+HERE = Path(__file__).parent
+SOURCE = "Pashkevich, Chablat, Wenger, Gomolitsky 2008, tables {}; three readings averaged."
+CONFLICT = (
+    "Tables 1 and 2 disagree for experiment 3: z_y Max minus Min is +0.11 in table 1 and -0.48 "
+    "in table 2. Both are kept as published; nothing can mend that."
+)
+PUBLISHED = {
+    "experiment_1_six": ("1", "As assembled, before mechanical tuning."),
+    "experiment_2_six": ("1", "After the actuator axes were re-tuned, before calibration."),
+    "experiment_2_twelve": ("2", "After the actuator axes were re-tuned, before calibration."),
+    "experiment_3_six": ("1", "Joint offsets of experiment 2 entered in the controller."),
+    "experiment_3_twelve": ("2", "Joint offsets of experiment 2 entered in the controller."),
+}
+RESOLUTION_MM = 0.01
+REPEATABILITY_MM = 0.02
+HIDDEN_MM = (0.85, -1.3, 0.4, 0.02, -0.03, 0.01)
+
+
+def published(name: str) -> None:
+    """One published experiment as a session."""
+    table, history = PUBLISHED[name]
+    conflict = (CONFLICT,) if "experiment_3" in name else ()
+    opened = Opened(
+        program=program(),
+        origin="imported",
+        machine=load_machine(None),
+        instruments=(
+            Instrument(
+                profile="table",
+                port=f"{name}.csv",
+                resolution_mm=RESOLUTION_MM,
+                repeatability_mm=REPEATABILITY_MM,
+            ),
+        ),
+        remarks=(SOURCE.format(table), history, *conflict),
+    )
+    readings, _ = read_table(HERE / "tables" / f"{name}.csv", Geometry())
+    write_whole(_fresh(name), opened, list(readings))
+
+
+def simulated(name: str) -> None:
+    """One simulated session of a procedure."""
+    machine = load_machine(None)
+    opened, readings = simulated_session(
+        load_procedure(name),
+        machine,
+        Model(machine.geometry(), HIDDEN_MM),
+        seed=1,
+        scatter_mm=0.002,
+        resolution_mm=0.001,
+    )
+    write_whole(_fresh(f"simulated_{name}"), opened, list(readings))
+
+
+def damaged() -> None:
+    """A session in which a value on line 9 was changed by hand."""
+    lines = (HERE / "simulated_zero-max-min.jsonl").read_text(encoding="utf-8").splitlines(True)
+    lines[8] = lines[8].replace('"cycle":', '"cycle":1', 1)
+    (HERE / "damaged.jsonl").write_text("".join(lines), encoding="utf-8", newline="\n")
+
+
+def _fresh(name: str) -> Path:
+    path = HERE / f"{name}.jsonl"
+    path.unlink(missing_ok=True)
+    return path
+
+
+if __name__ == "__main__":
+    for experiment in PUBLISHED:
+        published(experiment)
+    for procedure in procedure_names():
+        simulated(procedure)
+    damaged()

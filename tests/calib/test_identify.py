@@ -1,0 +1,145 @@
+"""Identification: exact recovery, weighting, uncertainty, refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calib.errors import NotIdentifiable
+from calib.identify import identify
+from calib.observations import Observations, conditions, observe
+from calib.orthoglide.model import Model
+from calib.solution import SUBSETS, Method, Subset
+from calib.subset_choice import choose_subset
+from tests.builders import observed, postures
+
+MODEL = Model()
+within_3_mm = st.floats(-3.0, 3.0)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(within_3_mm, min_size=6, max_size=6))
+def test_noise_free_session_gives_the_parameters_back(truth: list[float]) -> None:
+    """Issue figure: offsets and lengths off by up to 3 mm, back to 1e-6 mm."""
+    solution = identify(MODEL, observed(truth, postures(repeats=3)), "both", "exact")
+    assert solution.values_mm == pytest.approx(truth, abs=1e-6)
+
+
+@pytest.mark.parametrize("levels", [(60.0, -100.0, 25.0), (0.0, 60.0, -100.0, -50.0, 20.0)])
+def test_missing_zeros_and_extra_displacements(levels: tuple[float, ...]) -> None:
+    truth = [0.9, -1.2, 0.3, 0.5, 0.1, -0.4]
+    solution = identify(MODEL, observed(truth, postures(levels)), "both", "exact")
+    assert solution.values_mm == pytest.approx(truth, abs=1e-6)
+
+
+def test_two_stations() -> None:
+    middle, near = postures(), postures(station=0.3)
+    taken = conditions(
+        np.concatenate([middle.leg, near.leg]).tolist(),
+        np.concatenate([middle.axis, near.axis]).tolist(),
+        np.concatenate([middle.displacement_mm, near.displacement_mm]).tolist(),
+        station=[0.5] * len(middle) + [0.3] * len(near),
+    )
+    truth = [0.9, -1.2, 0.3, 0.5, 0.1, -0.4]
+    solution = identify(MODEL, observed(truth, taken), "both", "exact")
+    assert solution.values_mm == pytest.approx(truth, abs=1e-6)
+    assert len(solution.differences.published_rows) == 12
+
+
+@pytest.mark.parametrize("subset", list(SUBSETS))
+def test_covariance_weighting_is_the_exact_fit_to_first_order(subset: Subset) -> None:
+    data = observed([1e-5, -2e-5, 1e-5, 0.0, 1e-5, 0.0], postures(), scatter_mm=1e-5)
+    weighted = identify(MODEL, data, subset, "linear", weights="covariance", repeatability_mm=1e-5)
+    exact = identify(MODEL, data, subset, "exact", repeatability_mm=1e-5)
+    assert weighted.values_mm == pytest.approx(exact.values_mm, abs=1e-7)
+    assert weighted.covariance_mm2 == pytest.approx(exact.covariance_mm2, rel=1e-2)
+
+
+def test_weighting_by_14_against_its_own_formula() -> None:
+    """Generalised least squares with the covariance matrix as printed in the papers."""
+    data = observed([0.3, -0.2, 0.5, 0.0, 0.0, 0.0], postures(), scatter_mm=0.02, seed=3)
+    solution = identify(
+        MODEL, data, "joint-offsets", "linear", weights="covariance", repeatability_mm=0.02
+    )
+    block = np.array([[2.0, 0, 1, 0], [0, 2, 0, 1], [1, 0, 2, 0], [0, 1, 0, 2]])
+    inverse = np.linalg.inv(np.kron(np.eye(3), block))
+    a1, a2 = np.arcsin(60 / 310.25), np.arcsin(-100 / 310.25)
+    system = np.zeros((12, 3))
+    for row, (i, j) in enumerate([(0, 1), (1, 2), (0, 2)]):
+        for k, alpha in enumerate((a1, a2)):
+            a, b = np.sin(alpha), (0.5 + np.sin(alpha)) * np.tan(alpha)
+            system[4 * row + 2 * k, [i, j]] = a, b
+            system[4 * row + 2 * k + 1, [i, j]] = b, a
+    normal = system.T @ inverse @ system
+    expected = np.linalg.solve(normal, system.T @ inverse @ solution.differences.value_mm)
+    assert solution.values_mm == pytest.approx(expected, abs=1e-12)
+    assert solution.covariance_mm2 == pytest.approx(0.02**2 * np.linalg.inv(normal))
+
+
+def test_intervals_cover_the_truth() -> None:
+    """95 % intervals with noise from repeats: between 93 and 97 % of 600 sessions x 3."""
+    truth = [0.4, -0.3, 0.8, 0.0, 0.0, 0.0]
+    taken = postures(repeats=3)
+    hits = 0
+    for seed in range(600):
+        data = observed(truth, taken, scatter_mm=0.005, seed=seed)
+        solution = identify(MODEL, data, "joint-offsets", "exact")
+        half = solution.coverage_factor * np.sqrt(np.diag(solution.covariance_mm2))
+        hits += int((np.abs(solution.values_mm - truth[:3]) <= half).sum())
+    assert 0.93 < hits / 1800 < 0.97
+
+
+def test_averaged_values_weigh_as_their_number_of_readings() -> None:
+    single = observed([0.5, -0.4, 0.2, 0.0, 0.0, 0.0], postures(repeats=3), scatter_mm=0.01)
+    means = postures()
+    cells = {
+        key: single.value_mm[
+            (single.leg == key[0]) & (single.axis == key[1]) & (single.displacement_mm == key[2])
+        ].mean()
+        for key in zip(means.leg, means.axis, means.displacement_mm, strict=True)
+    }
+    averaged = observe(means, np.array(list(cells.values())), np.full(len(means), 3.0))
+    one = identify(MODEL, single, "joint-offsets", "exact", repeatability_mm=0.01)
+    three = identify(MODEL, averaged, "joint-offsets", "exact", repeatability_mm=0.01)
+    assert one.values_mm == pytest.approx(three.values_mm, abs=1e-9)
+    ratio = one.noise.standard_deviation_mm / 0.01
+    assert one.covariance_mm2 == pytest.approx(three.covariance_mm2 * ratio**2)
+
+
+@pytest.mark.parametrize("method", ["linear", "exact"])
+def test_one_posture_only(method: Method) -> None:
+    with pytest.raises(NotIdentifiable, match="each mounting in a single posture"):
+        identify(MODEL, observed([0.0] * 6, postures((0.0,))), "both", method)
+
+
+def test_one_leg_only_names_what_is_not_seen() -> None:
+    full = observed([0.1] * 6, postures())
+    one_leg: Observations = full.take(full.leg == 0)
+    with pytest.raises(NotIdentifiable, match="not seen"):
+        identify(MODEL, one_leg, "both", "exact", repeatability_mm=0.01)
+
+
+def test_no_degree_of_freedom_and_no_noise_figure() -> None:
+    data = observed([0.1, 0.2, 0.3, 0, 0, 0], postures((60.0, -100.0)))
+    few = data.take(np.isin(data.mount, [0, 2, 4]))
+    with pytest.raises(NotIdentifiable, match="noise of the readings"):
+        identify(MODEL, few, "joint-offsets", "exact")
+
+
+def test_lack_of_fit_is_quiet_on_good_data_and_loud_on_a_bent_leg() -> None:
+    taken = postures(repeats=3)
+    good = observed([0.5, 0.1, -0.2, 0, 0, 0], taken, scatter_mm=0.004, seed=5)
+    fit = identify(MODEL, good, "joint-offsets", "exact").lack_of_fit
+    assert fit is not None
+    assert fit.p_value > 0.01
+    bent = observe(taken, good.value_mm + 2e-5 * taken.displacement_mm**2 * (taken.leg == 1))
+    fit = identify(MODEL, bent, "joint-offsets", "exact").lack_of_fit
+    assert fit is not None
+    assert fit.p_value < 1e-6
+
+
+def test_long_legs_are_recommended_to_be_identified_too() -> None:
+    data = observed([1.0, -0.5, 0.3, 2.0, -1.5, 1.0], postures(repeats=3), scatter_mm=0.001)
+    assert choose_subset(MODEL, data).recommended == "both"

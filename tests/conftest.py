@@ -1,0 +1,35 @@
+"""Habits of every test: no thread outlives it, sessions go to a folder of their own."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+SAMPLES = ROOT / "sample_sessions"
+PATIENCE_S = 2.0
+
+
+@pytest.fixture(autouse=True)
+def _no_leaked_thread() -> Iterator[None]:
+    before = set(threading.enumerate())
+    yield
+    deadline = time.monotonic() + PATIENCE_S
+    while (left := _ours(before)) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert not left, f"threads left behind: {[t.name for t in left]}"
+
+
+def _ours(before: set[threading.Thread]) -> list[threading.Thread]:
+    """New threads, except the idle pool of the event loop."""
+    pools = ("asyncio_", "ThreadPoolExecutor")
+    return [t for t in threading.enumerate() if t not in before and not t.name.startswith(pools)]
+
+
+@pytest.fixture
+def samples() -> Path:
+    return SAMPLES

@@ -19,9 +19,10 @@ from drivers.profiles import profile_named
 from drivers.twin_port import Transport, default_transport
 from protocols.errors import RecordError
 from protocols.events import Instrument, Opened
-from protocols.journal import Journal, read_record
+from protocols.journal import Journal
 from protocols.machine import Machine
 from protocols.procedure import Procedure, Step
+from protocols.record import read_record
 
 SIMULATED = "simulated"
 SIMULATED_INTERVAL_S = 0.05

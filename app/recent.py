@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from protocols.errors import RecordError
-from protocols.journal import read_record
+from protocols.record import read_record
 from protocols.session import fold
 
 MOST = 12

@@ -11,8 +11,8 @@ from calib.orthoglide.model import Model
 from calib.solution import Method, Solution, Subset, Weights
 from calib.subset_choice import SubsetChoice, choose_subset
 from protocols.errors import RecordError
-from protocols.journal import Record, read_record
 from protocols.observations import to_observations
+from protocols.record import Record, read_record
 from protocols.session import Session, fold
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import queue
+import socket
 import threading
 import time
 from collections.abc import Callable
@@ -102,6 +104,8 @@ class IndicatorLine:
 
     def _outcome(self) -> Outcome:
         """One exchange, repeated while the device says that it is busy."""
+        self._stop.wait(max(0.0, self._ready_at - time.monotonic()))
+        self._ready_at = time.monotonic() + self._interval_s
         outcome = self._exchange()
         for _ in range(self.profile.busy_retries):
             if not (isinstance(outcome, Fault) and outcome.kind is FaultKind.BUSY):
@@ -111,8 +115,6 @@ class IndicatorLine:
         return outcome
 
     def _exchange(self) -> Outcome:
-        self._stop.wait(max(0.0, self._ready_at - time.monotonic()))
-        self._ready_at = time.monotonic() + self._interval_s
         try:
             if self._serial is None:
                 self._serial = open_port(self.profile, self.port)
@@ -150,10 +152,12 @@ class IndicatorLine:
     def _hang_up(self) -> None:
         port, self._serial = self._serial, None
         if port is not None:
-            try:
+            # pyserial leaves the socket of a vanished peer open: its shutdown fails before close
+            behind: socket.socket | None = getattr(port, "_socket", None)
+            with contextlib.suppress(*PORT_ERRORS):
                 port.close()
-            except PORT_ERRORS:
-                return
+            if behind is not None:
+                behind.close()
 
 
 def open_port(profile: Profile, port: str) -> serial.Serial:

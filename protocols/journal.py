@@ -1,158 +1,18 @@
-"""The record of a session: append-only JSON Lines, on the disk before anyone is told.
-
-Each line carries its number and the SHA-256 digest of the line before it, so a changed, missing
-or doubled line is found and named. A file cut anywhere opens up to its last whole line.
-"""
+"""Writing the record of a session: a line is on the disk before anyone is told."""
 
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import json
+import errno
 import os
-from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Literal, TypeVar
+from typing import BinaryIO
 
 import filelock
-from pydantic import ValidationError
 
-from protocols.documents import describe
 from protocols.errors import RecordError
-from protocols.events import EVENT, FIRST_DIGEST, SCHEMA, Closed, Continued, Event, Line, Opened
-
-L = TypeVar("L", bound=Line)
-
-
-@dataclass(frozen=True)
-class Record:
-    """A session file as read: whole events, and what is wrong with its end.
-
-    ``end`` is ``closed`` for a finished session, ``open`` where the closing event is missing and
-    ``torn`` where the last line is cut; ``whole_bytes`` is the length up to the last whole line.
-    """
-
-    path: Path
-    events: tuple[Event, ...]
-    end: Literal["closed", "open", "torn"]
-    whole_bytes: int
-    torn_bytes: int
-    digest: str
-
-    @property
-    def opened(self) -> Opened:
-        """The first line."""
-        first = self.events[0]
-        assert isinstance(first, Opened)
-        return first
-
-
-def read_record(path: Path) -> Record:
-    """Read and check a session file.
-
-    Raises RecordError naming the first line that is altered, out of order or not an event.
-    """
-    try:
-        content = path.read_bytes()
-    except OSError as problem:
-        raise RecordError(
-            f"session {path}", problem.strerror or str(problem), "a readable session file"
-        ) from problem
-    lines = content.split(b"\n")
-    torn = lines.pop()
-    events: list[Event] = []
-    digest = FIRST_DIGEST
-    for number, line in enumerate(lines, start=1):
-        events.append(_read_line(path, number, line, digest, events))
-        digest = digest_of(line)
-    if not events:
-        raise RecordError(
-            f"session {path}",
-            "no whole line" if content else "an empty file",
-            f"a session whose first line names the schema {SCHEMA}",
-        )
-    closed = isinstance(events[-1], Closed)
-    return Record(
-        path=path,
-        events=tuple(events),
-        end="torn" if torn else "closed" if closed else "open",
-        whole_bytes=len(content) - len(torn),
-        torn_bytes=len(torn),
-        digest=digest,
-    )
-
-
-def digest_of(line: bytes) -> str:
-    """Digest of a line without its newline."""
-    return hashlib.sha256(line).hexdigest()
-
-
-def _read_line(path: Path, number: int, line: bytes, digest: str, before: list[Event]) -> Event:
-    """One checked event. Raises RecordError with the line number."""
-    thing = f"session {path}, line {number}"
-    try:
-        plain = json.loads(line)
-    except ValueError as problem:
-        raise RecordError(thing, _shown(line), "one JSON event") from problem
-    if not isinstance(plain, dict) or "event" not in plain:
-        raise RecordError(thing, _shown(line), f"an event of schema {SCHEMA}")
-    if number == 1:
-        _check_schema(path, plain)
-    try:
-        event = EVENT.validate_json(line)
-    except ValidationError as problem:
-        raise RecordError(thing, describe(problem), f"an event of schema {SCHEMA}") from problem
-    _check_chain(path, number, line, digest, event)
-    if (number == 1) != isinstance(event, Opened):
-        raise RecordError(thing, f"event '{event.event}'", "'opened' on line 1 and only there")
-    if before and isinstance(before[-1], Closed):
-        raise RecordError(thing, f"event '{event.event}' after 'closed'", "nothing after 'closed'")
-    if isinstance(event, Closed) and event.readings != _count_readings(before):
-        raise RecordError(thing, f"{event.readings} readings", f"{_count_readings(before)}")
-    return event
-
-
-def _check_chain(path: Path, number: int, line: bytes, digest: str, event: Event) -> None:
-    """Numbers count up, and each line vouches for the one before; the closing line for itself."""
-    broken, found = 0, ""
-    if event.line != number:
-        broken, found = number, f"line number {event.line}: a line is missing, doubled or moved"
-    elif event.previous != digest:
-        broken, found = max(number - 1, 1), "a content that does not fit its digest: it was changed"
-    elif isinstance(event, Closed) and event.seal != digest_of(_unsealed(line, event.seal)):
-        broken, found = number, "a content that does not fit its digest: it was changed"
-    if broken:
-        raise RecordError(
-            f"session {path}, line {broken}",
-            found,
-            "a record as the program wrote it",
-            "Use an unaltered copy.",
-        )
-
-
-def _unsealed(line: bytes, seal: str) -> bytes:
-    return line.replace(f'"seal":"{seal}"'.encode(), b'"seal":""', 1)
-
-
-def _count_readings(events: list[Event] | tuple[Event, ...]) -> int:
-    return sum(event.event == "reading" for event in events)
-
-
-def _check_schema(path: Path, plain: dict[str, object]) -> None:
-    schema = plain.get("schema")
-    if schema != SCHEMA:
-        newer = isinstance(schema, str) and schema.startswith("glidecal.session/")
-        raise RecordError(
-            f"session {path}, schema",
-            repr(schema),
-            SCHEMA,
-            "Written by a newer glidecal: update the program." if newer else "Not a session file.",
-        )
-
-
-def _shown(line: bytes) -> str:
-    text = line[:60].decode("utf-8", errors="replace")
-    return repr(text) + ("…" if len(line) > 60 else "")
+from protocols.events import EVENT, FIRST_DIGEST, Closed, Continued, Event, Line, Opened
+from protocols.record import Record, count_readings, digest_of, read_record
 
 
 class Journal:
@@ -265,7 +125,7 @@ class Journal:
 
     def finish(self, complete: bool) -> None:
         """Write the closing event and let go of the file."""
-        self.append(Closed(readings=_count_readings(self.events), complete=complete))
+        self.append(Closed(readings=count_readings(self.events), complete=complete))
         self.close()
 
     def close(self) -> None:
@@ -295,6 +155,8 @@ def write_whole(path: Path, opened: Opened, events: list[Line], complete: bool =
 
 def _lock(path: Path) -> filelock.BaseFileLock:
     """One writer at a time. Raises RecordError where another program has the session open."""
+    if not path.parent.is_dir():  # the lock would make the folder
+        raise _cannot_write(path, OSError(errno.ENOENT, "no such folder"))
     lock = filelock.FileLock(path.with_name(path.name + ".lock"), timeout=0)
     try:
         lock.acquire()

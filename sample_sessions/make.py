@@ -1,6 +1,7 @@
 """Make the sample sessions again: python sample_sessions/make.py.
 
-Sources are the tables beside this file and the simulation. Existing files are replaced. Times and digests differ from run to run; values do not.
+Sources are the tables beside this file and the simulation. Existing files are replaced. Times
+and digests differ from run to run; values do not.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ def replay(
     from app.documents import replay_document, to_json
     from app.solving import end_warning
     from app.wording.session import replay_text
-    from protocols.journal import read_record
+    from protocols.record import read_record
     from protocols.session import fold
 
     record = read_record(session)

@@ -12,7 +12,7 @@ def validate(sessions: Sessions) -> None:
     """Check records: complete, unbroken, unaltered; names the first broken line."""
     from app.solving import end_warning
     from calib.errors import GlidecalError
-    from protocols.journal import read_record
+    from protocols.record import read_record
     from protocols.session import fold
 
     status = Exit.DONE

@@ -19,8 +19,8 @@ from calib.orthoglide.linear import reading_matrix
 from calib.orthoglide.model import Model
 from calib.solution import Solution, Subset
 from calib.subset_choice import choose_subset
-from protocols.journal import read_record
 from protocols.observations import to_observations
+from protocols.record import read_record
 from protocols.session import fold
 
 MODEL = Model()

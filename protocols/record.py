@@ -1,0 +1,170 @@
+"""Reading and checking the record of a session.
+
+Each line carries its number and the SHA-256 digest of the line before it, so a changed, missing
+or doubled line is found and named. A file cut anywhere opens up to its last whole line.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from pydantic import ValidationError
+
+from protocols.documents import describe
+from protocols.errors import RecordError
+from protocols.events import EVENT, FIRST_DIGEST, SCHEMA, Closed, Event, Opened
+
+
+@dataclass(frozen=True)
+class Record:
+    """A session file as read: whole events, and what is wrong with its end.
+
+    ``end`` is ``closed`` for a finished session, ``open`` where the closing event is missing and
+    ``torn`` where the last line is cut; ``whole_bytes`` is the length up to the last whole line.
+    """
+
+    path: Path
+    events: tuple[Event, ...]
+    end: Literal["closed", "open", "torn"]
+    whole_bytes: int
+    torn_bytes: int
+    digest: str
+
+    @property
+    def opened(self) -> Opened:
+        """The first line."""
+        first = self.events[0]
+        assert isinstance(first, Opened)
+        return first
+
+
+def read_record(path: Path) -> Record:
+    """Read and check a session file.
+
+    Raises RecordError naming the first line that is altered, out of order or not an event.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as problem:
+        raise RecordError(
+            f"session {path}", problem.strerror or str(problem), "a readable session file"
+        ) from problem
+    lines = content.split(b"\n")
+    torn = lines.pop()
+    events: list[Event] = []
+    digest = FIRST_DIGEST
+    for number, line in enumerate(lines, start=1):
+        event = _parse_line(path, number, line)
+        _check_order(path, number, event, events)
+        _check_chain(path, number, lines, digest, event)
+        events.append(event)
+        digest = digest_of(line)
+    if not events:
+        raise RecordError(
+            f"session {path}",
+            "no whole line" if content else "an empty file",
+            f"a session whose first line names the schema {SCHEMA}",
+        )
+    closed = isinstance(events[-1], Closed)
+    return Record(
+        path=path,
+        events=tuple(events),
+        end="torn" if torn else "closed" if closed else "open",
+        whole_bytes=len(content) - len(torn),
+        torn_bytes=len(torn),
+        digest=digest,
+    )
+
+
+def digest_of(line: bytes) -> str:
+    """Digest of a line without its newline."""
+    return hashlib.sha256(line).hexdigest()
+
+
+def _parse_line(path: Path, number: int, line: bytes) -> Event:
+    """One line as an event. Raises RecordError with the line number."""
+    thing = f"session {path}, line {number}"
+    try:
+        plain = json.loads(line)
+    except ValueError as problem:
+        raise RecordError(thing, _shown(line), "one JSON event") from problem
+    if not isinstance(plain, dict) or "event" not in plain:
+        raise RecordError(thing, _shown(line), f"an event of schema {SCHEMA}")
+    if number == 1:
+        _check_schema(path, plain)
+    try:
+        return EVENT.validate_json(line)
+    except ValidationError as problem:
+        raise RecordError(thing, describe(problem), f"an event of schema {SCHEMA}") from problem
+
+
+def _check_order(path: Path, number: int, event: Event, before: list[Event]) -> None:
+    """Numbers count up; 'opened' comes first, 'closed' last, with the right count."""
+    thing = f"session {path}, line {number}"
+    if event.line != number:
+        found = f"line number {event.line}: a line is missing, doubled or moved"
+        raise RecordError(thing, found, "an unaltered record")
+    if (number == 1) != isinstance(event, Opened):
+        raise RecordError(thing, f"event '{event.event}'", "'opened' on line 1 and only there")
+    if before and isinstance(before[-1], Closed):
+        raise RecordError(thing, f"event '{event.event}' after 'closed'", "nothing after 'closed'")
+    if isinstance(event, Closed) and event.readings != count_readings(before):
+        found = f"a count of {event.readings} readings"
+        raise RecordError(thing, found, f"{count_readings(before)}, as many as there are")
+
+
+def _check_chain(path: Path, number: int, lines: list[bytes], digest: str, event: Event) -> None:
+    """Each line vouches for the one before it, the closing line for itself.
+
+    Where two neighbours disagree, the later one is at fault if it fails its own digest too.
+    """
+    own_fits = _fits_own_digest(number, lines, event)
+    if event.previous == digest and (own_fits or not isinstance(event, Closed)):
+        return
+    broken = number - 1 if own_fits and number > 1 else number
+    raise RecordError(
+        f"session {path}, line {broken}",
+        "a content that does not fit its digest: it was changed",
+        "an unaltered record",
+        "Use an unaltered copy.",
+    )
+
+
+def _fits_own_digest(number: int, lines: list[bytes], event: Event) -> bool:
+    """Whether the next line, or the seal of a closing line, confirms this line."""
+    line = lines[number - 1]
+    if isinstance(event, Closed):
+        return event.seal == digest_of(_unsealed(line, event.seal))
+    following = lines[number] if number < len(lines) else b""
+    return f'"previous":"{digest_of(line)}"'.encode() in following
+
+
+def _unsealed(line: bytes, seal: str) -> bytes:
+    return line.replace(f'"seal":"{seal}"'.encode(), b'"seal":""', 1)
+
+
+def count_readings(events: Sequence[Event]) -> int:
+    """How many readings, superseded ones included."""
+    return sum(event.event == "reading" for event in events)
+
+
+def _check_schema(path: Path, plain: dict[str, object]) -> None:
+    schema = plain.get("schema")
+    if schema != SCHEMA:
+        newer = isinstance(schema, str) and schema.startswith("glidecal.session/")
+        raise RecordError(
+            f"session {path}, schema",
+            repr(schema),
+            SCHEMA,
+            "Written by a newer glidecal: update the program." if newer else "Not a session file.",
+        )
+
+
+def _shown(line: bytes) -> str:
+    text = line[:60].decode("utf-8", errors="replace")
+    return repr(text) + ("…" if len(line) > 60 else "")

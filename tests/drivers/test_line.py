@@ -1,0 +1,209 @@
+"""A line through real pyserial over a pseudo-terminal and over TCP, with faults on demand."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import pytest
+
+from drivers.errors import IndicatorError
+from drivers.line import IndicatorLine, open_port
+from drivers.outcome import Fault, FaultKind, Outcome, Reading
+from drivers.profile import Profile
+from drivers.profiles import profile_named
+from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
+from drivers.rig import SimulatedRig
+from drivers.twin_port import Transport, TwinPort
+
+QUICK = replace(MITUTOYO_01A, timeout_s=0.3, interval_s=60.0)
+POSIX = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals need POSIX")
+BOTH = [pytest.param("pty", marks=POSIX), "tcp"]
+
+
+class Scripted:
+    """A device whose answers are written down beforehand."""
+
+    def __init__(self, *answers: bytes, after_s: float = 0.0) -> None:
+        self._answers = list(answers)
+        self._after_s = after_s
+
+    def receive(self, request: bytes) -> bytes:
+        time.sleep(self._after_s)
+        return self._answers.pop(0) if self._answers else b""
+
+
+@contextmanager
+def line(port: str, profile: Profile = QUICK) -> Iterator[IndicatorLine]:
+    opened = IndicatorLine(profile, port)
+    opened.start()
+    try:
+        yield opened
+    finally:
+        opened.close()
+
+
+def first_outcome(port: str) -> Outcome:
+    """The line asks by itself at once; the interval then keeps it silent."""
+    heard: list[Outcome] = []
+    opened = IndicatorLine(QUICK, port, listener=heard.append)
+    opened.start()
+    try:
+        deadline = time.monotonic() + 5
+        while not heard and time.monotonic() < deadline:
+            time.sleep(0.01)
+    finally:
+        opened.close()
+    return heard[0]
+
+
+@pytest.mark.parametrize("transport", BOTH)
+@pytest.mark.parametrize(
+    ("answer", "kind"),
+    [
+        (b"", FaultKind.NO_ANSWER),
+        (b"01A+0000.1", FaultKind.PARTIAL_LINE),
+        (b"911\r", FaultKind.DEVICE_FAULT),
+        (b"02A+0000.123\r", FaultKind.WRONG_CHANNEL),
+        (b"\xb0\xb1\x8d", FaultKind.PARTIAL_LINE),
+    ],
+)
+def test_faults(transport: Transport, answer: bytes, kind: FaultKind) -> None:
+    with TwinPort(Scripted(answer), transport) as twin:
+        outcome = first_outcome(twin.url)
+    assert isinstance(outcome, Fault)
+    assert outcome.kind is kind
+    assert outcome.words
+
+
+@pytest.mark.parametrize("transport", BOTH)
+@pytest.mark.parametrize("end", [b"\r", b"\n", b"\r\n", b"\n\r"])
+def test_terminators(transport: Transport, end: bytes) -> None:
+    with TwinPort(Scripted(b"\x00\r\n01A+0001.500" + end), transport) as twin:
+        outcome = first_outcome(twin.url)
+    assert isinstance(outcome, Reading)
+    assert outcome.value_mm == 1.5
+
+
+@pytest.mark.parametrize("transport", BOTH)
+def test_busy_is_asked_again(transport: Transport) -> None:
+    device = Scripted(b"918\r", b"918\r", b"01A-0000.250\r")
+    with TwinPort(device, transport) as twin:
+        outcome = first_outcome(twin.url)
+    assert isinstance(outcome, Reading)
+
+
+@pytest.mark.parametrize("transport", BOTH)
+def test_a_late_answer_is_not_taken_for_the_next_reading(transport: Transport) -> None:
+    """The first answer comes after the time-out; the second request must get the second."""
+    device = Scripted(b"01A+0001.000\r", b"01A+0002.000\r", after_s=0.5)
+    patient = replace(QUICK, timeout_s=0.2)
+    with TwinPort(device, transport) as twin:
+        port = open_port(patient, twin.url)
+        port.close()
+        heard: list[Outcome] = []
+        opened = IndicatorLine(
+            replace(patient, timeout_s=0.2), twin.url, interval_s=0.7, listener=heard.append
+        )
+        opened.start()
+        deadline = time.monotonic() + 5
+        while len(heard) < 2 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        opened.close()
+    assert all(isinstance(outcome, Fault) for outcome in heard[:2])
+
+
+@pytest.mark.parametrize("transport", BOTH)
+def test_unplugged_and_plugged_in_again(transport: Transport) -> None:
+    twin = TwinPort(MITUTOYO_01A.make_twin(lambda: 0.5, 0.001), transport)
+    with line(twin.url, replace(QUICK, interval_s=0.05)) as opened:
+        assert isinstance(opened.ask().result(timeout=5), Reading)
+        twin.close()
+        gone = opened.ask().result(timeout=5)
+        assert isinstance(gone, Fault)
+        assert gone.kind is FaultKind.DISCONNECTED
+        assert opened.port in gone.words
+
+
+@pytest.mark.parametrize("transport", BOTH)
+def test_two_indicators_on_a_moving_rig(transport: Transport) -> None:
+    with SimulatedRig([QUICK, QUICK], resolution_mm=0.001, transport=transport) as rig:
+        lines = [IndicatorLine(QUICK, port, interval_s=0.0) for port in rig.ports]
+        for opened in lines:
+            opened.start()
+        for goal in ((0.1, -0.1), (1.234, 5.678), (-0.5, 0.0)):
+            rig.go(goal)
+            values = [opened.ask().result(timeout=5) for opened in lines]
+            assert [v.value_mm for v in values if isinstance(v, Reading)] == list(goal)
+        for opened in lines:
+            opened.close()
+
+
+def test_motion_takes_its_time() -> None:
+    with SimulatedRig([QUICK], resolution_mm=0.001, transport="tcp", motion_s=0.5) as rig:
+        rig.go((10.0,))
+        with line(rig.ports[0], replace(QUICK, interval_s=0.0)) as opened:
+            early = opened.ask().result(timeout=5)
+            time.sleep(0.6)
+            late = opened.ask().result(timeout=5)
+    assert isinstance(early, Reading)
+    assert isinstance(late, Reading)
+    assert early.value_mm < 10.0 == late.value_mm
+
+
+def refused(port: str) -> str:
+    with pytest.raises(IndicatorError) as caught:
+        open_port(QUICK, port)
+    return str(caught.value)
+
+
+def test_ports_that_cannot_be_opened() -> None:
+    assert "nobody listens" in refused("socket://127.0.0.1:1")
+    assert "foo" in refused("foo://bar")
+    missing = refused("COM250" if sys.platform == "win32" else "/dev/ttyNONE9")
+    assert "no such port" in missing
+    assert "glidecal ports" in missing
+
+
+@POSIX
+def test_a_busy_port_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    with TwinPort(Scripted(), "pty") as twin:
+        first = open_port(QUICK, twin.url)
+        assert "in use" in refused(twin.url)
+        first.close()
+
+
+def test_unknown_profile_lists_what_exists() -> None:
+    with pytest.raises(IndicatorError, match="mitutoyo-01a"):
+        profile_named("mitutoyo")
+
+
+def test_asking_a_closed_line_gives_a_fault() -> None:
+    with TwinPort(Scripted(), "tcp") as twin:
+        opened = IndicatorLine(QUICK, twin.url)
+        opened.start()
+        opened.close()
+        outcome = opened.ask().result(timeout=1)
+    assert isinstance(outcome, Fault)
+
+
+def test_settings_of_the_profile_reach_the_port(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: dict[str, object] = {}
+
+    def record(port: str, **settings: object) -> None:
+        seen.update(settings, port=port)
+
+    monkeypatch.setattr("serial.serial_for_url", record)
+    open_port(QUICK, "COM5")
+    assert (seen["baudrate"], seen["bytesize"], seen["parity"], seen["stopbits"]) == (
+        9600,
+        8,
+        "N",
+        1,
+    )
+    assert seen["exclusive"] is True
+    assert isinstance(seen["timeout"], float)

@@ -1,0 +1,69 @@
+"""Machine and model files: strict, with errors that name the key and the value."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from calib.orthoglide.geometry import Geometry
+from calib.orthoglide.model import Model
+from protocols.errors import RecordError
+from protocols.machine import Machine, load_machine
+from protocols.model_file import model_to_json, read_model
+
+
+def test_default_machine_is_the_prototype() -> None:
+    assert load_machine(None).geometry() == Geometry(310.25, 60.0, -100.0, 80.0, 31.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("leg_length = 300\n", "leg_length: Extra inputs"),
+        ('leg_length_mm = "300"\n', "leg_length_mm"),
+        ("leg_length_mm = -3.0\n", "positive length"),
+        ("leg_length_mm = nan\n", "leg_length_mm"),
+        ("leg_length_mm = inf\n", "leg_length_mm"),
+        ("travel_max_mm = -1.0\n", "joint limits"),
+        ("travel_max_mm = 400.0\n", "travel_max_mm"),
+        ("home_offset_mm = [1.0, 2.0]\n", "home_offset_mm"),
+        ("leg_length_mm = \n", "TOML"),
+    ],
+)
+def test_bad_machine_files(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "m.toml"
+    path.write_text(text)
+    with pytest.raises(RecordError, match=said):
+        load_machine(path)
+
+
+def test_missing_machine_file(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="No such file"):
+        load_machine(tmp_path / "none.toml")
+
+
+def test_model_round_trip(tmp_path: Path) -> None:
+    machine = Machine(name="bench 2", leg_length_mm=400.0, home_offset_mm=(1.0, 2.0, 3.0))
+    model = Model(machine.geometry(), (0.1, -0.2, 0.3, 0.01, -0.02, 0.03))
+    path = tmp_path / "model.json"
+    path.write_text(model_to_json(model, machine), encoding="utf-8")
+    assert read_model(path) == (model, machine)
+    assert '"schema": "glidecal.model/1"' in path.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('{"schema": "glidecal.model/2"}', "schema"),
+        ('{"parameters_mm": {"d_rho_w": 1.0}}', "d_rho_w"),
+        ('{"parameters_mm": {"d_rho_x": "1"}}', "d_rho_x"),
+        ('{"effects": [{"id": "backlash", "where": "x", "parameters": {}}]}', "backlash"),
+        ("{", "JSON"),
+    ],
+)
+def test_bad_models(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "model.json"
+    path.write_text(text)
+    with pytest.raises(RecordError, match=said):
+        read_model(path)

@@ -1,0 +1,224 @@
+"""The record: on the disk before anyone is told, and honest about every kind of damage."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from protocols.errors import RecordError
+from protocols.events import Noted, Opened, Reading
+from protocols.journal import Journal, write_whole
+from protocols.machine import Machine
+from protocols.record import read_record
+from protocols.session import fold
+
+
+def opened() -> Opened:
+    return Opened(program="test", origin="measured", machine=Machine())
+
+
+def reading(number: int) -> Reading:
+    return Reading(
+        reading=number,
+        leg="x",
+        axis="y",
+        displacement_mm=0.0,
+        value_mm=0.125 * number,
+        text=f"01A+0000.{125 * number}",
+        mount="xy",
+    )
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "s.jsonl"
+
+
+def finished(path: Path, count: int = 5) -> bytes:
+    write_whole(path, opened(), [reading(n) for n in range(1, count + 1)])
+    return path.read_bytes()
+
+
+def test_events_come_back_as_written(path: Path) -> None:
+    finished(path)
+    record = read_record(path)
+    assert record.end == "closed"
+    assert [e.value_mm for e in record.events if isinstance(e, Reading)] == [
+        0.125 * n for n in range(1, 6)
+    ]
+    assert [e.line for e in record.events] == list(range(1, 8))
+    assert not path.with_name("s.jsonl.lock").exists()
+
+
+def test_cut_anywhere_opens_up_to_the_last_whole_line(path: Path) -> None:
+    content = finished(path)
+    first = content.index(b"\n") + 1
+    for cut in range(first, len(content)):
+        path.write_bytes(content[:cut])
+        record = read_record(path)
+        whole = content[:cut].count(b"\n")
+        assert len(record.events) == whole
+        assert record.end == ("open" if content[cut - 1 : cut] == b"\n" else "torn")
+
+
+def test_cut_in_the_first_line_is_not_a_session(path: Path) -> None:
+    content = finished(path)
+    for cut in (0, 1, content.index(b"\n")):
+        path.write_bytes(content[:cut])
+        with pytest.raises(RecordError, match=r"no whole line|an empty file"):
+            read_record(path)
+
+
+def test_every_changed_byte_is_noticed_and_its_line_named(path: Path) -> None:
+    content = finished(path, 3)
+    for at in range(0, len(content) - 1, 7):
+        if content[at : at + 1] == b"\n":
+            continue
+        changed = bytearray(content)
+        changed[at] ^= 0x01
+        path.write_bytes(changed)
+        line = content[:at].count(b"\n") + 1
+        with pytest.raises(RecordError, match=rf"line {line}\b|schema"):
+            read_record(path)
+
+
+@pytest.mark.parametrize("how", ["missing", "doubled", "swapped", "reopened"])
+def test_lines_missing_doubled_or_moved(path: Path, how: str) -> None:
+    lines = finished(path).splitlines(keepends=True)
+    changed = {
+        "missing": lines[:3] + lines[4:],
+        "doubled": [*lines[:3], lines[2], *lines[3:]],
+        "swapped": [*lines[:2], lines[3], lines[2], *lines[4:]],
+        "reopened": [*lines, lines[-1]],
+    }[how]
+    path.write_bytes(b"".join(changed))
+    broken = {"missing": 4, "doubled": 4, "swapped": 3, "reopened": 8}[how]
+    with pytest.raises(RecordError, match=f"line {broken}: found line number|after 'closed'"):
+        read_record(path)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        (b'{"event":"opened","schema":"glidecal.session/2"}\n', "newer glidecal"),
+        (b'{"event":"opened","schema":"other/1"}\n', "Not a session"),
+        (b'{"a":1}\n', "an event of schema"),
+        (b"[1,2]\n", "an event of schema"),
+        (b"hello\n", "one JSON event"),
+        (b"\xff\xfe\x00\n", "one JSON event"),
+    ],
+)
+def test_what_is_not_a_session_says_so(path: Path, line: bytes, said: str) -> None:
+    path.write_bytes(line)
+    with pytest.raises(RecordError, match=said):
+        read_record(path)
+
+
+def test_continuing_after_a_cut_loses_nothing_and_doubles_nothing(path: Path) -> None:
+    content = finished(path)
+    cut = content.index(b'"reading":4')
+    path.write_bytes(content[:cut])
+    journal = Journal.resume(path, "test again")
+    journal.append(reading(4))
+    journal.finish(complete=True)
+    record = read_record(path)
+    assert record.end == "closed"
+    assert [r.reading for r in fold(record.events).readings] == [1, 2, 3, 4]
+    torn = path.with_name("s.jsonl.torn").read_bytes()
+    assert torn.rstrip(b"\n") == content[:cut].rsplit(b"\n", 1)[1]
+
+
+def test_a_closed_session_is_not_continued(path: Path) -> None:
+    finished(path)
+    with pytest.raises(RecordError, match="closed session"):
+        Journal.resume(path, "test")
+
+
+def test_a_record_is_never_overwritten(path: Path) -> None:
+    content = finished(path)
+    with pytest.raises(RecordError, match="exists already"):
+        Journal.create(path, opened())
+    assert path.read_bytes() == content
+
+
+def test_one_writer_at_a_time(path: Path) -> None:
+    journal = Journal.create(path, opened())
+    with pytest.raises(RecordError, match="in use"):
+        Journal.resume(path, "second")
+    journal.close()
+    Journal.resume(path, "third").close()
+
+
+def test_full_disk_loses_nothing_acknowledged(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The system call fails after half of the bytes are written."""
+    journal = Journal.create(path, opened())
+    journal.append(reading(1))
+    acknowledged = path.read_bytes()
+
+    def refuse(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", refuse)
+        with pytest.raises(RecordError, match="No space left"):
+            journal.append(reading(2))
+    assert path.read_bytes() == acknowledged
+    journal.append(reading(2))
+    journal.finish(complete=False)
+    assert [r.reading for r in fold(read_record(path).events).readings] == [1, 2]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX resource limits")
+def test_real_file_size_limit(path: Path) -> None:
+    """The kernel itself refuses to let the file grow, in the middle of a line."""
+    script = f"""
+import resource, signal, sys
+from pathlib import Path
+from protocols.journal import Journal
+from protocols.record import read_record
+from protocols.errors import RecordError
+from tests.protocols.test_journal import opened, reading
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (1500, 1500))
+path = Path({str(path)!r})
+journal = Journal.create(path, opened())
+taken = 0
+try:
+    for number in range(1, 50):
+        journal.append(reading(number))
+        taken = number
+except RecordError as problem:
+    print(problem)
+record = read_record(path)
+assert record.end == "open", record.end
+assert sum(e.event == "reading" for e in record.events) == taken > 1
+journal.close()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "File too large" in done.stdout
+
+
+def test_no_write_permission(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="writing"):
+        Journal.create(tmp_path / "missing folder" / "s.jsonl", opened())
+
+
+def test_several_events_are_written_all_or_none(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    journal = Journal.create(path, opened())
+    monkeypatch.setattr(os, "fsync", lambda _: (_ for _ in ()).throw(OSError(errno.EIO, "I/O")))
+    with pytest.raises(RecordError):
+        journal.append(Noted(text="a"), reading(1))
+    monkeypatch.undo()
+    assert len(journal.events) == 1
+    journal.close()
+    assert len(read_record(path).events) == 1

@@ -14,6 +14,8 @@ from drivers.outcome import Fault, Outcome, Reading
 from drivers.profile import Profile
 
 HISTORY = 120
+SPACING_S = 0.02
+"""The history holds one outcome in this time, so that a fast indicator does not fill it."""
 
 
 class Motion(StrEnum):
@@ -53,6 +55,7 @@ class Gauge:
         self._window_s = window_s
         self._tolerance_mm = tolerance_mm
         self._lock = threading.Lock()
+        self._slot = 0.0
         self._heard: deque[tuple[float, Outcome]] = deque(maxlen=HISTORY)
         self._line = IndicatorLine(profile, port, interval_s=interval_s, listener=self._hear)
 
@@ -65,8 +68,13 @@ class Gauge:
         self._line.close()
 
     def _hear(self, outcome: Outcome) -> None:
+        now = time.monotonic()
         with self._lock:
-            self._heard.append((time.monotonic(), outcome))
+            if self._heard and now - self._slot < SPACING_S:
+                self._heard[-1] = (now, outcome)
+            else:
+                self._slot = now
+                self._heard.append((now, outcome))
 
     def restart_window(self) -> None:
         """Forget what was stable: the machine is about to move."""

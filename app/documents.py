@@ -108,6 +108,7 @@ def replay_document(name: str, session: Session, end: str) -> dict[str, Any]:
         "schema": "glidecal.replay/1",
         "session": name,
         "end": end,
+        "remarks": list(session.opened.remarks),
         "readings": [
             {
                 "reading": r.reading,
@@ -134,7 +135,7 @@ def replay_document(name: str, session: Session, end: str) -> dict[str, Any]:
                 "station": station,
                 "displacement_mm": displacement,
                 "mean_mm": sum(v * n for v, n in values) / sum(n for _, n in values),
-                "readings": len(values),
+                "readings": sum(n for _, n in values),
             }
             for (leg, axis, station, displacement), values in averages.items()
         ],

@@ -7,15 +7,15 @@ import math
 import numpy as np
 
 from app.opening import SIMULATED, program
-from calib.observations import conditions
 from calib.orthoglide.model import Model
 from calib.simulation import measure
 from protocols.events import Instrument, Opened, Reading
 from protocols.machine import Machine
-from protocols.procedure import Procedure, default_mount, leg_number
+from protocols.observations import to_observations
+from protocols.procedure import Procedure, default_mount
+from protocols.session import fold
 
 EXACT_DECIMALS = 15
-SECONDS_PER_READING = 1.0
 
 
 def simulated_session(
@@ -31,43 +31,6 @@ def simulated_session(
 
     The record names the seed but not the model: nothing in it tells what is to be found.
     """
-    visits = [(step, axis) for step in procedure.steps(machine.geometry()) for axis in step.axes]
-    mounts = [default_mount(step.leg, axis, step.station) for step, axis in visits]
-    order = {name: k for k, name in enumerate(dict.fromkeys(mounts))}
-    taken = conditions(
-        [leg_number(step.leg) for step, _ in visits],
-        [leg_number(axis) for _, axis in visits],
-        [step.displacement_mm for step, _ in visits],
-        station=[step.station for step, _ in visits],
-        mount=[order[name] for name in mounts],
-    )
-    values = measure(
-        truth,
-        taken,
-        scatter_mm=scatter_mm,
-        resolution_mm=resolution_mm,
-        generator=np.random.default_rng(seed),
-    )
-    decimals = -math.floor(math.log10(resolution_mm)) if resolution_mm > 0 else EXACT_DECIMALS
-    readings = tuple(
-        Reading(
-            reading=number,
-            step=step.number,
-            leg=step.leg,
-            axis=axis,
-            displacement_mm=step.displacement_mm,
-            value_mm=float(f"{value:.{decimals}f}"),
-            text=f"{value:.{decimals}f}",
-            cycle=step.cycle,
-            mount=mount,
-            station=step.station,
-            time_s=step.number * procedure.seconds_per_step,
-            resolution_mm=resolution_mm or None,
-        )
-        for number, ((step, axis), mount, value) in enumerate(
-            zip(visits, mounts, values, strict=True), start=1
-        )
-    )
     opened = Opened(
         program=program(),
         origin="simulated",
@@ -76,4 +39,41 @@ def simulated_session(
         instruments=(Instrument(profile=SIMULATED, resolution_mm=resolution_mm or None),) * 2,
         seed=seed,
     )
-    return opened, readings
+    blank = _blank_readings(procedure, machine, resolution_mm)
+    values = measure(
+        truth,
+        to_observations([fold([opened, *blank])]),
+        scatter_mm=scatter_mm,
+        resolution_mm=resolution_mm,
+        generator=np.random.default_rng(seed),
+    )
+    decimals = -math.floor(math.log10(resolution_mm)) if resolution_mm > 0 else EXACT_DECIMALS
+    texts = [f"{value:.{decimals}f}" for value in values]
+    return opened, tuple(
+        reading.model_copy(update={"value_mm": float(text), "text": text})
+        for reading, text in zip(blank, texts, strict=True)
+    )
+
+
+def _blank_readings(
+    procedure: Procedure, machine: Machine, resolution_mm: float
+) -> tuple[Reading, ...]:
+    """Every reading of the procedure, its value still zero."""
+    visits = [(step, axis) for step in procedure.steps(machine.geometry()) for axis in step.axes]
+    return tuple(
+        Reading(
+            reading=number,
+            step=step.number,
+            leg=step.leg,
+            axis=axis,
+            displacement_mm=step.displacement_mm,
+            value_mm=0.0,
+            text="0",
+            cycle=step.cycle,
+            mount=default_mount(step.leg, axis, step.station),
+            station=step.station,
+            time_s=step.number * procedure.seconds_per_step,
+            resolution_mm=resolution_mm or None,
+        )
+        for number, (step, axis) in enumerate(visits, start=1)
+    )

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from calib.errors import NotIdentifiable
+from calib.noise import IndicatorFigures
 from calib.orthoglide.model import Model
 from calib.solution import Method, Solution, Subset, Weights
 from calib.subset_choice import SubsetChoice, choose_subset
@@ -58,21 +59,31 @@ def solve_sessions(
     Raises NotIdentifiable where the readings do not determine what was asked for.
     """
     observed = to_observations(sessions)
-    resolutions = [s.resolution_mm for s in sessions if s.resolution_mm is not None]
-    repeatabilities = [s.repeatability_mm for s in sessions if s.repeatability_mm is not None]
     choice = choose_subset(
         Model(sessions[0].opened.machine.geometry()),
         observed,
         method,
         weights=weights,
-        resolution_mm=max(resolutions, default=None),
-        repeatability_mm=max(repeatabilities, default=None),
+        indicator=_indicator_figures(sessions),
     )
     wanted = subset or choice.recommended
     if wanted not in choice.solutions:
         raise choice.refused[wanted]
     solution = choice.solutions[wanted]
     return Solved(tuple(names), tuple(sessions), len(observed), choice, solution)
+
+
+def _indicator_figures(sessions: Sequence[Session]) -> IndicatorFigures:
+    """The worst that is stated or seen of the indicators of all sessions."""
+
+    def worst(figures: Iterable[float | None]) -> float | None:
+        return max((figure for figure in figures if figure is not None), default=None)
+
+    return IndicatorFigures(
+        resolution_mm=worst(session.resolution_mm for session in sessions),
+        repeatability_mm=worst(session.repeatability_mm for session in sessions),
+        step_mm=worst(session.step_mm for session in sessions),
+    )
 
 
 def solve_files(

@@ -23,8 +23,8 @@ class Conditions:
     of the tool from Zero along the leg's axis. ``station`` is the touched point at Zero as a
     fraction of the leg's length from the tool end. ``approach`` is +1 or -1 for the sign of the
     last movement of the carriage and 0 where it is not known. ``mount`` numbers the mountings from
-    0 without gaps; readings of one mounting share one unknown zero. ``temperature_c`` holds NaN
-    where it was not measured.
+    0 without gaps; readings of one mounting share one unknown zero. ``time_s`` and
+    ``temperature_c`` hold NaN where they were not measured.
     """
 
     leg: IntArray

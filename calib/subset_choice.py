@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from calib.errors import NotIdentifiable
 from calib.identify import identify
+from calib.noise import IndicatorFigures
 from calib.observations import FloatArray, Observations
 from calib.orthoglide.geometry import Geometry
 from calib.orthoglide.kinematics import inverse, tool_jacobians
@@ -39,27 +41,21 @@ def choose_subset(
     method: Method = "exact",
     *,
     weights: Weights = "equal",
-    resolution_mm: float | None = None,
-    repeatability_mm: float | None = None,
+    indicator: IndicatorFigures | None = None,
 ) -> SubsetChoice:
     """Identify all subsets and compare variance plus squared bias at the tool.
 
     Bias of a smaller set is what the full set would change at the tool, less what chance alone
-    would change; noise is the larger of the reading noise and what the model leaves. Raises
-    NotIdentifiable where not even one subset is determined.
+    would change; noise is the larger of the reading noise and what the full set leaves. Effects
+    outside the six parameters are not in these figures. Raises NotIdentifiable where not even one
+    subset is determined.
     """
     solutions: dict[Subset, Solution] = {}
     refused: dict[Subset, NotIdentifiable] = {}
     for subset in SUBSETS:
         try:
             solutions[subset] = identify(
-                model,
-                observed,
-                subset,
-                method,
-                weights=weights,
-                resolution_mm=resolution_mm,
-                repeatability_mm=repeatability_mm,
+                model, observed, subset, method, weights=weights, indicator=indicator
             )
         except NotIdentifiable as problem:
             refused[subset] = problem
@@ -67,25 +63,23 @@ def choose_subset(
         raise refused["joint-offsets"]
     errors = {subset: _tool_error(solutions, subset) for subset in solutions}
     best = min(errors, key=lambda subset: errors[subset])
-    preferred = "joint-offsets" in errors and best != "joint-offsets"
-    if preferred and errors[best] > CLEARLY_BETTER * errors["joint-offsets"]:
+    if errors[best] > CLEARLY_BETTER * errors.get("joint-offsets", math.inf):
         best = "joint-offsets"
     return SubsetChoice(best, _reasons(best, errors, refused), solutions, errors, refused)
 
 
 def _tool_error(solutions: dict[Subset, Solution], subset: Subset) -> float:
     """Expected r.m.s. tool error of a subset over the workspace, mm."""
-    solution = solutions[subset]
+    solution, full = solutions[subset], solutions.get("both")
+    spread = _spread(full or solution)
     jacobian = workspace_jacobian(solution.model.geometry)
     columns = list(SUBSETS[subset])
-    spread = _spread(solution)
     variance = _mean_square(jacobian[:, :, columns], spread * solution.covariance_mm2)
-    full = solutions.get("both")
     if full is None or subset == "both":
         return float(np.sqrt(variance))
     shift = np.array(full.model.parameters_mm) - np.array(solution.model.parameters_mm)
     moved = float(((jacobian @ shift) ** 2).sum(axis=1).mean())
-    chance = _mean_square(jacobian, _spread(full) * full.covariance_mm2) - variance
+    chance = _mean_square(jacobian, spread * full.covariance_mm2) - variance
     return float(np.sqrt(variance + max(moved - max(chance, 0.0), 0.0)))
 
 
@@ -114,4 +108,6 @@ def _reasons(
     if best == "joint-offsets" and min(errors.values()) < errors[best]:
         reasons.append("no other set is clearly better, and any controller can hold joint offsets")
     reasons += [f"{subset} left out: {problem.found}" for subset, problem in refused.items()]
+    if "both" in refused:
+        reasons.append("what the smaller sets miss of the other parameters cannot be assessed")
     return tuple(reasons)

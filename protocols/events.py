@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Annotated, Literal
 
-from pydantic import AwareDatetime, Field, TypeAdapter
+from pydantic import AwareDatetime, Field, TypeAdapter, model_validator
 
 from protocols.documents import Document
 from protocols.machine import Machine
@@ -81,6 +81,12 @@ class Reading(Line):
     resolution_mm: float | None = None
     unit_assumed: bool = False
     extra: dict[str, str] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _across_the_leg(self) -> Reading:
+        if self.axis == self.leg:
+            raise ValueError(f"axis {self.axis} lies along the leg")
+        return self
 
 
 class Superseded(Line):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 import filelock
+from pydantic_core import PydanticSerializationError
 
 from protocols.errors import RecordError
 from protocols.events import EVENT, FIRST_DIGEST, Closed, Continued, Event, Line, Opened
@@ -25,6 +26,7 @@ class Journal:
         self._events: list[Event] = []
         self._digest = FIRST_DIGEST
         self._size = 0
+        self._dirty = False
 
     @classmethod
     def create(cls, path: Path, opened: Opened) -> Journal:
@@ -46,11 +48,11 @@ class Journal:
         journal = cls(path, file, lock)
         try:
             journal.append(opened)
-        except RecordError:
+            _sync_folder(path.parent)
+        except BaseException:
             journal.close()
             path.unlink(missing_ok=True)
             raise
-        _sync_folder(path.parent)
         return journal
 
     @classmethod
@@ -74,7 +76,11 @@ class Journal:
         journal = cls(path, file, lock)
         journal._events = list(record.events)
         journal._digest, journal._size = record.digest, record.whole_bytes
-        journal.append(Continued(program=program, torn_bytes=record.torn_bytes))
+        try:
+            journal.append(Continued(program=program, torn_bytes=record.torn_bytes))
+        except BaseException:
+            journal.close()
+            raise
         return journal
 
     @property
@@ -109,6 +115,8 @@ class Journal:
         self._digest, self._size = digest, self._size + len(content)
 
     def _write(self, content: bytes) -> None:
+        if self._dirty:
+            self._cut_off()
         self._file.seek(self._size)
         left = memoryview(content)
         while left:
@@ -116,12 +124,15 @@ class Journal:
         os.fsync(self._file.fileno())
 
     def _take_back(self) -> None:
-        """Cut a half-written line off again; if even that fails, reading copes with a torn end."""
-        try:
-            self._file.truncate(self._size)
-            os.fsync(self._file.fileno())
-        except OSError:
-            return
+        """Cut a half-written line off; where even that fails, before the next line is written."""
+        with contextlib.suppress(OSError):
+            self._cut_off()
+
+    def _cut_off(self) -> None:
+        self._dirty = True
+        self._file.truncate(self._size)
+        self._dirty = False
+        os.fsync(self._file.fileno())
 
     def finish(self, complete: bool) -> None:
         """Write the closing event and let go of the file."""
@@ -135,7 +146,12 @@ class Journal:
 
 
 def _encoded(event: Line) -> bytes:
-    return event.model_dump_json(exclude_none=True).encode()
+    try:
+        return event.model_dump_json(exclude_none=True).encode()
+    except PydanticSerializationError as problem:
+        raise RecordError(
+            f"event '{event!r:.80}'", "text that is not Unicode", "Unicode"
+        ) from problem
 
 
 def write_whole(path: Path, opened: Opened, events: list[Line], complete: bool = True) -> None:
@@ -147,7 +163,7 @@ def write_whole(path: Path, opened: Opened, events: list[Line], complete: bool =
     try:
         journal.append(*events)
         journal.finish(complete)
-    except RecordError:
+    except BaseException:
         journal.close()
         path.unlink(missing_ok=True)
         raise
@@ -200,7 +216,8 @@ def _sync_folder(folder: Path) -> None:
         return
     descriptor = os.open(folder, os.O_RDONLY)
     try:
-        os.fsync(descriptor)
+        with contextlib.suppress(OSError):  # some network file systems refuse
+            os.fsync(descriptor)
     finally:
         os.close(descriptor)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field, model_validator
 
@@ -12,7 +12,7 @@ from calib.errors import CalibrationError
 from calib.orthoglide.geometry import Geometry
 from protocols.documents import Document, read_toml
 
-Triple = Annotated[tuple[float, float, float], Field()]
+Triple = tuple[float, float, float]
 
 
 class Machine(Document):

@@ -26,9 +26,7 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
     for number, session in enumerate(sessions):
         rows += [
             (f"{number}/{reading.mount}", reading, approach)
-            for reading, approach in zip(
-                session.readings, _approaches(session.readings), strict=True
-            )
+            for reading, approach in zip(session.readings, _approaches(session), strict=True)
         ]
     if not rows:
         raise NotIdentifiable("readings", "none", "a session with readings in two postures")
@@ -41,9 +39,7 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
         station=np.array([r.station for r in readings]),
         approach=np.array([approach for _, _, approach in rows]),
         cycle=np.array([r.cycle for r in readings], dtype=np.intp),
-        time_s=np.array(
-            [float(k) if r.time_s is None else r.time_s for k, r in enumerate(readings)]
-        ),
+        time_s=np.array([np.nan if r.time_s is None else r.time_s for r in readings]),
         temperature_c=np.array(
             [np.nan if r.temperature_c is None else r.temperature_c for r in readings]
         ),
@@ -53,11 +49,14 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
     )
 
 
-def _approaches(readings: Sequence[Reading]) -> list[float]:
-    """Sign of the last movement before each reading, from the rows of its mounting."""
+def _approaches(session: Session) -> list[float]:
+    """Sign of the last movement before each reading that counts, from the rows of its mounting.
+
+    Superseded readings do not count, but the machine was there.
+    """
     found: dict[int, float] = {}
     by_mount: dict[str, list[Reading]] = {}
-    for reading in readings:
+    for reading in session.all_readings:
         by_mount.setdefault(reading.mount, []).append(reading)
     for members in by_mount.values():
         last = 0.0
@@ -65,7 +64,7 @@ def _approaches(readings: Sequence[Reading]) -> list[float]:
             moved = float(np.sign(after.displacement_mm - before.displacement_mm))
             last = moved or last
             found[after.reading] = last
-    return [found.get(reading.reading, 0.0) for reading in readings]
+    return [found.get(reading.reading, 0.0) for reading in session.readings]
 
 
 def _check_same_machine(sessions: Sequence[Session]) -> None:

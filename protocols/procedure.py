@@ -36,7 +36,7 @@ class Procedure(Document):
     seconds_per_step: Annotated[float, Field(gt=0.0)] = 20.0
 
     def steps(self, geometry: Geometry, indicators: int = 2) -> tuple[Step, ...]:
-        """Every step in order. Raises UsageError where a joint limit does not allow a level.
+        """Every step in order. Raises RecordError where a joint limit does not allow a level.
 
         Two indicators read both axes of a leg at once; with one the leg is measured twice.
         """

@@ -17,7 +17,7 @@ from pydantic import ValidationError
 
 from protocols.documents import describe
 from protocols.errors import RecordError
-from protocols.events import EVENT, FIRST_DIGEST, SCHEMA, Closed, Event, Opened
+from protocols.events import EVENT, FIRST_DIGEST, SCHEMA, Closed, Event, Opened, Reading, Superseded
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,13 @@ def read_record(path: Path) -> Record:
     lines = content.split(b"\n")
     torn = lines.pop()
     events: list[Event] = []
+    meaning = _Meaning(path)
     digest = FIRST_DIGEST
     for number, line in enumerate(lines, start=1):
         event = _parse_line(path, number, line)
         _check_order(path, number, event, events)
         _check_chain(path, number, lines, digest, event)
+        meaning.check(number, event)
         events.append(event)
         digest = digest_of(line)
     if not events:
@@ -91,7 +93,7 @@ def _parse_line(path: Path, number: int, line: bytes) -> Event:
     thing = f"session {path}, line {number}"
     try:
         plain = json.loads(line)
-    except ValueError as problem:
+    except (ValueError, RecursionError) as problem:
         raise RecordError(thing, _shown(line), "one JSON event") from problem
     if not isinstance(plain, dict) or "event" not in plain:
         raise RecordError(thing, _shown(line), f"an event of schema {SCHEMA}")
@@ -116,6 +118,31 @@ def _check_order(path: Path, number: int, event: Event, before: list[Event]) -> 
     if isinstance(event, Closed) and event.readings != count_readings(before):
         found = f"a count of {event.readings} readings"
         raise RecordError(thing, found, f"{count_readings(before)}, as many as there are")
+
+
+class _Meaning:
+    """Readings count up, refer to what exists, and a mounting stays in one place."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._readings = 0
+        self._places: dict[str, tuple[str, str, float]] = {}
+
+    def check(self, number: int, event: Event) -> None:
+        """Raises RecordError with the line number."""
+        thing = f"session {self._path}, line {number}"
+        if isinstance(event, Reading):
+            self._readings += 1
+            if event.reading != self._readings:
+                raise RecordError(thing, f"reading {event.reading}", f"reading {self._readings}")
+            place = (event.leg, event.axis, event.station)
+            if self._places.setdefault(event.mount, place) != place:
+                raise RecordError(thing, f"mounting {event.mount} in a second place", "one place")
+        elif isinstance(event, Superseded):
+            missing = [n for n in event.readings if not 1 <= n <= self._readings]
+            if missing:
+                found = f"reading {missing[0]} superseded before it was taken"
+                raise RecordError(thing, found, f"1 … {self._readings}")
 
 
 def _check_chain(path: Path, number: int, lines: list[bytes], digest: str, event: Event) -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from protocols.events import Event, Mounted, Opened, Reading, Superseded
+from protocols.events import Continued, Event, Mounted, Opened, Reading, Superseded
 from protocols.procedure import Step
+
+DECIMALS = re.compile(r"\d*\.(\d+)$", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -22,6 +25,7 @@ class Session:
     superseded: dict[int, str]
     all_readings: tuple[Reading, ...]
     mountings: tuple[Mounted, ...]
+    stand_untouched: bool
 
     def steps(self) -> tuple[Step, ...]:
         """The steps of the session's procedure; none for an imported table."""
@@ -31,9 +35,14 @@ class Session:
         return self.opened.procedure.steps(geometry, self.opened.indicators)
 
     def is_new_place(self, step: Step) -> bool:
-        """Whether the stand must be set up anew for a step: another leg, station or axis."""
+        """Whether a step needs a new zero: another leg, station or axis, or after a break.
+
+        Nobody knows what happened to stand and indicators while the program did not run.
+        """
         last = self.mountings[-1] if self.mountings else None
-        return last is None or (last.leg, last.station, set(last.mounts)) != (
+        if last is None or not self.stand_untouched:
+            return True
+        return (last.leg, last.station, set(last.mounts)) != (
             step.leg,
             step.station,
             set(step.axes),
@@ -61,6 +70,13 @@ class Session:
         return max((v for v in stated + shown if v is not None), default=None)
 
     @property
+    def step_mm(self) -> float | None:
+        """The step in which the readings are written down: the finest decimal of any text."""
+        found = (DECIMALS.search(reading.text) for reading in self.readings)
+        decimals = [len(match[1]) for match in found if match]
+        return 10.0 ** -max(decimals) if decimals else None
+
+    @property
     def repeatability_mm(self) -> float | None:
         """The largest stated repeatability of the indicators."""
         stated = [i.repeatability_mm for i in self.opened.instruments]
@@ -73,6 +89,7 @@ def fold(events: Iterable[Event]) -> Session:
     readings: list[Reading] = []
     superseded: dict[int, str] = {}
     mountings: list[Mounted] = []
+    stand_untouched = True
     for event in events:
         if isinstance(event, Opened):
             opened = event
@@ -82,6 +99,9 @@ def fold(events: Iterable[Event]) -> Session:
             superseded |= dict.fromkeys(event.readings, event.reason)
         elif isinstance(event, Mounted):
             mountings.append(event)
+            stand_untouched = True
+        elif isinstance(event, Continued):
+            stand_untouched = False
     assert opened is not None
     counting = tuple(r for r in readings if r.reading not in superseded)
-    return Session(opened, counting, superseded, tuple(readings), tuple(mountings))
+    return Session(opened, counting, superseded, tuple(readings), tuple(mountings), stand_untouched)

@@ -69,7 +69,7 @@ class Row:
     def whole(self, column: str, least: int) -> int:
         """A whole number not below ``least``."""
         text = self.fields[column]
-        if not WHOLE.fullmatch(text) or not least <= int(text[:9]) <= LARGEST_COUNT:
+        if not WHOLE.fullmatch(text) or len(text) > 9 or not least <= int(text) <= LARGEST_COUNT:
             raise self.fault(column, f"a whole number, {least} … {LARGEST_COUNT}")
         return int(text)
 
@@ -162,7 +162,7 @@ def _reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geometry
         displacement_mm=displacement,
         value_mm=row.number("value_mm"),
         text=row.fields["value_mm"],
-        cycle=row.optional("cycle", lambda name: row.whole(name, 0), 1),
+        cycle=row.optional("cycle", lambda name: row.whole(name, 1), 1),
         mount=row.fields.get("mount") or default_mount(leg, axis, station),
         station=station,
         time_s=row.optional("time_s", row.number, None),

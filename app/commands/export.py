@@ -41,10 +41,10 @@ def export(
     from app.exports.writing import write_files
     from protocols.errors import UsageError
 
-    if home_offset and ini:
+    if home_offset is not None and ini:
         raise UsageError("--home-offset and --ini", "both", "one of them")
     offsets, warnings = offsets_from_file(source, subset.value, method.value)
-    if home_offset:
+    if home_offset is not None:
         offsets = with_home_offset(offsets, _triple(home_offset))
     if ini:
         offsets = with_home_offset(offsets, read_home_offsets(ini))
@@ -61,11 +61,10 @@ def export(
 
 def _triple(text: str) -> tuple[float, float, float]:
     from protocols.errors import UsageError
+    from protocols.table import NUMBER
 
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError as problem:
-        raise UsageError(
-            "--home-offset", repr(text), "three numbers in mm: '1.5,0,-2'"
-        ) from problem
+    parts = text.split(",")
+    if len(parts) != 3 or not all(NUMBER.fullmatch(part.strip()) for part in parts):
+        raise UsageError("--home-offset", repr(text), "three numbers in mm: '1.5,0,-2'")
+    x, y, z = (float(part) for part in parts)
     return x, y, z

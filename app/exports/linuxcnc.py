@@ -14,6 +14,7 @@ from app.exports.offsets import Offsets, Written
 from calib.observations import LEG_NAMES
 from protocols.documents import read_text
 from protocols.errors import RecordError, UsageError
+from protocols.table import NUMBER
 
 
 def joint_includes(offsets: Offsets) -> Written:
@@ -70,7 +71,7 @@ def read_home_offsets(path: Path) -> tuple[float, float, float]:
 
 def _number(path: Path, section: str, found: dict[str, str]) -> float:
     text = found.get(section, "")
-    if not re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", text, re.ASCII):
+    if not NUMBER.fullmatch(text):
         raise RecordError(
             f"INI file {path}, [{section}] HOME_OFFSET",
             repr(text) if text else "nothing",

@@ -8,7 +8,7 @@ from rich.table import Table
 
 from app.documents import standard_uncertainties
 from app.solving import Solved
-from app.wording.tables import new_table, signed, table_text
+from app.wording.tables import new_table, signed, table_text, wrapped
 from calib.solution import SUBSETS, Solution, Subset
 
 SUBSET_WORDS: dict[Subset, str] = {
@@ -23,15 +23,18 @@ def solution_text(solved: Solved) -> str:
     """The whole result: the sentence that matters, warnings, then the tables."""
     solution = solved.solution
     parts = [
-        f"{', '.join(solved.names)}: {SUBSET_WORDS[solution.subset]}, {method_words(solution)}, "
-        f"{solved.reading_count} readings",
-        "\n".join([verdict(solution), *warnings(solved)]),
+        wrapped(
+            f"{', '.join(solved.names)}: {SUBSET_WORDS[solution.subset]}, "
+            f"{method_words(solution)}, {solved.reading_count} readings"
+        ),
+        wrapped("\n".join([verdict(solution), *warnings(solved)])),
         table_text(parameter_table(solution)),
         table_text(difference_table(solution)),
         table_text(subset_table(solved)),
-        noise_words(solution),
+        wrapped(noise_words(solution)),
     ]
-    return "\n\n".join(parts)
+    remarks = [remark for session in solved.sessions for remark in session.opened.remarks]
+    return "\n\n".join([*parts, *(wrapped(f"Remark: {remark}") for remark in remarks)])
 
 
 def method_words(solution: Solution) -> str:

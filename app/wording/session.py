@@ -7,7 +7,7 @@ from typing import Any
 
 from app.leg_table import LegRow
 from app.opening import Plan
-from app.wording.tables import new_table, signed, table_text
+from app.wording.tables import new_table, signed, table_text, wrapped
 from calib.observations import LEG_NAMES, conditions
 from calib.orthoglide.geometry import Geometry
 from calib.orthoglide.pipeline import command
@@ -74,7 +74,8 @@ def dry_run_text(procedure: Procedure, geometry: Geometry, indicators: int) -> s
     for step in procedure.steps(geometry, indicators):
         place = (str(step.number), step.leg, step.posture(geometry), str(step.cycle))
         table.add_row(*place, f"{step.station:g}", " ".join(step.axes), mdi_line(step))
-    return f"{procedure_sentence(procedure, geometry, indicators)}\n\n{table_text(table)}"
+    sentence = wrapped(procedure_sentence(procedure, geometry, indicators))
+    return f"{sentence}\n\n{table_text(table)}"
 
 
 def check_text(plan: Plan, *, continued: bool) -> str:
@@ -85,6 +86,8 @@ def check_text(plan: Plan, *, continued: bool) -> str:
         check = "Move each spindle by hand: the right display must follow, and read in mm."
     sentence = procedure_sentence(plan.procedure, plan.machine.geometry(), plan.indicators)
     begin = "Enter continues the session" if continued else "Enter begins the session"
+    if continued:
+        begin += "; after a break the indicators get a new zero"
     entered = ""
     if plan.before is not None:
         entered = "Verification: the exported offsets must now be in the controller.\n"
@@ -144,4 +147,5 @@ def replay_text(document: dict[str, Any]) -> str:
         place = (a["leg"], a["axis"], f"{a['station']:g}", f"{a['displacement_mm']:+.2f}")
         averages.add_row(*place, signed(a["mean_mm"], 4), str(a["readings"]))
     title = f"{document['session']}: {len(document['readings'])} readings ({document['end']})"
-    return "\n\n".join([title, table_text(readings), "Averages", table_text(averages)])
+    remarks = [wrapped(f"Remark: {remark}") for remark in document["remarks"]]
+    return "\n\n".join([title, *remarks, table_text(readings), "Averages", table_text(averages)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from io import StringIO
+from textwrap import fill
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -13,7 +14,7 @@ WIDTH = 80
 
 def new_table(*headings: str, left: int = 1) -> Table:
     """A table; the first ``left`` columns are text, the others numbers."""
-    table = Table(box=SIMPLE_HEAD)
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for number, heading in enumerate(headings):
         table.add_column(heading, justify="left" if number < left else "right")
     return table
@@ -27,6 +28,14 @@ def table_text(table: Table) -> str:
     )
     console.print(table)
     return "\n".join(line.rstrip() for line in out.getvalue().strip("\n").splitlines()).strip("\n")
+
+
+def wrapped(text: str) -> str:
+    """Every line of the text broken at the width of a plain terminal."""
+    return "\n".join(
+        fill(line, WIDTH, break_long_words=False, break_on_hyphens=False)
+        for line in text.splitlines()
+    )
 
 
 def signed(value: float, decimals: int = 3) -> str:

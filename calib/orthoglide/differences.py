@@ -23,7 +23,7 @@ class Differences:
     ``combine`` has shape ``(n_differences, n_readings)``: ``value_mm = combine @ readings``, and
     the same map turns a reading matrix into system (11) and a reading covariance into (14).
     ``names`` are ``axis_leg`` with ``+`` for Max, ``-`` for Min, both minus Zero; ``y_x`` alone is
-    Max minus Min where Zero is missing; other displacements are written out, as in ``y_x@30``.
+    Max minus Min where Zero is missing; other displacements are written out, as in ``y_x@30.0``.
     """
 
     names: tuple[str, ...]
@@ -102,12 +102,12 @@ def _names(geometry: Geometry, keys: list[tuple[float, ...]]) -> Iterable[str]:
     for leg, axis, station, level, reference in keys:
         short = f"{LEG_NAMES[int(axis)]}_{LEG_NAMES[int(leg)]}"
         at_station = (
-            "" if stations.setdefault((leg, axis), station) == station else f"@s{station:g}"
+            "" if stations.setdefault((leg, axis), station) == station else f"@s{station!r}"
         )
         if (level, reference) == (geometry.travel_max_mm, geometry.travel_min_mm):
             yield short + at_station
         elif reference == 0.0 and level in (geometry.travel_max_mm, geometry.travel_min_mm):
             yield short + ("+" if level > 0 else "-") + at_station
         else:
-            from_reference = "" if reference == 0.0 else f"-({reference:g})"
-            yield f"{short}@{level:g}{from_reference}{at_station}"
+            from_reference = "" if reference == 0.0 else f"-({reference!r})"
+            yield f"{short}@{level!r}{from_reference}{at_station}"

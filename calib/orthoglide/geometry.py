@@ -25,10 +25,9 @@ class Geometry:
     tool_radius_mm: float = 31.0
 
     def __post_init__(self) -> None:
-        if not self.leg_length_mm > 0:
-            raise CalibrationError(
-                "leg_length_mm", f"{self.leg_length_mm:g}", "a positive length in mm"
-            )
+        for name in ("leg_length_mm", "parallelogram_width_mm", "tool_radius_mm"):
+            if not getattr(self, name) > 0:
+                raise CalibrationError(name, f"{getattr(self, name):g}", "a positive length in mm")
         if not -self.leg_length_mm < self.travel_min_mm < 0 < self.travel_max_mm:
             raise CalibrationError(
                 "joint limits",

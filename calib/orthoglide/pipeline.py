@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from calib.observations import Conditions, FloatArray
 from calib.orthoglide.geometry import Geometry
-from calib.orthoglide.kinematics import trilaterate
+from calib.orthoglide.kinematics import inverse, trilaterate
 
 COMPLEX_STEP_MM = 1e-30
 
@@ -55,7 +55,8 @@ class Effect(Protocol):
 class Flow:
     """What has passed through the stages so far: n readings and, as last row, the Zero posture.
 
-    The Zero row is where an indicator is mounted: it fixes the point that the indicator keeps.
+    The Zero row is where an indicator is mounted: it fixes the point that the indicator keeps. It
+    belongs to no mounting (-1), has no temperature and was approached from nowhere.
     """
 
     geometry: Geometry
@@ -85,8 +86,9 @@ def simulate(
 ) -> NDArray[Any]:
     """Readings ``(..., n_readings)`` in mm for parameters ``(..., 6)`` in mm.
 
-    Order of the parameters: `PARAMETER_NAMES`. A reading is relative to the touched point of the
-    Zero posture; the unknown zero of each mounting is not added. Raises UnreachablePosture.
+    Order of the parameters: `PARAMETER_NAMES`. A reading is relative to the point of the straight
+    bar that is touched in the Zero posture, so it is zero there but for effects; the unknown zero
+    of each mounting is not added. Raises UnreachablePosture.
     """
     parameters = np.asarray(parameters_mm)
     with_zero = _append_zero_row(taken)
@@ -116,8 +118,6 @@ def command(geometry: Geometry, taken: Conditions) -> FloatArray:
     Zero commands (L, L, L); displacement s along axis i commands ``L + s`` on joint i and
     ``sqrt(L^2 - s^2)`` on the others (papers/000, section 2.4). Raises UnreachablePosture.
     """
-    from calib.orthoglide.kinematics import inverse
-
     position = np.zeros((len(taken), 3))
     position[np.arange(len(taken)), taken.leg] = taken.displacement_mm
     return inverse(position, geometry.leg_length_mm)
@@ -205,7 +205,7 @@ def _own_foot(flow: Flow) -> NDArray[Any]:
 
 def _append_zero_row(taken: Conditions) -> Conditions:
     """The conditions with one more row: the Zero posture, in which indicators are mounted."""
-    zero = {"station": 0.5, "axis": 1}
+    zero = {"station": 0.5, "axis": 1, "temperature_c": np.nan, "mount": -1}
     arrays = {
         f.name: np.append(getattr(taken, f.name), zero.get(f.name, 0)) for f in fields(Conditions)
     }

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from calib.errors import NotIdentifiable
 from calib.identify import identify
+from calib.noise import IndicatorFigures
 from calib.observations import Observations, conditions, observe
 from calib.orthoglide.model import Model
 from calib.solution import SUBSETS, Method, Subset
@@ -51,8 +52,17 @@ def test_two_stations() -> None:
 @pytest.mark.parametrize("subset", list(SUBSETS))
 def test_covariance_weighting_is_the_exact_fit_to_first_order(subset: Subset) -> None:
     data = observed([1e-5, -2e-5, 1e-5, 0.0, 1e-5, 0.0], postures(), scatter_mm=1e-5)
-    weighted = identify(MODEL, data, subset, "linear", weights="covariance", repeatability_mm=1e-5)
-    exact = identify(MODEL, data, subset, "exact", repeatability_mm=1e-5)
+    weighted = identify(
+        MODEL,
+        data,
+        subset,
+        "linear",
+        weights="covariance",
+        indicator=IndicatorFigures(repeatability_mm=1e-5),
+    )
+    exact = identify(
+        MODEL, data, subset, "exact", indicator=IndicatorFigures(repeatability_mm=1e-5)
+    )
     assert weighted.values_mm == pytest.approx(exact.values_mm, abs=1e-7)
     assert weighted.covariance_mm2 == pytest.approx(exact.covariance_mm2, rel=1e-2)
 
@@ -61,7 +71,12 @@ def test_weighting_by_14_against_its_own_formula() -> None:
     """Generalised least squares with the covariance matrix as printed in the papers."""
     data = observed([0.3, -0.2, 0.5, 0.0, 0.0, 0.0], postures(), scatter_mm=0.02, seed=3)
     solution = identify(
-        MODEL, data, "joint-offsets", "linear", weights="covariance", repeatability_mm=0.02
+        MODEL,
+        data,
+        "joint-offsets",
+        "linear",
+        weights="covariance",
+        indicator=IndicatorFigures(repeatability_mm=0.02),
     )
     block = np.array([[2.0, 0, 1, 0], [0, 2, 0, 1], [1, 0, 2, 0], [0, 1, 0, 2]])
     inverse = np.linalg.inv(np.kron(np.eye(3), block))
@@ -101,8 +116,12 @@ def test_averaged_values_weigh_as_their_number_of_readings() -> None:
         for key in zip(means.leg, means.axis, means.displacement_mm, strict=True)
     }
     averaged = observe(means, np.array(list(cells.values())), np.full(len(means), 3.0))
-    one = identify(MODEL, single, "joint-offsets", "exact", repeatability_mm=0.01)
-    three = identify(MODEL, averaged, "joint-offsets", "exact", repeatability_mm=0.01)
+    one = identify(
+        MODEL, single, "joint-offsets", "exact", indicator=IndicatorFigures(repeatability_mm=0.01)
+    )
+    three = identify(
+        MODEL, averaged, "joint-offsets", "exact", indicator=IndicatorFigures(repeatability_mm=0.01)
+    )
     assert one.values_mm == pytest.approx(three.values_mm, abs=1e-9)
     ratio = one.noise.standard_deviation_mm / 0.01
     assert one.covariance_mm2 == pytest.approx(three.covariance_mm2 * ratio**2)
@@ -118,7 +137,7 @@ def test_one_leg_only_names_what_is_not_seen() -> None:
     full = observed([0.1] * 6, postures())
     one_leg: Observations = full.take(full.leg == 0)
     with pytest.raises(NotIdentifiable, match="not seen"):
-        identify(MODEL, one_leg, "both", "exact", repeatability_mm=0.01)
+        identify(MODEL, one_leg, "both", "exact", indicator=IndicatorFigures(repeatability_mm=0.01))
 
 
 def test_no_degree_of_freedom_and_no_noise_figure() -> None:
@@ -143,3 +162,17 @@ def test_lack_of_fit_is_quiet_on_good_data_and_loud_on_a_bent_leg() -> None:
 def test_long_legs_are_recommended_to_be_identified_too() -> None:
     data = observed([1.0, -0.5, 0.3, 2.0, -1.5, 1.0], postures(repeats=3), scatter_mm=0.001)
     assert choose_subset(MODEL, data).recommended == "both"
+
+
+def test_one_blunder_does_not_take_the_other_subsets_along() -> None:
+    """A reading ten millimetres off: what can be solved is solved, what cannot is refused."""
+    good = observed([-0.5, 0.5, -1.7, 0, 0, 0], postures(), scatter_mm=0.02)
+    value = good.value_mm.copy()
+    value[4] += 10.0
+    choice = choose_subset(
+        MODEL, observe(good, value), indicator=IndicatorFigures(repeatability_mm=0.02)
+    )
+    assert "joint-offsets" in choice.solutions
+    fit = choice.solutions["joint-offsets"].lack_of_fit
+    assert fit is not None
+    assert fit.p_value < 1e-6

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from calib.distributions import coverage_factor, variance_ratio_p_value
-from calib.noise import cells, instrument_noise, reading_noise
+from calib.noise import IndicatorFigures, cells, reading_noise, visits
 from calib.observations import observe
 from calib.simulation import round_to
 from tests.builders import observed, postures
@@ -18,32 +19,68 @@ TRUTH = [0.3, -0.2, 0.1, 0.0, 0.0, 0.0]
 
 def test_repeats_first() -> None:
     data = observed(TRUTH, postures(repeats=3), scatter_mm=0.01, seed=2)
-    noise = reading_noise(data, resolution_mm=0.001, repeatability_mm=0.5)
+    noise = reading_noise(data, IndicatorFigures(0.001, 0.5))
     assert noise is not None
     assert (noise.source, noise.degrees_of_freedom) == ("repeats", 36.0)
     scatter = data.value_mm.reshape(6, 3, 3).std(axis=1, ddof=1)
     assert noise.standard_deviation_mm == pytest.approx(math.sqrt((scatter**2).mean()))
 
 
-def test_identical_repeats_leave_it_to_the_resolution() -> None:
+@pytest.mark.parametrize(
+    "indicator", [IndicatorFigures(resolution_mm=0.01), IndicatorFigures(step_mm=0.01)]
+)
+def test_identical_repeats_leave_it_to_the_resolution(indicator: IndicatorFigures) -> None:
     data = observed(TRUTH, postures(repeats=3))
     rounded = observe(data, round_to(data.value_mm, 0.01))
-    noise = reading_noise(rounded, resolution_mm=0.01)
+    noise = reading_noise(rounded, indicator)
     assert noise is not None
     assert noise.source == "instrument"
     assert noise.standard_deviation_mm == pytest.approx(0.01 / math.sqrt(12))
 
 
+def test_equal_repeats_are_no_noise_of_zero() -> None:
+    """(0.1 + 0.1 + 0.1) / 3 is not 0.1: rounding of the arithmetic must not pose as noise."""
+    taken = postures(repeats=3)
+    assert reading_noise(observe(taken, np.full(len(taken), 0.1)), IndicatorFigures()) is None
+
+
 def test_nothing_known() -> None:
-    assert reading_noise(observed(TRUTH, postures())) is None
-    assert instrument_noise(None, 0.0) is None
+    assert reading_noise(observed(TRUTH, postures()), IndicatorFigures()) is None
+    assert IndicatorFigures(None, 0.0).noise() is None
 
 
 def test_cells_pool_what_ought_to_be_equal() -> None:
     grouped = cells(observed(TRUTH, postures(repeats=3), scatter_mm=0.01))
-    assert len(grouped) == 18
+    assert grouped.count == 18
     assert grouped.degrees_of_freedom == 36
-    assert grouped.weight == pytest.approx(np.full(18, 3.0))
+
+
+def test_the_two_directions_of_approach_are_different_cells() -> None:
+    data = observed(TRUTH, postures(repeats=4), scatter_mm=0.001)
+    approach = np.where(np.arange(len(data)) % 6 < 3, 1.0, -1.0)
+    lost_motion = replace(data, approach=approach, value_mm=data.value_mm + 0.02 * approach)
+    noise = reading_noise(lost_motion, IndicatorFigures())
+    assert noise is not None
+    assert noise.standard_deviation_mm < 0.0015
+
+
+def test_repeats_in_place_count_as_one_visit() -> None:
+    """Readings with no motion between them share the error of their approach."""
+    taken = postures((0.0, 0.0, 0.0, 60.0, 60.0, -100.0), repeats=2)
+    data = observed(TRUTH, taken, scatter_mm=0.01)
+    visited = visits(data)
+    assert len(visited) == 6 * 2 * 3
+    assert visited.value_mm[0] == pytest.approx(data.value_mm[:3].mean())
+    assert visited.averaged == pytest.approx(np.ones(36))
+    noise = reading_noise(visited, IndicatorFigures())
+    assert noise is not None
+    assert noise.degrees_of_freedom == 18
+
+
+def test_only_repeats_in_place_leave_it_to_the_instrument() -> None:
+    data = observed(TRUTH, postures((0.0, 0.0, 60.0, 60.0)), scatter_mm=0.01)
+    noise = reading_noise(visits(data), IndicatorFigures(repeatability_mm=0.02))
+    assert noise == IndicatorFigures(repeatability_mm=0.02).noise()
 
 
 @pytest.mark.parametrize(("df", "k"), [(6, 2.447), (1, 12.706), (math.inf, 1.960)])

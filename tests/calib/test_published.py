@@ -12,6 +12,7 @@ import pytest
 
 from calib.errors import NotIdentifiable
 from calib.identify import identify
+from calib.noise import IndicatorFigures
 from calib.observations import Observations
 from calib.orthoglide.differences import differences
 from calib.orthoglide.geometry import Geometry
@@ -24,6 +25,7 @@ from protocols.record import read_record
 from protocols.session import fold
 
 MODEL = Model()
+STATED = IndicatorFigures(resolution_mm=0.01, repeatability_mm=0.02)
 
 
 def published(samples: Path, name: str) -> Observations:
@@ -31,14 +33,7 @@ def published(samples: Path, name: str) -> Observations:
 
 
 def solved(samples: Path, name: str, subset: Subset) -> Solution:
-    return identify(
-        MODEL,
-        published(samples, name),
-        subset,
-        "linear",
-        resolution_mm=0.01,
-        repeatability_mm=0.02,
-    )
+    return identify(MODEL, published(samples, name), subset, "linear", indicator=STATED)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +122,11 @@ def test_accuracy_of_equations_12_and_14(
     from tests.builders import observed, postures
 
     solution = identify(
-        MODEL, observed([0.0] * 6, postures()), subset, "linear", repeatability_mm=0.01
+        MODEL,
+        observed([0.0] * 6, postures()),
+        subset,
+        "linear",
+        indicator=IndicatorFigures(repeatability_mm=0.01),
     )
     assert np.sqrt(np.diag(solution.covariance_mm2))[0] == pytest.approx(
         expected, abs=last_digit / 2
@@ -137,9 +136,7 @@ def test_accuracy_of_equations_12_and_14(
 @pytest.mark.parametrize("name", ["experiment_1_six", "experiment_2_six", "experiment_2_twelve"])
 def test_joint_offsets_alone_are_recommended(samples: Path, name: str) -> None:
     """As the authors chose for experiment 2, here by computation."""
-    choice = choose_subset(
-        MODEL, published(samples, name), resolution_mm=0.01, repeatability_mm=0.02
-    )
+    choice = choose_subset(MODEL, published(samples, name), indicator=STATED)
     assert choice.recommended == "joint-offsets"
 
 

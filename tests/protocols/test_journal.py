@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from protocols.errors import RecordError
-from protocols.events import Noted, Opened, Reading
+from protocols.events import Line, Noted, Opened, Reading, Superseded
 from protocols.journal import Journal, write_whole
 from protocols.machine import Machine
 from protocols.record import read_record
@@ -222,3 +222,47 @@ def test_several_events_are_written_all_or_none(
     assert len(journal.events) == 1
     journal.close()
     assert len(read_record(path).events) == 1
+
+
+def test_a_failed_take_back_does_not_spoil_what_comes_after(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither the write nor the cut succeeds; the next write cuts first."""
+    journal = Journal.create(path, opened())
+    real = journal._file
+
+    class Broken:
+        def __getattr__(self, name: str) -> object:
+            return getattr(real, name)
+
+        def truncate(self, size: int) -> int:
+            raise OSError(errno.EIO, "Input/output error")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(journal, "_file", Broken())
+        patched.setattr(os, "fsync", lambda _: (_ for _ in ()).throw(OSError(errno.EIO, "I/O")))
+        with pytest.raises(RecordError):
+            journal.append(*[reading(n) for n in range(1, 6)])
+    journal.append(Noted(text="short"))
+    journal.close()
+    assert [event.event for event in read_record(path).events] == ["opened", "noted"]
+
+
+@pytest.mark.parametrize(
+    ("events", "said"),
+    [
+        ([reading(2)], "found reading 2. Allowed: reading 1"),
+        ([reading(1), Superseded(readings=(2,), reason="x")], "before it was taken"),
+        ([reading(1), reading(2).model_copy(update={"axis": "z"})], "in a second place"),
+    ],
+)
+def test_records_are_checked_for_meaning(path: Path, events: list[Line], said: str) -> None:
+    write_whole(path, opened(), events)
+    with pytest.raises(RecordError, match=said):
+        read_record(path)
+
+
+def test_text_that_is_not_unicode_leaves_no_file(path: Path) -> None:
+    with pytest.raises(RecordError, match="not Unicode"):
+        Journal.create(path, opened().model_copy(update={"operator": "\udcff"}))
+    assert not list(path.parent.iterdir())

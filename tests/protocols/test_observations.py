@@ -49,6 +49,13 @@ def test_superseded_readings_do_not_count() -> None:
     assert found.value_mm.tolist() == [1.0, 3.0]
 
 
+def test_approach_remembers_superseded_readings() -> None:
+    """0, -71, -100 undone, -71 again: that last one was approached upwards."""
+    rows = [("xy", 0.0), ("xy", -71.0), ("xy", -100.0), ("xy", -71.0)]
+    found = to_observations([session(rows, superseded=(2, 3))])
+    assert found.approach.tolist() == [0.0, 1.0]
+
+
 def test_two_sessions_have_mountings_of_their_own() -> None:
     one = session([("xy", 0.0), ("xy", 60.0)])
     found = to_observations([one, one])

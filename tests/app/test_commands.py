@@ -1,0 +1,228 @@
+"""The verbs: results on standard output, errors as one paragraph, documented exit codes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.app.cli import glidecal, refused
+
+EXPERIMENT_2 = "experiment_2_twelve.jsonl"
+
+
+def solve(*arguments: str | Path) -> dict[str, Any]:
+    run = glidecal("solve", *arguments, "--json")
+    assert run.status == 0, run.err
+    document: dict[str, Any] = json.loads(run.out)
+    return document
+
+
+def test_solve_gives_the_published_table(samples: Path) -> None:
+    found = solve(samples / EXPERIMENT_2, "--subset", "joint-offsets", "--method", "linear")
+    values = [p["value"] for p in found["parameters"].values()]
+    assert values == pytest.approx([-0.4856, 0.4990, -1.6712], abs=0.0005)
+    assert found["rms_after_mm"] == pytest.approx(0.1379, abs=0.0005)
+    assert found["recommended_subset"] == "joint-offsets"
+
+
+def test_solution_document_has_everything_promised(samples: Path) -> None:
+    found = solve(samples / EXPERIMENT_2, "--subset", "both", "--method", "linear")
+    assert found["schema"] == "glidecal.solution/1"
+    assert found["sessions"] == [EXPERIMENT_2]
+    assert list(found["parameters"]) == found["covariance"]["names"]
+    first = found["parameters"]["d_rho_x"]
+    assert first["expanded_uncertainty"] == pytest.approx(
+        first["standard_uncertainty"] * first["coverage_factor"]
+    )
+    assert first["unit"] == "mm"
+    assert first["standard_uncertainty"] ** 2 == pytest.approx(found["covariance"]["matrix"][0][0])
+    assert len(found["differences"]) == 12
+    for difference in found["differences"].values():
+        assert difference["residual"] == pytest.approx(
+            difference["value"] - difference["predicted"]
+        )
+    assert found["noise"] == {
+        "standard_deviation_mm": pytest.approx((0.02**2 + 0.01**2 / 12) ** 0.5),
+        "degrees_of_freedom": None,
+        "source": "instrument",
+    }
+    assert found["lack_of_fit"]["p_value"] < 1e-6
+    assert found["condition_number"] == pytest.approx(61.9, abs=0.05)
+    assert found["weak_directions"][0]["combination"] == "d_rho_x + d_L_x"
+    assert found["reasons"]
+    assert found["degrees_of_freedom"] == 6
+
+
+def test_without_a_subset_the_recommended_one_is_solved(samples: Path) -> None:
+    found = solve(samples / EXPERIMENT_2)
+    assert found["subset"] == found["recommended_subset"] == "joint-offsets"
+
+
+def test_six_differences_do_not_give_both(samples: Path) -> None:
+    path = samples / "experiment_1_six.jsonl"
+    said = refused(5, "solve", path, "--subset", "both")
+    assert "3 of 6 combinations not seen" in said
+    assert solve(path)["subset"] == "joint-offsets"
+
+
+def test_import_keeps_everything_and_solves_the_same(samples: Path, tmp_path: Path) -> None:
+    table = samples / "tables" / "experiment_2_twelve.csv"
+    made = tmp_path / "s.jsonl"
+    stated = ["--resolution", "0.01", "--repeatability", "0.02"]
+    run = glidecal("import", table, "-o", made, *stated)
+    assert (run.status, run.out) == (0, "")
+    found, sample = solve(made), solve(samples / EXPERIMENT_2)
+    assert found["parameters"] == sample["parameters"]
+    replayed = json.loads(glidecal("replay", made, "--headless", "--json").out)
+    assert len(replayed["readings"]) == 18
+    assert replayed["readings"][1]["text"] == "0.08"
+    assert glidecal("validate", made).status == 0
+
+
+def test_import_of_one_posture_is_kept_but_cannot_be_solved(tmp_path: Path) -> None:
+    table = tmp_path / "t.csv"
+    table.write_text("leg,axis,displacement_mm,value_mm,colour\nx,y,0,0.1,red\nx,y,0,0.2,blue\n")
+    run = glidecal("import", table, "-o", tmp_path / "s.jsonl")
+    assert run.status == 0
+    assert "columns kept but not used: colour" in run.err
+    assert "only one posture" in run.err
+    assert "single posture" in refused(5, "solve", tmp_path / "s.jsonl")
+
+
+def test_bad_table_leaves_no_session(tmp_path: Path) -> None:
+    table = tmp_path / "t.csv"
+    table.write_text("leg,axis,displacement_mm,value_mm\nx,y,0,nan\n")
+    said = refused(3, "import", table, "-o", tmp_path / "s.jsonl")
+    assert "line 2, column value_mm: found 'nan'" in said
+    assert not (tmp_path / "s.jsonl").exists()
+
+
+def test_simulate_is_reproducible_and_does_not_tell_the_truth(tmp_path: Path) -> None:
+    model = tmp_path / "model.json"
+    model.write_text('{"parameters_mm": {"d_rho_x": 1.234567}}')
+    readings = []
+    for name in ("a.jsonl", "b.jsonl"):
+        made = glidecal(
+            *("simulate", "--protocol", "sweep", "--model", model, "--seed", "4"),
+            *("-o", tmp_path / name),
+        )
+        assert made.status == 0
+        document = json.loads(glidecal("replay", tmp_path / name, "--json").out)
+        readings.append(document["readings"])
+    assert readings[0] == readings[1]
+    assert "1.234567" not in (tmp_path / "a.jsonl").read_text()
+    assert solve(tmp_path / "a.jsonl")["parameters"]["d_rho_x"]["value"] == pytest.approx(
+        1.2346, abs=0.01
+    )
+
+
+def test_noise_free_simulation_comes_back(tmp_path: Path) -> None:
+    """Issue figure: offsets and lengths off by up to 3 mm come back to 1e-6 mm."""
+    truth = {"d_rho_x": 2.9, "d_rho_y": -3.0, "d_rho_z": 1.1}
+    truth |= {"d_L_x": -2.2, "d_L_y": 0.4, "d_L_z": 3.0}
+    model = tmp_path / "model.json"
+    model.write_text(json.dumps({"parameters_mm": truth}))
+    made = tmp_path / "s.jsonl"
+    quiet = ["--scatter", "0", "--resolution", "0"]
+    assert glidecal("simulate", "--model", model, *quiet, "-o", made).status == 0
+    found = solve(made, "--subset", "both")["parameters"]
+    assert {k: v["value"] for k, v in found.items()} == pytest.approx(truth, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("damaged.jsonl", "line 9: found a content that does not fit"),
+        ("none.jsonl", "No such file"),
+    ],
+)
+def test_validate_names_the_first_broken_line(samples: Path, name: str, said: str) -> None:
+    assert said in refused(3, "validate", samples / name)
+    assert said in refused(3, "solve", samples / name)
+
+
+def test_validate_all_samples(samples: Path) -> None:
+    good = sorted(p for p in samples.glob("*.jsonl") if p.name != "damaged.jsonl")
+    run = glidecal("validate", *good)
+    assert run.status == 0
+    assert run.out.count("unbroken and closed") == len(good) == 9
+
+
+def test_a_cut_session_is_used_with_a_warning(samples: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.jsonl"
+    content = (samples / "simulated_zero-max-min.jsonl").read_bytes()
+    cut.write_bytes(content[: int(len(content) * 0.9)])
+    assert "cut inside line" in refused(3, "validate", cut)
+    run = glidecal("solve", cut)
+    assert run.status == 0
+    assert "cut inside line" in run.err
+
+
+def test_the_same_session_twice(samples: Path) -> None:
+    path = samples / EXPERIMENT_2
+    assert "the same file twice" in refused(3, "solve", path, path)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "said"),
+    [
+        (["run", "--protocol", "zero-mx-min", "--dry-run"], 2, "zero-max-min"),
+        (["run", "--simulated", "--port", "a"], 2, "one of them"),
+        (["run", "--port", "a", "--port", "a"], 2, "two different ports"),
+        (["run"], 2, "neither --port nor --simulated"),
+        (["run", "--simulated"], 2, "no terminal"),
+        (["run", "--port", "a", "--headless"], 2, "--headless --simulated only"),
+        (["run", "--dry-run", "--machine", "none.toml"], 3, "none.toml"),
+        ([], 2, "no terminal"),
+    ],
+)
+def test_wrong_use(arguments: list[str], status: int, said: str) -> None:
+    assert said in refused(status, *arguments)
+
+
+@pytest.mark.parametrize("arguments", [["solv"], ["solve"], ["solve", "x", "--subset", "all"]])
+def test_wrong_command_line_is_status_2(arguments: list[str]) -> None:
+    run = glidecal(*arguments)
+    assert run.status == 2
+    assert "Traceback" not in run.err
+
+
+def test_run_headless_and_continue(tmp_path: Path) -> None:
+    done = tmp_path / "s.jsonl"
+    run = glidecal("run", "--simulated", "--headless", "-o", done, "--seed", "3")
+    assert run.status == 0, run.err
+    whole = json.loads(glidecal("replay", done, "--json").out)
+    lines = done.read_bytes().splitlines(keepends=True)
+    done.write_bytes(b"".join(lines[:31]) + lines[31][:40])
+    run = glidecal("run", "--continue", done, "--headless")
+    assert run.status == 0, run.err
+    again = json.loads(glidecal("replay", done, "--json").out)
+    counting = [r for r in again["readings"] if not r["superseded"]]
+    assert [(r["leg"], r["axis"], r["displacement_mm"], r["cycle"]) for r in counting] == [
+        (r["leg"], r["axis"], r["displacement_mm"], r["cycle"]) for r in whole["readings"]
+    ]
+    assert glidecal("validate", done).status == 0
+
+
+def test_an_existing_session_is_not_overwritten(samples: Path, tmp_path: Path) -> None:
+    kept = shutil.copy(samples / EXPERIMENT_2, tmp_path / "s.jsonl")
+    before = Path(kept).read_bytes()
+    assert "exists already" in refused(3, "simulate", "-o", kept)
+    assert Path(kept).read_bytes() == before
+
+
+def test_ports_lists_profiles_and_needs_no_port() -> None:
+    run = glidecal("ports", "--json")
+    document = json.loads(run.out)
+    assert [p["name"] for p in document["profiles"]] == ["mitutoyo-01a"]
+    assert "Indicator profiles" in glidecal("ports").out
+
+
+def test_version() -> None:
+    from importlib.metadata import version
+
+    assert glidecal("--version").out.strip() == f"glidecal {version('glidecal')}"

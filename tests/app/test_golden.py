@@ -1,0 +1,35 @@
+"""Texts that people read, compared with files; a changed text is a decision, not an accident.
+
+To accept a changed text: GLIDECAL_GOLDEN=write pytest tests/app/test_golden.py
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from tests.app.cli import glidecal
+
+GOLDEN = Path(__file__).parent.parent / "golden"
+SAMPLE = "sample_sessions/experiment_2_twelve.jsonl"
+TEXTS: dict[str, tuple[str, ...]] = {
+    "solve_linear": ("solve", SAMPLE, "--method", "linear", "--subset", "joint-offsets"),
+    "solve_both": ("solve", SAMPLE, "--method", "linear", "--subset", "both"),
+    "solve_exact": ("solve", SAMPLE),
+    "solve_six": ("solve", "sample_sessions/experiment_1_six.jsonl", "--method", "linear"),
+    "replay": ("replay", "sample_sessions/experiment_3_twelve.jsonl", "--headless"),
+    "dry_run": ("run", "--dry-run", "--protocol", "zero-max-min"),
+}
+
+
+@pytest.mark.parametrize("name", list(TEXTS))
+def test_text(name: str) -> None:
+    run = glidecal(*TEXTS[name], cwd=GOLDEN.parent.parent)
+    assert run.status == 0, run.err
+    path = GOLDEN / f"{name}.txt"
+    if os.environ.get("GLIDECAL_GOLDEN") == "write":
+        path.write_text(run.out, encoding="utf-8", newline="\n")
+    assert run.out == path.read_text(encoding="utf-8")
+    assert max(map(len, run.out.splitlines())) <= 80

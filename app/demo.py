@@ -56,7 +56,7 @@ def verification_plan(plan: Plan, before: Solved) -> Plan:
             for true, new in zip(model.parameters_mm[:3], offsets.joint_offsets_mm, strict=True)
         ]
         truth = replace(model, parameters_mm=(*left, *model.parameters_mm[3:]))
-    path = unused_path(plan.path.with_name(plan.path.stem + "-verify.jsonl"))
+    path = unused_path(plan.path.with_name(plan.path.stem + "_verify.jsonl"))
     return replace(plan, path=path, machine=machine, truth=truth, before=before, seed=plan.seed + 1)
 
 

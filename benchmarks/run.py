@@ -1,0 +1,123 @@
+"""Speed as ratios in one run, printed as Markdown: ``make bench``.
+
+Nothing here is a test: machines are noisy. Every figure stands beside another one of the same run.
+"""
+
+from __future__ import annotations
+
+import platform
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import root
+
+from calib.identify import identify
+from calib.observations import FloatArray
+from calib.orthoglide.kinematics import direct, inverse, trilaterate
+from calib.orthoglide.model import Model
+from protocols.observations import to_observations
+from protocols.record import read_record
+from protocols.session import fold
+
+ROOT = Path(__file__).parent.parent
+SAMPLE = ROOT / "sample_sessions" / "simulated_zero-max-min.jsonl"
+LENGTH_MM = 310.25
+POSTURES = 1_000_000
+ROOT_POSTURES = 500
+ROUNDS = 7
+
+
+def seconds(work: Callable[[], object], rounds: int = ROUNDS) -> float:
+    """Median time of one call."""
+    taken = []
+    for _ in range(rounds):
+        start = time.perf_counter()
+        work()
+        taken.append(time.perf_counter() - start)
+    return statistics.median(taken)
+
+
+def direct_kinematics() -> list[str]:
+    """Direct kinematics of a million postures, beside a general solver in a loop."""
+    tool = np.random.default_rng(1).uniform(-100.0, 60.0, (POSTURES, 3))
+    carriage = inverse(tool, LENGTH_MM)
+    feet = carriage[:100_000, :, None] * np.eye(3)
+    lengths = np.full(3, LENGTH_MM)
+
+    def residual(point: FloatArray, q: FloatArray) -> FloatArray:
+        legs = point - np.diag(q)
+        return np.asarray((legs * legs).sum(axis=1) - LENGTH_MM**2)
+
+    def solver() -> None:
+        for q in carriage[:ROOT_POSTURES]:
+            root(residual, np.zeros(3), args=(q,))
+
+    closed = POSTURES / seconds(lambda: direct(carriage, LENGTH_MM))
+    general = len(feet) / seconds(lambda: trilaterate(feet, lengths))
+    loop = ROOT_POSTURES / seconds(solver, 3)
+    return [
+        "| direct kinematics | postures per second | ratio |",
+        "|---|---|---|",
+        f"| closed form, 1e6 postures | {closed / 1e6:.1f} million | {closed / loop:.0f} |",
+        f"| trilateration, feet anywhere | {general / 1e6:.2f} million | {general / loop:.0f} |",
+        f"| scipy.optimize.root in a loop | {loop:.0f} | 1 |",
+    ]
+
+
+def identification() -> list[str]:
+    """One standard session of 60 readings."""
+    observed = to_observations([fold(read_record(SAMPLE).events)])
+    model = Model()
+    exact = seconds(lambda: identify(model, observed, "both", "exact"), 21)
+    linear = seconds(lambda: identify(model, observed, "both", "linear"), 21)
+    return [
+        "| identification of 60 readings | ms | ratio |",
+        "|---|---|---|",
+        f"| exact, zeros fitted | {exact * 1e3:.2f} | {exact / linear:.1f} |",
+        f"| linear | {linear * 1e3:.2f} | 1 |",
+    ]
+
+
+def processes() -> list[str]:
+    """Whole processes, as a person waits for them."""
+    python = seconds(lambda: run("-c", "pass"))
+    rows = {
+        "glidecal --help": seconds(lambda: run("-m", "app", "--help")),
+        "glidecal solve, a sample": seconds(lambda: run("-m", "app", "solve", str(SAMPLE))),
+        "glidecal demo --headless": seconds(demo, 3),
+    }
+    return [
+        "| whole process | s | times an empty Python |",
+        "|---|---|---|",
+        *(f"| {name} | {taken:.3f} | {taken / python:.1f} |" for name, taken in rows.items()),
+        f"| python -c pass | {python:.3f} | 1 |",
+    ]
+
+
+def run(*arguments: str) -> None:
+    """One Python process; its output is thrown away."""
+    subprocess.run([sys.executable, *arguments], capture_output=True, check=True, cwd=ROOT)
+
+
+def demo() -> None:
+    """The whole demonstration in a folder that is thrown away."""
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        run("-m", "app", "demo", "--headless", "--folder", folder)
+
+
+def main() -> None:
+    """Print every table."""
+    print(f"Python {platform.python_version()}, numpy {np.__version__}, {platform.machine()}\n")
+    for table in (direct_kinematics, identification, processes):
+        print("\n".join(table()), end="\n\n", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,92 @@
+"""A real terminal: tmux types the keys and reads the screen."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.skipif(shutil.which("tmux") is None, reason="tmux is not installed")
+
+PATIENCE_S = 30.0
+
+
+class Terminal:
+    """An 80 × 24 terminal of its own server."""
+
+    def __init__(self, folder: Path) -> None:
+        self._tmux = ["tmux", "-S", str(folder / "tmux"), "-f", "/dev/null"]
+        self._folder = folder
+
+    def start(self, *arguments: str) -> None:
+        command = " ".join([sys.executable, "-m", "app", *arguments])
+        script = f"cd '{self._folder}' && {command}; echo STATUS $?; sleep 60"
+        self._call("new-session", "-d", "-x", "80", "-y", "24", script)
+
+    def press(self, *keys: str) -> None:
+        self._call("send-keys", *keys)
+
+    def screen(self) -> str:
+        return self._call("capture-pane", "-p")
+
+    def wait_for(self, text: str) -> str:
+        deadline = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline:
+            if text in (shown := self.screen()):
+                return shown
+            time.sleep(0.1)
+        pytest.fail(f"{text!r} did not appear:\n{self.screen()}")
+
+    def stop(self) -> None:
+        subprocess.run([*self._tmux, "kill-server"], capture_output=True, check=False)
+
+    def _call(self, *arguments: str) -> str:
+        done = subprocess.run(
+            [*self._tmux, *arguments], capture_output=True, text=True, check=True, timeout=20
+        )
+        return done.stdout
+
+
+@pytest.fixture
+def terminal(tmp_path: Path) -> Iterator[Terminal]:
+    opened = Terminal(tmp_path)
+    yield opened
+    opened.stop()
+
+
+def test_demo_is_driven_by_keys_and_paused_with_ctrl_c(terminal: Terminal, tmp_path: Path) -> None:
+    terminal.start("demo")
+    terminal.wait_for("Enter begins the session")
+    terminal.press("Enter")
+    terminal.wait_for("LEG X   ZERO   cycle 1 of 3")
+    terminal.press("Space")
+    shown = terminal.wait_for("Taken and on the disk, step 1")
+    assert "G53 G0 X60.000" in shown
+    assert "f10 Pause" in shown
+    terminal.press("a")
+    terminal.wait_for("Taken and on the disk, step 3")
+    terminal.press("C-c")
+    shown = terminal.wait_for("STATUS")
+    assert "STATUS 130" in shown
+    joined = shown.replace("\n", "")
+    assert "glidecal run --continue" in joined
+    (session,) = (tmp_path / "demo-sessions").glob("*.jsonl")
+    terminal.start("run", "--continue", str(session))
+    terminal.wait_for("Enter continues the session")
+    terminal.press("F10")
+    terminal.wait_for("STATUS 0")
+
+
+def test_home(terminal: Terminal) -> None:
+    terminal.start()
+    shown = terminal.wait_for("Demonstration on a simulated machine")
+    assert "New session on real indicators" in shown
+    terminal.press("Enter")
+    terminal.wait_for("First indicator, port")
+    terminal.press("F10")
+    terminal.wait_for("STATUS 0")

@@ -1,4 +1,4 @@
-# make demo: try the program · make test: every test · make check: lint, types, imports
+# make demo: try the program · make check: lint, types, imports · make test: check and every test
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -9,7 +9,7 @@ PIP := $(BIN)/pip --disable-pip-version-check install --quiet
 demo: $(VENV)/runtime.stamp
 	$(BIN)/glidecal demo
 
-test: $(VENV)/dev.stamp
+test: check
 	$(BIN)/pytest -n auto
 
 check: $(VENV)/dev.stamp
@@ -32,9 +32,11 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/runtime.stamp: $(VENV)/bin/python pyproject.toml constraints.txt
+	@echo "Installing into $(VENV), once; this takes about half a minute."
 	$(PIP) -c constraints.txt -e .
 	@touch $@
 
 $(VENV)/dev.stamp: $(VENV)/bin/python pyproject.toml constraints.txt
+	@echo "Installing into $(VENV), once; this takes about a minute."
 	$(PIP) -c constraints.txt -e '.[dev]'
 	@touch $@ $(VENV)/runtime.stamp

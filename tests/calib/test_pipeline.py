@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from calib.errors import UnreachablePosture
-from calib.observations import conditions
+from calib.observations import conditions, observe
+from calib.orthoglide.differences import differences
 from calib.orthoglide.geometry import Geometry
 from calib.orthoglide.linear import reading_matrix
 from calib.orthoglide.model import Model
@@ -40,6 +41,29 @@ def test_system_11_is_the_derivative_of_the_exact_pipeline(
     steps = h * np.eye(6)
     central = (simulate(geometry, steps, taken) - simulate(geometry, -steps, taken)).T / (2 * h)
     assert reading_matrix(geometry, taken) == pytest.approx(central, abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("levels", "expected_names"),
+    [
+        ((0.0, 60.0, -100.0), {"y_x+", "y_x-"}),
+        ((60.0, -100.0), {"y_x"}),
+        ((60.0, 25.0), {"y_x@60.0-(25.0)"}),
+        ((0.0, 60.0, -37.0), {"y_x+", "y_x@-37.0"}),
+    ],
+)
+def test_any_set_of_differences_is_the_derivative_of_the_exact_pipeline(
+    levels: tuple[float, ...], expected_names: set[str]
+) -> None:
+    """Missing zeros, only Max minus Min, extra displacements: system (11) of what is there."""
+    taken = postures(levels)
+    measured = differences(NOMINAL, observe(taken, np.zeros(len(taken))))
+    assert {name for name in measured.names if name.startswith("y_x")} == expected_names
+    h = 1e-3
+    steps = h * np.eye(6)
+    central = (simulate(NOMINAL, steps, taken) - simulate(NOMINAL, -steps, taken)).T / (2 * h)
+    system = measured.combine @ reading_matrix(NOMINAL, taken)
+    assert system == pytest.approx(measured.combine @ central, abs=1e-8)
 
 
 def test_complex_step_derivatives_away_from_the_nominal_machine() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import sys
 from typing import Annotated
 
@@ -18,7 +20,7 @@ from app.commands import (
     solve,
     validate,
 )
-from app.exit_codes import exit_code
+from app.exit_codes import Exit, exit_code
 from calib.errors import GlidecalError
 
 VERSION = "0.1.0"
@@ -68,10 +70,40 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a console without UTF-8 gets "?" and no traceback
             stream.reconfigure(errors="replace")
+    status = _run()
+    try:
+        sys.stdout.flush()
+    except OSError as problem:  # the reader of our output is gone, or its disk is full
+        status = status or _give_up_output(problem)
+    sys.exit(status)
+
+
+def _run() -> int:
     try:
         cli()
     except GlidecalError as problem:
-        print(f"glidecal: {problem}", file=sys.stderr)
-        sys.exit(exit_code(problem))
+        _tell(f"glidecal: {problem}")
+        return exit_code(problem)
     except KeyboardInterrupt:
-        sys.exit(130)
+        return Exit.INTERRUPTED
+    except OSError as problem:
+        return _give_up_output(problem)
+    except SystemExit as leaving:  # typer says 1 where the reader of our output is gone
+        status = leaving.code if isinstance(leaving.code, int) else 0
+        return Exit.INTERRUPTED if status == 1 else status
+    return Exit.DONE
+
+
+def _give_up_output(problem: OSError) -> int:
+    """Nothing more can be written: point the stream elsewhere so that leaving is quiet."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if isinstance(problem, BrokenPipeError):
+        return Exit.INTERRUPTED
+    _tell(f"glidecal: standard output: {problem.strerror or problem}.")
+    return Exit.RECORD
+
+
+def _tell(text: str) -> None:
+    with contextlib.suppress(OSError):
+        print(text, file=sys.stderr, flush=True)

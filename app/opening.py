@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -195,7 +196,8 @@ def _nothing() -> None:
 
 def session_name(folder: Path, word: str) -> Path:
     """A new file name with date and time."""
-    return unused_path(folder / f"{datetime.now():%Y-%m-%d_%H%M%S}_{word}.jsonl")
+    plain = re.sub(r"[^\w-]+", "-", word)[:40]
+    return unused_path(folder / f"{datetime.now():%Y-%m-%d_%H%M%S}_{plain}.jsonl")
 
 
 def unused_path(path: Path) -> Path:

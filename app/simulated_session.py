@@ -47,7 +47,7 @@ def simulated_session(
         resolution_mm=resolution_mm,
         generator=np.random.default_rng(seed),
     )
-    decimals = -math.floor(math.log10(resolution_mm)) if resolution_mm > 0 else EXACT_DECIMALS
+    decimals = max(0, -math.floor(math.log10(resolution_mm))) if resolution_mm else EXACT_DECIMALS
     texts = [f"{value:.{decimals}f}" for value in values]
     return opened, tuple(
         reading.model_copy(update={"value_mm": float(text), "text": text})

@@ -30,10 +30,11 @@ class Solved:
 
 def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
     """Sessions and warnings about records that have no proper end. Raises RecordError."""
-    doubled = [path for k, path in enumerate(paths) if path in paths[:k]]
-    if doubled:
-        raise RecordError(f"session {doubled[0]}", "the same file twice", "each session once")
     records = [read_record(path) for path in paths]
+    digests = [record.digest for record in records]
+    for number, record in enumerate(records):
+        if record.digest in digests[:number]:
+            raise RecordError(f"session {record.path}", "the same session twice", "each one once")
     warnings = [end_warning(record) for record in records if record.end != "closed"]
     return [fold(record.events) for record in records], warnings
 

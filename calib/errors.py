@@ -13,6 +13,8 @@ An error says four things: the thing, the value found, what is allowed, and what
 
 from __future__ import annotations
 
+LONGEST_FOUND = 300
+
 
 class GlidecalError(Exception):
     """Base of every error that is meant for a person.
@@ -31,11 +33,17 @@ class GlidecalError(Exception):
     def paragraph(self) -> str:
         """One short paragraph in the order thing, found, allowed, next step."""
         parts = [
-            f"{self.thing}: found {self.found}" if self.found else self.thing,
+            f"{self.thing}: found {_short(self.found)}" if self.found else self.thing,
             f"Allowed: {self.allowed}" if self.allowed else "",
             self.next_step,
         ]
         return " ".join(part.rstrip(".") + "." for part in parts if part)
+
+
+def _short(text: str) -> str:
+    """The text on one line, its end left out where it is long."""
+    line = " ".join(text.split())
+    return line if len(line) <= LONGEST_FOUND else line[:LONGEST_FOUND] + " …"
 
 
 class CalibrationError(GlidecalError):

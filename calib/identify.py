@@ -52,11 +52,11 @@ def identify(
         refuse_unseen(efficient.information(visited), noise, free, subset)
     papers = method == "linear" and weights == "equal"
     fit = papers_fit(model, visited, free, measured) if papers else efficient
+    _refuse_impossible(model, fit)
     noise = noise or _noise_from_residuals(visited, efficient)
     covariance = _covariance(visited, fit, measured, noise, papers=papers)
     before = measured.combine @ model.readings(visited)
     predicted = measured.combine @ fit.predicted_mm
-    unit_covariance = measured.combine @ (measured.combine / visited.averaged).T
     return Solution(
         model=model.with_parameters(fit.parameters_mm),
         subset=subset,
@@ -67,7 +67,8 @@ def identify(
         covariance_mm2=covariance,
         coverage_factor=coverage_factor(noise.degrees_of_freedom),
         differences=measured,
-        difference_uncertainty_mm=noise.standard_deviation_mm * np.sqrt(np.diag(unit_covariance)),
+        difference_uncertainty_mm=noise.standard_deviation_mm
+        * measured.unit_uncertainty(visited.averaged),
         predicted_mm=predicted,
         rms_before_mm=_rms(measured.value_mm - before),
         rms_after_mm=_rms(measured.value_mm - predicted),
@@ -83,6 +84,18 @@ def identify(
     )
 
 
+def _refuse_impossible(model: Model, fit: Fit) -> None:
+    """A parameter as long as a leg belongs to no machine of this kind."""
+    worst = float(np.abs(fit.parameters_mm).max())
+    if not worst < model.geometry.leg_length_mm:
+        raise NotIdentifiable(
+            "identified parameters",
+            f"a value of {worst:.3g} mm",
+            f"less than the leg length {model.geometry.leg_length_mm:g} mm",
+            "Look for a wrong reading or unit.",
+        )
+
+
 def _covariance(
     visited: Observations, fit: Fit, measured: Differences, noise: Noise, *, papers: bool
 ) -> FloatArray:
@@ -90,7 +103,8 @@ def _covariance(
     variance = noise.standard_deviation_mm**2
     if not papers:
         return np.asarray(variance * np.linalg.inv(fit.information(visited)))
-    estimator = np.linalg.pinv(measured.combine @ fit.design) @ measured.combine
+    system = measured.combine @ fit.design
+    estimator = (measured.combine.T @ np.linalg.pinv(system).T).T
     return np.asarray(variance * (estimator / visited.averaged) @ estimator.T)
 
 

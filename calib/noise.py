@@ -15,6 +15,9 @@ NoiseSource = Literal["repeats", "instrument", "residuals"]
 ROUNDING = 8 * float(np.finfo(np.float64).eps)
 """Relative scatter that floating point arithmetic alone makes of equal values."""
 
+LEAST_NOISE_MM = 1e-9
+"""Less than this is arithmetic, not measurement."""
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -48,7 +51,8 @@ class IndicatorFigures:
         if not self.resolution_mm and not self.repeatability_mm:
             return None
         rounding = (self.resolution_mm or 0.0) / math.sqrt(12.0)
-        return Noise(math.hypot(self.repeatability_mm or 0.0, rounding), math.inf, "instrument")
+        total = math.hypot(self.repeatability_mm or 0.0, rounding)
+        return Noise(total, math.inf, "instrument") if total > LEAST_NOISE_MM else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,8 @@ class Document(BaseModel):
     )
 
 
+MOST_FAULTS = 3
+
 D = TypeVar("D", bound=BaseModel)
 
 
@@ -27,7 +29,7 @@ def read_toml(path: Path, kind: type[D], what: str) -> D:
     """The document in a TOML file. Raises RecordError naming the file, the key and the value."""
     try:
         content = tomllib.loads(read_text(path, what))
-    except tomllib.TOMLDecodeError as problem:
+    except (ValueError, RecursionError) as problem:
         raise RecordError(f"{what} {path}", str(problem), "TOML text") from problem
     try:
         # strict validation takes lists for tuples only from JSON, and TOML has no tuples
@@ -46,13 +48,15 @@ def read_text(path: Path, what: str) -> str:
 
 
 def describe(problem: ValidationError) -> str:
-    """Every fault of a document in one line: where, what is wrong, the value found."""
+    """The first faults of a document in one line: where, what is wrong, the value found."""
+    errors = problem.errors(include_url=False)
     faults = []
-    for fault in problem.errors(include_url=False):
-        where = ".".join(str(part) for part in fault["loc"]) or "document"
-        found = "" if isinstance(fault["input"], dict) else f" (found {fault['input']!r})"
-        faults.append(f"{where}: {fault['msg']}{found}")
-    return "; ".join(faults)
+    for fault in errors[:MOST_FAULTS]:
+        where = ".".join(str(part) for part in fault["loc"])[:60] or "document"
+        found = "" if isinstance(fault["input"], dict) else f" (found {fault['input']!r:.40})"
+        faults.append(f"{where}: {fault['msg'][:120]}{found}")
+    more = len(errors) - len(faults)
+    return "; ".join(faults) + (f"; and {more} more" if more > 0 else "")
 
 
 def _keys(kind: type[BaseModel]) -> str:

@@ -149,9 +149,7 @@ def _encoded(event: Line) -> bytes:
     try:
         return event.model_dump_json(exclude_none=True).encode()
     except PydanticSerializationError as problem:
-        raise RecordError(
-            f"event '{event!r:.80}'", "text that is not Unicode", "Unicode"
-        ) from problem
+        raise RecordError("session", "text that is not Unicode", "Unicode text") from problem
 
 
 def write_whole(path: Path, opened: Opened, events: list[Line], complete: bool = True) -> None:
@@ -171,8 +169,12 @@ def write_whole(path: Path, opened: Opened, events: list[Line], complete: bool =
 
 def _lock(path: Path) -> filelock.BaseFileLock:
     """One writer at a time. Raises RecordError where another program has the session open."""
+    if not path.name:
+        raise RecordError("session", f"'{path}', a folder", "the name of a file")
     if not path.parent.is_dir():  # the lock would make the folder
         raise _cannot_write(path, OSError(errno.ENOENT, "no such folder"))
+    if not os.access(path.parent, os.W_OK):  # the lock would look taken
+        raise _cannot_write(path, OSError(errno.EACCES, "no permission"))
     lock = filelock.FileLock(path.with_name(path.name + ".lock"), timeout=0)
     try:
         lock.acquire()
@@ -227,5 +229,5 @@ def _cannot_write(path: Path, problem: OSError) -> RecordError:
         f"writing {path}",
         problem.strerror or str(problem),
         "a folder with write permission and free space",
-        "Every reading acknowledged so far is on the disk; make room and continue the session.",
+        "What was acknowledged before is on the disk.",
     )

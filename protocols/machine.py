@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import resources
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -12,7 +12,9 @@ from calib.errors import CalibrationError
 from calib.orthoglide.geometry import Geometry
 from protocols.documents import Document, read_toml
 
-Triple = tuple[float, float, float]
+Length = Annotated[float, Field(gt=0.0, le=100_000.0)]
+Position = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
+Triple = tuple[Position, Position, Position]
 
 
 class Machine(Document):
@@ -24,11 +26,11 @@ class Machine(Document):
 
     schema_id: Literal["glidecal.machine/1"] = Field(alias="schema", default="glidecal.machine/1")
     name: str = "orthoglide"
-    leg_length_mm: float = 310.25
+    leg_length_mm: Length = 310.25
     travel_max_mm: float = 60.0
     travel_min_mm: float = -100.0
-    parallelogram_width_mm: float = 80.0
-    tool_radius_mm: float = 31.0
+    parallelogram_width_mm: Length = 80.0
+    tool_radius_mm: Length = 31.0
     home_offset_mm: Triple | None = None
     entered_offsets_mm: Triple = (0.0, 0.0, 0.0)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Literal
 
@@ -39,6 +40,15 @@ def model_to_json(model: Model, machine: Machine) -> str:
     return ModelFile(machine=machine, parameters_mm=values).model_dump_json(indent=1) + "\n"
 
 
+def is_model(text: str) -> bool:
+    """Whether a JSON text is a model rather than a session or something else."""
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(content, dict) and "event" not in content
+
+
 def read_model(path: Path) -> tuple[Model, Machine]:
     """A model and its machine from a JSON file.
 
@@ -59,5 +69,11 @@ def read_model(path: Path) -> tuple[Model, Machine]:
             ", ".join(unknown),
             ", ".join(PARAMETER_NAMES) + "; no effects in this version",
         )
+    longest = found.machine.leg_length_mm
+    for name, value in found.parameters_mm.items():
+        if abs(value) >= longest:
+            raise RecordError(
+                f"model {path}, {name}", f"{value:g} mm", f"less than the leg length {longest:g} mm"
+            )
     values = tuple(found.parameters_mm.get(name, 0.0) for name in PARAMETER_NAMES)
     return Model(found.machine.geometry(), values), found.machine

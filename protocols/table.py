@@ -21,6 +21,8 @@ OPTIONAL = ("cycle", "time_s", "mount", "station", "temperature_c", "averaged", 
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 LARGEST_COUNT = 1_000_000
+LARGEST_NUMBER = 1e9
+LARGEST_READING_MM = 10_000.0
 
 T = TypeVar("T")
 
@@ -62,8 +64,8 @@ class Row:
                 "Replace the decimal comma by a point" if comma else "",
             )
         value = float(text)
-        if abs(value) > 1e9:
-            raise self.fault(column, "a finite number of sensible size")
+        if abs(value) > LARGEST_NUMBER:
+            raise self.fault(column, f"a number of sensible size, up to {LARGEST_NUMBER:g}")
         return value
 
     def whole(self, column: str, least: int) -> int:
@@ -155,12 +157,15 @@ def _reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geometry
     station = row.optional("station", row.number, 0.5)
     if not 0.0 <= station <= 1.0:
         raise row.fault("station", "a fraction of the leg, 0 … 1")
+    value = row.number("value_mm")
+    if abs(value) > LARGEST_READING_MM:
+        raise row.fault("value_mm", f"a reading up to {LARGEST_READING_MM:g} mm")
     return Reading(
         reading=number,
         leg=leg,
         axis=axis,
         displacement_mm=displacement,
-        value_mm=row.number("value_mm"),
+        value_mm=value,
         text=row.fields["value_mm"],
         cycle=row.optional("cycle", lambda name: row.whole(name, 1), 1),
         mount=row.fields.get("mount") or default_mount(leg, axis, station),

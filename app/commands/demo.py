@@ -32,7 +32,8 @@ def demo(
     unattended = headless or not (sys.stdin.isatty() and sys.stdout.isatty())
     bench = BenchSettings() if unattended else BenchSettings(motion_s=DEMO_MOTION_S)
     interval_s = 0.0 if unattended else SIMULATED_INTERVAL_S
-    plan = replace(demo_plan(writable_folder(folder), protocol, seed, bench), interval_s=interval_s)
+    plan = replace(demo_plan(folder, protocol, seed, bench), interval_s=interval_s)
+    writable_folder(folder)
     if not unattended:
         from app.screens.start import open_session
 

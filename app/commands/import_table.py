@@ -7,18 +7,18 @@ from typing import Annotated
 
 import typer
 
-from app.commands.options import Machine, Output, say
+from app.commands.options import Machine, Output, figure, say
 
 
 def import_table(
-    table: Annotated[Path, typer.Argument(help="Table of readings (CSV).", show_default=False)],
+    table: Annotated[
+        Path, typer.Argument(help="Table of readings (CSV).", show_default=False, readable=False)
+    ],
     output: Output,
     machine: Machine = None,
-    resolution: Annotated[
-        float | None, typer.Option(min=0.0, help="Resolution of the indicators, mm.")
-    ] = None,
+    resolution: Annotated[float | None, figure("Resolution of the indicators, mm.")] = None,
     repeatability: Annotated[
-        float | None, typer.Option(min=0.0, help="Repeatability (standard deviation), mm.")
+        float | None, figure("Repeatability of the indicators (standard deviation), mm.")
     ] = None,
     remark: Annotated[
         list[str] | None, typer.Option(help="A remark for the record; may be repeated.")

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer.models import OptionInfo
 
 
 class SubsetName(StrEnum):
@@ -31,10 +34,20 @@ class WeightsName(StrEnum):
     COVARIANCE = "covariance"
 
 
-Sessions = Annotated[list[Path], typer.Argument(help="Session files.", show_default=False)]
-OneSession = Annotated[Path, typer.Argument(help="Session file.", show_default=False)]
-Output = Annotated[Path, typer.Option("--output", "-o", help="File to write.", show_default=False)]
-Machine = Annotated[Path | None, typer.Option("--machine", help="Machine file (TOML).")]
+# readable=False: our own message and exit status for a file without permission
+Sessions = Annotated[
+    list[Path], typer.Argument(help="Session files.", show_default=False, readable=False)
+]
+OneSession = Annotated[
+    Path, typer.Argument(help="Session file.", show_default=False, readable=False)
+]
+Output = Annotated[
+    Path,
+    typer.Option("--output", "-o", help="File to write.", show_default=False, readable=False),
+]
+Machine = Annotated[
+    Path | None, typer.Option("--machine", help="Machine file (TOML).", readable=False)
+]
 Protocol = Annotated[
     str, typer.Option("--protocol", help="Procedure by name, or a .toml file of your own.")
 ]
@@ -50,6 +63,27 @@ Method = Annotated[
 ]
 
 
+def finite(value: float | None) -> float | None:
+    """Refuse NaN, which no range excludes."""
+    if value is not None and math.isnan(value):
+        raise typer.BadParameter("a finite number is needed")
+    return value
+
+
+def figure(help_text: str) -> OptionInfo:
+    """An option for a small length of an indicator, mm."""
+    option: OptionInfo = typer.Option(help=help_text, min=0.0, max=10.0, callback=finite)
+    return option
+
+
 def say(text: str) -> None:
     """Progress and warnings go to standard error."""
     typer.echo(text, err=True)
+
+
+def need_terminal(what: str, instead: str) -> None:
+    """Raises UsageError where there is no terminal to show a screen on."""
+    from protocols.errors import UsageError
+
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise UsageError(what, "no terminal", f"a terminal, or {instead}")

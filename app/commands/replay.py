@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands.options import AsJson, OneSession, say
+from app.commands.options import AsJson, OneSession, need_terminal, say
 
 
 def replay(
@@ -18,6 +18,7 @@ def replay(
 ) -> None:
     """Readings and averages of a recorded session, or its result screen."""
     if not headless and not as_json:
+        need_terminal("replay", "--headless")
         from app.screens.start import open_result
 
         raise typer.Exit(open_result(session))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from app.commands.options import Machine, Protocol, Seed, say
+from app.commands.options import Machine, Protocol, Seed, finite, need_terminal, say
 
 
 def run(
@@ -22,12 +21,18 @@ def run(
         bool, typer.Option("--simulated", help="A simulated machine instead of ports.")
     ] = False,
     profile: Annotated[str, typer.Option(help="Indicator profile.")] = "mitutoyo-01a",
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Session file.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Session file.", readable=False)
+    ] = None,
     operator: Annotated[str, typer.Option(help="Name for the record.")] = "",
-    temperature: Annotated[float | None, typer.Option(help="Machine temperature, °C.")] = None,
+    temperature: Annotated[
+        float | None,
+        typer.Option(help="Machine temperature, °C.", min=-50.0, max=100.0, callback=finite),
+    ] = None,
     seed: Seed = 1,
     resume: Annotated[
-        Path | None, typer.Option("--continue", help="Go on with an interrupted session.")
+        Path | None,
+        typer.Option("--continue", help="Go on with an interrupted session.", readable=False),
     ] = None,
     headless: Annotated[
         bool, typer.Option("--headless", help="Unattended, simulated machine only.")
@@ -56,10 +61,11 @@ def run(
         raise UsageError("--simulated and --port", "both", "one of them")
     if len(ports) > 2 or len(set(ports)) < len(ports):
         raise UsageError("--port", ", ".join(ports), "one port, or two different ports")
+    procedure = load_procedure(protocol)
     plan = Plan(
-        path=output or session_name(Path(), protocol.removesuffix(".toml").split("/")[-1]),
+        path=output or session_name(Path(), procedure.name),
         machine=load_machine(machine),
-        procedure=load_procedure(protocol),
+        procedure=procedure,
         ports=ports,
         profile=profile,
         operator=operator,
@@ -75,7 +81,7 @@ def run(
             "indicators", "neither --port nor --simulated", "--port PORT, once or twice"
         )
     if not headless:
-        _need_terminal()
+        need_terminal("guided session", "--headless with --simulated")
         from app.screens.start import open_session
 
         chosen = plan_to_continue(resume, ports) if resume else plan
@@ -86,12 +92,3 @@ def run(
     with guided:
         measure_all(guided)
     say(f"{len(guided.session.readings)} readings in {guided.path}")
-
-
-def _need_terminal() -> None:
-    from protocols.errors import UsageError
-
-    if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise UsageError(
-            "guided session", "no terminal", "a terminal, or --headless with --simulated"
-        )

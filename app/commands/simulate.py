@@ -7,17 +7,17 @@ from typing import Annotated
 
 import typer
 
-from app.commands.options import Machine, Output, Protocol, Seed, say
+from app.commands.options import Machine, Output, Protocol, Seed, figure, say
 
 
 def simulate(
     output: Output,
     protocol: Protocol = "zero-max-min",
-    model: Annotated[Path | None, typer.Option(help="Model file (JSON).")] = None,
+    model: Annotated[Path | None, typer.Option(help="Model file (JSON).", readable=False)] = None,
     machine: Machine = None,
     seed: Seed = 1,
-    scatter: Annotated[float, typer.Option(min=0.0, help="Scatter of a re-approach, mm.")] = 0.002,
-    resolution: Annotated[float, typer.Option(min=0.0, help="Step of the display, mm.")] = 0.001,
+    scatter: Annotated[float, figure("Scatter of a re-approach, mm.")] = 0.002,
+    resolution: Annotated[float, figure("Step of the display, mm; 0: none.")] = 0.001,
 ) -> None:
     """A session from the simulation: the nominal machine, or that of a model file."""
     from app.simulated_session import simulated_session

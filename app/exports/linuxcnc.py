@@ -8,6 +8,7 @@ behind a number; comments stand on lines of their own.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 from app.exports.offsets import Offsets, Written
@@ -15,6 +16,10 @@ from calib.observations import LEG_NAMES
 from protocols.documents import read_text
 from protocols.errors import RecordError, UsageError
 from protocols.table import NUMBER
+
+MILLIMETRES = ("mm", "metric")
+LARGEST_MM = 100_000.0
+DEEPEST_INCLUDE = 8
 
 
 def joint_includes(offsets: Offsets) -> Written:
@@ -58,20 +63,34 @@ def read_home_offsets(path: Path) -> tuple[float, float, float]:
     As in the controller the first occurrence of a key wins and a comment behind a number is an
     error. Raises RecordError.
     """
-    found: dict[str, str] = {}
+    found: dict[tuple[str, str], str] = {}
     section = ""
-    for line in read_text(path, "INI file").splitlines():
+    for line in _with_includes(path):
         if heading := re.fullmatch(r"\s*\[(\w+)\]\s*", line):
             section = heading[1]
-        elif entry := re.fullmatch(r"\s*HOME_OFFSET\s*=\s*(.*?)\s*", line):
-            found.setdefault(section, entry[1])
+        elif entry := re.fullmatch(r"\s*(\w+)\s*=\s*(.*?)\s*", line):
+            found.setdefault((section, entry[1]), entry[2])
+    units = found.get(("TRAJ", "LINEAR_UNITS"), "mm")
+    if units.lower() not in MILLIMETRES:
+        raise RecordError(f"INI file {path}, LINEAR_UNITS", repr(units), ", ".join(MILLIMETRES))
     x, y, z = (_number(path, f"JOINT_{n}", found) for n in range(3))
     return x, y, z
 
 
-def _number(path: Path, section: str, found: dict[str, str]) -> float:
-    text = found.get(section, "")
-    if not NUMBER.fullmatch(text):
+def _with_includes(path: Path, depth: int = 0) -> Iterator[str]:
+    """The lines of an INI file with those of its included files in place."""
+    if depth > DEEPEST_INCLUDE:
+        raise RecordError(f"INI file {path}", "an include of an include …", "a few levels")
+    for line in read_text(path, "INI file").splitlines():
+        if include := re.fullmatch(r"\s*#INCLUDE\s+(\S+)\s*", line):
+            yield from _with_includes(path.parent / include[1], depth + 1)
+        else:
+            yield line
+
+
+def _number(path: Path, section: str, found: dict[tuple[str, str], str]) -> float:
+    text = found.get((section, "HOME_OFFSET"), "")
+    if not NUMBER.fullmatch(text) or abs(float(text)) > LARGEST_MM:
         raise RecordError(
             f"INI file {path}, [{section}] HOME_OFFSET",
             repr(text) if text else "nothing",

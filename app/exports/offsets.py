@@ -11,7 +11,7 @@ from calib.orthoglide.geometry import PARAMETER_NAMES
 from calib.solution import Method, Subset
 from protocols.documents import read_text
 from protocols.machine import Machine
-from protocols.model_file import read_model
+from protocols.model_file import is_model, read_model
 
 Written = dict[str, str]
 
@@ -69,7 +69,7 @@ def offsets_from_file(path: Path, subset: Subset, method: Method) -> tuple[Offse
 
     Raises RecordError where the file is neither, NotIdentifiable where it gives no result.
     """
-    if '"glidecal.model/' in read_text(path, "file")[:200]:
+    if is_model(read_text(path, "file")):
         model, machine = read_model(path)
         values = dict(zip(PARAMETER_NAMES, model.parameters_mm, strict=True))
         none: dict[str, float | None] = dict.fromkeys(values)

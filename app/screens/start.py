@@ -7,6 +7,7 @@ from pathlib import Path
 
 from textual.screen import Screen
 
+from app.commands.options import need_terminal
 from app.opening import Plan
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
@@ -17,10 +18,7 @@ from app.solving import solve_files
 
 def open_interface() -> int:
     """Home. Returns the exit status."""
-    if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        from protocols.errors import UsageError
-
-        raise UsageError("terminal interface", "no terminal", "a verb: see glidecal --help")
+    need_terminal("terminal interface", "a verb: see glidecal --help")
     return _run(HomeScreen())
 
 

@@ -9,6 +9,7 @@ from rich.table import Table
 from app.documents import standard_uncertainties
 from app.solving import Solved
 from app.wording.tables import new_table, signed, table_text, wrapped
+from calib.noise import LEAST_NOISE_MM
 from calib.solution import SUBSETS, Solution, Subset
 
 SUBSET_WORDS: dict[Subset, str] = {
@@ -65,6 +66,11 @@ def warnings(solved: Solved) -> list[str]:
         said.append(
             f"WARNING: what the model leaves is {math.sqrt(fit.statistic):.1f} times the noise: "
             "something is missing from the model."
+        )
+    if solution.noise.standard_deviation_mm < LEAST_NOISE_MM:
+        said.append(
+            "WARNING: these readings show no noise; the uncertainties are those of arithmetic. "
+            "State the resolution and repeatability of the indicators."
         )
     for direction in solution.weak_directions:
         half = direction.standard_uncertainty_mm * solution.coverage_factor

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from calib.errors import NotIdentifiable
 from calib.observations import LEG_NAMES, FloatArray, Observations
@@ -16,22 +17,34 @@ PAIRS = ((0, 1), (1, 2), (0, 2))
 """Row blocks of papers/000 (11): pairs (x,y), (y,z), (x,z)."""
 
 
+Key = tuple[int, int, float, float, float]
+"""Leg, axis, station, displacement, displacement of the reference."""
+
+Terms = tuple[NDArray[np.intp], FloatArray]
+"""Rows of the readings and their weights in one difference."""
+
+
 @dataclass(frozen=True, eq=False)
 class Differences:
     """Differences between postures as one linear map of the readings.
 
-    ``combine`` has shape ``(n_differences, n_readings)``: ``value_mm = combine @ readings``, and
+    ``combine`` ``(n_differences, n_readings)`` is sparse: ``value_mm = combine @ readings``, and
     the same map turns a reading matrix into system (11) and a reading covariance into (14).
     ``names`` are ``axis_leg`` with ``+`` for Max, ``-`` for Min, both minus Zero; ``y_x`` alone is
     Max minus Min where Zero is missing; other displacements are written out, as in ``y_x@30.0``.
     """
 
     names: tuple[str, ...]
-    combine: FloatArray
+    combine: csr_array
     value_mm: FloatArray
 
     def __len__(self) -> int:
         return len(self.names)
+
+    def unit_uncertainty(self, averaged: FloatArray) -> FloatArray:
+        """Standard uncertainty of each difference for unit noise of a single reading."""
+        squares = self.combine.multiply(self.combine) @ (1.0 / averaged)
+        return np.sqrt(np.asarray(squares, dtype=np.float64))
 
     @property
     def published_rows(self) -> NDArray[np.intp]:
@@ -46,61 +59,78 @@ def differences(geometry: Geometry, observed: Observations) -> Differences:
     mountings of the same leg, axis and station are averaged with equal weight. Rows come in the
     order of papers/000 (11). Raises NotIdentifiable where no mounting has two postures.
     """
-    rows: dict[tuple[float, ...], list[FloatArray]] = {}
-    for mount in range(observed.mount_count):
-        for key, row in _rows_of_mount(observed, mount):
-            rows.setdefault(key, []).append(row)
-    if not rows:
+    terms: dict[Key, list[Terms]] = {}
+    for members in _by_mount(observed):
+        for key, mean in _differences_of_mount(observed, members):
+            terms.setdefault(key, []).append(mean)
+    if not terms:
         raise NotIdentifiable(
             "differences between postures",
             f"{len(observed)} readings, each mounting in a single posture",
             "at least two postures for one mounting",
             "Measure Max and Min besides Zero without moving the stand.",
         )
-    keys = sorted(rows, key=lambda key: _order_of_11(geometry, key))
-    combine = np.array([np.mean(rows[key], axis=0) for key in keys])
+    keys = sorted(terms, key=lambda key: _order_of_11(geometry, key))
+    combine = _matrix([terms[key] for key in keys], len(observed))
     return Differences(tuple(_names(geometry, keys)), combine, combine @ observed.value_mm)
 
 
-def _rows_of_mount(
-    observed: Observations, mount: int
-) -> Iterable[tuple[tuple[float, ...], FloatArray]]:
-    """Key (leg, axis, station, displacement, reference) and row of each difference."""
-    members = np.flatnonzero(observed.mount == mount)
-    if not members.size:
-        return
-    levels = np.unique(observed.displacement_mm[members])
-    reference = 0.0 if 0.0 in levels else float(levels[0])
-    base = _mean_row(observed, members, reference)
+def _matrix(rows: list[list[Terms]], reading_count: int) -> csr_array:
+    """One row for each list: the mean of its mountings' differences."""
+    columns = [index for row in rows for index, _ in row]
+    weights = [weight / len(row) for row in rows for _, weight in row]
+    lengths = [sum(len(index) for index, _ in row) for row in rows]
+    return csr_array(
+        (
+            np.concatenate(weights),
+            (np.repeat(np.arange(len(rows)), lengths), np.concatenate(columns)),
+        ),
+        shape=(len(rows), reading_count),
+    )
+
+
+def _by_mount(observed: Observations) -> list[NDArray[np.intp]]:
+    """Row numbers of each mounting."""
+    order = np.argsort(observed.mount, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(observed.mount[order])) + 1)
+
+
+def _differences_of_mount(
+    observed: Observations, members: NDArray[np.intp]
+) -> Iterable[tuple[Key, Terms]]:
+    """Key and terms of each difference to the mounting's reference posture."""
+    displacement = observed.displacement_mm[members]
+    order = np.argsort(displacement, kind="stable")
+    cells = np.split(members[order], np.flatnonzero(np.diff(displacement[order])) + 1)
+    levels = [float(observed.displacement_mm[cell[0]]) for cell in cells]
+    reference = levels.index(0.0) if 0.0 in levels else 0
+    zero, zero_weight = _mean(observed, cells[reference])
     first = members[0]
     where = (int(observed.leg[first]), int(observed.axis[first]), float(observed.station[first]))
-    for level in levels[levels != reference]:
-        yield (
-            (*where, float(level), reference),
-            _mean_row(observed, members, float(level)) - base,
-        )
+    for level, cell in zip(levels, cells, strict=True):
+        if level != levels[reference]:
+            index, weight = _mean(observed, cell)
+            terms = np.concatenate([index, zero]), np.concatenate([weight, -zero_weight])
+            yield (*where, level, levels[reference]), terms
 
 
-def _mean_row(observed: Observations, members: NDArray[np.intp], level: float) -> FloatArray:
-    """Weights that average one posture of one mounting, ``(n_readings,)``."""
-    cell = members[observed.displacement_mm[members] == level]
-    row = np.zeros(len(observed))
-    row[cell] = observed.averaged[cell] / observed.averaged[cell].sum()
-    return row
+def _mean(observed: Observations, cell: NDArray[np.intp]) -> Terms:
+    """Rows and weights that average one posture of one mounting."""
+    return cell, observed.averaged[cell] / observed.averaged[cell].sum()
 
 
-def _order_of_11(geometry: Geometry, key: tuple[float, ...]) -> tuple[float, ...]:
+def _order_of_11(geometry: Geometry, key: Key) -> tuple[float, ...]:
     leg, axis, station, level, _ = key
-    pair = PAIRS.index((min(int(leg), int(axis)), max(int(leg), int(axis))))
+    pair = PAIRS.index((min(leg, axis), max(leg, axis)))
     rank = {geometry.travel_max_mm: 0.0, geometry.travel_min_mm: 1.0}.get(level, 2.0)
     return (abs(station - 0.5), station, pair, rank, level, float(axis > leg))
 
 
-def _names(geometry: Geometry, keys: list[tuple[float, ...]]) -> Iterable[str]:
+def _names(geometry: Geometry, keys: list[Key]) -> Iterable[str]:
     """Names in the order of the keys; the first station of a leg and axis keeps the short names."""
-    stations: dict[tuple[float, float], float] = {}
+    stations: dict[tuple[int, int], float] = {}
     for leg, axis, station, level, reference in keys:
-        short = f"{LEG_NAMES[int(axis)]}_{LEG_NAMES[int(leg)]}"
+        short = f"{LEG_NAMES[axis]}_{LEG_NAMES[leg]}"
         at_station = (
             "" if stations.setdefault((leg, axis), station) == station else f"@s{station!r}"
         )

@@ -162,9 +162,10 @@ def test_a_cut_session_is_used_with_a_warning(samples: Path, tmp_path: Path) -> 
     assert "cut inside line" in run.err
 
 
-def test_the_same_session_twice(samples: Path) -> None:
+def test_the_same_session_twice(samples: Path, tmp_path: Path) -> None:
     path = samples / EXPERIMENT_2
-    assert "the same file twice" in refused(3, "solve", path, path)
+    copied = shutil.copy(path, tmp_path / "other.jsonl")
+    assert "the same session twice" in refused(3, "solve", path, copied)
 
 
 @pytest.mark.parametrize(

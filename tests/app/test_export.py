@@ -109,3 +109,56 @@ def test_bad_home_offset(session: Path, tmp_path: Path, text: str) -> None:
         2, "export", session, "--format", "linuxcnc", "--home-offset", text, "-o", tmp_path
     )
     assert "three numbers" in said
+
+
+def test_an_export_never_replaces_a_record(session: Path, tmp_path: Path) -> None:
+    record = tmp_path / "s.jsonl"
+    record.write_bytes(session.read_bytes())
+    assert "a session" in refused(2, "export", record, "--format", "json", "-o", record)
+    link = tmp_path / "link.json"
+    link.symlink_to(record)
+    assert "a session" in refused(2, "export", record, "--format", "json", "-o", link)
+    assert record.read_bytes() == session.read_bytes()
+
+
+def test_an_export_replaces_no_folder_and_no_device(session: Path, tmp_path: Path) -> None:
+    assert "ordinary file" in refused(2, "export", session, "--format", "csv", "-o", tmp_path)
+    assert "ordinary file" in refused(2, "export", session, "--format", "csv", "-o", "/dev/null")
+
+
+def test_second_calibration_starts_from_the_included_value(session: Path, tmp_path: Path) -> None:
+    """The include stands before the old key and wins, as in the controller."""
+    for n in range(3):
+        (tmp_path / f"calib_joint{n}.inc").write_text(f"# note\nHOME_OFFSET = {n + 1}.5\n")
+    ini = tmp_path / "m.ini"
+    ini.write_text(
+        "[TRAJ]\nLINEAR_UNITS = mm\n"
+        + "".join(
+            f"[JOINT_{n}]\n#INCLUDE calib_joint{n}.inc\nHOME_OFFSET = 0.0\n" for n in range(3)
+        )
+    )
+    run = glidecal(
+        *("export", session, "--format", "linuxcnc", *LINEAR, "--ini", ini, "-o", tmp_path / "new")
+    )
+    assert run.status == 0, run.err
+    text = (tmp_path / "new" / "calib_joint0.inc").read_text()
+    assert "HOME_OFFSET = 1.014421" in text
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[TRAJ]\nLINEAR_UNITS = inch\n[JOINT_0]\nHOME_OFFSET = 1\n", "LINEAR_UNITS: found 'inch'"),
+        ("[JOINT_0]\nHOME_OFFSET = 1e999\n", "found '1e999'"),
+        ("[JOINT_0]\n#INCLUDE m.ini\n", "a few levels"),
+        ("[JOINT_0]\n#INCLUDE none.inc\n", "No such file"),
+    ],
+)
+def test_ini_files_that_would_give_wrong_offsets(
+    session: Path, tmp_path: Path, text: str, said: str
+) -> None:
+    ini = tmp_path / "m.ini"
+    ini.write_text(text)
+    out = tmp_path / "x"
+    assert said in refused(3, "export", session, "--format", "linuxcnc", "--ini", ini, "-o", out)
+    assert not out.exists()

@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip --disable-pip-version-check install --quiet
 
-.PHONY: demo test check bench samples clean
+.PHONY: demo test check bench fuzz samples clean
 
 demo: $(VENV)/runtime.stamp
 	$(BIN)/glidecal demo
@@ -20,6 +20,9 @@ check: $(VENV)/dev.stamp
 
 bench: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.run
+
+fuzz: $(VENV)/dev.stamp
+	GLIDECAL_FUZZ=1000000 $(BIN)/pytest -n auto tests/drivers/test_fuzz.py
 
 samples: $(VENV)/runtime.stamp
 	$(BIN)/python sample_sessions/make.py

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from drivers.line import IndicatorLine
-from drivers.outcome import Fault, Outcome, Reading
+from drivers.outcome import Asked, Fault, Outcome, Reading
 from drivers.profile import Profile
 
 HISTORY = 120
+STALE_S = 1.0
 SPACING_S = 0.02
 """The history holds one outcome in this time, so that a fast indicator does not fill it."""
 
@@ -45,6 +46,7 @@ class Gauge:
         self,
         profile: Profile,
         port: str,
+        asked: Asked,
         *,
         interval_s: float | None = None,
         window_s: float,
@@ -56,8 +58,17 @@ class Gauge:
         self._tolerance_mm = tolerance_mm
         self._lock = threading.Lock()
         self._slot = 0.0
+        self._span: tuple[float, float] | None = None
         self._heard: deque[tuple[float, Outcome]] = deque(maxlen=HISTORY)
-        self._line = IndicatorLine(profile, port, interval_s=interval_s, listener=self._hear)
+        self._pressed = False
+        self._line = IndicatorLine(
+            profile,
+            port,
+            asked=asked,
+            interval_s=interval_s,
+            listener=self._hear,
+            on_button=self._press,
+        )
 
     def start(self) -> None:
         """Open the port. Raises IndicatorError."""
@@ -70,16 +81,33 @@ class Gauge:
     def _hear(self, outcome: Outcome) -> None:
         now = time.monotonic()
         with self._lock:
+            if isinstance(outcome, Reading):
+                low, high = self._span or (outcome.value_mm, outcome.value_mm)
+                self._span = min(low, outcome.value_mm), max(high, outcome.value_mm)
             if self._heard and now - self._slot < SPACING_S:
                 self._heard[-1] = (now, outcome)
             else:
                 self._slot = now
                 self._heard.append((now, outcome))
 
+    def _press(self, _: Outcome) -> None:
+        self._pressed = True
+
+    def button_pressed(self) -> bool:
+        """Whether the DATA button or a foot switch was pressed since the last call."""
+        pressed, self._pressed = self._pressed, False
+        return pressed
+
     def restart_window(self) -> None:
         """Forget what was stable: the machine is about to move."""
         with self._lock:
             self._heard.clear()
+            self._span = None
+
+    def has_moved(self) -> bool:
+        """Whether the reading moved since the last `restart_window`."""
+        span = self._span
+        return span is not None and span[1] - span[0] > self._tolerance_mm
 
     def live(self) -> Live:
         """The state now; safe from any thread."""
@@ -96,7 +124,7 @@ class Gauge:
         at, outcome = heard[-1]
         if isinstance(outcome, Fault):
             return Motion.FAULT
-        if now - at > max(self.profile.timeout_s, 2 * self._window_s):
+        if now - at > max(STALE_S, 2.5 * self.profile.interval_s):
             return Motion.STALE
         recent = [
             o.value_mm for t, o in heard if now - t <= self._window_s and isinstance(o, Reading)

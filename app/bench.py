@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,10 +30,15 @@ class BenchSettings:
     motion_s: float = 0.0
 
 
-def hidden_machine(geometry: Geometry, seed: int) -> Model:
-    """A machine with joint offsets up to 2 mm and well made legs, to be found by measuring."""
+def hidden_machine(
+    geometry: Geometry, seed: int, entered_offsets_mm: Sequence[float] = (0.0, 0.0, 0.0)
+) -> Model:
+    """A machine with joint offsets up to 2 mm and well made legs, to be found by measuring.
+
+    Offsets that were entered in its controller no longer show.
+    """
     generator = np.random.default_rng([seed, 1])
-    offsets = generator.uniform(-OFFSET_LIMIT_MM, OFFSET_LIMIT_MM, 3)
+    offsets = generator.uniform(-OFFSET_LIMIT_MM, OFFSET_LIMIT_MM, 3) - entered_offsets_mm
     lengths = generator.normal(scale=LENGTH_SPREAD_MM, size=3)
     return Model(geometry, tuple(np.concatenate([offsets, lengths]).tolist()))
 
@@ -40,20 +46,22 @@ def hidden_machine(geometry: Geometry, seed: int) -> Model:
 class SimulatedBench:
     """A machine whose indicators answer over real serial connections.
 
-    Everything follows from the seed, so an interrupted simulated session goes on with the same
-    zeros.
+    Machine and zeros follow from the seed, so an interrupted simulated session goes on; the
+    scatter differs from run to run.
     """
 
     def __init__(
         self,
         truth: Model,
         seed: int,
+        run_name: str,
         profiles: list[Profile],
         transport: Transport,
         settings: BenchSettings,
     ) -> None:
         self._truth = truth
         self._seed = seed
+        self._run = zlib.crc32(run_name.encode())
         self._scatter_mm = settings.scatter_mm
         self._visits = 0
         self.rig = SimulatedRig(
@@ -61,6 +69,7 @@ class SimulatedBench:
             resolution_mm=settings.resolution_mm,
             transport=transport,
             motion_s=settings.motion_s,
+            fastest_stream=settings.motion_s == 0.0,
         )
 
     def go(self, step: Step) -> None:
@@ -70,7 +79,7 @@ class SimulatedBench:
         displacement = [step.displacement_mm] * len(step.axes)
         exact = self._truth.readings(conditions(leg, axes, displacement, station=step.station))
         self._visits += 1
-        generator = np.random.default_rng([self._seed, 2, step.number, self._visits])
+        generator = np.random.default_rng([self._seed, self._run, step.number, self._visits])
         zeros = [self._zero_mm(default_mount(step.leg, axis, step.station)) for axis in step.axes]
         scatter = generator.normal(scale=self._scatter_mm, size=len(zeros))
         self.rig.go((exact + zeros + scatter).tolist())

@@ -13,10 +13,12 @@ from app.commands import (
     demo,
     export,
     import_table,
+    indicator,
     ports,
     replay,
     run,
     simulate,
+    simulate_indicator,
     solve,
     validate,
 )
@@ -63,6 +65,8 @@ cli.command("simulate")(simulate.simulate)
 cli.command("export")(export.export)
 cli.command("validate")(validate.validate)
 cli.command("ports")(ports.ports)
+cli.add_typer(indicator.indicator_verbs, name="indicator")
+cli.command("simulate-indicator")(simulate_indicator.simulate_indicator)
 
 
 def main() -> None:

@@ -2,35 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from app.bench import BenchSettings, hidden_machine
+from app.bench import BenchSettings
 from app.exports import FORMATS
 from app.exports.offsets import offsets_from_solved
 from app.exports.writing import write_files
 from app.guided import GuidedSession, Taken
-from app.opening import Plan, session_name, start_session, unused_path
-from app.solving import Solved, solve_files
+from app.opening import (
+    DEFAULT_PROFILE,
+    Plan,
+    session_name,
+    simulated_indicators,
+    start_session,
+    unused_path,
+)
+from app.solving import Solved, solve_for_controller
 from calib.errors import CalibrationError
-from calib.orthoglide.model import Model
-from calib.solution import Subset
 from drivers.errors import IndicatorError
 from protocols.machine import Machine, load_machine
 from protocols.procedure import load_procedure
 
-EXPORTED: Subset = "joint-offsets"
 DEMO_MOTION_S = 0.6
 
 
-def demo_plan(folder: Path, protocol: str, seed: int, bench: BenchSettings) -> Plan:
+def demo_plan(
+    folder: Path,
+    protocol: str,
+    seed: int,
+    bench: BenchSettings,
+    profiles: Sequence[str] = (DEFAULT_PROFILE,),
+) -> Plan:
     """A session on a machine whose errors are hidden behind the seed."""
     machine = load_machine(None)
     return Plan(
         path=session_name(folder, "demo"),
         machine=machine,
         procedure=load_procedure(protocol),
+        instruments=simulated_indicators(profiles),
         operator="demo",
         seed=seed,
         bench=bench,
@@ -38,26 +49,22 @@ def demo_plan(folder: Path, protocol: str, seed: int, bench: BenchSettings) -> P
 
 
 def verification_plan(plan: Plan, before: Solved) -> Plan:
-    """The same procedure after the offsets were entered in the controller.
-
-    A simulated machine then moves as if its carriages were off by that much less.
-    """
+    """The same procedure after the offsets were entered in the controller."""
     offsets = offsets_from_solved(before)
     entered = [
         old + new
         for old, new in zip(plan.machine.entered_offsets_mm, offsets.joint_offsets_mm, strict=True)
     ]
-    machine: Machine = plan.machine.model_copy(update={"entered_offsets_mm": tuple(entered)})
-    truth: Model | None = None
-    if plan.simulated:
-        model = plan.truth or hidden_machine(plan.machine.geometry(), plan.seed)
-        left = [
-            true - new
-            for true, new in zip(model.parameters_mm[:3], offsets.joint_offsets_mm, strict=True)
-        ]
-        truth = replace(model, parameters_mm=(*left, *model.parameters_mm[3:]))
+    held = plan.machine.home_offset_mm
+    home = held and [old + new for old, new in zip(held, offsets.joint_offsets_mm, strict=True)]
+    machine: Machine = plan.machine.model_copy(
+        update={
+            "entered_offsets_mm": tuple(entered),
+            "home_offset_mm": tuple(home) if home else None,
+        }
+    )
     path = unused_path(plan.path.with_name(plan.path.stem + "_verify.jsonl"))
-    return replace(plan, path=path, machine=machine, truth=truth, before=before, seed=plan.seed + 1)
+    return replace(plan, path=path, machine=machine, before=before, verifies=plan.path.name)
 
 
 def measure_all(guided: GuidedSession, progress: Callable[[Taken], None] = lambda _: None) -> None:
@@ -82,12 +89,6 @@ def export_offsets(solved: Solved, folder: Path) -> list[Path]:
         target = folder if name == "linuxcnc" else folder / f"offsets.{name}"
         paths += write_files(target, written(offsets))
     return paths
-
-
-def solve_for_controller(path: Path) -> Solved:
-    """The solution whose offsets go into the controller: joint offsets, exact fit."""
-    solved, _ = solve_files([path], subset=EXPORTED)
-    return solved
 
 
 def run_headless(plan: Plan, say: Callable[[str], None]) -> tuple[Solved, Solved]:

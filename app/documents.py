@@ -10,6 +10,7 @@ from app.solving import Solved
 from calib.noise import Noise
 from calib.observations import FloatArray
 from calib.solution import Solution
+from drivers.outcome import Fault, Outcome
 from protocols.session import Session
 
 
@@ -139,4 +140,23 @@ def replay_document(name: str, session: Session, end: str) -> dict[str, Any]:
             }
             for (leg, axis, station, displacement), values in averages.items()
         ],
+    }
+
+
+def reading_document(profile: str, outcome: Outcome) -> dict[str, Any]:
+    """Schema ``glidecal.reading/1``: one outcome; a fault has no ``value_mm``."""
+    document: dict[str, Any] = {
+        "schema": "glidecal.reading/1",
+        "profile": profile,
+        "text": outcome.text,
+    }
+    if isinstance(outcome, Fault):
+        return document | {"status": outcome.kind.value, "words": outcome.words}
+    return document | {
+        "value_mm": outcome.value_mm,
+        "unit": outcome.unit.value,
+        "unit_assumed": outcome.unit_assumed,
+        "resolution_mm": outcome.resolution_mm,
+        "status": "value",
+        "warning": outcome.warning or None,
     }

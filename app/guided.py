@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from app.acquisition import Gauge
-from drivers.outcome import Fault, Outcome
+from drivers.outcome import Fault, FaultKind, Outcome
 from drivers.outcome import Reading as IndicatorReading
 from protocols.events import Faulted, Line, Mounted, Noted, Reading, Superseded
 from protocols.journal import Journal
@@ -25,6 +25,17 @@ class Taken:
     step: Step
     readings: tuple[Reading, ...]
     faults: tuple[Fault, ...]
+
+
+LONGEST_MM = 1000.0
+"""No indicator moves so far: a reading beyond is a fault of the device."""
+
+
+def _plausible(outcome: Outcome) -> Outcome:
+    if isinstance(outcome, IndicatorReading) and abs(outcome.value_mm) > LONGEST_MM:
+        words = f"{outcome.value_mm:+.0f} mm is further than any indicator moves"
+        return Fault(FaultKind.OVER_RANGE, outcome.text, words)
+    return outcome
 
 
 class GuidedSession:
@@ -79,7 +90,8 @@ class GuidedSession:
 
     def _take(self, step: Step) -> Taken:
         with ThreadPoolExecutor(len(step.axes)) as pool:
-            outcomes = list(pool.map(Gauge.ask, self.gauges[: len(step.axes)]))
+            asked = list(pool.map(Gauge.ask, self.gauges[: len(step.axes)]))
+        outcomes = [_plausible(outcome) for outcome in asked]
         faults = tuple(outcome for outcome in outcomes if isinstance(outcome, Fault))
         events: list[Line] = []
         if faults:
@@ -122,7 +134,9 @@ class GuidedSession:
                 self._release()
 
     def leave(self) -> None:
-        """Stop for now, after a take under way; the session can be continued."""
+        """Stop for now; a take under way is given up, the session can be continued."""
+        for gauge in self.gauges:
+            gauge.close()
         with self._lock:
             if not self._closed:
                 self._journal.close()
@@ -144,7 +158,7 @@ class GuidedSession:
 
     def _mounting(self, step: Step) -> tuple[dict[Leg, str], list[Mounted]]:
         """Names of the mountings for this step, and the event where the stand is new."""
-        if not self.session.is_new_place(step):
+        if not self.session.needs_new_zero(step):
             return self.session.mountings[-1].mounts, []
         mounted = self._new_mounting(step)
         return mounted.mounts, [mounted]

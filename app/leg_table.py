@@ -20,19 +20,17 @@ class LegRow:
 
 
 def leg_rows(session: Session, step: Step) -> list[LegRow]:
-    """Rows for the leg and station of a step, of the mounting in use last."""
+    """Rows for the leg and station of a step; each mounting has zeros of its own."""
     rows = []
     for axis in step.axes:
-        here = [
-            r
-            for r in session.readings
-            if (r.leg, r.axis, r.station) == (step.leg, axis, step.station)
-        ]
-        members = [r for r in here if r.mount == here[-1].mount]
-        for cycle in sorted({r.cycle for r in members}):
-            row = _row(axis, cycle, members)
-            if row is not None:
-                rows.append(row)
+        place = (step.leg, axis, step.station)
+        here = [r for r in session.readings if (r.leg, r.axis, r.station) == place]
+        for mount in dict.fromkeys(r.mount for r in here):
+            members = [r for r in here if r.mount == mount]
+            for cycle in sorted({r.cycle for r in members}):
+                row = _row(axis, cycle, members)
+                if row is not None:
+                    rows.append(row)
     return rows
 
 

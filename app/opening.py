@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -13,19 +13,18 @@ from pathlib import Path
 from app.acquisition import Gauge
 from app.bench import BenchSettings, SimulatedBench, hidden_machine
 from app.guided import GuidedSession
-from app.solving import Solved
+from app.indicators import SIMULATED, asked_of, check_indicators, profile_of
+from app.solving import Solved, solve_for_controller
 from calib.errors import GlidecalError
-from calib.orthoglide.model import Model
-from drivers.profiles import profile_named
 from drivers.twin_port import Transport, default_transport
-from protocols.errors import RecordError
-from protocols.events import Instrument, Opened
+from protocols.errors import RecordError, UsageError
+from protocols.events import Opened
 from protocols.journal import Journal
-from protocols.machine import Machine
+from protocols.machine import Instrument, Machine
 from protocols.procedure import Procedure, Step
 from protocols.record import read_record
 
-SIMULATED = "simulated"
+DEFAULT_PROFILE = "mitutoyo-01a"
 SIMULATED_INTERVAL_S = 0.05
 """Simulated indicators may be asked faster than real ones; with 0 time is compressed."""
 
@@ -43,49 +42,48 @@ def program() -> str:
 
 @dataclass(frozen=True)
 class Plan:
-    """Everything known before the first reading. Ports empty: a simulated machine.
+    """Everything known before the first reading.
 
-    ``before`` is the solution whose offsets this session verifies.
+    ``before`` is the solution whose offsets this session verifies, ``verifies`` its file name.
     """
 
     path: Path
     machine: Machine
     procedure: Procedure
-    ports: tuple[str, ...] = ()
-    profile: str = "mitutoyo-01a"
+    instruments: tuple[Instrument, ...]
     operator: str = ""
     temperature_c: float | None = None
     seed: int = 1
-    truth: Model | None = None
     before: Solved | None = None
+    verifies: str | None = None
     bench: BenchSettings = BenchSettings()
     transport: Transport = field(default_factory=default_transport)
     interval_s: float = SIMULATED_INTERVAL_S
+    window_s: float | None = None
 
     @property
     def simulated(self) -> bool:
-        """No ports named: the machine and its indicators are simulated."""
-        return not self.ports
+        """The machine and its indicators are simulated."""
+        return all(instrument.port == SIMULATED for instrument in self.instruments)
 
     @property
-    def indicators(self) -> int:
-        """How many indicators are read at once."""
-        return 2 if self.simulated else min(2, len(self.ports))
+    def axes(self) -> tuple[str, ...]:
+        """For each indicator the directions it may measure along."""
+        return tuple(instrument.axes for instrument in self.instruments)
 
 
 def opened_event(plan: Plan) -> Opened:
     """The first line of the record."""
-    ports = plan.ports or (SIMULATED,) * 2
     return Opened(
         program=program(),
         origin="simulated" if plan.simulated else "measured",
         machine=plan.machine,
         procedure=plan.procedure,
-        instruments=tuple(Instrument(profile=plan.profile, port=port) for port in ports),
-        indicators=plan.indicators,
+        instruments=plan.instruments,
         seed=plan.seed if plan.simulated else None,
         operator=plan.operator,
         temperature_c=plan.temperature_c,
+        verifies=plan.verifies,
     )
 
 
@@ -105,20 +103,32 @@ class Indicators:
 
 
 def open_indicators(plan: Plan) -> Indicators:
-    """Open every port, all or none. Raises IndicatorError."""
-    profile = profile_named(plan.profile)
+    """Open every port, all or none. Raises UsageError before, IndicatorError at a port."""
+    check_indicators(plan.instruments)
+    profiles = [profile_of(instrument) for instrument in plan.instruments]
+    ports = tuple(instrument.port for instrument in plan.instruments)
     with ExitStack() as undo:
-        ports, interval_s, window_s = plan.ports, None, STABLE_WINDOW_S
+        interval_s, window_s = None, STABLE_WINDOW_S
         go: Callable[[Step], None] = _stand_still
         close_bench: Callable[[], None] = _nothing
         if plan.simulated:
-            truth = plan.truth or hidden_machine(plan.machine.geometry(), plan.seed)
-            bench = SimulatedBench(truth, plan.seed, [profile] * 2, plan.transport, plan.bench)
+            entered = plan.machine.entered_offsets_mm
+            truth = hidden_machine(plan.machine.geometry(), plan.seed, entered)
+            bench = SimulatedBench(
+                truth, plan.seed, plan.path.name, profiles, plan.transport, plan.bench
+            )
             go, close_bench = bench.go, bench.close
             undo.callback(close_bench)
             ports, interval_s, window_s = bench.rig.ports, plan.interval_s, SIMULATED_WINDOW_S
         gauges = tuple(
-            Gauge(profile, port, interval_s=interval_s, window_s=window_s) for port in ports
+            Gauge(
+                profile,
+                port,
+                asked_of(known),
+                interval_s=interval_s,
+                window_s=plan.window_s or window_s,
+            )
+            for profile, port, known in zip(profiles, ports, plan.instruments, strict=True)
         )
         for gauge in gauges:
             gauge.start()
@@ -129,7 +139,7 @@ def open_indicators(plan: Plan) -> Indicators:
 
 def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
     """Start the record of a new session. Raises RecordError or UsageError."""
-    plan.procedure.steps(plan.machine.geometry(), plan.indicators)
+    plan.procedure.steps(plan.machine.geometry(), plan.axes)
     return _guided(Journal.create(plan.path, opened_event(plan)), indicators)
 
 
@@ -148,8 +158,8 @@ def continue_session(plan: Plan) -> GuidedSession:
     return _all_or_nothing(plan, resume)
 
 
-def plan_to_continue(path: Path, ports: tuple[str, ...] = ()) -> Plan:
-    """The plan of an interrupted session, on the same ports unless others are named.
+def plan_to_continue(path: Path, instruments: tuple[Instrument, ...] = ()) -> Plan:
+    """The plan of an interrupted session, on the same indicators unless others are named.
 
     Raises RecordError where the record is altered, closed or was imported.
     """
@@ -158,17 +168,28 @@ def plan_to_continue(path: Path, ports: tuple[str, ...] = ()) -> Plan:
     if record.end == "closed" or opened.procedure is None:
         found = "a closed session" if opened.procedure else "an imported table"
         raise RecordError(f"session {path}", found, "an interrupted session to continue")
-    recorded = tuple(i.port for i in opened.instruments if opened.origin == "measured")
+    if instruments and [i.axes for i in instruments] != [i.axes for i in opened.instruments]:
+        kept = " and ".join(f"@{i.axes}" for i in opened.instruments)
+        raise UsageError("indicators of a continued session", "other axes", kept)
     return Plan(
         path=path,
         machine=opened.machine,
         procedure=opened.procedure,
-        ports=ports or recorded,
-        profile=opened.instruments[0].profile,
+        instruments=instruments or opened.instruments,
         operator=opened.operator,
         temperature_c=opened.temperature_c,
         seed=opened.seed or 0,
+        before=_verified(path, opened.verifies),
+        verifies=opened.verifies,
     )
+
+
+def _verified(path: Path, verifies: str | None) -> Solved | None:
+    """The solution that a session verifies, if its file is still beside it."""
+    beside = path.with_name(verifies) if verifies else None
+    if beside is None or not beside.is_file():
+        return None
+    return solve_for_controller(beside)
 
 
 def _all_or_nothing(
@@ -192,6 +213,12 @@ def _stand_still(_: Step) -> None:
 
 def _nothing() -> None:
     """There is no simulated machine to switch off."""
+
+
+def simulated_indicators(profiles: Sequence[str] = (DEFAULT_PROFILE,)) -> tuple[Instrument, ...]:
+    """Two simulated indicators, of one profile or of two."""
+    both = (*profiles, *profiles)[:2]
+    return tuple(Instrument(profile=name, port=SIMULATED) for name in both)
 
 
 def session_name(folder: Path, word: str) -> Path:

@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 
-from app.opening import SIMULATED, program
+from app.indicators import SIMULATED
+from app.opening import program
 from calib.orthoglide.model import Model
 from calib.simulation import measure
-from protocols.events import Instrument, Opened, Reading
-from protocols.machine import Machine
+from protocols.events import Opened, Reading
+from protocols.machine import Instrument, Machine
 from protocols.observations import to_observations
 from protocols.procedure import Procedure, default_mount
 from protocols.session import fold

@@ -100,3 +100,9 @@ def solve_files(
         raise NotIdentifiable("sessions", "none", "at least one session")
     names = [path.name for path in paths]
     return solve_sessions(names, sessions, subset=subset, method=method, weights=weights), warnings
+
+
+def solve_for_controller(path: Path) -> Solved:
+    """The solution whose offsets go into the controller: joint offsets, exact fit."""
+    solved, _ = solve_files([path], subset="joint-offsets")
+    return solved

@@ -20,6 +20,11 @@ from calib.identify import identify
 from calib.observations import FloatArray
 from calib.orthoglide.kinematics import direct, inverse, trilaterate
 from calib.orthoglide.model import Model
+from drivers.line import IndicatorLine
+from drivers.port import open_port
+from drivers.profile import Spindle
+from drivers.profiles import PROFILES
+from drivers.twin_port import TwinPort, default_transport
 from protocols.observations import to_observations
 from protocols.record import read_record
 from protocols.session import fold
@@ -30,6 +35,7 @@ LENGTH_MM = 310.25
 POSTURES = 1_000_000
 ROOT_POSTURES = 500
 ROUNDS = 7
+ASKED = 2000
 
 
 def seconds(work: Callable[[], object], rounds: int = ROUNDS) -> float:
@@ -83,6 +89,33 @@ def identification() -> list[str]:
     ]
 
 
+def indicators() -> list[str]:
+    """From the request to the value in the program; the twin answers at once."""
+    profile = PROFILES["mitutoyo-01a"]
+    twin = profile.make_twin(Spindle(lambda: 1.234, 0.001))
+    with TwinPort(twin, default_transport()) as port:
+        bare = open_port(profile, port.url)
+
+        def exchange() -> None:
+            bare.write(b"1\r")
+            bare.read_until(b"\r")
+
+        plain = sorted(seconds(exchange, 1) for _ in range(ASKED))
+        bare.close()
+        line = IndicatorLine(profile, port.url, interval_s=0.0)
+        line.start()
+        asked = sorted(seconds(lambda: line.ask().result(), 1) for _ in range(ASKED))
+        line.close()
+    at = round(0.99 * ASKED)
+    return [
+        "| request → value | median, ms | p99, ms | ratio of medians |",
+        "|---|---|---|---|",
+        f"| through the owner thread | {asked[ASKED // 2] * 1e3:.3f} | {asked[at] * 1e3:.3f} "
+        f"| {asked[ASKED // 2] / plain[ASKED // 2]:.1f} |",
+        f"| bare pyserial | {plain[ASKED // 2] * 1e3:.3f} | {plain[at] * 1e3:.3f} | 1 |",
+    ]
+
+
 def processes() -> list[str]:
     """Whole processes, as a person waits for them."""
     python = seconds(lambda: run("-c", "pass"))
@@ -115,7 +148,7 @@ def demo() -> None:
 def main() -> None:
     """Print every table."""
     print(f"Python {platform.python_version()}, numpy {np.__version__}, {platform.machine()}\n")
-    for table in (direct_kinematics, identification, processes):
+    for table in (direct_kinematics, identification, indicators, processes):
         print("\n".join(table()), end="\n\n", flush=True)
 
 

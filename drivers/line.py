@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import queue
-import socket
 import threading
 import time
 from collections.abc import Callable
@@ -13,34 +11,26 @@ from concurrent.futures import Future
 import serial
 
 from drivers.errors import IndicatorError
-from drivers.outcome import Fault, FaultKind, Outcome
+from drivers.outcome import Asked, Fault, FaultKind, Outcome, Reading
+from drivers.port import PORT_ERRORS, SLICE_S, ask_by_pulse, close_port, open_port
 from drivers.profile import Profile
 
-try:
-    import termios
-
-    PORT_ERRORS: tuple[type[Exception], ...] = (
-        serial.SerialException,
-        OSError,
-        ValueError,  # pyserial for an impossible URL or setting
-        termios.error,
-    )
-except ImportError:  # Windows has no termios
-    PORT_ERRORS = (serial.SerialException, OSError, ValueError)
-
-SLICE_S = 0.05
-"""How long the thread listens before it looks up whether it is to stop."""
-
-REOPEN_S = 0.5
+REOPEN_S = 0.25
 """Pause between attempts to open a port that was lost."""
+
+LONGEST_LINE = 512
+"""More than this without a line end is no answer of any profile."""
+
+Heard = Callable[[Outcome], None]
 
 
 class IndicatorLine:
     """Requests from any thread, answered by the one thread that owns the port.
 
     While nothing is asked the line is read at the profile's own pace (or ``interval_s``, for
-    simulated devices in compressed time). ``listener`` hears every outcome, in the thread of the
-    line. A lost port is opened again at the next exchange.
+    simulated devices in compressed time). ``listener`` hears every outcome and ``on_button`` every
+    value that the device sent unasked; both are called in the thread of the line. A lost port is
+    opened again by itself.
     """
 
     def __init__(
@@ -48,16 +38,22 @@ class IndicatorLine:
         profile: Profile,
         port: str,
         *,
+        asked: Asked | None = None,
         interval_s: float | None = None,
-        listener: Callable[[Outcome], None] = lambda _: None,
+        listener: Heard = lambda _: None,
+        on_button: Heard = lambda _: None,
     ) -> None:
         self.profile = profile
         self.port = port
+        self._asked = asked or Asked()
         self._interval_s = profile.interval_s if interval_s is None else interval_s
         self._listener = listener
+        self._on_button = on_button
         self._requests: queue.SimpleQueue[Future[Outcome]] = queue.SimpleQueue()
         self._stop = threading.Event()
         self._serial: serial.Serial | None = None
+        self._received = b""
+        self._owed = False
         self._ready_at = 0.0
         self._thread = threading.Thread(target=self._own, name=f"indicator {port}", daemon=True)
 
@@ -69,10 +65,9 @@ class IndicatorLine:
     def ask(self) -> Future[Outcome]:
         """A fresh reading, taken after this call."""
         answer: Future[Outcome] = Future()
+        self._requests.put(answer)
         if self._stop.is_set():
-            answer.set_result(Fault(FaultKind.DISCONNECTED, "", "the line is closed"))
-        else:
-            self._requests.put(answer)
+            self._answer_nobody()
         return answer
 
     def close(self) -> None:
@@ -80,7 +75,17 @@ class IndicatorLine:
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join()
+        self._answer_nobody()
         self._hang_up()
+
+    def _answer_nobody(self) -> None:
+        """Whoever still waits gets a fault."""
+        while True:
+            try:
+                waiting = self._requests.get_nowait()
+            except queue.Empty:
+                return
+            waiting.set_result(Fault(FaultKind.DISCONNECTED, "", "the line was closed"))
 
     def _own(self) -> None:
         while not self._stop.is_set():
@@ -92,14 +97,11 @@ class IndicatorLine:
                     self._heard()
                 continue
             asked.set_result(self._heard())
-        while not self._requests.empty():
-            self._requests.get().set_result(
-                Fault(FaultKind.DISCONNECTED, "", "the line was closed")
-            )
 
     def _heard(self) -> Outcome:
         outcome = self._outcome()
-        self._listener(outcome)
+        if not self._stop.is_set():  # a line that is being closed tells nothing any more
+            self._listener(outcome)
         return outcome
 
     def _outcome(self) -> Outcome:
@@ -118,90 +120,101 @@ class IndicatorLine:
         try:
             if self._serial is None:
                 self._serial = open_port(self.profile, self.port)
-            # a late answer to an earlier request must not be taken for this one
-            self._serial.reset_input_buffer()
-            self._serial.write(self.profile.request)
+                self._received, self._owed = b"", False
+            self._clear_the_line(self._serial)
+            if self.profile.request is not None:
+                self._serial.write(self.profile.request(self._asked))
+                ask_by_pulse(self._serial, self.profile.line)
             return self._listen(self._serial)
         except IndicatorError as problem:
             self._ready_at = time.monotonic() + REOPEN_S
             return Fault(FaultKind.DISCONNECTED, "", str(problem))
         except PORT_ERRORS as problem:
             self._hang_up()
-            return Fault(
-                FaultKind.DISCONNECTED, "", f"port {self.port} is gone ({problem}): check the cable"
-            )
+            self._ready_at = time.monotonic() + REOPEN_S
+            words = f"port {self.port} is gone: check the cable ({problem})"
+            return Fault(FaultKind.DISCONNECTED, "", words)
+
+    def _clear_the_line(self, port: serial.Serial) -> None:
+        """Nothing that came before a request may be taken for its answer.
+
+        An answer still owed to a request that timed out is waited for and dropped. Any other value
+        that lies there was sent unasked: somebody pressed the button. A streaming device has no
+        requests; there only the newest line counts.
+        """
+        if self._owed:
+            self._owed = False
+            self._next_line(port, self.profile.timeout_s)
+        while port.in_waiting:
+            self._received += port.read(port.in_waiting)
+        for line in self._whole_lines():
+            outcome = self._parsed(line)
+            if isinstance(outcome, Reading) and self.profile.request is not None:
+                self._on_button(outcome)
+        self._received = b""
 
     def _listen(self, port: serial.Serial) -> Outcome:
-        received = b""
+        """The outcome of the next line that is neither echo nor identification."""
         deadline = time.monotonic() + self.profile.timeout_s
-        while time.monotonic() < deadline and not self._stop.is_set():
-            received += port.read(max(1, port.in_waiting))
-            received = received.lstrip(b"\x00\n\r")
-            line, end, _ = received.replace(b"\n", b"\r").partition(b"\r")
-            if end:
-                return self.profile.parse(line)
+        request = self.profile.request
+        echo = request(self._asked).strip() if request else b""
+        while (left_s := deadline - time.monotonic()) > 0.0 and not self._stop.is_set():
+            line = self._next_line(port, left_s)
+            if line is None:
+                break
+            if not line or (line == echo and not isinstance(self._parsed(line), Reading)):
+                continue
+            outcome = self._parsed(line)
+            if outcome is not None:
+                return outcome
+        self._owed = request is not None
+        return self._silence()
+
+    def _next_line(self, port: serial.Serial, patience_s: float) -> bytes | None:
+        """The next whole line without its end; None if it does not come in time."""
+        deadline = time.monotonic() + patience_s
+        while not self._stop.is_set():
+            for line in self._whole_lines(at_most=1):
+                return line
+            if time.monotonic() >= deadline or len(self._received) > LONGEST_LINE:
+                return None
+            self._received += port.read(max(1, port.in_waiting))
+        return None
+
+    def _whole_lines(self, at_most: int = LONGEST_LINE) -> list[bytes]:
+        """Cut whole lines off what was received; CR, LF and both end a line."""
+        lines: list[bytes] = []
+        while len(lines) < at_most:
+            received = self._received.replace(b"\n", b"\r").lstrip(b"\x00\r")
+            line, end, rest = received.partition(b"\r")
+            if not end:
+                break
+            lines.append(line)
+            self._received = rest
+        return lines
+
+    def _parsed(self, line: bytes) -> Outcome | None:
+        return self.profile.parse(line.decode("latin-1"), self._asked)
+
+    def _silence(self) -> Fault:
+        """Why no line came: nothing at all, a broken line, or bytes of a wrong parity."""
+        received, self._received = self._received, b""
+        text = received.decode("latin-1")
+        if looks_like_parity(received):
+            words = "the bytes carry a parity bit: set 7 data bits, even parity on this port"
+            return Fault(FaultKind.WRONG_PARITY, text, words)
         if received:
-            text = received.decode("latin-1")
-            return Fault(FaultKind.PARTIAL_LINE, text, "the answer broke off: check the settings")
-        return Fault(
-            FaultKind.NO_ANSWER,
-            "",
-            f"no answer within {self.profile.timeout_s:g} s: is the indicator on and connected?",
-        )
+            words = "the answer broke off: check cable, speed and line settings"
+            return Fault(FaultKind.PARTIAL_LINE, text, words)
+        words = f"no answer within {self.profile.timeout_s:g} s: is it switched on and connected?"
+        return Fault(FaultKind.NO_ANSWER, "", words)
 
     def _hang_up(self) -> None:
         port, self._serial = self._serial, None
         if port is not None:
-            # pyserial leaves the socket of a vanished peer open: its shutdown fails before close
-            behind: socket.socket | None = getattr(port, "_socket", None)
-            with contextlib.suppress(*PORT_ERRORS):
-                port.close()
-            if behind is not None:
-                behind.close()
+            close_port(port)
 
 
-def open_port(profile: Profile, port: str) -> serial.Serial:
-    """The open port with the profile's settings. Raises IndicatorError in plain words."""
-    settings = profile.line
-    is_url = "://" in port
-    try:
-        return serial.serial_for_url(
-            port,
-            baudrate=settings.baud,
-            bytesize=settings.data_bits,
-            parity=settings.parity,
-            stopbits=settings.stop_bits,
-            timeout=SLICE_S,
-            write_timeout=profile.timeout_s,
-            **({} if is_url else {"exclusive": True}),
-        )
-    except PORT_ERRORS as problem:
-        raise _cannot_open(port, problem) from problem
-
-
-def _cannot_open(port: str, problem: Exception) -> IndicatorError:
-    said = str(problem)
-    reasons = {
-        "No such file": (
-            "no such port",
-            "Plug the indicator in; glidecal ports lists what is there",
-        ),
-        "FileNotFoundError": (
-            "no such port",
-            "Plug the indicator in; glidecal ports lists what is there",
-        ),
-        "Permission": (
-            "no permission",
-            "Join the group that owns the port (dialout) and log in again",
-        ),
-        "PermissionError": ("no permission or in use", "Close other programs that use the port"),
-        "exclusively lock": ("in use by another program", "Close the other program"),
-        "busy": ("in use by another program", "Close the other program"),
-        "refused": ("nobody listens there", "Start the device or the simulator first"),
-    }
-    for sign, (found, next_step) in reasons.items():
-        if sign in said:
-            return IndicatorError(f"port {port}", found, "a free serial port", next_step)
-    return IndicatorError(
-        f"port {port}", said, "a serial port", "glidecal ports lists what is there"
-    )
+def looks_like_parity(received: bytes) -> bool:
+    """Seven data bits with even parity, read as eight: CR comes as 0x8D and never ends a line."""
+    return b"\x8d" in received and all(byte.bit_count() % 2 == 0 for byte in received)

@@ -8,8 +8,11 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Self
 
-from drivers.profile import Profile
+from drivers.profile import Profile, Spindle
 from drivers.twin_port import Transport, TwinPort
+
+FAST_STREAM_S = 0.01
+"""Pace of streaming devices in compressed time."""
 
 
 class SimulatedRig:
@@ -17,6 +20,7 @@ class SimulatedRig:
 
     The rig knows nothing of machines: it is told where each spindle is to go. A motion takes
     ``motion_s`` and follows a smooth curve, so a reading taken too early is a moving one.
+    ``fastest_stream`` compresses the time of devices that stream.
     """
 
     def __init__(
@@ -26,6 +30,7 @@ class SimulatedRig:
         resolution_mm: float,
         transport: Transport,
         motion_s: float = 0.0,
+        fastest_stream: bool = False,
     ) -> None:
         self._motion_s = motion_s
         self._lock = threading.Lock()
@@ -33,7 +38,11 @@ class SimulatedRig:
         self._goal_mm = [0.0] * len(profiles)
         self._departed = -math.inf
         self._ports = [
-            TwinPort(profile.make_twin(self._spindle(k), resolution_mm), transport)
+            TwinPort(
+                profile.make_twin(Spindle(self._spindle(k), resolution_mm)),
+                transport,
+                stream_s=FAST_STREAM_S if fastest_stream and profile.stream_s else profile.stream_s,
+            )
             for k, profile in enumerate(profiles)
         ]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import selectors
 import socket
@@ -9,8 +10,10 @@ import threading
 from typing import Literal, Protocol, Self
 
 from drivers.profile import Twin
+from drivers.twins import Disconnected
 
 Transport = Literal["pty", "tcp"]
+CHUNK = 1024
 
 
 def default_transport() -> Transport:
@@ -19,35 +22,65 @@ def default_transport() -> Transport:
 
 
 class _Wire(Protocol):
-    """One end of a connection as file descriptors or sockets."""
+    """One end of a connection: something to wait for, to read and to write."""
 
     url: str
 
-    def serve(self, twin: Twin, wake: socket.socket) -> None:
-        """Answer until something arrives on ``wake``."""
+    def sources(self) -> tuple[int | socket.socket, ...]:
+        """What to wait for now."""
+
+    def receive(self, source: object) -> bytes:
+        """Bytes from a client; empty where there are none after all."""
+
+    def send(self, answer: bytes) -> None:
+        """Bytes to the client, if there is one."""
 
     def close(self) -> None:
         """Let go of everything."""
 
 
 class TwinPort:
-    """A twin that listens in a thread of its own until it is closed.
+    """A twin that listens in a thread of its own until it is closed or pulls its cable.
 
-    ``url`` is what a real program opens: a device path or ``socket://``.
+    ``url`` is what a real program opens: a device path or ``socket://``. A device that streams is
+    asked for its next frame every ``stream_s``. ``tcp_port`` 0 takes any free one.
     """
 
-    def __init__(self, twin: Twin, transport: Transport) -> None:
-        self._wire: _Wire = _PseudoTerminal() if transport == "pty" else _LoopbackTcp()
+    def __init__(
+        self, twin: Twin, transport: Transport, *, stream_s: float = 0.0, tcp_port: int = 0
+    ) -> None:
+        self._wire: _Wire = _PseudoTerminal() if transport == "pty" else _LoopbackTcp(tcp_port)
         self.url = self._wire.url
+        self._twin = twin
+        self._stream_s = stream_s or None
         self._stop, self._wake = socket.socketpair()
-        self._thread = threading.Thread(
-            target=self._wire.serve, args=(twin, self._wake), name=f"twin {self.url}", daemon=True
-        )
+        self._thread = threading.Thread(target=self._serve, name=f"twin {self.url}", daemon=True)
         self._thread.start()
+
+    def _serve(self) -> None:
+        with contextlib.suppress(Disconnected):
+            while self._wake not in (ready := self._ready()):
+                for source in ready:
+                    request = self._wire.receive(source)
+                    if request and self._stream_s is None:
+                        self._wire.send(self._twin.receive(request))
+                if not ready:
+                    self._wire.send(self._twin.receive(b""))
+            return
+        self._wire.close()
+
+    def _ready(self) -> list[object]:
+        """Sources with something to read; empty when the next frame of a stream is due."""
+        with selectors.DefaultSelector() as selector:
+            for source in (*self._wire.sources(), self._wake):
+                selector.register(source, selectors.EVENT_READ)
+            found = selector.select(self._stream_s)
+            return [key.fileobj for key, _ in found]
 
     def close(self) -> None:
         """Stop answering and free the port."""
-        self._stop.send(b"x")
+        with contextlib.suppress(OSError):
+            self._stop.send(b"x")
         self._thread.join()
         self._stop.close()
         self._wake.close()
@@ -69,66 +102,61 @@ class _PseudoTerminal:
         self._own_end, self._far_end = os.openpty()
         tty.setraw(self._far_end)
         self.url = os.ttyname(self._far_end)
+        self._open = True
 
-    def serve(self, twin: Twin, wake: socket.socket) -> None:
-        with selectors.DefaultSelector() as selector:
-            selector.register(self._own_end, selectors.EVENT_READ)
-            selector.register(wake, selectors.EVENT_READ)
-            while all(key.fileobj is not wake for key, _ in selector.select()):
-                answer = twin.receive(os.read(self._own_end, 1024))
-                if answer:
-                    os.write(self._own_end, answer)
+    def sources(self) -> tuple[int | socket.socket, ...]:
+        return (self._own_end,)
+
+    def receive(self, source: object) -> bytes:
+        return os.read(self._own_end, CHUNK) if source == self._own_end else b""
+
+    def send(self, answer: bytes) -> None:
+        if answer:
+            os.write(self._own_end, answer)
 
     def close(self) -> None:
-        os.close(self._own_end)
-        os.close(self._far_end)
+        if self._open:
+            self._open = False
+            os.close(self._own_end)
+            os.close(self._far_end)
 
 
 class _LoopbackTcp:
     """A listening socket on the loopback address, one client at a time."""
 
-    def __init__(self) -> None:
-        self._server = socket.create_server(("127.0.0.1", 0))
+    def __init__(self, port: int) -> None:
+        self._server = socket.create_server(("127.0.0.1", port))
         self.url = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
         self._client: socket.socket | None = None
 
-    def serve(self, twin: Twin, wake: socket.socket) -> None:
-        with selectors.DefaultSelector() as selector:
-            selector.register(self._server, selectors.EVENT_READ)
-            selector.register(wake, selectors.EVENT_READ)
-            while True:
-                for key, _ in selector.select():
-                    if key.fileobj is wake:
-                        return
-                    if key.fileobj is self._server:
-                        self._accept(selector)
-                    else:
-                        self._answer(twin, selector)
+    def sources(self) -> tuple[int | socket.socket, ...]:
+        return (self._server,) if self._client is None else (self._server, self._client)
 
-    def _accept(self, selector: selectors.BaseSelector) -> None:
-        self._drop(selector)
-        self._client, _ = self._server.accept()
-        self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        selector.register(self._client, selectors.EVENT_READ)
-
-    def _answer(self, twin: Twin, selector: selectors.BaseSelector) -> None:
-        assert self._client is not None
-        try:
-            request = self._client.recv(1024)
-            if request:
-                self._client.sendall(twin.receive(request))
-        except OSError:
-            request = b""
+    def receive(self, source: object) -> bytes:
+        if source is self._server:
+            self._drop()
+            self._client, _ = self._server.accept()
+            self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            return b""
+        request = b""
+        with contextlib.suppress(OSError):
+            request = self._client.recv(CHUNK) if self._client else b""
         if not request:
-            self._drop(selector)
+            self._drop()
+        return request
 
-    def _drop(self, selector: selectors.BaseSelector) -> None:
+    def send(self, answer: bytes) -> None:
+        try:
+            if self._client is not None:
+                self._client.sendall(answer)
+        except OSError:
+            self._drop()
+
+    def _drop(self) -> None:
         if self._client is not None:
-            selector.unregister(self._client)
             self._client.close()
             self._client = None
 
     def close(self) -> None:
-        if self._client is not None:
-            self._client.close()
+        self._drop()
         self._server.close()

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import AwareDatetime, Field, TypeAdapter, model_validator
 
 from protocols.documents import Document
-from protocols.machine import Machine
+from protocols.machine import Instrument, Machine
 from protocols.procedure import Leg, Procedure
 
 SCHEMA = "glidecal.session/1"
@@ -23,19 +23,11 @@ class Line(Document):
     at: AwareDatetime = Field(default_factory=lambda: datetime.now(UTC))
 
 
-class Instrument(Document):
-    """One indicator: profile, port, and the maker's figures in mm."""
-
-    profile: str
-    port: str = ""
-    resolution_mm: Annotated[float, Field(ge=0.0)] | None = None
-    repeatability_mm: Annotated[float, Field(ge=0.0)] | None = None
-
-
 class Opened(Line):
     """First line: the schema and everything known before measuring.
 
-    ``seed`` is set for simulated machines only, so that an interrupted simulation can go on.
+    ``seed`` is set for simulated machines only, so that an interrupted simulation can go on;
+    ``verifies`` names the session whose offsets were entered before this one.
     """
 
     event: Literal["opened"] = "opened"
@@ -45,10 +37,10 @@ class Opened(Line):
     machine: Machine
     procedure: Procedure | None = None
     instruments: tuple[Instrument, ...] = ()
-    indicators: Annotated[int, Field(ge=1, le=2)] = 2
     seed: int | None = None
     operator: str = ""
     temperature_c: float | None = None
+    verifies: str | None = None
     remarks: tuple[str, ...] = ()
 
 

@@ -33,7 +33,7 @@ class Journal:
         """Start a new record. Raises RecordError where the file exists or cannot be written."""
         lock = _lock(path)
         try:
-            file = path.open("xb", buffering=0)
+            file = path.open("x+b", buffering=0)
         except FileExistsError as problem:
             _unlock(lock)
             raise RecordError(
@@ -117,11 +117,30 @@ class Journal:
     def _write(self, content: bytes) -> None:
         if self._dirty:
             self._cut_off()
+        if not self._still_there():
+            self._restore()
         self._file.seek(self._size)
         left = memoryview(content)
         while left:
             left = left[self._file.write(left) :]
         os.fsync(self._file.fileno())
+
+    def _still_there(self) -> bool:
+        """Whether the name still leads to the open file; somebody may have deleted it."""
+        try:
+            return os.path.samestat(self.path.stat(), os.fstat(self._file.fileno()))
+        except FileNotFoundError:
+            return False
+
+    def _restore(self) -> None:
+        """Write everything that is on the disk without a name to a new file of this name."""
+        self._file.seek(0)
+        content = self._file.read(self._size)
+        fresh = self.path.open("x+b", buffering=0)
+        fresh.write(content)
+        os.fsync(fresh.fileno())
+        self._file.close()
+        self._file = fresh
 
     def _take_back(self) -> None:
         """Cut a half-written line off; where even that fails, before the next line is written."""

@@ -17,11 +17,30 @@ Position = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
 Triple = tuple[Position, Position, Position]
 
 
+class Instrument(Document):
+    """One indicator: profile and port, what it measures, and the maker's figures in mm.
+
+    ``axes`` are the directions it may measure along, preferred ones first. ``channel`` belongs to
+    interfaces with several inputs, ``pattern`` and ``request`` to the profile ``ascii-line``.
+    """
+
+    profile: str
+    port: str = ""
+    axes: Annotated[str, Field(pattern="^[xyz]{1,3}$")] = "xyz"
+    unit: Literal["mm", "inch", "µm"] = "mm"
+    channel: Annotated[int, Field(ge=1, le=99)] = 1
+    resolution_mm: Annotated[float, Field(ge=0.0)] | None = None
+    repeatability_mm: Annotated[float, Field(ge=0.0)] | None = None
+    pattern: str | None = None
+    request: str | None = None
+
+
 class Machine(Document):
     """One machine: geometry in mm, and what its controller holds.
 
     ``home_offset_mm`` are the controller's present HOME_OFFSET values, needed to write new ones;
-    ``entered_offsets_mm`` are joint offsets already entered when the session is measured.
+    ``entered_offsets_mm`` are joint offsets already entered when the session is measured;
+    ``indicator`` are the indicators that are used with it.
     """
 
     schema_id: Literal["glidecal.machine/1"] = Field(alias="schema", default="glidecal.machine/1")
@@ -33,6 +52,7 @@ class Machine(Document):
     tool_radius_mm: Length = 31.0
     home_offset_mm: Triple | None = None
     entered_offsets_mm: Triple = (0.0, 0.0, 0.0)
+    indicator: tuple[Instrument, ...] = ()
 
     @model_validator(mode="after")
     def _possible(self) -> Machine:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -17,6 +17,11 @@ from protocols.errors import RecordError, UsageError
 
 Leg = Literal["x", "y", "z"]
 Level = Literal["zero", "max", "min"] | float
+
+
+ALL_AXES: tuple[Leg, ...] = ("x", "y", "z")
+BOTH = ("xyz", "xyz")
+"""Two indicators that may measure along any axis."""
 
 
 class Procedure(Document):
@@ -35,29 +40,31 @@ class Procedure(Document):
     return_to_zero: bool = True
     seconds_per_step: Annotated[float, Field(gt=0.0)] = 20.0
 
-    def steps(self, geometry: Geometry, indicators: int = 2) -> tuple[Step, ...]:
-        """Every step in order. Raises RecordError where a joint limit does not allow a level.
+    def steps(self, geometry: Geometry, axes: Sequence[str] = BOTH) -> tuple[Step, ...]:
+        """Every step in order, for one or two indicators.
 
-        Two indicators read both axes of a leg at once; with one the leg is measured twice.
+        ``axes`` names for each indicator the directions it may measure along; the axes of a step
+        stand in the order of the indicators. With one the leg is measured twice, once for each
+        axis. Raises RecordError where a joint limit does not allow a level, UsageError where the
+        indicators do not fit a leg.
         """
-        visits = self._visits(geometry, indicators)
+        visits = self._visits(geometry, axes)
         return tuple(Step(number, *visit) for number, visit in enumerate(visits, start=1))
 
-    def _visits(self, geometry: Geometry, indicators: int) -> Iterator[Visit]:
+    def _visits(self, geometry: Geometry, axes: Sequence[str]) -> Iterator[Visit]:
         levels = [_displacement(level, geometry, self.name) for level in self.levels]
         for station in self.stations:
             for leg in self.legs:
-                across: tuple[Leg, ...] = tuple(a for a in ("x", "y", "z") if a != leg)
-                for axes in [across] if indicators >= 2 else [(axis,) for axis in across]:
+                for together in axes_on_leg(leg, axes):
                     for cycle in range(1, self.cycles + 1):
                         for displacement in levels:
-                            yield leg, displacement, cycle, station, axes
+                            yield leg, displacement, cycle, station, together
                     if self.return_to_zero:
-                        yield leg, 0.0, self.cycles, station, axes
+                        yield leg, 0.0, self.cycles, station, together
 
-    def duration_s(self, geometry: Geometry, indicators: int = 2) -> float:
+    def duration_s(self, geometry: Geometry, axes: Sequence[str] = BOTH) -> float:
         """Estimated time for the whole procedure."""
-        return len(self.steps(geometry, indicators)) * self.seconds_per_step
+        return len(self.steps(geometry, axes)) * self.seconds_per_step
 
 
 Visit = tuple[Leg, float, int, float, tuple[Leg, ...]]
@@ -82,6 +89,29 @@ class Step:
     def posture(self, geometry: Geometry) -> str:
         """ZERO, MAX, MIN or the displacement in mm."""
         return posture_name(self.displacement_mm, geometry)
+
+
+def axes_on_leg(leg: Leg, axes: Sequence[str]) -> list[tuple[Leg, ...]]:
+    """What is read together on a leg: one group for two indicators, one for each axis with one.
+
+    Of the two ways to share the axes between two indicators the one that they prefer is taken.
+    Raises UsageError where neither fits.
+    """
+    across: list[Leg] = [axis for axis in ALL_AXES if axis != leg]
+    if len(axes) == 1:
+        groups: list[tuple[Leg, ...]] = [(axis,) for axis in across if axis in axes[0]]
+    else:
+        ways: list[tuple[Leg, ...]] = [(across[0], across[1]), (across[1], across[0])]
+        first, second = axes[0], axes[1]
+        fitting = [way for way in ways if way[0] in first and way[1] in second]
+        groups = sorted(fitting, key=lambda w: first.index(w[0]) + second.index(w[1]))[:1]
+    if not groups:
+        raise UsageError(
+            f"indicators on leg {leg}",
+            " and ".join(f"@{allowed}" for allowed in axes),
+            f"axes {across[0]} and {across[1]}, one for each indicator",
+        )
+    return groups
 
 
 def posture_name(displacement_mm: float, geometry: Geometry) -> str:

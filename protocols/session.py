@@ -32,21 +32,21 @@ class Session:
         if self.opened.procedure is None:
             return ()
         geometry = self.opened.machine.geometry()
-        return self.opened.procedure.steps(geometry, self.opened.indicators)
+        axes = tuple(instrument.axes for instrument in self.opened.instruments)
+        return self.opened.procedure.steps(geometry, axes)
 
     def is_new_place(self, step: Step) -> bool:
-        """Whether a step needs a new zero: another leg, station or axis, or after a break.
+        """Whether the stand must be set up for a step: another leg, station or axis."""
+        last = self.mountings[-1] if self.mountings else None
+        here = (step.leg, step.station, set(step.axes))
+        return last is None or (last.leg, last.station, set(last.mounts)) != here
+
+    def needs_new_zero(self, step: Step) -> bool:
+        """Whether readings from here on belong to a new mounting: a new place, or after a break.
 
         Nobody knows what happened to stand and indicators while the program did not run.
         """
-        last = self.mountings[-1] if self.mountings else None
-        if last is None or not self.stand_untouched:
-            return True
-        return (last.leg, last.station, set(last.mounts)) != (
-            step.leg,
-            step.station,
-            set(step.axes),
-        )
+        return self.is_new_place(step) or not self.stand_untouched
 
     def done(self) -> frozenset[int]:
         """Numbers of the steps for which every axis has a reading that counts."""

@@ -12,9 +12,9 @@ from app.opening import program
 from app.simulated_session import simulated_session
 from calib.orthoglide.geometry import Geometry
 from calib.orthoglide.model import Model
-from protocols.events import Instrument, Opened
+from protocols.events import Opened
 from protocols.journal import write_whole
-from protocols.machine import load_machine
+from protocols.machine import Instrument, load_machine
 from protocols.procedure import load_procedure, procedure_names
 from protocols.table import read_table
 

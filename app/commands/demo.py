@@ -18,6 +18,9 @@ def demo(
     ] = False,
     seed: Seed = 1,
     protocol: Protocol = "zero-max-min",
+    profile: Annotated[
+        list[str] | None, typer.Option(help="Profile of the simulated indicators; once or twice.")
+    ] = None,
     folder: Annotated[Path, typer.Option(help="Where the sessions are written.")] = Path(
         "demo-sessions"
     ),
@@ -26,13 +29,16 @@ def demo(
     from app.bench import BenchSettings
     from app.demo import DEMO_MOTION_S, demo_plan, run_headless
     from app.folders import writable_folder
-    from app.opening import SIMULATED_INTERVAL_S
+    from app.opening import DEFAULT_PROFILE, SIMULATED_INTERVAL_S
     from app.wording.result import comparison_text, solution_text
 
     unattended = headless or not (sys.stdin.isatty() and sys.stdout.isatty())
     bench = BenchSettings() if unattended else BenchSettings(motion_s=DEMO_MOTION_S)
     interval_s = 0.0 if unattended else SIMULATED_INTERVAL_S
-    plan = replace(demo_plan(folder, protocol, seed, bench), interval_s=interval_s)
+    plan = replace(
+        demo_plan(folder, protocol, seed, bench, profile or [DEFAULT_PROFILE]),
+        interval_s=interval_s,
+    )
     writable_folder(folder)
     if not unattended:
         from app.screens.start import open_session

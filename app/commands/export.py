@@ -36,7 +36,7 @@ def export(
 ) -> None:
     """Offsets for the controller: a file, or for linuxcnc a folder with three includes."""
     from app.exports import FORMATS
-    from app.exports.linuxcnc import read_home_offsets
+    from app.exports.linuxcnc import UNKNOWN_HOME_OFFSET, read_home_offsets
     from app.exports.offsets import offsets_from_file, with_home_offset
     from app.exports.writing import write_files
     from protocols.errors import UsageError
@@ -51,10 +51,7 @@ def export(
     for text in [*warnings, *offsets.remarks]:
         say(f"glidecal: {text}")
     if format_name is Format.LINUXCNC and offsets.home_offset_mm is None:
-        say(
-            "glidecal: WARNING: nobody stated the present HOME_OFFSET, 0 was assumed for every "
-            "joint; give --ini or --home-offset, or state it in the machine file."
-        )
+        say(f"glidecal: WARNING: {UNKNOWN_HOME_OFFSET}")
     for path in write_files(output, FORMATS[format_name](offsets)):
         say(f"written: {path}")
 

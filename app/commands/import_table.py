@@ -26,9 +26,9 @@ def import_table(
 ) -> None:
     """A session from a table of readings."""
     from app.opening import program
-    from protocols.events import Instrument, Opened
+    from protocols.events import Opened
     from protocols.journal import write_whole
-    from protocols.machine import load_machine
+    from protocols.machine import Instrument, load_machine
     from protocols.table import read_table
 
     known = load_machine(machine)

@@ -53,6 +53,9 @@ Protocol = Annotated[
 ]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of the simulation.")]
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON document on standard output.")]
+ProfileName = Annotated[str, typer.Option("--profile", help="Indicator profile.")]
+Unit = Annotated[str, typer.Option("--unit", help="Unit of the display: mm, inch or µm.")]
+Channel = Annotated[int, typer.Option("--channel", min=1, max=99, help="Input of an interface.")]
 Subset = Annotated[
     SubsetName | None,
     typer.Option("--subset", help="Parameters to identify; default: the recommended set."),

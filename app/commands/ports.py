@@ -21,7 +21,8 @@ def ports(as_json: AsJson = False) -> None:
         for port in sorted(list_ports.comports())
     ]
     profiles = [
-        {"name": p.name, "title": p.title, "verified": p.verified} for p in PROFILES.values()
+        {"name": p.name, "title": p.title, "verified": p.verified, "source": p.source}
+        for p in PROFILES.values()
     ]
     if as_json:
         document: dict[str, Any] = {"schema": "glidecal.ports/1", "ports": found}

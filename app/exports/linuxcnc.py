@@ -17,6 +17,10 @@ from protocols.documents import read_text
 from protocols.errors import RecordError, UsageError
 from protocols.table import NUMBER
 
+UNKNOWN_HOME_OFFSET = (
+    "nobody stated the present HOME_OFFSET, 0 was assumed for every joint; give --ini or "
+    "--home-offset, or state it in the machine file."
+)
 MILLIMETRES = ("mm", "metric")
 LARGEST_MM = 100_000.0
 DEEPEST_INCLUDE = 8

@@ -12,6 +12,7 @@ from textual.containers import Horizontal
 from textual.screen import Screen
 from textual.widgets import Footer, Header, Static
 
+from app.exit_codes import exit_code
 from app.guided import GuidedSession
 from app.opening import Indicators, Plan, begin, open_indicators, resume
 from app.screens.interface import Interface
@@ -38,12 +39,13 @@ class CheckScreen(Screen[None]):
         super().__init__()
         self._plan = plan
         self._continued = continued
+        self._problem: GlidecalError | None = None
 
     def compose(self) -> ComposeResult:
         yield Header()
         yield Static("Opening the indicators …", id="words", markup=False)
         with Horizontal(id="gauges"):
-            for number in range(self._plan.indicators):
+            for number in range(len(self._plan.axes)):
                 yield GaugeDisplay(f"indicator {number + 1}", f"gauge{number}")
         yield Footer()
 
@@ -60,6 +62,7 @@ class CheckScreen(Screen[None]):
             self.app.call_from_thread(self._opened, indicators)
 
     def _refused(self, problem: GlidecalError) -> None:
+        self._problem = problem
         self.query_one("#words", Static).update(f"{problem}\n\nEscape goes back.")
 
     def _opened(self, indicators: Indicators) -> None:
@@ -98,5 +101,7 @@ class CheckScreen(Screen[None]):
             indicators.close()
         if len(self.app.screen_stack) > 2:
             self.app.pop_screen()
+        elif self._problem is not None:
+            self.app.exit(f"glidecal: {self._problem}", return_code=exit_code(self._problem))
         else:
             await self.app.action_quit()

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Iterable
 from typing import Any, ClassVar
 
-from textual.app import App
+from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
 
@@ -35,17 +36,27 @@ class Interface(App[str]):
     def on_mount(self) -> None:
         self.push_screen(self._first)
 
+    def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
+        """The palette offers what an operator can use, no tools of the developer."""
+        kept = ("Theme", "Quit")
+        return [entry for entry in super().get_system_commands(screen) if entry.title in kept]
+
     def complain(self, problem: GlidecalError | str) -> None:
         """Show an error that a person can act on."""
         self.notify(str(problem), severity="error", timeout=12, markup=False)
 
     async def action_quit(self) -> None:
         """Quit; an open session is paused and can be continued."""
+        self.notify("Finishing …", markup=False)
         self.exit(await self._leave())
 
     async def action_interrupt(self) -> None:
         """Ctrl-C: as quit, with the exit status of an interruption."""
         self.exit(await self._leave(), return_code=Exit.INTERRUPTED)
+
+    async def on_unmount(self) -> None:
+        """However the interface ends, ports and record are let go."""
+        await self._leave()
 
     async def _leave(self) -> str:
         guided, indicators = self.guided, self.indicators

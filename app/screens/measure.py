@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Sequence
 from typing import ClassVar
 
 from textual import work
@@ -11,19 +13,25 @@ from textual.containers import Horizontal
 from textual.screen import Screen
 from textual.widgets import Footer, Static
 
-from app.acquisition import Motion
-from app.demo import solve_for_controller
+from app.acquisition import Live, Motion
 from app.guided import GuidedSession, Taken
 from app.leg_table import leg_rows
 from app.opening import Plan
 from app.screens.dialogs import HelpDialog, NoteDialog
 from app.screens.interface import Interface
 from app.screens.widgets import GaugeDisplay, StepList
+from app.solving import solve_for_controller
 from app.wording.session import MEASURE_HELP, leg_table_text, progress_text, step_text
 from calib.errors import GlidecalError
+from drivers.outcome import Fault, Reading
 from protocols.procedure import Step
 
 REFRESH_S = 0.1
+HELD_KEY_S = 0.15
+"""Presses that follow this closely are one held key."""
+
+ANYWAY_S = 4.0
+"""How long a second press takes readings that still move."""
 
 
 class MeasureScreen(Screen[None]):
@@ -47,6 +55,8 @@ class MeasureScreen(Screen[None]):
         self.plan = plan
         self.automatic = False
         self.busy = False
+        self._lost: set[int] = set()
+        self._pressed_at = self._anyway_until = 0.0
 
     def compose(self) -> ComposeResult:
         yield Static("", id="progress", markup=False)
@@ -92,13 +102,51 @@ class MeasureScreen(Screen[None]):
         states = [gauge.live() for gauge in self.guided.gauges]
         for display, live in zip(self.query(GaugeDisplay), states, strict=True):
             display.show(live)
-        if self.automatic and all(live.motion is Motion.STABLE for live in states):
+        self._tell_lost_and_found(states)
+        pressed = [gauge.button_pressed() for gauge in self.guided.gauges]
+        if any(pressed):
             self.action_take()
+        elif self.automatic and self._ready(states):
+            self._begin_take()
+
+    def _tell_lost_and_found(self, states: Sequence[Live]) -> None:
+        """One line when an indicator goes and when it comes back."""
+        for number, live in enumerate(states):
+            lost = isinstance(live.outcome, Fault)
+            if lost and number not in self._lost:
+                self._lost.add(number)
+                words = live.outcome.words if isinstance(live.outcome, Fault) else ""
+                self._say(f"Indicator {number + 1}: {words}. The session waits.")
+            elif isinstance(live.outcome, Reading) and number in self._lost:
+                self._lost.remove(number)
+                self._say(f"Indicator {number + 1} answers again; go on with this step.")
+
+    def _ready(self, states: Sequence[Live]) -> bool:
+        """All stand still; with a real machine something must have moved before."""
+        moved = self.plan.simulated or any(gauge.has_moved() for gauge in self.guided.gauges)
+        return moved and all(live.motion is Motion.STABLE for live in states)
 
     def action_take(self) -> None:
-        """Read the indicators for the present step."""
-        if not self.busy and self.guided.step() is not None:
-            self.busy = True
+        """Read the indicators for the present step; twice to take readings that still move."""
+        now = time.monotonic()
+        held, self._pressed_at = now - self._pressed_at < HELD_KEY_S, now
+        if held or self.busy:
+            return
+        if self.guided.step() is None:
+            self._finish()
+        elif now < self._anyway_until or self._ready_by_hand():
+            self._begin_take()
+        else:
+            self._anyway_until = now + ANYWAY_S
+            self._say("The readings still move. Wait, or press Space again to take them anyway.")
+
+    def _ready_by_hand(self) -> bool:
+        moving = (Motion.MOVING, Motion.WAITING)
+        return all(gauge.live().motion not in moving for gauge in self.guided.gauges)
+
+    def _begin_take(self) -> None:
+        if not self.busy:
+            self.busy, self._anyway_until = True, 0.0
             self._take()
 
     @work(thread=True)
@@ -118,6 +166,7 @@ class MeasureScreen(Screen[None]):
             self._refused("Not taken: " + "; ".join(fault.words for fault in taken.faults))
             return
         self.app.bell()
+        self.app.clear_notifications()
         shown = ", ".join(f"{r.axis.upper()} {r.value_mm:+.4f} mm" for r in taken.readings)
         self._say(f"Taken and on the disk, step {taken.step.number}: {shown}")
         self._next()
@@ -125,7 +174,6 @@ class MeasureScreen(Screen[None]):
     def _refused(self, text: str) -> None:
         self.busy = self.automatic = False
         self._say(text)
-        self.app.complain(text)
         self._show_step()
 
     def _say(self, text: str) -> None:
@@ -162,10 +210,11 @@ class MeasureScreen(Screen[None]):
 
     def action_note(self) -> None:
         """A remark for the record."""
-        self.automatic = False
-        self.app.push_screen(NoteDialog(), self._noted)
+        resume, self.automatic = self.automatic, False
+        self.app.push_screen(NoteDialog(), lambda text: self._noted(text, resume))
 
-    def _noted(self, text: str | None) -> None:
+    def _noted(self, text: str | None, automatic: bool) -> None:
+        self.automatic = automatic
         if text:
             try:
                 self.guided.note(text)
@@ -187,7 +236,8 @@ class MeasureScreen(Screen[None]):
             self.guided.finish()
             solved = solve_for_controller(self.guided.path)
         except GlidecalError as problem:
-            self.app.call_from_thread(self._refused, str(problem))
+            said = f"Every reading is on the disk, but: {problem} Space tries again."
+            self.app.call_from_thread(self._refused, said)
             return
         self.app.guided = None
         result = ResultScreen(solved, self.plan, self.guided.path)

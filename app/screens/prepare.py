@@ -11,6 +11,7 @@ from textual.containers import Horizontal, VerticalScroll
 from textual.screen import Screen
 from textual.widgets import Footer, Header, Input, Label, Select, Static
 
+from app.indicators import check_indicators, parse_indicator
 from app.opening import Plan, session_name
 from app.screens.check import CheckScreen
 from app.screens.interface import Interface
@@ -19,10 +20,15 @@ from calib.errors import GlidecalError
 from protocols.errors import UsageError
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure, procedure_names
+from protocols.table import NUMBER
 
 FIELDS = (
-    ("port1", "First indicator, port", "COM5, /dev/ttyUSB0; empty: simulated"),
-    ("port2", "Second indicator, port", "empty: one indicator, each leg is measured twice"),
+    (
+        "indicator1",
+        "First indicator",
+        "mitutoyo-01a:COM5, sylvac:/dev/ttyUSB0@yx",
+    ),
+    ("indicator2", "Second indicator", "empty: one indicator, each leg is measured twice"),
     ("machine", "Machine file", "empty: the prototype of the papers"),
     ("operator", "Operator", ""),
     ("temperature", "Temperature, °C", ""),
@@ -54,7 +60,7 @@ class PrepareScreen(Screen[None]):
         yield Footer()
 
     def on_mount(self) -> None:
-        self.query_one("#port1", Input).focus()
+        self.query_one("#indicator1", Input).focus()
         self._summarise()
 
     def on_select_changed(self) -> None:
@@ -64,12 +70,12 @@ class PrepareScreen(Screen[None]):
         self._summarise()
 
     def on_input_submitted(self) -> None:
-        self.action_check()
+        self.focus_next()
 
     def _summarise(self) -> None:
         try:
             plan = self._plan()
-            text = procedure_sentence(plan.procedure, plan.machine.geometry(), plan.indicators)
+            text = procedure_sentence(plan.procedure, plan.machine.geometry(), plan.axes)
         except GlidecalError as problem:
             text = str(problem)
         self.query_one("#summary", Static).update(text)
@@ -86,21 +92,27 @@ class PrepareScreen(Screen[None]):
     def _plan(self) -> Plan:
         text = {name: self.query_one(f"#{name}", Input).value.strip() for name, _, _ in FIELDS}
         name = str(self.query_one("#procedure", Select).value)
-        ports = tuple(port for port in (text["port1"], text["port2"]) if port)
-        if len(set(ports)) < len(ports):
-            raise UsageError("port of the second indicator", ports[1], "another port")
+        named = [value for value in (text["indicator1"], text["indicator2"]) if value]
+        machine = load_machine(Path(text["machine"]) if text["machine"] else None)
+        instruments = tuple(map(parse_indicator, named)) or machine.indicator
+        if not instruments:
+            raise UsageError(
+                "indicators", "none", "PROFILE:PORT", "Without any, choose the demonstration"
+            )
+        check_indicators(instruments)
         return Plan(
             path=session_name(Path(), name),
-            machine=load_machine(Path(text["machine"]) if text["machine"] else None),
+            machine=machine,
             procedure=load_procedure(name),
-            ports=ports,
+            instruments=instruments,
             operator=text["operator"],
             temperature_c=_temperature(text["temperature"]),
         )
 
 
 def _temperature(text: str) -> float | None:
-    try:
-        return float(text) if text else None
-    except ValueError as problem:
-        raise UsageError("temperature", repr(text), "a number in °C, or nothing") from problem
+    if not text:
+        return None
+    if not NUMBER.fullmatch(text) or not -50.0 <= float(text) <= 100.0:
+        raise UsageError("temperature", repr(text), "−50 … 100 °C with a decimal point, or nothing")
+    return float(text)

@@ -13,6 +13,7 @@ from textual.screen import Screen
 from textual.widgets import Footer, Header, Static
 
 from app.demo import export_offsets, verification_plan
+from app.exports.linuxcnc import UNKNOWN_HOME_OFFSET
 from app.opening import Plan
 from app.screens.interface import Interface
 from app.solving import Solved, solve_sessions
@@ -87,6 +88,8 @@ class ResultScreen(Screen[None]):
         else:
             names = ", ".join(path.name for path in paths)
             said = f"Written to {folder}: {names}"
+            if self.solved.sessions[0].opened.machine.home_offset_mm is None:
+                said += ". WARNING: " + UNKNOWN_HOME_OFFSET
             self.app.call_from_thread(self.app.notify, said, timeout=10, markup=False)
 
     def _joint_offsets(self) -> Solved:
@@ -101,7 +104,7 @@ class ResultScreen(Screen[None]):
             return
         before = self._joint_offsets()
         plan = verification_plan(self.plan, before)
-        self.app.go_to(CheckScreen(plan))
+        self.app.push_screen(CheckScreen(plan))
 
     def action_home(self) -> None:
         """Back to the first screen."""

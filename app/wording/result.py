@@ -104,7 +104,7 @@ def difference_table(solution: Solution) -> Table:
 
 def subset_table(solved: Solved) -> Table:
     """What each set of parameters would leave, and its expected error at the tool."""
-    table = new_table("set of parameters", "left, mm r.m.s.", "tool error, mm", "")
+    table = new_table("set of parameters", "left, r.m.s.", "tool error", "")
     for subset in SUBSETS:
         if subset in solved.choice.solutions:
             left = f"{solved.choice.solutions[subset].rms_after_mm:.4f}"

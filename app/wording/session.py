@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from app.indicators import profile_of
 from app.leg_table import LegRow
 from app.opening import Plan
 from app.wording.tables import new_table, signed, table_text, wrapped
 from calib.observations import LEG_NAMES, conditions
 from calib.orthoglide.geometry import Geometry
 from calib.orthoglide.pipeline import command
+from drivers.profile import Verified
+from protocols.machine import Instrument
 from protocols.procedure import Procedure, Step, leg_number, posture_name
 from protocols.session import Session
 
@@ -58,23 +61,23 @@ def joints_text(step: Step, geometry: Geometry) -> str:
     return "joints " + "  ".join(f"{n} {v:.3f}" for n, v in zip(LEG_NAMES, joints, strict=True))
 
 
-def procedure_sentence(procedure: Procedure, geometry: Geometry, indicators: int) -> str:
+def procedure_sentence(procedure: Procedure, geometry: Geometry, axes: Sequence[str]) -> str:
     """Steps and time of a procedure in one sentence."""
-    steps = len(procedure.steps(geometry, indicators))
-    minutes = procedure.duration_s(geometry, indicators) / 60.0
+    steps = len(procedure.steps(geometry, axes))
+    minutes = procedure.duration_s(geometry, axes) / 60.0
     return (
-        f"{procedure.title}. {steps} steps with {indicators} indicator"
-        f"{'s' if indicators > 1 else ''}, about {minutes:.0f} minutes. {procedure.description}"
+        f"{procedure.title}. {steps} steps with {len(axes)} indicator"
+        f"{'s' if len(axes) > 1 else ''}, about {minutes:.0f} minutes. {procedure.description}"
     )
 
 
-def dry_run_text(procedure: Procedure, geometry: Geometry, indicators: int) -> str:
+def dry_run_text(procedure: Procedure, geometry: Geometry, axes: Sequence[str]) -> str:
     """Every step of a procedure with the line to type at the controller."""
     table = new_table("step", "leg", "posture", "cycle", "station", "axes", "controller", left=7)
-    for step in procedure.steps(geometry, indicators):
+    for step in procedure.steps(geometry, axes):
         place = (str(step.number), step.leg, step.posture(geometry), str(step.cycle))
         table.add_row(*place, f"{step.station:g}", " ".join(step.axes), mdi_line(step))
-    sentence = wrapped(procedure_sentence(procedure, geometry, indicators))
+    sentence = wrapped(procedure_sentence(procedure, geometry, axes))
     return f"{sentence}\n\n{table_text(table)}"
 
 
@@ -84,7 +87,10 @@ def check_text(plan: Plan, *, continued: bool) -> str:
         check = "The machine is simulated; its indicators speak real bytes over real ports."
     else:
         check = "Move each spindle by hand: the right display must follow, and read in mm."
-    sentence = procedure_sentence(plan.procedure, plan.machine.geometry(), plan.indicators)
+    unverified = [i.profile for i in plan.instruments if not _is_verified(i)]
+    if unverified:
+        check += f"\nUNVERIFIED profile: {', '.join(unverified)}. Compare with the display first."
+    sentence = procedure_sentence(plan.procedure, plan.machine.geometry(), plan.axes)
     begin = "Enter continues the session" if continued else "Enter begins the session"
     if continued:
         begin += "; after a break the indicators get a new zero"
@@ -92,6 +98,10 @@ def check_text(plan: Plan, *, continued: bool) -> str:
     if plan.before is not None:
         entered = "Verification: the exported offsets must now be in the controller.\n"
     return f"{entered}{plan.machine.name}. {sentence}\n\n{check}\n\n{begin}: {plan.path}"
+
+
+def _is_verified(instrument: Instrument) -> bool:
+    return profile_of(instrument).verified is not Verified.UNVERIFIED
 
 
 def progress_text(session: Session, steps: Sequence[Step], *, automatic: bool) -> str:
@@ -115,6 +125,8 @@ def step_text(step: Step, geometry: Geometry, session: Session) -> str:
     lines = [where, instruction(step), mdi_line(step), joints_text(step, geometry)]
     if session.is_new_place(step):
         lines.insert(1, set_up(step))
+    elif session.needs_new_zero(step):
+        lines.insert(1, "After the break: readings from here on have a zero of their own.")
     return "\n".join(lines)
 
 

@@ -9,7 +9,8 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-WIDTH = 80
+WIDTH = 76
+"""Fits a terminal of 80 columns inside borders and scroll bar."""
 
 
 def new_table(*headings: str, left: int = 1) -> Table:

@@ -8,13 +8,11 @@ retry times from open-source readers (docs/indicators.md).
 from __future__ import annotations
 
 import re
-from decimal import Decimal
+from dataclasses import replace
 
-from drivers.outcome import Fault, FaultKind, Outcome, Reading
-from drivers.profile import LineSettings, Profile
-from drivers.profiles.mitutoyo_01a_twin import MitutoyoTwin
-
-CHANNEL = "1"
+from drivers.outcome import Asked, Fault, FaultKind, Outcome, not_understood, reading
+from drivers.profile import BadReply, LineSettings, Profile, Spindle, Twin, Verified
+from drivers.twins import Answering
 
 VALUE = re.compile(r"0(?P<channel>\d)A(?P<number>[+-](?=[\d.]{8,9}$)\d+\.\d+)", re.ASCII)
 STATUS = re.compile(r"9(?P<channel>\d)(?P<code>\d)", re.ASCII)
@@ -27,35 +25,77 @@ STATUS_WORDS = {
 }
 
 
-def parse(reply: bytes) -> Outcome:
+def parse(text: str, asked: Asked) -> Outcome | None:
     """A whole reply without CR as a reading or a fault; never a number from a status."""
-    text = reply.decode("latin-1")
-    if found := VALUE.fullmatch(text):
-        if found["channel"] != CHANNEL:
-            return Fault(
-                FaultKind.WRONG_CHANNEL,
-                text,
-                f"answer of channel {found['channel']} where channel {CHANNEL} was asked",
-            )
-        number = Decimal(found["number"])
-        exponent = int(number.as_tuple().exponent)
-        return Reading(text, float(number), 10.0**exponent, unit_assumed=True)
-    if found := STATUS.fullmatch(text):
-        words = STATUS_WORDS.get(found["code"], f"unknown status {found['code']}")
-        kind = FaultKind.BUSY if found["code"] == "8" else FaultKind.DEVICE_FAULT
-        return Fault(kind, text, words)
-    return Fault(FaultKind.NOT_UNDERSTOOD, text, "not a frame of this profile")
+    found = VALUE.fullmatch(text) or STATUS.fullmatch(text)
+    if not found:
+        return not_understood(text)
+    if found["channel"] != str(asked.channel):
+        words = f"answer of channel {found['channel']} where channel {asked.channel} was asked"
+        return Fault(FaultKind.WRONG_CHANNEL, text, words)
+    if found.re is VALUE:
+        return reading(text, found["number"], asked)
+    code = found["code"]
+    words = STATUS_WORDS.get(code, f"unknown status {code}")
+    return Fault(FaultKind.BUSY if code == "8" else FaultKind.DEVICE_FAULT, text, words)
+
+
+def twin(spindle: Spindle) -> Twin:
+    """Answers the channel's digit with a frame of 13 bytes."""
+
+    def frame(request: bytes) -> bytes:
+        if request != str(spindle.channel).encode():
+            return b""
+        sign, number = spindle.text()[0], spindle.text(max(1, spindle.decimals))[1:]
+        return f"0{spindle.channel}A{sign}{number.zfill(8)}\r".encode()
+
+    return Answering(frame)
 
 
 MITUTOYO_01A = Profile(
     name="mitutoyo-01a",
-    title="Mitutoyo 01A frames: USB input tool (VCP), IT-007R, multiplexer format",
-    verified="frame: vendor document; request and status codes: open-source code",
+    title="Mitutoyo USB input tool in VCP mode",
+    verified=Verified.CODE,
+    source="frame: QM-Height manual 99MAF600B; request and status codes: open-source readers",
     line=LineSettings(baud=9600),
-    request=b"1\r",
-    timeout_s=5.0,
-    interval_s=0.2,
+    request=lambda asked: f"{asked.channel}\r".encode(),
     parse=parse,
-    make_twin=MitutoyoTwin,
+    make_twin=twin,
+    timeout_s=5.0,
+    bad_replies={
+        "no-data": BadReply(b"911\r", FaultKind.DEVICE_FAULT),
+        "format": BadReply(b"912\r", FaultKind.DEVICE_FAULT),
+        "busy": BadReply(b"918\r", FaultKind.BUSY),
+        "wrong-channel": BadReply(b"02A+0000.123\r", FaultKind.WRONG_CHANNEL),
+        "footswitch": BadReply(b"0001,FOOTSWITCH, ,01\r\n", FaultKind.NOT_UNDERSTOOD),
+    },
     busy_retries=5,
+    hint="Without the VCP driver the tool is a keyboard and has no port (USB 0FE7:4001).",
+)
+
+MITUTOYO_IT007R = replace(
+    MITUTOYO_01A,
+    name="mitutoyo-it007r",
+    title="Mitutoyo IT-007R, RS-232C input tool",
+    source="frame: vendor document; request, speed and interval: open-source reader",
+    line=LineSettings(baud=2400),
+    request=lambda asked: f"{asked.channel}".encode(),
+    make_twin=lambda spindle: Answering(
+        lambda request: twin(spindle).receive(request + b"\r"), end=b""
+    ),
+    timeout_s=2.0,
+    interval_s=1.0,
+    hint="It lives on the control lines DTR and RTS; faster than once a second gives errors.",
+)
+
+MITUTOYO_MUX = replace(
+    MITUTOYO_01A,
+    name="mitutoyo-mux",
+    title="Mitutoyo multiplexer MUX-10F",
+    verified=Verified.UNVERIFIED,
+    source="reply: vendor document; request and line settings: from memory only",
+    request=lambda asked: f"{asked.channel}".encode(),
+    make_twin=MITUTOYO_IT007R.make_twin,
+    timeout_s=2.0,
+    hint="Speed is set by DIP switches; the frame's second character is the channel.",
 )

@@ -173,10 +173,11 @@ def test_the_same_session_twice(samples: Path, tmp_path: Path) -> None:
     [
         (["run", "--protocol", "zero-mx-min", "--dry-run"], 2, "zero-max-min"),
         (["run", "--simulated", "--port", "a"], 2, "one of them"),
-        (["run", "--port", "a", "--port", "a"], 2, "two different ports"),
-        (["run"], 2, "neither --port nor --simulated"),
+        (["run", "--port", "a", "--port", "a"], 2, "port a twice"),
+        (["run", "--indicator", "sylvac:a@x", "--indicator", "sylvac:b@x"], 2, "do not fit leg"),
+        (["run"], 2, "--indicator PROFILE:PORT"),
         (["run", "--simulated"], 2, "no terminal"),
-        (["run", "--port", "a", "--headless"], 2, "--headless --simulated only"),
+        (["run", "--port", "a", "--headless"], 2, "--simulated only"),
         (["run", "--dry-run", "--machine", "none.toml"], 3, "none.toml"),
         ([], 2, "no terminal"),
     ],
@@ -219,7 +220,9 @@ def test_an_existing_session_is_not_overwritten(samples: Path, tmp_path: Path) -
 def test_ports_lists_profiles_and_needs_no_port() -> None:
     run = glidecal("ports", "--json")
     document = json.loads(run.out)
-    assert [p["name"] for p in document["profiles"]] == ["mitutoyo-01a"]
+    names = [p["name"] for p in document["profiles"]]
+    assert {"mitutoyo-01a", "sylvac", "ascii-line"} <= set(names)
+    assert all(p["verified"] and p["source"] for p in document["profiles"])
     assert "Indicator profiles" in glidecal("ports").out
 
 

@@ -12,11 +12,13 @@ from dataclasses import replace
 import pytest
 
 from drivers.errors import IndicatorError
-from drivers.line import IndicatorLine, open_port
+from drivers.line import IndicatorLine
 from drivers.outcome import Fault, FaultKind, Outcome, Reading
-from drivers.profile import Profile
+from drivers.port import open_port
+from drivers.profile import Profile, Spindle
 from drivers.profiles import profile_named
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
+from drivers.profiles.sylvac import SYLVAC
 from drivers.rig import SimulatedRig
 from drivers.twin_port import Transport, TwinPort
 
@@ -69,7 +71,7 @@ def first_outcome(port: str) -> Outcome:
         (b"01A+0000.1", FaultKind.PARTIAL_LINE),
         (b"911\r", FaultKind.DEVICE_FAULT),
         (b"02A+0000.123\r", FaultKind.WRONG_CHANNEL),
-        (b"\xb0\xb1\x8d", FaultKind.PARTIAL_LINE),
+        (b"\x30\xb1\x8d", FaultKind.WRONG_PARITY),
     ],
 )
 def test_faults(transport: Transport, answer: bytes, kind: FaultKind) -> None:
@@ -101,25 +103,24 @@ def test_busy_is_asked_again(transport: Transport) -> None:
 def test_a_late_answer_is_not_taken_for_the_next_reading(transport: Transport) -> None:
     """The first answer comes after the time-out; the second request must get the second."""
     device = Scripted(b"01A+0001.000\r", b"01A+0002.000\r", after_s=0.5)
-    patient = replace(QUICK, timeout_s=0.2)
     with TwinPort(device, transport) as twin:
-        port = open_port(patient, twin.url)
-        port.close()
         heard: list[Outcome] = []
         opened = IndicatorLine(
-            replace(patient, timeout_s=0.2), twin.url, interval_s=0.7, listener=heard.append
+            replace(QUICK, timeout_s=0.3), twin.url, interval_s=0.05, listener=heard.append
         )
         opened.start()
-        deadline = time.monotonic() + 5
+        deadline = time.monotonic() + 8
         while len(heard) < 2 and time.monotonic() < deadline:
             time.sleep(0.01)
         opened.close()
-    assert all(isinstance(outcome, Fault) for outcome in heard[:2])
+    values = [outcome.value_mm for outcome in heard if isinstance(outcome, Reading)]
+    assert isinstance(heard[0], Fault)
+    assert 1.0 not in values
 
 
 @pytest.mark.parametrize("transport", BOTH)
 def test_unplugged_and_plugged_in_again(transport: Transport) -> None:
-    twin = TwinPort(MITUTOYO_01A.make_twin(lambda: 0.5, 0.001), transport)
+    twin = TwinPort(MITUTOYO_01A.make_twin(Spindle(lambda: 0.5, 0.001)), transport)
     with line(twin.url, replace(QUICK, interval_s=0.05)) as opened:
         assert isinstance(opened.ask().result(timeout=5), Reading)
         twin.close()
@@ -194,10 +195,20 @@ def test_asking_a_closed_line_gives_a_fault() -> None:
 def test_settings_of_the_profile_reach_the_port(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: dict[str, object] = {}
 
-    def record(port: str, **settings: object) -> None:
+    class Port:
+        dtr = rts = None
+
+        def open(self) -> None:
+            seen.update(dtr=self.dtr, rts=self.rts)
+
+    def record(port: str, **settings: object) -> Port:
         seen.update(settings, port=port)
+        return Port()
 
     monkeypatch.setattr("serial.serial_for_url", record)
+    open_port(SYLVAC, "COM5")
+    assert (seen["dtr"], seen["rts"]) == (True, False)
+    assert (seen["bytesize"], seen["parity"], seen["stopbits"]) == (7, "E", 2)
     open_port(QUICK, "COM5")
     assert (seen["baudrate"], seen["bytesize"], seen["parity"], seen["stopbits"]) == (
         9600,

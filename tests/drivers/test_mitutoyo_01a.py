@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.outcome import Fault, FaultKind, Reading
-from drivers.profiles.mitutoyo_01a import parse
-from drivers.profiles.mitutoyo_01a_twin import MitutoyoTwin
+from drivers.outcome import Asked, Fault, FaultKind, Reading
+from drivers.profile import Spindle
+from drivers.profiles.mitutoyo_01a import parse, twin
 
 
 @pytest.mark.parametrize(
@@ -24,7 +24,7 @@ from drivers.profiles.mitutoyo_01a_twin import MitutoyoTwin
     ],
 )
 def test_values(frame: bytes, value: float, resolution: float) -> None:
-    found = parse(frame)
+    found = parse(frame.decode("latin-1"), Asked())
     assert isinstance(found, Reading)
     assert found.value_mm == value
     assert found.resolution_mm == pytest.approx(resolution)
@@ -52,29 +52,29 @@ def test_values(frame: bytes, value: float, resolution: float) -> None:
     ],
 )
 def test_what_is_not_a_value(frame: bytes, kind: FaultKind) -> None:
-    found = parse(frame)
+    found = parse(frame.decode("latin-1"), Asked())
     assert isinstance(found, Fault)
     assert found.kind is kind
 
 
 @given(st.binary(max_size=20))
 def test_no_value_from_outside_the_grammar(frame: bytes) -> None:
-    found = parse(frame)
+    found = parse(frame.decode("latin-1"), Asked())
     if isinstance(found, Reading):
         assert re.fullmatch(rb"01A[+-][0-9]+\.[0-9]+", frame)
 
 
 @given(st.floats(-99.0, 99.0), st.sampled_from([0.01, 0.001, 0.0001]))
 def test_the_twin_speaks_what_the_profile_reads(position: float, resolution: float) -> None:
-    reply = MitutoyoTwin(lambda: position, resolution).receive(b"1\r")
+    reply = twin(Spindle(lambda: position, resolution)).receive(b"1\r")
     assert reply.endswith(b"\r")
-    found = parse(reply[:-1])
+    found = parse(reply[:-1].decode(), Asked())
     assert isinstance(found, Reading)
     assert abs(found.value_mm - position) <= resolution / 2 + 1e-9
     assert found.resolution_mm == pytest.approx(resolution)
 
 
 def test_the_twin_waits_for_a_whole_request() -> None:
-    twin = MitutoyoTwin(lambda: 1.0, 0.001)
-    assert twin.receive(b"1") == b""
-    assert twin.receive(b"\r1\rx\r").count(b"\r") == 2
+    device = twin(Spindle(lambda: 1.0, 0.001))
+    assert device.receive(b"1") == b""
+    assert device.receive(b"\r1\rx\r").count(b"\r") == 2

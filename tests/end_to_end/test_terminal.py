@@ -64,6 +64,7 @@ def test_demo_is_driven_by_keys_and_paused_with_ctrl_c(terminal: Terminal, tmp_p
     terminal.wait_for("Enter begins the session")
     terminal.press("Enter")
     terminal.wait_for("LEG X   ZERO   cycle 1 of 3")
+    terminal.wait_for("= STABLE")
     terminal.press("Space")
     shown = terminal.wait_for("Taken and on the disk, step 1")
     assert "G53 G0 X60.000" in shown
@@ -87,6 +88,6 @@ def test_home(terminal: Terminal) -> None:
     shown = terminal.wait_for("Demonstration on a simulated machine")
     assert "New session on real indicators" in shown
     terminal.press("Enter")
-    terminal.wait_for("First indicator, port")
+    terminal.wait_for("First indicator")
     terminal.press("F10")
     terminal.wait_for("STATUS 0")

@@ -30,7 +30,7 @@ def test_standard_procedure_is_sixty_readings_on_six_mountings() -> None:
 
 
 def test_one_indicator_measures_each_leg_twice() -> None:
-    steps = load_procedure("zero-max-min").steps(Geometry(), indicators=1)
+    steps = load_procedure("zero-max-min").steps(Geometry(), ("xyz",))
     assert len(steps) == 60
     assert {step.axes for step in steps if step.leg == "y"} == {("x",), ("z",)}
 

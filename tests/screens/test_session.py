@@ -17,17 +17,30 @@ from app.screens.interface import Interface
 from app.screens.measure import MeasureScreen
 from app.screens.prepare import PrepareScreen
 from app.screens.result import ResultScreen
+from drivers.profile import Spindle
+from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
+from drivers.twin_port import TwinPort
 from protocols.record import read_record
 from protocols.session import fold
 
 SIZE = (80, 24)
-PATIENCE = 400
+
+
+@pytest.fixture(autouse=True)
+def _fast_fingers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The pilot presses faster than a held key repeats."""
+    monkeypatch.setattr("app.screens.measure.HELD_KEY_S", 0.0)
+
+
+PATIENCE = 1500
 
 
 def quick_plan(folder: Path) -> Plan:
     from dataclasses import replace
 
-    return replace(demo_plan(folder, "zero-max-min", 1, BenchSettings()), interval_s=0.01)
+    return replace(
+        demo_plan(folder, "zero-max-min", 1, BenchSettings()), interval_s=0.01, window_s=0.15
+    )
 
 
 def text(interface: Interface, selector: str) -> str:
@@ -55,6 +68,7 @@ async def to_measuring(pilot: Pilot[str], interface: Interface) -> MeasureScreen
 
 async def take(pilot: Pilot[str], screen: MeasureScreen) -> None:
     before = len(screen.guided.session.all_readings)
+    await until(pilot, "stillness", screen._ready_by_hand)
     await pilot.press("space")
     await until(
         pilot,
@@ -175,13 +189,17 @@ async def test_continue_at_the_first_unfinished_step(tmp_path: Path) -> None:
 async def test_a_port_that_is_not_there_is_said_in_words(tmp_path: Path) -> None:
     from dataclasses import replace
 
-    plan = replace(quick_plan(tmp_path), ports=("/dev/tty[none]",))
+    from protocols.machine import Instrument
+
+    missing = Instrument(profile="mitutoyo-01a", port="/dev/tty[none]")
+    plan = replace(quick_plan(tmp_path), instruments=(missing,))
     interface = Interface(CheckScreen(plan))
     async with interface.run_test(size=SIZE) as pilot:
         await until(pilot, "words", lambda: "no such port" in text(interface, "#words"))
         assert "/dev/tty[none]" in text(interface, "#words")
         await pilot.press("escape")
-    assert interface.return_code == 0
+    assert interface.return_code == 4
+    assert "no such port" in str(interface.return_value)
 
 
 async def test_indicator_fault_is_not_taken(
@@ -255,22 +273,30 @@ async def test_prepare_form_with_keys(tmp_path: Path, monkeypatch: pytest.Monkey
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.press("enter")
         await until(pilot, "form", lambda: isinstance(interface.screen, PrepareScreen))
-        assert "30 steps with 2 indicators" in text(interface, "#summary")
-        interface.screen.query_one("#machine", Input).value = "none.toml"
-        await pilot.pause()
-        assert "none.toml" in text(interface, "#summary")
-        interface.screen.query_one("#machine", Input).value = ""
-        interface.screen.query_one("#temperature", Input).value = "warm"
-        await pilot.press("f5")
-        await pilot.pause()
-        assert isinstance(interface.screen, PrepareScreen)
-        interface.screen.query_one("#temperature", Input).value = "21.5"
-        await pilot.press("f5")
-        await until(pilot, "check", lambda: isinstance(interface.screen, CheckScreen))
-        await until(pilot, "indicators open", lambda: interface.indicators is not None)
-        await pilot.press("escape")
-        await until(pilot, "back", lambda: isinstance(interface.screen, PrepareScreen))
-        await pilot.press("f10")
+        assert "Without any, choose the demonstration" in text(interface, "#summary")
+        with TwinPort(MITUTOYO_01A.make_twin(Spindle(lambda: 0.5, 0.001)), "tcp") as twin:
+            await prepare(pilot, interface, twin.url)
+
+
+async def prepare(pilot: Pilot[str], interface: Interface, port: str) -> None:
+    interface.screen.query_one("#indicator1", Input).value = f"mitutoyo-01a:{port}"
+    await pilot.pause()
+    assert "60 steps with 1 indicator" in text(interface, "#summary")
+    interface.screen.query_one("#machine", Input).value = "none.toml"
+    await pilot.pause()
+    assert "none.toml" in text(interface, "#summary")
+    interface.screen.query_one("#machine", Input).value = ""
+    interface.screen.query_one("#temperature", Input).value = "warm"
+    await pilot.press("f5")
+    await pilot.pause()
+    assert isinstance(interface.screen, PrepareScreen)
+    interface.screen.query_one("#temperature", Input).value = "21.5"
+    await pilot.press("f5")
+    await until(pilot, "check", lambda: isinstance(interface.screen, CheckScreen))
+    await until(pilot, "indicators open", lambda: interface.indicators is not None)
+    await pilot.press("escape")
+    await until(pilot, "back", lambda: isinstance(interface.screen, PrepareScreen))
+    await pilot.press("f10")
 
 
 async def test_result_of_a_recorded_session(samples: Path) -> None:

@@ -1,0 +1,102 @@
+"""Opening and closing serial ports, in plain words where that fails."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import time
+
+import serial
+
+from drivers.errors import IndicatorError
+from drivers.profile import LineSettings, Profile
+
+try:
+    import termios
+
+    PORT_ERRORS: tuple[type[Exception], ...] = (
+        serial.SerialException,
+        OSError,
+        ValueError,  # pyserial for an impossible URL or setting
+        termios.error,
+    )
+except ImportError:  # Windows has no termios
+    PORT_ERRORS = (serial.SerialException, OSError, ValueError)
+
+SLICE_S = 0.05
+"""How long a read waits before its caller looks up whether it is to stop."""
+
+PSEUDO_TERMINALS = ("/dev/pts/", "/dev/ttys00")
+
+
+def open_port(profile: Profile, port: str) -> serial.Serial:
+    """The open port with the profile's settings. Raises IndicatorError in plain words."""
+    settings = _as_the_port_allows(profile.line, port)
+    try:
+        opened = serial.serial_for_url(
+            port,
+            baudrate=settings.baud,
+            bytesize=settings.data_bits,
+            parity=settings.parity,
+            stopbits=settings.stop_bits,
+            timeout=SLICE_S,
+            write_timeout=profile.timeout_s,
+            do_not_open=True,
+            **({} if "://" in port else {"exclusive": True}),
+        )
+        with contextlib.suppress(OSError):  # virtual ports have no control lines
+            opened.dtr, opened.rts = settings.dtr, settings.rts
+        opened.open()
+    except PORT_ERRORS as problem:
+        raise cannot_open(port, problem) from problem
+    return opened
+
+
+def _as_the_port_allows(line: LineSettings, port: str) -> LineSettings:
+    """Pseudo-terminals carry eight bits without parity and refuse anything else later on."""
+    if port.startswith(PSEUDO_TERMINALS):
+        return LineSettings(line.baud, dtr=line.dtr, rts=line.rts, dtr_pulse_s=line.dtr_pulse_s)
+    return line
+
+
+def ask_by_pulse(port: serial.Serial, line: LineSettings) -> None:
+    """Drop DTR for a while where the device is asked like that; virtual ports have no DTR."""
+    if line.dtr_pulse_s:
+        with contextlib.suppress(OSError):
+            port.dtr = not line.dtr
+            time.sleep(line.dtr_pulse_s)
+            port.dtr = line.dtr
+
+
+def close_port(port: serial.Serial) -> None:
+    """Close the port whatever state it is in."""
+    # pyserial leaves the socket of a vanished peer open: its shutdown fails before close
+    behind: socket.socket | None = getattr(port, "_socket", None)
+    with contextlib.suppress(*PORT_ERRORS):
+        port.close()
+    if behind is not None:
+        behind.close()
+
+
+def cannot_open(port: str, problem: Exception) -> IndicatorError:
+    """Why a port cannot be opened, and what to do."""
+    said = str(problem)
+    look = "Plug the indicator in; glidecal ports lists what is there"
+    reasons = {
+        "No such file": ("no such port", look),
+        "FileNotFoundError": ("no such port", look),
+        "Permission": (
+            "no permission",
+            "Join the group that owns the port (dialout), log in again",
+        ),
+        "PermissionError": ("no permission or in use", "Close other programs that use the port"),
+        "exclusively lock": ("in use by another program", "Close the other program"),
+        "busy": ("in use by another program", "Close the other program"),
+        "refused": ("nobody listens there", "Start the device or the simulator first"),
+    }
+    for sign, (found, next_step) in reasons.items():
+        if sign in said:
+            return IndicatorError(f"port {port}", found, "a free serial port", next_step)
+    return IndicatorError(
+        f"port {port}", said, "a serial port", "glidecal ports lists what is there"
+    )

@@ -1,0 +1,108 @@
+"""Home-made bridges that print one number a line, read with a pattern of the user's own.
+
+The pattern must match the whole line. Its group ``number`` is the value, a group ``unit`` (if there
+is one) the unit. No number is ever searched for inside a line: time stamps are numbers too.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from itertools import product
+
+from drivers.errors import IndicatorError
+from drivers.outcome import Asked, FaultKind, Outcome, Unit, not_understood, reading
+from drivers.profile import BadReply, LineSettings, Profile, Spindle, Twin, Verified
+from drivers.twins import Answering
+
+PATTERN = r"(?P<number>[+-]?0{0,4}\d{0,4}\.\d{1,6})(?: ?(?P<unit>mm|inches|inch|in|um|µm))?"
+NUMBER = re.compile(r"[+\- ]? *(?:\d{1,9}\.?\d{0,9}|\.\d{1,9})", re.ASCII)
+PIECE = re.compile(r"\\.|\[\^?\]?(?:\\.|[^\]\\])*\]|.", re.DOTALL)
+EXAMPLE = r"(?P<number>[+-]?\d+\.\d+)"
+
+UNITS = dict.fromkeys(("inches", "inch", "in", "IN", "I", '"'), Unit.INCH)
+UNITS |= dict.fromkeys(("mm", "MM", "M"), Unit.MM) | dict.fromkeys(("um", "µm"), Unit.MICROMETRE)
+
+
+def checked(pattern: str) -> re.Pattern[str]:
+    """The compiled pattern. Raises IndicatorError if it cannot give a number."""
+    allowed = f"a regular expression with a group named number, such as {EXAMPLE}"
+    try:
+        compiled = re.compile(pattern, re.ASCII)
+        number = re.compile(source_of_number(pattern), re.ASCII)
+    except (re.error, ValueError, OverflowError, RecursionError) as problem:
+        found = f"{pattern!r} ({problem})"
+        raise IndicatorError("pattern of ascii-line", found, allowed) from problem
+    if "number" not in compiled.groupindex:
+        raise IndicatorError("pattern of ascii-line", f"{pattern!r} without that group", allowed)
+    if not any(number.fullmatch(sample) for sample in samples()):
+        allowed = f"a group number that matches decimal numbers by itself, such as {EXAMPLE}"
+        raise IndicatorError("pattern of ascii-line", f"{pattern!r}, no number fits", allowed)
+    return compiled
+
+
+def source_of_number(pattern: str) -> str:
+    """What stands between the parentheses of the group ``number``; empty if there is none."""
+    inside = pattern.partition("(?P<number>")[2]
+    depth = 1
+    for piece in PIECE.finditer(inside):
+        depth += {"(": 1, ")": -1}.get(piece[0], 0)
+        if not depth:
+            return inside[: piece.start()]
+    return ""
+
+
+def samples() -> list[str]:
+    """Decimal numbers of all lengths, signs and paddings."""
+    shapes = product(("", "+", "-", " ", "+  "), range(10), ("", "."), range(10), "01")
+    made = (f"{sign}{d * whole}{point}{d * part}" for sign, whole, point, part, d in shapes)
+    return [sample for sample in made if NUMBER.fullmatch(sample)]
+
+
+@dataclass(frozen=True)
+class Streaming:
+    """A bridge that prints whenever it has the time, and listens to nothing."""
+
+    spindle: Spindle
+
+    def receive(self, request: bytes) -> bytes:
+        """One line for no request: the bare number."""
+        places = max(1, self.spindle.decimals)
+        return b"" if request else f"{self.spindle.text(places).removeprefix('+')}\r\n".encode()
+
+
+def ascii_line(pattern: str, *, request: bytes = b"") -> Profile:
+    """A profile for this pattern; without a request the device streams. Raises IndicatorError."""
+    compiled = checked(pattern)
+
+    def parse(text: str, asked: Asked) -> Outcome | None:
+        found = compiled.fullmatch(text)
+        groups = found.groupdict() if found else {}
+        number, unit = groups.get("number") or "", groups.get("unit")
+        if not NUMBER.fullmatch(number) or (unit and unit not in UNITS):
+            return not_understood(text)
+        return reading(text, number, asked, UNITS[unit] if unit else None)
+
+    def answering(spindle: Spindle) -> Twin:
+        return Answering(lambda _: Streaming(spindle).receive(b""), end=request)
+
+    return Profile(
+        name="ascii-line",
+        title="Bridge that prints one number a line",
+        verified=Verified.CODE,
+        source="open-source Arduino bridges; a pattern of your own is yours to verify",
+        line=LineSettings(baud=9600),
+        request=(lambda _: request) if request else None,
+        parse=parse,
+        make_twin=answering if request else Streaming,
+        stream_s=0.0 if request else 0.1,
+        hint="An Arduino starts anew when its port is opened: wait 2 s; most print no unit.",
+    )
+
+
+BAD_REPLIES = {
+    "comment": BadReply(b"# Error reading from instrument: -1\r\n", FaultKind.NOT_UNDERSTOOD),
+    "time-stamp": BadReply(b"15052 ms 1.47 mm\r\n", FaultKind.NOT_UNDERSTOOD),
+    "wrong-unit": BadReply(b"0.0390 inches\r\n", FaultKind.WRONG_UNIT),
+}
+ASCII_LINE = replace(ascii_line(PATTERN), bad_replies=BAD_REPLIES)

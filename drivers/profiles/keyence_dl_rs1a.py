@@ -1,0 +1,79 @@
+"""Keyence DL-RS1A, the RS-232C unit beside GT2 amplifiers.
+
+``M0`` is answered by ``M0`` and one field for each amplifier, sign, 3 digits, point, 4 digits;
+``ER``, command and code is a fault. No unit. The channel asked for picks the field.
+"""
+
+from __future__ import annotations
+
+import re
+
+from drivers.outcome import Asked, Fault, FaultKind, Outcome, not_understood, reading
+from drivers.profile import BadReply, LineSettings, Profile, Spindle, Twin, Verified
+from drivers.twins import Answering
+
+VALUES = re.compile(r"M0(?P<fields>(?:,[+-]\d{3}\.\d{4})+)", re.ASCII)
+FAULT = re.compile(r"ER,(?P<command>M0|MS|SR|SW),(?P<code>\d\d)", re.ASCII)
+BEYOND = "999.9999"
+
+FAULT_WORDS = {
+    "00": "the unit does not know this command",
+    "02": "an amplifier did not answer in time",
+    "20": "the command has a wrong length",
+    "21": "the command has a wrong number of parameters",
+    "22": "a parameter is out of its range",
+    "29": "no communication with an amplifier: check how they are joined",
+    "65": "there is no amplifier of this number",
+}
+
+
+def parse(text: str, asked: Asked) -> Outcome | None:
+    """A line without CR LF; None for the echo."""
+    if text == "M0":
+        return None
+    if found := FAULT.fullmatch(text):
+        words = FAULT_WORDS.get(found["code"], f"fault {found['code']} of the unit")
+        return Fault(FaultKind.DEVICE_FAULT, text, words)
+    found = VALUES.fullmatch(text)
+    if not found:
+        return not_understood(text)
+    fields = found["fields"].split(",")[1:]
+    if not 1 <= asked.channel <= len(fields):
+        words = f"{len(fields)} amplifiers answered, number {asked.channel} was asked"
+        return Fault(FaultKind.WRONG_CHANNEL, text, words)
+    field = fields[asked.channel - 1]
+    if field[1:] == BEYOND:
+        return Fault(FaultKind.OVER_RANGE, text, "outside the range of the head: move it closer")
+    return reading(text, field, asked)
+
+
+def twin(spindle: Spindle) -> Twin:
+    """As many amplifiers as the channel says; the last one is the spindle's."""
+
+    def answer(request: bytes) -> bytes:
+        if request != b"M0":
+            return f"ER,{request.decode('latin-1')[:2]},00\r\n".encode("latin-1")
+        text = spindle.text(4)
+        number = text[1:].zfill(8)
+        field = text[0] + (number if len(number) == 8 else BEYOND)
+        return f"M0{',+000.0000' * (spindle.channel - 1)},{field}\r\n".encode()
+
+    return Answering(answer, end=b"\n")
+
+
+KEYENCE_DL_RS1A = Profile(
+    name="keyence-dl-rs1a",
+    title="Keyence DL-RS1A with GT2 amplifiers",
+    verified=Verified.VENDOR,
+    source="DL-RS1A manual; its line settings are chosen on the unit, ±999.9999 is from memory",
+    line=LineSettings(baud=9600),
+    request=lambda _: b"M0\r\n",
+    parse=parse,
+    make_twin=twin,
+    bad_replies={
+        "over-range": BadReply(b"M0,-999.9999\r\n", FaultKind.OVER_RANGE),
+        "time-out": BadReply(b"ER,M0,02\r\n", FaultKind.DEVICE_FAULT),
+        "communication": BadReply(b"ER,M0,29\r\n", FaultKind.DEVICE_FAULT),
+    },
+    hint="Speed and parity are set on the unit; the channel is the amplifier's place in the reply.",
+)

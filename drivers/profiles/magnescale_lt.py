@@ -1,0 +1,85 @@
+"""Magnescale LT displays: LT30, and the replies of LT10A and LT20A.
+
+Reply: channel letter, in long mode also mode, unit and comparator letters, sign (blank for plus),
+7 characters with a floating point, CR LF; channel B may follow on the same line. An ``F`` among the
+digits is an overflow, ``E`` behind the letter an alarm.
+"""
+
+from __future__ import annotations
+
+import re
+
+from drivers.outcome import Asked, Fault, FaultKind, Outcome, Unit, not_understood, reading
+from drivers.profile import BadReply, LineSettings, Profile, Spindle, Twin, Verified
+from drivers.twins import Answering
+
+MODE = r"(?:[NPIA](?P<unit>[MI])[UGLE]?)?"
+VALUE = re.compile(MODE + r"(?P<number>[+\- ](?=[\d.]{7}$)\d+\.\d+)", re.ASCII)
+OVERFLOW = re.compile(MODE + r"(?=.*F)[+\- ]?[\dF.]{6,8}", re.ASCII)
+ALARM = re.compile(r'E[FO]?|[NPIA][MI]E?"? *Error *"?', re.ASCII)
+LINE = re.compile(r"(?:A(?P<A>[^B]+?))?(?:[ ,;]?B(?P<B>[^B]+))?", re.ASCII)
+
+UNITS = {"M": Unit.MM, "I": Unit.INCH}
+
+
+def parse(text: str, asked: Asked) -> Outcome | None:
+    """A line without CR LF; None for the echo."""
+    if text == "*r":
+        return None
+    found = LINE.fullmatch(text)
+    fields = {name: field for name, field in found.groupdict().items() if field} if found else {}
+    if not fields or not all(map(_known, fields.values())):
+        return not_understood(text)
+    letter = chr(ord("A") + asked.channel - 1)
+    if letter not in fields:
+        words = f"answer of channel {'/'.join(fields)} where channel {letter} was asked"
+        return Fault(FaultKind.WRONG_CHANNEL, text, words)
+    return _outcome(text, fields[letter], asked)
+
+
+def _known(field: str) -> bool:
+    return any(grammar.fullmatch(field) for grammar in (VALUE, OVERFLOW, ALARM))
+
+
+def _outcome(text: str, field: str, asked: Asked) -> Outcome:
+    if found := VALUE.fullmatch(field):
+        return reading(text, found["number"], asked, UNITS.get(found["unit"] or ""))
+    if OVERFLOW.fullmatch(field):
+        return Fault(FaultKind.OVER_RANGE, text, "the display overflows: reset it nearer to here")
+    words = "alarm of the display: moved too fast or the cable is off; reset it, set zero again"
+    return Fault(FaultKind.DEVICE_FAULT, text, words)
+
+
+def twin(spindle: Spindle) -> Twin:
+    """Answers ``*r`` in short form; a number too long for the display overflows."""
+
+    def answer(request: bytes) -> bytes:
+        if request != b"*r":
+            return b""
+        text = spindle.text(max(1, spindle.decimals))
+        number = text[1:].zfill(7)
+        if len(number) > 7:
+            number = f"F{number[-6:]}"
+        channel = "A" if spindle.channel == 1 else "A+00.0000 B"
+        return f"{channel}{text[0]}{number}\r\n".encode()
+
+    return Answering(answer, end=b"\n")
+
+
+MAGNESCALE_LT = Profile(
+    name="magnescale-lt",
+    title="Magnescale LT30, LT20A, LT10A displays",
+    verified=Verified.CODE,
+    source="reply: manuals of LT20A (p. 100) and LT10A (p. 16); request: open-source LT30 reader",
+    line=LineSettings(baud=9600),
+    request=lambda _: b"*r\r\n",
+    parse=parse,
+    make_twin=twin,
+    bad_replies={
+        "over-range": BadReply(b"A+F2.3456\r\n", FaultKind.OVER_RANGE),
+        "alarm": BadReply(b"AE\r\n", FaultKind.DEVICE_FAULT),
+        "alarm-long": BadReply(b'ANME"  Error "\r\n', FaultKind.DEVICE_FAULT),
+        "wrong-unit": BadReply(b"ANI+0.12345\r\n", FaultKind.WRONG_UNIT),
+    },
+    hint="After an alarm (AE) the position is lost: reset the display and set zero again.",
+)

@@ -1,0 +1,29 @@
+"""The profile that the documentation shows works as it stands there."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from drivers.outcome import Asked, FaultKind, Reading
+from drivers.profile import Profile, Spindle
+from tests.conftest import ROOT
+
+
+def test_example_of_the_documentation() -> None:
+    text = (ROOT / "docs" / "indicators.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    assert len(code.splitlines()) < 60
+    names: dict[str, Any] = {}
+    exec(compile(code, "docs/indicators.md", "exec"), names)
+    example: Profile = names["EXAMPLE"]
+    reply = example.make_twin(Spindle(lambda: -1.5, 0.001)).receive(b"R\r")
+    found = example.parse(reply.decode().strip(), Asked())
+    assert isinstance(found, Reading)
+    assert found.value_mm == -1.5
+    for bad in example.bad_replies.values():
+        fault = example.parse(bad.reply.decode().strip(), Asked())
+        assert not isinstance(fault, Reading)
+        assert fault is not None
+        assert fault.kind is bad.kind
+    assert example.bad_replies["inch"].kind is FaultKind.WRONG_UNIT

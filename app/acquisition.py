@@ -15,6 +15,9 @@ from drivers.profile import Profile
 
 HISTORY = 120
 STALE_S = 1.0
+READINGS_IN_WINDOW = 2.5
+"""A slow indicator must have given at least two readings before it can be called stable."""
+
 SPACING_S = 0.02
 """The history holds one outcome in this time, so that a fast indicator does not fill it."""
 
@@ -54,7 +57,8 @@ class Gauge:
     ) -> None:
         self.profile = profile
         self.port = port
-        self._window_s = window_s
+        pace_s = profile.interval_s if interval_s is None else interval_s
+        self._window_s = max(window_s, READINGS_IN_WINDOW * pace_s)
         self._tolerance_mm = tolerance_mm
         self._lock = threading.Lock()
         self._slot = 0.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 import tempfile
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from app.screens.result import ResultScreen
 
 PICTURES = Path(__file__).parent / "pictures"
 SIZE = (80, 24)
+PATIENCE_S = 20.0
 STEPS_BEFORE_PICTURE = 8
 
 
@@ -31,8 +33,11 @@ def save(interface: Interface, name: str) -> None:
 
 
 async def until(pilot: Pilot[str], condition: Callable[[], bool]) -> None:
-    """Wait for the program."""
+    """Wait for the program, not for ever."""
+    deadline = time.monotonic() + PATIENCE_S
     while not condition():
+        if time.monotonic() > deadline:
+            raise TimeoutError(condition)
         await pilot.pause(0.02)
 
 
@@ -47,6 +52,7 @@ async def pictures(folder: Path) -> None:
         screen = interface.screen
         assert isinstance(screen, MeasureScreen)
         for number in range(1, len(screen.guided.steps) + 1):
+            await until(pilot, screen.ready_by_hand)
             await pilot.press("space")
             await until(pilot, lambda n=number: n in screen.guided.session.done())  # type: ignore[misc]
             await until(pilot, lambda: not screen.busy)

@@ -134,13 +134,14 @@ class MeasureScreen(Screen[None]):
             return
         if self.guided.step() is None:
             self._finish()
-        elif now < self._anyway_until or self._ready_by_hand():
+        elif now < self._anyway_until or self.ready_by_hand():
             self._begin_take()
         else:
             self._anyway_until = now + ANYWAY_S
             self._say("The readings still move. Wait, or press Space again to take them anyway.")
 
-    def _ready_by_hand(self) -> bool:
+    def ready_by_hand(self) -> bool:
+        """Whether a single press takes: nothing moves, or there is a fault to be shown."""
         moving = (Motion.MOVING, Motion.WAITING)
         return all(gauge.live().motion not in moving for gauge in self.guided.gauges)
 

@@ -58,16 +58,18 @@ def test_values(profile: Profile, transport: Transport) -> None:
 
 
 @every_profile
-def test_own_faults(profile: Profile) -> None:
+@every_transport
+def test_own_faults(profile: Profile, transport: Transport) -> None:
     assert profile.bad_replies, "a profile names at least one fault of its device"
     for name, bad in profile.bad_replies.items():
-        found = outcome(replace(profile, busy_retries=0), "tcp", fault=name)
+        found = outcome(replace(profile, busy_retries=0), transport, fault=name)
         assert isinstance(found, Fault), (name, found)
         assert found.kind is bad.kind, (name, found)
         assert found.words
 
 
 @every_profile
+@every_transport
 @pytest.mark.parametrize(
     ("trouble", "kinds"),
     [
@@ -82,18 +84,21 @@ def test_own_faults(profile: Profile) -> None:
     ],
 )
 def test_troubles_never_give_a_value(
-    profile: Profile, trouble: Trouble, kinds: set[FaultKind]
+    profile: Profile, transport: Transport, trouble: Trouble, kinds: set[FaultKind]
 ) -> None:
-    found = outcome(profile, "tcp", fault=trouble)
+    found = outcome(profile, transport, fault=trouble)
     assert isinstance(found, Fault), found
     assert found.kind in kinds
 
 
 @every_profile
+@every_transport
 @pytest.mark.parametrize("trouble", [Trouble.ECHO, Trouble.SLOW])
-def test_troubles_that_a_reader_must_stand(profile: Profile, trouble: Trouble) -> None:
+def test_troubles_that_a_reader_must_stand(
+    profile: Profile, transport: Transport, trouble: Trouble
+) -> None:
     """An echo is passed over; a late answer is no value, or the right one."""
-    found = outcome(replace(profile, timeout_s=2.0), "tcp", -0.321, trouble)
+    found = outcome(replace(profile, timeout_s=2.0), transport, -0.321, trouble)
     if trouble is Trouble.ECHO and profile.request is not None:
         ended = profile.request(Asked()).endswith((b"\r", b"\n"))
         assert isinstance(found, Reading) or not ended
@@ -102,11 +107,12 @@ def test_troubles_that_a_reader_must_stand(profile: Profile, trouble: Trouble) -
 
 
 @every_profile
-def test_no_reading_is_stale(profile: Profile) -> None:
+@every_transport
+def test_no_reading_is_stale(profile: Profile, transport: Transport) -> None:
     """Whatever was asked, the answer is where the spindle stood after the question."""
     position = [0.0]
     twin = profile.make_twin(Spindle(lambda: position[0], 0.001))
-    with TwinPort(twin, "tcp", stream_s=profile.stream_s) as port:
+    with TwinPort(twin, transport, stream_s=profile.stream_s) as port:
         line = IndicatorLine(replace(profile, timeout_s=2.0), port.url, interval_s=0.0)
         line.start()
         for step in range(1, 6):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -110,3 +111,13 @@ def test_no_permission(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("serial.serial_for_url", refuse)
     assert "no permission" in told(QUICK, "/dev/ttyUSB0")
     assert "dialout" in told(QUICK, "/dev/ttyUSB0")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals need POSIX")
+def test_port_in_use() -> None:
+    from drivers.port import open_port
+
+    with TwinPort(QUICK.make_twin(Spindle(lambda: 0.5, 0.001)), "pty") as port:
+        holder = open_port(QUICK, port.url)
+        assert "in use by another program" in told(QUICK, port.url)
+        holder.close()

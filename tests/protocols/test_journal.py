@@ -266,3 +266,15 @@ def test_text_that_is_not_unicode_leaves_no_file(path: Path) -> None:
     with pytest.raises(RecordError, match="not Unicode"):
         Journal.create(path, opened().model_copy(update={"operator": "\udcff"}))
     assert not list(path.parent.iterdir())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="an open file cannot be deleted there")
+def test_a_deleted_file_comes_back_whole(path: Path) -> None:
+    journal = Journal.create(path, opened())
+    journal.append(reading(1))
+    path.unlink()
+    journal.append(reading(2))
+    journal.finish(complete=True)
+    record = read_record(path)
+    assert record.end == "closed"
+    assert [r.reading for r in fold(record.events).readings] == [1, 2]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ from textual.widgets import Digits, Input, OptionList, Static
 
 from app.bench import BenchSettings
 from app.demo import demo_plan
-from app.opening import Plan, plan_to_continue
+from app.opening import Plan, continue_session, plan_to_continue
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
@@ -19,7 +20,7 @@ from app.screens.prepare import PrepareScreen
 from app.screens.result import ResultScreen
 from drivers.profile import Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
-from drivers.twin_port import TwinPort
+from drivers.twin_port import TwinPort, default_transport
 from protocols.record import read_record
 from protocols.session import fold
 
@@ -36,8 +37,6 @@ PATIENCE = 1500
 
 
 def quick_plan(folder: Path) -> Plan:
-    from dataclasses import replace
-
     return replace(
         demo_plan(folder, "zero-max-min", 1, BenchSettings()), interval_s=0.01, window_s=0.15
     )
@@ -68,7 +67,7 @@ async def to_measuring(pilot: Pilot[str], interface: Interface) -> MeasureScreen
 
 async def take(pilot: Pilot[str], screen: MeasureScreen) -> None:
     before = len(screen.guided.session.all_readings)
-    await until(pilot, "stillness", screen._ready_by_hand)
+    await until(pilot, "stillness", screen.ready_by_hand)
     await pilot.press("space")
     await until(
         pilot,
@@ -187,8 +186,6 @@ async def test_continue_at_the_first_unfinished_step(tmp_path: Path) -> None:
 
 
 async def test_a_port_that_is_not_there_is_said_in_words(tmp_path: Path) -> None:
-    from dataclasses import replace
-
     from protocols.machine import Instrument
 
     missing = Instrument(profile="mitutoyo-01a", port="/dev/tty[none]")
@@ -214,6 +211,7 @@ async def test_indicator_fault_is_not_taken(
         silence = Fault(FaultKind.NO_ANSWER, "", "no answer [1]: is it on?")
         with monkeypatch.context() as patched:
             patched.setattr(Gauge, "ask", lambda _: silence)
+            await until(pilot, "stillness", screen.ready_by_hand)
             await pilot.press("space")
             await until(pilot, "refusal", lambda: "no answer [1]" in text(interface, "#said"))
         assert screen.guided.session.all_readings == ()
@@ -240,6 +238,7 @@ async def test_disk_full_is_said_and_the_session_goes_on(
 
         with monkeypatch.context() as patched:
             patched.setattr(os, "fsync", refuse)
+            await until(pilot, "stillness", screen.ready_by_hand)
             await pilot.press("space")
             await until(pilot, "words", lambda: "No space left" in text(interface, "#said"))
         assert screen.guided.session.done() == {1}
@@ -311,3 +310,114 @@ async def test_result_of_a_recorded_session(samples: Path) -> None:
         await pilot.pause()
         assert isinstance(interface.screen, ResultScreen)
         await pilot.press("f10")
+
+
+async def test_pulled_cable_in_the_middle_of_a_session(tmp_path: Path) -> None:
+    """One line tells that the indicator is gone, another that it is back; nothing is lost."""
+    from protocols.machine import Instrument
+
+    gauge = tmp_path / "gauge"
+    first = TwinPort(MITUTOYO_01A.make_twin(Spindle(lambda: 0.5, 0.001)), default_transport())
+    point_to(gauge, first.url)
+    known = Instrument(profile="mitutoyo-01a", port=str(gauge))
+    plan = replace(quick_plan(tmp_path), instruments=(known,))
+    interface = Interface(CheckScreen(plan))
+    async with interface.run_test(size=SIZE) as pilot:
+        screen = await to_measuring(pilot, interface)
+        await take(pilot, screen)
+        gauge.unlink()
+        first.close()
+        await until(pilot, "told", lambda: "check the cable" in text(interface, "#said"))
+        assert "The session waits" in text(interface, "#said")
+        with TwinPort(
+            MITUTOYO_01A.make_twin(Spindle(lambda: 0.7, 0.001)), default_transport()
+        ) as second:
+            point_to(gauge, second.url)
+            await until(pilot, "back", lambda: "answers again" in text(interface, "#said"))
+            await take(pilot, screen)
+            await pilot.press("f10")
+            await until(pilot, "left", lambda: interface.guided is None)
+    counted = fold(read_record(plan.path).events).readings
+    assert [r.value_mm for r in counted] == [0.5, 0.7]
+
+
+def point_to(name: Path, port: str) -> None:
+    if not port.startswith("/"):
+        pytest.skip("needs pseudo-terminals and links")
+    name.symlink_to(port)
+
+
+async def test_moving_readings_are_taken_only_on_purpose(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interface = Interface(CheckScreen(quick_plan(tmp_path)))
+    async with interface.run_test(size=SIZE) as pilot:
+        screen = await to_measuring(pilot, interface)
+        monkeypatch.setattr(screen, "ready_by_hand", lambda: False)
+        await pilot.press("space")
+        await pilot.pause(0.1)
+        assert "press Space again" in text(interface, "#said")
+        assert screen.guided.session.all_readings == ()
+        await pilot.press("space")
+        await until(pilot, "taken", lambda: screen.guided.session.done() == {1})
+        await pilot.press("f10")
+
+
+async def test_automatic_on_a_real_machine_waits_for_a_movement(tmp_path: Path) -> None:
+    from protocols.machine import Instrument
+
+    position = [0.5]
+    twin = MITUTOYO_01A.make_twin(Spindle(lambda: position[0], 0.001))
+    with TwinPort(twin, "tcp") as port:
+        known = Instrument(profile="mitutoyo-01a", port=port.url)
+        plan = replace(quick_plan(tmp_path), instruments=(known,))
+        interface = Interface(CheckScreen(plan))
+        async with interface.run_test(size=SIZE) as pilot:
+            screen = await to_measuring(pilot, interface)
+            await pilot.press("a")
+            await pilot.pause(1.0)
+            assert screen.guided.session.done() == frozenset()
+            position[0] = 0.9
+            await until(pilot, "one step", lambda: screen.guided.session.done() == {1})
+            await pilot.pause(1.0)
+            assert screen.guided.session.done() == {1}
+            await pilot.press("f10")
+
+
+async def test_a_continued_verification_still_compares(tmp_path: Path) -> None:
+    from app.demo import measure_all, verification_plan
+    from app.opening import start_session
+    from app.solving import solve_for_controller
+
+    plan = replace(quick_plan(tmp_path), interval_s=0.0)
+    with start_session(plan) as guided:
+        measure_all(guided)
+    verify = verification_plan(plan, solve_for_controller(plan.path))
+    interface = Interface(CheckScreen(verify))
+    async with interface.run_test(size=SIZE) as pilot:
+        await take(pilot, await to_measuring(pilot, interface))
+        await pilot.press("f10")
+    again = plan_to_continue(verify.path)
+    assert again.before is not None
+    with continue_session(replace(again, interval_s=0.0)) as guided:
+        measure_all(guided)
+    after = solve_for_controller(verify.path).solution
+    assert after.rms_before_mm < 0.1 * again.before.solution.rms_before_mm
+
+
+def test_verification_carries_the_new_home_offset(tmp_path: Path) -> None:
+    """A second export must start from what the first one made the controller hold."""
+    from app.demo import measure_all, verification_plan
+    from app.opening import start_session
+    from app.solving import solve_for_controller
+
+    plan = replace(quick_plan(tmp_path), interval_s=0.0)
+    machine = plan.machine.model_copy(update={"home_offset_mm": (10.0, 20.0, 30.0)})
+    plan = replace(plan, machine=machine)
+    with start_session(plan) as guided:
+        measure_all(guided)
+    before = solve_for_controller(plan.path)
+    held = verification_plan(plan, before).machine.home_offset_mm
+    assert held is not None
+    expected = [old + new for old, new in zip((10, 20, 30), before.solution.values_mm, strict=True)]
+    assert held == pytest.approx(expected)

@@ -11,14 +11,8 @@ from app.exports import FORMATS
 from app.exports.offsets import offsets_from_solved
 from app.exports.writing import write_files
 from app.guided import GuidedSession, Taken
-from app.opening import (
-    DEFAULT_PROFILE,
-    Plan,
-    session_name,
-    simulated_indicators,
-    start_session,
-    unused_path,
-)
+from app.indicators import DEFAULT_PROFILE, simulated_indicators
+from app.opening import Plan, session_name, start_session, unused_path
 from app.solving import Solved, solve_for_controller
 from calib.errors import CalibrationError
 from drivers.errors import IndicatorError

@@ -13,10 +13,11 @@ from drivers.profile import Profile
 from drivers.profiles import profile_named
 from drivers.profiles.ascii_line import ascii_line
 from protocols.errors import UsageError
-from protocols.machine import Instrument
+from protocols.machine import Instrument, Machine
 from protocols.procedure import ALL_AXES, axes_on_leg
 
 SIMULATED = "simulated"
+DEFAULT_PROFILE = "mitutoyo-01a"
 SPEC = re.compile(r"(?P<profile>[\w-]+):(?P<port>.+?)(?:@(?P<axes>[^@/\\]*))?")
 FORM = "PROFILE:PORT or PROFILE:PORT@AXES, as in mitutoyo-01a:/dev/ttyUSB0@yx"
 
@@ -53,6 +54,45 @@ def check_indicators(instruments: Sequence[Instrument]) -> None:
             "; ".join(faults),
             "one or two different ports, known profiles, and axes that fit every leg",
         )
+
+
+def choose_indicators(
+    named: Sequence[str],
+    ports: Sequence[str],
+    profile: str,
+    *,
+    machine: Machine,
+    simulated: bool,
+) -> tuple[Instrument, ...]:
+    """Indicators of the command line, else those of the machine file; checked, nothing opened.
+
+    Empty where neither names any. Raises UsageError.
+    """
+    chosen = [parse_indicator(text) for text in named]
+    chosen += [Instrument(profile=profile, port=port) for port in ports]
+    if simulated and chosen:
+        raise UsageError("--simulated and a port", "both", "one of them")
+    if simulated:
+        return simulated_indicators([profile])
+    instruments = tuple(chosen) or machine.indicator
+    if instruments:
+        check_indicators(instruments)
+    return instruments
+
+
+def some_indicators(profile: str, *, needed: bool) -> tuple[Instrument, ...]:
+    """Two indicators for a dry run that names none. Raises UsageError where real ones count."""
+    if needed:
+        raise UsageError(
+            "indicators", "none", "--indicator PROFILE:PORT, [[indicator]] in the machine file"
+        )
+    return simulated_indicators([profile])
+
+
+def simulated_indicators(profiles: Sequence[str] = (DEFAULT_PROFILE,)) -> tuple[Instrument, ...]:
+    """Two simulated indicators, of one profile or of two."""
+    both = (*profiles, *profiles)[:2]
+    return tuple(Instrument(profile=name, port=SIMULATED) for name in both)
 
 
 def _misfits(instruments: Sequence[Instrument]) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -24,7 +24,6 @@ from protocols.machine import Instrument, Machine
 from protocols.procedure import Procedure, Step
 from protocols.record import read_record
 
-DEFAULT_PROFILE = "mitutoyo-01a"
 SIMULATED_INTERVAL_S = 0.05
 """Simulated indicators may be asked faster than real ones; with 0 time is compressed."""
 
@@ -213,12 +212,6 @@ def _stand_still(_: Step) -> None:
 
 def _nothing() -> None:
     """There is no simulated machine to switch off."""
-
-
-def simulated_indicators(profiles: Sequence[str] = (DEFAULT_PROFILE,)) -> tuple[Instrument, ...]:
-    """Two simulated indicators, of one profile or of two."""
-    both = (*profiles, *profiles)[:2]
-    return tuple(Instrument(profile=name, port=SIMULATED) for name in both)
 
 
 def session_name(folder: Path, word: str) -> Path:

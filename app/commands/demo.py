@@ -29,7 +29,8 @@ def demo(
     from app.bench import BenchSettings
     from app.demo import DEMO_MOTION_S, demo_plan, run_headless
     from app.folders import writable_folder
-    from app.opening import DEFAULT_PROFILE, SIMULATED_INTERVAL_S
+    from app.indicators import DEFAULT_PROFILE
+    from app.opening import SIMULATED_INTERVAL_S
     from app.wording.result import comparison_text, solution_text
 
     unattended = headless or not (sys.stdin.isatty() and sys.stdout.isatty())

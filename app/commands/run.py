@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from app.commands.options import Machine, Protocol, Seed, finite, need_terminal, say
+
+if TYPE_CHECKING:  # heavy: imported where used
+    from app.opening import Plan
 
 
 def run(
@@ -46,52 +49,43 @@ def run(
     ] = False,
 ) -> None:
     """The guided session on real indicators, or on a simulated machine."""
-    from app.demo import measure_all
-    from app.indicators import check_indicators, parse_indicator
-    from app.opening import (
-        SIMULATED_INTERVAL_S,
-        Plan,
-        continue_session,
-        plan_to_continue,
-        session_name,
-        simulated_indicators,
-        start_session,
-    )
+    from app.indicators import choose_indicators, some_indicators
+    from app.opening import SIMULATED_INTERVAL_S, Plan, plan_to_continue, session_name
     from app.wording.session import dry_run_text
-    from protocols.errors import RecordError, UsageError
-    from protocols.machine import Instrument, load_machine
+    from protocols.machine import load_machine
     from protocols.procedure import load_procedure
 
-    chosen = [parse_indicator(text) for text in indicator or ()]
-    chosen += [Instrument(profile=profile, port=name) for name in port or ()]
-    if simulated and chosen:
-        raise UsageError("--simulated and a port", "both", "one of them")
     known = load_machine(machine)
-    instruments = tuple(chosen)
-    if not (resume or instruments):
-        instruments = () if simulated else known.indicator
-        if not instruments and not (simulated or dry_run):
-            raise UsageError(
-                "indicators", "none", "--indicator PROFILE:PORT, [[indicator]] in the machine file"
-            )
-        instruments = instruments or simulated_indicators([profile])
-    if instruments:
-        check_indicators(instruments)
+    chosen = choose_indicators(
+        indicator or (), port or (), profile, machine=known, simulated=simulated
+    )
+    if resume:
+        _measure(plan_to_continue(resume, chosen), continued=True, headless=headless)
+        return
     procedure = load_procedure(protocol)
     plan = Plan(
         path=output or session_name(Path(), procedure.name),
         machine=known,
         procedure=procedure,
-        instruments=instruments or simulated_indicators([profile]),
+        instruments=chosen or some_indicators(profile, needed=not dry_run),
         operator=operator,
         temperature_c=temperature,
         seed=seed,
-        interval_s=0.0 if headless else SIMULATED_INTERVAL_S,
+        interval_s=SIMULATED_INTERVAL_S,
     )
     if dry_run:
         typer.echo(dry_run_text(plan.procedure, plan.machine.geometry(), plan.axes))
-        return
-    if not resume and plan.path.exists():
+    else:
+        _measure(plan, continued=False, headless=headless)
+
+
+def _measure(plan: Plan, *, continued: bool, headless: bool) -> None:
+    """On the screen, or unattended for a simulated machine."""
+    from app.demo import measure_all
+    from app.opening import continue_session, start_session
+    from protocols.errors import RecordError, UsageError
+
+    if not continued and plan.path.exists():
         raise RecordError(
             f"session {plan.path}", "a file that exists already", "a new file, or --continue"
         )
@@ -99,13 +93,10 @@ def run(
         need_terminal("guided session", "--headless with --simulated")
         from app.screens.start import open_session
 
-        opened = plan_to_continue(resume, instruments) if resume else plan
-        raise typer.Exit(open_session(opened, continued=resume is not None))
-    if resume:
-        plan = replace(plan_to_continue(resume), interval_s=0.0)
+        raise typer.Exit(open_session(plan, continued=continued))
     if not plan.simulated:
         raise UsageError("--headless", "real indicators", "--headless --simulated only")
-    guided = continue_session(plan) if resume else start_session(plan)
-    with guided:
+    fast = replace(plan, interval_s=0.0)
+    with continue_session(fast) if continued else start_session(fast) as guided:
         measure_all(guided)
     say(f"{len(guided.session.readings)} readings in {guided.path}")

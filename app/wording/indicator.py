@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from textwrap import fill
 
-from app.wording.tables import wrapped
+from app.wording.tables import WIDTH
 from drivers.doctor import Finding
 from drivers.outcome import Fault, Outcome
 
@@ -19,11 +20,16 @@ def outcome_text(outcome: Outcome) -> str:
     return f"{outcome.value_mm:+.{decimals}f} mm{assumed}  {outcome.text!r}{warning}"
 
 
+def _hanging(text: str) -> str:
+    """Broken at the width of a plain terminal, later lines set in."""
+    return fill(text, WIDTH, subsequent_indent=" " * 9, break_long_words=False)
+
+
 def findings_text(findings: Iterable[Finding]) -> str:
     """Every finding on a line of its own, the next step below what is wrong."""
     lines = []
     for finding in findings:
-        lines.append(wrapped(f"{'ok   ' if finding.well else 'FAULT'}  {finding.what}"))
+        lines.append(_hanging(f"{'ok   ' if finding.well else 'FAULT'}  {finding.what}"))
         if not finding.well and finding.next_step:
-            lines.append(wrapped(f"       → {finding.next_step}"))
+            lines.append(_hanging(f"       → {finding.next_step}"))
     return "\n".join(lines)

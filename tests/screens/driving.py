@@ -1,0 +1,61 @@
+"""Driving the screens by keys, and waiting for what must happen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from textual.pilot import Pilot
+from textual.widgets import Static
+
+from app.bench import BenchSettings
+from app.demo import demo_plan
+from app.opening import Plan
+from app.screens.interface import Interface
+from app.screens.measure import MeasureScreen
+
+SIZE = (80, 24)
+
+
+PATIENCE = 1500
+
+
+def quick_plan(folder: Path) -> Plan:
+    return replace(
+        demo_plan(folder, "zero-max-min", 1, BenchSettings()), interval_s=0.01, window_s=0.15
+    )
+
+
+def text(interface: Interface, selector: str) -> str:
+    return str(interface.screen.query_one(selector, Static).content)
+
+
+async def until(pilot: Pilot[str], what: str, condition: object) -> None:
+    """Wait until the condition holds; says what did not happen."""
+    assert callable(condition)
+    for _ in range(PATIENCE):
+        if condition():
+            return
+        await pilot.pause(0.02)
+    pytest.fail(f"did not happen: {what}")
+
+
+async def to_measuring(pilot: Pilot[str], interface: Interface) -> MeasureScreen:
+    await until(pilot, "indicators open", lambda: interface.indicators is not None)
+    await pilot.press("enter")
+    await until(pilot, "measuring", lambda: isinstance(interface.screen, MeasureScreen))
+    screen = interface.screen
+    assert isinstance(screen, MeasureScreen)
+    return screen
+
+
+async def take(pilot: Pilot[str], screen: MeasureScreen) -> None:
+    before = len(screen.guided.session.all_readings)
+    await until(pilot, "stillness", screen.ready_by_hand)
+    await pilot.press("space")
+    await until(
+        pilot,
+        "a reading taken",
+        lambda: len(screen.guided.session.all_readings) > before and not screen.busy,
+    )

@@ -1,0 +1,175 @@
+"""Faults, full disks, pulled cables and sessions that go on after a break."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from textual.widgets import OptionList
+
+from app.opening import continue_session, plan_to_continue
+from app.screens.check import CheckScreen
+from app.screens.home import HomeScreen
+from app.screens.interface import Interface
+from drivers.profile import Spindle
+from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
+from drivers.twin_port import TwinPort, default_transport
+from protocols.record import read_record
+from protocols.session import fold
+from tests.screens.driving import SIZE, quick_plan, take, text, to_measuring, until
+
+
+async def test_continue_at_the_first_unfinished_step(tmp_path: Path) -> None:
+    plan = quick_plan(tmp_path)
+    first = Interface(CheckScreen(plan))
+    async with first.run_test(size=SIZE) as pilot:
+        screen = await to_measuring(pilot, first)
+        await take(pilot, screen)
+        await pilot.press("f10")
+    second = Interface(CheckScreen(plan_to_continue(plan.path), continued=True))
+    async with second.run_test(size=SIZE) as pilot:
+        await until(pilot, "words", lambda: "Enter continues" in text(second, "#words"))
+        screen = await to_measuring(pilot, second)
+        assert "LEG X   MAX" in text(second, "#step")
+        assert "1 of 30 steps done" in text(second, "#progress")
+        await take(pilot, screen)
+        assert screen.guided.session.mountings[-1].mounts == {"y": "xy#2", "z": "xz#2"}
+        await pilot.press("f10")
+
+
+async def test_a_port_that_is_not_there_is_said_in_words(tmp_path: Path) -> None:
+    from protocols.machine import Instrument
+
+    missing = Instrument(profile="mitutoyo-01a", port="/dev/tty[none]")
+    plan = replace(quick_plan(tmp_path), instruments=(missing,))
+    interface = Interface(CheckScreen(plan))
+    async with interface.run_test(size=SIZE) as pilot:
+        await until(pilot, "words", lambda: "no such port" in text(interface, "#words"))
+        assert "/dev/tty[none]" in text(interface, "#words")
+        await pilot.press("escape")
+    assert interface.return_code == 4
+    assert "no such port" in str(interface.return_value)
+
+
+async def test_indicator_fault_is_not_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from app.acquisition import Gauge
+    from drivers.outcome import Fault, FaultKind
+
+    interface = Interface(CheckScreen(quick_plan(tmp_path)))
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        screen = await to_measuring(pilot, interface)
+        silence = Fault(FaultKind.NO_ANSWER, "", "no answer [1]: is it on?")
+        with monkeypatch.context() as patched:
+            patched.setattr(Gauge, "ask", lambda _: silence)
+            await until(pilot, "stillness", screen.ready_by_hand)
+            await pilot.press("space")
+            await until(pilot, "refusal", lambda: "no answer [1]" in text(interface, "#said"))
+        assert screen.guided.session.all_readings == ()
+        await take(pilot, screen)
+        assert screen.guided.session.done() == {1}
+        await pilot.press("f10")
+    events = read_record(screen.guided.path).events
+    assert [e.axis for e in events if e.event == "faulted"] == ["y", "z"]
+
+
+async def test_disk_full_is_said_and_the_session_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import errno
+    import os
+
+    interface = Interface(CheckScreen(quick_plan(tmp_path)))
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        screen = await to_measuring(pilot, interface)
+        await take(pilot, screen)
+
+        def refuse(_: int) -> None:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        with monkeypatch.context() as patched:
+            patched.setattr(os, "fsync", refuse)
+            await until(pilot, "stillness", screen.ready_by_hand)
+            await pilot.press("space")
+            await until(pilot, "words", lambda: "No space left" in text(interface, "#said"))
+        assert screen.guided.session.done() == {1}
+        await take(pilot, screen)
+        assert screen.guided.session.done() == {1, 2}
+        await pilot.press("f10")
+
+
+async def test_home_offers_an_interrupted_session_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    plan = quick_plan(tmp_path)
+    first = Interface(CheckScreen(plan))
+    async with first.run_test(size=SIZE) as pilot:
+        await take(pilot, await to_measuring(pilot, first))
+        await pilot.press("f10")
+    interface = Interface(HomeScreen())
+    async with interface.run_test(size=SIZE) as pilot:
+        options = interface.screen.query_one(OptionList)
+        assert "Continue" in str(options.get_option_at_index(0).prompt)
+        assert "interrupted at step 2 of 30" in str(options.get_option_at_index(0).prompt)
+        await pilot.press("enter")
+        await to_measuring(pilot, interface)
+        await pilot.press("f10")
+
+
+async def test_pulled_cable_in_the_middle_of_a_session(tmp_path: Path) -> None:
+    """One line tells that the indicator is gone, another that it is back; nothing is lost."""
+    from protocols.machine import Instrument
+
+    gauge = tmp_path / "gauge"
+    first = TwinPort(MITUTOYO_01A.make_twin(Spindle(lambda: 0.5, 0.001)), default_transport())
+    point_to(gauge, first.url)
+    known = Instrument(profile="mitutoyo-01a", port=str(gauge))
+    plan = replace(quick_plan(tmp_path), instruments=(known,))
+    interface = Interface(CheckScreen(plan))
+    async with interface.run_test(size=SIZE) as pilot:
+        screen = await to_measuring(pilot, interface)
+        await take(pilot, screen)
+        gauge.unlink()
+        first.close()
+        await until(pilot, "told", lambda: "check the cable" in text(interface, "#said"))
+        assert "The session waits" in text(interface, "#said")
+        with TwinPort(
+            MITUTOYO_01A.make_twin(Spindle(lambda: 0.7, 0.001)), default_transport()
+        ) as second:
+            point_to(gauge, second.url)
+            await until(pilot, "back", lambda: "answers again" in text(interface, "#said"))
+            await take(pilot, screen)
+            await pilot.press("f10")
+            await until(pilot, "left", lambda: interface.guided is None)
+    counted = fold(read_record(plan.path).events).readings
+    assert [r.value_mm for r in counted] == [0.5, 0.7]
+
+
+def point_to(name: Path, port: str) -> None:
+    if not port.startswith("/"):
+        pytest.skip("needs pseudo-terminals and links")
+    name.symlink_to(port)
+
+
+async def test_a_continued_verification_still_compares(tmp_path: Path) -> None:
+    from app.demo import measure_all, verification_plan
+    from app.opening import start_session
+    from app.solving import solve_for_controller
+
+    plan = replace(quick_plan(tmp_path), interval_s=0.0)
+    with start_session(plan) as guided:
+        measure_all(guided)
+    verify = verification_plan(plan, solve_for_controller(plan.path))
+    interface = Interface(CheckScreen(verify))
+    async with interface.run_test(size=SIZE) as pilot:
+        await take(pilot, await to_measuring(pilot, interface))
+        await pilot.press("f10")
+    again = plan_to_continue(verify.path)
+    assert again.before is not None
+    with continue_session(replace(again, interval_s=0.0)) as guided:
+        measure_all(guided)
+    after = solve_for_controller(verify.path).solution
+    assert after.rms_before_mm < 0.1 * again.before.solution.rms_before_mm

@@ -67,6 +67,7 @@ class CheckScreen(Screen[None]):
 
     def _opened(self, indicators: Indicators) -> None:
         self.app.indicators = indicators
+        self.refresh_bindings()
         self.query_one("#words", Static).update(check_text(self._plan, continued=self._continued))
         for display, gauge in zip(self.query(GaugeDisplay), indicators.gauges, strict=True):
             display.border_title = escape(gauge.port)
@@ -78,6 +79,10 @@ class CheckScreen(Screen[None]):
                 self.query(GaugeDisplay), self.app.indicators.gauges, strict=True
             ):
                 display.show(gauge.live())
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Begin is offered once the indicators are open."""
+        return action != "begin" or self.app.indicators is not None
 
     def action_begin(self) -> None:
         """Start or continue the record and go measuring."""

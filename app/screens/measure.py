@@ -10,6 +10,8 @@ from textual import work
 from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal
+from textual.events import Resize
+from textual.geometry import Size
 from textual.screen import Screen
 from textual.widgets import Footer, Static
 
@@ -27,6 +29,7 @@ from drivers.outcome import Fault, Reading
 from protocols.procedure import Step
 
 REFRESH_S = 0.1
+LEAST_SIZE = Size(80, 24)
 HELD_KEY_S = 0.15
 """Presses that follow this closely are one held key."""
 
@@ -73,8 +76,10 @@ class MeasureScreen(Screen[None]):
         self._next()
         self.set_interval(REFRESH_S, self._show_live)
 
-    def on_resize(self) -> None:
+    def on_resize(self, event: Resize) -> None:
         self._show_step()
+        if event.size.width < LEAST_SIZE.width or event.size.height < LEAST_SIZE.height:
+            self._say(f"This screen needs {LEAST_SIZE.width} × {LEAST_SIZE.height} characters.")
 
     def _next(self) -> None:
         """Go to the present step, or finish when there is none."""

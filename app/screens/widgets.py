@@ -22,6 +22,8 @@ MARKS = {
     Motion.FAULT: "! FAULT",
 }
 TREND_POINTS = 22
+WORDS_FIT = 38
+"""Columns that a fault's words need; narrower panels name its kind only."""
 
 
 class GaugeDisplay(Vertical):
@@ -46,7 +48,8 @@ class GaugeDisplay(Vertical):
             self.border_subtitle = "mm assumed" if live.outcome.unit_assumed else ""
         elif live.outcome is not None:
             self.query_one(Digits).update("------")
-            state += f"  {live.outcome.words}"
+            roomy = self.size.width >= WORDS_FIT
+            state += f"  {live.outcome.words if roomy else live.outcome.kind}"
         self.set_classes(f"gauge {live.motion.value}")
         self.query_one(".state", Static).update(state)
         self.query_one(Sparkline).data = list(live.trend_mm[-TREND_POINTS:])

@@ -20,6 +20,7 @@ from protocols.machine import Machine, load_machine
 from protocols.procedure import load_procedure
 
 DEMO_MOTION_S = 0.6
+FILE_NAMES = {"json": "offsets.json", "csv": "offsets.csv", "model": "model.json"}
 
 
 def demo_plan(
@@ -80,7 +81,7 @@ def export_offsets(solved: Solved, folder: Path) -> list[Path]:
     offsets = offsets_from_solved(solved)
     paths: list[Path] = []
     for name, written in FORMATS.items():
-        target = folder if name == "linuxcnc" else folder / f"offsets.{name}"
+        target = folder if name == "linuxcnc" else folder / FILE_NAMES[name]
         paths += write_files(target, written(offsets))
     return paths
 

@@ -16,6 +16,7 @@ class Format(StrEnum):
 
     JSON = "json"
     CSV = "csv"
+    MODEL = "model"
     LINUXCNC = "linuxcnc"
 
 

@@ -8,6 +8,7 @@ from app.exports.offsets import Offsets, Written
 FORMATS = {
     "json": plain.as_json,
     "csv": plain.as_csv,
+    "model": plain.as_model,
     "linuxcnc": linuxcnc.joint_includes,
 }
 """Each takes offsets and gives the texts of the files to write, by name ('' is the path itself)."""

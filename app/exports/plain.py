@@ -1,4 +1,4 @@
-"""Offsets as JSON and as CSV."""
+"""Offsets as JSON, as CSV and as a model."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from io import StringIO
 
 from app.documents import to_json
 from app.exports.offsets import Offsets, Written
+from calib.orthoglide.geometry import PARAMETER_NAMES
+from calib.orthoglide.model import Model
+from protocols.model_file import model_to_json
 
 
 def as_json(offsets: Offsets) -> Written:
@@ -24,6 +27,12 @@ def as_json(offsets: Offsets) -> Written:
         "remarks": list(offsets.remarks),
     }
     return {"": to_json(document) + "\n"}
+
+
+def as_model(offsets: Offsets) -> Written:
+    """Schema ``glidecal.model/1``: for ``glidecal simulate --model``."""
+    values = tuple(offsets.values_mm.get(name, 0.0) for name in PARAMETER_NAMES)
+    return {"": model_to_json(Model(offsets.machine.geometry(), values), offsets.machine)}
 
 
 def as_csv(offsets: Offsets) -> Written:

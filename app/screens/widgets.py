@@ -11,7 +11,7 @@ from textual.widgets import Digits, Sparkline, Static
 from app.acquisition import Live, Motion
 from app.wording.tables import signed
 from calib.orthoglide.geometry import Geometry
-from drivers.outcome import Reading
+from drivers.outcome import Fault, Reading
 from protocols.procedure import Step
 
 MARKS = {
@@ -22,6 +22,9 @@ MARKS = {
     Motion.FAULT: "! FAULT",
 }
 TREND_POINTS = 22
+OLD_S = 1.0
+"""A value is shown with its age from here on."""
+
 WORDS_FIT = 38
 """Columns that a fault's words need; narrower panels name its kind only."""
 
@@ -32,6 +35,7 @@ class GaugeDisplay(Vertical):
     def __init__(self, title: str, gauge_id: str) -> None:
         super().__init__(id=gauge_id, classes="gauge")
         self.border_title = title
+        self._shown: tuple[str, str, Motion, tuple[float, ...]] | None = None
 
     def compose(self) -> ComposeResult:
         yield Digits("------")
@@ -39,20 +43,31 @@ class GaugeDisplay(Vertical):
         yield Sparkline([])
 
     def show(self, live: Live) -> None:
-        """Show what the indicator tells now."""
-        state = MARKS[live.motion]
-        if isinstance(live.outcome, Reading):
-            decimals = max(0, len(f"{live.outcome.resolution_mm:.6f}".rstrip("0")) - 2)
-            self.query_one(Digits).update(signed(live.outcome.value_mm, decimals))
-            state += f"  {live.age_s:.1f} s"
-            self.border_subtitle = "mm assumed" if live.outcome.unit_assumed else ""
-        elif live.outcome is not None:
-            self.query_one(Digits).update("------")
-            roomy = self.size.width >= WORDS_FIT
-            state += f"  {live.outcome.words if roomy else live.outcome.kind}"
-        self.set_classes(f"gauge {live.motion.value}")
+        """Show what the indicator tells now; nothing is drawn again that did not change."""
+        shown = (self._number(live), self._state(live), live.motion, live.trend_mm[-TREND_POINTS:])
+        if shown == self._shown:
+            return
+        self._shown = shown
+        number, state, motion, trend = shown
+        assumed = isinstance(live.outcome, Reading) and live.outcome.unit_assumed
+        self.border_subtitle = "mm assumed" if assumed else ""
+        self.set_classes(f"gauge {motion.value}")
+        self.query_one(Digits).update(number)
         self.query_one(".state", Static).update(state)
-        self.query_one(Sparkline).data = list(live.trend_mm[-TREND_POINTS:])
+        self.query_one(Sparkline).data = list(trend)
+
+    def _number(self, live: Live) -> str:
+        if not isinstance(live.outcome, Reading):
+            return "------"
+        decimals = max(0, len(f"{live.outcome.resolution_mm:.6f}".rstrip("0")) - 2)
+        return signed(live.outcome.value_mm, decimals)
+
+    def _state(self, live: Live) -> str:
+        state = MARKS[live.motion]
+        if isinstance(live.outcome, Fault):
+            roomy = self.size.width >= WORDS_FIT
+            return f"{state}  {live.outcome.words if roomy else live.outcome.kind}"
+        return f"{state}  {live.age_s:.0f} s old" if live.age_s >= OLD_S else state
 
 
 class StepList(Static):

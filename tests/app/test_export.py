@@ -162,3 +162,19 @@ def test_ini_files_that_would_give_wrong_offsets(
     out = tmp_path / "x"
     assert said in refused(3, "export", session, "--format", "linuxcnc", "--ini", ini, "-o", out)
     assert not out.exists()
+
+
+def test_a_session_becomes_a_model_that_simulates_it(samples: Path, tmp_path: Path) -> None:
+    """Solve, export the model, simulate without noise, solve again: the same parameters."""
+    session, model = samples / "simulated_zero-max-min.jsonl", tmp_path / "model.json"
+    both = ("--subset", "both")
+    assert glidecal("export", session, "--format", "model", *both, "-o", model).status == 0
+    made = tmp_path / "s.jsonl"
+    quiet = ("--scatter", "0", "--resolution", "0")
+    assert glidecal("simulate", "--model", model, *quiet, "-o", made).status == 0
+    first, second = (
+        json.loads(glidecal("solve", path, *both, "--json").out)["parameters"]
+        for path in (session, made)
+    )
+    for name, parameter in first.items():
+        assert second[name]["value"] == pytest.approx(parameter["value"], abs=1e-6)

@@ -71,7 +71,7 @@ class Gauge:
             asked=asked,
             interval_s=interval_s,
             listener=self._hear,
-            on_button=self._press,
+            on_button=self.press,
         )
 
     def start(self) -> None:
@@ -94,7 +94,8 @@ class Gauge:
                 self._slot = now
                 self._heard.append((now, outcome))
 
-    def _press(self, _: Outcome) -> None:
+    def press(self, _: Outcome) -> None:
+        """A value came unasked: somebody pressed the button. Called by the line."""
         self._pressed = True
 
     def button_pressed(self) -> bool:

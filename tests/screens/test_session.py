@@ -9,11 +9,13 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Digits, Input
 
+from app.acquisition import Gauge
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
 from app.screens.prepare import PrepareScreen
 from app.screens.result import ResultScreen
+from drivers.outcome import Fault, FaultKind, Reading
 from drivers.profile import Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.twin_port import TwinPort
@@ -212,3 +214,32 @@ def test_verification_carries_the_new_home_offset(tmp_path: Path) -> None:
     assert held is not None
     expected = [old + new for old, new in zip((10, 20, 30), before.solution.values_mm, strict=True)]
     assert held == pytest.approx(expected)
+
+
+async def test_the_data_button_takes_the_step(tmp_path: Path) -> None:
+    """A value that the device sends unasked is a foot switch, not a reading."""
+    interface = Interface(CheckScreen(quick_plan(tmp_path)))
+    async with interface.run_test(size=SIZE) as pilot:
+        screen = await to_measuring(pilot, interface)
+        await until(pilot, "stillness", screen.ready_by_hand)
+        screen.guided.gauges[0].press(Fault(FaultKind.NO_ANSWER, "", "any outcome"))
+        await until(pilot, "a step", lambda: screen.guided.session.done() == {1})
+        await pilot.pause(0.3)
+        assert screen.guided.session.done() == {1}
+        await pilot.press("f10")
+
+
+async def test_a_reading_from_another_world_is_a_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interface = Interface(CheckScreen(quick_plan(tmp_path)))
+    async with interface.run_test(size=SIZE) as pilot:
+        screen = await to_measuring(pilot, interface)
+        far = Reading("+99999.999", 99999.999, 0.001, unit_assumed=True)
+        await until(pilot, "stillness", screen.ready_by_hand)
+        with monkeypatch.context() as patched:
+            patched.setattr(Gauge, "ask", lambda _: far)
+            await pilot.press("space")
+            await until(pilot, "refusal", lambda: "further than any" in text(interface, "#said"))
+        assert screen.guided.session.all_readings == ()
+        await pilot.press("f10")

@@ -59,6 +59,7 @@ class Gauge:
         self.port = port
         pace_s = profile.interval_s if interval_s is None else interval_s
         self._window_s = max(window_s, READINGS_IN_WINDOW * pace_s)
+        self._stale_s = max(STALE_S, READINGS_IN_WINDOW * pace_s)
         self._tolerance_mm = tolerance_mm
         self._lock = threading.Lock()
         self._slot = 0.0
@@ -129,7 +130,7 @@ class Gauge:
         at, outcome = heard[-1]
         if isinstance(outcome, Fault):
             return Motion.FAULT
-        if now - at > max(STALE_S, 2.5 * self.profile.interval_s):
+        if now - at > self._stale_s:
             return Motion.STALE
         recent = [
             o.value_mm for t, o in heard if now - t <= self._window_s and isinstance(o, Reading)

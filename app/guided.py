@@ -66,6 +66,11 @@ class GuidedSession:
         """The file of the record."""
         return self._journal.path
 
+    @property
+    def closed(self) -> bool:
+        """Whether the record is finished or left and the ports are free."""
+        return self._closed
+
     def step(self) -> Step | None:
         """The step to measure now; None when the procedure is done."""
         return self.session.next_step()
@@ -109,22 +114,25 @@ class GuidedSession:
 
     def undo(self, reason: str = "repeated by the operator") -> Step | None:
         """Supersede the readings of the last step taken; it becomes the present step again."""
-        last = self.session.readings[-1] if self.session.readings else None
-        if last is None:
-            return None
-        numbers = tuple(r.reading for r in self.session.readings if r.step == last.step)
-        self._append([Superseded(readings=numbers, reason=reason)])
-        return self.step()
+        with self._lock:
+            last = self.session.readings[-1] if self.session.readings else None
+            if last is None:
+                return None
+            numbers = tuple(r.reading for r in self.session.readings if r.step == last.step)
+            self._append([Superseded(readings=numbers, reason=reason)])
+            return self.step()
 
     def remount(self) -> None:
         """The stand was moved: later readings of this place get a new zero."""
-        step = self.step()
-        if step is not None:
-            self._append([self._new_mounting(step)])
+        with self._lock:
+            step = self.step()
+            if step is not None:
+                self._append([self._new_mounting(step)])
 
     def note(self, text: str) -> None:
         """A remark for the record."""
-        self._append([Noted(text=text)])
+        with self._lock:
+            self._append([Noted(text=text)])
 
     def finish(self) -> None:
         """Close the record: complete if every step is done. Raises RecordError."""

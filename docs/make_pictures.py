@@ -8,6 +8,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from textual.pilot import Pilot
@@ -41,6 +42,11 @@ async def until(pilot: Pilot[str], condition: Callable[[], bool]) -> None:
         await pilot.pause(0.02)
 
 
+def is_done(screen: MeasureScreen, number: int) -> bool:
+    """Whether a step has been taken."""
+    return number in screen.guided.session.done()
+
+
 async def pictures(folder: Path) -> None:
     """Drive a demonstration and photograph it."""
     plan = demo_plan(folder, "zero-max-min", 1, BenchSettings())
@@ -54,7 +60,7 @@ async def pictures(folder: Path) -> None:
         for number in range(1, len(screen.guided.steps) + 1):
             await until(pilot, screen.ready_by_hand)
             await pilot.press("space")
-            await until(pilot, lambda n=number: n in screen.guided.session.done())  # type: ignore[misc]
+            await until(pilot, partial(is_done, screen, number))
             await until(pilot, lambda: not screen.busy)
             if number == STEPS_BEFORE_PICTURE:
                 await pilot.pause(1.0)

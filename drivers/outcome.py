@@ -98,6 +98,12 @@ def reading(
     )
 
 
+def wrong_channel(text: str, found: str, asked: Asked) -> Fault:
+    """The answer of another input than the one that was asked."""
+    words = f"answer of channel {found} where channel {asked.channel} was asked"
+    return Fault(FaultKind.WRONG_CHANNEL, text, words)
+
+
 def not_understood(text: str) -> Fault:
     """A line outside the grammar of the profile."""
     return Fault(FaultKind.NOT_UNDERSTOOD, text, "not an answer of this profile: wrong profile?")

@@ -61,6 +61,8 @@ class Interface(App[str]):
     async def _leave(self) -> str:
         guided, indicators = self.guided, self.indicators
         self.guided = self.indicators = None
+        if guided is not None and guided.closed:
+            return f"The session is complete: {guided.path}"
         if guided is not None:
             await asyncio.to_thread(guided.leave)
             done, steps = len(guided.session.done()), len(guided.steps)

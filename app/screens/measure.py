@@ -23,7 +23,7 @@ from app.screens.dialogs import HelpDialog, NoteDialog
 from app.screens.interface import Interface
 from app.screens.widgets import GaugeDisplay, StepList
 from app.solving import solve_for_controller
-from app.wording.session import MEASURE_HELP, leg_table_text, progress_text, step_text
+from app.wording.session import MEASURE_HELP, leg_table_text, progress_text, step_text, taken_text
 from calib.errors import GlidecalError
 from drivers.outcome import Fault, Reading
 from protocols.procedure import Step
@@ -173,8 +173,7 @@ class MeasureScreen(Screen[None]):
             return
         self.app.bell()
         self.app.clear_notifications()
-        shown = ", ".join(f"{r.axis.upper()} {r.value_mm:+.4f} mm" for r in taken.readings)
-        self._say(f"Taken and on the disk, step {taken.step.number}: {shown}")
+        self._say(taken_text(taken))
         self._next()
 
     def _refused(self, text: str) -> None:
@@ -207,6 +206,8 @@ class MeasureScreen(Screen[None]):
 
     def action_remount(self) -> None:
         """The stand was moved: later readings have a new zero."""
+        if self.busy:
+            return
         try:
             self.guided.remount()
         except GlidecalError as problem:
@@ -242,7 +243,7 @@ class MeasureScreen(Screen[None]):
             self.guided.finish()
             solved = solve_for_controller(self.guided.path)
         except GlidecalError as problem:
-            said = f"Every reading is on the disk, but: {problem} Space tries again."
+            said = f"Every reading is on the disk, but: {problem} Space tries again, F10 leaves."
             self.app.call_from_thread(self._refused, said)
             return
         self.app.guided = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from app.guided import Taken
 from app.indicators import profile_of
 from app.leg_table import LegRow
 from app.opening import Plan
@@ -116,6 +117,12 @@ def progress_text(session: Session, steps: Sequence[Step], *, automatic: bool) -
         f"{opened.machine.name} · {name} · {mode}   {done} of {len(steps)} steps done, "
         f"{left // 60:02d}:{left % 60:02d} left"
     )
+
+
+def taken_text(taken: Taken) -> str:
+    """What was written to the disk."""
+    shown = ", ".join(f"{r.axis.upper()} {signed(r.value_mm, 4)} mm" for r in taken.readings)
+    return f"Taken and on the disk, step {taken.step.number}: {shown}"
 
 
 def step_text(step: Step, geometry: Geometry, session: Session) -> str:

@@ -8,7 +8,16 @@ from __future__ import annotations
 
 import re
 
-from drivers.outcome import Asked, Fault, FaultKind, Outcome, Unit, not_understood, reading
+from drivers.outcome import (
+    Asked,
+    Fault,
+    FaultKind,
+    Outcome,
+    Unit,
+    not_understood,
+    reading,
+    wrong_channel,
+)
 from drivers.profile import BadReply, LineSettings, Profile, Spindle, Twin, Verified
 from drivers.twins import Answering
 
@@ -41,8 +50,7 @@ def parse_c1202(text: str, asked: Asked) -> Outcome | None:
     if not (found := value or C1202_FAULT.fullmatch(text)):
         return None if C1202_ECHO.fullmatch(text) else not_understood(text)
     if found["channel"] not in {None, str(asked.channel)}:
-        words = f"answer of feature {found['channel']} where {asked.channel} was asked"
-        return Fault(FaultKind.WRONG_CHANNEL, text, words)
+        return wrong_channel(text, found["channel"], asked)
     if not value:
         words = f"error {found['code']}; 6 means that this feature is not active"
         return Fault(FaultKind.DEVICE_FAULT, text, words)

@@ -9,7 +9,16 @@ from __future__ import annotations
 
 import re
 
-from drivers.outcome import Asked, Fault, FaultKind, Outcome, Unit, not_understood, reading
+from drivers.outcome import (
+    Asked,
+    Fault,
+    FaultKind,
+    Outcome,
+    Unit,
+    not_understood,
+    reading,
+    wrong_channel,
+)
 from drivers.profile import BadReply, LineSettings, Profile, Spindle, Twin, Verified
 from drivers.twins import Answering
 
@@ -45,8 +54,7 @@ def parse(text: str, asked: Asked) -> Outcome | None:
     if not found or found["unit"].strip() not in UNITS:
         return not_understood(text)
     if found["channel"] != str(asked.channel):
-        words = f"answer of channel {found['channel']} where channel {asked.channel} was asked"
-        return Fault(FaultKind.WRONG_CHANNEL, text, words)
+        return wrong_channel(text, found["channel"], asked)
     return reading(text, found["number"], asked, UNITS[found["unit"].strip()])
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from drivers.outcome import Asked, Fault, FaultKind, Outcome, not_understood, reading
+from drivers.outcome import Asked, Fault, FaultKind, Outcome, not_understood, reading, wrong_channel
 from drivers.profile import BadReply, LineSettings, Profile, Spindle, Twin, Verified
 from drivers.twins import Answering
 
@@ -31,8 +31,7 @@ def parse(text: str, asked: Asked) -> Outcome | None:
     if not found:
         return not_understood(text)
     if found["channel"] != str(asked.channel):
-        words = f"answer of channel {found['channel']} where channel {asked.channel} was asked"
-        return Fault(FaultKind.WRONG_CHANNEL, text, words)
+        return wrong_channel(text, found["channel"], asked)
     if found.re is VALUE:
         return reading(text, found["number"], asked)
     code = found["code"]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from drivers.outcome import Asked, Fault, FaultKind, Outcome, not_understood, reading
+from drivers.outcome import Asked, Fault, FaultKind, Outcome, not_understood, reading, wrong_channel
 from drivers.profile import BadReply, LineSettings, Profile, Spindle, Twin, Verified
 from drivers.twins import Answering
 
@@ -31,8 +31,7 @@ def parse(text: str, asked: Asked) -> Outcome | None:
     if not found:
         return not_understood(text)
     if int(found["channel"]) != asked.channel:
-        words = f"answer of number {found['channel']} where {asked.channel:02d} was asked"
-        return Fault(FaultKind.WRONG_CHANNEL, text, words)
+        return wrong_channel(text, found["channel"], asked)
     if not value:
         words = f"error {found['code'] or 'without a code'}: see the display of the instrument"
         return Fault(FaultKind.DEVICE_FAULT, text, words)

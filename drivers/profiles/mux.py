@@ -10,7 +10,16 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from drivers.outcome import Asked, Fault, FaultKind, Outcome, Unit, not_understood, reading
+from drivers.outcome import (
+    Asked,
+    Fault,
+    FaultKind,
+    Outcome,
+    Unit,
+    not_understood,
+    reading,
+    wrong_channel,
+)
 from drivers.profile import BadReply, LineSettings, Profile, Spindle, Twin, Verified
 from drivers.twins import Answering
 
@@ -39,8 +48,7 @@ def parse(text: str, asked: Asked) -> Outcome | None:
     if not found:
         return not_understood(text)
     if found["channel"] != str(asked.channel):
-        words = f"answer of channel {found['channel']} where channel {asked.channel} was asked"
-        return Fault(FaultKind.WRONG_CHANNEL, text, words)
+        return wrong_channel(text, found["channel"], asked)
     if value:
         return reading(text, value["number"], asked, UNITS[value["unit"]])
     words = f"the gauge on channel {asked.channel} did not answer: is it on and plugged in?"

@@ -9,7 +9,16 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from drivers.outcome import Asked, Fault, FaultKind, Outcome, Unit, not_understood, reading
+from drivers.outcome import (
+    Asked,
+    Fault,
+    FaultKind,
+    Outcome,
+    Unit,
+    not_understood,
+    reading,
+    wrong_channel,
+)
 from drivers.profile import BadReply, LineSettings, Profile, Spindle, Verified
 
 VALUE = re.compile(
@@ -41,8 +50,7 @@ def parse(text: str, asked: Asked) -> Outcome | None:
         return not_understood(text)
     channel = found["channel"]
     if channel != "FF" and int(channel) != asked.channel:
-        words = f"frame of channel {channel} where channel {asked.channel:02d} is expected"
-        return Fault(FaultKind.WRONG_CHANNEL, text, words)
+        return wrong_channel(text, channel, asked)
     if value:
         return reading(text, value["number"], asked, UNITS[value["unit"]])
     code = found["code"]

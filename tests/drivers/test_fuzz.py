@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import random
 from decimal import Decimal
+from functools import partial
 
 import pytest
 
@@ -23,7 +24,7 @@ def seeds_of(profile: Profile) -> list[bytes]:
     """Good and bad replies to start from."""
     replies = [bad.reply for bad in profile.bad_replies.values()]
     for position in (1.234, -0.5, 0.0):
-        twin = profile.make_twin(Spindle(lambda p=position: p, 0.001))  # type: ignore[misc]
+        twin = profile.make_twin(Spindle(partial(float, position), 0.001))
         replies.append(twin.receive(profile.request(Asked()) if profile.request else b""))
     return [reply.strip(b"\r\n") for reply in replies]
 

@@ -18,10 +18,12 @@ NOTES = 40
 def test_notes_while_readings_are_taken(tmp_path: Path) -> None:
     plan = replace(demo_plan(tmp_path, "zero-max-min", 1, BenchSettings()), interval_s=0.0)
     with start_session(plan) as guided:
-        writers = [
-            threading.Thread(target=lambda: [guided.note("meanwhile") for _ in range(NOTES)])
-            for _ in range(2)
-        ]
+
+        def write() -> None:
+            for _ in range(NOTES):
+                guided.note("meanwhile")
+
+        writers = [threading.Thread(target=write) for _ in range(2)]
         for writer in writers:
             writer.start()
         while guided.take() is not None:

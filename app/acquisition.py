@@ -22,6 +22,10 @@ SPACING_S = 0.02
 """The history holds one outcome in this time, so that a fast indicator does not fill it."""
 
 
+ONE_DIGIT = 1.001
+"""A last digit that flickers is not a movement."""
+
+
 class Motion(StrEnum):
     """What an indicator is doing, in one word."""
 
@@ -53,19 +57,20 @@ class Gauge:
         *,
         interval_s: float | None = None,
         window_s: float,
-        tolerance_mm: float = 0.004,
+        tolerance_mm: float,
     ) -> None:
         self.profile = profile
         self.port = port
         pace_s = profile.interval_s if interval_s is None else interval_s
         self._window_s = max(window_s, READINGS_IN_WINDOW * pace_s)
         self._stale_s = max(STALE_S, READINGS_IN_WINDOW * pace_s)
-        self._tolerance_mm = tolerance_mm
+        self._tolerance_mm = self._still_mm = tolerance_mm
         self._lock = threading.Lock()
         self._slot = 0.0
         self._span: tuple[float, float] | None = None
         self._heard: deque[tuple[float, Outcome]] = deque(maxlen=HISTORY)
         self._pressed = False
+        self._news = False
         self._line = IndicatorLine(
             profile,
             port,
@@ -87,6 +92,7 @@ class Gauge:
         now = time.monotonic()
         with self._lock:
             if isinstance(outcome, Reading):
+                self._still_mm = max(self._tolerance_mm, ONE_DIGIT * outcome.resolution_mm)
                 low, high = self._span or (outcome.value_mm, outcome.value_mm)
                 self._span = min(low, outcome.value_mm), max(high, outcome.value_mm)
             if self._heard and now - self._slot < SPACING_S:
@@ -94,15 +100,21 @@ class Gauge:
             else:
                 self._slot = now
                 self._heard.append((now, outcome))
+        self._news = True
 
     def press(self, _: Outcome) -> None:
         """A value came unasked: somebody pressed the button. Called by the line."""
-        self._pressed = True
+        self._pressed = self._news = True
 
     def button_pressed(self) -> bool:
         """Whether the DATA button or a foot switch was pressed since the last call."""
         pressed, self._pressed = self._pressed, False
         return pressed
+
+    def has_news(self) -> bool:
+        """Whether anything was heard since the last call."""
+        news, self._news = self._news, False
+        return news
 
     def restart_window(self) -> None:
         """Forget what was stable: the machine is about to move."""
@@ -113,7 +125,7 @@ class Gauge:
     def has_moved(self) -> bool:
         """Whether the reading moved since the last `restart_window`."""
         span = self._span
-        return span is not None and span[1] - span[0] > self._tolerance_mm
+        return span is not None and span[1] - span[0] > self._still_mm
 
     def live(self) -> Live:
         """The state now; safe from any thread."""
@@ -136,7 +148,7 @@ class Gauge:
             o.value_mm for t, o in heard if now - t <= self._window_s and isinstance(o, Reading)
         ]
         covered = now - heard[0][0] >= self._window_s
-        still = len(recent) >= 2 and max(recent) - min(recent) <= self._tolerance_mm
+        still = len(recent) >= 2 and max(recent) - min(recent) <= self._still_mm
         return Motion.STABLE if covered and still else Motion.MOVING
 
     def ask(self) -> Outcome:

@@ -35,7 +35,7 @@ def demo_plan(
     return Plan(
         path=session_name(folder, "demo"),
         machine=machine,
-        procedure=load_procedure(protocol),
+        procedure=load_procedure(protocol, machine.geometry()),
         instruments=simulated_indicators(profiles),
         operator="demo",
         seed=seed,

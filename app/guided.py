@@ -12,19 +12,33 @@ from pathlib import Path
 from app.acquisition import Gauge
 from drivers.outcome import Fault, FaultKind, Outcome
 from drivers.outcome import Reading as IndicatorReading
-from protocols.events import Faulted, Line, Mounted, Noted, Reading, Superseded
+from protocols.events import (
+    Faulted,
+    Line,
+    Mounted,
+    Noted,
+    Reading,
+    Restored,
+    Skipped,
+    Superseded,
+)
 from protocols.journal import Journal
 from protocols.procedure import Leg, Step, default_mount
+from protocols.repeats import Disagreement, disagreements
 from protocols.session import Session, fold
 
 
 @dataclass(frozen=True)
 class Taken:
-    """What came of one take: the readings on the disk, or the faults that prevented it."""
+    """What came of one take: the readings on the disk, or the faults that prevented it.
+
+    ``questioned`` are those of the readings that disagree with earlier repeats.
+    """
 
     step: Step
     readings: tuple[Reading, ...]
     faults: tuple[Fault, ...]
+    questioned: tuple[Disagreement, ...] = ()
 
 
 LONGEST_MM = 1000.0
@@ -110,16 +124,72 @@ class GuidedSession:
         mounts, mounting = self._mounting(step)
         readings = self._readings(step, outcomes, mounts)
         self._append([*mounting, *self._supersede_leftovers(step), *readings])
-        return Taken(step, readings, ())
+        return Taken(step, readings, (), disagreements(self.session, readings))
 
     def undo(self, reason: str = "repeated by the operator") -> Step | None:
         """Supersede the readings of the last step taken; it becomes the present step again."""
         with self._lock:
             last = self.session.readings[-1] if self.session.readings else None
-            if last is None:
-                return None
-            numbers = tuple(r.reading for r in self.session.readings if r.step == last.step)
-            self._append([Superseded(readings=numbers, reason=reason)])
+            return None if last is None or last.step is None else self.repeat(last.step, reason)
+
+    def repeat(self, number: int, reason: str) -> Step | None:
+        """Supersede the readings of a step so that it is measured again; returns the next step.
+
+        Where the stand has left that mounting, readings of one step alone would have no zero:
+        then every step of the mounting is measured again.
+        """
+        with self._lock:
+            gone = self.steps_repeated_with(number)
+            numbers = tuple(r.reading for r in self.session.readings if r.step in gone)
+            skipped = tuple(n for n in gone if n in self.session.skipped)
+            events: list[Line] = []
+            if numbers:
+                events.append(Superseded(readings=numbers, reason=reason))
+            if skipped:
+                events.append(Restored(steps=skipped, reason=reason))
+            self._append(events)
+            return self.step()
+
+    def steps_repeated_with(self, number: int) -> frozenset[int]:
+        """Which steps must be measured again when this one is: itself, or its whole mounting."""
+        mounts = {r.mount for r in self.session.readings if r.step == number}
+        last = self.session.mountings[-1].mounts.values() if self.session.mountings else ()
+        if not mounts or (mounts <= set(last) and self.session.stand_untouched):
+            return frozenset((number,))
+        return frozenset(
+            r.step for r in self.session.readings if r.mount in mounts and r.step is not None
+        )
+
+    def rest_of_place(self) -> tuple[Step, ...]:
+        """The present step and the unsettled ones that follow it on the same mounting."""
+        step = self.step()
+        settled = self.session.done() | self.session.skipped.keys()
+        return tuple(
+            s for s in self.steps if step and s.place == step.place and s.number not in settled
+        )
+
+    def restore(self, number: int, reason: str) -> bool:
+        """Let the last superseded readings of a step count again, if it has none by now.
+
+        Only while the stand is where it was. Returns whether there was anything to restore.
+        """
+        with self._lock:
+            session = self.session
+            step = next(step for step in self.steps if step.number == number)
+            if any(r.step == number for r in session.readings) or not session.stand_untouched:
+                return False
+            mounts = set(session.mountings[-1].mounts.values()) if session.mountings else set()
+            old = [r for r in session.all_readings if r.step == number and r.mount in mounts]
+            last = tuple(r.reading for r in old[-len(step.axes) :])
+            if not last:
+                return False
+            self._append([Restored(readings=last, reason=reason)])
+            return True
+
+    def skip(self, numbers: Sequence[int], reason: str) -> Step | None:
+        """Leave steps out, with the reason; returns the next step."""
+        with self._lock:
+            self._append([Skipped(steps=tuple(numbers), reason=reason)])
             return self.step()
 
     def remount(self) -> None:
@@ -138,7 +208,7 @@ class GuidedSession:
         """Close the record: complete if every step is done. Raises RecordError."""
         with self._lock:
             if not self._closed:
-                self._journal.finish(complete=self.step() is None)
+                self._journal.finish(complete=self.session.complete)
                 self._release()
 
     def leave(self) -> None:

@@ -27,9 +27,8 @@ from protocols.record import read_record
 SIMULATED_INTERVAL_S = 0.05
 """Simulated indicators may be asked faster than real ones; with 0 time is compressed."""
 
-STABLE_WINDOW_S = 1.0
 SIMULATED_WINDOW_S = 0.4
-"""How long readings must stand still to be called stable."""
+"""How long simulated readings must stand still; real ones as the procedure says."""
 
 
 def program() -> str:
@@ -107,7 +106,7 @@ def open_indicators(plan: Plan) -> Indicators:
     profiles = [profile_of(instrument) for instrument in plan.instruments]
     ports = tuple(instrument.port for instrument in plan.instruments)
     with ExitStack() as undo:
-        interval_s, window_s = None, STABLE_WINDOW_S
+        interval_s, window_s = None, plan.procedure.window_s
         go: Callable[[Step], None] = _stand_still
         close_bench: Callable[[], None] = _nothing
         if plan.simulated:
@@ -126,6 +125,7 @@ def open_indicators(plan: Plan) -> Indicators:
                 asked_of(known),
                 interval_s=interval_s,
                 window_s=plan.window_s or window_s,
+                tolerance_mm=plan.procedure.tolerance_mm,
             )
             for profile, port, known in zip(profiles, ports, plan.instruments, strict=True)
         )

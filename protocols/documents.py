@@ -10,6 +10,7 @@ from typing import TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from protocols.errors import RecordError
+from protocols.toml_lines import line_of
 
 
 class Document(BaseModel):
@@ -27,15 +28,18 @@ D = TypeVar("D", bound=BaseModel)
 
 def read_toml(path: Path, kind: type[D], what: str) -> D:
     """The document in a TOML file. Raises RecordError naming the file, the key and the value."""
+    text = read_text(path, what)
     try:
-        content = tomllib.loads(read_text(path, what))
+        content = tomllib.loads(text)
     except (ValueError, RecursionError) as problem:
         raise RecordError(f"{what} {path}", str(problem), "TOML text") from problem
     try:
         # strict validation takes lists for tuples only from JSON, and TOML has no tuples
         return kind.model_validate_json(json.dumps(content, default=str))
     except ValidationError as problem:
-        raise RecordError(f"{what} {path}", describe(problem), next_step=_keys(kind)) from problem
+        raise RecordError(
+            f"{what} {path}", describe(problem, text), next_step=_keys(kind)
+        ) from problem
 
 
 def read_text(path: Path, what: str) -> str:
@@ -47,12 +51,17 @@ def read_text(path: Path, what: str) -> str:
         raise RecordError(f"{what} {path}", str(reason), "a readable UTF-8 file") from problem
 
 
-def describe(problem: ValidationError) -> str:
-    """The first faults of a document in one line: where, what is wrong, the value found."""
+def describe(problem: ValidationError, text: str | None = None) -> str:
+    """The first faults of a document in one line: where, what is wrong, the value found.
+
+    With the TOML ``text`` of the document each fault names its line.
+    """
     errors = problem.errors(include_url=False)
     faults = []
     for fault in errors[:MOST_FAULTS]:
         where = ".".join(str(part) for part in fault["loc"])[:60] or "document"
+        line = line_of(text, fault["loc"]) if text else None
+        where = f"line {line}, {where}" if line else where
         found = "" if isinstance(fault["input"], dict) else f" (found {fault['input']!r:.40})"
         faults.append(f"{where}: {fault['msg'][:120]}{found}")
     more = len(errors) - len(faults)

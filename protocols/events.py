@@ -89,6 +89,23 @@ class Superseded(Line):
     reason: str
 
 
+class Skipped(Line):
+    """Steps that are left out, and why."""
+
+    event: Literal["skipped"] = "skipped"
+    steps: tuple[int, ...]
+    reason: str
+
+
+class Restored(Line):
+    """Taken back: these readings count again, these steps are to be measured after all."""
+
+    event: Literal["restored"] = "restored"
+    readings: tuple[int, ...] = ()
+    steps: tuple[int, ...] = ()
+    reason: str
+
+
 class Faulted(Line):
     """An indicator gave a fault instead of a value."""
 
@@ -127,7 +144,16 @@ class Closed(Line):
 
 
 Event = Annotated[
-    Opened | Mounted | Reading | Superseded | Faulted | Noted | Continued | Closed,
+    Opened
+    | Mounted
+    | Reading
+    | Superseded
+    | Skipped
+    | Restored
+    | Faulted
+    | Noted
+    | Continued
+    | Closed,
     Field(discriminator="event"),
 ]
 EVENT: TypeAdapter[Event] = TypeAdapter(Event)

@@ -40,7 +40,8 @@ class Machine(Document):
 
     ``home_offset_mm`` are the controller's present HOME_OFFSET values, needed to write new ones;
     ``entered_offsets_mm`` are joint offsets already entered when the session is measured;
-    ``indicator`` are the indicators that are used with it.
+    ``mdi`` tells whether its controller is given tool or joint coordinates by hand; ``indicator``
+    are the indicators that are used with it.
     """
 
     schema_id: Literal["glidecal.machine/1"] = Field(alias="schema", default="glidecal.machine/1")
@@ -52,6 +53,7 @@ class Machine(Document):
     tool_radius_mm: Length = 31.0
     home_offset_mm: Triple | None = None
     entered_offsets_mm: Triple = (0.0, 0.0, 0.0)
+    mdi: Literal["tool", "joint"] = "tool"
     indicator: tuple[Instrument, ...] = ()
 
     @model_validator(mode="after")

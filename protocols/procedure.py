@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from calib.observations import LEG_NAMES
 from calib.orthoglide.geometry import Geometry
-from protocols.documents import Document, read_toml
+from protocols.documents import Document, read_text, read_toml
 from protocols.errors import RecordError, UsageError
+from protocols.toml_lines import line_of
 
 Leg = Literal["x", "y", "z"]
 Level = Literal["zero", "max", "min"] | float
@@ -25,7 +28,12 @@ BOTH = ("xyz", "xyz")
 
 
 class Procedure(Document):
-    """What is measured, in which order. Levels and stations are visited in the order given."""
+    """What is measured, in which order. Levels and stations are visited in the order given.
+
+    With ``order = "free"`` the levels after Zero may be shuffled in each cycle; ``random_seed``
+    does it. Readings are stable when they stay within ``tolerance_mm`` for ``window_s``; a reading
+    further than ``repeat_limit_mm`` from earlier repeats of its posture is questioned.
+    """
 
     schema_id: Literal["glidecal.procedure/1"] = Field(alias="schema")
     name: str
@@ -39,6 +47,24 @@ class Procedure(Document):
     levels: Annotated[tuple[Level, ...], Field(min_length=2)]
     return_to_zero: bool = True
     seconds_per_step: Annotated[float, Field(gt=0.0)] = 20.0
+    order: Literal["fixed", "free"] = "fixed"
+    random_seed: Annotated[int, Field(ge=0)] | None = None
+    window_s: Annotated[float, Field(gt=0.0, le=60.0)] = 1.0
+    tolerance_mm: Annotated[float, Field(gt=0.0, le=1.0)] = 0.004
+    repeat_limit_mm: Annotated[float, Field(gt=0.0)] = 0.05
+
+    @model_validator(mode="after")
+    def _sensible(self) -> Procedure:
+        levels = [0.0 if level == "zero" else level for level in self.levels]
+        if len(set(levels)) < 2:
+            raise ValueError("levels: one posture only; at least two different ones are needed")
+        if len(set(self.legs)) < len(self.legs) or len(set(self.stations)) < len(self.stations):
+            raise ValueError("legs and stations: one of them twice; each may be named once")
+        if self.order == "free" and len(set(levels)) < len(levels):
+            raise ValueError('order = "free": a level is there twice; only "fixed" keeps its sense')
+        if self.random_seed is not None and self.order == "fixed":
+            raise ValueError('random_seed: the order of this procedure is its purpose ("fixed")')
+        return self
 
     def steps(self, geometry: Geometry, axes: Sequence[str] = BOTH) -> tuple[Step, ...]:
         """Every step in order, for one or two indicators.
@@ -52,15 +78,49 @@ class Procedure(Document):
         return tuple(Step(number, *visit) for number, visit in enumerate(visits, start=1))
 
     def _visits(self, geometry: Geometry, axes: Sequence[str]) -> Iterator[Visit]:
-        levels = [_displacement(level, geometry, self.name) for level in self.levels]
+        outside = self.first_outside(geometry)
+        if outside is not None:
+            raise _outside_limits(f"procedure {self.name}, level", self.levels[outside], geometry)
         for station in self.stations:
             for leg in self.legs:
                 for together in axes_on_leg(leg, axes):
                     for cycle in range(1, self.cycles + 1):
-                        for displacement in levels:
+                        for displacement in self._cycle(geometry, leg, station, cycle):
                             yield leg, displacement, cycle, station, together
                     if self.return_to_zero:
                         yield leg, 0.0, self.cycles, station, together
+
+    def _cycle(self, geometry: Geometry, leg: Leg, station: float, cycle: int) -> list[float]:
+        """Displacements of one cycle: Zero first where it is checked, shuffled where asked for."""
+        levels = [_displacement(level, geometry) for level in self.levels]
+        if self.random_seed is not None:
+            zeros = [level for level in levels if level == 0.0]
+            others = [level for level in levels if level != 0.0]
+            random.Random(f"{self.random_seed}/{leg}/{station}/{cycle}").shuffle(others)
+            levels = zeros + others
+        if self.return_to_zero and levels[0] != 0.0:
+            levels.insert(0, 0.0)
+        return levels
+
+    def first_outside(self, geometry: Geometry) -> int | None:
+        """Index of the first level that the joint limits do not allow."""
+        low, high = geometry.travel_min_mm, geometry.travel_max_mm
+        return next(
+            (
+                k
+                for k, level in enumerate(self.levels)
+                if not low <= _displacement(level, geometry) <= high
+            ),
+            None,
+        )
+
+    def read_in_place(self, geometry: Geometry) -> int:
+        """How many steps repeat a posture without leaving it; they show the indicator only."""
+        steps = self.steps(geometry)
+        return sum(
+            before.place == after.place and before.displacement_mm == after.displacement_mm
+            for before, after in pairwise(steps)
+        )
 
     def duration_s(self, geometry: Geometry, axes: Sequence[str] = BOTH) -> float:
         """Estimated time for the whole procedure."""
@@ -136,13 +196,13 @@ def procedure_names() -> tuple[str, ...]:
     return tuple(sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if _is_toml(f.name)))
 
 
-def load_procedure(name: str) -> Procedure:
-    """A procedure by name, or from a TOML file by path.
+def load_procedure(name: str, geometry: Geometry) -> Procedure:
+    """A procedure by name, or from a TOML file by path, checked against the joint limits.
 
     Raises UsageError for an unknown name and RecordError for a file that cannot be used.
     """
     if _is_toml(name):
-        return read_toml(Path(name), Procedure, "procedure file")
+        return _read_procedure(Path(name), geometry)
     if name not in procedure_names():
         raise UsageError(
             "procedure",
@@ -150,22 +210,34 @@ def load_procedure(name: str) -> Procedure:
             ", ".join(procedure_names()) + ", or the path of a .toml file",
         )
     with resources.as_file(resources.files("protocols") / "procedures" / f"{name}.toml") as path:
-        return read_toml(path, Procedure, "procedure file")
+        return _read_procedure(path, geometry)
+
+
+def _read_procedure(path: Path, geometry: Geometry) -> Procedure:
+    procedure = read_toml(path, Procedure, "procedure file")
+    outside = procedure.first_outside(geometry)
+    if outside is not None:
+        line = line_of(read_text(path, "procedure file"), ("levels", outside))
+        where = f"procedure file {path}, line {line}, level"
+        raise _outside_limits(where, procedure.levels[outside], geometry)
+    return procedure
 
 
 def _is_toml(name: str) -> bool:
     return name.endswith(".toml")
 
 
-def _displacement(level: Level, geometry: Geometry, name: str) -> float:
+def _displacement(level: Level, geometry: Geometry) -> float:
     if isinstance(level, str):
         levels = {"zero": 0.0, "max": geometry.travel_max_mm, "min": geometry.travel_min_mm}
         return levels[level]
-    if not geometry.travel_min_mm <= level <= geometry.travel_max_mm:
-        raise RecordError(
-            f"procedure {name}, level",
-            f"{level:g} mm",
-            f"the joint limits {geometry.travel_min_mm:g} … {geometry.travel_max_mm:g} mm",
-            "Change the level, or the limits in the machine file.",
-        )
     return float(level)
+
+
+def _outside_limits(where: str, level: Level, geometry: Geometry) -> RecordError:
+    return RecordError(
+        where,
+        f"{_displacement(level, geometry):g} mm",
+        f"the joint limits {geometry.travel_min_mm:g} … {geometry.travel_max_mm:g} mm",
+        "Change the level, or the limits in the machine file.",
+    )

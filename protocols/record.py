@@ -17,7 +17,17 @@ from pydantic import ValidationError
 
 from protocols.documents import describe
 from protocols.errors import RecordError
-from protocols.events import EVENT, FIRST_DIGEST, SCHEMA, Closed, Event, Opened, Reading, Superseded
+from protocols.events import (
+    EVENT,
+    FIRST_DIGEST,
+    SCHEMA,
+    Closed,
+    Event,
+    Opened,
+    Reading,
+    Restored,
+    Superseded,
+)
 
 
 @dataclass(frozen=True)
@@ -127,6 +137,7 @@ class _Meaning:
         self._path = path
         self._readings = 0
         self._places: dict[str, tuple[str, str, float]] = {}
+        self._superseded: set[int] = set()
 
     def check(self, number: int, event: Event) -> None:
         """Raises RecordError with the line number."""
@@ -143,6 +154,13 @@ class _Meaning:
             if missing:
                 found = f"reading {missing[0]} superseded before it was taken"
                 raise RecordError(thing, found, f"1 … {self._readings}")
+            self._superseded.update(event.readings)
+        elif isinstance(event, Restored):
+            counting = [n for n in event.readings if n not in self._superseded]
+            if counting:
+                found = f"reading {counting[0]} restored"
+                raise RecordError(thing, found, "readings that were superseded")
+            self._superseded.difference_update(event.readings)
 
 
 def _check_chain(path: Path, number: int, lines: list[bytes], digest: str, event: Event) -> None:

@@ -6,7 +6,16 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from protocols.events import Continued, Event, Mounted, Opened, Reading, Superseded
+from protocols.events import (
+    Continued,
+    Event,
+    Mounted,
+    Opened,
+    Reading,
+    Restored,
+    Skipped,
+    Superseded,
+)
 from protocols.procedure import Step
 
 DECIMALS = re.compile(r"\d*\.(\d+)$", re.ASCII)
@@ -17,12 +26,13 @@ class Session:
     """State of a session after its events.
 
     ``readings`` are those that count, in the order taken; ``superseded`` maps the numbers of the
-    others to the reason.
+    others to the reason, ``skipped`` the numbers of the steps that are left out.
     """
 
     opened: Opened
     readings: tuple[Reading, ...]
     superseded: dict[int, str]
+    skipped: dict[int, str]
     all_readings: tuple[Reading, ...]
     mountings: tuple[Mounted, ...]
     stand_untouched: bool
@@ -58,9 +68,14 @@ class Session:
         return frozenset(n for n, found in axes.items() if found >= wanted.get(n, set("?")))
 
     def next_step(self) -> Step | None:
-        """The first step that is not done."""
-        done = self.done()
-        return next((step for step in self.steps() if step.number not in done), None)
+        """The first step that is neither done nor skipped."""
+        settled = self.done() | self.skipped.keys()
+        return next((step for step in self.steps() if step.number not in settled), None)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every step of the procedure has readings that count; none was skipped."""
+        return self.done() >= {step.number for step in self.steps()}
 
     @property
     def resolution_mm(self) -> float | None:
@@ -88,6 +103,7 @@ def fold(events: Iterable[Event]) -> Session:
     opened: Opened | None = None
     readings: list[Reading] = []
     superseded: dict[int, str] = {}
+    skipped: dict[int, str] = {}
     mountings: list[Mounted] = []
     stand_untouched = True
     for event in events:
@@ -97,6 +113,11 @@ def fold(events: Iterable[Event]) -> Session:
             readings.append(event)
         elif isinstance(event, Superseded):
             superseded |= dict.fromkeys(event.readings, event.reason)
+        elif isinstance(event, Skipped):
+            skipped |= dict.fromkeys(event.steps, event.reason)
+        elif isinstance(event, Restored):
+            superseded = _without(superseded, event.readings)
+            skipped = _without(skipped, event.steps)
         elif isinstance(event, Mounted):
             mountings.append(event)
             stand_untouched = True
@@ -104,4 +125,16 @@ def fold(events: Iterable[Event]) -> Session:
             stand_untouched = False
     assert opened is not None
     counting = tuple(r for r in readings if r.reading not in superseded)
-    return Session(opened, counting, superseded, tuple(readings), tuple(mountings), stand_untouched)
+    return Session(
+        opened,
+        counting,
+        superseded,
+        skipped,
+        tuple(readings),
+        tuple(mountings),
+        stand_untouched,
+    )
+
+
+def _without(reasons: dict[int, str], numbers: tuple[int, ...]) -> dict[int, str]:
+    return {number: reason for number, reason in reasons.items() if number not in numbers}

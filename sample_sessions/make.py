@@ -62,7 +62,7 @@ def simulated(name: str) -> None:
     """One simulated session of a procedure."""
     machine = load_machine(None)
     opened, readings = simulated_session(
-        load_procedure(name),
+        load_procedure(name, machine.geometry()),
         machine,
         Model(machine.geometry(), HIDDEN_MM),
         seed=1,

@@ -62,7 +62,7 @@ def run(
     if resume:
         _measure(plan_to_continue(resume, chosen), continued=True, headless=headless)
         return
-    procedure = load_procedure(protocol)
+    procedure = load_procedure(protocol, known.geometry())
     plan = Plan(
         path=output or session_name(Path(), procedure.name),
         machine=known,
@@ -74,7 +74,7 @@ def run(
         interval_s=SIMULATED_INTERVAL_S,
     )
     if dry_run:
-        typer.echo(dry_run_text(plan.procedure, plan.machine.geometry(), plan.axes))
+        typer.echo(dry_run_text(plan.procedure, plan.machine, plan.axes))
     else:
         _measure(plan, continued=False, headless=headless)
 

@@ -35,7 +35,7 @@ def simulate(
     if model:
         truth, known = read_model(model)
     opened, readings = simulated_session(
-        load_procedure(protocol),
+        load_procedure(protocol, known.geometry()),
         known,
         truth,
         seed=seed,

@@ -1,36 +1,83 @@
-"""Small dialogs over a screen."""
+"""Small dialogs over a screen. Each gives a value back; an empty one means: nothing."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import BindingType
-from textual.containers import Vertical
+from textual.containers import Vertical, VerticalScroll
 from textual.screen import ModalScreen
-from textual.widgets import Input, Static
+from textual.widgets import Input, OptionList, Static
+from textual.widgets.option_list import Option
 
 
-class NoteDialog(ModalScreen[str]):
-    """One line of text for the record."""
+class TextDialog(ModalScreen[str]):
+    """One line of text: a note, a reason."""
 
     BINDINGS: ClassVar[list[BindingType]] = [("escape", "dismiss('')", "Cancel")]
 
+    def __init__(self, question: str, hint: str) -> None:
+        super().__init__()
+        self._question = question
+        self._hint = hint
+
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog"):
-            yield Static("Note for the record. Enter keeps it, Escape leaves.", markup=False)
-            yield Input(placeholder="what happened")
+            yield Static(f"{self._question} Enter keeps it, Escape leaves.", markup=False)
+            yield Input(placeholder=self._hint)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         self.dismiss(event.value.strip())
 
 
+class ChoiceDialog(ModalScreen[str]):
+    """One of several answers, by arrow keys and Enter, by its number, or none by Escape.
+
+    ``choices`` are pairs of an answer and the words that stand for it.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        ("escape", "dismiss('')", "Cancel"),
+        *((str(number), f"pick({number})", "") for number in range(1, 10)),
+    ]
+
+    def __init__(
+        self, question: str, choices: Sequence[tuple[str, str]], highlighted: int = 0
+    ) -> None:
+        super().__init__()
+        self._question = question
+        self._choices = tuple(choices)
+        self._highlighted = highlighted
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="dialog"):
+            yield Static(self._question, markup=False)
+            yield OptionList(*(Option(words) for _, words in self._choices), markup=False)
+            yield Static("Arrow keys and Enter, or the number. Escape leaves.", markup=False)
+
+    def on_mount(self) -> None:
+        options = self.query_one(OptionList)
+        options.highlighted = self._highlighted if self._choices else None
+        options.focus()
+
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        self.dismiss(self._choices[event.option_index][0])
+
+    def action_pick(self, number: int) -> None:
+        """The answer with this number."""
+        if number <= len(self._choices):
+            self.dismiss(self._choices[number - 1][0])
+
+
 class HelpDialog(ModalScreen[None]):
-    """What the keys of a screen do."""
+    """Words about the present screen and the panel that has the focus."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         ("escape", "dismiss(None)", "Close"),
         ("f1", "dismiss(None)", "Close"),
+        ("enter", "dismiss(None)", "Close"),
     ]
 
     def __init__(self, text: str) -> None:
@@ -38,5 +85,5 @@ class HelpDialog(ModalScreen[None]):
         self._text = text
 
     def compose(self) -> ComposeResult:
-        with Vertical(classes="dialog"):
+        with VerticalScroll(classes="dialog"):
             yield Static(self._text + "\n\nEscape closes.", markup=False)

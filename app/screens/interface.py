@@ -9,11 +9,15 @@ from typing import Any, ClassVar
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
+from textual.widget import Widget
 
 from app.exit_codes import Exit
 from app.guided import GuidedSession
 from app.opening import Indicators
+from app.screens.dialogs import HelpDialog
 from calib.errors import GlidecalError
+
+NO_HELP = "The keys of this screen stand in its last line."
 
 
 class Interface(App[str]):
@@ -24,7 +28,8 @@ class Interface(App[str]):
     ENABLE_COMMAND_PALETTE = True
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+c", "interrupt", "Stop", show=False, priority=True),
-        Binding("f10", "quit", "Quit"),
+        Binding("f1", "help", "Help", id="app.help"),
+        Binding("f10", "quit", "Quit", id="app.quit"),
     ]
 
     def __init__(self, first: Screen[None]) -> None:
@@ -40,6 +45,15 @@ class Interface(App[str]):
         """The palette offers what an operator can use, no tools of the developer."""
         kept = ("Theme", "Quit")
         return [entry for entry in super().get_system_commands(screen) if entry.title in kept]
+
+    def action_help(self) -> None:
+        """Words about the focused panel, then about the screen."""
+        words = [self.screen.HELP or ""]
+        panels = self.focused.ancestors_with_self if self.focused else []
+        words[:0] = [panel.HELP for panel in panels if isinstance(panel, Widget) and panel.HELP]
+        said = "\n\n".join(dict.fromkeys(text for text in words if text))
+        if not isinstance(self.screen, HelpDialog):
+            self.push_screen(HelpDialog(said or NO_HELP))
 
     def complain(self, problem: GlidecalError | str) -> None:
         """Show an error that a person can act on."""

@@ -3,32 +3,45 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from typing import ClassVar
+from collections.abc import Callable, Sequence
+from typing import ClassVar, TypeVar
 
 from textual import work
 from textual.app import ComposeResult
-from textual.binding import BindingType
-from textual.containers import Horizontal
+from textual.binding import Binding, BindingType
 from textual.events import Resize
 from textual.geometry import Size
-from textual.screen import Screen
-from textual.widgets import Footer, Static
+from textual.screen import ModalScreen, Screen
+from textual.widgets import Footer
 
 from app.acquisition import Live, Motion
 from app.guided import GuidedSession, Taken
-from app.leg_table import leg_rows
 from app.opening import Plan
-from app.screens.dialogs import HelpDialog, NoteDialog
+from app.screens.dialogs import ChoiceDialog, TextDialog
 from app.screens.interface import Interface
-from app.screens.widgets import GaugeDisplay, StepList
+from app.screens.leg_review import LegReviewScreen
+from app.screens.session_view import SessionView
 from app.solving import solve_for_controller
-from app.wording.session import MEASURE_HELP, leg_table_text, progress_text, step_text, taken_text
+from app.wording.session import (
+    MEASURE_HELP,
+    QUESTION_CHOICES,
+    point_text,
+    progress_text,
+    question_text,
+    repeat_reason,
+    slept_text,
+    taken_text,
+)
 from calib.errors import GlidecalError
 from drivers.outcome import Fault, Reading
 from protocols.procedure import Step
 
-REFRESH_S = 0.1
+FRAME_S = 1 / 30
+"""News of the indicators are shown at most so often."""
+
+AGES_S = 0.25
+"""Ages and stale indicators are looked at so often, also without news."""
+
 LEAST_SIZE = Size(80, 24)
 HELD_KEY_S = 0.15
 """Presses that follow this closely are one held key."""
@@ -36,47 +49,73 @@ HELD_KEY_S = 0.15
 ANYWAY_S = 4.0
 """How long a second press takes readings that still move."""
 
+SLEPT_S = 5.0
+"""A clock that jumps so far ahead of the running time: the computer slept."""
+
+
+WIDE = 110
+"""Columns from which table and plot stand side by side."""
+
+Answer = TypeVar("Answer")
+
 
 class MeasureScreen(Screen[None]):
     """One step after the other; Space takes it."""
 
     app: Interface
+    HELP = MEASURE_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
-        ("space", "take", "Take"),
-        ("enter", "take", ""),
-        ("u", "undo", "Repeat"),
-        ("a", "automatic", "Auto"),
-        ("m", "remount", "Re-mount"),
-        ("n", "note", "Note"),
-        ("f1", "help", "Help"),
-        ("f10", "app.quit", "Pause"),
+        Binding("space", "take", "Take", id="measure.take"),
+        Binding("enter", "take", "Take", show=False, id="measure.take-too"),
+        Binding("u", "undo", "Repeat", id="measure.repeat"),
+        Binding("b", "earlier", "Earlier", id="measure.earlier"),
+        Binding("s", "skip", "Skip", id="measure.skip"),
+        Binding("a", "automatic", "Auto", id="measure.automatic"),
+        Binding("p", "hold", "Hold", id="measure.hold"),
+        Binding("m", "remount", "Mount", id="measure.remount"),
+        Binding("n", "note", "Note", id="measure.note"),
+        Binding("g", "plot", "Plot", show=False, id="measure.plot"),
+        Binding("f10", "app.quit", "Leave", id="measure.leave"),
     ]
 
     def __init__(self, guided: GuidedSession, plan: Plan) -> None:
         super().__init__()
         self.guided = guided
         self.plan = plan
-        self.automatic = False
-        self.busy = False
+        self.automatic = self.held = self.busy = False
+        self._asking = False
         self._lost: set[int] = set()
         self._pressed_at = self._anyway_until = 0.0
+        self._clock_ahead_s = time.time() - time.monotonic()
 
     def compose(self) -> ComposeResult:
-        yield Static("", id="progress", markup=False)
-        yield Static("", id="step", markup=False)
-        with Horizontal(id="upper"):
-            for number in range(len(self.guided.gauges)):
-                yield GaugeDisplay("", f"gauge{number}")
-            yield StepList()
-        yield Static("", id="said", markup=False)
-        yield Static("", id="table", markup=False)
-        yield Footer(show_command_palette=False)
+        yield SessionView(len(self.guided.gauges))
+        yield Footer(compact=True, show_command_palette=False)
+
+    @property
+    def view(self) -> SessionView:
+        """The picture of the session."""
+        return self.query_one(SessionView)
 
     def on_mount(self) -> None:
         self._next()
-        self.set_interval(REFRESH_S, self._show_live)
+        self.set_interval(FRAME_S, self._show_news)
+        self.set_interval(AGES_S, self._look)
+
+    def _show_news(self) -> None:
+        if any(gauge.has_news() for gauge in self.guided.gauges):
+            self._show_live()
+
+    def _look(self) -> None:
+        ahead_s = time.time() - time.monotonic()
+        slept_s, self._clock_ahead_s = ahead_s - self._clock_ahead_s, ahead_s
+        if slept_s > SLEPT_S:
+            self._set_hold(True, f"the computer slept for {slept_s:.0f} s")
+            self._say(slept_text(slept_s))
+        self._show_live()
 
     def on_resize(self, event: Resize) -> None:
+        self.set_class(event.size.width >= WIDE, "wide")
         self._show_step()
         if event.size.width < LEAST_SIZE.width or event.size.height < LEAST_SIZE.height:
             self._say(f"This screen needs {LEAST_SIZE.width} × {LEAST_SIZE.height} characters.")
@@ -90,25 +129,18 @@ class MeasureScreen(Screen[None]):
             self._show_step()
 
     def _show_step(self) -> None:
-        step = self.guided.step()
         session = self.guided.session
-        geometry = session.opened.machine.geometry()
-        text = progress_text(session, self.guided.steps, automatic=self.automatic)
-        self.query_one("#progress", Static).update(text)
-        self.query_one(StepList).show(self.guided.steps, step, session.done(), geometry)
-        if step is None:
-            return
-        self.query_one("#step", Static).update(step_text(step, geometry, session))
-        self.query_one("#table", Static).update(leg_table_text(leg_rows(session, step), geometry))
-        for display, axis in zip(self.query(GaugeDisplay), step.axes, strict=False):
-            display.border_title = f"along {axis.upper()}, mm"
+        mode = "ON HOLD" if self.held else "automatic" if self.automatic else "by hand"
+        self.view.show_progress(progress_text(session, self.guided.steps, mode))
+        self.view.show_step(session, self.guided.steps, self.guided.step())
 
     def _show_live(self) -> None:
         states = [gauge.live() for gauge in self.guided.gauges]
-        for display, live in zip(self.query(GaugeDisplay), states, strict=True):
-            display.show(live)
+        self.view.show_live(states)
         self._tell_lost_and_found(states)
         pressed = [gauge.button_pressed() for gauge in self.guided.gauges]
+        if self._asking or self.held:
+            return
         if any(pressed):
             self.action_take()
         elif self.automatic and self._ready(states):
@@ -136,6 +168,9 @@ class MeasureScreen(Screen[None]):
         now = time.monotonic()
         held, self._pressed_at = now - self._pressed_at < HELD_KEY_S, now
         if held or self.busy:
+            return
+        if self.held:
+            self._say("On hold: nothing is taken. P goes on.")
             return
         if self.guided.step() is None:
             self._finish()
@@ -174,7 +209,59 @@ class MeasureScreen(Screen[None]):
         self.app.bell()
         self.app.clear_notifications()
         self._say(taken_text(taken))
-        self._next()
+        if taken.questioned:
+            self._show_step()
+            self._ask(
+                ChoiceDialog(question_text(taken), QUESTION_CHOICES),
+                lambda answer: self._answered(answer or "keep", taken),
+            )
+        else:
+            self._go_on(taken.step)
+
+    def _answered(self, answer: str, taken: Taken) -> None:
+        """What the operator says to a reading that disagrees with earlier ones."""
+        reason = repeat_reason(answer, taken)
+        if answer == "keep":
+            self._write(lambda: self.guided.note(f"step {taken.step.number}: {reason}"))
+            self._go_on(taken.step)
+            return
+        self._write(lambda: self.guided.repeat(taken.step.number, reason))
+        if answer == "approach":
+            self._say("Leave the posture, come back to it, and take it again.")
+            self._next()
+        else:
+            self._say("Superseded, kept in the record. Take again, without moving.")
+            self._show_step()
+
+    def _go_on(self, step: Step) -> None:
+        """To the next step; after the last one of a leg its review comes between."""
+        following = self.guided.step()
+        if following is not None and not self.guided.session.is_new_place(following):
+            self._next()
+            return
+        self._show_step()
+        unattended = self.automatic and self.plan.simulated
+        review = LegReviewScreen(self.guided.session, step, unattended=unattended)
+        self._ask(review, lambda _: self._next())
+
+    def _ask(self, dialog: ModalScreen[Answer], then: Callable[[Answer | None], None]) -> None:
+        """Show a dialog; nothing is taken while it is open."""
+        self._asking = True
+
+        def answered(answer: Answer | None) -> None:
+            self._asking = False
+            then(answer)
+
+        self.app.push_screen(dialog, answered)
+
+    def _write(self, writing: Callable[[], object]) -> bool:
+        """Write to the record; where the disk refuses, say so."""
+        try:
+            writing()
+        except GlidecalError as problem:
+            self._refused(str(problem))
+            return False
+        return True
 
     def _refused(self, text: str) -> None:
         self.busy = self.automatic = False
@@ -182,57 +269,112 @@ class MeasureScreen(Screen[None]):
         self._show_step()
 
     def _say(self, text: str) -> None:
-        self.query_one("#said", Static).update(text)
-
-    def _record(self, what: str, step: Step | None = None) -> None:
-        self._say(f"{what}: step {step.number} is next" if step else what)
-        self._next()
+        self.view.say(text)
 
     def action_undo(self) -> None:
         """Measure the last step again; its readings stay in the record, superseded."""
         self.automatic = False
-        try:
-            step = None if self.busy else self.guided.undo()
-        except GlidecalError as problem:
-            self._refused(str(problem))
+        if self.busy or not self.guided.session.readings:
             return
-        if step is not None:
-            self._record("Superseded, kept in the record", step)
+        if self._write(self.guided.undo):
+            step = self.guided.step()
+            self._say(f"Superseded, kept in the record: step {step.number if step else 0} is next")
+            self._next()
+
+    def action_earlier(self) -> None:
+        """Choose any earlier step: measure it again, or let superseded readings count again."""
+        self.automatic = False
+        session = self.guided.session
+        known = {r.step for r in session.all_readings} | set(session.skipped)
+        points = [step for step in self.guided.steps if step.number in known]
+        if self.busy or not points:
+            return
+        choices = [(str(step.number), point_text(step, session)) for step in points]
+        question = "Which step? The present one stays where it is until you say what to do."
+        self._ask(ChoiceDialog(question, choices, len(choices) - 1), self._chosen)
+
+    def _chosen(self, number: str | None) -> None:
+        if not number:
+            return
+        step = int(number)
+        session = self.guided.session
+        if any(r.step == step for r in session.readings) or step in session.skipped:
+            gone = len(self.guided.steps_repeated_with(step))
+            question = f"Why is step {step} measured again?"
+            if gone > 1:
+                question += f" Its stand is gone: all {gone} steps of that mounting will be."
+            self._ask(TextDialog(question, "reason"), lambda why: self._repeat(step, why))
+        elif self._write(lambda: self.guided.restore(step, "taken back by the operator")):
+            counts = step in self.guided.session.done()
+            self._say(
+                f"Step {step}: its readings count again."
+                if counts
+                else f"Step {step} cannot be taken back: the stand was moved since."
+            )
+            self._next()
+
+    def _repeat(self, number: int, reason: str | None) -> None:
+        if reason and self._write(lambda: self.guided.repeat(number, reason)):
+            self._say(f"Step {number} is measured again: {reason}")
+            self._next()
+
+    def action_skip(self) -> None:
+        """Leave steps out, with a reason."""
+        step = self.guided.step()
+        if step is None or self.busy:
+            return
+        rest = [s.number for s in self.guided.rest_of_place()]
+        choices = [("one", f"1  Step {step.number} only")]
+        if len(rest) > 1:
+            choices.append(("rest", f"2  The rest of leg {step.leg.upper()}: {len(rest)} steps"))
+        self._ask(
+            ChoiceDialog("What is left out?", choices),
+            lambda what: self._skip_why([step.number] if what == "one" else rest) if what else None,
+        )
+
+    def _skip_why(self, numbers: Sequence[int]) -> None:
+        self._ask(
+            TextDialog("Why? The reason stays in the record.", "reason"),
+            lambda why: self._skip(numbers, why),
+        )
+
+    def _skip(self, numbers: Sequence[int], reason: str | None) -> None:
+        if reason and self._write(lambda: self.guided.skip(numbers, reason)):
+            self._say(f"Skipped: {reason}. Key B brings a skipped step back.")
+            self._next()
 
     def action_automatic(self) -> None:
         """Take by itself whenever all indicators stand still."""
         self.automatic = not self.automatic
         self._show_step()
 
+    def action_hold(self) -> None:
+        """Nothing is taken until the same key again."""
+        self._set_hold(not self.held, "on hold" if not self.held else "goes on")
+        self._say("On hold. P goes on." if self.held else "Goes on.")
+
+    def _set_hold(self, held: bool, note: str) -> None:
+        if self._write(lambda: self.guided.note(note)):
+            self.held = held
+            self._show_step()
+
     def action_remount(self) -> None:
         """The stand was moved: later readings have a new zero."""
-        if self.busy:
-            return
-        try:
-            self.guided.remount()
-        except GlidecalError as problem:
-            self._refused(str(problem))
-        else:
-            self._record("New mounting: readings from here on have a zero of their own")
+        if not self.busy and self._write(self.guided.remount):
+            self._say("New mounting: readings from here on have a zero of their own")
+            self._next()
 
     def action_note(self) -> None:
         """A remark for the record."""
-        resume, self.automatic = self.automatic, False
-        self.app.push_screen(NoteDialog(), lambda text: self._noted(text, resume))
+        self._ask(TextDialog("Note for the record.", "what happened"), self._noted)
 
-    def _noted(self, text: str | None, automatic: bool) -> None:
-        self.automatic = automatic
-        if text:
-            try:
-                self.guided.note(text)
-            except GlidecalError as problem:
-                self._refused(str(problem))
-            else:
-                self._say(f"Noted: {text}")
+    def _noted(self, text: str | None) -> None:
+        if text and self._write(lambda: self.guided.note(text)):
+            self._say(f"Noted: {text}")
 
-    def action_help(self) -> None:
-        """What the keys do."""
-        self.app.push_screen(HelpDialog(MEASURE_HELP))
+    def action_plot(self) -> None:
+        """The plot instead of the table, where there is no room for both."""
+        self.view.toggle_plot()
 
     @work(thread=True)
     def _finish(self) -> None:

@@ -103,7 +103,7 @@ class PrepareScreen(Screen[None]):
         return Plan(
             path=session_name(Path(), name),
             machine=machine,
-            procedure=load_procedure(name),
+            procedure=load_procedure(name, machine.geometry()),
             instruments=instruments,
             operator=text["operator"],
             temperature_c=_temperature(text["temperature"]),

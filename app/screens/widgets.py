@@ -13,6 +13,7 @@ from app.wording.tables import signed
 from calib.orthoglide.geometry import Geometry
 from drivers.outcome import Fault, Reading
 from protocols.procedure import Step
+from protocols.session import Session
 
 MARKS = {
     Motion.STABLE: "= STABLE",
@@ -71,22 +72,24 @@ class GaugeDisplay(Vertical):
 
 
 class StepList(Static):
-    """The steps around the present one: done, now, to come."""
+    """The steps around the present one: + done, - skipped, > now."""
 
     def __init__(self) -> None:
         super().__init__(id="steps", markup=False)
         self.border_title = "steps"
 
     def show(
-        self, steps: Sequence[Step], now: Step | None, done: frozenset[int], geometry: Geometry
+        self, steps: Sequence[Step], now: Step | None, session: Session, geometry: Geometry
     ) -> None:
         """List the steps so that the present one stays in view."""
+        done = session.done()
         height = max(self.content_size.height, 5)
         at = (now.number if now else len(steps)) - 1
         first = max(0, min(at - height // 2, len(steps) - height))
         lines = []
         for step in steps[first : first + height]:
-            mark = ">" if now and step.number == now.number else "+" if step.number in done else " "
+            mark = "+" if step.number in done else "-" if step.number in session.skipped else " "
+            mark = ">" if now and step.number == now.number else mark
             posture = step.posture(geometry)
             lines.append(f"{mark} {step.number:>3} {step.leg.upper()} {posture} {step.cycle}")
         self.update("\n".join(lines))

@@ -7,6 +7,7 @@ from typing import Any
 
 from app.guided import Taken
 from app.indicators import profile_of
+from app.leg_review import LegReview
 from app.leg_table import LegRow
 from app.opening import Plan
 from app.wording.tables import new_table, signed, table_text, wrapped
@@ -14,7 +15,7 @@ from calib.observations import LEG_NAMES, conditions
 from calib.orthoglide.geometry import Geometry
 from calib.orthoglide.pipeline import command
 from drivers.profile import Verified
-from protocols.machine import Instrument
+from protocols.machine import Instrument, Machine
 from protocols.procedure import Procedure, Step, leg_number, posture_name
 from protocols.session import Session
 
@@ -22,10 +23,14 @@ MEASURE_HELP = """\
 Space, Enter  take: read the indicators, write the readings to disk
 U             measure the last step again; old readings stay in the
               record, superseded
+B             an earlier step: measure it again, or take that back
+S             leave this step or the rest of the leg out, with a reason
 A             automatic: take whenever all indicators stand still
+P             hold: nothing is taken until P again
 M             the stand was moved: later readings get a new zero
 N             write a note into the record
-F10           pause: the session can be continued later
+G             the plot in the place of the table, and back
+F10           leave: the session can be continued later
 
 The word in each panel tells moving from standing still. A reading is
 on the disk before this screen says that it is taken."""
@@ -48,36 +53,53 @@ def set_up(step: Step) -> str:
     )
 
 
-def mdi_line(step: Step) -> str:
-    """The line to type at the controller, in tool coordinates."""
-    position = dict.fromkeys(LEG_NAMES, 0.0) | {step.leg: step.displacement_mm}
+def mdi_line(step: Step, machine: Machine) -> str:
+    """The line to type at the controller, in the coordinates that it takes."""
+    if machine.mdi == "joint":
+        position = joints_mm(step, machine.geometry())
+    else:
+        position = dict.fromkeys(LEG_NAMES, 0.0) | {step.leg: step.displacement_mm}
     words = " ".join(f"{name.upper()}{value:.3f}" for name, value in position.items())
     return f"G53 G0 {words}"
 
 
-def joints_text(step: Step, geometry: Geometry) -> str:
+def joints_mm(step: Step, geometry: Geometry) -> dict[str, float]:
     """Joint coordinates that the controller commands for this step."""
     one = conditions([leg_number(step.leg)], [leg_number(step.axes[0])], [step.displacement_mm])
-    joints = command(geometry, one)[0]
-    return "joints " + "  ".join(f"{n} {v:.3f}" for n, v in zip(LEG_NAMES, joints, strict=True))
+    return dict(zip(LEG_NAMES, command(geometry, one)[0].tolist(), strict=True))
+
+
+def joints_text(step: Step, geometry: Geometry) -> str:
+    """The joint coordinates of all three actuators in one line."""
+    joints = joints_mm(step, geometry)
+    return "joints " + "  ".join(f"{name} {value:.3f}" for name, value in joints.items())
 
 
 def procedure_sentence(procedure: Procedure, geometry: Geometry, axes: Sequence[str]) -> str:
-    """Steps and time of a procedure in one sentence."""
+    """Steps, time and kind of repeats of a procedure."""
     steps = len(procedure.steps(geometry, axes))
     minutes = procedure.duration_s(geometry, axes) / 60.0
+    in_place = procedure.read_in_place(geometry)
+    repeats = "Every repeat approaches its posture anew."
+    if in_place:
+        repeats = f"{in_place} repeats do not leave their posture: they show the indicator only."
+    shuffled = ""
+    if procedure.random_seed is not None:
+        shuffled = f" Order shuffled in each cycle, seed {procedure.random_seed}."
     return (
         f"{procedure.title}. {steps} steps with {len(axes)} indicator"
-        f"{'s' if len(axes) > 1 else ''}, about {minutes:.0f} minutes. {procedure.description}"
+        f"{'s' if len(axes) > 1 else ''}, about {minutes:.0f} minutes. "
+        f"{procedure.description} {repeats}{shuffled}"
     )
 
 
-def dry_run_text(procedure: Procedure, geometry: Geometry, axes: Sequence[str]) -> str:
+def dry_run_text(procedure: Procedure, machine: Machine, axes: Sequence[str]) -> str:
     """Every step of a procedure with the line to type at the controller."""
+    geometry = machine.geometry()
     table = new_table("step", "leg", "posture", "cycle", "station", "axes", "controller", left=7)
     for step in procedure.steps(geometry, axes):
         place = (str(step.number), step.leg, step.posture(geometry), str(step.cycle))
-        table.add_row(*place, f"{step.station:g}", " ".join(step.axes), mdi_line(step))
+        table.add_row(*place, f"{step.station:g}", " ".join(step.axes), mdi_line(step, machine))
     sentence = wrapped(procedure_sentence(procedure, geometry, axes))
     return f"{sentence}\n\n{table_text(table)}"
 
@@ -105,14 +127,13 @@ def _is_verified(instrument: Instrument) -> bool:
     return profile_of(instrument).verified is not Verified.UNVERIFIED
 
 
-def progress_text(session: Session, steps: Sequence[Step], *, automatic: bool) -> str:
-    """Where the session stands, in one line."""
+def progress_text(session: Session, steps: Sequence[Step], mode: str) -> str:
+    """Where the session stands, in one line; ``mode`` is the word for who takes the readings."""
     opened = session.opened
-    done = len(session.done())
+    done = len(session.done() | session.skipped.keys())
     name = opened.procedure.name if opened.procedure else ""
     seconds = opened.procedure.seconds_per_step if opened.procedure else 0.0
     left = round((len(steps) - done) * seconds)
-    mode = "automatic" if automatic else "recording"
     return (
         f"{opened.machine.name} · {name} · {mode}   {done} of {len(steps)} steps done, "
         f"{left // 60:02d}:{left % 60:02d} left"
@@ -125,11 +146,13 @@ def taken_text(taken: Taken) -> str:
     return f"Taken and on the disk, step {taken.step.number}: {shown}"
 
 
-def step_text(step: Step, geometry: Geometry, session: Session) -> str:
+def step_text(step: Step, session: Session) -> str:
     """Leg, posture and cycle; what to do; what the controller must show."""
+    machine = session.opened.machine
+    geometry = machine.geometry()
     cycles = session.opened.procedure.cycles if session.opened.procedure else 1
     where = f"LEG {step.leg.upper()}   {step.posture(geometry)}   cycle {step.cycle} of {cycles}"
-    lines = [where, instruction(step), mdi_line(step), joints_text(step, geometry)]
+    lines = [where, instruction(step), mdi_line(step, machine), joints_text(step, geometry)]
     if session.is_new_place(step):
         lines.insert(1, set_up(step))
     elif session.needs_new_zero(step):
@@ -168,3 +191,93 @@ def replay_text(document: dict[str, Any]) -> str:
     title = f"{document['session']}: {len(document['readings'])} readings ({document['end']})"
     remarks = [wrapped(f"Remark: {remark}") for remark in document["remarks"]]
     return "\n\n".join([title, *remarks, table_text(readings), "Averages", table_text(averages)])
+
+
+def question_text(taken: Taken) -> str:
+    """Why a reading is questioned."""
+    lines = [f"Step {taken.step.number} does not agree with earlier repeats of its posture:"]
+    for one in taken.questioned:
+        lines.append(
+            f"along {one.reading.axis.upper()} {signed(one.reading.value_mm, 4)} mm, "
+            f"{signed(one.difference_mm, 4)} mm from the mean of {one.earlier_count} before "
+            f"(limit {one.limit_mm:g} mm)."
+        )
+    return "\n".join(lines)
+
+
+QUESTION_CHOICES = (
+    ("read", "1  Read again here, without moving"),
+    ("approach", "2  Leave the posture, come back, and measure it again"),
+    ("keep", "3  Keep the reading as it is"),
+)
+
+
+def repeat_reason(answer: str, taken: Taken) -> str:
+    """The reason that goes into the record with the answer to a question."""
+    worst = max(taken.questioned, key=lambda one: abs(one.difference_mm))
+    how = {"read": "read again in place", "approach": "approached again", "keep": "kept"}[answer]
+    return f"{signed(worst.difference_mm, 4)} mm from earlier repeats: {how}"
+
+
+def point_text(step: Step, session: Session) -> str:
+    """One step that was measured or skipped, in one line."""
+    posture = step.posture(session.opened.machine.geometry())
+    where = f"{step.number:>3}  leg {step.leg.upper()}  {posture:<9} cycle {step.cycle}"
+    if step.number in session.skipped:
+        return f"{where}   skipped: {session.skipped[step.number]}"
+    counting = [r for r in session.readings if r.step == step.number]
+    shown = counting or [r for r in session.all_readings if r.step == step.number]
+    values = "  ".join(f"{r.axis.upper()} {signed(r.value_mm, 4)}" for r in shown[-2:])
+    reason = session.superseded.get(shown[-1].reading) if shown and not counting else None
+    return f"{where}   {values}" + (f"   superseded: {reason}" if reason else "")
+
+
+def review_text(review: LegReview) -> str:
+    """A leg after its last step: repeatability beside the indicator's, drift, differences."""
+    table = new_table("axis", "scatter, mm", "repeats", "stated, mm", "worst return, mm")
+    for one in review.axes:
+        table.add_row(
+            one.axis.upper(),
+            _or_none(one.standard_deviation_mm, "no repeats"),
+            str(one.degrees_of_freedom),
+            _or_none(one.stated_mm, "not stated"),
+            "" if one.worst_return_mm is None else signed(one.worst_return_mm, 4),
+        )
+    measured = new_table("difference", "measured, mm")
+    for name, value in review.differences_mm:
+        measured.add_row(name, signed(value))
+    title = f"Leg {review.leg.upper()} is done. {review_verdict(review)}"
+    so_far = f"{len(review.differences_mm)} differences so far:"
+    return "\n\n".join([wrapped(title), table_text(table), so_far, table_text(measured)])
+
+
+WORSE_THAN_STATED = 3.0
+"""Scatter of so many times the stated one is worth a word."""
+
+
+def review_verdict(review: LegReview) -> str:
+    """Whether the scatter is what the indicators promise, in one sentence."""
+    bad = [
+        one.axis.upper()
+        for one in review.axes
+        if one.stated_mm
+        and one.standard_deviation_mm
+        and one.standard_deviation_mm > WORSE_THAN_STATED * one.stated_mm
+    ]
+    if bad:
+        return f"Along {' and '.join(bad)} it scatters more than the indicator explains."
+    if all(one.standard_deviation_mm is None for one in review.axes):
+        return "Without repeats its scatter is not known."
+    return "Nothing about its scatter is suspicious."
+
+
+def _or_none(value: float | None, words: str) -> str:
+    return words if value is None else f"{value:.4f}"
+
+
+def slept_text(seconds: float) -> str:
+    """The computer was suspended while the session was open."""
+    return (
+        f"The computer slept for {max(1, round(seconds / 60.0))} min; the session is on hold. "
+        "Was the stand touched? Then M. P goes on."
+    )

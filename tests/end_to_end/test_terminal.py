@@ -68,7 +68,7 @@ def test_demo_is_driven_by_keys_and_paused_with_ctrl_c(terminal: Terminal, tmp_p
     terminal.press("Space")
     shown = terminal.wait_for("Taken and on the disk, step 1")
     assert "G53 G0 X60.000" in shown
-    assert "f10 Pause" in shown
+    assert "f10 Leave" in shown
     terminal.press("a")
     terminal.wait_for("Taken and on the disk, step 3")
     terminal.press("C-c")

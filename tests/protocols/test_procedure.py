@@ -21,7 +21,7 @@ levels = ["zero", {level}]
 
 
 def test_standard_procedure_is_sixty_readings_on_six_mountings() -> None:
-    steps = load_procedure("zero-max-min").steps(Geometry())
+    steps = load_procedure("zero-max-min", Geometry()).steps(Geometry())
     assert len(steps) == 30
     assert sum(len(step.axes) for step in steps) == 60
     assert len({(step.leg, axis) for step in steps for axis in step.axes}) == 6
@@ -30,14 +30,14 @@ def test_standard_procedure_is_sixty_readings_on_six_mountings() -> None:
 
 
 def test_one_indicator_measures_each_leg_twice() -> None:
-    steps = load_procedure("zero-max-min").steps(Geometry(), ("xyz",))
+    steps = load_procedure("zero-max-min", Geometry()).steps(Geometry(), ("xyz",))
     assert len(steps) == 60
     assert {step.axes for step in steps if step.leg == "y"} == {("x",), ("z",)}
 
 
 @pytest.mark.parametrize("name", procedure_names())
 def test_every_procedure_respects_the_limits_and_returns_to_zero(name: str) -> None:
-    procedure = load_procedure(name)
+    procedure = load_procedure(name, Geometry())
     steps = procedure.steps(Geometry())
     assert all(-100.0 <= step.displacement_mm <= 60.0 for step in steps)
     assert steps[-1].displacement_mm == 0.0
@@ -46,7 +46,7 @@ def test_every_procedure_respects_the_limits_and_returns_to_zero(name: str) -> N
 
 
 def test_reapproach_in_a_sweep_comes_from_both_sides() -> None:
-    steps = [s for s in load_procedure("sweep").steps(Geometry()) if s.leg == "x"]
+    steps = [s for s in load_procedure("sweep", Geometry()).steps(Geometry()) if s.leg == "x"]
     before = {
         (a.displacement_mm < b.displacement_mm)
         for a, b in itertools.pairwise(steps)
@@ -57,7 +57,7 @@ def test_reapproach_in_a_sweep_comes_from_both_sides() -> None:
 
 def test_unknown_name_lists_what_exists() -> None:
     with pytest.raises(UsageError, match="zero-max-min"):
-        load_procedure("zero-min")
+        load_procedure("zero-min", Geometry())
 
 
 @pytest.mark.parametrize(
@@ -76,13 +76,15 @@ def test_bad_procedure_files(tmp_path: Path, text: str, said: str) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(text)
     with pytest.raises(RecordError, match=said):
-        load_procedure(str(path)).steps(Geometry())
+        load_procedure(str(path), Geometry()).steps(Geometry())
 
 
 def test_a_file_of_ones_own(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(FILE.format(level="12"))
-    assert [s.displacement_mm for s in load_procedure(str(path)).steps(Geometry())[:3]] == [
+    assert [
+        s.displacement_mm for s in load_procedure(str(path), Geometry()).steps(Geometry())[:3]
+    ] == [
         0,
         12,
         0,

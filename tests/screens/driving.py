@@ -13,6 +13,7 @@ from app.bench import BenchSettings
 from app.demo import demo_plan
 from app.opening import Plan
 from app.screens.interface import Interface
+from app.screens.leg_review import LegReviewScreen
 from app.screens.measure import MeasureScreen
 
 SIZE = (80, 24)
@@ -59,3 +60,5 @@ async def take(pilot: Pilot[str], screen: MeasureScreen) -> None:
         "a reading taken",
         lambda: len(screen.guided.session.all_readings) > before and not screen.busy,
     )
+    if isinstance(screen.app.screen, LegReviewScreen):
+        await pilot.press("space")

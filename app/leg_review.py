@@ -1,0 +1,81 @@
+"""After each leg: how well it repeats, beside what the indicator promises."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.leg_table import leg_rows
+from calib.noise import cells, visits
+from calib.orthoglide.differences import differences
+from protocols.observations import to_observations
+from protocols.procedure import Step
+from protocols.session import Session
+
+
+@dataclass(frozen=True)
+class AxisReview:
+    """One axis of a leg: standard deviation of a reading (mm) and what is known beside it.
+
+    ``standard_deviation_mm`` is None without repeats; ``stated_mm`` is the indicator's stated
+    repeatability with its rounding, None where nothing is stated. ``worst_return_mm`` is the
+    largest difference between two Zeros of one cycle.
+    """
+
+    axis: str
+    standard_deviation_mm: float | None
+    degrees_of_freedom: int
+    stated_mm: float | None
+    worst_return_mm: float | None
+
+
+@dataclass(frozen=True)
+class LegReview:
+    """A leg just measured and the differences that exist so far, in mm."""
+
+    leg: str
+    station: float
+    axes: tuple[AxisReview, ...]
+    differences_mm: tuple[tuple[str, float], ...]
+
+
+def review_leg(session: Session, step: Step) -> LegReview:
+    """Review the leg and station of a step. Raises NotIdentifiable without any reading."""
+    visited = visits(to_observations([session]))
+    measured = differences(session.opened.machine.geometry(), visited)
+    return LegReview(
+        leg=step.leg,
+        station=step.station,
+        axes=tuple(_review_axis(session, step, axis) for axis in step.axes),
+        differences_mm=tuple(
+            (measured.names[k], float(measured.value_mm[k])) for k in measured.published_rows
+        ),
+    )
+
+
+def _review_axis(session: Session, step: Step, axis: str) -> AxisReview:
+    here = [(r.leg, r.axis, r.station) == (step.leg, axis, step.station) for r in session.readings]
+    grouped = cells(visits(to_observations([session]).take(np.array(here))))
+    free = grouped.degrees_of_freedom
+    returns = [
+        row.back_at_zero_mm
+        for row in leg_rows(session, step)
+        if row.axis == axis and row.back_at_zero_mm is not None
+    ]
+    return AxisReview(
+        axis=axis,
+        standard_deviation_mm=math.sqrt(grouped.pure_error_mm2 / free) if free else None,
+        degrees_of_freedom=free,
+        stated_mm=_stated(session),
+        worst_return_mm=max(returns, key=abs) if returns else None,
+    )
+
+
+def _stated(session: Session) -> float | None:
+    """Repeatability and rounding of the indicators together, where something is stated."""
+    repeatability, resolution = session.repeatability_mm, session.resolution_mm
+    if not repeatability and not resolution:
+        return None
+    return math.hypot(repeatability or 0.0, (resolution or 0.0) / math.sqrt(12.0))

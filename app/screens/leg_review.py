@@ -1,0 +1,64 @@
+"""After each leg: repeatability, differences so far, and the readings as a plot."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import BindingType
+from textual.containers import Horizontal, VerticalScroll
+from textual.screen import ModalScreen
+from textual.widgets import Static
+
+from app.leg_review import review_leg
+from app.plots import readings_by_posture
+from app.screens.plot import ChartPlot
+from app.wording.session import review_text
+from calib.errors import GlidecalError
+from protocols.procedure import Step
+from protocols.session import Session
+
+UNATTENDED_S = 1.0
+"""How long an unattended demonstration shows the review."""
+
+
+class LegReviewScreen(ModalScreen[None]):
+    """Look, then go on to the next leg."""
+
+    HELP = (
+        "Scatter: standard deviation of a reading among the repeats of its posture.\n"
+        "Stated: what repeatability and resolution of the indicator promise.\n"
+        "Worst return: the largest difference between two Zeros of one cycle.\n"
+        "Drift shows there, and a stand that slipped."
+    )
+    BINDINGS: ClassVar[list[BindingType]] = [
+        ("space", "dismiss(None)", "Go on"),
+        ("enter", "dismiss(None)", "Go on"),
+        ("escape", "dismiss(None)", "Go on"),
+    ]
+
+    def __init__(self, session: Session, step: Step, *, unattended: bool = False) -> None:
+        super().__init__()
+        self._session = session
+        self._step = step
+        self._unattended = unattended
+
+    def compose(self) -> ComposeResult:
+        try:
+            text = review_text(review_leg(self._session, self._step))
+        except GlidecalError as problem:
+            text = str(problem)
+        with Horizontal(classes="wide-dialog"):
+            with VerticalScroll(id="review"):
+                yield Static(text, id="review-text", markup=False)
+                yield Static("Space goes on.", markup=False)
+            yield ChartPlot(readings_by_posture(self._session, self._step), plot_id="review-chart")
+
+    def on_mount(self) -> None:
+        self.query_one("#review").focus()
+        if self._unattended:
+            self.set_timer(UNATTENDED_S, self._go_on)
+
+    def _go_on(self) -> None:
+        if self.is_current:
+            self.dismiss(None)

@@ -1,0 +1,68 @@
+"""A session on the screen: where it stands, what to do, what the indicators show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+from textual.widgets import Static
+
+from app.acquisition import Live
+from app.leg_table import leg_rows
+from app.plots import readings_by_posture
+from app.screens.plot import ChartPlot
+from app.screens.widgets import GaugeDisplay, StepList
+from app.wording.session import leg_table_text, step_text
+from protocols.procedure import Step
+from protocols.session import Session
+
+
+class SessionView(Vertical):
+    """The same picture whether a session is measured or replayed."""
+
+    def __init__(self, gauge_count: int) -> None:
+        super().__init__()
+        self._gauge_count = gauge_count
+
+    def compose(self) -> ComposeResult:
+        yield Static("", id="progress", markup=False)
+        with Horizontal(id="upper"):
+            yield Static("", id="step", markup=False)
+            yield StepList()
+        with Horizontal(id="gauges"):
+            for number in range(self._gauge_count):
+                yield GaugeDisplay(f"indicator {number + 1}", f"gauge{number}")
+        yield Static("", id="said", markup=False)
+        with Horizontal(id="lower"):
+            yield Static("", id="table", markup=False)
+            yield ChartPlot(plot_id="chart")
+
+    def show_progress(self, text: str) -> None:
+        """The line at the top."""
+        self.query_one("#progress", Static).update(text)
+
+    def show_step(self, session: Session, steps: Sequence[Step], step: Step | None) -> None:
+        """The present step, the list around it, the leg so far."""
+        geometry = session.opened.machine.geometry()
+        self.query_one(StepList).show(steps, step, session, geometry)
+        if step is None:
+            return
+        self.query_one("#step", Static).update(step_text(step, session))
+        self.query_one("#table", Static).update(leg_table_text(leg_rows(session, step), geometry))
+        self.query_one(ChartPlot).show(readings_by_posture(session, step))
+        for display, axis in zip(self.query(GaugeDisplay), step.axes, strict=False):
+            display.border_title = f"along {axis.upper()}, mm"
+
+    def show_live(self, states: Sequence[Live]) -> None:
+        """What the indicators tell now."""
+        for display, live in zip(self.query(GaugeDisplay), states, strict=True):
+            display.show(live)
+
+    def say(self, text: str) -> None:
+        """One line of what happened last."""
+        self.query_one("#said", Static).update(text)
+
+    def toggle_plot(self) -> None:
+        """Show the plot in the place of the table, or the table again (narrow terminals)."""
+        self.toggle_class("plotted")

@@ -74,8 +74,7 @@ def _review_axis(session: Session, step: Step, axis: str) -> AxisReview:
 
 
 def _stated(session: Session) -> float | None:
-    """Repeatability and rounding of the indicators together, where something is stated."""
-    repeatability, resolution = session.repeatability_mm, session.resolution_mm
-    if not repeatability and not resolution:
+    """Repeatability and rounding of the indicators together, where repeatability is stated."""
+    if not session.repeatability_mm:
         return None
-    return math.hypot(repeatability or 0.0, (resolution or 0.0) / math.sqrt(12.0))
+    return math.hypot(session.repeatability_mm, (session.resolution_mm or 0.0) / math.sqrt(12.0))

@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from typing import ClassVar, TypeVar
+from collections.abc import Sequence
+from typing import ClassVar
 
 from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.events import Resize
 from textual.geometry import Size
-from textual.screen import ModalScreen, Screen
 from textual.widgets import Footer
 
 from app.acquisition import Live, Motion
 from app.guided import GuidedSession, Taken
 from app.opening import Plan
-from app.screens.dialogs import ChoiceDialog, TextDialog
-from app.screens.interface import Interface
+from app.screens.corrections import Corrections
+from app.screens.dialogs import ChoiceDialog
 from app.screens.leg_review import LegReviewScreen
 from app.screens.session_view import SessionView
 from app.solving import solve_for_controller
 from app.wording.session import (
     MEASURE_HELP,
     QUESTION_CHOICES,
-    point_text,
     progress_text,
     question_text,
     repeat_reason,
@@ -50,19 +48,16 @@ ANYWAY_S = 4.0
 """How long a second press takes readings that still move."""
 
 SLEPT_S = 5.0
-"""A clock that jumps so far ahead of the running time: the computer slept."""
+"""The wall clock between two looks: after so long the computer slept."""
 
 
 WIDE = 110
 """Columns from which table and plot stand side by side."""
 
-Answer = TypeVar("Answer")
 
-
-class MeasureScreen(Screen[None]):
+class MeasureScreen(Corrections):
     """One step after the other; Space takes it."""
 
-    app: Interface
     HELP = MEASURE_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "take", "Take", id="measure.take"),
@@ -79,14 +74,12 @@ class MeasureScreen(Screen[None]):
     ]
 
     def __init__(self, guided: GuidedSession, plan: Plan) -> None:
-        super().__init__()
-        self.guided = guided
+        super().__init__(guided)
         self.plan = plan
-        self.automatic = self.held = self.busy = False
-        self._asking = False
+        self.held = False
         self._lost: set[int] = set()
         self._pressed_at = self._anyway_until = 0.0
-        self._clock_ahead_s = time.time() - time.monotonic()
+        self._looked_at = time.time()
 
     def compose(self) -> ComposeResult:
         yield SessionView(len(self.guided.gauges))
@@ -98,7 +91,7 @@ class MeasureScreen(Screen[None]):
         return self.query_one(SessionView)
 
     def on_mount(self) -> None:
-        self._next()
+        self.proceed()
         self.set_interval(FRAME_S, self._show_news)
         self.set_interval(AGES_S, self._look)
 
@@ -107,20 +100,20 @@ class MeasureScreen(Screen[None]):
             self._show_live()
 
     def _look(self) -> None:
-        ahead_s = time.time() - time.monotonic()
-        slept_s, self._clock_ahead_s = ahead_s - self._clock_ahead_s, ahead_s
+        now = time.time()
+        slept_s, self._looked_at = now - self._looked_at, now
         if slept_s > SLEPT_S:
             self._set_hold(True, f"the computer slept for {slept_s:.0f} s")
-            self._say(slept_text(slept_s))
+            self.say(slept_text(slept_s))
         self._show_live()
 
     def on_resize(self, event: Resize) -> None:
         self.set_class(event.size.width >= WIDE, "wide")
         self._show_step()
         if event.size.width < LEAST_SIZE.width or event.size.height < LEAST_SIZE.height:
-            self._say(f"This screen needs {LEAST_SIZE.width} × {LEAST_SIZE.height} characters.")
+            self.say(f"This screen needs {LEAST_SIZE.width} × {LEAST_SIZE.height} characters.")
 
-    def _next(self) -> None:
+    def proceed(self) -> None:
         """Go to the present step, or finish when there is none."""
         if self.guided.step() is None:
             self._finish()
@@ -139,7 +132,7 @@ class MeasureScreen(Screen[None]):
         self.view.show_live(states)
         self._tell_lost_and_found(states)
         pressed = [gauge.button_pressed() for gauge in self.guided.gauges]
-        if self._asking or self.held:
+        if self.asking or self.held:
             return
         if any(pressed):
             self.action_take()
@@ -153,10 +146,10 @@ class MeasureScreen(Screen[None]):
             if lost and number not in self._lost:
                 self._lost.add(number)
                 words = live.outcome.words if isinstance(live.outcome, Fault) else ""
-                self._say(f"Indicator {number + 1}: {words}. The session waits.")
+                self.say(f"Indicator {number + 1}: {words}. The session waits.")
             elif isinstance(live.outcome, Reading) and number in self._lost:
                 self._lost.remove(number)
-                self._say(f"Indicator {number + 1} answers again; go on with this step.")
+                self.say(f"Indicator {number + 1} answers again; go on with this step.")
 
     def _ready(self, states: Sequence[Live]) -> bool:
         """All stand still; with a real machine something must have moved before."""
@@ -170,7 +163,7 @@ class MeasureScreen(Screen[None]):
         if held or self.busy:
             return
         if self.held:
-            self._say("On hold: nothing is taken. P goes on.")
+            self.say("On hold: nothing is taken. P goes on.")
             return
         if self.guided.step() is None:
             self._finish()
@@ -178,7 +171,7 @@ class MeasureScreen(Screen[None]):
             self._begin_take()
         else:
             self._anyway_until = now + ANYWAY_S
-            self._say("The readings still move. Wait, or press Space again to take them anyway.")
+            self.say("The readings still move. Wait, or press Space again to take them anyway.")
 
     def ready_by_hand(self) -> bool:
         """Whether a single press takes: nothing moves, or there is a fault to be shown."""
@@ -195,7 +188,7 @@ class MeasureScreen(Screen[None]):
         try:
             taken = self.guided.take()
         except GlidecalError as problem:
-            self.app.call_from_thread(self._refused, str(problem))
+            self.app.call_from_thread(self.refused, str(problem))
         else:
             self.app.call_from_thread(self._taken, taken)
 
@@ -204,14 +197,14 @@ class MeasureScreen(Screen[None]):
         if taken is None:
             return
         if taken.faults:
-            self._refused("Not taken: " + "; ".join(fault.words for fault in taken.faults))
+            self.refused("Not taken: " + "; ".join(fault.words for fault in taken.faults))
             return
         self.app.bell()
         self.app.clear_notifications()
-        self._say(taken_text(taken))
+        self.say(taken_text(taken))
         if taken.questioned:
             self._show_step()
-            self._ask(
+            self.ask(
                 ChoiceDialog(question_text(taken), QUESTION_CHOICES),
                 lambda answer: self._answered(answer or "keep", taken),
             )
@@ -222,126 +215,35 @@ class MeasureScreen(Screen[None]):
         """What the operator says to a reading that disagrees with earlier ones."""
         reason = repeat_reason(answer, taken)
         if answer == "keep":
-            self._write(lambda: self.guided.note(f"step {taken.step.number}: {reason}"))
+            self.write(lambda: self.guided.note(f"step {taken.step.number}: {reason}"))
             self._go_on(taken.step)
             return
-        self._write(lambda: self.guided.repeat(taken.step.number, reason))
+        self.write(lambda: self.guided.repeat(taken.step.number, reason))
         if answer == "approach":
-            self._say("Leave the posture, come back to it, and take it again.")
-            self._next()
+            self.say("Leave the posture, come back to it, and take it again.")
+            self.proceed()
         else:
-            self._say("Superseded, kept in the record. Take again, without moving.")
+            self.say("Superseded, kept in the record. Take again, without moving.")
             self._show_step()
 
     def _go_on(self, step: Step) -> None:
         """To the next step; after the last one of a leg its review comes between."""
         following = self.guided.step()
         if following is not None and not self.guided.session.is_new_place(following):
-            self._next()
+            self.proceed()
             return
         self._show_step()
         unattended = self.automatic and self.plan.simulated
         review = LegReviewScreen(self.guided.session, step, unattended=unattended)
-        self._ask(review, lambda _: self._next())
+        self.ask(review, lambda _: self.proceed())
 
-    def _ask(self, dialog: ModalScreen[Answer], then: Callable[[Answer | None], None]) -> None:
-        """Show a dialog; nothing is taken while it is open."""
-        self._asking = True
-
-        def answered(answer: Answer | None) -> None:
-            self._asking = False
-            then(answer)
-
-        self.app.push_screen(dialog, answered)
-
-    def _write(self, writing: Callable[[], object]) -> bool:
-        """Write to the record; where the disk refuses, say so."""
-        try:
-            writing()
-        except GlidecalError as problem:
-            self._refused(str(problem))
-            return False
-        return True
-
-    def _refused(self, text: str) -> None:
+    def refused(self, text: str) -> None:
         self.busy = self.automatic = False
-        self._say(text)
+        self.say(text)
         self._show_step()
 
-    def _say(self, text: str) -> None:
+    def say(self, text: str) -> None:
         self.view.say(text)
-
-    def action_undo(self) -> None:
-        """Measure the last step again; its readings stay in the record, superseded."""
-        self.automatic = False
-        if self.busy or not self.guided.session.readings:
-            return
-        if self._write(self.guided.undo):
-            step = self.guided.step()
-            self._say(f"Superseded, kept in the record: step {step.number if step else 0} is next")
-            self._next()
-
-    def action_earlier(self) -> None:
-        """Choose any earlier step: measure it again, or let superseded readings count again."""
-        self.automatic = False
-        session = self.guided.session
-        known = {r.step for r in session.all_readings} | set(session.skipped)
-        points = [step for step in self.guided.steps if step.number in known]
-        if self.busy or not points:
-            return
-        choices = [(str(step.number), point_text(step, session)) for step in points]
-        question = "Which step? The present one stays where it is until you say what to do."
-        self._ask(ChoiceDialog(question, choices, len(choices) - 1), self._chosen)
-
-    def _chosen(self, number: str | None) -> None:
-        if not number:
-            return
-        step = int(number)
-        session = self.guided.session
-        if any(r.step == step for r in session.readings) or step in session.skipped:
-            gone = len(self.guided.steps_repeated_with(step))
-            question = f"Why is step {step} measured again?"
-            if gone > 1:
-                question += f" Its stand is gone: all {gone} steps of that mounting will be."
-            self._ask(TextDialog(question, "reason"), lambda why: self._repeat(step, why))
-        elif self._write(lambda: self.guided.restore(step, "taken back by the operator")):
-            counts = step in self.guided.session.done()
-            self._say(
-                f"Step {step}: its readings count again."
-                if counts
-                else f"Step {step} cannot be taken back: the stand was moved since."
-            )
-            self._next()
-
-    def _repeat(self, number: int, reason: str | None) -> None:
-        if reason and self._write(lambda: self.guided.repeat(number, reason)):
-            self._say(f"Step {number} is measured again: {reason}")
-            self._next()
-
-    def action_skip(self) -> None:
-        """Leave steps out, with a reason."""
-        step = self.guided.step()
-        if step is None or self.busy:
-            return
-        rest = [s.number for s in self.guided.rest_of_place()]
-        choices = [("one", f"1  Step {step.number} only")]
-        if len(rest) > 1:
-            choices.append(("rest", f"2  The rest of leg {step.leg.upper()}: {len(rest)} steps"))
-        self._ask(
-            ChoiceDialog("What is left out?", choices),
-            lambda what: self._skip_why([step.number] if what == "one" else rest) if what else None,
-        )
-
-    def _skip_why(self, numbers: Sequence[int]) -> None:
-        self._ask(
-            TextDialog("Why? The reason stays in the record.", "reason"),
-            lambda why: self._skip(numbers, why),
-        )
-
-    def _skip(self, numbers: Sequence[int], reason: str | None) -> None:
-        if reason and self._write(lambda: self.guided.skip(numbers, reason)):
-            self._say(f"Skipped: {reason}. Key B brings a skipped step back.")
-            self._next()
 
     def action_automatic(self) -> None:
         """Take by itself whenever all indicators stand still."""
@@ -351,26 +253,12 @@ class MeasureScreen(Screen[None]):
     def action_hold(self) -> None:
         """Nothing is taken until the same key again."""
         self._set_hold(not self.held, "on hold" if not self.held else "goes on")
-        self._say("On hold. P goes on." if self.held else "Goes on.")
+        self.say("On hold. P goes on." if self.held else "Goes on.")
 
     def _set_hold(self, held: bool, note: str) -> None:
-        if self._write(lambda: self.guided.note(note)):
+        if self.write(lambda: self.guided.note(note)):
             self.held = held
             self._show_step()
-
-    def action_remount(self) -> None:
-        """The stand was moved: later readings have a new zero."""
-        if not self.busy and self._write(self.guided.remount):
-            self._say("New mounting: readings from here on have a zero of their own")
-            self._next()
-
-    def action_note(self) -> None:
-        """A remark for the record."""
-        self._ask(TextDialog("Note for the record.", "what happened"), self._noted)
-
-    def _noted(self, text: str | None) -> None:
-        if text and self._write(lambda: self.guided.note(text)):
-            self._say(f"Noted: {text}")
 
     def action_plot(self) -> None:
         """The plot instead of the table, where there is no room for both."""
@@ -386,7 +274,7 @@ class MeasureScreen(Screen[None]):
             solved = solve_for_controller(self.guided.path)
         except GlidecalError as problem:
             said = f"Every reading is on the disk, but: {problem} Space tries again, F10 leaves."
-            self.app.call_from_thread(self._refused, said)
+            self.app.call_from_thread(self.refused, said)
             return
         self.app.guided = None
         result = ResultScreen(solved, self.plan, self.guided.path)

@@ -1,0 +1,145 @@
+"""What an operator may correct in a session: repeat, take back, skip, note, re-mount."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+from textual.screen import ModalScreen, Screen
+
+from app.guided import GuidedSession
+from app.screens.dialogs import ChoiceDialog, TextDialog
+from app.screens.interface import Interface
+from app.wording.session import point_text
+from calib.errors import GlidecalError
+
+Answer = TypeVar("Answer")
+
+
+class Corrections(Screen[None]):
+    """A screen over a session that is being measured; `MeasureScreen` takes the readings."""
+
+    app: Interface
+
+    def __init__(self, guided: GuidedSession) -> None:
+        super().__init__()
+        self.guided = guided
+        self.automatic = self.busy = self.asking = False
+
+    @abstractmethod
+    def proceed(self) -> None:
+        """Go to the present step."""
+
+    @abstractmethod
+    def say(self, text: str) -> None:
+        """One line of what happened last."""
+
+    @abstractmethod
+    def refused(self, text: str) -> None:
+        """Something could not be done; the words say why."""
+
+    def ask(self, dialog: ModalScreen[Answer], then: Callable[[Answer | None], None]) -> None:
+        """Show a dialog; nothing is taken while it is open."""
+        self.asking = True
+
+        def answered(answer: Answer | None) -> None:
+            self.asking = False
+            then(answer)
+
+        self.app.push_screen(dialog, answered)
+
+    def write(self, writing: Callable[[], object]) -> bool:
+        """Write to the record; where the disk refuses, say so."""
+        try:
+            writing()
+        except GlidecalError as problem:
+            self.refused(str(problem))
+            return False
+        return True
+
+    def action_undo(self) -> None:
+        """Measure the last step again; its readings stay in the record, superseded."""
+        self.automatic = False
+        if self.busy or not self.guided.session.readings:
+            return
+        if self.write(self.guided.undo):
+            step = self.guided.step()
+            self.say(f"Superseded, kept in the record: step {step.number if step else 0} is next")
+            self.proceed()
+
+    def action_earlier(self) -> None:
+        """Choose any earlier step: measure it again, or let superseded readings count again."""
+        self.automatic = False
+        session = self.guided.session
+        known = {r.step for r in session.all_readings} | set(session.skipped)
+        points = [step for step in self.guided.steps if step.number in known]
+        if self.busy or not points:
+            return
+        choices = [(str(step.number), point_text(step, session)) for step in points]
+        question = "Which step? The present one stays where it is until you say what to do."
+        self.ask(ChoiceDialog(question, choices, len(choices) - 1), self._chosen)
+
+    def _chosen(self, number: str | None) -> None:
+        if not number:
+            return
+        step = int(number)
+        session = self.guided.session
+        if any(r.step == step for r in session.readings) or step in session.skipped:
+            gone = len(self.guided.steps_repeated_with(step))
+            question = f"Why is step {step} measured again?"
+            if gone > 1:
+                question += f" Its stand is gone: all {gone} steps of that mounting will be."
+            self.ask(TextDialog(question, "reason"), lambda why: self._repeat(step, why))
+        elif self.write(lambda: self.guided.restore(step, "taken back by the operator")):
+            counts = step in self.guided.session.done()
+            self.say(
+                f"Step {step}: its readings count again."
+                if counts
+                else f"Step {step} cannot be taken back: the stand was moved since."
+            )
+            self.proceed()
+
+    def _repeat(self, number: int, reason: str | None) -> None:
+        if reason and self.write(lambda: self.guided.repeat(number, reason)):
+            self.say(f"Step {number} is measured again: {reason}")
+            self.proceed()
+
+    def action_skip(self) -> None:
+        """Leave steps out, with a reason."""
+        step = self.guided.step()
+        if step is None or self.busy:
+            return
+        rest = [s.number for s in self.guided.rest_of_place()]
+        choices = [("one", f"1  Step {step.number} only")]
+        if len(rest) > 1:
+            choices.append(("rest", f"2  The rest of leg {step.leg.upper()}: {len(rest)} steps"))
+        self.ask(
+            ChoiceDialog("What is left out?", choices),
+            lambda what: self._skip_why([step.number] if what == "one" else rest) if what else None,
+        )
+
+    def _skip_why(self, numbers: Sequence[int]) -> None:
+        self.ask(
+            TextDialog("Why? The reason stays in the record.", "reason"),
+            lambda why: self._skip(numbers, why),
+        )
+
+    def _skip(self, numbers: Sequence[int], reason: str | None) -> None:
+        if reason and self.write(lambda: self.guided.skip(numbers, reason)):
+            self.say(f"Skipped: {reason}. Key B brings a skipped step back.")
+            self.proceed()
+
+    def action_remount(self) -> None:
+        """The stand was moved: later readings have a new zero."""
+        if not self.busy and self.write(self.guided.remount):
+            self.say("New mounting: readings from here on have a zero of their own")
+            self.proceed()
+
+    def action_note(self) -> None:
+        """A remark for the record."""
+        self.ask(TextDialog("Note for the record.", "what happened"), self._noted)
+
+    def _noted(self, text: str | None) -> None:
+        if text and self.write(lambda: self.guided.note(text)):
+            self.say(f"Noted: {text}")

@@ -1,0 +1,224 @@
+"""Readings that disagree, earlier steps, skipping, holding: by keys, state first."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from textual.pilot import Pilot
+from textual.widgets import Input, OptionList, Static
+
+from app.acquisition import Gauge
+from app.screens.check import CheckScreen
+from app.screens.dialogs import ChoiceDialog, HelpDialog, TextDialog
+from app.screens.interface import Interface
+from app.screens.leg_review import LegReviewScreen
+from app.screens.measure import MeasureScreen
+from app.screens.plot import ChartPlot
+from drivers.outcome import Outcome, Reading
+from protocols.events import Noted
+from protocols.record import read_record
+from tests.screens.driving import quick_plan, take, to_measuring, until
+
+Driven = tuple[Pilot[str], Interface, MeasureScreen]
+
+
+@asynccontextmanager
+async def measuring(folder: Path, size: tuple[int, int] = (80, 24)) -> AsyncIterator[Driven]:
+    interface = Interface(CheckScreen(quick_plan(folder)))
+    async with interface.run_test(size=size, notifications=True) as pilot:
+        screen = await to_measuring(pilot, interface)
+        yield pilot, interface, screen
+        await pilot.press("f10")
+
+
+def on(screen: MeasureScreen, selector: str) -> str:
+    return str(screen.query_one(selector, Static).content)
+
+
+def notes(screen: MeasureScreen) -> list[str]:
+    return [e.text for e in read_record(screen.guided.path).events if isinstance(e, Noted)]
+
+
+async def take_something_else(
+    pilot: Pilot[str], screen: MeasureScreen, monkeypatch: pytest.MonkeyPatch, off_mm: float
+) -> None:
+    """Take the present step with every indicator off by so much."""
+    ask = Gauge.ask
+
+    def wrong(gauge: Gauge) -> Outcome:
+        heard = ask(gauge)
+        assert isinstance(heard, Reading)
+        return replace(heard, value_mm=heard.value_mm + off_mm)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Gauge, "ask", wrong)
+        await take(pilot, screen)
+
+
+@pytest.mark.parametrize(
+    ("key", "superseded", "done", "said"),
+    [
+        ("1", 2, {1, 2, 3}, "without moving"),
+        ("2", 2, {1, 2, 3}, "Leave the posture"),
+        ("3", 0, {1, 2, 3, 4}, "step 4"),
+        ("escape", 0, {1, 2, 3, 4}, "step 4"),
+    ],
+)
+async def test_a_reading_that_disagrees_is_questioned(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    key: str,
+    superseded: int,
+    done: set[int],
+    said: str,
+) -> None:
+    async with measuring(tmp_path) as (pilot, interface, screen):
+        for _ in range(3):
+            await take(pilot, screen)
+        await take_something_else(pilot, screen, monkeypatch, 0.2)
+        await until(pilot, "a question", lambda: isinstance(interface.screen, ChoiceDialog))
+        question = str(interface.screen.query(Static).first().content)
+        assert "Step 4 does not agree" in question
+        assert "limit 0.05 mm" in question
+        assert screen.guided.session.done() == {1, 2, 3, 4}, "on the disk before it is asked"
+        await pilot.press(key)
+        await until(pilot, "an answer", lambda: interface.screen is screen)
+        session = screen.guided.session
+        assert session.done() == done
+        assert len(session.superseded) == superseded
+        assert said in on(screen, "#said")
+        if superseded:
+            assert all("from earlier repeats" in why for why in session.superseded.values())
+        else:
+            assert any("kept" in note for note in notes(screen))
+        await take(pilot, screen)
+        assert max(screen.guided.session.done()) == max(done) + 1
+
+
+async def test_an_earlier_step_is_repeated_and_taken_back(tmp_path: Path) -> None:
+    async with measuring(tmp_path) as (pilot, interface, screen):
+        for _ in range(4):
+            await take(pilot, screen)
+        await pilot.press("b")
+        await until(pilot, "a list", lambda: isinstance(interface.screen, ChoiceDialog))
+        assert interface.screen.query_one(OptionList).option_count == 4
+        await pilot.press("2")
+        await until(pilot, "a reason", lambda: isinstance(interface.screen, TextDialog))
+        await pilot.press(*"bump [mm]", "enter")
+        await until(pilot, "back", lambda: interface.screen is screen)
+        assert "bump [mm]" in on(screen, "#said")
+        assert screen.guided.session.done() == {1, 3, 4}
+        assert set(screen.guided.session.superseded.values()) == {"bump [mm]"}
+        assert "LEG X   MAX" in on(screen, "#step")
+        await pilot.press("b")
+        await until(pilot, "a list", lambda: isinstance(interface.screen, ChoiceDialog))
+        entry = str(interface.screen.query_one(OptionList).get_option_at_index(1).prompt)
+        assert "superseded: bump [mm]" in entry
+        await pilot.press("2")
+        await until(pilot, "back", lambda: interface.screen is screen)
+        assert "count again" in on(screen, "#said")
+        assert screen.guided.session.done() == {1, 2, 3, 4}
+        assert screen.guided.session.superseded == {}
+
+
+async def test_skip_one_step_and_the_rest_of_a_leg(tmp_path: Path) -> None:
+    async with measuring(tmp_path) as (pilot, interface, screen):
+        await take(pilot, screen)
+        await pilot.press("s", "1", *"in the way", "enter")
+        await until(pilot, "skipped", lambda: screen.guided.session.skipped == {2: "in the way"})
+        await until(pilot, "back", lambda: interface.screen is screen)
+        assert "LEG X   MIN" in on(screen, "#step")
+        await pilot.press("s", "2", *"no room", "enter")
+        await until(pilot, "next leg", lambda: "LEG Y   ZERO" in on(screen, "#step"))
+        assert set(screen.guided.session.skipped) == set(range(2, 11))
+        await pilot.press("s", "escape")
+        await until(pilot, "back", lambda: interface.screen is screen)
+        assert len(screen.guided.session.skipped) == 9
+        await pilot.press("b", "2", *"works now", "enter")
+        await until(pilot, "brought back", lambda: 2 not in screen.guided.session.skipped)
+        await until(pilot, "back", lambda: interface.screen is screen)
+        assert "LEG X   MAX" in on(screen, "#step")
+
+
+async def test_hold_takes_nothing(tmp_path: Path) -> None:
+    async with measuring(tmp_path) as (pilot, _, screen):
+        await pilot.press("a", "p")
+        await pilot.pause(0.5)
+        assert "ON HOLD" in on(screen, "#progress")
+        taken = len(screen.guided.session.done())
+        await pilot.press("space")
+        await pilot.pause(0.5)
+        assert len(screen.guided.session.done()) == taken
+        assert "On hold" in on(screen, "#said")
+        await pilot.press("p")
+        await until(pilot, "goes on", lambda: len(screen.guided.session.done()) > taken)
+        assert notes(screen) == ["on hold", "goes on"]
+
+
+async def test_a_computer_that_slept_holds_the_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with measuring(tmp_path) as (pilot, _, screen):
+        wall = time.time
+        monkeypatch.setattr("app.screens.measure.time.time", lambda: wall() + 720.0)
+        await until(pilot, "hold", lambda: screen.held)
+        assert "slept for 12 min" in on(screen, "#said")
+        assert "P goes on" in on(screen, "#said")
+        assert notes(screen) == ["the computer slept for 720 s"]
+
+
+async def test_review_after_each_leg(tmp_path: Path) -> None:
+    async with measuring(tmp_path, (120, 40)) as (pilot, interface, screen):
+        for number in range(1, 11):
+            await until(pilot, "stillness", screen.ready_by_hand)
+            await pilot.press("space")
+            await until(pilot, "taken", lambda n=number: n in screen.guided.session.done())
+        await until(pilot, "review", lambda: isinstance(interface.screen, LegReviewScreen))
+        said = str(interface.screen.query_one("#review-text", Static).content)
+        assert "Leg X is done" in said
+        assert "4 differences so far" in said
+        assert "y_x+" in said
+        shown = [line.split() for line in said.splitlines() if line.startswith((" Y ", " Z "))]
+        assert [row[2] for row in shown] == ["6", "6"], "10 readings in 4 cells an axis"
+        assert interface.screen.query_one(ChartPlot).display
+        await pilot.press("space")
+        await until(pilot, "next leg", lambda: interface.screen is screen)
+        assert "LEG Y   ZERO" in on(screen, "#step")
+
+
+async def test_plot_instead_of_the_table_and_help(tmp_path: Path) -> None:
+    async with measuring(tmp_path) as (pilot, interface, screen):
+        for _ in range(2):
+            await take(pilot, screen)
+        assert not screen.query_one(ChartPlot).display
+        await pilot.press("g")
+        await pilot.pause()
+        assert screen.query_one(ChartPlot).display
+        assert not screen.query_one("#table").display
+        await pilot.press("g", "f1")
+        await until(pilot, "help", lambda: isinstance(interface.screen, HelpDialog))
+        await pilot.press("escape")
+        assert screen.query_one("#table").display
+
+
+async def test_wide_terminal_shows_table_and_plot(tmp_path: Path) -> None:
+    async with measuring(tmp_path, (140, 40)) as (pilot, _, screen):
+        await take(pilot, screen)
+        assert screen.query_one(ChartPlot).display
+        assert screen.query_one("#table").display
+
+
+async def test_an_empty_reason_changes_nothing(tmp_path: Path) -> None:
+    async with measuring(tmp_path) as (pilot, interface, screen):
+        await take(pilot, screen)
+        await pilot.press("b", "1")
+        await until(pilot, "a reason", lambda: isinstance(interface.screen, TextDialog))
+        assert interface.screen.query_one(Input).value == ""
+        await pilot.press("enter")
+        await until(pilot, "back", lambda: interface.screen is screen)
+        assert screen.guided.session.done() == {1}

@@ -8,7 +8,6 @@ from typing import Any
 
 from app.solving import Solved
 from calib.noise import Noise
-from calib.observations import FloatArray
 from calib.solution import Solution
 from drivers.outcome import Fault, Outcome
 from protocols.session import Session
@@ -59,22 +58,22 @@ def solution_document(solved: Solved) -> dict[str, Any]:
 
 def parameters(solution: Solution) -> dict[str, dict[str, float | str]]:
     """Value and uncertainty of each identified parameter."""
-    uncertainty = standard_uncertainties(solution)
     return {
         name: {
             "value": float(value),
             "standard_uncertainty": float(u),
-            "expanded_uncertainty": float(u * solution.coverage_factor),
-            "coverage_factor": solution.coverage_factor,
+            "expanded_uncertainty": float(u * factor),
+            "coverage_factor": float(factor),
             "unit": "mm",
         }
-        for name, value, u in zip(solution.names, solution.values_mm, uncertainty, strict=True)
+        for name, value, u, factor in zip(
+            solution.names,
+            solution.values_mm,
+            solution.uncertainty_mm,
+            solution.coverage_factors,
+            strict=True,
+        )
     }
-
-
-def standard_uncertainties(solution: Solution) -> FloatArray:
-    """Square roots of the variances ``(k,)``, mm."""
-    return solution.covariance_mm2.diagonal() ** 0.5
 
 
 def _differences(solution: Solution) -> dict[str, dict[str, float]]:

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.leg_table import leg_rows
-from calib.noise import cells, visits
+from calib.noise import visits
 from calib.orthoglide.differences import differences
+from calib.repeats import Repeats
 from protocols.observations import to_observations
 from protocols.procedure import Step
 from protocols.session import Session
@@ -57,8 +58,9 @@ def review_leg(session: Session, step: Step) -> LegReview:
 
 def _review_axis(session: Session, step: Step, axis: str) -> AxisReview:
     here = [(r.leg, r.axis, r.station) == (step.leg, axis, step.station) for r in session.readings]
-    grouped = cells(visits(to_observations([session]).take(np.array(here))))
-    free = grouped.degrees_of_freedom
+    repeats = Repeats.of(visits(to_observations([session]).take(np.array(here))))
+    free = float(repeats.degrees_of_freedom.sum())
+    left = repeats.sums_of_squares(repeats.observed.value_mm[:, None])
     returns = [
         row.back_at_zero_mm
         for row in leg_rows(session, step)
@@ -66,8 +68,8 @@ def _review_axis(session: Session, step: Step, axis: str) -> AxisReview:
     ]
     return AxisReview(
         axis=axis,
-        standard_deviation_mm=math.sqrt(grouped.pure_error_mm2 / free) if free else None,
-        degrees_of_freedom=free,
+        standard_deviation_mm=math.sqrt(float(left.sum()) / free) if free else None,
+        degrees_of_freedom=round(free),
         stated_mm=_stated(session),
         worst_return_mm=max(returns, key=abs) if returns else None,
     )

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from calib.errors import NotIdentifiable
 from calib.noise import IndicatorFigures
 from calib.orthoglide.model import Model
@@ -66,6 +68,7 @@ def solve_sessions(
         method,
         weights=weights,
         indicator=_indicator_figures(sessions),
+        tolerance_mm=np.array(sessions[0].opened.machine.tolerances_mm()),
     )
     wanted = subset or choice.recommended
     if wanted not in choice.solutions:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 
-from scipy.special import chdtrc, fdtrc, ndtri, stdtrit
+import numpy as np
+from scipy.special import chdtrc, fdtrc, ndtri, stdtr, stdtrit
+
+from calib.observations import FloatArray
 
 COVERAGE = 0.95
 
@@ -22,3 +25,16 @@ def variance_ratio_p_value(ratio: float, numerator_df: float, denominator_df: fl
     if math.isinf(denominator_df):
         return float(chdtrc(numerator_df, ratio * numerator_df))
     return float(fdtrc(numerator_df, denominator_df, ratio))
+
+
+def two_sided_p_value(t: float, degrees_of_freedom: float) -> float:
+    """Chance of a Student t at least this far from zero, on either side."""
+    return float(2.0 * stdtr(degrees_of_freedom, -abs(t)))
+
+
+def coverage_factors(degrees_of_freedom: FloatArray) -> FloatArray:
+    """`coverage_factor` of many degrees of freedom at once, same shape."""
+    upper = (1.0 + COVERAGE) / 2.0
+    known = np.isinf(degrees_of_freedom)
+    student = stdtrit(np.where(known, 1.0, degrees_of_freedom), upper)
+    return np.asarray(np.where(known, ndtri(upper), student))

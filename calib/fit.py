@@ -13,42 +13,38 @@ from calib.orthoglide.differences import Differences
 from calib.orthoglide.linear import reading_matrix
 from calib.orthoglide.model import Model
 from calib.orthoglide.pipeline import derivatives, simulate
+from calib.plain_fit import PlainFit
 
 TOLERANCE = 1e-14
+SMALL_STEP_MM = 1e-9
+MOST_STEPS = 50
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Parameters ``(6,)`` in mm with the free ones fitted.
+    """Parameters ``(6,)`` in mm with the free ones fitted, and how the readings made them.
 
-    ``design`` ``(n_readings, k)`` holds the derivatives of the readings by the free parameters and
-    ``predicted_mm`` ``(n_readings,)`` the readings without zeros, by the same form of the model.
+    ``design`` ``(n_readings, k)`` holds the derivatives of the readings by the free parameters,
+    ``predicted_mm`` ``(n_readings,)`` the readings without zeros by the same form of the model, and
+    ``estimator`` ``(k, n_readings)`` what a change of each reading does to each free parameter.
     """
 
     parameters_mm: FloatArray
     design: FloatArray
     predicted_mm: FloatArray
-
-    def information(self, observed: Observations) -> FloatArray:
-        """Information on the free parameters for unit noise ``(k, k)``, zeros fitted."""
-        centred = without_zeros(observed, self.design)
-        return np.asarray(centred.T @ (observed.averaged[:, None] * centred))
-
-    def left_over(self, observed: Observations) -> FloatArray:
-        """What the fit leaves of each reading ``(n_readings,)``, zeros fitted, mm."""
-        return without_zeros(observed, observed.value_mm - self.predicted_mm)
+    estimator: FloatArray
 
 
-def without_zeros(observed: Observations, rows: FloatArray) -> FloatArray:
+def without_zeros(observed: Observations, weight: FloatArray, rows: FloatArray) -> FloatArray:
     """Subtract from each mounting its weighted mean; ``rows`` is ``(n_readings, ...)``.
 
     The best zero of a mounting is the weighted mean of what the model leaves, so removing the mean
     from residuals and design fits all zeros at once.
     """
-    total = np.bincount(observed.mount, observed.averaged)
+    total = np.bincount(observed.mount, weight)
     flat = rows.reshape(len(rows), -1)
     means = np.stack(
-        [np.bincount(observed.mount, observed.averaged * column) / total for column in flat.T],
+        [np.bincount(observed.mount, weight * column) / total for column in flat.T],
         axis=1,
     )
     return (flat - means[observed.mount]).reshape(rows.shape)
@@ -59,39 +55,101 @@ def papers_fit(
 ) -> Fit:
     """Pseudoinverse of system (11) of papers/000: every difference counts alike."""
     design = reading_matrix(model.geometry, observed)[:, list(free)]
-    left = measured.value_mm - measured.combine @ model.readings(observed)
-    return _linear(model, observed, free, np.linalg.pinv(measured.combine @ design) @ left)
+    inverse = np.linalg.pinv(measured.combine @ design)
+    estimator = (measured.combine.T @ inverse.T).T
+    return _linear(model, observed, free, design, np.asarray(estimator))
 
 
-def weighted_fit(model: Model, observed: Observations, free: tuple[int, ...]) -> Fit:
+def weighted_fit(
+    model: Model, observed: Observations, free: tuple[int, ...], weight: FloatArray
+) -> Fit:
     """Linear fit of readings with free zeros: system (11) weighted by covariance (14)."""
     design = reading_matrix(model.geometry, observed)[:, list(free)]
-    root_weight = np.sqrt(observed.averaged)
-    left = root_weight[:, None] * without_zeros(observed, design)
-    right = root_weight * without_zeros(observed, observed.value_mm - model.readings(observed))
-    return _linear(model, observed, free, np.asarray(np.linalg.lstsq(left, right, rcond=None)[0]))
+    return _linear(model, observed, free, design, _estimator(observed, weight, design))
 
 
 def _linear(
-    model: Model, observed: Observations, free: tuple[int, ...], step: NDArray[np.floating]
+    model: Model,
+    observed: Observations,
+    free: tuple[int, ...],
+    design: FloatArray,
+    estimator: FloatArray,
 ) -> Fit:
-    design = reading_matrix(model.geometry, observed)[:, list(free)]
+    nominal = model.readings(observed)
+    step = estimator @ (observed.value_mm - nominal)
     parameters = np.array(model.parameters_mm)
     parameters[list(free)] += step
-    predicted = np.asarray(model.readings(observed) + design @ step, dtype=np.float64)
-    return Fit(parameters, design, predicted)
+    return Fit(parameters, design, nominal + design @ step, estimator)
 
 
-def exact_fit(model: Model, observed: Observations, free: tuple[int, ...]) -> Fit:
+def _estimator(observed: Observations, weight: FloatArray, design: FloatArray) -> FloatArray:
+    """The weighted least squares estimate as a linear map of the readings ``(k, n_readings)``."""
+    centred = without_zeros(observed, weight, design)
+    root = np.sqrt(weight)
+    return np.asarray(np.linalg.pinv(root[:, None] * centred, rcond=1e-12) * root)
+
+
+def exact_fit(
+    model: Model, observed: Observations, free: tuple[int, ...], weight: FloatArray
+) -> Fit:
     """Nonlinear weighted least squares on raw readings through the exact pipeline.
 
-    Starts from the linear fit, or from the model where that is out of reach. Raises NotIdentifiable
-    where the legs cannot meet even there or scipy finds no optimum.
+    Raises NotIdentifiable where the legs cannot meet or no optimum is found.
     """
+    if model.effects:
+        values = _fit_with_effects(model, observed, free, weight)
+    else:
+        optimum = PlainFit.of(model, observed, free, weight).solve(observed.value_mm[:, None])
+        if not optimum.converged[0]:
+            raise _no_optimum("no optimum within reach")
+        values = optimum.values[:, 0]
+    parameters = np.array(model.parameters_mm)
+    parameters[list(free)] = values
+    try:
+        design = derivatives(model.geometry, parameters, observed, model.effects)[:, list(free)]
+        fitted = model.with_parameters(parameters).readings(observed)
+    except UnreachablePosture as problem:
+        raise _no_optimum(str(problem)) from problem
+    return Fit(parameters, design, fitted, _estimator(observed, weight, design))
+
+
+def prior_fit(
+    model: Model, observed: Observations, weight: FloatArray, tolerance_mm: FloatArray
+) -> Fit:
+    """All six parameters, each held to the model's value by its tolerance ``(6,)``, mm.
+
+    The tolerance of a part is the standard deviation of a normal prior (Bayes; ridge regression
+    with a weight for each parameter), so directions that the readings do not see stay where the
+    parts' tolerances put them. Raises NotIdentifiable as `exact_fit`.
+    """
+    base = np.array(model.parameters_mm)
+    precision = np.diag(tolerance_mm**-2.0)
+    parameters = base.copy()
+    for _ in range(MOST_STEPS):
+        try:
+            design = derivatives(model.geometry, parameters, observed, model.effects)
+            fitted = model.with_parameters(parameters).readings(observed)
+        except UnreachablePosture as problem:
+            raise _no_optimum(str(problem)) from problem
+        centred = without_zeros(observed, weight, design)
+        pull = centred.T * weight
+        inverse = np.linalg.inv(pull @ centred + precision)
+        estimator = np.asarray(inverse @ pull)
+        step = estimator @ (observed.value_mm - fitted) + inverse @ precision @ (base - parameters)
+        parameters = parameters + step
+        if float(np.abs(step).max()) < SMALL_STEP_MM:
+            return Fit(parameters, design, fitted, estimator)
+    raise _no_optimum(f"no rest after {MOST_STEPS} steps")
+
+
+def _fit_with_effects(
+    model: Model, observed: Observations, free: tuple[int, ...], weight: FloatArray
+) -> NDArray[np.float64]:
+    """Free parameters ``(k,)`` through the stages, by scipy's trust region."""
     from scipy.optimize import least_squares  # 0.1 s to import: only where used
 
     index = list(free)
-    root_weight = np.sqrt(observed.averaged)
+    root_weight = np.sqrt(weight)
     base = np.array(model.parameters_mm)
 
     def parameters(values: FloatArray) -> FloatArray:
@@ -99,26 +157,18 @@ def exact_fit(model: Model, observed: Observations, free: tuple[int, ...]) -> Fi
         full[index] = values
         return full
 
-    def predicted(values: FloatArray) -> FloatArray:
-        return np.asarray(
-            simulate(model.geometry, parameters(values), observed, model.effects), dtype=np.float64
-        )
-
     def residual(values: NDArray[np.float64]) -> FloatArray:
         try:
-            left = observed.value_mm - predicted(values)
+            predicted = simulate(model.geometry, parameters(values), observed, model.effects)
         except UnreachablePosture:
             return np.full(len(observed), np.nan)  # the trust region then takes a shorter step
-        return root_weight * without_zeros(observed, left)
-
-    def design(values: NDArray[np.float64]) -> FloatArray:
-        columns = derivatives(model.geometry, parameters(values), observed, model.effects)
-        return columns[:, index]
+        return root_weight * without_zeros(observed, weight, observed.value_mm - predicted)
 
     def jacobian(values: NDArray[np.float64]) -> FloatArray:
-        return -root_weight[:, None] * without_zeros(observed, design(values))
+        columns = derivatives(model.geometry, parameters(values), observed, model.effects)
+        return -root_weight[:, None] * without_zeros(observed, weight, columns[:, index])
 
-    start = weighted_fit(model, observed, free).parameters_mm[index]
+    start = weighted_fit(model, observed, free, weight).parameters_mm[index]
     if not np.isfinite(residual(start)).all():
         start = base[index]
     try:
@@ -135,7 +185,7 @@ def exact_fit(model: Model, observed: Observations, free: tuple[int, ...]) -> Fi
         raise _no_optimum(str(problem)) from problem
     if not found.success:
         raise _no_optimum(str(found.message))
-    return Fit(parameters(found.x), design(found.x), predicted(found.x))
+    return np.asarray(found.x)
 
 
 def _no_optimum(found: str) -> NotIdentifiable:

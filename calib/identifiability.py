@@ -1,76 +1,228 @@
-"""What the readings can and cannot see of the base parameters."""
+"""What a procedure can and cannot see of a machine's parameters. Knows no machine.
+
+A machine and a procedure give a `Sensitivity`: named parameters and how every measured value,
+divided by its noise, depends on them. In units of what is unremarkable for each parameter (its
+tolerance scale) a singular value below 1 says that the data know the combination worse than one
+knew it before; above, its inverse is the standard uncertainty. No bare numerical threshold decides.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.errors import NotIdentifiable
-from calib.noise import Noise
-from calib.observations import LEG_NAMES, FloatArray
-from calib.orthoglide.geometry import PARAMETER_NAMES
-from calib.solution import Direction, Subset
+from calib.observations import FloatArray
+from calib.solution import Direction
 
-UNSEEN_MM = 5.0
-"""A direction known no better than this is not seen: no machine is assembled so badly."""
+UNSEEN = 1.0
+"""Standard uncertainty, in tolerances, from which on a combination is not seen."""
+
+WEAK = 0.1
+"""Standard uncertainty, in tolerances, from which on a combination is weak."""
 
 WEAK_RATIO = 10.0
-"""A direction is weak when it is known so many times worse than the best known one."""
+"""A combination is weak, too, when it is known so many times worse than the best known one."""
 
-RANK_TOLERANCE = 1e-7
-"""Relative singular value below which nothing is seen at all, whatever the noise."""
+BLIND = 1e-6
+"""Relative singular value below which nothing is seen, whatever the noise: ten times what
+derivatives wrong by 1e-7 can feign."""
+
+SMALL_SHARE = 0.25
+"""Parameters with a smaller share of a combination are left out of its name."""
 
 
-def refuse_unseen(
-    information: FloatArray, noise: Noise | None, free: tuple[int, ...], subset: Subset
-) -> None:
-    """Raise NotIdentifiable where some combination of the parameters is not seen.
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """How measured values depend on named parameters.
 
-    ``information`` is ``(k, k)`` for unit noise. Without a noise only exact blindness counts.
+    ``jacobian`` ``(n_values, k)``: derivatives divided by the standard deviation of each value,
+    nuisance parameters projected out; with ``noise_known`` False they have no absolute scale.
+    ``tolerance`` ``(k,)`` holds an unremarkable size of each parameter in its own unit. ``cost``
+    ``(m, k)`` are derivatives of the tool's coordinates all over the workspace.
+    ``motions`` are combinations with a name of their own, such as a turned frame.
     """
-    values, vectors = np.linalg.eigh(information)
-    singular = np.sqrt(np.clip(values, 0.0, None))
-    spread = noise.standard_deviation_mm if noise else 0.0
-    unseen = (singular <= RANK_TOLERANCE * singular[-1]) | (spread > UNSEEN_MM * singular)
-    if not unseen.any():
-        return
-    names = [PARAMETER_NAMES[k] for k in free]
-    blind = "; ".join(_short_combination(vectors[:, k], names) for k in np.flatnonzero(unseen))
-    raise NotIdentifiable(
-        f"the set '{subset}' is not determined by these readings",
-        f"{int(unseen.sum())} of {len(free)} combinations not seen: {blind}",
-        f"every combination known to better than {UNSEEN_MM:g} mm",
-        "Choose a smaller set with --subset, or measure Zero, Max and Min on all three legs.",
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    jacobian: FloatArray
+    tolerance: FloatArray
+    cost: FloatArray | None = None
+    points: int = 1
+    motions: tuple[tuple[str, FloatArray], ...] = ()
+    noise_known: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiability:
+    """The answer: which combinations are seen, weak or not seen at all.
+
+    ``singular_values`` ``(k,)`` belong to parameters in units of their tolerance. ``weak`` and
+    ``unseen`` hold combinations as short as possible; ``individually_known`` the parameters that
+    have no share in what is not seen. ``unscaled_condition`` is that of the bare Jacobian.
+    """
+
+    names: tuple[str, ...]
+    rank: int
+    row_count: int
+    singular_values: FloatArray
+    condition_number: float
+    unscaled_condition: float
+    weak: tuple[Direction, ...]
+    unseen: tuple[Direction, ...]
+    individually_known: tuple[str, ...]
+    unseen_vectors: FloatArray = field(repr=False)
+
+
+def analyse(sensitivity: Sensitivity) -> Identifiability:
+    """Singular values against noise and tolerance, and names for what they tell."""
+    count = len(sensitivity.names)
+    scaled = sensitivity.jacobian * sensitivity.tolerance
+    rows = max(count - len(scaled), 0)
+    padded = np.vstack([scaled, np.zeros((rows, count))])
+    _, singular, turned = np.linalg.svd(padded, full_matrices=False)
+    uncertainty = _uncertainties(singular, sensitivity.noise_known)
+    unseen = uncertainty > UNSEEN
+    best = float(uncertainty.min())
+    weak = ~unseen & ((uncertainty > WEAK_RATIO * best) | (uncertainty > WEAK))
+    covariance = _covariance(uncertainty, turned, sensitivity.tolerance, ~unseen)
+    lost = turned[unseen] * sensitivity.tolerance
+    seen = singular[~unseen]
+    return Identifiability(
+        names=sensitivity.names,
+        rank=int((~unseen).sum()),
+        row_count=len(scaled),
+        singular_values=singular,
+        condition_number=float(seen[0] / seen[-1]) if len(seen) else np.inf,
+        unscaled_condition=_condition(sensitivity.jacobian, int((~unseen).sum())),
+        weak=_named(turned[weak] * sensitivity.tolerance, sensitivity, covariance),
+        unseen=_named(lost, sensitivity, None),
+        individually_known=_individually_known(turned[unseen], sensitivity.names),
+        unseen_vectors=lost,
     )
 
 
-def weak_directions(covariance_mm2: FloatArray, free: tuple[int, ...]) -> tuple[Direction, ...]:
-    """Sums and differences of offset and length of one leg that are weakly known.
+def _uncertainties(singular: FloatArray, noise_known: bool) -> FloatArray:
+    """Standard uncertainty of each singular direction in tolerances; infinite where blind.
 
-    The standard uncertainty is that of the combination as written (not of unit length).
+    Without a noise only exact blindness can be told: everything else counts as known alike.
     """
-    if len(free) < len(PARAMETER_NAMES):
-        return ()
-    best = math.sqrt(max(float(np.linalg.eigvalsh(covariance_mm2)[0]), 0.0))
-    weak = []
-    for leg, name in enumerate(LEG_NAMES):
-        for sign, word in ((1.0, "+"), (-1.0, "-")):
-            combination = np.zeros(len(free))
-            combination[[leg, 3 + leg]] = 1.0, sign
-            uncertainty = math.sqrt(float(combination @ covariance_mm2 @ combination))
-            if uncertainty > WEAK_RATIO * best * math.sqrt(2.0) and uncertainty > 0.0:
-                weak.append(Direction(f"d_rho_{name} {word} d_L_{name}", uncertainty))
-    return tuple(weak)
+    blind = singular <= BLIND * singular[0]
+    if not noise_known:
+        return np.where(blind, np.inf, 0.1 * WEAK)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.where(blind, np.inf, 1.0 / singular))
 
 
-def _short_combination(vector: FloatArray, names: list[str]) -> str:
-    """The direction in words, entries below a quarter of the largest left out."""
-    largest = np.abs(vector).max()
-    scaled = vector / vector[np.argmax(np.abs(vector))]
+def _covariance(
+    uncertainty: FloatArray, turned: FloatArray, tolerance: FloatArray, seen: NDArray[np.bool_]
+) -> FloatArray:
+    """Covariance ``(k, k)`` from the seen directions."""
+    rows = turned[seen] * uncertainty[seen, None] * tolerance
+    return np.asarray(rows.T @ rows)
+
+
+def _condition(jacobian: FloatArray, rank: int) -> float:
+    singular = np.linalg.svd(jacobian, compute_uv=False)
+    return float(singular[0] / singular[rank - 1]) if rank else np.inf
+
+
+def _individually_known(unseen: FloatArray, names: Sequence[str]) -> tuple[str, ...]:
+    share = np.sqrt((unseen**2).sum(axis=0))
+    return tuple(name for name, s in zip(names, share, strict=True) if s < BLIND)
+
+
+def _named(
+    vectors: FloatArray, sensitivity: Sensitivity, covariance: FloatArray | None
+) -> tuple[Direction, ...]:
+    """Short combinations that span ``vectors`` ``(r, k)``, with uncertainty and cost."""
+    found = []
+    for combination, name in combinations(vectors, sensitivity):
+        uncertainty = math.inf
+        if covariance is not None:
+            uncertainty = math.sqrt(max(float(combination @ covariance @ combination), 0.0))
+        unit = combination / float(combination @ combination)
+        found.append(Direction(name, uncertainty, _cost(sensitivity, unit) * uncertainty))
+    return tuple(found)
+
+
+def _cost(sensitivity: Sensitivity, vector: FloatArray) -> float:
+    """R.m.s. movement of the tool over the workspace for this change of the parameters."""
+    if sensitivity.cost is None:
+        return 0.0
+    moved = sensitivity.cost @ vector
+    return float(np.sqrt((moved**2).sum() / sensitivity.points))
+
+
+def combinations(vectors: FloatArray, sensitivity: Sensitivity) -> list[tuple[FloatArray, str]]:
+    """A basis of the space of ``vectors`` ``(r, k)`` in named motions and short sums.
+
+    Motions that lie in the space come first; the rest is brought to echelon form, in which each
+    combination has a parameter of its own, and small shares are left out of the name.
+    """
+    if not len(vectors):
+        return []
+    basis = np.linalg.qr(vectors.T)[0]
+    found: list[tuple[FloatArray, str]] = []
+    for name, motion in sensitivity.motions:
+        unit = motion / np.linalg.norm(motion)
+        inside = basis @ (basis.T @ unit)
+        if np.linalg.norm(unit - inside) < BLIND and basis.shape[1]:
+            found.append((unit, name))
+            basis = _without(basis, inside)
+    return found + [(row, _sum_of(row, sensitivity.names)) for row in _echelon(basis.T)]
+
+
+def _without(basis: FloatArray, vector: FloatArray) -> FloatArray:
+    """Orthonormal basis ``(k, r - 1)`` of what is orthogonal to a vector of the space."""
+    rest = basis - np.outer(vector, vector @ basis) / float(vector @ vector)
+    left, singular, _ = np.linalg.svd(rest, full_matrices=False)
+    return np.asarray(left[:, singular > 0.5])
+
+
+def _echelon(rows: FloatArray) -> FloatArray:
+    """Reduced echelon form of ``(r, k)`` with the largest pivots, small shares cleaned away."""
+    matrix = np.array(rows)
+    used = np.zeros(matrix.shape[1], dtype=np.bool_)
+    for k in range(len(matrix)):
+        size = np.where(used, 0.0, np.abs(matrix[k:]))
+        row, pivot = divmod(int(size.argmax()), matrix.shape[1])
+        matrix[[k, k + row]] = matrix[[k + row, k]]
+        used[pivot] = True
+        matrix[k] /= matrix[k, pivot]
+        others = np.arange(len(matrix)) != k
+        matrix[others] -= np.outer(matrix[others, pivot], matrix[k])
+    return np.asarray([_clean(row) for row in matrix])
+
+
+def _clean(row: FloatArray) -> FloatArray:
+    """Shares below a quarter of the largest dropped; those near ±1 made so; first one positive."""
+    size = np.abs(row)
+    kept = np.where(size > SMALL_SHARE * size.max(), row, 0.0)
+    kept = np.where(np.abs(np.abs(kept) - 1.0) < 0.1, np.sign(kept), kept)
+    return np.asarray(kept * np.sign(kept[np.flatnonzero(kept)[0]]))
+
+
+def _sum_of(row: FloatArray, names: Sequence[str]) -> str:
     parts = [
-        f"{'+' if value > 0 else '-'} {'' if abs(value) > 0.95 else f'{abs(value):.1f} '}{name}"
-        for value, name in zip(scaled, names, strict=True)
-        if abs(value) * largest > 0.25 * largest
+        f"{'+' if value > 0 else '-'} {'' if abs(value) == 1.0 else f'{abs(value):.2f} '}{name}"
+        for value, name in zip(row, names, strict=True)
+        if value != 0.0
     ]
     return " ".join(parts).removeprefix("+ ")
+
+
+def refuse_unseen(found: Identifiability, what: str) -> None:
+    """Raise NotIdentifiable where some combination of the parameters is not seen."""
+    if found.unseen:
+        blind = "; ".join(direction.combination for direction in found.unseen)
+        raise NotIdentifiable(
+            f"the set '{what}' is not determined by these readings",
+            f"{len(found.unseen)} of {len(found.names)} combinations not seen: {blind}",
+            "every combination known better than its tolerance",
+            "Choose a smaller set with --subset, or measure Zero, Max and Min on all three legs.",
+        )

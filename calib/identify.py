@@ -11,20 +11,29 @@ Three ways, told apart by ``method`` and ``weights``:
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from calib.distributions import coverage_factor, variance_ratio_p_value
+from calib.distributions import coverage_factor
 from calib.errors import NotIdentifiable
-from calib.fit import Fit, exact_fit, papers_fit, weighted_fit
-from calib.identifiability import refuse_unseen, weak_directions
-from calib.noise import IndicatorFigures, Noise, cells, reading_noise, visits
+from calib.fit import Fit, exact_fit, papers_fit, prior_fit, weighted_fit, without_zeros
+from calib.identifiability import Identifiability, analyse, refuse_unseen
+from calib.lack_of_fit import lack_of_fit
+from calib.noise import (
+    IndicatorFigures,
+    IndicatorNoise,
+    Noise,
+    reading_noise,
+    reading_weights,
+    same_place,
+    visits,
+)
 from calib.observations import FloatArray, Observations
-from calib.orthoglide.differences import Differences, differences
+from calib.orthoglide.differences import differences
 from calib.orthoglide.geometry import PARAMETER_NAMES
 from calib.orthoglide.model import Model
-from calib.solution import SUBSETS, LackOfFit, Method, Solution, Subset, Weights
+from calib.propagation import Propagated, propagate
+from calib.sensitivity import sensitivity_of_readings
+from calib.solution import SUBSETS, Method, Solution, Subset, Weights
 
 
 def identify(
@@ -35,28 +44,34 @@ def identify(
     *,
     weights: Weights = "equal",
     indicator: IndicatorFigures | None = None,
+    tolerance_mm: FloatArray | None = None,
 ) -> Solution:
     """Identify the parameters of a subset; the others keep the model's values.
 
     ``weights`` matters for the linear method only. The indicator's figures serve as noise where
-    there are no repeats. Raises NotIdentifiable where the readings do not determine the subset.
+    there are no repeats. The subset ``with-tolerances`` needs ``tolerance_mm`` ``(6,)``, takes the
+    exact method and always determines everything; its covariance holds the tolerances too. Raises
+    NotIdentifiable where the readings do not determine the subset.
     """
     free = SUBSETS[subset]
     visited = visits(observed)
     measured = differences(model.geometry, visited)
     noise = reading_noise(visited, indicator or IndicatorFigures())
-    efficient = weighted_fit(model, visited, free)
-    refuse_unseen(efficient.information(visited), noise, free, subset)
-    if method == "exact":
-        efficient = exact_fit(model, visited, free)
-        refuse_unseen(efficient.information(visited), noise, free, subset)
-    papers = method == "linear" and weights == "equal"
+    weight = reading_weights(visited, noise)
+    efficient = _efficient_fit(model, visited, subset, method, noise, tolerance_mm)
+    held = subset == "with-tolerances"
+    papers = method == "linear" and weights == "equal" and not held
     fit = papers_fit(model, visited, free, measured) if papers else efficient
     _refuse_impossible(model, fit)
-    noise = noise or _noise_from_residuals(visited, efficient)
-    covariance = _covariance(visited, fit, measured, noise, papers=papers)
+    if noise is None:
+        noise = _noise_from_residuals(visited, efficient)
+        weight = reading_weights(visited, noise)
+    spread = propagate(fit.estimator, visited, noise)
+    if held and tolerance_mm is not None:
+        spread = spread.with_prior(visited, weight, fit.design, tolerance_mm)
     before = measured.combine @ model.readings(visited)
     predicted = measured.combine @ fit.predicted_mm
+    system = measured.combine @ fit.design
     return Solution(
         model=model.with_parameters(fit.parameters_mm),
         subset=subset,
@@ -64,11 +79,10 @@ def identify(
         weights="equal" if papers else "covariance",
         names=tuple(PARAMETER_NAMES[k] for k in free),
         values_mm=fit.parameters_mm[list(free)],
-        covariance_mm2=covariance,
-        coverage_factor=coverage_factor(noise.degrees_of_freedom),
+        covariance_mm2=spread.covariance_mm2,
+        coverage_factors=_coverage(spread),
         differences=measured,
-        difference_uncertainty_mm=noise.standard_deviation_mm
-        * measured.unit_uncertainty(visited.averaged),
+        difference_uncertainty_mm=propagate(measured.combine, visited, noise).uncertainty_mm,
         predicted_mm=predicted,
         rms_before_mm=_rms(measured.value_mm - before),
         rms_after_mm=_rms(measured.value_mm - predicted),
@@ -77,11 +91,58 @@ def identify(
         )
         - len(free),
         noise=noise,
-        lack_of_fit=_lack_of_fit(visited, efficient, noise),
-        condition_number=float(np.linalg.cond(measured.combine @ fit.design)),
-        weak_directions=weak_directions(covariance, free),
-        residual_mm=fit.left_over(visited),
+        lack_of_fit=lack_of_fit(
+            visited, visited.value_mm - efficient.predicted_mm, len(free), noise
+        ),
+        condition_number=float(np.linalg.cond(system)),
+        weak_directions=_seen(model, visited, weight, efficient, free, noise).weak,
+        residual_mm=without_zeros(visited, weight, visited.value_mm - fit.predicted_mm),
     )
+
+
+def _efficient_fit(
+    model: Model,
+    visited: Observations,
+    subset: Subset,
+    method: Method,
+    noise: Noise | None,
+    tolerance_mm: FloatArray | None,
+) -> Fit:
+    """The best estimate of its kind, refused where some combination is not seen."""
+    free, weight = SUBSETS[subset], reading_weights(visited, noise)
+    if subset == "with-tolerances":
+        if tolerance_mm is None or noise is None:
+            found = "no tolerances" if tolerance_mm is None else "no noise to weigh them with"
+            raise NotIdentifiable("the set 'with-tolerances'", found, "both of them")
+        return prior_fit(model, visited, weight, tolerance_mm)
+    linear = weighted_fit(model, visited, free, weight)
+    refuse_unseen(_seen(model, visited, weight, linear, free, noise), subset)
+    if method == "linear":
+        return linear
+    exact = exact_fit(model, visited, free, weight)
+    refuse_unseen(_seen(model, visited, weight, exact, free, noise), subset)
+    return exact
+
+
+def _seen(
+    model: Model,
+    visited: Observations,
+    weight: FloatArray,
+    fit: Fit,
+    free: tuple[int, ...],
+    noise: Noise | None,
+) -> Identifiability:
+    known = noise is not None
+    return analyse(
+        sensitivity_of_readings(
+            model.geometry, visited, weight, fit.design, free, noise_known=known
+        )
+    )
+
+
+def _coverage(spread: Propagated) -> FloatArray:
+    """Factor for 95 % of each parameter; Student's t with its own degrees of freedom."""
+    return np.array([coverage_factor(float(nu)) for nu in spread.degrees_of_freedom])
 
 
 def _refuse_impossible(model: Model, fit: Fit) -> None:
@@ -96,47 +157,22 @@ def _refuse_impossible(model: Model, fit: Fit) -> None:
         )
 
 
-def _covariance(
-    visited: Observations, fit: Fit, measured: Differences, noise: Noise, *, papers: bool
-) -> FloatArray:
-    """Covariance ``(k, k)`` in mm²: the inverse information, or equation (12) with (14)."""
-    variance = noise.standard_deviation_mm**2
-    if not papers:
-        return np.asarray(variance * np.linalg.inv(fit.information(visited)))
-    system = measured.combine @ fit.design
-    estimator = (measured.combine.T @ np.linalg.pinv(system).T).T
-    return np.asarray(variance * (estimator / visited.averaged) @ estimator.T)
-
-
 def _noise_from_residuals(visited: Observations, efficient: Fit) -> Noise:
+    """The noise that explains what the model leaves of the means of the postures."""
+    places = int(same_place(visited).max()) + 1
     remaining = len(visited) - visited.mount_count - efficient.design.shape[1]
-    if remaining <= 0:
+    if remaining <= 0 or places - visited.mount_count < efficient.design.shape[1]:
         raise NotIdentifiable(
             "noise of the readings",
             f"{len(visited)} readings without repeats, no degree of freedom left",
             "repeats, or the indicator's resolution and repeatability",
             "Import the table again with --resolution and --repeatability.",
         )
-    total = float((visited.averaged * efficient.left_over(visited) ** 2).sum())
-    return Noise(math.sqrt(total / remaining), float(remaining), "residuals")
+    left = without_zeros(visited, visited.averaged, visited.value_mm - efficient.predicted_mm)
+    variance = float((visited.averaged * left**2).sum()) / remaining
+    one = IndicatorNoise(variance, 0.0, float(remaining))
+    return Noise((one,) * visited.indicator_count, "residuals")
 
 
-def _lack_of_fit(visited: Observations, efficient: Fit, noise: Noise) -> LackOfFit | None:
-    """Mean square of the cell means about the best fit, over the noise variance.
-
-    Always from the efficient fit: the papers' estimate leaves more by construction. None where
-    nothing is free or the noise itself came from what the fit leaves.
-    """
-    grouped = cells(visited)
-    free = grouped.count - visited.mount_count - efficient.design.shape[1]
-    if noise.source == "residuals" or free <= 0:
-        return None
-    total = float((visited.averaged * efficient.left_over(visited) ** 2).sum())
-    left = max(total - grouped.pure_error_mm2, 0.0)
-    statistic = left / free / noise.standard_deviation_mm**2
-    p_value = variance_ratio_p_value(statistic, free, noise.degrees_of_freedom)
-    return LackOfFit(statistic, free, p_value)
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+def _rms(values_mm: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values_mm**2)))

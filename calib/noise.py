@@ -1,4 +1,4 @@
-"""How much a single reading scatters, and how well that is known."""
+"""How much a single reading scatters, how well that is known, and what each reading weighs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from typing import Literal
 
 import numpy as np
 
-from calib.observations import IntArray, Observations
+from calib.distributions import variance_ratio_p_value
+from calib.observations import FloatArray, IntArray, Observations
+from calib.repeats import Repeats, WildReading, wild_readings
+from calib.rounding import locked_of_shown, locked_variance
 
 NoiseSource = Literal["repeats", "instrument", "residuals"]
 
@@ -18,17 +21,96 @@ ROUNDING = 8 * float(np.finfo(np.float64).eps)
 LEAST_NOISE_MM = 1e-9
 """Less than this is arithmetic, not measurement."""
 
+POOLING_LEVEL = 0.01
+"""Chance that indicators of equal scatter are kept apart."""
+
+
+@dataclass(frozen=True)
+class IndicatorNoise:
+    """Variance (mm²) of one indicator's readings: what repeats show, and what they all share.
+
+    ``locked_mm2`` is the part of the rounding that repeats in one posture have in common
+    (`calib.rounding`). ``degrees_of_freedom`` belong to ``shown_mm2``.
+    """
+
+    shown_mm2: float
+    locked_mm2: float
+    degrees_of_freedom: float
+
+    @property
+    def variance_mm2(self) -> float:
+        """Variance of a single reading."""
+        return self.shown_mm2 + self.locked_mm2
+
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviation of one single reading (mm), its degrees of freedom and its origin.
+    """Noise of single readings: one entry of ``indicators`` for each indicator.
 
-    Degrees of freedom are infinite for a stated instrument: taken as known (GUM 4.3, type B).
+    They are all the same where ``pooled``. ``wild`` are readings that do not fit their own repeats;
+    they are counted nevertheless. Degrees of freedom are infinite for a stated instrument: taken
+    as known (GUM 4.3, type B).
     """
 
-    standard_deviation_mm: float
-    degrees_of_freedom: float
+    indicators: tuple[IndicatorNoise, ...]
     source: NoiseSource
+    pooled: bool = True
+    wild: tuple[WildReading, ...] = ()
+
+    @property
+    def standard_deviation_mm(self) -> float:
+        """Standard deviation of a single reading, mean square over the indicators, mm."""
+        return math.sqrt(sum(one.variance_mm2 for one in self.indicators) / len(self.indicators))
+
+    @property
+    def degrees_of_freedom(self) -> float:
+        """Degrees of freedom of that standard deviation (Welch and Satterthwaite, GUM G.4.1)."""
+        used = self.indicators[:1] if self.pooled else self.indicators
+        total = sum(one.variance_mm2 for one in used)
+        spread = sum(one.shown_mm2**2 / one.degrees_of_freedom for one in used)
+        return total**2 / spread if spread > 0.0 else math.inf
+
+    def shown_mm2(self, observed: Observations) -> FloatArray:
+        """Variance of each value ``(n_readings,)`` that repeats reduce, mm²."""
+        shown = np.array([one.shown_mm2 for one in self.indicators])
+        return np.asarray(shown[observed.indicator] / observed.averaged)
+
+    def locked_mm2(self, observed: Observations) -> FloatArray:
+        """Variance that each value ``(n_readings,)`` shares with its repeats, mm²."""
+        locked = np.array([one.locked_mm2 for one in self.indicators])
+        return np.asarray(locked[observed.indicator])
+
+    def scaled(self, factor: float) -> Noise:
+        """The same noise with every variance times ``factor``."""
+        return replace(
+            self,
+            indicators=tuple(
+                replace(one, shown_mm2=one.shown_mm2 * factor, locked_mm2=one.locked_mm2 * factor)
+                for one in self.indicators
+            ),
+        )
+
+
+def reading_weights(observed: Observations, noise: Noise | None) -> FloatArray:
+    """Weight of each value ``(n_readings,)`` in 1/mm² such that those of a posture add up right.
+
+    Values of one mounting in one posture have together the weight of their mean, 1/(shown/n +
+    locked). Without a noise the number of averaged readings serves.
+    """
+    if noise is None:
+        return observed.averaged
+    place = same_place(observed)
+    together = np.bincount(place, observed.averaged)[place]
+    shown = np.array([one.shown_mm2 for one in noise.indicators])[observed.indicator]
+    return np.asarray(
+        observed.averaged / together / (shown / together + noise.locked_mm2(observed))
+    )
+
+
+def same_place(observed: Observations) -> IntArray:
+    """Numbers ``(n_readings,)`` of the groups of one mounting in one posture."""
+    keys = np.stack([observed.mount.astype(np.float64), observed.displacement_mm])
+    return np.unique(keys, axis=1, return_inverse=True)[1].ravel().astype(np.intp)
 
 
 @dataclass(frozen=True)
@@ -43,31 +125,29 @@ class IndicatorFigures:
     repeatability_mm: float | None = None
     step_mm: float | None = None
 
-    def noise(self) -> Noise | None:
-        """Noise of a single reading from resolution and repeatability, None where not stated.
+    def noise(self, indicator_count: int = 1) -> Noise | None:
+        """Noise from resolution and repeatability, None where neither is stated.
 
-        Rounding to a step r adds a standard deviation of ``r / sqrt(12)`` (GUM F.2.2.1).
+        Rounding to a step r adds a variance of ``r² / 12`` (GUM F.2.2.1).
         """
-        if not self.resolution_mm and not self.repeatability_mm:
+        scatter, step = self.repeatability_mm or 0.0, self.resolution_mm or 0.0
+        locked = float(locked_variance(np.array([scatter]), step)[0])
+        shown = scatter**2 + step**2 / 12.0 - locked
+        if shown + locked <= LEAST_NOISE_MM**2:
             return None
-        rounding = (self.resolution_mm or 0.0) / math.sqrt(12.0)
-        total = math.hypot(self.repeatability_mm or 0.0, rounding)
-        return Noise(total, math.inf, "instrument") if total > LEAST_NOISE_MM else None
+        one = IndicatorNoise(max(shown, 0.0), locked, math.inf)
+        return Noise((one,) * indicator_count, "instrument")
 
 
 @dataclass(frozen=True, eq=False)
 class Cells:
     """Readings of one mounting in one posture, approached from one side, form a cell.
 
-    All readings of a cell should be equal. ``index`` ``(n_readings,)`` numbers the cells;
-    ``pure_error_mm2`` is the weighted sum of squares within all of them, with
-    ``degrees_of_freedom`` free values.
+    ``index`` ``(n_readings,)`` numbers the ``count`` cells.
     """
 
     index: IntArray
     count: int
-    pure_error_mm2: float
-    degrees_of_freedom: int
 
 
 def cells(observed: Observations) -> Cells:
@@ -76,10 +156,7 @@ def cells(observed: Observations) -> Cells:
         [observed.mount.astype(np.float64), observed.displacement_mm, observed.approach]
     )
     index = np.unique(keys, axis=1, return_inverse=True)[1].ravel().astype(np.intp)
-    weight = np.bincount(index, observed.averaged)
-    mean = np.bincount(index, observed.averaged * observed.value_mm) / weight
-    scatter = observed.averaged * (observed.value_mm - mean[index]) ** 2
-    return Cells(index, len(mean), float(scatter.sum()), len(observed) - len(mean))
+    return Cells(index, int(index.max()) + 1 if len(index) else 0)
 
 
 def visits(observed: Observations) -> Observations:
@@ -110,19 +187,62 @@ def visits(observed: Observations) -> Observations:
 
 
 def reading_noise(visited: Observations, indicator: IndicatorFigures) -> Noise | None:
-    """Noise from repeats where there are any, else from the stated instrument, else None.
+    """Noise from repeats where they tell something, else from the stated instrument, else None.
 
-    Repeats pool the scatter within cells of `visits`. Repeats that agree better than the indicator
-    can show say nothing; then its resolution rules.
+    The scatter of repeats is taken for each indicator, drift removed, and pooled unless one
+    scatters more than chance allows. Repeats that all agree say nothing: then the resolution
+    rules, stated or seen in the text of the readings.
     """
-    grouped = cells(visited)
-    if grouped.degrees_of_freedom == 0:
-        return indicator.noise()
-    scatter = math.sqrt(grouped.pure_error_mm2 / grouped.degrees_of_freedom)
+    repeats = Repeats.of(visited)
+    free = repeats.degrees_of_freedom
     step = max(indicator.resolution_mm or 0.0, indicator.step_mm or 0.0)
-    rounding = ROUNDING * float(np.abs(visited.value_mm).max())
-    if scatter > max(step / math.sqrt(12.0), rounding):
-        return Noise(scatter, float(grouped.degrees_of_freedom), "repeats")
-    if indicator.noise() is None and step > 0.0:
-        return IndicatorFigures(resolution_mm=step).noise()
-    return indicator.noise()
+    squares = repeats.sums_of_squares(visited.value_mm[:, None])[:, 0]
+    arithmetic = (ROUNDING * float(np.abs(visited.value_mm).max())) ** 2
+    if free.sum() <= 0.0 or float(squares.sum()) <= arithmetic * free.sum():
+        return _stated(indicator, step if free.sum() > 0.0 else 0.0, visited.indicator_count)
+    pooled = _may_be_pooled(squares, free, step)
+    ones = _noise_of_indicators(squares, free, step, pooled=pooled)
+    shown, locked = sum(one.shown_mm2 for one in ones), sum(one.locked_mm2 for one in ones)
+    floor = step**2 / 12.0
+    wild = wild_readings(repeats, floor)
+    return Noise(ones, "repeats" if shown >= locked else "instrument", pooled, wild)
+
+
+def _stated(indicator: IndicatorFigures, seen_mm: float, indicator_count: int) -> Noise | None:
+    """The stated noise; where nothing is stated, that of the step seen in the readings."""
+    return indicator.noise(indicator_count) or IndicatorFigures(resolution_mm=seen_mm).noise(
+        indicator_count
+    )
+
+
+def _noise_of_indicators(
+    squares: FloatArray, free: FloatArray, step: float, *, pooled: bool
+) -> tuple[IndicatorNoise, ...]:
+    """Variances of each indicator; one without repeats of its own gets the pooled ones."""
+    everybody = _split(float(squares.sum()), float(free.sum()), step)
+    return tuple(
+        everybody if pooled or not nu > 0.0 else _split(float(square), float(nu), step)
+        for square, nu in zip(squares, free, strict=True)
+    )
+
+
+def _split(square_sum: float, degrees_of_freedom: float, step: float) -> IndicatorNoise:
+    shown = square_sum / degrees_of_freedom
+    locked = float(locked_of_shown(np.array([shown]), step, degrees_of_freedom)[0])
+    return IndicatorNoise(shown, locked, degrees_of_freedom)
+
+
+def _may_be_pooled(squares: FloatArray, free: FloatArray, step: float) -> bool:
+    """Whether no indicator scatters more than the others by more than chance (variance ratio)."""
+    judged = np.flatnonzero(free > 0.0)
+    for k in judged:
+        rest = judged[judged != k]
+        if not len(rest):
+            break
+        own = _split(float(squares[k]), float(free[k]), step).variance_mm2
+        others = _split(float(squares[rest].sum()), float(free[rest].sum()), step).variance_mm2
+        ratio = own / others if others > 0.0 else math.inf
+        chance = variance_ratio_p_value(ratio, float(free[k]), float(free[rest].sum()))
+        if chance * len(judged) < POOLING_LEVEL:
+            return False
+    return True

@@ -23,8 +23,9 @@ class Conditions:
     of the tool from Zero along the leg's axis. ``station`` is the touched point at Zero as a
     fraction of the leg's length from the tool end. ``approach`` is +1 or -1 for the sign of the
     last movement of the carriage and 0 where it is not known. ``mount`` numbers the mountings from
-    0 without gaps; readings of one mounting share one unknown zero. ``time_s`` and
-    ``temperature_c`` hold NaN where they were not measured.
+    0 without gaps; readings of one mounting share one unknown zero. ``indicator`` numbers the
+    indicators, which may scatter differently. ``time_s`` and ``temperature_c`` hold NaN where they
+    were not measured.
     """
 
     leg: IntArray
@@ -36,21 +37,28 @@ class Conditions:
     time_s: FloatArray
     temperature_c: FloatArray
     mount: IntArray
+    indicator: IntArray
 
     def __len__(self) -> int:
         return len(self.leg)
 
     def take(self, rows: NDArray[Any] | Sequence[int]) -> Self:
-        """The same kind of object with only these rows (indices or a mask); mounts renumbered."""
+        """The same kind of object with only these rows (indices or a mask), numbered anew."""
         picked = np.asarray(rows)
         arrays = {f.name: getattr(self, f.name)[picked] for f in fields(self)}
-        arrays["mount"] = np.unique(arrays["mount"], return_inverse=True)[1].ravel()
+        for numbered in ("mount", "indicator"):
+            arrays[numbered] = np.unique(arrays[numbered], return_inverse=True)[1].ravel()
         return replace(self, **arrays)
 
     @property
     def mount_count(self) -> int:
         """Number of mountings, each with a zero of its own."""
         return int(self.mount.max()) + 1 if len(self) else 0
+
+    @property
+    def indicator_count(self) -> int:
+        """Number of indicators."""
+        return int(self.indicator.max()) + 1 if len(self) else 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +101,7 @@ def conditions(
         time_s=np.zeros(n),
         temperature_c=np.full(n, np.nan),
         mount=np.asarray(mounts, dtype=np.intp),
+        indicator=np.zeros(n, dtype=np.intp),
     )
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from calib.noise import Noise
 from calib.observations import FloatArray
 from calib.orthoglide.differences import Differences
 from calib.orthoglide.model import Model
 
-Subset = Literal["joint-offsets", "leg-lengths", "both"]
+Subset = Literal["joint-offsets", "leg-lengths", "both", "with-tolerances"]
 Method = Literal["linear", "exact"]
 Weights = Literal["equal", "covariance"]
 
@@ -18,6 +20,7 @@ SUBSETS: dict[Subset, tuple[int, ...]] = {
     "joint-offsets": (0, 1, 2),
     "leg-lengths": (3, 4, 5),
     "both": (0, 1, 2, 3, 4, 5),
+    "with-tolerances": (0, 1, 2, 3, 4, 5),
 }
 
 
@@ -32,18 +35,23 @@ class LackOfFit:
 
 @dataclass(frozen=True)
 class Direction:
-    """A combination of parameters and its standard uncertainty in mm."""
+    """A combination of parameters, its standard uncertainty, and what that does at the tool.
+
+    In mm; infinite where the combination is not seen. Both belong to the combination as written.
+    """
 
     combination: str
     standard_uncertainty_mm: float
+    tool_mm: float
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
     """Identified parameters of one subset with everything needed to trust them or not.
 
-    ``names`` and ``values_mm`` have k entries, ``covariance_mm2`` is ``(k, k)``. ``predicted_mm``
-    and ``difference_uncertainty_mm`` belong to ``differences``, ``(n_differences,)`` each.
+    ``names``, ``values_mm`` and ``coverage_factors`` (95 %) have k entries, ``covariance_mm2`` is
+    ``(k, k)``. ``predicted_mm`` and ``difference_uncertainty_mm`` belong to ``differences``,
+    ``(n_differences,)`` each.
     Uncertainties carry the noise of the readings; they do not carry what the model leaves out.
     """
 
@@ -54,7 +62,7 @@ class Solution:
     names: tuple[str, ...]
     values_mm: FloatArray
     covariance_mm2: FloatArray
-    coverage_factor: float
+    coverage_factors: FloatArray
     differences: Differences
     difference_uncertainty_mm: FloatArray
     predicted_mm: FloatArray
@@ -66,3 +74,18 @@ class Solution:
     condition_number: float
     weak_directions: tuple[Direction, ...]
     residual_mm: FloatArray
+
+    @property
+    def coverage_factor(self) -> float:
+        """The largest of the coverage factors."""
+        return float(self.coverage_factors.max())
+
+    @property
+    def uncertainty_mm(self) -> FloatArray:
+        """Standard uncertainties ``(k,)``, mm."""
+        return np.sqrt(self.covariance_mm2.diagonal())
+
+    @property
+    def expanded_mm(self) -> FloatArray:
+        """Expanded uncertainties for 95 % ``(k,)``, mm."""
+        return self.coverage_factors * self.uncertainty_mm

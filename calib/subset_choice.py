@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.accuracy import ToolError, tool_error
 from calib.errors import NotIdentifiable
 from calib.identify import identify
 from calib.noise import IndicatorFigures
 from calib.observations import FloatArray, Observations
-from calib.orthoglide.geometry import Geometry
-from calib.orthoglide.kinematics import inverse, tool_jacobians
+from calib.orthoglide.geometry import PARAMETER_NAMES, Geometry
 from calib.orthoglide.model import Model
+from calib.orthoglide.workspace import workspace_jacobian
 from calib.solution import SUBSETS, Method, Solution, Subset, Weights
 
 CLEARLY_BETTER = 0.9
@@ -24,8 +25,10 @@ CLEARLY_BETTER = 0.9
 class SubsetChoice:
     """The recommended subset, why, and the solution of every subset that the data determine.
 
-    ``tool_error_mm`` is the expected r.m.s. error of the tool over the workspace for each;
-    ``refused`` holds the reason for every subset that the data do not determine.
+    ``tool_error_mm`` is the expected r.m.s. error of the tool over the workspace for each, and for
+    ``with-tolerances`` where the tolerances of the parts are stated; ``before`` and ``after`` are
+    the tool's error without and with the recommended values. ``refused`` holds the reason for
+    every subset that the data do not determine.
     """
 
     recommended: Subset
@@ -33,6 +36,8 @@ class SubsetChoice:
     solutions: dict[Subset, Solution]
     tool_error_mm: dict[Subset, float]
     refused: dict[Subset, NotIdentifiable]
+    before: ToolError
+    after: ToolError
 
 
 def choose_subset(
@@ -42,6 +47,7 @@ def choose_subset(
     *,
     weights: Weights = "equal",
     indicator: IndicatorFigures | None = None,
+    tolerance_mm: FloatArray | None = None,
 ) -> SubsetChoice:
     """Identify all subsets and compare variance plus squared bias at the tool.
 
@@ -52,52 +58,88 @@ def choose_subset(
     """
     solutions: dict[Subset, Solution] = {}
     refused: dict[Subset, NotIdentifiable] = {}
-    for subset in SUBSETS:
+    wanted = [s for s in SUBSETS if s != "with-tolerances" or tolerance_mm is not None]
+    for subset in wanted:
         try:
             solutions[subset] = identify(
-                model, observed, subset, method, weights=weights, indicator=indicator
+                model,
+                observed,
+                subset,
+                method,
+                weights=weights,
+                indicator=indicator,
+                tolerance_mm=tolerance_mm,
             )
         except NotIdentifiable as problem:
             refused[subset] = problem
     if not solutions:
         raise refused["joint-offsets"]
-    errors = {subset: _tool_error(solutions, subset) for subset in solutions}
+    errors = {subset: _expected(solutions, subset) for subset in solutions}
     best = min(errors, key=lambda subset: errors[subset])
     if errors[best] > CLEARLY_BETTER * errors.get("joint-offsets", math.inf):
         best = "joint-offsets"
-    return SubsetChoice(best, _reasons(best, errors, refused), solutions, errors, refused)
+    return SubsetChoice(
+        best,
+        _reasons(best, errors, refused),
+        solutions,
+        errors,
+        refused,
+        error_before(solutions[best], model),
+        error_after(solutions[best]),
+    )
 
 
-def _tool_error(solutions: dict[Subset, Solution], subset: Subset) -> float:
-    """Expected r.m.s. tool error of a subset over the workspace, mm."""
-    solution, full = solutions[subset], solutions.get("both")
-    spread = _spread(full or solution)
-    jacobian = workspace_jacobian(solution.model.geometry)
-    columns = list(SUBSETS[subset])
-    variance = _mean_square(jacobian[:, :, columns], spread * solution.covariance_mm2)
-    if full is None or subset == "both":
-        return float(np.sqrt(variance))
-    shift = np.array(full.model.parameters_mm) - np.array(solution.model.parameters_mm)
-    moved = float(((jacobian @ shift) ** 2).sum(axis=1).mean())
-    chance = _mean_square(jacobian, spread * full.covariance_mm2) - variance
-    return float(np.sqrt(variance + max(moved - max(chance, 0.0), 0.0)))
+def error_before(solution: Solution, model: Model) -> ToolError:
+    """The tool's error with the values that the controller holds, as far as this solution tells."""
+    shift = np.array(solution.model.parameters_mm) - np.array(model.parameters_mm)
+    return _tool_error(solution, shift, fitted=False)
 
 
-def _spread(solution: Solution) -> float:
+def error_after(solution: Solution) -> ToolError:
+    """The tool's error once the values of this solution are entered: what noise alone leaves."""
+    return _tool_error(solution, np.zeros(len(PARAMETER_NAMES)), fitted=True)
+
+
+def _tool_error(solution: Solution, shift: FloatArray, *, fitted: bool) -> ToolError:
+    """Before, the shift itself is known with the covariance and the tool is off by the shift."""
+    covariance = spread(solution) * full_covariance(solution)
+    found = tool_error(solution.model.geometry, shift, covariance)
+    if fitted:
+        return found
+    exact = tool_error(solution.model.geometry, shift, np.zeros_like(covariance))
+    return ToolError(exact.rms_mm, found.standard_uncertainty_mm, exact.worst_mm)
+
+
+def full_covariance(solution: Solution) -> FloatArray:
+    """Covariance ``(6, 6)`` in mm² with zeros for parameters that were not identified."""
+    index = list(SUBSETS[solution.subset])
+    covariance = np.zeros((len(PARAMETER_NAMES),) * 2)
+    covariance[np.ix_(index, index)] = solution.covariance_mm2
+    return covariance
+
+
+def spread(solution: Solution) -> float:
     """Factor on the covariance where the model leaves more than the noise."""
     return max(1.0, solution.lack_of_fit.statistic) if solution.lack_of_fit else 1.0
 
 
-def _mean_square(jacobian: FloatArray, covariance_mm2: FloatArray) -> float:
+def _expected(solutions: dict[Subset, Solution], subset: Subset) -> float:
+    """Expected r.m.s. tool error of a subset over the workspace, mm."""
+    solution, full = solutions[subset], solutions.get("both")
+    factor = spread(full) if full else max(spread(one) for one in solutions.values())
+    geometry = solution.model.geometry
+    variance = _mean_square(geometry, factor * full_covariance(solution))
+    if full is None or subset in ("both", "with-tolerances"):
+        return math.sqrt(variance)
+    shift = np.array(full.model.parameters_mm) - np.array(solution.model.parameters_mm)
+    moved = float(((workspace_jacobian(geometry) @ shift) ** 2).sum(axis=1).mean())
+    chance = _mean_square(geometry, factor * full.covariance_mm2) - variance
+    return math.sqrt(variance + max(moved - max(chance, 0.0), 0.0))
+
+
+def _mean_square(geometry: Geometry, covariance_mm2: FloatArray) -> float:
+    jacobian = workspace_jacobian(geometry)
     return float(np.einsum("pij,jk,pik->p", jacobian, covariance_mm2, jacobian).mean())
-
-
-def workspace_jacobian(geometry: Geometry, points_per_axis: int = 5) -> FloatArray:
-    """Tool derivatives ``(n_points, 3, 6)`` on a grid over the cube of the joint limits."""
-    axis = np.linspace(geometry.travel_min_mm, geometry.travel_max_mm, points_per_axis)
-    tool = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
-    length = geometry.leg_length_mm
-    return np.concatenate(tool_jacobians(tool, inverse(tool, length), length), axis=2)
 
 
 def _reasons(

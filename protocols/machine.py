@@ -40,6 +40,8 @@ class Machine(Document):
 
     ``home_offset_mm`` are the controller's present HOME_OFFSET values, needed to write new ones;
     ``entered_offsets_mm`` are joint offsets already entered when the session is measured;
+    ``offset_tolerance_mm`` and ``length_tolerance_mm`` are standard deviations of how far joint
+    offsets and leg lengths of such machines are off, before anything is measured;
     ``mdi`` tells whether its controller is given tool or joint coordinates by hand; ``indicator``
     are the indicators that are used with it.
     """
@@ -53,6 +55,8 @@ class Machine(Document):
     tool_radius_mm: Length = 31.0
     home_offset_mm: Triple | None = None
     entered_offsets_mm: Triple = (0.0, 0.0, 0.0)
+    offset_tolerance_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 2.0
+    length_tolerance_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 0.1
     mdi: Literal["tool", "joint"] = "tool"
     indicator: tuple[Instrument, ...] = ()
 
@@ -63,6 +67,10 @@ class Machine(Document):
         except CalibrationError as problem:
             raise ValueError(str(problem)) from problem
         return self
+
+    def tolerances_mm(self) -> tuple[float, ...]:
+        """Tolerance of each base parameter, in their order."""
+        return (self.offset_tolerance_mm,) * 3 + (self.length_tolerance_mm,) * 3
 
     def geometry(self) -> Geometry:
         """The nominal geometry for the mathematics."""

@@ -23,14 +23,17 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
     """
     _check_same_machine(sessions)
     rows: list[tuple[str, Reading, float]] = []
+    indicators: list[str] = []
     for number, session in enumerate(sessions):
         rows += [
             (f"{number}/{reading.mount}", reading, approach)
             for reading, approach in zip(session.readings, _approaches(session), strict=True)
         ]
+        indicators += [f"{number}/{name}" for name in _indicators(session)]
     if not rows:
         raise NotIdentifiable("readings", "none", "a session with readings in two postures")
     mounts = {name: k for k, name in enumerate(dict.fromkeys(name for name, _, _ in rows))}
+    used = {name: k for k, name in enumerate(dict.fromkeys(indicators))}
     readings = [reading for _, reading, _ in rows]
     return Observations(
         leg=np.array([leg_number(r.leg) for r in readings], dtype=np.intp),
@@ -44,9 +47,21 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
             [np.nan if r.temperature_c is None else r.temperature_c for r in readings]
         ),
         mount=np.array([mounts[name] for name, _, _ in rows], dtype=np.intp),
+        indicator=np.array([used[name] for name in indicators], dtype=np.intp),
         value_mm=np.array([r.value_mm for r in readings]),
         averaged=np.array([float(r.averaged) for r in readings]),
     )
+
+
+def _indicators(session: Session) -> list[str]:
+    """Which indicator took each reading that counts: by its place in the step.
+
+    A table does not tell; there each mounting counts as an indicator of its own.
+    """
+    axes = {step.number: step.axes for step in session.steps()}
+    return [
+        str(axes[r.step].index(r.axis)) if r.step in axes else r.mount for r in session.readings
+    ]
 
 
 def _approaches(session: Session) -> list[float]:

@@ -18,6 +18,7 @@ class SubsetName(StrEnum):
     JOINT_OFFSETS = "joint-offsets"
     LEG_LENGTHS = "leg-lengths"
     BOTH = "both"
+    WITH_TOLERANCES = "with-tolerances"
 
 
 class MethodName(StrEnum):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.documents import standard_uncertainties
 from app.solving import Solved, solve_files
 from calib.orthoglide.geometry import PARAMETER_NAMES
 from calib.solution import Method, Subset
@@ -47,7 +46,7 @@ def offsets_from_solved(solved: Solved) -> Offsets:
     """Offsets of a solution."""
     solution = solved.solution
     machine = solved.sessions[0].opened.machine
-    uncertainty = standard_uncertainties(solution)
+    uncertainty = solution.uncertainty_mm
     remarks = []
     if solution.subset != solved.choice.recommended:
         remarks.append(

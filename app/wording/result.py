@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from rich.table import Table
 
-from app.documents import standard_uncertainties
 from app.solving import Solved
 from app.wording.tables import new_table, signed, table_text, wrapped
 from calib.noise import LEAST_NOISE_MM
@@ -16,6 +16,7 @@ SUBSET_WORDS: dict[Subset, str] = {
     "joint-offsets": "joint offsets",
     "leg-lengths": "leg lengths",
     "both": "joint offsets and leg lengths",
+    "with-tolerances": "both, held by the tolerances of the parts",
 }
 LACK_OF_FIT_LEVEL = 0.01
 
@@ -35,7 +36,14 @@ def solution_text(solved: Solved) -> str:
         wrapped(noise_words(solution)),
     ]
     remarks = [remark for session in solved.sessions for remark in session.opened.remarks]
+    remarks += [skipped_words(s.skipped) for s in solved.sessions if s.skipped]
     return "\n\n".join([*parts, *(wrapped(f"Remark: {remark}") for remark in remarks)])
+
+
+def skipped_words(skipped: Mapping[int, str]) -> str:
+    """How many steps were left out, and why."""
+    reasons = "; ".join(dict.fromkeys(skipped.values()))
+    return f"{len(skipped)} step{'s' if len(skipped) > 1 else ''} left out: {reasons}"
 
 
 def method_words(solution: Solution) -> str:
@@ -49,7 +57,7 @@ def method_words(solution: Solution) -> str:
 
 def verdict(solution: Solution) -> str:
     """The first lines of a result."""
-    expanded = float(standard_uncertainties(solution).max()) * solution.coverage_factor
+    expanded = float(solution.expanded_mm.max())
     return (
         f"{SUBSET_WORDS[solution.subset].capitalize()} known to ±{expanded:.3f} mm "
         "(95 %, reading noise only).\n"
@@ -83,9 +91,8 @@ def warnings(solved: Solved) -> list[str]:
 def parameter_table(solution: Solution) -> Table:
     """Identified values with their uncertainties."""
     table = new_table("parameter", "value, mm", "± U (95 %), mm", "u, mm")
-    uncertainty = standard_uncertainties(solution)
-    for name, value, u in zip(solution.names, solution.values_mm, uncertainty, strict=True):
-        expanded = u * solution.coverage_factor
+    rows = (solution.names, solution.values_mm, solution.expanded_mm, solution.uncertainty_mm)
+    for name, value, expanded, u in zip(*rows, strict=True):
         table.add_row(name, signed(value, 4), f"{expanded:.4f}", f"{u:.4f}")
     return table
 

@@ -9,6 +9,9 @@ from calib.errors import CalibrationError
 PARAMETER_NAMES = ("d_rho_x", "d_rho_y", "d_rho_z", "d_L_x", "d_L_y", "d_L_z")
 """The base parameters: joint offsets, then leg length errors; both in mm."""
 
+TOLERANCE_MM = 5.0
+"""No machine is put together so badly: an error of this size would be seen without measuring."""
+
 
 @dataclass(frozen=True)
 class Geometry:

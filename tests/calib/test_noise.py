@@ -11,6 +11,7 @@ import pytest
 from calib.distributions import coverage_factor, variance_ratio_p_value
 from calib.noise import IndicatorFigures, cells, reading_noise, visits
 from calib.observations import observe
+from calib.repeats import Repeats
 from calib.simulation import round_to
 from tests.builders import observed, postures
 
@@ -50,9 +51,9 @@ def test_nothing_known() -> None:
 
 
 def test_cells_pool_what_ought_to_be_equal() -> None:
-    grouped = cells(observed(TRUTH, postures(repeats=3), scatter_mm=0.01))
-    assert grouped.count == 18
-    assert grouped.degrees_of_freedom == 36
+    data = observed(TRUTH, postures(repeats=3), scatter_mm=0.01)
+    assert cells(data).count == 18
+    assert Repeats.of(data).degrees_of_freedom.tolist() == [36.0]
 
 
 def test_the_two_directions_of_approach_are_different_cells() -> None:

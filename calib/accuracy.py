@@ -1,0 +1,95 @@
+"""How well the tool stands over the workspace, before and after, and how sure that is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from calib.observations import FloatArray
+from calib.orthoglide.geometry import Geometry
+from calib.orthoglide.workspace import tool_jacobian_at, workspace_jacobian
+
+Decision = Literal["pass", "fail", "undecided"]
+
+
+@dataclass(frozen=True)
+class ToolError:
+    """R.m.s. distance of the tool from where it should be, over the workspace, and its uncertainty.
+
+    ``standard_uncertainty_mm`` is that of ``rms_mm``; ``worst_mm`` is the largest r.m.s. distance
+    at any place.
+    """
+
+    rms_mm: float
+    standard_uncertainty_mm: float
+    worst_mm: float
+
+
+def tool_error(geometry: Geometry, error_mm: FloatArray, covariance_mm2: FloatArray) -> ToolError:
+    """Expected tool error for parameters off by ``error_mm`` ``(6,)`` with this covariance.
+
+    First order: the tool moves by ``J (error + noise)``; the mean square over places is
+    ``mean |J error|^2 + mean trace(J C J^T)``. Its own variance is that of a quadratic form of
+    normal errors, ``2 trace(M C M C) + 4 e^T M C M e`` with ``M = mean J^T J``.
+    """
+    jacobian = workspace_jacobian(geometry)
+    places = _mean_squares(jacobian, error_mm, covariance_mm2)
+    metric = np.einsum("pij,pik->jk", jacobian, jacobian) / len(jacobian)
+    mean = float(places.mean())
+    moved = metric @ covariance_mm2
+    variance = 2.0 * float(np.trace(moved @ moved))
+    variance += 4.0 * float(error_mm @ moved @ metric @ error_mm)
+    rms = math.sqrt(mean)
+    return ToolError(
+        rms_mm=rms,
+        standard_uncertainty_mm=math.sqrt(variance) / (2.0 * rms) if rms else 0.0,
+        worst_mm=math.sqrt(float(places.max())),
+    )
+
+
+def _mean_squares(
+    jacobian: FloatArray, error_mm: FloatArray, covariance_mm2: FloatArray
+) -> FloatArray:
+    """Expected square of the distance at each place ``(n_points,)``, mm²."""
+    moved = ((jacobian @ error_mm) ** 2).sum(axis=1)
+    spread = np.einsum("pij,jk,pik->p", jacobian, covariance_mm2, jacobian)
+    return np.asarray(moved + spread)
+
+
+@dataclass(frozen=True, eq=False)
+class ToolMap:
+    """Expected tool error ``(n, n)`` on a plane through Zero, over two coordinates ``(n,)``, mm."""
+
+    across: str
+    up: str
+    coordinate_mm: FloatArray
+    error_mm: FloatArray
+
+
+def tool_map(
+    geometry: Geometry,
+    error_mm: FloatArray,
+    covariance_mm2: FloatArray,
+    plane: tuple[int, int] = (0, 1),
+    points: int = 17,
+) -> ToolMap:
+    """Where in a plane the tool stands worse: r.m.s. distance at each place."""
+    axis = np.linspace(geometry.travel_min_mm, geometry.travel_max_mm, points)
+    tool = np.zeros((points, points, 3))
+    tool[:, :, plane[0]] = axis[None, :]
+    tool[:, :, plane[1]] = axis[:, None]
+    jacobian = tool_jacobian_at(geometry, tool.reshape(-1, 3))
+    square = _mean_squares(jacobian, error_mm, covariance_mm2)
+    names = "xyz"
+    return ToolMap(names[plane[0]], names[plane[1]], axis, np.sqrt(square).reshape(points, points))
+
+
+def decide(found: ToolError, tolerance_mm: float, coverage_factor: float) -> Decision:
+    """Pass or fail with a guard band of the expanded uncertainty on either side (ISO 14253-1)."""
+    guard_mm = coverage_factor * found.standard_uncertainty_mm
+    if found.rms_mm + guard_mm <= tolerance_mm:
+        return "pass"
+    return "fail" if found.rms_mm - guard_mm > tolerance_mm else "undecided"

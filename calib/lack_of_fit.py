@@ -1,0 +1,35 @@
+"""Does the model explain the means of the postures within the noise of the repeats?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.distributions import variance_ratio_p_value
+from calib.noise import Noise, cells
+from calib.observations import FloatArray, Observations
+from calib.solution import LackOfFit
+
+
+def lack_of_fit(
+    visited: Observations, left_mm: FloatArray, parameter_count: int, noise: Noise
+) -> LackOfFit | None:
+    """Mean square of what the best fit leaves of the cell means, over their noise variance.
+
+    ``left_mm`` ``(n_readings,)`` is measured minus predicted, zeros not yet taken out. None where
+    nothing is free or the noise itself came from what the fit leaves.
+    """
+    grouped = cells(visited)
+    free = grouped.count - visited.mount_count - parameter_count
+    if noise.source == "residuals" or free <= 0:
+        return None
+    together = np.bincount(grouped.index, visited.averaged)
+    mean = np.bincount(grouped.index, visited.averaged * left_mm) / together
+    first = np.unique(grouped.index, return_index=True)[1]
+    mount, indicator = visited.mount[first], visited.indicator[first]
+    shown = np.array([one.shown_mm2 for one in noise.indicators])[indicator]
+    locked = np.array([one.locked_mm2 for one in noise.indicators])[indicator]
+    weight = 1.0 / (shown / together + locked)
+    zero = np.bincount(mount, weight * mean) / np.bincount(mount, weight)
+    statistic = float((weight * (mean - zero[mount]) ** 2).sum()) / free
+    p_value = variance_ratio_p_value(statistic, free, noise.degrees_of_freedom)
+    return LackOfFit(statistic, free, p_value)

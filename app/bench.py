@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import time
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.observations import conditions
+from calib.observations import Conditions, conditions
 from calib.orthoglide.geometry import Geometry
 from calib.orthoglide.model import Model
+from calib.orthoglide.pipeline import Effect
 from calib.simulation import ZERO_SPREAD_MM
 from drivers.profile import Profile
 from drivers.rig import SimulatedRig
@@ -23,11 +25,17 @@ LENGTH_SPREAD_MM = 0.03
 
 @dataclass(frozen=True)
 class BenchSettings:
-    """How the simulated indicators behave; ``scatter_mm`` is that of a re-approach."""
+    """How the simulated bench behaves; ``scatter_mm`` is that of a re-approach.
+
+    ``effects`` are what the machine has beyond offsets and lengths; no record tells of them. For
+    them ``clock_rate`` seconds pass in each second, so that a short demonstration shows slow ones.
+    """
 
     resolution_mm: float = 0.001
     scatter_mm: float = 0.002
     motion_s: float = 0.0
+    effects: tuple[Effect, ...] = ()
+    clock_rate: float = 1.0
 
 
 def hidden_machine(
@@ -59,11 +67,12 @@ class SimulatedBench:
         transport: Transport,
         settings: BenchSettings,
     ) -> None:
-        self._truth = truth
+        self._truth = replace(truth, effects=(*truth.effects, *settings.effects))
         self._seed = seed
         self._run = zlib.crc32(run_name.encode())
         self._scatter_mm = settings.scatter_mm
         self._visits = 0
+        self._path = _Path(settings.clock_rate)
         self.rig = SimulatedRig(
             profiles,
             resolution_mm=settings.resolution_mm,
@@ -74,10 +83,7 @@ class SimulatedBench:
 
     def go(self, step: Step) -> None:
         """Move the machine to a step; each approach scatters a little."""
-        leg = [leg_number(step.leg)] * len(step.axes)
-        axes = [leg_number(axis) for axis in step.axes]
-        displacement = [step.displacement_mm] * len(step.axes)
-        exact = self._truth.readings(conditions(leg, axes, displacement, station=step.station))
+        exact = self._truth.readings(self._path.conditions_at(step))
         self._visits += 1
         generator = np.random.default_rng([self._seed, self._run, step.number, self._visits])
         zeros = [self._zero_mm(default_mount(step.leg, axis, step.station)) for axis in step.axes]
@@ -91,3 +97,34 @@ class SimulatedBench:
     def close(self) -> None:
         """Switch everything off."""
         self.rig.close()
+
+
+class _Path:
+    """Where the machine came from and how long it has been on: what some effects depend on."""
+
+    def __init__(self, clock_rate: float) -> None:
+        self._clock_rate = clock_rate
+        self._before: Step | None = None
+        self._approach = 0.0
+        self._start_s = time.monotonic()
+
+    def conditions_at(self, step: Step) -> Conditions:
+        """The conditions of the step's readings; the first approach to a place is not known."""
+        before, self._before = self._before, step
+        if before is None or before.place != step.place:
+            self._approach = 0.0
+        else:
+            moved = float(np.sign(step.displacement_mm - before.displacement_mm))
+            self._approach = moved or self._approach
+        count = len(step.axes)
+        taken = conditions(
+            [leg_number(step.leg)] * count,
+            [leg_number(axis) for axis in step.axes],
+            [step.displacement_mm] * count,
+            station=step.station,
+        )
+        return replace(
+            taken,
+            approach=np.full(count, self._approach),
+            time_s=np.full(count, (time.monotonic() - self._start_s) * self._clock_rate),
+        )

@@ -10,13 +10,20 @@ from typing import Annotated
 import typer
 
 from app.commands import (
+    compare,
     demo,
+    diagnose,
     export,
+    identifiability,
     import_table,
     indicator,
+    plan,
     ports,
+    postures,
     replay,
     run,
+    serve,
+    settings,
     simulate,
     simulate_indicator,
     solve,
@@ -48,8 +55,13 @@ def home(
     _version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show version.")
     ] = False,
+    no_animations: Annotated[
+        bool, typer.Option("--no-animations", help="Nothing on the screen glides or fades.")
+    ] = False,
 ) -> None:
     """Without a verb, open the terminal interface."""
+    if no_animations:
+        os.environ["TEXTUAL_ANIMATIONS"] = "none"  # Textual reads it once, when imported
     if context.invoked_subcommand is None:
         from app.screens.start import open_interface
 
@@ -60,11 +72,18 @@ cli.command("demo")(demo.demo)
 cli.command("run")(run.run)
 cli.command("import")(import_table.import_table)
 cli.command("replay")(replay.replay)
+cli.command("serve")(serve.serve)
 cli.command("solve")(solve.solve)
+cli.command("diagnose")(diagnose.diagnose)
+cli.command("compare")(compare.compare)
 cli.command("simulate")(simulate.simulate)
+cli.command("plan")(plan.plan)
+cli.command("identifiability")(identifiability.identifiability)
+cli.command("postures")(postures.postures)
 cli.command("export")(export.export)
 cli.command("validate")(validate.validate)
 cli.command("ports")(ports.ports)
+cli.command("settings")(settings.settings)
 cli.add_typer(indicator.indicator_verbs, name="indicator")
 cli.command("simulate-indicator")(simulate_indicator.simulate_indicator)
 

@@ -6,13 +6,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from app.bench import BenchSettings
+from app.bench import BenchSettings, hidden_machine
 from app.exports import FORMATS
 from app.exports.offsets import offsets_from_solved
 from app.exports.writing import write_files
 from app.guided import GuidedSession, Taken
+from app.hidden_effect import hidden_effect
 from app.indicators import DEFAULT_PROFILE, simulated_indicators
 from app.opening import Plan, session_name, start_session, unused_path
+from app.own_effects import known_laws
+from app.planning_orthoglide import planned_readings
 from app.solving import Solved, solve_for_controller
 from calib.errors import CalibrationError
 from drivers.errors import IndicatorError
@@ -20,6 +23,10 @@ from protocols.machine import Machine, load_machine
 from protocols.procedure import load_procedure
 
 DEMO_MOTION_S = 0.6
+COMPRESSED_STEP_S = 0.01
+WATCHED_STEP_S = 3.0
+"""About how long a step of the demonstration takes, unattended and on the screen."""
+
 FILE_NAMES = {"json": "offsets.json", "csv": "offsets.csv", "model": "model.json"}
 
 
@@ -41,6 +48,26 @@ def demo_plan(
         seed=seed,
         bench=bench,
     )
+
+
+def with_hidden_effect(plan: Plan, effect: str) -> Plan:
+    """The plan with an effect in its machine that the record does not tell.
+
+    ``effect`` is an id, or id:where. Raises UsageError for one that is not known or that the
+    procedure cannot see.
+    """
+    truth = hidden_machine(plan.machine.geometry(), plan.seed)
+    step_s = WATCHED_STEP_S if plan.bench.motion_s else COMPRESSED_STEP_S
+    effects = hidden_effect(
+        effect,
+        truth,
+        planned_readings(plan.procedure, plan.machine),
+        laws=known_laws(),
+        seed=plan.seed,
+        noise_mm=plan.bench.scatter_mm,
+    )
+    clock_rate = plan.procedure.seconds_per_step / step_s
+    return replace(plan, bench=replace(plan.bench, effects=effects, clock_rate=clock_rate))
 
 
 def verification_plan(plan: Plan, before: Solved) -> Plan:

@@ -7,6 +7,7 @@ import math
 from typing import Any
 
 from app.solving import Solved
+from calib.accuracy import ToolError
 from calib.noise import Noise
 from calib.solution import Solution
 from drivers.outcome import Fault, Outcome
@@ -39,6 +40,19 @@ def solution_document(solved: Solved) -> dict[str, Any]:
         "rms_after_mm": solution.rms_after_mm,
         "degrees_of_freedom": solution.degrees_of_freedom,
         "noise": _noise(solution.noise),
+        "suspect_readings": [
+            {
+                "session": suspect.session,
+                "reading": suspect.reading.reading,
+                "studentised": suspect.studentised,
+            }
+            for suspect in solved.suspects
+        ],
+        "tool_error": {
+            "before": _tool_error(solved.tool_before),
+            "after": _tool_error(solved.tool_after),
+        },
+        "enlarged_by_lack_of_fit": solved.enlarged,
         "lack_of_fit": {
             "statistic": fit.statistic if fit else None,
             "p_value": fit.p_value if fit else None,
@@ -48,6 +62,7 @@ def solution_document(solved: Solved) -> dict[str, Any]:
             {
                 "combination": direction.combination,
                 "standard_uncertainty_mm": direction.standard_uncertainty_mm,
+                "tool_mm": direction.tool_mm,
             }
             for direction in solution.weak_directions
         ],
@@ -89,12 +104,28 @@ def _differences(solution: Solution) -> dict[str, dict[str, float]]:
     }
 
 
-def _noise(noise: Noise) -> dict[str, float | str | None]:
+def _noise(noise: Noise) -> dict[str, Any]:
     known = math.isinf(noise.degrees_of_freedom)
     return {
         "standard_deviation_mm": noise.standard_deviation_mm,
         "degrees_of_freedom": None if known else noise.degrees_of_freedom,
         "source": noise.source,
+        "pooled": noise.pooled,
+        "indicators": [
+            {
+                "standard_deviation_mm": math.sqrt(one.variance_mm2),
+                "rounding_shared_by_repeats_mm": math.sqrt(one.locked_mm2),
+            }
+            for one in noise.indicators
+        ],
+    }
+
+
+def _tool_error(error: ToolError) -> dict[str, float]:
+    return {
+        "rms_mm": error.rms_mm,
+        "standard_uncertainty_mm": error.standard_uncertainty_mm,
+        "worst_mm": error.worst_mm,
     }
 
 

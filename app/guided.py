@@ -183,13 +183,19 @@ class GuidedSession:
             last = tuple(r.reading for r in old[-len(step.axes) :])
             if not last:
                 return False
-            self._append([Restored(readings=last, reason=reason)])
+            skipped = (number,) if number in session.skipped else ()
+            self._append([Restored(readings=last, steps=skipped, reason=reason)])
             return True
 
     def skip(self, numbers: Sequence[int], reason: str) -> Step | None:
-        """Leave steps out, with the reason; returns the next step."""
+        """Leave steps out, with the reason; returns the next step.
+
+        Readings that they have, such as one of an interrupted step, count no more.
+        """
         with self._lock:
-            self._append([Skipped(steps=tuple(numbers), reason=reason)])
+            gone = tuple(r.reading for r in self.session.readings if r.step in numbers)
+            superseded = [Superseded(readings=gone, reason=reason)] if gone else []
+            self._append([*superseded, Skipped(steps=tuple(numbers), reason=reason)])
             return self.step()
 
     def remount(self) -> None:

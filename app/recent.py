@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from protocols.errors import RecordError
-from protocols.record import read_record
+from calib.errors import GlidecalError
+from protocols.record import Record, read_record
 from protocols.session import fold
 
 MOST = 12
@@ -14,29 +14,60 @@ MOST = 12
 
 @dataclass(frozen=True)
 class Recent:
-    """One session file: its state in words and whether it can go on."""
+    """One session file: its state in words, whether it can go on, what it verifies.
+
+    ``problem`` is the reason why a file cannot be used; empty for a readable session.
+    """
 
     path: Path
     state: str
-    interrupted: bool
+    interrupted: bool = False
+    verifies: str | None = None
+    problem: str = ""
 
 
 def recent_sessions(*folders: Path) -> list[Recent]:
-    """The newest sessions of these folders; files that are no session are left out."""
-    paths = [path for folder in folders if folder.is_dir() for path in folder.glob("*.jsonl")]
-    newest = sorted(set(paths), key=lambda path: path.stat().st_mtime, reverse=True)[:MOST]
-    return [found for path in newest if (found := _look_at(path)) is not None]
+    """The newest sessions of these folders; unreadable ones are there with their reason."""
+    paths = {path for folder in folders for path in _session_files(folder)}
+    return [look_at(path) for path in sorted(paths, key=_changed_at, reverse=True)[:MOST]]
 
 
-def _look_at(path: Path) -> Recent | None:
+def _session_files(folder: Path) -> list[Path]:
     try:
-        record = read_record(path)
-    except RecordError:
-        return None
+        return list(folder.glob("*.jsonl"))
+    except OSError:
+        return []
+
+
+def _changed_at(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except OSError:  # gone meanwhile, or a link to nothing
+        return 0.0
+
+
+def look_at(path: Path) -> Recent:
+    """The state of one session file."""
+    try:
+        return _state(read_record(path))
+    except GlidecalError as problem:
+        return Recent(path, "unreadable", problem=str(problem))
+
+
+def _state(record: Record) -> Recent:
     session = fold(record.events)
-    steps, done = session.steps(), session.done()
+    readings = f"{len(session.readings)} readings"
+    verifies = record.opened.verifies
     if record.end == "closed":
-        return Recent(path, f"{len(session.readings)} readings, closed", interrupted=False)
+        return Recent(record.path, f"{readings}, closed", verifies=verifies)
+    steps, following = session.steps(), session.next_step()
     if not steps:
-        return Recent(path, f"{len(session.readings)} readings, cut", interrupted=False)
-    return Recent(path, f"interrupted at step {len(done) + 1} of {len(steps)}", interrupted=True)
+        return Recent(record.path, f"{readings}, cut", verifies=verifies)
+    where = f"interrupted at step {following.number} of {len(steps)}" if following else "not closed"
+    return Recent(record.path, f"{readings}, {where}", interrupted=True, verifies=verifies)
+
+
+def follow_up(session: Recent, among: list[Recent]) -> Recent | None:
+    """The session that verifies this one, if it is there."""
+    beside = (other for other in among if other.path.parent == session.path.parent)
+    return next((other for other in beside if other.verifies == session.path.name), None)

@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from calib.accuracy import ToolError
 from calib.errors import NotIdentifiable
-from calib.noise import IndicatorFigures
+from calib.noise import IndicatorFigures, visit_numbers
+from calib.observations import Observations
 from calib.orthoglide.model import Model
 from calib.solution import Method, Solution, Subset, Weights
-from calib.subset_choice import SubsetChoice, choose_subset
+from calib.subset_choice import (
+    SubsetChoice,
+    choose_subset,
+    error_after,
+    error_before,
+    spread,
+)
 from protocols.errors import RecordError
+from protocols.events import Reading
 from protocols.observations import to_observations
 from protocols.record import Record, read_record
 from protocols.session import Session, fold
@@ -21,13 +31,31 @@ from protocols.session import Session, fold
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """A solution with the choice it was made from."""
+    """A solution with the choice it was made from.
+
+    ``tool_before`` is the tool's error with what the controller holds now, ``tool_after`` what is
+    expected with the solution entered; ``enlarged`` is the factor on every uncertainty if what the
+    model leaves is counted as noise. ``suspects`` do not fit their own repeats.
+    """
 
     names: tuple[str, ...]
     sessions: tuple[Session, ...]
     reading_count: int
     choice: SubsetChoice
     solution: Solution
+    tool_before: ToolError
+    tool_after: ToolError
+    enlarged: float
+    suspects: tuple[Suspect, ...]
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """A reading that does not fit its own repeats, its distance in standard deviations."""
+
+    session: str
+    reading: Reading
+    studentised: float
 
 
 def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
@@ -62,22 +90,47 @@ def solve_sessions(
     Raises NotIdentifiable where the readings do not determine what was asked for.
     """
     observed = to_observations(sessions)
+    nominal = Model(sessions[0].opened.machine.geometry())
     choice = choose_subset(
-        Model(sessions[0].opened.machine.geometry()),
+        nominal,
         observed,
         method,
         weights=weights,
-        indicator=_indicator_figures(sessions),
+        indicator=indicator_figures(sessions),
         tolerance_mm=np.array(sessions[0].opened.machine.tolerances_mm()),
     )
     wanted = subset or choice.recommended
     if wanted not in choice.solutions:
         raise choice.refused[wanted]
     solution = choice.solutions[wanted]
-    return Solved(tuple(names), tuple(sessions), len(observed), choice, solution)
+    return Solved(
+        names=tuple(names),
+        sessions=tuple(sessions),
+        reading_count=len(observed),
+        choice=choice,
+        solution=solution,
+        tool_before=error_before(solution, nominal),
+        tool_after=error_after(solution),
+        enlarged=math.sqrt(spread(solution)),
+        suspects=_suspects(names, sessions, observed, solution),
+    )
 
 
-def _indicator_figures(sessions: Sequence[Session]) -> IndicatorFigures:
+def _suspects(
+    names: Sequence[str],
+    sessions: Sequence[Session],
+    observed: Observations,
+    solution: Solution,
+) -> tuple[Suspect, ...]:
+    """The wild readings of a solution, as the sessions know them."""
+    known = [(name, r) for name, one in zip(names, sessions, strict=True) for r in one.readings]
+    first = np.unique(visit_numbers(observed), return_index=True)[1]
+    return tuple(
+        Suspect(*known[int(first[wild.row])], wild.studentised) for wild in solution.noise.wild
+    )
+
+
+def indicator_figures(sessions: Sequence[Session]) -> IndicatorFigures:
     """The worst that is stated or seen of the indicators of all sessions."""
 
     def worst(figures: Iterable[float | None]) -> float | None:

@@ -16,6 +16,8 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import root
 
+from benchmarks.interface import interface
+from benchmarks.postures import postures
 from calib.identify import identify
 from calib.observations import FloatArray
 from calib.orthoglide.kinematics import direct, inverse, trilaterate
@@ -148,7 +150,7 @@ def demo() -> None:
 def main() -> None:
     """Print every table."""
     print(f"Python {platform.python_version()}, numpy {np.__version__}, {platform.machine()}\n")
-    for table in (direct_kinematics, identification, indicators, processes):
+    for table in (direct_kinematics, identification, indicators, processes, postures, interface):
         print("\n".join(table()), end="\n\n", flush=True)
 
 

@@ -76,6 +76,7 @@ class Identifiability:
     unseen: tuple[Direction, ...]
     individually_known: tuple[str, ...]
     unseen_vectors: FloatArray = field(repr=False)
+    weak_vectors: FloatArray = field(repr=False)
 
 
 def analyse(sensitivity: Sensitivity) -> Identifiability:
@@ -103,6 +104,7 @@ def analyse(sensitivity: Sensitivity) -> Identifiability:
         unseen=_named(lost, sensitivity, None),
         individually_known=_individually_known(turned[unseen], sensitivity.names),
         unseen_vectors=lost,
+        weak_vectors=turned[weak] * sensitivity.tolerance,
     )
 
 
@@ -146,8 +148,22 @@ def _named(
         if covariance is not None:
             uncertainty = math.sqrt(max(float(combination @ covariance @ combination), 0.0))
         unit = combination / float(combination @ combination)
-        found.append(Direction(name, uncertainty, _cost(sensitivity, unit) * uncertainty))
+        cost = _cost(sensitivity, unit) * uncertainty
+        against = _against(combination, sensitivity.names, covariance)
+        found.append(Direction(name, uncertainty, cost, against))
     return tuple(found)
+
+
+def _against(
+    combination: FloatArray, names: Sequence[str], covariance: FloatArray | None
+) -> tuple[str, float] | None:
+    """Two parameters with the second sign turned, and the standard uncertainty of that."""
+    parts = np.flatnonzero(combination)
+    if len(parts) != 2 or covariance is None:
+        return None
+    turned = combination.copy()
+    turned[parts[1]] *= -1.0
+    return _sum_of(turned, names), math.sqrt(max(float(turned @ covariance @ turned), 0.0))
 
 
 def _cost(sensitivity: Sensitivity, vector: FloatArray) -> float:
@@ -196,7 +212,8 @@ def _echelon(rows: FloatArray) -> FloatArray:
         matrix[k] /= matrix[k, pivot]
         others = np.arange(len(matrix)) != k
         matrix[others] -= np.outer(matrix[others, pivot], matrix[k])
-    return np.asarray([_clean(row) for row in matrix])
+    cleaned = [_clean(row) for row in matrix]
+    return np.asarray(sorted(cleaned, key=lambda row: int(np.flatnonzero(row)[0])))
 
 
 def _clean(row: FloatArray) -> FloatArray:

@@ -18,8 +18,8 @@ Evaluate = Callable[[FloatArray, NDArray[np.intp]], tuple[FloatArray, FloatArray
 """Values ``(k, b)`` and the numbers ``(b,)`` of their problems → residuals, ``(n, b)``, measured
 minus model, and the derivatives of the model, ``(k, n, b)``."""
 
-STEP_MM = 1e-8
-"""A full Newton step this small leaves less than a thousandth of itself."""
+LEFT_MM = 1e-11
+"""Steps end when what they would still add, judged by how fast they shrink, is less."""
 
 MOST_STEPS = 60
 ROUNDING = 1e-8
@@ -34,7 +34,7 @@ class Optimum:
     """Best values ``(k, b)``, sums of squares ``(b,)``, and which problems converged ``(b,)``.
 
     ``residual`` ``(n, b)`` and ``jacobian`` ``(k, n, b)`` belong to the last point evaluated, less
-    than `STEP_MM` away.
+    than a last Newton step away.
     """
 
     values: FloatArray
@@ -54,6 +54,7 @@ class _State:
     jacobian: FloatArray
     square_sum: FloatArray
     damping: FloatArray
+    last_step: FloatArray
 
     def keep(self, rows: NDArray[np.bool_]) -> None:
         for name, array in vars(self).items():
@@ -71,7 +72,8 @@ def minimise(evaluate: Evaluate, start: FloatArray, curvature: FloatArray | None
     count = start.shape[1]
     numbers = np.arange(count)
     residual, jacobian = evaluate(start, numbers)
-    state = _State(numbers, start, residual, jacobian, _squares(residual), np.zeros(count))
+    far = np.full(count, np.inf)
+    state = _State(numbers, start, residual, jacobian, _squares(residual), np.zeros(count), far)
     found = Optimum(
         start.copy(),
         state.square_sum.copy(),
@@ -81,7 +83,7 @@ def minimise(evaluate: Evaluate, start: FloatArray, curvature: FloatArray | None
     )
     for _ in range(MOST_STEPS):
         step = _step(state, curvature)
-        small = (np.abs(step).max(axis=0) <= STEP_MM) & (state.damping == 0.0)
+        small = _nothing_left(state, np.abs(step).max(axis=0))
         if small.any():
             state.values[:, small] += step[:, small]
             _store(found, state, small)
@@ -91,6 +93,13 @@ def minimise(evaluate: Evaluate, start: FloatArray, curvature: FloatArray | None
             break
         _advance(evaluate, state, step)
     return found
+
+
+def _nothing_left(state: _State, size: FloatArray) -> NDArray[np.bool_]:
+    """Whether a full step of this size ``(b,)`` is the last one worth taking."""
+    shrink = np.where(np.isinf(state.last_step), 1.0, np.minimum(size / state.last_step, 1.0))
+    state.last_step = size
+    return np.asarray((state.damping == 0.0) & (size * shrink <= LEFT_MM))
 
 
 def _advance(evaluate: Evaluate, state: _State, step: FloatArray) -> None:

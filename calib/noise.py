@@ -164,6 +164,19 @@ def visits(observed: Observations) -> Observations:
 
     Such repeats share the error of their approach, so they count as one reading, not as several.
     """
+    visit = visit_numbers(observed)
+    if len(np.unique(visit)) == len(observed):
+        return observed
+    first = np.unique(visit, return_index=True)[1]
+    weight = np.bincount(visit, observed.averaged)
+    mean = np.bincount(visit, observed.averaged * observed.value_mm) / weight
+    return replace(
+        observed.take(first), value_mm=mean, averaged=weight / np.bincount(visit).astype(np.float64)
+    )
+
+
+def visit_numbers(observed: Observations) -> IntArray:
+    """Number of the visit that each reading ``(n_readings,)`` belongs to, counted as they begin."""
     visit = np.zeros(len(observed), dtype=np.intp)
     last: dict[int, tuple[float, int]] = {}
     count = 0
@@ -176,14 +189,7 @@ def visits(observed: Observations) -> Observations:
             count += 1
         last[int(mount)] = before
         visit[row] = before[1]
-    if count == len(observed):
-        return observed
-    first = np.unique(visit, return_index=True)[1]
-    weight = np.bincount(visit, observed.averaged)
-    mean = np.bincount(visit, observed.averaged * observed.value_mm) / weight
-    return replace(
-        observed.take(first), value_mm=mean, averaged=weight / np.bincount(visit).astype(np.float64)
-    )
+    return visit
 
 
 def reading_noise(visited: Observations, indicator: IndicatorFigures) -> Noise | None:

@@ -38,11 +38,13 @@ class Direction:
     """A combination of parameters, its standard uncertainty, and what that does at the tool.
 
     In mm; infinite where the combination is not seen. Both belong to the combination as written.
+    ``against`` is the same two parameters with the other sign, and its standard uncertainty.
     """
 
     combination: str
     standard_uncertainty_mm: float
     tool_mm: float
+    against: tuple[str, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)

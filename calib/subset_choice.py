@@ -26,9 +26,8 @@ class SubsetChoice:
     """The recommended subset, why, and the solution of every subset that the data determine.
 
     ``tool_error_mm`` is the expected r.m.s. error of the tool over the workspace for each, and for
-    ``with-tolerances`` where the tolerances of the parts are stated; ``before`` and ``after`` are
-    the tool's error without and with the recommended values. ``refused`` holds the reason for
-    every subset that the data do not determine.
+    ``with-tolerances`` where the tolerances of the parts are stated. ``refused`` holds the reason
+    for every subset that the data do not determine.
     """
 
     recommended: Subset
@@ -36,8 +35,6 @@ class SubsetChoice:
     solutions: dict[Subset, Solution]
     tool_error_mm: dict[Subset, float]
     refused: dict[Subset, NotIdentifiable]
-    before: ToolError
-    after: ToolError
 
 
 def choose_subset(
@@ -84,8 +81,6 @@ def choose_subset(
         solutions,
         errors,
         refused,
-        error_before(solutions[best], model),
-        error_after(solutions[best]),
     )
 
 

@@ -10,25 +10,40 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
+from unittest.mock import patch
 
 from textual.pilot import Pilot
+from textual.screen import Screen
 
+from app.acquisition import Gauge
 from app.bench import BenchSettings
 from app.demo import demo_plan
 from app.screens.check import CheckScreen
+from app.screens.dialogs import ChoiceDialog
 from app.screens.interface import Interface
+from app.screens.leg_review import LegReviewScreen
 from app.screens.measure import MeasureScreen
 from app.screens.result import ResultScreen
+from app.screens.widgets import GaugeDisplay
+from drivers.outcome import Outcome, Reading
 
 PICTURES = Path(__file__).parent / "pictures"
-SIZE = (80, 24)
+NARROW, WIDE = (80, 24), (120, 40)
 PATIENCE_S = 20.0
-STEPS_BEFORE_PICTURE = 8
+MIDDLE_OF_LEG = 8
+QUESTIONED = 4
+"""The first step whose posture was measured before."""
+
+OFF_MM = 0.2
+"""So much a reading is wrong on purpose, to be questioned."""
 
 
-def save(interface: Interface, name: str) -> None:
+async def save(pilot: Pilot[str], name: str) -> None:
     """The screen as SVG, without the addresses of web fonts."""
-    svg = interface.export_screenshot(title="glidecal")
+    await pilot.pause(0.3)
+    await pilot.wait_for_scheduled_animations()
+    svg = pilot.app.export_screenshot(title="glidecal")
     svg = re.sub(r"@font-face \{.*?\}", "", svg, flags=re.DOTALL)
     (PICTURES / f"{name}.svg").write_text(svg, encoding="utf-8", newline="\n")
 
@@ -42,35 +57,103 @@ async def until(pilot: Pilot[str], condition: Callable[[], bool]) -> None:
         await pilot.pause(0.02)
 
 
-def is_done(screen: MeasureScreen, number: int) -> bool:
+async def until_on(pilot: Pilot[str], kind: type[Screen[Any]]) -> None:
+    """Wait for a screen."""
+    await until(pilot, lambda: isinstance(pilot.app.screen, kind))
+
+
+def still(screen: MeasureScreen) -> bool:
+    """Whether every panel says that its indicator stands still."""
+    return all(panel.has_class("stable") for panel in screen.query(GaugeDisplay))
+
+
+def has_done(screen: MeasureScreen, number: int) -> bool:
     """Whether a step has been taken."""
-    return number in screen.guided.session.done()
+    return number in screen.guided.session.done() and not screen.busy
+
+
+async def take(pilot: Pilot[str], screen: MeasureScreen, number: int) -> None:
+    """One step by hand."""
+    await until(pilot, screen.ready_by_hand)
+    await pilot.press("space")
+    await until(pilot, partial(has_done, screen, number))
+
+
+async def take_wrong(pilot: Pilot[str], screen: MeasureScreen, number: int) -> None:
+    """A reading that does not agree with its repeats, questioned; then it is taken again."""
+    ask = Gauge.ask
+
+    def wrong(gauge: Gauge) -> Outcome:
+        heard = ask(gauge)
+        if isinstance(heard, Reading):
+            return replace(heard, value_mm=heard.value_mm + OFF_MM)
+        return heard
+
+    with patch.object(Gauge, "ask", wrong):
+        await take(pilot, screen, number)
+    await until_on(pilot, ChoiceDialog)
+    await save(pilot, "question")
+    await pilot.press("1")
+    await until_on(pilot, MeasureScreen)
+
+
+async def measure(pilot: Pilot[str], interface: Interface, *, photographed: bool) -> None:
+    """Every step of a session; on the way the pictures."""
+    await until(pilot, lambda: interface.indicators is not None)
+    await pilot.press("enter")
+    await until_on(pilot, MeasureScreen)
+    screen = interface.screen
+    assert isinstance(screen, MeasureScreen)
+    reviewed = False
+    for step in screen.guided.steps:
+        if photographed and step.number == QUESTIONED:
+            await take_wrong(pilot, screen, step.number)
+        await take(pilot, screen, step.number)
+        if photographed and step.number == MIDDLE_OF_LEG:
+            await photograph_measuring(pilot, screen)
+        if isinstance(interface.screen, LegReviewScreen):
+            if photographed and not reviewed:
+                await save(pilot, "review")
+                await photograph(pilot, "review_wide", WIDE)
+                reviewed = True
+            await pilot.press("space")
+    await until_on(pilot, ResultScreen)
+
+
+async def photograph_measuring(pilot: Pilot[str], screen: MeasureScreen) -> None:
+    """The middle of a leg: in a narrow terminal and in a wide one with the plot."""
+    await until(pilot, partial(still, screen))
+    await save(pilot, "measure")
+    await photograph(pilot, "measure_wide", WIDE)
+
+
+async def photograph(pilot: Pilot[str], name: str, size: tuple[int, int]) -> None:
+    """The present screen in a terminal of another size, and back."""
+    await pilot.resize_terminal(*size)
+    await save(pilot, name)
+    await pilot.resize_terminal(*NARROW)
 
 
 async def pictures(folder: Path) -> None:
-    """Drive a demonstration and photograph it."""
+    """Drive a demonstration from the check to the comparison, and photograph it."""
     plan = demo_plan(folder, "zero-max-min", 1, BenchSettings())
-    interface = Interface(CheckScreen(replace(plan, interval_s=0.01)))
-    async with interface.run_test(size=SIZE) as pilot:
-        await until(pilot, lambda: interface.indicators is not None)
-        await pilot.press("enter")
-        await until(pilot, lambda: isinstance(interface.screen, MeasureScreen))
-        screen = interface.screen
-        assert isinstance(screen, MeasureScreen)
-        for number in range(1, len(screen.guided.steps) + 1):
-            await until(pilot, screen.ready_by_hand)
-            await pilot.press("space")
-            await until(pilot, partial(is_done, screen, number))
-            await until(pilot, lambda: not screen.busy)
-            if number == STEPS_BEFORE_PICTURE:
-                await pilot.pause(1.0)
-                save(interface, "measure")
-        await until(pilot, lambda: isinstance(interface.screen, ResultScreen))
-        await pilot.pause(0.3)
-        save(interface, "result")
+    plan = replace(plan, path=folder / "demonstration.jsonl", interval_s=0.01, window_s=0.15)
+    interface = Interface(CheckScreen(plan))
+    interface.animation_level = "none"
+    async with interface.run_test(size=NARROW) as pilot:
+        await measure(pilot, interface, photographed=True)
+        await save(pilot, "result")
+        await photograph(pilot, "result_wide", WIDE)
+        await pilot.press("right")
+        await save(pilot, "plot")
+        await pilot.press("v")
+        await until_on(pilot, CheckScreen)
+        await measure(pilot, interface, photographed=False)
+        await save(pilot, "comparison")
         await pilot.press("f10")
 
 
 if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as temporary:
+    quick_fingers = patch("app.screens.measure.HELD_KEY_S", 0.0)
+    with quick_fingers, tempfile.TemporaryDirectory() as temporary:
         asyncio.run(pictures(Path(temporary)))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from calib.errors import CalibrationError
 from calib.orthoglide.geometry import Geometry
@@ -15,6 +16,9 @@ from protocols.documents import Document, read_toml
 Length = Annotated[float, Field(gt=0.0, le=100_000.0)]
 Position = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
 Triple = tuple[Position, Position, Position]
+
+LEAST_GRAVITY = 1e-6
+"""A shorter vector tells no direction."""
 
 
 class Instrument(Document):
@@ -42,6 +46,8 @@ class Machine(Document):
     ``entered_offsets_mm`` are joint offsets already entered when the session is measured;
     ``offset_tolerance_mm`` and ``length_tolerance_mm`` are standard deviations of how far joint
     offsets and leg lengths of such machines are off, before anything is measured;
+    ``gravity`` is the direction in which weight pulls, of any length;
+    ``screw_lead_mm`` is the travel of a carriage for one turn of its screw, if it is known;
     ``mdi`` tells whether its controller is given tool or joint coordinates by hand; ``indicator``
     are the indicators that are used with it.
     """
@@ -57,8 +63,17 @@ class Machine(Document):
     entered_offsets_mm: Triple = (0.0, 0.0, 0.0)
     offset_tolerance_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 2.0
     length_tolerance_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 0.1
+    gravity: Triple = (0.0, 0.0, -1.0)
+    screw_lead_mm: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
     mdi: Literal["tool", "joint"] = "tool"
     indicator: tuple[Instrument, ...] = ()
+
+    @field_validator("gravity")
+    @classmethod
+    def _pulls_somewhere(cls, gravity: Triple) -> Triple:
+        if math.hypot(*gravity) < LEAST_GRAVITY:
+            raise ValueError("a direction, such as [0.0, 0.0, -1.0]")
+        return gravity
 
     @model_validator(mode="after")
     def _possible(self) -> Machine:
@@ -80,7 +95,15 @@ class Machine(Document):
             travel_min_mm=self.travel_min_mm,
             parallelogram_width_mm=self.parallelogram_width_mm,
             tool_radius_mm=self.tool_radius_mm,
+            gravity=_direction(self.gravity),
+            screw_lead_mm=self.screw_lead_mm,
         )
+
+
+def _direction(vector: Triple) -> Triple:
+    """Unit vector."""
+    x, y, z = (part / math.hypot(*vector) for part in vector)
+    return x, y, z
 
 
 def load_machine(path: Path | None) -> Machine:

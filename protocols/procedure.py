@@ -10,7 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from calib.observations import LEG_NAMES
 from calib.orthoglide.geometry import Geometry
@@ -211,6 +211,22 @@ def load_procedure(name: str, geometry: Geometry) -> Procedure:
         )
     with resources.as_file(resources.files("protocols") / "procedures" / f"{name}.toml") as path:
         return _read_procedure(path, geometry)
+
+
+def shuffled(procedure: Procedure, seed: int) -> Procedure:
+    """The procedure with its levels shuffled in each cycle, always alike for one seed.
+
+    Raises UsageError where its order is fixed.
+    """
+    try:
+        return Procedure.model_validate(procedure.model_dump() | {"random_seed": seed})
+    except ValidationError as problem:
+        raise UsageError(
+            f"random order of procedure {procedure.name}",
+            problem.errors()[0]["msg"].removeprefix("Value error, "),
+            'a seed from 0 for a procedure with order = "free"',
+            "Leave the seed out to measure in the order written.",
+        ) from problem
 
 
 def _read_procedure(path: Path, geometry: Geometry) -> Procedure:

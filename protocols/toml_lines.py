@@ -5,9 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 
-TOKEN = re.compile(
-    r'"""|\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*|[\[\]{},]|\n|[^\s"\'#\[\]{},]+'
-)
+STRING = r'"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\''
+LONG_STRING = r'"""(?:\\.|[^\\])*?"{3,5}|\'\'\'.*?\'{3,5}'
+COMMENT = r"#[^\n]*"
+TOKEN = re.compile(rf"""{STRING}|{COMMENT}|[\[\]{{}},]|\n|[^\s"'#\[\]{{}},]+""")
+TEXTS = re.compile(rf"{LONG_STRING}|{STRING}|{COMMENT}", re.DOTALL)
 HEADER = re.compile(r"^\s*\[\[?\s*([^\]]+?)\s*\]\]?\s*(#.*)?$")
 
 
@@ -20,7 +22,7 @@ def line_of(text: str, location: Sequence[str | int]) -> int | None:
     numbers = [part for part in location if isinstance(part, int)]
     if not tables:
         return None
-    lines = text.split("\n")
+    lines = TEXTS.sub(_shortened, text).split("\n")
     headers = [k for k, line in enumerate(lines) if _is_header(line, tables[0])]
     if headers:
         start = headers[min(numbers[0] if numbers else 0, len(headers) - 1)]
@@ -30,6 +32,12 @@ def line_of(text: str, location: Sequence[str | int]) -> int | None:
     if at is None:
         return None
     return at + 1 + (_entry_offset(lines[at:], numbers[0]) if numbers else 0)
+
+
+def _shortened(found: re.Match[str]) -> str:
+    """A string of several lines without what it says, which may look like a key or a header."""
+    text = found[0]
+    return '""' + "\n" * text.count("\n") if text[:3] in {'"""', "'''"} else text
 
 
 def _is_header(line: str, name: str) -> bool:

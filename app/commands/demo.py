@@ -11,6 +11,8 @@ import typer
 
 from app.commands.options import Protocol, Seed, say
 
+HIDDEN = "The machine has more than offsets. To look for what is missing: glidecal diagnose {}"
+
 
 def demo(
     headless: Annotated[
@@ -21,13 +23,17 @@ def demo(
     profile: Annotated[
         list[str] | None, typer.Option(help="Profile of the simulated indicators; once or twice.")
     ] = None,
+    effect: Annotated[
+        str | None,
+        typer.Option(help="Hide an effect in the machine, by its id; to be found by diagnose."),
+    ] = None,
     folder: Annotated[Path, typer.Option(help="Where the sessions are written.")] = Path(
         "demo-sessions"
     ),
 ) -> None:
     """Measure, identify, export, measure again and compare, on a simulated machine."""
     from app.bench import BenchSettings
-    from app.demo import DEMO_MOTION_S, demo_plan, run_headless
+    from app.demo import DEMO_MOTION_S, demo_plan, run_headless, with_hidden_effect
     from app.folders import writable_folder
     from app.indicators import DEFAULT_PROFILE
     from app.opening import SIMULATED_INTERVAL_S
@@ -40,6 +46,8 @@ def demo(
         demo_plan(folder, protocol, seed, bench, profile or [DEFAULT_PROFILE]),
         interval_s=interval_s,
     )
+    if effect is not None:
+        plan = with_hidden_effect(plan, effect)
     writable_folder(folder)
     if not unattended:
         from app.screens.start import open_session
@@ -49,3 +57,5 @@ def demo(
     typer.echo(solution_text(before))
     typer.echo("\nAfter the joint offsets were entered in the controller:\n")
     typer.echo(comparison_text(before.solution, after.solution))
+    if effect is not None:
+        typer.echo("\n" + HIDDEN.format(plan.path))

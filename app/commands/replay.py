@@ -2,34 +2,55 @@
 
 from __future__ import annotations
 
+import os
+import select
+import sys
+import threading
 from typing import Annotated
 
 import typer
 
-from app.commands.options import AsJson, OneSession, need_terminal, say
+from app.commands.options import AsJson, Sessions, need_terminal, say
+from app.exit_codes import Exit
 
 
 def replay(
-    session: OneSession,
+    session: Sessions,
     headless: Annotated[
         bool, typer.Option("--headless", help="Print readings and averages, open no screen.")
     ] = False,
     as_json: AsJson = False,
+    served: Annotated[bool, typer.Option("--served", hidden=True)] = False,
 ) -> None:
-    """Readings and averages of a recorded session, or its result screen."""
+    """A recorded session again on the screen, or its readings and averages."""
     if not headless and not as_json:
-        need_terminal("replay", "--headless")
-        from app.screens.start import open_result
+        if served:  # a page of glidecal serve: no terminal, and only to look at
+            threading.Thread(target=_end_with_the_server, daemon=True).start()
+        else:
+            need_terminal("replay", "--headless")
+        from app.screens.start import open_replay
 
-        raise typer.Exit(open_result(session))
+        raise typer.Exit(open_replay(session, read_only=served))
     from app.documents import replay_document, to_json
     from app.solving import end_warning
     from app.wording.session import replay_text
+    from protocols.errors import UsageError
     from protocols.record import read_record
     from protocols.session import fold
 
-    record = read_record(session)
+    if len(session) > 1:
+        raise UsageError("replay without a screen", f"{len(session)} sessions", "one session")
+    record = read_record(session[0])
     if record.end != "closed":
         say(f"glidecal: {end_warning(record)}")
-    document = replay_document(session.name, fold(record.events), record.end)
+    document = replay_document(session[0].name, fold(record.events), record.end)
     typer.echo(to_json(document) if as_json else replay_text(document))
+
+
+def _end_with_the_server() -> None:
+    """A server that was killed says nothing, but its end of the pipe is gone."""
+    if hasattr(select, "poll"):  # not on Windows
+        pipe = select.poll()
+        pipe.register(sys.stdin.fileno(), 0)
+        pipe.poll()
+        os._exit(Exit.INTERRUPTED)  # nothing is open that could be lost

@@ -37,6 +37,10 @@ def run(
         typer.Option(help="Machine temperature, °C.", min=-50.0, max=100.0, callback=finite),
     ] = None,
     seed: Seed = 1,
+    random_order: Annotated[
+        int | None,
+        typer.Option(help="Shuffle each cycle with this seed, where the order is free.", min=0),
+    ] = None,
     resume: Annotated[
         Path | None,
         typer.Option("--continue", help="Go on with an interrupted session.", readable=False),
@@ -53,7 +57,7 @@ def run(
     from app.opening import SIMULATED_INTERVAL_S, Plan, plan_to_continue, session_name
     from app.wording.session import dry_run_text
     from protocols.machine import load_machine
-    from protocols.procedure import load_procedure
+    from protocols.procedure import load_procedure, shuffled
 
     known = load_machine(machine)
     chosen = choose_indicators(
@@ -63,6 +67,8 @@ def run(
         _measure(plan_to_continue(resume, chosen), continued=True, headless=headless)
         return
     procedure = load_procedure(protocol, known.geometry())
+    if random_order is not None:
+        procedure = shuffled(procedure, random_order)
     plan = Plan(
         path=output or session_name(Path(), procedure.name),
         machine=known,

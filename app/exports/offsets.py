@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from app.own_effects import known_laws
 from app.solving import Solved, solve_files
 from calib.orthoglide.geometry import PARAMETER_NAMES
 from calib.solution import Method, Subset
@@ -69,7 +70,7 @@ def offsets_from_file(path: Path, subset: Subset, method: Method) -> tuple[Offse
     Raises RecordError where the file is neither, NotIdentifiable where it gives no result.
     """
     if is_model(read_text(path, "file")):
-        model, machine = read_model(path)
+        model, machine = read_model(path, known_laws())
         values = dict(zip(PARAMETER_NAMES, model.parameters_mm, strict=True))
         none: dict[str, float | None] = dict.fromkeys(values)
         return Offsets(path.name, machine, values, none, machine.home_offset_mm), []

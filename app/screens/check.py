@@ -7,7 +7,7 @@ from typing import ClassVar
 from rich.markup import escape
 from textual import work
 from textual.app import ComposeResult
-from textual.binding import BindingType
+from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.screen import Screen
 from textual.widgets import Footer, Header, Static
@@ -18,6 +18,7 @@ from app.opening import Indicators, Plan, begin, open_indicators, resume
 from app.screens.interface import Interface
 from app.screens.measure import MeasureScreen
 from app.screens.widgets import GaugeDisplay
+from app.wording.home import CHECK_HELP
 from app.wording.session import check_text
 from calib.errors import GlidecalError
 
@@ -28,11 +29,12 @@ class CheckScreen(Screen[None]):
     """Live readings before the record begins."""
 
     app: Interface
+    HELP = CHECK_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
-        ("enter", "begin", "Begin"),
-        ("f5", "begin", "Begin"),
-        ("escape", "back", "Back"),
-        ("f10", "app.quit", "Quit"),
+        Binding("enter", "begin", "Begin", id="check.begin"),
+        Binding("f5", "begin", "Begin", show=False, id="check.begin-too"),
+        Binding("escape", "back", "Back", id="check.back"),
+        Binding("f10", "app.quit", "Quit", id="check.quit"),
     ]
 
     def __init__(self, plan: Plan, *, continued: bool = False) -> None:

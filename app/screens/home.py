@@ -2,27 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
 from textual import work
 from textual.app import ComposeResult
-from textual.binding import BindingType
+from textual.binding import Binding, BindingType
 from textual.screen import Screen
 from textual.widgets import Footer, Header, OptionList, Static
 from textual.widgets.option_list import Option
 
 from app.bench import BenchSettings
-from app.demo import DEMO_MOTION_S, demo_plan
+from app.comparing import compare_files, partner_of
+from app.demo import DEMO_MOTION_S, demo_plan, export_offsets
 from app.folders import writable_folder
 from app.opening import plan_to_continue
-from app.recent import Recent, recent_sessions
+from app.recent import Recent, follow_up, recent_sessions
 from app.screens.check import CheckScreen
+from app.screens.compare import CompareScreen
+from app.screens.dialogs import ChoiceDialog
 from app.screens.interface import Interface
+from app.screens.pick import PickScreen
 from app.screens.prepare import PrepareScreen
-from app.screens.result import ResultScreen
-from app.solving import Solved, solve_files
+from app.solving import solve_files, solve_for_controller
+from app.wording.home import (
+    HOME_CHOICES,
+    HOME_HELP,
+    PARTNER_CHOICES,
+    READING_ONLY,
+    WHICH,
+    partner_question,
+    session_choices,
+    session_label,
+)
+from app.wording.result_screen import exported_text
 from calib.errors import GlidecalError
 
 DEMO_FOLDER = Path("demo-sessions")
@@ -32,7 +47,13 @@ class HomeScreen(Screen[None]):
     """The first screen."""
 
     app: Interface
-    BINDINGS: ClassVar[list[BindingType]] = [("f10", "app.quit", "Quit")]
+    HELP = HOME_HELP
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("f10", "app.quit", "Quit", id="home.quit")]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._recent: list[Recent] = []
+        self._working = False
 
     def compose(self) -> ComposeResult:
         yield Header()
@@ -41,52 +62,159 @@ class HomeScreen(Screen[None]):
         yield Footer()
 
     def on_mount(self) -> None:
+        self.query_one("#choices", OptionList).focus()
+
+    def on_screen_resume(self) -> None:
+        """Sessions may have come or gone on while another screen was open."""
         self._recent = recent_sessions(Path(), DEMO_FOLDER)
         choices = self.query_one("#choices", OptionList)
-        for number, recent in enumerate(self._recent):
-            if recent.interrupted:
-                choices.add_option(
-                    Option(f"Continue  {recent.path}  ({recent.state})", f"c{number}")
-                )
-        choices.add_option(Option("New session on real indicators", "new"))
-        choices.add_option(Option("Demonstration on a simulated machine", "demo"))
-        for number, recent in enumerate(self._recent):
-            if not recent.interrupted:
-                choices.add_option(Option(f"Result  {recent.path}  ({recent.state})", f"r{number}"))
-        choices.highlighted = 0
-        choices.focus()
+        before = choices.highlighted_option.id if choices.highlighted_option else None
+        choices.clear_options()
+        choices.add_options(self._options())
+        ids = [option.id for option in choices.options]
+        choices.highlighted = ids.index(before) if before in ids else 0
+
+    def _options(self) -> list[Option | None]:
+        """What is listed; None is a line between."""
+        able = [c for c in HOME_CHOICES if c[0] in READING_ONLY or not self.app.read_only]
+        going_on: list[Option | None] = []
+        others: list[Option | None] = []
+        for recent in self._recent:
+            label = session_label(recent)
+            if recent.interrupted and not self.app.read_only:
+                going_on.append(Option(f"Continue  {label}", f"continue {recent.path}"))
+            others.append(Option(label, f"session {recent.path}"))
+        options = [*going_on, *(Option(words, name) for name, words in able)]
+        return [*options, None, *others] if others else options
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        choice = event.option.id or ""
+        if self._working:
+            return
+        what, _, path = (event.option.id or "").partition(" ")
+        session = next((r for r in self._recent if str(r.path) == path), None)
+        if what == "session" and session is not None:
+            self._ask_about(session)
+        else:
+            self._do(what, session)
+
+    def _ask_about(self, session: Recent) -> None:
+        """A small choice of what can be done with one session."""
+        if session.problem:
+            self.app.complain(session.problem)
+            return
+        choices = session_choices(session, read_only=self.app.read_only)
+        dialog = ChoiceDialog(session_label(session), choices)
+        self.app.push_screen(dialog, lambda what: self._do(what, session) if what else None)
+
+    def _do(self, what: str, session: Recent | None) -> None:
+        """Carry a choice out, with a session or after asking which one."""
         try:
-            self._open(choice)
+            if what == "new":
+                self.app.push_screen(PrepareScreen())
+            elif what == "demo":
+                self._demonstrate()
+            elif what == "compare":
+                self._compare(session)
+            elif session is None:
+                self._pick(WHICH[what], partial(self._do, what))
+            elif what == "continue":
+                plan = plan_to_continue(session.path)
+                self.app.push_screen(CheckScreen(plan, continued=True))
+            elif what == "replay":
+                self._replay(session.path)
+            else:
+                self._start(partial(JOBS[what], self, session.path))
         except GlidecalError as problem:
             self.app.complain(problem)
 
-    def _open(self, choice: str) -> None:
-        if choice == "new":
-            self.app.push_screen(PrepareScreen())
-        elif choice == "demo":
-            folder = writable_folder(DEMO_FOLDER)
-            plan = demo_plan(folder, "zero-max-min", 1, BenchSettings(motion_s=DEMO_MOTION_S))
-            self.app.push_screen(CheckScreen(plan))
-        elif choice.startswith("c"):
-            plan = plan_to_continue(self._at(choice).path)
-            self.app.push_screen(CheckScreen(plan, continued=True))
-        else:
-            self._solve(self._at(choice).path)
+    def _demonstrate(self) -> None:
+        folder = writable_folder(DEMO_FOLDER)
+        plan = demo_plan(folder, "zero-max-min", 1, BenchSettings(motion_s=DEMO_MOTION_S))
+        self.app.push_screen(CheckScreen(plan))
 
-    def _at(self, choice: str) -> Recent:
-        return self._recent[int(choice[1:])]
+    def _pick(
+        self,
+        question: str,
+        then: Callable[[Recent], None],
+        proposed: Recent | None = None,
+        left_out: Recent | None = None,
+    ) -> None:
+        sessions = [session for session in self._recent if session != left_out]
+        picking = PickScreen(question, sessions, proposed)
+        self.app.push_screen(picking, lambda session: then(session) if session else None)
+
+    def _replay(self, path: Path) -> None:
+        from app.screens.replay import ReplayScreen
+
+        self.app.push_screen(ReplayScreen(path))
+
+    def _compare(self, session: Recent | None) -> None:
+        """Find the two sessions; one that verifies another brings its partner."""
+        if session is None:
+            self._pick(WHICH["before"], self._compare)
+            return
+        partner = partner_of(session.path, session.verifies)
+        if partner is None:
+            self._pick_after(session)
+            return
+        dialog = ChoiceDialog(partner_question(session.path, partner), PARTNER_CHOICES)
+
+        def answered(answer: str | None) -> None:
+            if answer == "both":
+                self._start(partial(self._show_comparison, partner, session.path))
+            elif answer == "other":
+                self._pick_after(session)
+
+        self.app.push_screen(dialog, answered)
+
+    def _pick_after(self, before: Recent) -> None:
+        def picked(after: Recent) -> None:
+            self._start(partial(self._show_comparison, before.path, after.path))
+
+        question = f"{before.path}\n{WHICH['after']}"
+        self._pick(question, picked, follow_up(before, self._recent), left_out=before)
+
+    def _start(self, job: Callable[[], Callable[[], object]]) -> None:
+        """Compute apart from the screen; the job gives back what is to be shown."""
+        self._working = True
+        self._run_job(job)
 
     @work(thread=True)
-    def _solve(self, path: Path) -> None:
+    def _run_job(self, job: Callable[[], Callable[[], object]]) -> None:
         try:
-            solved, _ = solve_files([path])
+            show = job()
         except GlidecalError as problem:
-            self.app.call_from_thread(self.app.complain, problem)
-        else:
-            self.app.call_from_thread(partial(self._show, solved, path))
+            show = partial(self.app.complain, problem)
+        self.app.call_from_thread(self._finish_job, show)
 
-    def _show(self, solved: Solved, path: Path) -> None:
-        self.app.push_screen(ResultScreen(solved, None, path))
+    def _finish_job(self, show: Callable[[], object]) -> None:
+        self._working = False
+        show()
+
+    def _show_result(self, path: Path) -> Callable[[], object]:
+        from app.screens.result import ResultScreen
+
+        solved, warnings = solve_files([path])
+
+        def show() -> None:
+            self.app.push_screen(ResultScreen(solved, None, path))
+            for warning in warnings:
+                self.app.notify(warning, severity="warning", markup=False)
+
+        return show
+
+    def _export(self, path: Path) -> Callable[[], object]:
+        folder = path.with_suffix("")
+        solved = solve_for_controller(path)
+        said = exported_text(folder, export_offsets(solved, folder), solved)
+        return partial(self.app.notify, said, timeout=10, markup=False)
+
+    def _show_comparison(self, before: Path, after: Path) -> Callable[[], object]:
+        comparison = compare_files(before, after)
+        return lambda: self.app.push_screen(CompareScreen(comparison))
+
+
+JOBS: dict[str, Callable[[HomeScreen, Path], Callable[[], object]]] = {
+    "result": HomeScreen._show_result,
+    "export": HomeScreen._export,
+}

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from datetime import datetime
+from pathlib import Path
 from typing import Any, ClassVar
 
 from textual.app import App, SystemCommand
@@ -13,10 +15,20 @@ from textual.widget import Widget
 
 from app.exit_codes import Exit
 from app.guided import GuidedSession
-from app.opening import Indicators
+from app.opening import Indicators, unused_path
 from app.screens.dialogs import HelpDialog
+from app.screens.leaving import on_signals
+from app.settings import Settings, save_theme, settings_path
+from app.wording.settings import key_list_text
 from calib.errors import GlidecalError
 
+PALETTE = (
+    ("Theme", "Choose the colours; kept in the settings"),
+    ("Light or dark", "The other of the two plain themes; kept in the settings"),
+    ("Screenshot", "Save this screen as an SVG picture in the current folder"),
+    ("Keys", "Every key of this screen"),
+    ("Quit", "Leave; an open session is paused and can be continued"),
+)
 NO_HELP = "The keys of this screen stand in its last line."
 
 
@@ -32,25 +44,83 @@ class Interface(App[str]):
         Binding("f10", "quit", "Quit", id="app.quit"),
     ]
 
-    def __init__(self, first: Screen[None]) -> None:
+    def __init__(
+        self,
+        first: Screen[None],
+        *,
+        settings: Settings | None = None,
+        read_only: bool = False,
+    ) -> None:
         super().__init__()
         self._first = first
+        self.read_only = read_only
+        self._settings = settings or Settings()
+        self._remembered = self._settings.theme or self.theme
+        self._forget_signals: Callable[[], None] = lambda: None
+        if not self._settings.animations:
+            self.animation_level = "none"
         self.indicators: Indicators | None = None
         self.guided: GuidedSession | None = None
 
     def on_mount(self) -> None:
+        self._forget_signals = on_signals(lambda: self.run_worker(self._hang_up()))
+        if self._settings.theme:
+            self.theme = self._settings.theme
+        self.set_keymap(self._settings.keys)
         self.push_screen(self._first)
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
         """The palette offers what an operator can use, no tools of the developer."""
-        kept = ("Theme", "Quit")
-        return [entry for entry in super().get_system_commands(screen) if entry.title in kept]
+        theme, light, picture, keys, leave = PALETTE
+        yield SystemCommand(*theme, self.action_change_theme)
+        yield SystemCommand(*light, self.action_light_or_dark)
+        if not self.read_only:
+            yield SystemCommand(*picture, lambda: self.call_after_refresh(self._save_screenshot))
+        yield SystemCommand(*keys, lambda: self.call_after_refresh(self._show_keys))
+        yield SystemCommand(*leave, self.action_quit)
+
+    def watch_theme(self, theme: str) -> None:
+        """A theme that was chosen here is remembered for the next time."""
+        if self.read_only or not self.is_running or theme == self._remembered:
+            return
+        self._remembered = theme
+        try:
+            save_theme(settings_path(), theme)
+        except GlidecalError as problem:
+            self.complain(problem)
+
+    def action_light_or_dark(self) -> None:
+        """The other of the two plain themes."""
+        self.theme = "textual-light" if self.current_theme.dark else "textual-dark"
+
+    def _save_screenshot(self) -> None:
+        """The present screen as a picture in the current folder."""
+        from app.exports.writing import write_files
+
+        path = unused_path(Path(f"glidecal_{datetime.now():%Y-%m-%d_%H%M%S}.svg"))
+        try:
+            write_files(path, {"": self.export_screenshot()})
+        except GlidecalError as problem:
+            self.complain(problem)
+        else:
+            self.notify(f"Written: {path.absolute()}", timeout=10, markup=False)
+
+    def _show_keys(self) -> None:
+        """The keys that work at present, in a dialog."""
+        everything = self.screen.active_bindings.values()
+        active = sorted(everything, key=lambda entry: not isinstance(entry.node, Screen))
+        keys = [
+            (self.get_key_display(entry.binding), entry.binding.description)
+            for entry in active
+            if entry.enabled and entry.binding.description
+        ]
+        self.push_screen(HelpDialog(key_list_text(keys)))
 
     def action_help(self) -> None:
         """Words about the focused panel, then about the screen."""
         words = [self.screen.HELP or ""]
         panels = self.focused.ancestors_with_self if self.focused else []
-        words[:0] = [panel.HELP for panel in panels if isinstance(panel, Widget) and panel.HELP]
+        words[:0] = [_words_of(panel) for panel in panels if isinstance(panel, Widget)]
         said = "\n\n".join(dict.fromkeys(text for text in words if text))
         if not isinstance(self.screen, HelpDialog):
             self.push_screen(HelpDialog(said or NO_HELP))
@@ -68,8 +138,14 @@ class Interface(App[str]):
         """Ctrl-C: as quit, with the exit status of an interruption."""
         self.exit(await self._leave(), return_code=Exit.INTERRUPTED)
 
+    async def _hang_up(self) -> None:
+        """A signal: as Ctrl-C, with nothing more to show."""
+        with self.batch_update():
+            self.exit(await self._leave(), return_code=Exit.INTERRUPTED)
+
     async def on_unmount(self) -> None:
         """However the interface ends, ports and record are let go."""
+        self._forget_signals()
         await self._leave()
 
     async def _leave(self) -> str:
@@ -91,3 +167,8 @@ class Interface(App[str]):
     def go_to(self, screen: Screen[Any]) -> None:
         """Replace the present screen."""
         self.switch_screen(screen)
+
+
+def _words_of(panel: Widget) -> str:
+    """The help of a panel, or its tooltip."""
+    return panel.HELP or (str(panel.tooltip) if panel.tooltip else "")

@@ -7,6 +7,7 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal, VerticalScroll
+from textual.events import Resize
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
@@ -17,6 +18,9 @@ from app.wording.session import review_text
 from calib.errors import GlidecalError
 from protocols.procedure import Step
 from protocols.session import Session
+
+WIDE = 110
+"""Columns from which there is room for the plot beside the text."""
 
 UNATTENDED_S = 1.0
 """How long an unattended demonstration shows the review."""
@@ -58,6 +62,9 @@ class LegReviewScreen(ModalScreen[None]):
         self.query_one("#review").focus()
         if self._unattended:
             self.set_timer(UNATTENDED_S, self._go_on)
+
+    def on_resize(self, event: Resize) -> None:
+        self.set_class(event.size.width >= WIDE, "wide")
 
     def _go_on(self) -> None:
         if self.is_current:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import time
 from collections.abc import Sequence
 from typing import ClassVar
@@ -63,7 +64,7 @@ class MeasureScreen(Corrections):
         Binding("space", "take", "Take", id="measure.take"),
         Binding("enter", "take", "Take", show=False, id="measure.take-too"),
         Binding("u", "undo", "Repeat", id="measure.repeat"),
-        Binding("b", "earlier", "Earlier", id="measure.earlier"),
+        Binding("b", "earlier", "Back", id="measure.earlier"),
         Binding("s", "skip", "Skip", id="measure.skip"),
         Binding("a", "automatic", "Auto", id="measure.automatic"),
         Binding("p", "hold", "Hold", id="measure.hold"),
@@ -91,6 +92,7 @@ class MeasureScreen(Corrections):
         return self.query_one(SessionView)
 
     def on_mount(self) -> None:
+        gc.freeze()  # a collection through everything imported would stop the screen for 0.1 s
         self.proceed()
         self.set_interval(FRAME_S, self._show_news)
         self.set_interval(AGES_S, self._look)

@@ -2,12 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from textual.app import RenderResult
+from textual.color import Color
+from textual.geometry import Size
 from textual_plotext import PlotextPlot
 
-from app.plots import Chart
+from app.plots import (
+    Chart,
+    even_limits,
+    label_cells,
+    spread,
+    thinned,
+    tick_labels,
+    turned,
+    turned_limits,
+)
 
 MARKERS = ("x", "o", "+", "*")
 """Told apart by shape, not by colour alone."""
+
+COLOURS = ("text-primary", "text-accent", "text-error", "text-secondary")
+"""Variables of the theme that are legible on its surface, in every theme."""
+
+TERMINAL = "default"
+"""The colour of the terminal in the words of plotext."""
+
+FRAME = 2
+FRAME_COLUMNS = FRAME + 6
+FRAME_ROWS = FRAME + 3
+"""What frame, numbers, title and legend take away from the points."""
+
+NOTHING = "nothing measured yet"
 
 
 class ChartPlot(PlotextPlot):
@@ -15,27 +42,101 @@ class ChartPlot(PlotextPlot):
 
     def __init__(self, chart: Chart | None = None, plot_id: str | None = None) -> None:
         super().__init__(id=plot_id)
-        self._chart: Chart | None = None
-        self._first = chart
+        self._chart = chart
+        self._drawn: tuple[Chart | None, Size] | None = None
+        self._picture: RenderResult = ""
 
     def on_mount(self) -> None:
-        if self._first is not None:
-            self.show(self._first)
+        self.app.theme_changed_signal.subscribe(self, lambda _: self._take_colours())
+        self._take_colours()
+
+    def _take_colours(self) -> None:
+        """What is drawn in other colours does not hold any more."""
+        self.theme = "clear" if self._colour("foreground") == TERMINAL else "auto"
+        self._drawn = None
+        self.refresh()
 
     def show(self, chart: Chart) -> None:
         """Draw this chart unless it is shown already."""
-        if chart == self._chart:
-            return
-        self._chart = chart
+        if chart != self._chart:
+            self._chart = chart
+            self.refresh()
+
+    def render(self) -> RenderResult:
+        """The picture of before where chart, size and theme are those of before."""
+        wanted = (self._chart, self.size)
+        if wanted != self._drawn:
+            if self._chart is not None:
+                self._draw(self._chart)
+            self._picture, self._drawn = super().render(), wanted
+        return self._picture
+
+    def _draw(self, chart: Chart) -> None:
         plot = self.plt
         plot.clear_figure()
-        plot.title(chart.title)
-        plot.xlabel(chart.x_words)
-        plot.ylabel(chart.y_words)
-        for series, marker in zip(chart.series, MARKERS, strict=False):
-            plot.scatter(list(series.x), list(series.y), label=series.name, marker=marker)
-        if chart.x_names:
-            plot.xticks(list(range(1, len(chart.x_names) + 1)), list(chart.x_names))
-        if chart.series:
-            plot.hline(0.0)
-        self.refresh()
+        if not chart.series:
+            plot.title(f"{chart.heading}: {NOTHING}")
+            return
+        plot.title(chart.heading)
+        plot.xlabel(self._legend(chart))
+        if self._on_its_side(chart):
+            self._scale_on_side(chart)
+            self._points(turned(chart, self._rows))
+        else:
+            self._scale_upright(chart)
+            self._points(chart)
+
+    @property
+    def _columns(self) -> int:
+        return self.size.width - FRAME_COLUMNS
+
+    def _columns_beside(self, labels: Sequence[str]) -> int:
+        return self.size.width - max(map(len, labels)) - FRAME
+
+    @property
+    def _rows(self) -> int:
+        return self.size.height - FRAME_ROWS
+
+    def _on_its_side(self, chart: Chart) -> bool:
+        """Names that do not fit beside each other stand below each other, given the rows."""
+        narrow = self._columns < len(chart.x_names) * chart.x_label_cells
+        return narrow and self._rows >= len(chart.x_names)
+
+    def _legend(self, chart: Chart) -> str:
+        marked = zip(MARKERS, chart.series, strict=False)
+        legend = "   ".join(f"{marker} {series.name}" for marker, series in marked)
+        whole = f"{chart.x_words}   {legend}" if chart.x_words else legend
+        return whole if len(whole) <= self.size.width else legend
+
+    def _scale_upright(self, chart: Chart) -> None:
+        plot, ticks = self.plt, chart.y_ticks()
+        plot.ylim(*even_limits(ticks, self._rows))
+        labelled = spread(ticks, self._rows, 2)
+        labels = tick_labels(labelled)
+        plot.yticks(list(labelled), labels)
+        lower, upper = chart.x_limits(self._columns_beside(labels))
+        plot.xlim(lower, upper)
+        places = spread(chart.x_ticks(), self._columns, chart.x_label_cells)
+        plot.xticks(list(places), chart.x_labels(places))
+        plot.plot([lower, upper], [0.0, 0.0], marker="─", color=self._colour("foreground"))
+
+    def _scale_on_side(self, chart: Chart) -> None:
+        plot, ticks = self.plt, chart.y_ticks()
+        plot.xlim(*even_limits(ticks, self._columns_beside(chart.x_names)))
+        labelled = spread(ticks, self._columns, label_cells(tick_labels(ticks)))
+        plot.xticks(list(labelled), tick_labels(labelled))
+        lower, upper = turned_limits(len(chart.x_names), self._rows)
+        plot.ylim(lower, upper)
+        plot.yticks(list(chart.x_ticks()), list(reversed(chart.x_names)))
+        plot.plot([0.0, 0.0], [lower, upper], marker="│", color=self._colour("foreground"))
+
+    def _points(self, chart: Chart) -> None:
+        for series, marker, name in zip(chart.series, MARKERS, COLOURS, strict=False):
+            shown = series if chart.x_names else thinned(series, self._columns)
+            colour = self._colour(name)
+            self.plt.scatter(list(shown.x), list(shown.y), marker=marker, color=colour)
+
+    def _colour(self, variable: str) -> tuple[int, int, int] | str:
+        """Its own colour where the terminal chooses colours itself: then shape alone tells."""
+        colour = Color.parse(self.app.theme_variables[variable])
+        return colour.rgb if colour.ansi is None else TERMINAL

@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import ClassVar
 
 from textual.app import ComposeResult
-from textual.binding import BindingType
+from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
+from textual.content import Content
 from textual.screen import Screen
 from textual.widgets import Footer, Header, Input, Label, Select, Static
 
-from app.indicators import check_indicators, parse_indicator
+from app.indicators import (
+    DEFAULT_PROFILE,
+    check_indicators,
+    parse_indicator,
+    some_indicators,
+)
 from app.opening import Plan, session_name
 from app.screens.check import CheckScreen
+from app.screens.dry_run import DryRunScreen
 from app.screens.interface import Interface
-from app.wording.session import procedure_sentence
+from app.wording.home import FIELD_HELP, PREPARE_HELP
+from app.wording.session import dry_run_text, procedure_sentence
 from calib.errors import GlidecalError
 from protocols.errors import UsageError
-from protocols.machine import load_machine
-from protocols.procedure import load_procedure, procedure_names
+from protocols.machine import Instrument, Machine, load_machine
+from protocols.procedure import Procedure, load_procedure, procedure_names, shuffled
 from protocols.table import NUMBER
 
 FIELDS = (
@@ -32,17 +41,21 @@ FIELDS = (
     ("machine", "Machine file", "empty: the prototype of the papers"),
     ("operator", "Operator", ""),
     ("temperature", "Temperature, °C", ""),
+    ("random", "Random order seed", "empty: the order as written"),
 )
+SEED = re.compile(r"\d{1,9}", re.ASCII)
 
 
 class PrepareScreen(Screen[None]):
     """A form; F5 goes on to the instrument check."""
 
     app: Interface
+    HELP = PREPARE_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
-        ("f5", "check", "Check the indicators"),
-        ("escape", "app.pop_screen", "Back"),
-        ("f10", "app.quit", "Quit"),
+        Binding("f5", "check", "Check the indicators", id="prepare.check"),
+        Binding("f2", "dry_run", "Dry run", id="prepare.dry-run"),
+        Binding("escape", "app.pop_screen", "Back", id="prepare.back"),
+        Binding("f10", "app.quit", "Quit", id="prepare.quit"),
     ]
 
     def compose(self) -> ComposeResult:
@@ -51,7 +64,9 @@ class PrepareScreen(Screen[None]):
             with Horizontal(classes="field"):
                 yield Label("Procedure", markup=False)
                 names = [(name, name) for name in procedure_names()]
-                yield Select(names, value="zero-max-min", allow_blank=False, id="procedure")
+                yield Select(
+                    names, value="zero-max-min", allow_blank=False, id="procedure", compact=True
+                )
             for name, label, hint in FIELDS:
                 with Horizontal(classes="field"):
                     yield Label(label, markup=False)
@@ -60,6 +75,8 @@ class PrepareScreen(Screen[None]):
         yield Footer()
 
     def on_mount(self) -> None:
+        for name, words in FIELD_HELP.items():
+            self.query_one(f"#{name}").tooltip = Content(words)
         self.query_one("#indicator1", Input).focus()
         self._summarise()
 
@@ -73,12 +90,15 @@ class PrepareScreen(Screen[None]):
         self.focus_next()
 
     def _summarise(self) -> None:
+        said = []
         try:
-            plan = self._plan()
-            text = procedure_sentence(plan.procedure, plan.machine.geometry(), plan.axes)
+            machine = self._machine()
+            axes = self._axes(machine)
+            said.append(procedure_sentence(self._procedure(machine), machine.geometry(), axes))
+            self._plan()
         except GlidecalError as problem:
-            text = str(problem)
-        self.query_one("#summary", Static).update(text)
+            said.append(str(problem))
+        self.query_one("#summary", Static).update("\n".join(said))
 
     def action_check(self) -> None:
         """On to the live readings."""
@@ -89,24 +109,56 @@ class PrepareScreen(Screen[None]):
         else:
             self.app.push_screen(CheckScreen(plan))
 
-    def _plan(self) -> Plan:
-        text = {name: self.query_one(f"#{name}", Input).value.strip() for name, _, _ in FIELDS}
+    def action_dry_run(self) -> None:
+        """Every step, before anything is opened."""
+        try:
+            machine = self._machine()
+            text = dry_run_text(self._procedure(machine), machine, self._axes(machine))
+        except GlidecalError as problem:
+            self.app.complain(problem)
+        else:
+            self.app.push_screen(DryRunScreen(text))
+
+    def _value(self, name: str) -> str:
+        return self.query_one(f"#{name}", Input).value.strip()
+
+    def _machine(self) -> Machine:
+        path = self._value("machine")
+        return load_machine(Path(path).expanduser() if path else None)
+
+    def _procedure(self, machine: Machine) -> Procedure:
         name = str(self.query_one("#procedure", Select).value)
-        named = [value for value in (text["indicator1"], text["indicator2"]) if value]
-        machine = load_machine(Path(text["machine"]) if text["machine"] else None)
+        procedure = load_procedure(name, machine.geometry())
+        seed = _seed(self._value("random"))
+        return procedure if seed is None else shuffled(procedure, seed)
+
+    def _instruments(self, machine: Machine) -> tuple[Instrument, ...]:
+        named = [value for value in map(self._value, ("indicator1", "indicator2")) if value]
         instruments = tuple(map(parse_indicator, named)) or machine.indicator
+        if instruments:
+            check_indicators(instruments)
+        return instruments
+
+    def _axes(self, machine: Machine) -> tuple[str, ...]:
+        """Axes of the indicators; without any, those of two."""
+        named = self._instruments(machine) or some_indicators(DEFAULT_PROFILE, needed=False)
+        return tuple(instrument.axes for instrument in named)
+
+    def _plan(self) -> Plan:
+        machine = self._machine()
+        procedure = self._procedure(machine)
+        instruments = self._instruments(machine)
         if not instruments:
             raise UsageError(
                 "indicators", "none", "PROFILE:PORT", "Without any, choose the demonstration"
             )
-        check_indicators(instruments)
         return Plan(
-            path=session_name(Path(), name),
+            path=session_name(Path(), procedure.name),
             machine=machine,
-            procedure=load_procedure(name, machine.geometry()),
+            procedure=procedure,
             instruments=instruments,
-            operator=text["operator"],
-            temperature_c=_temperature(text["temperature"]),
+            operator=self._value("operator"),
+            temperature_c=_temperature(self._value("temperature")),
         )
 
 
@@ -116,3 +168,11 @@ def _temperature(text: str) -> float | None:
     if not NUMBER.fullmatch(text) or not -50.0 <= float(text) <= 100.0:
         raise UsageError("temperature", repr(text), "−50 … 100 °C with a decimal point, or nothing")
     return float(text)
+
+
+def _seed(text: str) -> int | None:
+    if not text:
+        return None
+    if not SEED.fullmatch(text):
+        raise UsageError("random order seed", repr(text), "a whole number from 0, or nothing")
+    return int(text)

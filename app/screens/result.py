@@ -1,4 +1,4 @@
-"""The result: the sentence that matters, the tables, export, verification, comparison."""
+"""The result: text, plot, export, verification, and the comparison after it."""
 
 from __future__ import annotations
 
@@ -7,35 +7,61 @@ from typing import ClassVar
 
 from textual import work
 from textual.app import ComposeResult
-from textual.binding import BindingType
-from textual.containers import VerticalScroll
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, VerticalScroll
+from textual.events import Resize
 from textual.screen import Screen
-from textual.widgets import Footer, Header, Static
+from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
 
 from app.demo import export_offsets, verification_plan
-from app.exports.linuxcnc import UNKNOWN_HOME_OFFSET
 from app.opening import Plan
+from app.plots import before_and_after, measured_and_predicted
 from app.screens.interface import Interface
+from app.screens.plot import ChartPlot
 from app.solving import Solved, solve_sessions
-from app.wording.result import comparison_text, solution_text
+from app.wording.result import comparison_text
+from app.wording.result_screen import (
+    NO_PLAN,
+    ONLY_SHOWN,
+    RESULT_HELP,
+    copied_text,
+    exported_text,
+    result_text,
+)
 from calib.errors import GlidecalError
 from calib.solution import Subset
 
-CHOICES: dict[str, Subset] = {"1": "joint-offsets", "2": "leg-lengths", "3": "both"}
+CHOICES: dict[str, Subset] = {
+    "1": "joint-offsets",
+    "2": "leg-lengths",
+    "3": "both",
+    "4": "with-tolerances",
+}
+WIDE = 110
+"""Columns from which text and plot stand side by side."""
+
+RESULT, PLOT, COMPARISON = "tab-result", "tab-plot", "tab-comparison"
 
 
 class ResultScreen(Screen[None]):
     """One solution; with the plan of its session it can be verified."""
 
     app: Interface
+    HELP = RESULT_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
-        ("e", "export", "Export"),
-        ("v", "verify", "Verify"),
-        ("1", "choose('1')", "Offsets"),
-        ("2", "choose('2')", "Lengths"),
-        ("3", "choose('3')", "Both"),
-        ("h", "home", "Home"),
-        ("f10", "app.quit", "Quit"),
+        Binding("e", "export", "Export", id="result.export"),
+        Binding("v", "verify", "Verify", id="result.verify"),
+        Binding("e", "refuse_export", show=False),
+        Binding("v", "refuse_verify", show=False),
+        Binding("1", "choose('1')", "Offsets", id="result.offsets"),
+        Binding("2", "choose('2')", "Lengths", id="result.lengths"),
+        Binding("3", "choose('3')", "Both", id="result.both"),
+        Binding("4", "choose('4')", "Tolerances", show=False, id="result.tolerances"),
+        Binding("tab,right", "turn_to(1)", "Next", show=False, id="result.next"),
+        Binding("shift+tab,left", "turn_to(-1)", "Previous", show=False, id="result.previous"),
+        Binding("y", "copy", "Copy", id="result.copy"),
+        Binding("h", "home", "Home", id="result.home"),
+        Binding("f10", "app.quit", "Quit", id="result.quit"),
     ]
 
     def __init__(self, solved: Solved, plan: Plan | None, path: Path) -> None:
@@ -43,26 +69,69 @@ class ResultScreen(Screen[None]):
         self.solved = solved
         self.plan = plan
         self.path = path
+        self.before = plan.before if plan else None
 
     def compose(self) -> ComposeResult:
-        yield Header()
-        with VerticalScroll(id="result"):
-            yield Static("", id="text", markup=False)
-        yield Footer()
+        with TabbedContent(initial=COMPARISON if self.before else RESULT):
+            with TabPane("Result", id=RESULT), Horizontal():
+                with VerticalScroll(id="result"):
+                    yield Static("", id="text", markup=False)
+                yield ChartPlot(plot_id="beside")
+            with TabPane("Plot", id=PLOT):
+                yield ChartPlot(plot_id="plot")
+            if self.before is not None:
+                with TabPane("Before/after", id=COMPARISON), Horizontal():
+                    yield from self._compose_comparison(self.before)
+        yield Footer(compact=True, show_command_palette=False)
+
+    def _compose_comparison(self, before: Solved) -> ComposeResult:
+        now = self.solved.solution
+        with VerticalScroll(id="comparison"):
+            yield Static(comparison_text(before.solution, now), id="compared", markup=False)
+        yield ChartPlot(before_and_after(before.solution, now), plot_id="before-after")
 
     def on_mount(self) -> None:
-        self._show(self._comparison())
-        self.query_one("#result").focus()
+        self.query_one(Tabs).can_focus = False  # the keys of this screen turn the pages
+        self._show()
 
-    def _show(self, opening: str = "") -> None:
-        hint = "" if opening or self.plan is None else NEXT + "\n\n"
-        self.query_one("#text", Static).update(opening + hint + solution_text(self.solved))
+    def on_resize(self, event: Resize) -> None:
+        self.set_class(event.size.width >= WIDE, "wide")
 
-    def _comparison(self) -> str:
-        before = self.plan.before if self.plan else None
-        if before is None:
-            return ""
-        return comparison_text(before.solution, self.solved.solution) + "\n\n"
+    def _show(self) -> None:
+        text = result_text(self.solved, self.before, measured_here=self.plan is not None)
+        self.query_one("#text", Static).update(text)
+        chart = measured_and_predicted(self.solved.solution)
+        for name in ("#beside", "#plot"):
+            self.query_one(name, ChartPlot).show(chart)
+
+    def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
+        """Up and down scroll the text of the page that is shown."""
+        scrolls = event.pane.query(VerticalScroll)
+        self.set_focus(scrolls.first() if scrolls else None)
+
+    def action_turn_to(self, direction: int) -> None:
+        """The next page, or the one before."""
+        tabs = self.query_one(Tabs)
+        if direction > 0:
+            tabs.action_next_tab()
+        else:
+            tabs.action_previous_tab()
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Nothing is offered that this program will not do; its key says why."""
+        if action == "export":
+            return not self.app.read_only
+        if action == "verify":
+            return not self.app.read_only and self.plan is not None
+        return True
+
+    def action_refuse_export(self) -> None:
+        """Why the offsets are not written."""
+        self.app.complain(ONLY_SHOWN)
+
+    def action_refuse_verify(self) -> None:
+        """Why nothing is measured."""
+        self.app.complain(ONLY_SHOWN if self.app.read_only else NO_PLAN)
 
     def action_choose(self, key: str) -> None:
         """Show another set of parameters."""
@@ -74,22 +143,16 @@ class ResultScreen(Screen[None]):
         else:
             self._show()
 
+    @work(thread=True, group="export")
     def action_export(self) -> None:
         """Write the offsets in every format beside the session."""
-        self._export()
-
-    @work(thread=True)
-    def _export(self) -> None:
         folder = self.path.with_suffix("")
         try:
-            paths = export_offsets(self._joint_offsets(), folder)
+            offsets = self._joint_offsets()
+            said = exported_text(folder, export_offsets(offsets, folder), offsets)
         except GlidecalError as problem:
             self.app.call_from_thread(self.app.complain, problem)
         else:
-            names = ", ".join(path.name for path in paths)
-            said = f"Written to {folder}: {names}"
-            if self.solved.sessions[0].opened.machine.home_offset_mm is None:
-                said += ". WARNING: " + UNKNOWN_HOME_OFFSET
             self.app.call_from_thread(self.app.notify, said, timeout=10, markup=False)
 
     def _joint_offsets(self) -> Solved:
@@ -100,20 +163,23 @@ class ResultScreen(Screen[None]):
         from app.screens.check import CheckScreen
 
         if self.plan is None:
-            self.app.complain("Verify is offered right after a session was measured.")
             return
-        before = self._joint_offsets()
-        plan = verification_plan(self.plan, before)
-        self.app.push_screen(CheckScreen(plan))
+        try:
+            plan = verification_plan(self.plan, self._joint_offsets())
+        except GlidecalError as problem:
+            self.app.complain(problem)
+        else:
+            self.app.push_screen(CheckScreen(plan))
+
+    def action_copy(self) -> None:
+        """The text of this page to the clipboard of the terminal."""
+        compared = self.query_one(TabbedContent).active == COMPARISON
+        text = str(self.query_one("#compared" if compared else "#text", Static).content)
+        self.app.copy_to_clipboard(text)
+        self.app.notify(copied_text(text), timeout=8, markup=False)
 
     def action_home(self) -> None:
         """Back to the first screen."""
         from app.screens.home import HomeScreen
 
         self.app.go_to(HomeScreen())
-
-
-NEXT = (
-    "Next: E exports the joint offsets. Enter them in the controller, then V measures again "
-    "and compares."
-)

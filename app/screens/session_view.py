@@ -23,7 +23,10 @@ class SessionView(Vertical):
 
     def __init__(self, gauge_count: int) -> None:
         super().__init__()
-        self._gauge_count = gauge_count
+        self._displays = tuple(
+            GaugeDisplay(f"indicator {number + 1}", f"gauge{number}")
+            for number in range(gauge_count)
+        )
 
     def compose(self) -> ComposeResult:
         yield Static("", id="progress", markup=False)
@@ -31,8 +34,7 @@ class SessionView(Vertical):
             yield Static("", id="step", markup=False)
             yield StepList()
         with Horizontal(id="gauges"):
-            for number in range(self._gauge_count):
-                yield GaugeDisplay(f"indicator {number + 1}", f"gauge{number}")
+            yield from self._displays
         yield Static("", id="said", markup=False)
         with Horizontal(id="lower"):
             yield Static("", id="table", markup=False)
@@ -51,12 +53,12 @@ class SessionView(Vertical):
         self.query_one("#step", Static).update(step_text(step, session))
         self.query_one("#table", Static).update(leg_table_text(leg_rows(session, step), geometry))
         self.query_one(ChartPlot).show(readings_by_posture(session, step))
-        for display, axis in zip(self.query(GaugeDisplay), step.axes, strict=False):
+        for display, axis in zip(self._displays, step.axes, strict=False):
             display.border_title = f"along {axis.upper()}, mm"
 
     def show_live(self, states: Sequence[Live]) -> None:
         """What the indicators tell now."""
-        for display, live in zip(self.query(GaugeDisplay), states, strict=True):
+        for display, live in zip(self._displays, states, strict=True):
             display.show(live)
 
     def say(self, text: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from textual.screen import Screen
@@ -12,8 +13,11 @@ from app.opening import Plan
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
-from app.screens.result import ResultScreen
-from app.solving import solve_files
+from app.screens.keys import settings_for_screens
+from app.screens.replay import ReplayScreen
+from app.screens.replay_choice import ReplayChoiceScreen
+from app.settings import settings_path
+from protocols.record import read_record
 
 
 def open_interface() -> int:
@@ -27,14 +31,20 @@ def open_session(plan: Plan, *, continued: bool = False) -> int:
     return _run(CheckScreen(plan, continued=continued))
 
 
-def open_result(path: Path) -> int:
-    """The result of a recorded session."""
-    solved, _ = solve_files([path])
-    return _run(ResultScreen(solved, None, path))
+def open_replay(paths: Sequence[Path], *, read_only: bool = False) -> int:
+    """A recorded session again, or a list of several. Raises RecordError for a bad file.
+
+    ``read_only`` is for pages that others look at: nothing can be written or measured from them.
+    """
+    for path in paths:
+        read_record(path)
+    first = ReplayScreen(paths[0]) if len(paths) == 1 else ReplayChoiceScreen(paths)
+    return _run(first, read_only=read_only)
 
 
-def _run(first: Screen[None]) -> int:
-    interface = Interface(first)
+def _run(first: Screen[None], *, read_only: bool = False) -> int:
+    settings = settings_for_screens(settings_path())
+    interface = Interface(first, settings=settings, read_only=read_only)
     message = interface.run()
     if message:
         print(message, file=sys.stderr)

@@ -23,6 +23,9 @@ MARKS = {
     Motion.FAULT: "! FAULT",
 }
 TREND_POINTS = 22
+TREND_S = 0.3
+"""The trend is drawn at most so often: drawing it costs more than the digits."""
+
 OLD_S = 1.0
 """A value is shown with its age from here on."""
 
@@ -37,6 +40,7 @@ class GaugeDisplay(Vertical):
         super().__init__(id=gauge_id, classes="gauge")
         self.border_title = title
         self._shown: tuple[str, str, Motion, tuple[float, ...]] | None = None
+        self._trend_waits = False
 
     def compose(self) -> ComposeResult:
         yield Digits("------")
@@ -48,14 +52,26 @@ class GaugeDisplay(Vertical):
         shown = (self._number(live), self._state(live), live.motion, live.trend_mm[-TREND_POINTS:])
         if shown == self._shown:
             return
-        self._shown = shown
         number, state, motion, trend = shown
+        before = self._shown or ("", "", None, ())
+        self._shown = shown
+        if number != before[0]:
+            self.query_one(Digits).update(number)
+        if state != before[1]:
+            self.query_one(".state", Static).update(state, layout=False)
+        if motion is not before[2]:
+            self.set_classes(f"gauge {motion.value}")
+        if trend != before[3] and not self._trend_waits:
+            self._trend_waits = True
+            self.set_timer(TREND_S, self._draw_trend)
         assumed = isinstance(live.outcome, Reading) and live.outcome.unit_assumed
-        self.border_subtitle = "mm assumed" if assumed else ""
-        self.set_classes(f"gauge {motion.value}")
-        self.query_one(Digits).update(number)
-        self.query_one(".state", Static).update(state)
-        self.query_one(Sparkline).data = list(trend)
+        if assumed != bool(self.border_subtitle):
+            self.border_subtitle = "mm assumed" if assumed else ""
+
+    def _draw_trend(self) -> None:
+        self._trend_waits = False
+        if self._shown is not None:
+            self.query_one(Sparkline).data = list(self._shown[3])
 
     def _number(self, live: Live) -> str:
         if not isinstance(live.outcome, Reading):

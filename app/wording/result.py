@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
+import numpy as np
 from rich.table import Table
 
 from app.solving import Solved
+from app.wording.caveats import SUBSET_WORDS, caveats
 from app.wording.tables import new_table, signed, table_text, wrapped
-from calib.noise import LEAST_NOISE_MM
-from calib.solution import SUBSETS, Solution, Subset
-
-SUBSET_WORDS: dict[Subset, str] = {
-    "joint-offsets": "joint offsets",
-    "leg-lengths": "leg lengths",
-    "both": "joint offsets and leg lengths",
-    "with-tolerances": "both, held by the tolerances of the parts",
-}
-LACK_OF_FIT_LEVEL = 0.01
+from calib.solution import SUBSETS, Solution
 
 
 def solution_text(solved: Solved) -> str:
@@ -29,7 +21,7 @@ def solution_text(solved: Solved) -> str:
             f"{', '.join(solved.names)}: {SUBSET_WORDS[solution.subset]}, "
             f"{method_words(solution)}, {solved.reading_count} readings"
         ),
-        wrapped("\n".join([verdict(solution), *warnings(solved)])),
+        wrapped("\n".join([verdict(solved), *caveats(solved)])),
         table_text(parameter_table(solution)),
         table_text(difference_table(solution)),
         table_text(subset_table(solved)),
@@ -55,37 +47,18 @@ def method_words(solution: Solution) -> str:
     return "linear system (11), pseudoinverse as in the papers"
 
 
-def verdict(solution: Solution) -> str:
+def verdict(solved: Solved) -> str:
     """The first lines of a result."""
+    solution = solved.solution
     expanded = float(solution.expanded_mm.max())
+    before, after = solved.tool_before, solved.tool_after
     return (
         f"{SUBSET_WORDS[solution.subset].capitalize()} known to ±{expanded:.3f} mm "
         "(95 %, reading noise only).\n"
-        f"Leg deviations {solution.rms_before_mm:.4f} → {solution.rms_after_mm:.4f} mm r.m.s."
+        f"Leg deviations {solution.rms_before_mm:.4f} → {solution.rms_after_mm:.4f} mm r.m.s.\n"
+        f"Tool over the workspace: off by {before.rms_mm:.3f} mm r.m.s. now, "
+        f"{after.rms_mm:.3f} mm expected with these values."
     )
-
-
-def warnings(solved: Solved) -> list[str]:
-    """What a person must know before using the numbers."""
-    solution = solved.solution
-    said = []
-    fit = solution.lack_of_fit
-    if fit and fit.p_value < LACK_OF_FIT_LEVEL:
-        said.append(
-            f"WARNING: what the model leaves is {math.sqrt(fit.statistic):.1f} times the noise: "
-            "something is missing from the model."
-        )
-    if solution.noise.standard_deviation_mm < LEAST_NOISE_MM:
-        said.append(
-            "WARNING: these readings show no noise; the uncertainties are those of arithmetic. "
-            "State the resolution and repeatability of the indicators."
-        )
-    for direction in solution.weak_directions:
-        half = direction.standard_uncertainty_mm * solution.coverage_factor
-        said.append(f"WEAK: {direction.combination} known only to ±{half:.2f} mm.")
-    if solution.subset != solved.choice.recommended:
-        said.append(f"RECOMMENDED instead: {SUBSET_WORDS[solved.choice.recommended]}.")
-    return said
 
 
 def parameter_table(solution: Solution) -> Table:
@@ -134,7 +107,21 @@ def noise_words(solution: Solution) -> str:
     return (
         f"Noise of a single reading {noise.standard_deviation_mm:.4f} mm, {source}.\n"
         f"Coverage factor {solution.coverage_factor:.3f}; condition number "
-        f"{solution.condition_number:.1f}."
+        f"{solution.condition_number:.1f}; {correlation_words(solution)}"
+    )
+
+
+def correlation_words(solution: Solution) -> str:
+    """The two parameters that are known least independently."""
+    u = solution.uncertainty_mm
+    if len(u) < 2 or not u.all():
+        return "no correlation to state."
+    correlation = solution.covariance_mm2 / np.outer(u, u)
+    np.fill_diagonal(correlation, 0.0)
+    first, second = divmod(int(np.abs(correlation).argmax()), len(u))
+    value = float(correlation[first, second])
+    return (
+        f"strongest correlation {value:+.2f}, {solution.names[first]} and {solution.names[second]}."
     )
 
 

@@ -199,7 +199,7 @@ def question_text(taken: Taken) -> str:
     for one in taken.questioned:
         lines.append(
             f"along {one.reading.axis.upper()} {signed(one.reading.value_mm, 4)} mm, "
-            f"{signed(one.difference_mm, 4)} mm from the mean of {one.earlier_count} before "
+            f"{signed(one.difference_mm, 4)} mm from the mean of {one.earlier_count} "
             f"(limit {one.limit_mm:g} mm)."
         )
     return "\n".join(lines)

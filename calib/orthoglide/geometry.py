@@ -18,7 +18,8 @@ class Geometry:
     """Nominal dimensions in mm; the defaults are the prototype of papers/000, section 2.1.
 
     ``travel_max_mm`` and ``travel_min_mm`` are the joint limits about the Zero posture and at the
-    same time the displacements of the postures Max and Min.
+    same time the displacements of the postures Max and Min. ``gravity`` is the unit vector of the
+    pull of weight, ``screw_lead_mm`` the travel of a carriage for one turn, None if not known.
     """
 
     leg_length_mm: float = 310.25
@@ -26,6 +27,8 @@ class Geometry:
     travel_min_mm: float = -100.0
     parallelogram_width_mm: float = 80.0
     tool_radius_mm: float = 31.0
+    gravity: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    screw_lead_mm: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("leg_length_mm", "parallelogram_width_mm", "tool_radius_mm"):

@@ -34,6 +34,10 @@ class Model:
         """Simulated readings ``(n_readings,)`` in mm, without the zeros of the mountings."""
         return np.asarray(simulate(self.geometry, self.parameters_mm, taken, self.effects))
 
+    def with_effects(self, effects: tuple[Effect, ...]) -> Model:
+        """The same model with other effects."""
+        return replace(self, effects=effects)
+
     def with_parameters(self, parameters_mm: FloatArray) -> Model:
         """The same model with other parameters ``(6,)``, mm."""
         return replace(self, parameters_mm=tuple(float(v) for v in parameters_mm))

@@ -45,11 +45,13 @@ def test_solution_document_has_everything_promised(samples: Path) -> None:
         assert difference["residual"] == pytest.approx(
             difference["value"] - difference["predicted"]
         )
-    assert found["noise"] == {
-        "standard_deviation_mm": pytest.approx((0.02**2 + 0.01**2 / 12) ** 0.5),
-        "degrees_of_freedom": None,
-        "source": "instrument",
-    }
+    noise = found["noise"]
+    assert noise["standard_deviation_mm"] == pytest.approx((0.02**2 + 0.01**2 / 12) ** 0.5)
+    assert (noise["degrees_of_freedom"], noise["source"]) == (None, "instrument")
+    assert noise["pooled"] is True
+    assert found["suspect_readings"] == []
+    assert found["tool_error"]["before"]["rms_mm"] > found["tool_error"]["after"]["rms_mm"]
+    assert found["enlarged_by_lack_of_fit"] > 10.0
     assert found["lack_of_fit"]["p_value"] < 1e-6
     assert found["condition_number"] == pytest.approx(61.9, abs=0.05)
     assert found["weak_directions"][0]["combination"] == "d_rho_x + d_L_x"

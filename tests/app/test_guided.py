@@ -1,14 +1,19 @@
-"""The guided session from several threads at once: a record has one order."""
+"""The guided session: one order for many threads; steps repeated, restored and left out."""
 
 from __future__ import annotations
 
 import threading
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from app.bench import BenchSettings
 from app.demo import demo_plan, measure_all
-from app.opening import start_session
+from app.guided import GuidedSession
+from app.opening import Plan, continue_session, start_session
+from protocols.procedure import Procedure
 from protocols.record import read_record
 from protocols.session import fold
 
@@ -37,3 +42,197 @@ def test_notes_while_readings_are_taken(tmp_path: Path) -> None:
     assert record.end == "closed"
     assert sum(event.event == "noted" for event in record.events) == 2 * NOTES
     assert len(fold(record.events).readings) == 60
+
+
+def quick(folder: Path, **changes: object) -> Plan:
+    """Two legs, one cycle each: ZERO MAX MIN ZERO, steps 1 … 4 on x and 5 … 8 on y."""
+    plan = demo_plan(folder, "zero-max-min", 1, BenchSettings())
+    short = plan.procedure.model_dump() | {"legs": ("x", "y"), "cycles": 1} | changes
+    return replace(plan, procedure=Procedure.model_validate(short), interval_s=0.0)
+
+
+def take(guided: GuidedSession, count: int) -> list[int]:
+    """Numbers of so many steps taken."""
+    numbers = []
+    for _ in range(count):
+        guided.go()
+        taken = guided.take()
+        assert taken is not None
+        assert not taken.faults
+        numbers.append(taken.step.number)
+    return numbers
+
+
+def counting(guided: GuidedSession) -> dict[int, list[int]]:
+    """Step → numbers of its readings that count."""
+    found: dict[int, list[int]] = {}
+    for reading in guided.session.readings:
+        assert reading.step is not None
+        found.setdefault(reading.step, []).append(reading.reading)
+    return found
+
+
+def present(guided: GuidedSession) -> int | None:
+    step = guided.step()
+    return step.number if step else None
+
+
+def test_one_step_is_repeated_while_the_stand_is_where_it_was(tmp_path: Path) -> None:
+    with start_session(quick(tmp_path)) as guided:
+        take(guided, 3)
+        assert guided.steps_repeated_with(2) == {2}
+        again = guided.repeat(2, "a truck passed")
+        assert again is not None
+        assert again.number == 2
+        assert guided.session.superseded == {3: "a truck passed", 4: "a truck passed"}
+        assert counting(guided) == {1: [1, 2], 3: [5, 6]}
+        assert take(guided, 2) == [2, 4]
+        assert len(guided.session.mountings) == 1
+
+
+def test_undo_takes_back_the_last_step_taken_not_the_last_of_the_list(tmp_path: Path) -> None:
+    with start_session(quick(tmp_path)) as guided:
+        assert guided.undo() is None
+        take(guided, 3)
+        guided.repeat(1, "wild")
+        take(guided, 1)
+        guided.undo("once more")
+        assert present(guided) == 1
+        assert set(counting(guided)) == {2, 3}
+
+
+def test_after_the_stand_moved_a_whole_mounting_is_repeated(tmp_path: Path) -> None:
+    with start_session(quick(tmp_path)) as guided:
+        take(guided, 6)
+        assert guided.steps_repeated_with(2) == {1, 2, 3, 4}
+        assert guided.steps_repeated_with(6) == {6}
+        guided.repeat(2, "wild")
+        assert set(counting(guided)) == {5, 6}
+        assert take(guided, 4) == [1, 2, 3, 4]
+        mounts = {r.mount for r in guided.session.readings if r.leg == "x"}
+        assert mounts == {"xy#2", "xz#2"}
+        assert take(guided, 2) == [7, 8]
+        assert {r.mount for r in guided.session.readings if r.step == 7} == {"yx#2", "yz#2"}
+        assert guided.step() is None
+
+
+def test_after_a_break_the_mounting_before_it_is_repeated_whole(tmp_path: Path) -> None:
+    plan = quick(tmp_path)
+    with start_session(plan) as guided:
+        take(guided, 3)
+    with continue_session(plan) as guided:
+        assert guided.steps_repeated_with(3) == {1, 2, 3}
+        assert take(guided, 1) == [4]
+        assert guided.steps_repeated_with(4) == {4}
+        assert guided.steps_repeated_with(1) == {1, 2, 3}
+        guided.repeat(1, "not sure of the stand")
+        assert take(guided, 3) == [1, 2, 3]
+        assert {r.mount for r in guided.session.readings} == {"xy#2", "xz#2"}
+
+
+def test_superseded_readings_count_again(tmp_path: Path) -> None:
+    with start_session(quick(tmp_path)) as guided:
+        take(guided, 3)
+        guided.undo("wild")
+        take(guided, 1)
+        assert not guided.restore(3, "it has readings that count")
+        guided.undo("wilder")
+        assert guided.restore(3, "the second was right")
+        assert counting(guided) == {1: [1, 2], 2: [3, 4], 3: [7, 8]}
+        assert guided.session.superseded == {5: "wild", 6: "wild"}
+        assert not guided.restore(4, "never taken")
+        assert present(guided) == 4
+
+
+@pytest.mark.parametrize("moved", ["remounted", "next leg", "break"])
+def test_nothing_is_restored_after_the_stand_moved(tmp_path: Path, moved: str) -> None:
+    plan = quick(tmp_path)
+    with ExitStack() as stack:
+        guided = stack.enter_context(start_session(plan))
+        take(guided, 3)
+        if moved == "next leg":
+            guided.skip([4], "no time")
+            take(guided, 1)
+            guided.repeat(2, "wild")
+        else:
+            guided.undo("wild")
+        if moved == "remounted":
+            guided.remount()
+        if moved == "break":
+            guided.leave()
+            guided = stack.enter_context(continue_session(plan))
+        before = guided.session.readings
+        assert not guided.restore(3, "too late")
+        assert guided.session.readings == before
+
+
+def test_skipped_steps_are_left_out_and_come_back(tmp_path: Path) -> None:
+    with start_session(quick(tmp_path)) as guided:
+        take(guided, 1)
+        assert [step.number for step in guided.rest_of_place()] == [2, 3, 4]
+        guided.skip([2], "collides")
+        assert [step.number for step in guided.rest_of_place()] == [3, 4]
+        following = guided.skip([step.number for step in guided.rest_of_place()], "no time")
+        assert following is not None
+        assert following.number == 5
+        assert guided.session.skipped == {2: "collides", 3: "no time", 4: "no time"}
+        assert take(guided, 4) == [5, 6, 7, 8]
+        assert guided.step() is None
+        assert guided.rest_of_place() == ()
+        assert not guided.session.complete
+        guided.repeat(2, "it can be reached after all")
+        assert 2 not in guided.session.skipped
+        assert take(guided, 1) == [2]
+
+
+def test_a_step_that_is_skipped_has_no_readings_that_count(tmp_path: Path) -> None:
+    """One of two readings was on the disk when the program was killed; then it is left out."""
+    plan = quick(tmp_path)
+    with start_session(plan) as guided:
+        take(guided, 2)
+    lines = plan.path.read_bytes().splitlines(keepends=True)
+    plan.path.write_bytes(b"".join(lines[:-1]))
+    with continue_session(plan) as guided:
+        assert counting(guided) == {1: [1, 2], 2: [3]}
+        guided.skip([2], "no time")
+        assert counting(guided) == {1: [1, 2]}
+        assert guided.session.superseded == {3: "no time"}
+
+
+def test_a_skipped_step_whose_readings_are_restored_is_skipped_no_more(tmp_path: Path) -> None:
+    with start_session(quick(tmp_path)) as guided:
+        take(guided, 2)
+        guided.undo("wild")
+        guided.skip([2], "no time")
+        assert guided.restore(2, "it was right")
+        assert guided.session.skipped == {}
+        assert counting(guided) == {1: [1, 2], 2: [3, 4]}
+
+
+def test_an_interrupted_step_is_measured_again_as_a_whole(tmp_path: Path) -> None:
+    plan = quick(tmp_path)
+    with start_session(plan) as guided:
+        take(guided, 2)
+    lines = plan.path.read_bytes().splitlines(keepends=True)
+    plan.path.write_bytes(b"".join(lines[:-1]))
+    with continue_session(plan) as guided:
+        assert take(guided, 1) == [2]
+        assert counting(guided) == {1: [1, 2], 2: [4, 5]}
+        assert guided.session.superseded == {3: "step was interrupted"}
+
+
+def test_a_reading_that_disagrees_is_questioned_and_kept(tmp_path: Path) -> None:
+    """A limit finer than the scatter of the simulated machine questions something."""
+    plan = quick(tmp_path, cycles=3, repeat_limit_mm=1e-6)
+    questioned = []
+    with start_session(plan) as guided:
+        for _ in range(10):
+            guided.go()
+            taken = guided.take()
+            assert taken is not None
+            questioned += [(taken.step.number, d.earlier_count) for d in taken.questioned]
+            assert all(d.reading in taken.readings for d in taken.questioned)
+        assert len(guided.session.readings) == 20
+    assert questioned
+    assert min(number for number, _ in questioned) >= 4
+    assert max(count for _, count in questioned) == 3

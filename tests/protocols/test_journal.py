@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from protocols.errors import RecordError
-from protocols.events import Line, Noted, Opened, Reading, Superseded
+from protocols.events import Line, Noted, Opened, Reading, Restored, Superseded
 from protocols.journal import Journal, write_whole
 from protocols.machine import Machine
 from protocols.record import read_record
@@ -254,6 +254,19 @@ def test_a_failed_take_back_does_not_spoil_what_comes_after(
         ([reading(2)], "found reading 2. Allowed: reading 1"),
         ([reading(1), Superseded(readings=(2,), reason="x")], "before it was taken"),
         ([reading(1), reading(2).model_copy(update={"axis": "z"})], "in a second place"),
+        (
+            [reading(1), Restored(readings=(1,), reason="x")],
+            "line 3: found reading 1 restored. Allowed: readings that were superseded",
+        ),
+        ([Restored(readings=(1,), reason="x")], "line 2: found reading 1 restored"),
+        (
+            [
+                reading(1),
+                Superseded(readings=(1,), reason="x"),
+                *[Restored(readings=(1,), reason="y")] * 2,
+            ],
+            "line 5: found reading 1 restored",
+        ),
     ],
 )
 def test_records_are_checked_for_meaning(path: Path, events: list[Line], said: str) -> None:
@@ -278,3 +291,35 @@ def test_a_deleted_file_comes_back_whole(path: Path) -> None:
     record = read_record(path)
     assert record.end == "closed"
     assert [r.reading for r in fold(record.events).readings] == [1, 2]
+
+
+def test_superseded_and_restored_readings_fold_to_what_counts(path: Path) -> None:
+    events: list[Line] = [reading(1), reading(2), Superseded(readings=(1, 2), reason="wild")]
+    events += [Restored(readings=(1,), reason="was right"), reading(3)]
+    write_whole(path, opened(), [*events, Superseded(readings=(3,), reason="late")])
+    session = fold(read_record(path).events)
+    assert [r.reading for r in session.readings] == [1]
+    assert session.superseded == {2: "wild", 3: "late"}
+    assert [r.reading for r in session.all_readings] == [1, 2, 3]
+
+
+def test_every_interruption_keeps_its_own_torn_bytes(path: Path) -> None:
+    """Also where the program was killed before it could cut them off."""
+    whole = b"".join(finished(path).splitlines(keepends=True)[:3])
+    for torn in (b'{"event":"rea', b'{"event":"not'):
+        path.write_bytes(whole + torn)
+        Journal.resume(path, "test").close()
+        whole = path.read_bytes()
+    assert path.with_name("s.jsonl.torn").read_bytes().split() == [
+        b'{"event":"rea',
+        b'{"event":"not',
+    ]
+    continued = [e for e in read_record(path).events if e.event == "continued"]
+    assert [e.torn_bytes for e in continued] == [13, 13]
+
+
+def test_a_killed_writers_lock_does_not_keep_the_next_one_out(path: Path) -> None:
+    path.write_bytes(b"".join(finished(path).splitlines(keepends=True)[:3]))
+    path.with_name("s.jsonl.lock").touch()
+    Journal.resume(path, "test").close()
+    assert read_record(path).end == "open"

@@ -6,10 +6,11 @@ import itertools
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
 from calib.orthoglide.geometry import Geometry
 from protocols.errors import RecordError, UsageError
-from protocols.procedure import load_procedure, procedure_names
+from protocols.procedure import Procedure, load_procedure, procedure_names
 
 FILE = """
 schema = "glidecal.procedure/1"
@@ -89,3 +90,134 @@ def test_a_file_of_ones_own(tmp_path: Path) -> None:
         12,
         0,
     ]
+
+
+def procedure(**changes: object) -> Procedure:
+    fields: dict[str, object] = {
+        "schema": "glidecal.procedure/1",
+        "name": "mine",
+        "title": "t",
+        "cycles": 6,
+        "levels": ("zero", "max", "min", 10.0, -20.0),
+        "order": "free",
+    }
+    return Procedure.model_validate(fields | changes)
+
+
+def visits(one: Procedure) -> dict[tuple[str, int], list[float]]:
+    """Displacements of each leg and cycle, without the return at the end of a leg."""
+    found: dict[tuple[str, int], list[float]] = {}
+    for step in one.steps(Geometry()):
+        found.setdefault((step.leg, step.cycle), []).append(step.displacement_mm)
+    for leg in one.legs:
+        if one.return_to_zero:
+            assert found[leg, one.cycles].pop() == 0.0
+    return found
+
+
+@pytest.mark.parametrize("seed", [0, 1, 7, 12345])
+def test_a_shuffled_cycle_has_zero_first_and_every_level_once(seed: int) -> None:
+    plain, mixed = visits(procedure()), visits(procedure(random_seed=seed))
+    assert plain.keys() == mixed.keys()
+    for place, order in mixed.items():
+        assert order[0] == 0.0
+        assert sorted(order) == sorted(plain[place]) == [-100.0, -20.0, 0.0, 10.0, 60.0]
+    assert len({tuple(order) for order in mixed.values()}) > len(mixed) / 2
+
+
+def test_a_seed_gives_its_own_order_again() -> None:
+    assert visits(procedure(random_seed=3)) == visits(procedure(random_seed=3))
+    assert visits(procedure(random_seed=3)) != visits(procedure(random_seed=4))
+
+
+def test_both_axes_of_one_indicator_see_the_same_shuffled_order() -> None:
+    steps = procedure(random_seed=3).steps(Geometry(), ("xyz",))
+    on_x = {
+        axis: [s.displacement_mm for s in steps if s.leg == "x" and s.axes == (axis,)]
+        for axis in ("y", "z")
+    }
+    assert on_x["y"] == on_x["z"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"order": "fixed", "random_seed": 1}, "random_seed: the order of this procedure is"),
+        ({"levels": ("zero", 0.0)}, "levels: one posture only"),
+        ({"levels": (5.0, 5.0)}, "levels: one posture only"),
+        ({"levels": ("zero", 5.0, 5.0)}, 'order = "free": a level is there twice'),
+        ({"legs": ("x", "y", "x")}, "one of them twice"),
+        ({"stations": (0.5, 0.5)}, "one of them twice"),
+        ({"random_seed": -1}, "random_seed"),
+        ({"window_s": 0.0}, "window_s"),
+        ({"tolerance_mm": 0.0}, "tolerance_mm"),
+        ({"repeat_limit_mm": 0.0}, "repeat_limit_mm"),
+    ],
+)
+def test_procedures_without_sense_are_refused(changes: dict[str, object], said: str) -> None:
+    with pytest.raises(ValidationError, match=said):
+        procedure(**changes)
+
+
+def test_zero_comes_before_cycles_that_do_not_begin_with_it() -> None:
+    one = procedure(levels=("max", "min"), cycles=2, legs=("y",))
+    assert [s.displacement_mm for s in one.steps(Geometry())] == [0, 60, -100, 0, 60, -100, 0]
+    bare = procedure(levels=("max", "min"), cycles=2, legs=("y",), return_to_zero=False)
+    assert [s.displacement_mm for s in bare.steps(Geometry())] == [60, -100] * 2
+
+
+def test_readings_in_place_are_counted() -> None:
+    assert procedure().read_in_place(Geometry()) == 0
+    ends_at_zero = procedure(order="fixed", levels=("zero", "max", "zero"), cycles=2, legs=("x",))
+    assert [s.displacement_mm for s in ends_at_zero.steps(Geometry())] == [0, 60, 0, 0, 60, 0, 0]
+    assert ends_at_zero.read_in_place(Geometry()) == 2
+
+
+def test_verification_visits_what_calibration_did_not() -> None:
+    used = {s.displacement_mm for s in load("zero-max-min").steps(Geometry())}
+    verified = {s.displacement_mm for s in load("verify").steps(Geometry())}
+    assert verified - used == {30.0, -50.0}
+    assert used < verified
+
+
+def load(name: str) -> Procedure:
+    return load_procedure(name, Geometry())
+
+
+MANY_LINES = """
+schema = "glidecal.procedure/1"
+name = "mine"       # levels = [1, 2]
+title = "t"
+cycles = 2
+levels = [          # a comment, with [brackets]
+  "zero", 10.0,
+  # 999.0,
+  {level},
+]
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (MANY_LINES.format(level="80.0"), "line 9, level: found 80 mm"),
+        (MANY_LINES.format(level="-100.5"), r"line 9, level: found -100\.5 mm"),
+        (MANY_LINES.format(level='"top"'), r"line 9, levels\.2"),
+        (MANY_LINES.format(level="1.0").replace("cycles = 2", "cycles = 0"), "line 5, cycles"),
+        (MANY_LINES.format(level="1.0") + "speed = 3\n", "line 11, speed"),
+        (MANY_LINES.format(level="1.0") + 'order = "any"\n', "line 11, order"),
+    ],
+)
+def test_errors_in_files_name_their_line_on_load(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(RecordError, match=said):
+        load_procedure(str(path), Geometry())
+
+
+def test_limits_are_those_of_the_machine_at_hand(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(MANY_LINES.format(level="58.0"), encoding="utf-8")
+    assert load_procedure(str(path), Geometry()).levels[2] == 58.0
+    with pytest.raises(RecordError, match=r"line 9, level: found 58 mm.*-100 … 50 mm"):
+        load_procedure(str(path), Geometry(travel_max_mm=50.0))

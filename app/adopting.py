@@ -1,0 +1,98 @@
+"""A named effect becomes part of the model, with its provenance; it can be taken out again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from app.diagnosing import Diagnosed
+from app.exports.writing import write_files
+from calib.diagnosis.results import Contender, Finding
+from protocols.effect_entries import EffectEntry, Provenance, effect_entry
+from protocols.errors import UsageError
+from protocols.model_file import (
+    ModelFile,
+    model_file,
+    read_model_file,
+    with_effect,
+    without_effect,
+)
+from protocols.record import read_record
+
+
+def adopt(
+    diagnosed: Diagnosed,
+    paths: Sequence[Path],
+    target: Path,
+    *,
+    known: Path | None = None,
+    candidate: str | None = None,
+) -> ModelFile:
+    """Write a model with the named effects added, or with one candidate (``id`` or ``id:where``).
+
+    Blunders are mistakes of the data and are never adopted. Raises UsageError where there is
+    nothing to adopt and RecordError where the file cannot be written.
+    """
+    chosen = _chosen(diagnosed, candidate)
+    machine = diagnosed.sessions[0].opened.machine
+    model = read_model_file(known) if known else model_file(diagnosed.model, machine)
+    source = Provenance(
+        sessions=diagnosed.names,
+        digests=tuple(read_record(path).digest for path in paths),
+        found=datetime.now(UTC),
+        verdict=diagnosed.diagnosis.verdict,
+    )
+    for one in chosen:
+        model = with_effect(model, _entry(one, source), diagnosed.diagnosis.sentence)
+    write_model(target, model)
+    return model
+
+
+def remove(path: Path, effect: str, why: str) -> ModelFile:
+    """Take an effect (``id`` or ``id:where``) out of a model; the history keeps it."""
+    name, _, where = effect.partition(":")
+    model = without_effect(read_model_file(path), name, where or None, why)
+    write_model(path, model)
+    return model
+
+
+def write_model(path: Path, model: ModelFile) -> None:
+    """Write the file. Raises RecordError."""
+    write_files(path, {"": model.text()})
+
+
+def _chosen(diagnosed: Diagnosed, candidate: str | None) -> list[Finding | Contender]:
+    found = diagnosed.diagnosis
+    if candidate is None:
+        named: list[Finding | Contender] = [e for e in found.effects if e.effects]
+        if not named:
+            raise UsageError(
+                "--adopt",
+                f"the verdict '{found.verdict}' names no effect",
+                "a named effect, or one of the candidates by --candidate ID:WHERE",
+            )
+        return named
+    name, _, where = candidate.partition(":")
+    fitting = [
+        one
+        for one in found.candidates
+        if one.id == name and where in ("", one.where) and one.effects
+    ]
+    if not fitting:
+        shown = ", ".join(f"{one.id}:{one.where}" for one in found.candidates[:8])
+        raise UsageError("--candidate", repr(candidate), shown or "no candidate at all")
+    return [fitting[0]]
+
+
+def _entry(one: Finding | Contender, source: Provenance) -> EffectEntry:
+    values = {v.name: (v.value, v.standard_uncertainty) for v in one.parameters}
+    return effect_entry(one.where, one.effects, values, source)
+
+
+def write_procedure(diagnosed: Diagnosed, path: Path) -> None:
+    """The proposed measurement as a procedure file. Raises UsageError where there is none."""
+    proposed = diagnosed.diagnosis.next_measurement
+    if proposed is None or not proposed.protocol.startswith("schema"):
+        raise UsageError("--next", "nothing that stayed ambiguous", "an ambiguous diagnosis")
+    write_files(path, {"": proposed.protocol})

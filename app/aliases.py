@@ -1,0 +1,52 @@
+"""The alias map of a procedure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from app.simulated_session import simulated_session
+from calib.diagnosis.aliases import AliasMap
+from calib.diagnosis.aliases import alias_map as compare
+from calib.orthoglide.effects.law import Law
+from calib.orthoglide.model import Model
+from protocols.machine import load_machine
+from protocols.observations import to_observations
+from protocols.procedure import load_procedure
+from protocols.session import fold
+
+TYPICAL_MM = (1.0, -0.8, 0.6, 0.03, -0.02, 0.01)
+"""Some machine that is not perfect: effects that scale readings need readings to scale."""
+
+
+def alias_map(procedure: str, laws: Sequence[Law]) -> AliasMap:
+    """What this procedure cannot tell apart on the prototype. Raises UsageError, RecordError."""
+    machine = load_machine(None)
+    model = Model(machine.geometry(), TYPICAL_MM)
+    opened, readings = simulated_session(
+        load_procedure(procedure, machine.geometry()),
+        machine,
+        model,
+        seed=1,
+        scatter_mm=0.0,
+        resolution_mm=0.0,
+    )
+    return compare(model, to_observations([fold([opened, *readings])]), laws)
+
+
+def alias_document(found: AliasMap) -> dict[str, Any]:
+    """Schema ``glidecal.aliases/1``."""
+    return {
+        "schema": "glidecal.aliases/1",
+        "effects": [{"id": name, "where": where} for name, where in found.effects],
+        "imitations": [
+            {
+                "effect": {"id": one.effect[0], "where": one.effect[1]},
+                "by": {"id": one.by[0], "where": one.by[1]},
+                "contained": one.contained,
+                "left_in_noise_variances": one.distinguishable,
+            }
+            for one in found.imitations
+        ],
+        "invisible": [{"id": name, "where": where} for name, where in found.invisible],
+    }

@@ -1,0 +1,92 @@
+"""``glidecal diagnose``: where simulation and measurement disagree, and what is missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from app.commands.options import AsJson, say
+
+
+def diagnose(
+    sessions: Annotated[
+        list[Path] | None, typer.Argument(help="Session files.", show_default=False, readable=False)
+    ] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option("--model", help="Model with effects that are known already.", readable=False),
+    ] = None,
+    adopt: Annotated[
+        Path | None,
+        typer.Option("--adopt", help="Write the model with what was named added.", readable=False),
+    ] = None,
+    candidate: Annotated[
+        str | None,
+        typer.Option("--candidate", help="Adopt this candidate, ID or ID:WHERE, instead."),
+    ] = None,
+    held_out: Annotated[
+        list[Path] | None,
+        typer.Option("--held-out", help="Session for the gap alone; repeat.", readable=False),
+    ] = None,
+    next_procedure: Annotated[
+        Path | None,
+        typer.Option("--next", help="Write the next measurement as a procedure.", readable=False),
+    ] = None,
+    aliases: Annotated[
+        bool, typer.Option("--aliases", help="What --procedure cannot tell apart; no data needed.")
+    ] = False,
+    procedure: Annotated[
+        str, typer.Option("--procedure", help="Procedure for --aliases.")
+    ] = "zero-max-min",
+    as_json: AsJson = False,
+) -> None:
+    """Where simulation and measurement disagree, the missing effect, the gap before and after."""
+    from protocols.errors import UsageError
+
+    if aliases:
+        _show_aliases(procedure, as_json=as_json)
+        return
+    if not sessions:
+        raise UsageError("diagnose", "no session", "at least one, or --aliases --procedure NAME")
+    _diagnose(sessions, model, adopt, candidate, held_out or [], next_procedure, as_json=as_json)
+
+
+def _diagnose(
+    sessions: list[Path],
+    model: Path | None,
+    adopt: Path | None,
+    candidate: str | None,
+    held_out: list[Path],
+    next_procedure: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    from app.adopting import adopt as adopt_effects
+    from app.adopting import write_procedure
+    from app.diagnosing import diagnose_files, diagnosis_document
+    from app.documents import to_json
+    from app.own_effects import known_laws
+    from app.wording.diagnosis import diagnosis_text
+
+    found = diagnose_files(sessions, model=model, held_out=held_out, laws=known_laws())
+    for warning in found.warnings:
+        say(f"glidecal: {warning}")
+    if next_procedure:
+        write_procedure(found, next_procedure)
+        say(f"next measurement: glidecal run --protocol {next_procedure}")
+    if adopt:
+        adopt_effects(found, sessions, adopt, known=model, candidate=candidate)
+        say(f"model written: {adopt}")
+    typer.echo(to_json(diagnosis_document(found)) if as_json else diagnosis_text(found))
+
+
+def _show_aliases(name: str, *, as_json: bool) -> None:
+    from app.aliases import alias_document, alias_map
+    from app.documents import to_json
+    from app.own_effects import known_laws
+    from app.wording.aliases import alias_text
+
+    found = alias_map(name, known_laws())
+    typer.echo(to_json(alias_document(found)) if as_json else alias_text(found))

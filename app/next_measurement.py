@@ -1,0 +1,215 @@
+"""The next measurement worth making: what lowers the expected tool error most per minute."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.own_effects import known_laws
+from app.planning_orthoglide import FREE, stated_noise, tool_metric
+from app.solving import load_sessions
+from calib.criteria import covariances_after, inverse
+from calib.noise import IndicatorFigures, Noise, reading_noise, reading_weights, visits
+from calib.observations import LEG_NAMES, FloatArray
+from calib.orthoglide.model import Model
+from calib.orthoglide.pipeline import derivatives
+from calib.orthoglide.pool import PARAMETERS, STATIONS, LegPool, leg_pool, levels_mm
+from calib.sensitivity import sensitivity_of_readings
+from protocols.errors import UsageError
+from protocols.machine import Machine, load_machine
+from protocols.model_file import read_model
+from protocols.observations import to_observations
+from protocols.session import Session
+
+SECONDS_PER_STEP = 20.0
+RUNNERS_UP = 5
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """One more mounting and the displacements to read there along both axes.
+
+    ``tool_mm`` is the expected r.m.s. error of the tool over the workspace afterwards.
+    """
+
+    leg: str
+    station: float
+    displacements_mm: tuple[float, ...]
+    minutes: float
+    tool_mm: float
+    variance_per_minute_mm2: float
+
+
+@dataclass(frozen=True)
+class NextMeasurement:
+    """The best proposal first; ``tool_before_mm`` without any of them."""
+
+    sessions: tuple[str, ...]
+    machine: str
+    tool_before_mm: float
+    noise_words: str
+    proposals: tuple[Proposal, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def best(self) -> Proposal:
+        """The measurement that is proposed."""
+        return self.proposals[0]
+
+
+def next_measurement(
+    sessions: Sequence[Path] = (),
+    *,
+    machine_file: Path | None = None,
+    model_file: Path | None = None,
+    noise_mm: float | None = None,
+    minutes_per_mounting: float = 2.0,
+) -> NextMeasurement:
+    """Judge every mounting with two or three displacements on top of the sessions.
+
+    Before any reading the parameters are known to the tolerances of the machine file. Raises
+    UsageError for files that do not fit each other, RecordError for files that cannot be used.
+    """
+    folded, warnings = load_sessions(sessions)
+    machine, model = _machine_and_model(folded, machine_file, model_file)
+    information = np.diag(np.array(machine.tolerances_mm()) ** -2.0)
+    noise, words = stated_noise(machine, noise_mm)
+    if folded:
+        measured, noise, seen = _measured(folded, model, noise, noise_mm)
+        information, words = information + measured, seen or words
+    covariance, metric = inverse(information), tool_metric(model.geometry)
+    before = float(np.trace(metric @ covariance))
+    found = _judged(model, covariance, metric, noise.standard_deviation_mm, minutes_per_mounting)
+    return NextMeasurement(
+        sessions=tuple(path.name for path in sessions),
+        machine=machine.name,
+        tool_before_mm=before**0.5,
+        noise_words=words,
+        proposals=tuple(found),
+        warnings=tuple(warnings),
+    )
+
+
+def _machine_and_model(
+    sessions: Sequence[Session], machine_file: Path | None, model_file: Path | None
+) -> tuple[Machine, Model]:
+    if model_file and machine_file:
+        raise UsageError("--model and --machine", "both", "one: a model brings its own machine")
+    model, machine = (
+        read_model(model_file, known_laws()) if model_file else (None, load_machine(machine_file))
+    )
+    if sessions:
+        own = sessions[0].opened.machine
+        if (model_file or machine_file) and own.geometry() != machine.geometry():
+            raise UsageError(
+                "machine of the sessions",
+                f"'{own.name}', other dimensions than '{machine.name}'",
+                "a machine or model file of the same machine, or none",
+            )
+        machine = own
+    return machine, model or Model(machine.geometry())
+
+
+def _measured(
+    sessions: Sequence[Session], model: Model, stated: Noise, noise_mm: float | None
+) -> tuple[FloatArray, Noise, str]:
+    """Information ``(6, 6)`` of the sessions, and the noise that they show themselves."""
+    visited = visits(to_observations(sessions))
+    steps = [s.resolution_mm for s in sessions if s.resolution_mm is not None]
+    figures = IndicatorFigures(resolution_mm=max(steps, default=None))
+    shown = None if noise_mm is not None else reading_noise(visited, figures)
+    words = f"{shown.standard_deviation_mm:.4g} mm, from the sessions" if shown else ""
+    noise = shown or Noise(stated.indicators[:1] * visited.indicator_count, "instrument")
+    design = derivatives(model.geometry, model.parameters_mm, visited)
+    weight = reading_weights(visited, noise)
+    whitened = sensitivity_of_readings(
+        model.geometry, visited, weight, design, FREE, noise_known=True
+    ).jacobian
+    return np.asarray(whitened.T @ whitened), noise, words
+
+
+def _judged(
+    model: Model,
+    covariance: FloatArray,
+    metric: FloatArray,
+    noise_mm: float,
+    minutes_per_mounting: float,
+) -> list[Proposal]:
+    """The best proposal of each leg and station, the best of all first."""
+    pool = leg_pool(model.geometry, parameters_mm=model.parameters_mm, both_ways=False)
+    before = float(np.trace(metric @ covariance))
+    best: dict[tuple[int, float], Proposal] = {}
+    for size in (2, 3):
+        minutes = minutes_per_mounting + size * SECONDS_PER_STEP / 60.0
+        for leg, station, some, rows in _mountings(model, pool, size):
+            after = covariances_after(
+                covariance, rows / noise_mm, np.ones(rows.shape[1]), list(FREE)
+            )
+            variance = np.einsum("ij,bji->b", metric, after)
+            k = int(variance.argmin())
+            proposal = Proposal(
+                leg=LEG_NAMES[leg],
+                station=station,
+                displacements_mm=some[k],
+                minutes=minutes,
+                tool_mm=float(variance[k]) ** 0.5,
+                variance_per_minute_mm2=(before - float(variance[k])) / minutes,
+            )
+            held = best.get((leg, station))
+            if held is None or _gain(proposal) > _gain(held):
+                best[leg, station] = proposal
+    return sorted(best.values(), key=_gain, reverse=True)[: RUNNERS_UP + 1]
+
+
+def _gain(proposal: Proposal) -> float:
+    return proposal.variance_per_minute_mm2
+
+
+def _mountings(
+    model: Model, pool: LegPool, size: int
+) -> list[tuple[int, float, list[tuple[float, ...]], FloatArray]]:
+    """Sets of displacements at each place with rows ``(b, 2 size, 6)``, own zeros fitted."""
+    geometry = model.geometry
+    sets = list(combinations(levels_mm(geometry), size))
+    if size == 3:  # a third one between the joint limits
+        ends = (geometry.travel_min_mm, geometry.travel_max_mm)
+        sets = [one for one in sets if (one[0], one[-1]) == ends]
+    found = []
+    for number, (leg, station) in enumerate(pool.places):
+        members = np.flatnonzero(pool.place == number)
+        row = {float(pool.displacement_mm[k]): int(k) for k in members}
+        index = np.array([[row[level] for level in one] for one in sets])
+        rows = pool.rows[index][:, :, :, :PARAMETERS]
+        centred = rows - rows.mean(axis=1, keepdims=True)
+        found.append((leg, station, sets, centred.reshape(len(sets), -1, PARAMETERS)))
+    return found
+
+
+def plan_document(plan: NextMeasurement) -> dict[str, Any]:
+    """Schema ``glidecal.plan/1``."""
+    return {
+        "schema": "glidecal.plan/1",
+        "sessions": list(plan.sessions),
+        "machine": plan.machine,
+        "noise": plan.noise_words,
+        "tool_before_mm": plan.tool_before_mm,
+        "next": _proposal(plan.best),
+        "runners_up": [_proposal(one) for one in plan.proposals[1:]],
+        "stations": list(STATIONS),
+    }
+
+
+def _proposal(one: Proposal) -> dict[str, Any]:
+    return {
+        "leg": one.leg,
+        "station": one.station,
+        "displacements_mm": list(one.displacements_mm),
+        "minutes": one.minutes,
+        "tool_mm": one.tool_mm,
+        "variance_per_minute_mm2": one.variance_per_minute_mm2,
+    }

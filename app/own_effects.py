@@ -1,0 +1,151 @@
+"""Effects of the user: Python files in one folder, and installed packages (entry points)."""
+
+from __future__ import annotations
+
+import os
+import re
+import runpy
+from collections.abc import Callable, Iterator
+from functools import partial
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import TypeVar, cast
+
+import numpy as np
+
+from calib.errors import GlidecalError
+from calib.observations import conditions
+from calib.orthoglide.effects import CATALOGUE
+from calib.orthoglide.effects.kinds import EffectParameter, Kind
+from calib.orthoglide.effects.law import Law, Placed
+from calib.orthoglide.geometry import Geometry
+from calib.orthoglide.pipeline import Stage, simulate
+from protocols.errors import RecordError
+
+FOLDER_VARIABLE = "GLIDECAL_EFFECTS"
+"""Environment variable that names another folder of effects."""
+
+GROUP = "glidecal.effects"
+"""Entry points of this group give a law or a tuple of laws."""
+
+NAME = "EFFECTS"
+ID = re.compile(r"[a-z][a-z0-9_]{1,39}")
+WORDS = ("id", "title", "controller")
+
+T = TypeVar("T")
+
+
+def known_laws() -> tuple[Law, ...]:
+    """The catalogue and the user's own effects.
+
+    Raises RecordError naming the file or entry point that cannot be used, and why.
+    """
+    laws = list(CATALOGUE)
+    for source, given in (*_from_files(), *_from_entry_points()):
+        for law in given if isinstance(given, tuple | list) else (given,):
+            checked = _checked(source, law)
+            if checked.id in {known.id for known in laws}:
+                raise _broken(source, f"the id '{checked.id}'", "an id that is not taken")
+            laws.append(checked)
+    return tuple(laws)
+
+
+def effects_folder() -> Path:
+    """The folder of own effects; it need not exist."""
+    named = os.environ.get(FOLDER_VARIABLE)
+    if named:
+        return Path(named)
+    from platformdirs import user_data_path
+
+    return user_data_path("glidecal", appauthor=False) / "effects"
+
+
+def _from_files() -> Iterator[tuple[str, object]]:
+    for path in sorted(effects_folder().glob("*.py")):
+        source = f"effect file {path}"
+        content = _run(source, partial(runpy.run_path, str(path)))
+        if NAME not in content:
+            raise _broken(source, f"no {NAME}", f"{NAME} = (a law, …)")
+        yield source, content[NAME]
+
+
+def _from_entry_points() -> Iterator[tuple[str, object]]:
+    for point in sorted(entry_points(group=GROUP), key=lambda found: found.name):
+        source = f"entry point {point.name} = {point.value}"
+        yield source, _run(source, point.load)
+
+
+def _run(source: str, load: Callable[[], T]) -> T:
+    """Somebody else's code: whatever it raises is a fault of the file."""
+    try:
+        return load()
+    except (Exception, SystemExit) as problem:
+        raise _broken(source, _said(problem)) from problem
+
+
+def _checked(source: str, given: object) -> Law:
+    """The law, tried at every place with an unremarkable size."""
+    fault = _run(source, partial(_fault_of, given))
+    if fault:
+        raise _broken(source, fault)
+    law = cast(Law, given)
+    fault = _run(source, partial(_fault_of_change, law))
+    if fault:
+        raise _broken(source, f"{law.id}: {fault}")
+    return law
+
+
+def _fault_of(given: object) -> str:
+    """What it lacks to be a law; empty if nothing."""
+    if not all(isinstance(getattr(given, name, None), str) for name in WORDS):
+        return f"{given!r:.80}, which lacks one of the texts {', '.join(WORDS)}"
+    law = cast(Law, given)
+    if not ID.fullmatch(law.id):
+        return f"the id {law.id!r}, not of small letters, digits and _"
+    if not isinstance(law.kind, Kind) or not isinstance(law.stage, Stage):
+        return f"{law.id}: kind or stage that is no Kind or no Stage"
+    parameters = law.parameters
+    if not parameters or not all(isinstance(p, EffectParameter) for p in parameters):
+        return f"{law.id}: parameters that are no EffectParameter"
+    if not all(0.0 < p.tolerance < np.inf for p in parameters):
+        return f"{law.id}: a tolerance that is not positive"
+    return ""
+
+
+def _fault_of_change(law: Law) -> str:
+    """What is wrong with the readings that it makes; empty if nothing."""
+    legs, axes = [0, 0, 1, 1, 2, 2] * 3, [1, 2, 0, 2, 0, 1] * 3
+    taken = conditions(legs, axes, [0.0] * 6 + [60.0] * 6 + [-100.0] * 6)
+    plain = simulate(Geometry(), np.zeros(6), taken)
+    places = law.places(taken)
+    if not places or not all(isinstance(place, str) for place in places):
+        return "places that are no texts, or none"
+    for place in places:
+        for size in (0.0, 1.0):
+            values = tuple(size * p.tolerance * (1 + 1e-20j) for p in law.parameters)
+            found = simulate(Geometry(), np.zeros(6), taken, (Placed(law, place, values),))
+            if found.shape != plain.shape or not np.all(np.isfinite(found)):
+                return f"readings of shape {found.shape} or not finite at {place}"
+            if size == 0.0 and np.abs(found - plain).max() > 1e-12:
+                return f"a value of 0 changes readings at {place}"
+            changed = np.abs(found - plain).max() > 1e-9
+            if changed and not np.abs(found.imag).max() > 0.0:
+                return f"complex values do not pass at {place}"
+    return ""
+
+
+def _said(problem: BaseException) -> str:
+    line = getattr(problem, "lineno", None)
+    where = f", line {line}" if isinstance(problem, SyntaxError) and line else ""
+    if isinstance(problem, GlidecalError):
+        return str(problem)
+    return f"{type(problem).__name__}: {problem}{where}"
+
+
+def _broken(source: str, found: str, allowed: str = "") -> RecordError:
+    return RecordError(
+        source,
+        found,
+        allowed,
+        "See docs/effects.md; move the file away to go on without it.",
+    )

@@ -1,0 +1,143 @@
+"""Every key of every screen by its id, and whether a user's settings fit them."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from textual.app import App
+from textual.binding import Binding, BindingsMap
+from textual.keys import Keys
+from textual.screen import Screen
+from textual.theme import BUILTIN_THEMES
+
+from app.settings import WHAT, Settings, read_settings
+from protocols.documents import read_text
+from protocols.errors import RecordError
+from protocols.toml_lines import line_of
+
+MODIFIERS = ("ctrl", "shift", "alt", "super", "hyper", "meta")
+NAMED_KEYS = frozenset(key.value for key in Keys) | {"space", "comma"}
+
+
+@dataclass(frozen=True)
+class KnownKey:
+    """One binding: its id, the keys it has without settings, what it does."""
+
+    key_id: str
+    keys: tuple[str, ...]
+    words: str
+
+
+def known_keys() -> dict[str, KnownKey]:
+    """Every binding that has an id, in the order of the ids."""
+    found: dict[str, KnownKey] = {}
+    for place in _places():
+        for key, binding in place:
+            if binding.id:
+                before = found.get(binding.id)
+                keys = dict.fromkeys([*(before.keys if before else ()), key])
+                words = binding.description or binding.action
+                found[binding.id] = KnownKey(binding.id, tuple(keys), words)
+    return dict(sorted(found.items()))
+
+
+def settings_for_screens(path: Path) -> Settings:
+    """The settings of a file, checked against themes and keys.
+
+    Raises RecordError naming the file, the line, what was found and what is allowed.
+    """
+    settings = read_settings(path)
+    if settings.theme is not None and settings.theme not in BUILTIN_THEMES:
+        raise _fault(path, ("theme",), repr(settings.theme), ", ".join(BUILTIN_THEMES))
+    ids = known_keys()
+    for key_id, keys in settings.keys.items():
+        if key_id not in ids:
+            allowed = "an id that glidecal settings lists"
+            raise _fault(path, ("keys", key_id), "an unknown id", allowed)
+        for key in split(keys):
+            if not is_key(key):
+                allowed = "a character, or a name such as space, enter, f2, ctrl+t"
+                raise _fault(path, ("keys", key_id), f"key {key!r}", allowed)
+    for key_id, key, other in clashes(settings.keys):
+        raise _fault(path, ("keys", key_id), f"{key!r}, which is {other} too", "a key of its own")
+    return settings
+
+
+def _fault(path: Path, location: tuple[str, ...], found: str, allowed: str) -> RecordError:
+    line = line_of(read_text(path, WHAT), location)
+    where = f", line {line}" if line else ""
+    return RecordError(f"{WHAT} {path}{where}, {' '.join(location)}", found, allowed)
+
+
+def split(keys: str) -> list[str]:
+    """The keys of one setting; a comma itself is written ``comma``."""
+    return [key.strip() for key in keys.split(",")]
+
+
+def is_key(key: str) -> bool:
+    """Whether a terminal can send this key at all."""
+    *modifiers, last = key.split("+") if len(key) > 1 else [key]
+    plain = (len(last) == 1 and last.isprintable() and not last.isspace()) or last in NAMED_KEYS
+    return key in NAMED_KEYS or (plain and all(m in MODIFIERS for m in modifiers))
+
+
+def clashes(chosen: Mapping[str, str]) -> Iterator[tuple[str, str, str]]:
+    """Id, key and the other binding, wherever a chosen key does two things on one screen."""
+    for place in _places():
+        taken: dict[str, tuple[str, Binding]] = {}
+        usual = {(key, binding.id) for key, binding in place}
+        for key, binding in _with_chosen(place, chosen):
+            name = binding.id or binding.description or binding.action
+            other_name, other = taken.setdefault(key, (name, binding))
+            if _action(other) == _action(binding) or name == other_name:
+                continue
+            moved = [n for n in (name, other_name) if n in chosen and (key, n) not in usual]
+            if moved:
+                yield moved[0], key, other_name if moved[0] == name else name
+
+
+def _action(binding: Binding) -> str:
+    return binding.action.removeprefix("app.")
+
+
+def _with_chosen(
+    place: tuple[tuple[str, Binding], ...], chosen: Mapping[str, str]
+) -> Iterator[tuple[str, Binding]]:
+    for key, binding in place:
+        if binding.id in chosen:
+            yield from ((each, binding) for each in split(chosen[binding.id or ""]))
+        else:
+            yield key, binding
+
+
+@cache
+def _places() -> tuple[tuple[tuple[str, Binding], ...], ...]:
+    """The bindings of each screen together with those of the application."""
+    for module in pkgutil.iter_modules(importlib.import_module("app.screens").__path__):
+        importlib.import_module(f"app.screens.{module.name}")
+    everywhere = tuple(pair for kind in _ours(App) for pair in _bindings(kind))
+    screens = (tuple(_bindings(kind)) for kind in _ours(Screen))
+    return tuple(own + everywhere for own in screens if own)
+
+
+def _ours(kind: type[object]) -> Iterator[type[object]]:
+    for below in kind.__subclasses__():
+        if below.__module__.startswith("app.screens."):
+            yield below
+        yield from _ours(below)
+
+
+def _bindings(kind: type[object]) -> Iterator[tuple[str, Binding]]:
+    """Key and binding, inherited ones included; a nearer one hides a farther one."""
+    seen: set[str] = set()
+    for each in kind.__mro__:
+        own = dict(BindingsMap(each.__dict__.get("BINDINGS", ())).key_to_bindings)
+        for key, bindings in own.items():
+            if key not in seen:
+                yield from ((key, binding) for binding in bindings)
+        seen |= own.keys()

@@ -1,0 +1,252 @@
+"""Replaying: the picture of measuring over a recorded session. Nothing is measured or written."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import ClassVar
+
+from textual import work
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.events import Resize
+from textual.screen import Screen
+from textual.widgets import Footer, Log
+
+from app.replaying import Playback
+from app.screens.dialogs import TextDialog
+from app.screens.interface import Interface
+from app.screens.result import ResultScreen
+from app.screens.session_view import SessionView
+from app.solving import Solved, solve_files
+from app.wording.replay import (
+    REPLAY_HELP,
+    copied_text,
+    jump_question,
+    progress_line,
+    reading_lines,
+    unsolved_text,
+)
+from calib.errors import GlidecalError
+from protocols.record import read_record
+
+TICK_S = 0.1
+WIDE = 110
+"""Columns from which table and plot stand side by side, as in measuring."""
+
+
+class ReplayedResult(ResultScreen):
+    """The result over a replay: there is a way back to it, and from a served page no other one."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "back", "Back", id="replay.result-back")
+    ]
+
+    def action_back(self) -> None:
+        """To the replay."""
+        self.app.pop_screen()
+
+    def action_home(self) -> None:
+        """Home offers other files and real indicators: not to somebody who only looks."""
+        if self.app.read_only:
+            self.action_back()
+        else:
+            super().action_home()
+
+
+class ReplayScreen(Screen[None]):
+    """One record, played or moved through by hand.
+
+    Raises RecordError or UsageError where the file cannot be used.
+    """
+
+    app: Interface
+    HELP = REPLAY_HELP
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("space", "play", "Play", id="replay.play"),
+        Binding("right", "step(1)", "Next", id="replay.forward"),
+        Binding("left", "step(-1)", "Before", id="replay.back"),
+        Binding("up,plus", "faster(1)", "Faster", show=False, id="replay.faster"),
+        Binding("down,minus", "faster(-1)", "Slower", show=False, id="replay.slower"),
+        Binding("home", "to_start", "Start", show=False, id="replay.start"),
+        Binding("end", "to_end", "End", show=False, id="replay.end"),
+        Binding("j", "jump", "Jump", id="replay.jump"),
+        Binding("t", "list", "Taken", id="replay.list"),
+        Binding("pageup", "page(-1)", "List up", show=False, id="replay.list-up"),
+        Binding("pagedown", "page(1)", "List down", show=False, id="replay.list-down"),
+        Binding("g", "plot", "Plot", show=False, id="replay.plot"),
+        Binding("r", "result", "Result", id="replay.result"),
+        Binding("y", "copy", "Copy", id="replay.copy"),
+        Binding("escape", "back", "Back", id="replay.leave"),
+        Binding("f10", "app.quit", "Quit", id="replay.quit"),
+    ]
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.path = path
+        self.playback = Playback(read_record(path))
+        self._listed: list[str] = []
+        self._looked_at_s = time.monotonic()
+        self._solving = False
+
+    def compose(self) -> ComposeResult:
+        yield SessionView(self.playback.gauge_count)
+        listing = Log(id="taken", auto_scroll=True)
+        listing.can_focus = False  # the arrow keys are the replay's
+        yield listing
+        yield Footer(compact=True, show_command_palette=False)
+
+    @property
+    def view(self) -> SessionView:
+        """The picture of the session."""
+        return self.query_one(SessionView)
+
+    def on_mount(self) -> None:
+        self._show()
+        self.set_interval(TICK_S, self._tick)
+
+    def on_resize(self, event: Resize) -> None:
+        self.set_class(event.size.width >= WIDE, "wide")
+        self._show_picture()
+
+    def _tick(self) -> None:
+        now_s = time.monotonic()
+        elapsed_s, self._looked_at_s = now_s - self._looked_at_s, now_s
+        if self.playback.advance(elapsed_s):
+            self._show()
+        else:
+            self.view.show_live(self.playback.live)
+
+    def _show(self) -> None:
+        """Everything as it is at this place of the record."""
+        self._show_picture()
+        self.say(self.playback.said)
+        self._show_list()
+
+    def _show_picture(self) -> None:
+        playback = self.playback
+        self._show_progress()
+        self.view.show_step(playback.shown, playback.steps, playback.now)
+        self.view.show_live(playback.live)
+
+    def _show_progress(self) -> None:
+        playback = self.playback
+        line = progress_line(self.path.name, playback.place, playback.speed, playback.state)
+        self.view.show_progress(line)
+
+    def say(self, text: str) -> None:
+        """One line under the panels."""
+        self.view.say(text)
+
+    def _show_list(self) -> None:
+        """The readings so far; what is shown already is only added to."""
+        if not self.has_class("listing"):
+            return
+        lines = reading_lines(self.playback.session)
+        kept = len(self._listed)
+        listing = self.query_one("#taken", Log)
+        if lines[:kept] != self._listed:
+            listing.clear()
+            kept = 0
+        listing.write_lines(lines[kept:])
+        self._listed = lines
+
+    def action_play(self) -> None:
+        """Play or pause."""
+        self.playback.toggle()
+        self._show()
+
+    def _pause(self) -> None:
+        """What is said next stays to be read."""
+        self.playback.pause()
+        self._show_progress()
+
+    def action_step(self, by: int) -> None:
+        """One moment on or back."""
+        self.playback.step(by)
+        self._show()
+
+    def action_faster(self, by: int) -> None:
+        """One speed up or down."""
+        self.playback.faster(by)
+        self._show_progress()
+
+    def action_to_start(self) -> None:
+        """Only the first event is shown."""
+        self.playback.to_start()
+        self._show()
+
+    def action_to_end(self) -> None:
+        """Everything is shown."""
+        self.playback.to_end()
+        self._show()
+
+    def action_jump(self) -> None:
+        """Ask for a step, go there."""
+        self._pause()
+        question, hint = jump_question(self.playback.unit, len(self.playback.steps))
+        self.app.push_screen(TextDialog(question, hint), self._jump)
+
+    def _jump(self, text: str | None) -> None:
+        if not text:
+            return
+        try:
+            self.playback.jump_to(text)
+        except GlidecalError as problem:
+            self.say(str(problem))
+        else:
+            self._show()
+
+    def action_list(self) -> None:
+        """Every reading so far, or the picture again."""
+        self.toggle_class("listing")
+        self._show_list()
+
+    def action_page(self, by: int) -> None:
+        """Move in the list."""
+        listing = self.query_one("#taken", Log)
+        if by < 0:
+            listing.scroll_page_up(animate=False)
+        else:
+            listing.scroll_page_down(animate=False)
+
+    def action_plot(self) -> None:
+        """The plot instead of the table, where there is no room for both."""
+        self.view.toggle_plot()
+
+    def action_copy(self) -> None:
+        """Every reading so far to the clipboard of the terminal."""
+        lines = reading_lines(self.playback.session)
+        self.app.copy_to_clipboard("\n".join(lines) + "\n")
+        self.say(copied_text(len(lines)))
+
+    def action_back(self) -> None:
+        """To the screen that this one was opened from."""
+        self.app.pop_screen()
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """There is a way back where this is not the first screen; below it is the empty one."""
+        return action != "back" or self.app.screen_stack.index(self) > 1
+
+    def action_result(self) -> None:
+        """Solve the whole session in the background and show the result."""
+        if not self._solving:
+            self._pause()
+            self._solving = True
+            self._solve()
+
+    @work(thread=True)
+    def _solve(self) -> None:
+        try:
+            solved, _ = solve_files([self.path])
+        except GlidecalError as problem:
+            self.app.call_from_thread(self._solved, str(problem))
+        else:
+            self.app.call_from_thread(self._solved, solved)
+
+    def _solved(self, found: Solved | str) -> None:
+        self._solving = False
+        if isinstance(found, str):
+            self.say(unsolved_text(found))
+        elif self.is_current:
+            self.app.push_screen(ReplayedResult(found, None, self.path))

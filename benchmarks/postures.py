@@ -1,0 +1,160 @@
+"""Choosing 12 of 1000 candidates with 6 parameters, beside other ways, as Markdown.
+
+``python -m benchmarks.postures``. With ``FIGAROH_PYTHON`` naming an interpreter of a scratch
+environment that has figaroh and picos, their determinant exchange runs on the same pools.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from calib.observations import FloatArray
+from calib.postures import Candidates, choose
+
+POOL, COUNT, PARAMETERS = 1000, 12, 6
+POOLS = 7
+STARTS = 64
+RIDGE = 1e-9
+
+FIGAROH = """
+import contextlib, io, json, random, sys, time
+import numpy as np, picos
+from figaroh.optimal.base_optimal_calibration import Detmax
+class Kept(Detmax):  # the class itself gives away no set, only its determinant
+    def get_critD(self, members):
+        self.members = list(members)
+        return super().get_critD(members)
+
+found = []
+for number, rows in enumerate(np.load(sys.argv[1])):
+    random.seed(number)
+    pool = {k: picos.Constant(np.outer(row, row)) for k, row in enumerate(rows)}
+    begin = time.perf_counter()
+    search = Kept(pool, int(sys.argv[2]))
+    with contextlib.redirect_stdout(io.StringIO()):
+        search.main_algo()
+    taken = time.perf_counter() - begin
+    chosen = rows[search.members]
+    found.append([float(np.linalg.slogdet(chosen.T @ chosen)[1]), taken, len(set(search.members))])
+print(json.dumps(found))
+"""
+
+
+def pools() -> FloatArray:
+    """``(POOLS, POOL, PARAMETERS)``: normal rows of unequal sizes."""
+    generator = np.random.default_rng(20)
+    return generator.normal(size=(POOLS, POOL, PARAMETERS)) * generator.uniform(
+        0.2, 1.0, (POOLS, POOL, 1)
+    )
+
+
+def log_determinant(rows: FloatArray) -> float:
+    """Of the information of the chosen rows ``(m, k)``."""
+    return float(np.linalg.slogdet(rows.T @ rows)[1])
+
+
+def ours(rows: FloatArray, starts: int, *, repeats: bool = False) -> FloatArray:
+    """`calib.postures.choose`."""
+    found = choose(Candidates(rows[:, None]), COUNT, starts=starts, repeats=repeats)
+    return np.asarray(rows[list(found.chosen)])
+
+
+def plain_fedorov(rows: FloatArray, seed: int = 0) -> FloatArray:
+    """Fedorov's exchange as the idea is told: every swap tried, its determinant computed."""
+    chosen = np.random.default_rng(seed).choice(len(rows), COUNT, replace=False).tolist()
+    best = log_determinant(rows[chosen])
+    while True:
+        swap = None
+        for place in range(COUNT):
+            rest = rows[chosen[:place] + chosen[place + 1 :]]
+            fixed = rest.T @ rest + RIDGE * np.eye(PARAMETERS)
+            all_swaps = np.linalg.slogdet(fixed + rows[:, :, None] * rows[:, None, :])[1]
+            all_swaps[chosen] = -np.inf
+            k = int(all_swaps.argmax())
+            if all_swaps[k] > best + 1e-9:
+                best, swap = float(all_swaps[k]), (place, k)
+        if swap is None:
+            return np.asarray(rows[chosen])
+        chosen[swap[0]] = swap[1]
+
+
+def random_best(rows: FloatArray, budget_s: float) -> FloatArray:
+    """The best of as many random sets as the time allows."""
+    generator, best, kept = np.random.default_rng(0), -np.inf, rows[:COUNT]
+    end = time.perf_counter() + budget_s
+    while time.perf_counter() < end:
+        index = generator.random((256, POOL)).argpartition(COUNT, axis=1)[:, :COUNT]
+        sets = rows[index]
+        found = np.linalg.slogdet(np.swapaxes(sets, 1, 2) @ sets)[1]
+        if found.max() > best:
+            best, kept = float(found.max()), sets[int(found.argmax())]
+    return kept
+
+
+def timed(work: Callable[[FloatArray], FloatArray]) -> tuple[list[float], list[float]]:
+    """Logarithms of determinants and seconds over all pools."""
+    logs, taken = [], []
+    for rows in pools():
+        begin = time.perf_counter()
+        chosen = work(rows)
+        taken.append(time.perf_counter() - begin)
+        logs.append(log_determinant(chosen))
+    return logs, taken
+
+
+def figaroh() -> tuple[list[float], list[float]] | None:
+    """Its Detmax class on plain matrices, where an interpreter with it is named."""
+    python = os.environ.get("FIGAROH_PYTHON")
+    if not python:
+        return None
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "pools.npy"
+        np.save(path, pools())
+        done = subprocess.run(
+            [python, "-c", FIGAROH, str(path), str(COUNT)],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    found = json.loads(done.stdout.splitlines()[-1])
+    print("figaroh: different candidates in each set:", [one[2] for one in found])
+    return [one[0] for one in found], [one[1] for one in found]
+
+
+def postures() -> list[str]:
+    """The table: medians of time, ratio of determinants to the best of all ways."""
+    ways = {
+        f"glidecal, {STARTS} starts": timed(lambda rows: ours(rows, STARTS)),
+        "glidecal, 8 starts (default)": timed(lambda rows: ours(rows, 8)),
+        f"glidecal, {STARTS} starts, repeats": timed(lambda rows: ours(rows, STARTS, repeats=True)),
+        "plain Fedorov exchange, one start": timed(plain_fedorov),
+    }
+    budget = statistics.median(ways[f"glidecal, {STARTS} starts"][1])
+    ways["best of random sets, same time"] = timed(lambda rows: random_best(rows, budget))
+    other = figaroh()
+    if other:
+        ways["figaroh 1.0.2, Detmax, one start, repeats"] = other
+    best = np.max([logs for logs, _ in ways.values()], axis=0)
+    return [
+        f"| {COUNT} of {POOL} candidates, {PARAMETERS} parameters | ms | determinant / best, median"
+        " | worst |",
+        "|---|---|---|---|",
+        *(
+            f"| {name} | {statistics.median(taken) * 1e3:.1f} | "
+            f"{np.exp(np.median(logs - best)):.3f} | {np.exp(np.min(logs - best)):.3f} |"
+            for name, (logs, taken) in ways.items()
+        ),
+    ]
+
+
+if __name__ == "__main__":
+    print("\n".join(postures()))

@@ -1,0 +1,185 @@
+"""How good a set of measurements is, as one number. Knows no machine.
+
+Measurements are rows: derivatives by the parameters, divided by the noise. Their information
+matrix is ``M = Σ rowᵀ row``; of nuisance parameters (zeros of mountings) only the Schur complement
+``S`` of the wanted ones remains, and ``S⁻¹`` is the covariance of the wanted parameters. With the
+singular values ``σ_1 ≥ … ≥ σ_L`` of the wanted part, ``σ² `` being the eigenvalues of ``S``, the
+criteria are those of papers/001, section 4, and two of statistics:
+
+==========================  ==========================  ========================================
+determinant (D)             ``(σ_1 ⋯ σ_L)^(1/L)``       largest is best; papers/001, 1st and 2nd
+average-variance (A)        ``tr(S⁻¹) / L``             smallest
+smallest-singular-value (E) ``σ_L``                     largest; papers/001, 4th
+condition                   ``σ_1 / σ_L``               smallest; inverse of papers/001, 3rd
+noise-amplification         ``σ_L² / σ_1``              largest; papers/001, 5th
+tool-variance               ``tr(metric S⁻¹)``          smallest
+==========================  ==========================  ========================================
+
+The first two of papers/001 order sets of equal size alike; the geometric mean does not overflow.
+Only D does not depend on the units of the parameters.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from calib.errors import CalibrationError, NotIdentifiable
+from calib.observations import FloatArray
+
+BLIND = 1e-7
+"""Relative singular value of the scaled information below which a combination is not seen."""
+
+RIDGE = 1e-9
+"""Information, relative to the best single candidate, that stands in where there is none."""
+
+
+class Criterion(StrEnum):
+    """What is to be made best."""
+
+    DETERMINANT = "determinant"
+    AVERAGE_VARIANCE = "average-variance"
+    SMALLEST_SINGULAR_VALUE = "smallest-singular-value"
+    CONDITION = "condition"
+    NOISE_AMPLIFICATION = "noise-amplification"
+    TOOL_VARIANCE = "tool-variance"
+
+    @property
+    def larger_is_better(self) -> bool:
+        """Whether the value is to be maximised."""
+        return self in (
+            Criterion.DETERMINANT,
+            Criterion.SMALLEST_SINGULAR_VALUE,
+            Criterion.NOISE_AMPLIFICATION,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Aim:
+    """What a set is judged by: the criterion, and which of the ``k`` parameters count.
+
+    ``wanted`` holds their indices, the others are nuisance; None stands for all. ``metric``
+    ``(k_wanted, k_wanted)`` is needed for the tool variance only.
+    """
+
+    criterion: Criterion = Criterion.DETERMINANT
+    wanted: tuple[int, ...] | None = None
+    metric: FloatArray | None = None
+
+    def columns(self, count: int) -> list[int]:
+        """Indices of the wanted parameters. Raises CalibrationError where they do not fit."""
+        chosen = list(range(count)) if self.wanted is None else list(self.wanted)
+        if not chosen or len(set(chosen)) < len(chosen) or not set(chosen) <= set(range(count)):
+            raise CalibrationError(
+                "wanted parameters", str(self.wanted), f"different numbers from 0 to {count - 1}"
+            )
+        self._check_metric(len(chosen))
+        return chosen
+
+    def nuisance(self, count: int) -> list[int]:
+        """Indices of the parameters that do not count."""
+        return sorted(set(range(count)) - set(self.columns(count)))
+
+    def _check_metric(self, count: int) -> None:
+        if self.criterion is not Criterion.TOOL_VARIANCE:
+            return
+        shape = None if self.metric is None else self.metric.shape
+        if shape != (count, count):
+            raise CalibrationError(
+                "metric of the tool variance", f"shape {shape}", f"shape ({count}, {count})"
+            )
+
+
+def wanted_information(information: FloatArray, aim: Aim) -> FloatArray:
+    """Schur complement ``(..., k_wanted, k_wanted)`` of ``(..., k, k)``: nuisance fitted too.
+
+    A nuisance parameter that no measurement touches takes nothing away.
+    """
+    count = information.shape[-1]
+    keep, drop = aim.columns(count), aim.nuisance(count)
+    wanted = information[..., keep, :][..., keep]
+    if not drop:
+        return np.asarray(wanted)
+    mixed = information[..., drop, :][..., keep]
+    solved = np.linalg.pinv(information[..., drop, :][..., drop], rcond=1e-12, hermitian=True)
+    return np.asarray(wanted - np.swapaxes(mixed, -1, -2) @ solved @ mixed)
+
+
+def value_of(information: FloatArray, aim: Aim) -> float:
+    """The criterion of one information matrix ``(k, k)``.
+
+    Raises NotIdentifiable where a wanted combination is not seen.
+    """
+    left = wanted_information(information, aim)
+    _refuse_blind(left, len(left))
+    return float(values_of(inverse(left)[None], aim)[0])
+
+
+def _refuse_blind(left: FloatArray, count: int) -> None:
+    size = np.sqrt(np.clip(left.diagonal(), 0.0, None))
+    scale = np.where(size > 0.0, size, 1.0)
+    singular = np.sqrt(np.clip(np.linalg.eigvalsh(left / scale / scale[:, None]), 0.0, None))
+    seen = int((singular > BLIND * max(float(singular[-1]), 1.0)).sum())
+    if seen < count:
+        raise NotIdentifiable(
+            "a set of measurements",
+            f"{seen} of {count} combinations of the parameters seen",
+            "all of them seen",
+            "Measure more postures, or others.",
+        )
+
+
+def inverse(matrix: FloatArray) -> FloatArray:
+    """The inverse of a regular matrix."""
+    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+
+
+def values_of(covariance: FloatArray, aim: Aim) -> FloatArray:
+    """The criterion ``(b,)`` of covariances ``(b, k_wanted, k_wanted)``."""
+    kind = aim.criterion
+    if kind is Criterion.AVERAGE_VARIANCE:
+        return np.asarray(np.trace(covariance, axis1=1, axis2=2) / covariance.shape[-1])
+    if kind is Criterion.TOOL_VARIANCE and aim.metric is not None:
+        return np.asarray(np.einsum("ij,bji->b", aim.metric, covariance))
+    if kind is Criterion.DETERMINANT:
+        sign, log = np.linalg.slogdet(covariance)
+        mean = np.where(sign > 0.0, -0.5 * log / covariance.shape[-1], -math.inf)
+        return np.asarray(np.exp(mean))
+    return _spectral(np.asarray(np.linalg.eigvalsh(covariance), dtype=np.float64), kind)
+
+
+def _spectral(variance: FloatArray, kind: Criterion) -> FloatArray:
+    """From the eigenvalues ``(b, k)`` of covariances, ascending: ``1/σ_1²`` is the first."""
+    usable = variance[:, 0] > 0.0
+    least = 1.0 / np.sqrt(np.where(usable, variance[:, -1], 1.0))
+    largest = 1.0 / np.sqrt(np.where(usable, variance[:, 0], 1.0))
+    if kind is Criterion.CONDITION:
+        return np.where(usable, largest / least, math.inf)
+    value = least if kind is Criterion.SMALLEST_SINGULAR_VALUE else least**2 / largest
+    return np.where(usable, value, 0.0)
+
+
+def scores(values: FloatArray, criterion: Criterion) -> FloatArray:
+    """Logarithms of the values, turned so that larger is better."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logs = np.log(np.where(values >= 0.0, values, np.nan))
+    turned = logs if criterion.larger_is_better else -logs
+    return np.where(np.isnan(turned), -math.inf, turned)
+
+
+def covariances_after(
+    covariance: FloatArray, rows: FloatArray, signs: FloatArray, keep: list[int]
+) -> FloatArray:
+    """Covariances ``(b, k_wanted, k_wanted)`` after each of ``b`` changes by ``r`` rows.
+
+    ``covariance`` ``(k, k)`` is that before, ``rows`` ``(b, r, k)``; ``signs`` ``(r,)`` is +1 for
+    a row that is added and -1 for one that is taken away (Woodbury's identity).
+    """
+    moved = rows @ covariance
+    inner = moved @ np.swapaxes(rows, 1, 2) + np.diag(signs)
+    seen = moved[:, :, keep]
+    shift = np.swapaxes(seen, 1, 2) @ np.linalg.solve(inner, seen)
+    return np.asarray(covariance[np.ix_(keep, keep)] - shift)

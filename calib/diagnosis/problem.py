@@ -1,0 +1,203 @@
+"""Sessions and candidates as one whitened linear problem.
+
+Every reading is divided by its noise; base parameters and zeros of each session are projected out.
+What remains of a candidate effect is an orthonormal block; what remains of the readings is a
+vector whose squares are chi-squared where nothing is missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.fit import prior_fit, without_zeros
+from calib.noise import IndicatorFigures, Noise, reading_noise, reading_weights, visits
+from calib.observations import FloatArray, IntArray, Observations
+from calib.orthoglide.model import Model
+from calib.orthoglide.pipeline import derivatives
+
+RANK_TOLERANCE = 1e-3
+"""Relative singular value below which a direction of a candidate counts as not there."""
+
+VISIBLE = 1e-6
+"""Least size of a candidate's column, in noise units for an unremarkable parameter."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sitting:
+    """One session ready for diagnosis: its visits, its noise, and the model fitted to it.
+
+    ``left_mm`` ``(n,)`` is measured minus predicted without zeros, ``weight`` ``(n,)`` in 1/mm².
+    """
+
+    observed: Observations
+    model: Model
+    noise: Noise | None
+    weight: FloatArray
+    left_mm: FloatArray
+    base: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        model: Model,
+        observed: Observations,
+        indicator: IndicatorFigures,
+        tolerance_mm: FloatArray,
+    ) -> Sitting:
+        """Fit the base parameters, held by their tolerances, as the place to linearise at.
+
+        Raises NotIdentifiable where the legs cannot meet.
+        """
+        visited = visits(observed)
+        noise = reading_noise(visited, indicator)
+        weight = reading_weights(visited, noise)
+        if noise is None:
+            weight = weight / _rough_variance(visited)
+        return cls._fitted(model, visited, noise, weight, tolerance_mm)
+
+    def again(self, model: Model, tolerance_mm: FloatArray) -> Sitting:
+        """The same readings with another model. Raises NotIdentifiable."""
+        return self._fitted(model, self.observed, self.noise, self.weight, tolerance_mm)
+
+    @classmethod
+    def _fitted(
+        cls,
+        model: Model,
+        visited: Observations,
+        noise: Noise | None,
+        weight: FloatArray,
+        tolerance_mm: FloatArray,
+    ) -> Sitting:
+        fit = prior_fit(model, visited, weight, tolerance_mm)
+        fitted = model.with_parameters(fit.parameters_mm)
+        base = derivatives(model.geometry, fit.parameters_mm, visited, model.effects)
+        left = visited.value_mm - fitted.readings(visited)
+        return cls(visited, fitted, noise, weight, left, base)
+
+
+def _rough_variance(visited: Observations) -> float:
+    """A variance to weigh the tolerances with where no noise is known, mm²."""
+    centred = without_zeros(visited, visited.averaged, visited.value_mm)
+    return max(1e-4 * float((centred**2).mean()), 1e-8)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Several sittings side by side: effects are shared, base parameters and zeros are not.
+
+    ``y`` ``(n,)`` and everything else is whitened. ``nuisance`` ``(n, q)`` is an orthonormal basis
+    of base parameters and zeros; ``structure`` ``(n, e)`` of all that is not scatter of repeats
+    (cells and cycles of each mounting). ``noise_df`` belongs to the noise the whitening used, 0
+    where none is known.
+    """
+
+    sittings: tuple[Sitting, ...]
+    y: FloatArray
+    root_weight: FloatArray
+    nuisance: FloatArray
+    structure: FloatArray
+    structure_df: int
+    noise_df: float
+    mount: IntArray
+
+    @classmethod
+    def of(cls, sittings: Sequence[Sitting]) -> Problem:
+        """Stack the sittings."""
+        root = np.concatenate([np.sqrt(one.weight) for one in sittings])
+        left = np.concatenate([one.left_mm for one in sittings])
+        nuisance = _side_by_side([_nuisance(one) for one in sittings])
+        structure = _side_by_side([_structure(one) for one in sittings])
+        residual = _without(root * left, nuisance)
+        df = structure.shape[1] - nuisance.shape[1]
+        mounts, count = [], 0
+        for one in sittings:
+            mounts.append(one.observed.mount + count)
+            count += one.observed.mount_count
+        return cls(
+            tuple(sittings),
+            residual,
+            root,
+            nuisance,
+            structure,
+            max(df, 0),
+            _noise_df(sittings),
+            np.concatenate(mounts),
+        )
+
+    def block(self, columns_mm: FloatArray) -> FloatArray:
+        """Orthonormal basis ``(n, r)`` of columns ``(n, k)`` in mm, nuisance projected out."""
+        white = self.root_weight[:, None] * columns_mm
+        size = np.sqrt((white**2).sum(axis=0))
+        kept = white[:, size > VISIBLE] / size[size > VISIBLE]
+        rest = _without(kept, self.nuisance)
+        left, singular, _ = np.linalg.svd(rest, full_matrices=False)
+        return np.asarray(left[:, singular > RANK_TOLERANCE])
+
+    def nuisance_columns(self) -> FloatArray:
+        """Zeros and base columns of every session, whitened ``(n, q)``; its base comes last."""
+        parts, row = [], 0
+        for one in self.sittings:
+            columns = np.hstack([np.eye(one.observed.mount_count)[one.observed.mount], one.base])
+            part = np.zeros((len(self.y), columns.shape[1]))
+            part[row : row + len(columns)] = np.sqrt(one.weight)[:, None] * columns
+            parts.append(part)
+            row += len(columns)
+        return np.hstack(parts)
+
+    def has_repeats(self) -> bool:
+        """Whether there is scatter of repeats: readings beyond cells and cycles."""
+        return bool(len(self.y) > self.structure.shape[1])
+
+    def gap(self, residual: FloatArray) -> float:
+        """Square sum of a residual ``(n,)`` that is not scatter of repeats."""
+        return float(((self.structure.T @ residual) ** 2).sum())
+
+
+def _noise_df(sittings: Sequence[Sitting]) -> float:
+    """Degrees of freedom of the noise of all sittings together; 0 where one has none."""
+    if any(one.noise is None for one in sittings):
+        return 0.0
+    return float(sum(one.noise.degrees_of_freedom for one in sittings if one.noise))
+
+
+def _nuisance(one: Sitting) -> FloatArray:
+    zeros = np.eye(one.observed.mount_count)[one.observed.mount]
+    columns = np.sqrt(one.weight)[:, None] * np.hstack([zeros, one.base])
+    columns = columns / np.maximum(np.sqrt((columns**2).sum(axis=0)), 1e-300)
+    left, singular, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(left[:, singular > 1e-9 * singular[0]])
+
+
+def _structure(one: Sitting) -> FloatArray:
+    """Basis of cells and cycles of each mounting; without repeats, of everything."""
+    observed = one.observed
+    root = np.sqrt(one.weight)
+    parts = []
+    for mount in range(observed.mount_count):
+        rows = np.flatnonzero(observed.mount == mount)
+        keys = np.stack([observed.displacement_mm[rows], observed.approach[rows]])
+        cell = np.unique(keys, axis=1, return_inverse=True)[1].ravel()
+        cycle = np.unique(observed.cycle[rows], return_inverse=True)[1]
+        columns = np.hstack([np.eye(cell.max() + 1)[cell], np.eye(cycle.max() + 1)[cycle][:, 1:]])
+        left, singular, _ = np.linalg.svd(root[rows, None] * columns, full_matrices=False)
+        part = np.zeros((len(observed), int((singular > 1e-9 * singular[0]).sum())))
+        part[rows] = left[:, singular > 1e-9 * singular[0]]
+        parts.append(part)
+    return np.hstack(parts)
+
+
+def _side_by_side(parts: Sequence[FloatArray]) -> FloatArray:
+    """Block diagonal."""
+    whole = np.zeros((sum(len(p) for p in parts), sum(p.shape[1] for p in parts)))
+    row = column = 0
+    for part in parts:
+        whole[row : row + len(part), column : column + part.shape[1]] = part
+        row, column = row + len(part), column + part.shape[1]
+    return whole
+
+
+def _without(rows: FloatArray, basis: FloatArray) -> FloatArray:
+    return np.asarray(rows - basis @ (basis.T @ rows))

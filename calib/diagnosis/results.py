@@ -1,0 +1,133 @@
+"""What a diagnosis gives: frozen results, no behaviour."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from calib.orthoglide.effects.law import Placed
+
+Verdict = Literal[
+    "agrees", "explained", "ambiguous", "partly-explained", "unexplained", "cannot-tell"
+]
+
+
+@dataclass(frozen=True)
+class Gap:
+    """What the model leaves of the readings that is not scatter of repeats.
+
+    ``rms_mm`` is its size among the readings, noise taken off; ``chi_square`` is in noise
+    variances.
+    """
+
+    rms_mm: float
+    chi_square: float
+    degrees_of_freedom: int
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Share:
+    """A part of the gap: which leg, axis or pattern, its share and its chance."""
+
+    leg: str
+    axis: str
+    pattern: str
+    share: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect's name and place."""
+
+    id: str
+    where: str
+
+
+@dataclass(frozen=True)
+class Value:
+    """One parameter of an effect."""
+
+    name: str
+    value: float
+    standard_uncertainty: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Finding:
+    """An effect or a blunder that was named, and what adopting it does to the gap."""
+
+    id: str
+    kind: str
+    title: str
+    where: str
+    parameters: tuple[Value, ...]
+    p_value: float
+    gap_rms_before_mm: float
+    gap_rms_after_mm: float
+    indistinguishable_from: tuple[Named, ...] = ()
+    effects: tuple[Placed, ...] = field(default=(), repr=False)
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A candidate as it stands in the race, and why it was not named."""
+
+    id: str
+    where: str
+    parameters: tuple[Value, ...]
+    p_value: float
+    gap_rms_after_mm: float
+    held_out_gap_rms_mm: float | None
+    reason_rejected: str
+    effects: tuple[Placed, ...] = field(default=(), repr=False)
+
+
+@dataclass(frozen=True)
+class HeldOutGap:
+    """The gap on readings that the choice did not see, r.m.s. in mm."""
+
+    how: str
+    before_rms_mm: float
+    after_rms_mm: float
+    noise_rms_mm: float
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """The size of an effect that would have been found nine times of ten."""
+
+    id: str
+    size: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class NextMeasurement:
+    """The measurement that would separate what stayed ambiguous."""
+
+    reason: str
+    protocol: str
+    expected_separation: float
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The whole answer. ``sentence`` is the verdict for a machinist."""
+
+    verdict: Verdict
+    sentence: str
+    noise_mm: float
+    noise_df: float
+    noise_source: str
+    gap_before: Gap
+    gap_after: Gap
+    held_out: HeldOutGap | None
+    where: tuple[Share, ...]
+    effects: tuple[Finding, ...]
+    candidates: tuple[Contender, ...]
+    next_measurement: NextMeasurement | None
+    smallest_detectable: tuple[Detectable, ...]
+    remarks: tuple[str, ...] = ()

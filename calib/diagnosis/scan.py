@@ -1,0 +1,113 @@
+"""Scores of candidates, and the chance that the best of all of them is chance.
+
+``score`` is the logarithm of the local p-value, so candidates of one and of six parameters compete
+fairly. The global p-value counts how often the best score of pure noise is as good, all candidates
+drawn jointly (look-elsewhere effect); (1 + count) / (1 + draws).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtrc, fdtrc
+
+from calib.observations import FloatArray
+
+DRAWS = 1999
+GRID = 400
+LEAST_LOG = -690.0
+"""Logarithms of p-values end here; smaller ones are all alike."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What a score is compared with: the noise of repeats, or what the cells leave.
+
+    ``noise_df`` are its degrees of freedom, infinite for a stated instrument. With ``by_cells`` the
+    noise is judged from what a candidate leaves of ``structure_df`` degrees of freedom.
+    """
+
+    noise_df: float
+    structure_df: int
+    by_cells: bool = False
+
+
+def scores(
+    squares: FloatArray, ranks: Sequence[int], reference: Reference, total: FloatArray
+) -> FloatArray:
+    """Log p-values ``(J, draws)`` of explained squares ``(J, draws)`` for blocks of these ranks.
+
+    ``total`` ``(draws,)`` is the square sum of everything, for a reference by cells; for one by
+    noise the squares are already divided by its variance.
+    """
+    found = np.empty_like(squares)
+    for rank in sorted(set(ranks)):
+        rows = [k for k, r in enumerate(ranks) if r == rank]
+        if reference.by_cells:
+            rest = max(reference.structure_df - rank, 1)
+            ratio = (squares[rows] / rank) / (np.maximum(total - squares[rows], 1e-300) / rest)
+            found[rows] = _log_tail(ratio, rank, float(rest))
+        else:
+            found[rows] = _log_tail(squares[rows] / rank, rank, reference.noise_df)
+    return found
+
+
+def _log_tail(ratio: FloatArray, rank: int, rest: float) -> FloatArray:
+    """Log of the upper tail of the variance ratio, by interpolation in log ratio."""
+    grid = np.geomspace(1e-6, 1e7, GRID)
+    tail = chdtrc(rank, grid * rank) if math.isinf(rest) else fdtrc(rank, rest, grid)
+    with np.errstate(divide="ignore"):
+        logs = np.maximum(np.log(tail), LEAST_LOG)
+    seen = logs > LEAST_LOG
+    x = np.log(np.maximum(ratio, 1e-6))
+    found = np.interp(x, np.log(grid[seen]), logs[seen])
+    beyond = x > math.log(grid[seen][-1])
+    slope = -0.5 * rank * np.exp(x) if math.isinf(rest) else -0.5 * rest * x
+    end = math.log(grid[seen][-1])
+    at_end = -0.5 * rank * math.exp(end) if math.isinf(rest) else -0.5 * rest * end
+    return np.where(beyond, logs[seen][-1] + slope - at_end, found)
+
+
+@dataclass(frozen=True, eq=False)
+class Null:
+    """Best scores of pure noise, for one set of candidates."""
+
+    best: FloatArray
+
+    def p_value(self, score: float) -> float:
+        """Chance of a best score at least this good."""
+        return float((1 + np.count_nonzero(self.best <= score)) / (1 + len(self.best)))
+
+
+def null_scores(blocks: Sequence[FloatArray], reference: Reference, seed: int) -> Null:
+    """Draw the best score of pure noise for these orthonormal blocks ``(n, r)``."""
+    generator = np.random.default_rng(seed)
+    together = np.hstack(blocks)
+    inside = np.linalg.svd(together, full_matrices=False)
+    basis = inside[0][:, inside[1] > 1e-8 * inside[1][0]]
+    draws = generator.normal(size=(basis.shape[1], DRAWS))
+    parts = (together.T @ basis) @ draws
+    squares = np.empty((len(blocks), DRAWS))
+    start = 0
+    for k, block in enumerate(blocks):
+        width = block.shape[1]
+        squares[k] = (parts[start : start + width] ** 2).sum(axis=0)
+        start += width
+    rest = max(reference.structure_df - basis.shape[1], 0)
+    total = (draws**2).sum(axis=0) + (generator.chisquare(rest, DRAWS) if rest else 0.0)
+    if not reference.by_cells and math.isfinite(reference.noise_df):
+        squares = squares / (generator.chisquare(reference.noise_df, DRAWS) / reference.noise_df)
+    ranks = [block.shape[1] for block in blocks]
+    return Null(scores(squares, ranks, reference, total).min(axis=0))
+
+
+def gap_p_value(gap: float, df: int, noise_df: float) -> float:
+    """Chance of a gap at least this large from noise alone; 1 where nothing is free."""
+    if df <= 0 or noise_df <= 0.0:
+        return 1.0
+    if math.isinf(noise_df):
+        return float(chdtrc(df, gap))
+    return float(fdtrc(df, noise_df, gap / df))

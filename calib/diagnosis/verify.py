@@ -1,0 +1,153 @@
+"""The gap on readings that the choice did not see."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from calib.diagnosis.problem import Problem, Sitting
+from calib.diagnosis.results import HeldOutGap
+from calib.diagnosis.selection import Search
+from calib.errors import NotIdentifiable
+from calib.observations import LEG_NAMES, FloatArray, IntArray
+from calib.orthoglide.effects.law import Placed
+
+
+def left_out_postures(
+    problem: Problem, columns: Sequence[FloatArray], size: int, tolerance_mm: FloatArray
+) -> HeldOutGap | None:
+    """Leave out one side of one leg at a time; choose anew, fit, predict what was left out.
+
+    ``columns`` are those of every candidate ``(n, r)`` in mm, ``size`` the number of effects to
+    choose in each fold. Zeros come from the rest of each mounting, base parameters are held by
+    their tolerances. None where nothing can be left out.
+    """
+    nuisance = problem.nuisance_columns()
+    white = [problem.root_weight[:, None] * c for c in columns]
+    y = _whitened_left(problem)
+    before, after, used = 0.0, 0.0, 0
+    for rows in _groups(problem):
+        train = np.setdiff1d(np.arange(len(y)), rows)
+        chosen = _choose(problem, white, nuisance, y, train, size)
+        for effects, add in ((False, 0), (True, 1)):
+            design = np.hstack([nuisance, *([white[k] for k in chosen] if effects else [])])
+            value = _held_fit(design, y, train, problem, tolerance_mm)
+            left = (y[rows] - design[rows] @ value) / problem.root_weight[rows]
+            if add:
+                after += float((left**2).sum())
+            else:
+                before += float((left**2).sum())
+        used += len(rows)
+    if not used:
+        return None
+    noise = float(np.mean(problem.root_weight**-2.0))
+    return HeldOutGap(
+        "one side of one leg left out at a time, the choice made anew each time",
+        math.sqrt(before / used),
+        math.sqrt(after / used),
+        math.sqrt(noise),
+    )
+
+
+def _groups(problem: Problem) -> Iterator[IntArray]:
+    """Rows of one leg on one side of Zero, in all sessions."""
+    leg = np.concatenate([one.observed.leg for one in problem.sittings])
+    displacement = np.concatenate([one.observed.displacement_mm for one in problem.sittings])
+    for k in range(len(LEG_NAMES)):
+        for side in (1.0, -1.0):
+            rows = np.flatnonzero((leg == k) & (np.sign(displacement) == side))
+            if len(rows) and len(rows) < (leg == k).sum():
+                yield rows
+
+
+def _whitened_left(problem: Problem) -> FloatArray:
+    left = np.concatenate([one.left_mm for one in problem.sittings])
+    return np.asarray(problem.root_weight * left)
+
+
+def _choose(
+    problem: Problem,
+    white: Sequence[FloatArray],
+    nuisance: FloatArray,
+    y: FloatArray,
+    train: IntArray,
+    size: int,
+) -> tuple[int, ...]:
+    """The best model of this size on these rows alone."""
+    basis, singular, _ = np.linalg.svd(nuisance[train], full_matrices=False)
+    basis = basis[:, singular > 1e-9 * singular[0]]
+    rest = y[train] - basis @ (basis.T @ y[train])
+    blocks = []
+    for column in white:
+        part = column[train] / np.maximum(np.sqrt((column**2).sum(axis=0)), 1e-300)
+        part = part - basis @ (basis.T @ part)
+        left, shown, _ = np.linalg.svd(part, full_matrices=False)
+        blocks.append(left[:, shown > 1e-3])
+    search = Search(rest, tuple(blocks), problem.noise_df or math.inf, np.zeros(len(blocks)))
+    singles = search.singles()
+    best = max(singles, key=lambda m: m.log_weight)
+    while len(best.members) < size:
+        larger = [
+            search.weigh(tuple(sorted((*best.members, k))))
+            for k in range(len(blocks))
+            if k not in best.members
+        ]
+        if not larger:
+            break
+        best = max(larger, key=lambda m: m.log_weight)
+    return best.members
+
+
+def _held_fit(
+    design: FloatArray, y: FloatArray, train: IntArray, problem: Problem, tolerance_mm: FloatArray
+) -> FloatArray:
+    """Least squares on some rows; base parameters held by their tolerances."""
+    hold = np.zeros(design.shape[1])
+    start = 0
+    for one in problem.sittings:
+        start += one.observed.mount_count
+        hold[start : start + len(tolerance_mm)] = 1.0 / tolerance_mm
+        start += len(tolerance_mm)
+    rows = np.vstack([design[train], np.diag(hold)[hold > 0.0]])
+    right = np.concatenate([y[train], np.zeros(int((hold > 0.0).sum()))])
+    size = np.maximum(np.sqrt((rows**2).sum(axis=0)), 1e-300)
+    found = np.linalg.lstsq(rows / size, right, rcond=1e-10)[0]
+    return np.asarray(found / size)
+
+
+def on_other_sessions(
+    others: Sequence[Sitting], effects: tuple[Placed, ...], tolerance_mm: FloatArray
+) -> HeldOutGap | None:
+    """The gap on sessions that were not used at all: effects as they were found, base anew.
+
+    Every session has its own base parameters and zeros, so only the effects are tested. None where
+    the effects put the machine out of its own reach.
+    """
+    before = Problem.of(others)
+    adopted = []
+    for one in others:
+        model = one.model.with_parameters(np.zeros(len(tolerance_mm))).with_effects(
+            (*one.model.effects, *effects)
+        )
+        try:
+            adopted.append(one.again(model, tolerance_mm))
+        except NotIdentifiable:
+            return None
+    after = Problem.of(adopted)
+    noise = float(np.mean(before.root_weight**-2.0))
+    share = max(before.structure_df, 1) / len(before.y)
+    return HeldOutGap(
+        "sessions that were not used",
+        structure_rms_mm(before),
+        structure_rms_mm(after),
+        math.sqrt(noise * share),
+    )
+
+
+def structure_rms_mm(problem: Problem, residual: FloatArray | None = None) -> float:
+    """R.m.s. over the readings of what is left beyond the scatter of repeats, mm."""
+    left = problem.y if residual is None else residual
+    inside = problem.structure @ (problem.structure.T @ left)
+    return math.sqrt(float(((inside / problem.root_weight) ** 2).mean()))

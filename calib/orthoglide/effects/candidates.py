@@ -1,0 +1,196 @@
+"""Every law at every place and in every arrangement, with the derivatives of the readings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.observations import LEG_NAMES, Conditions, FloatArray
+from calib.orthoglide.effects.actuators import with_machine_lead
+from calib.orthoglide.effects.catalogue import CATALOGUE
+from calib.orthoglide.effects.kinds import EffectParameter, Kind
+from calib.orthoglide.effects.law import Law, Placed
+from calib.orthoglide.effects.places import DIRECTIONS, MIRROR, TURNING
+from calib.orthoglide.model import Model
+from calib.orthoglide.pipeline import COMPLEX_STEP_MM, Flow, Stage, simulate
+
+VANISHES_MM = 1e-9
+"""A column that changes readings by less, for an unremarkable size, is not there."""
+
+
+@dataclass(frozen=True)
+class Share:
+    """A place of a candidate and which of its values act there."""
+
+    law: Law
+    place: str
+    values: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A law in an arrangement, with ``r`` parameters.
+
+    ``where`` is a place, ``"all"`` or ``"each"``; ``arrangement`` is ``"one"`` place, the
+    ``"same"`` values everywhere, two values ``"mirror"`` or ``"turning"``, or ``"each"`` place its
+    own. ``columns`` ``(n_readings, r)`` are derivatives of the readings, mm per unit, at the model.
+    """
+
+    id: str
+    title: str
+    kind: Kind
+    where: str
+    arrangement: str
+    parameters: tuple[EffectParameter, ...]
+    columns: FloatArray
+    shares: tuple[Share, ...] = ()
+
+    def effects(self, values: FloatArray) -> tuple[Placed, ...]:
+        """The effects of these values ``(r,)``, for `Model.effects`."""
+        return tuple(
+            Placed(share.law, share.place, tuple(float(values[k]) for k in share.values))
+            for share in self.shares
+        )
+
+
+def candidates(
+    model: Model, observed: Conditions, laws: Sequence[Law] = CATALOGUE
+) -> tuple[Candidate, ...]:
+    """What the readings could show of these laws; the rest is `invisible`."""
+    return tuple(c for c, seen in _all_candidates(model, observed, laws) if seen)
+
+
+def invisible(
+    model: Model, observed: Conditions, laws: Sequence[Law] = CATALOGUE
+) -> tuple[tuple[str, str], ...]:
+    """Id and place of what changes no reading of these, or only zeros of mountings."""
+    found = list(_all_candidates(model, observed, laws))
+    seen = {(c.id, c.where) for c, is_seen in found if is_seen}
+    return tuple(dict.fromkeys((c.id, c.where) for c, _ in found if (c.id, c.where) not in seen))
+
+
+@dataclass(frozen=True)
+class _Together:
+    """Effects of one stage side by side: each on its own machine, along a new leading axis."""
+
+    effects: tuple[Placed, ...]
+    stage: Stage
+    id: str = "together"
+
+    def change(self, passing: NDArray[Any], flow: Flow) -> NDArray[Any]:
+        return np.stack([effect.change(passing, flow) for effect in self.effects])
+
+
+def place_columns(
+    model: Model, observed: Conditions, laws: Sequence[Law]
+) -> list[dict[str, FloatArray]]:
+    """For each law its places and the derivatives ``(n_readings, k)`` there, by the complex step.
+
+    One simulation for each stage; what comes before the stage is computed once for all.
+    """
+    found: list[dict[str, list[FloatArray]]] = [{} for _ in laws]
+    for stage in Stage:
+        stepped = [
+            (rows.setdefault(place, []), Placed(law, place, tuple(step.tolist())))
+            for law, rows in zip(laws, found, strict=True)
+            if law.stage == stage
+            for place in law.places(observed)
+            for step in 1j * COMPLEX_STEP_MM * np.eye(len(law.parameters))
+        ]
+        if stepped:
+            together = _Together(tuple(placed for _, placed in stepped), stage)
+            effects = (*model.effects, together)
+            readings = simulate(model.geometry, model.parameters_mm, observed, effects)
+            for (rows, _), row in zip(stepped, readings.imag / COMPLEX_STEP_MM, strict=True):
+                rows.append(row)
+    return [{place: np.stack(rows, axis=1) for place, rows in one.items()} for one in found]
+
+
+def _all_candidates(
+    model: Model, observed: Conditions, laws: Sequence[Law]
+) -> Iterator[tuple[Candidate, bool]]:
+    """Every candidate and whether it is seen."""
+    known = with_machine_lead(laws, model.geometry)
+    centre = _Centre(observed)
+    for law, columns in zip(known, place_columns(model, observed, known), strict=True):
+        seen = {p: c for p, c in columns.items() if centre.is_seen(c, law.parameters)}
+        for place in columns:
+            if place not in seen:
+                yield _one(law, place, columns[place]), False
+        for candidate in _arrangements(law, seen):
+            yield candidate, centre.is_seen(candidate.columns, candidate.parameters)
+
+
+class _Centre:
+    """Takes the mean of each mounting away."""
+
+    def __init__(self, observed: Conditions) -> None:
+        member = np.eye(observed.mount_count)[observed.mount]
+        self._member = member
+        self._mean = (member / np.maximum(member.sum(axis=0), 1.0)).T
+
+    def is_seen(self, columns: FloatArray, parameters: tuple[EffectParameter, ...]) -> bool:
+        left = columns - self._member @ (self._mean @ columns)
+        sizes = np.array([parameter.tolerance for parameter in parameters])
+        return bool((np.abs(left) * sizes).max(initial=0.0) > VANISHES_MM)
+
+
+def _arrangements(law: Law, seen: dict[str, FloatArray]) -> Iterator[Candidate]:
+    lateral = set(seen) <= set(DIRECTIONS) and any(place[::-1] in seen for place in seen)
+    if not lateral or law.stage in (Stage.TOUCH, Stage.READING):
+        yield from (_one(law, place, columns) for place, columns in seen.items())
+    if lateral:
+        yield from _by_leg(law, seen)
+    if len(seen) > 1:
+        yield _grouped(law, seen, "same", {"": tuple(seen)})
+        if set(seen) == set(DIRECTIONS):
+            first, second = MIRROR
+            yield _grouped(law, seen, "mirror", {"_first": first, "_second": second})
+            first, second = TURNING
+            yield _grouped(law, seen, "turning", {"_next": first, "_before": second})
+        yield _grouped(law, seen, "each", {f"_{place}": (place,) for place in seen})
+
+
+def _by_leg(law: Law, seen: dict[str, FloatArray]) -> Iterator[Candidate]:
+    """Both directions across one leg, each with its own value."""
+    for leg in LEG_NAMES:
+        both = [place for place in seen if place[0] == leg]
+        if len(both) == 2:
+            found = _grouped(law, seen, "each", {f"_{place}": (place,) for place in both})
+            yield replace(found, where=leg)
+
+
+def _one(law: Law, place: str, columns: FloatArray) -> Candidate:
+    found = _grouped(law, {place: columns}, "one", {"": (place,)})
+    return replace(found, where=place)
+
+
+def _grouped(
+    law: Law, seen: dict[str, FloatArray], arrangement: str, groups: dict[str, tuple[str, ...]]
+) -> Candidate:
+    """Groups of places that share their values, by the ending of their parameters' names."""
+    count = len(law.parameters)
+    return Candidate(
+        id=law.id,
+        title=law.title,
+        kind=law.kind,
+        where="each" if arrangement == "each" else "all",
+        arrangement=arrangement,
+        parameters=tuple(
+            replace(parameter, name=parameter.name + ending)
+            for ending in groups
+            for parameter in law.parameters
+        ),
+        columns=np.hstack(
+            [np.sum([seen[place] for place in places], axis=0) for places in groups.values()]
+        ),
+        shares=tuple(
+            Share(law, place, tuple(range(number * count, (number + 1) * count)))
+            for number, places in enumerate(groups.values())
+            for place in places
+        ),
+    )

@@ -1,0 +1,80 @@
+"""Effects of the indicators; ``"xy"`` is the one that measures y on leg x."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.observations import Conditions
+from calib.orthoglide.effects.kinds import EffectParameter, Kind
+from calib.orthoglide.effects.places import (
+    PER_THOUSAND,
+    at_mount,
+    mounts,
+    moved_touch,
+    numbers,
+)
+from calib.orthoglide.pipeline import Flow, Stage
+
+PERCENT = 1e-2
+
+
+@dataclass(frozen=True)
+class GaugeGain:
+    """Every reading is scaled; positive: the indicator shows too much."""
+
+    id: str = "gauge_gain"
+    title: str = "an indicator shows too much or too little in proportion"
+    kind: Kind = Kind.INDICATOR
+    stage: Stage = Stage.READING
+    parameters: tuple[EffectParameter, ...] = (EffectParameter("gain", "%", 0.5),)
+    invariances: tuple[str, ...] = (
+        "same for both directions of approach",
+        "constant in time",
+        "in proportion to the reading, whatever caused it",
+    )
+    controller: str = ""
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Every leg and measuring axis that was measured."""
+        return mounts(taken)
+
+    def change(
+        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """The reading is multiplied by 1 + value."""
+        return np.asarray(passing * (1.0 + PERCENT * values[0] * at_mount(flow, place)))
+
+
+@dataclass(frozen=True)
+class GaugeTilt:
+    """An indicator is askew; positive: the third axis' positive direction reads positive."""
+
+    id: str = "gauge_tilt"
+    title: str = "an indicator is mounted askew and takes up motion across its axis"
+    kind: Kind = Kind.INDICATOR
+    stage: Stage = Stage.TOUCH
+    parameters: tuple[EffectParameter, ...] = (EffectParameter("tilt", "mrad", 10.0),)
+    invariances: tuple[str, ...] = (
+        "same for both directions of approach",
+        "in proportion to what the other indicator of the leg shows",
+        "another one after the stand was set up anew",
+    )
+    controller: str = ""
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Every leg and measuring axis that was measured."""
+        return mounts(taken)
+
+    def change(
+        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """The reading takes up value · coordinate of the touched point along the third axis."""
+        leg, axis = numbers(place)
+        third = passing[..., 3 - leg - axis]
+        tilt_rad = PER_THOUSAND * values[0]
+        return moved_touch(passing, axis, tilt_rad * third * at_mount(flow, place))

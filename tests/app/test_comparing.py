@@ -1,0 +1,99 @@
+"""Two sessions side by side: the published pair, and pairs that do not belong together."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from pathlib import Path
+
+import pytest
+
+from app.comparing import compare_files, comparison_document, partner_of
+from calib.errors import CalibrationError
+from protocols.errors import RecordError
+from tests.app.cli import glidecal, refused
+
+# papers/000, twelve differences of experiments 2 and 3 in mm, in the order of the tables
+PUBLISHED = {
+    "x_y+": (-0.19, -0.07),
+    "y_x+": (0.08, 0.02),
+    "x_y-": (0.22, 0.10),
+    "y_x-": (-0.34, -0.24),
+    "y_z+": (0.02, 0.07),
+    "z_y+": (-0.24, -0.21),
+    "y_z-": (0.20, 0.17),
+    "z_y-": (0.45, 0.27),
+    "x_z+": (-0.29, 0.01),
+    "z_x+": (-0.52, 0.11),
+    "x_z-": (0.08, -0.19),
+    "z_x-": (0.62, -0.03),
+}
+
+
+def test_the_published_pair(samples: Path) -> None:
+    document = comparison_document(
+        compare_files(samples / "experiment_2_twelve.jsonl", samples / "experiment_3_twelve.jsonl")
+    )
+    assert document["schema"] == "glidecal.comparison/1"
+    assert document["before"] == "experiment_2_twelve.jsonl"
+    for name, pair in PUBLISHED.items():
+        found = document["differences"][name]
+        assert (found["before"], found["after"]) == pytest.approx(pair, abs=1e-9)
+    for k, key in enumerate(("rms_before_mm", "rms_after_mm")):
+        rms = math.sqrt(sum(pair[k] ** 2 for pair in PUBLISHED.values()) / len(PUBLISHED))
+        assert document[key] == pytest.approx(rms, abs=1e-9)
+    assert 0.0 < document["rms_expected_mm"] < document["rms_after_mm"]
+    assert document["remarks"] == []
+
+
+def test_command_prints_text_and_json(samples: Path) -> None:
+    pair = samples / "experiment_2_twelve.jsonl", samples / "experiment_3_twelve.jsonl"
+    shown = glidecal("compare", *pair)
+    assert shown.status == 0
+    assert "before: experiment_2_twelve.jsonl" in shown.out
+    assert "from 0.3230 to 0.1508 mm" in shown.out
+    assert "mm was expected" in shown.out
+    assert max(map(len, shown.out.splitlines())) <= 80
+    document = json.loads(glidecal("compare", *pair, "--json").out)
+    assert document["differences"]["z_x-"] == {"before": 0.62, "after": -0.03}
+
+
+def test_nothing_in_common_is_refused(samples: Path) -> None:
+    pair = samples / "experiment_2_six.jsonl", samples / "experiment_3_twelve.jsonl"
+    assert "no difference that both measured" in refused(5, "compare", *pair)
+
+
+def test_other_machine_same_session_and_damage_are_refused(samples: Path, tmp_path: Path) -> None:
+    twelve = samples / "experiment_2_twelve.jsonl"
+    copied = tmp_path / "copy [mm].jsonl"
+    shutil.copy(twelve, copied)
+    with pytest.raises(RecordError, match="the same session"):
+        compare_files(twelve, copied)
+    with pytest.raises(RecordError, match="line"):
+        compare_files(twelve, samples / "damaged.jsonl")
+    table = samples / "tables" / "experiment_3_twelve.csv"
+    machine = tmp_path / "longer.toml"
+    machine.write_text('name = "longer"\nleg_length_mm = 400.0\n', encoding="utf-8")
+    other = tmp_path / "other.jsonl"
+    assert glidecal("import", table, "-o", other, "--machine", machine).status == 0
+    with pytest.raises(CalibrationError, match="machines of different geometry"):
+        compare_files(twelve, other)
+
+
+def test_remarks_tell_what_does_not_fit(samples: Path, tmp_path: Path) -> None:
+    sweep, cycles = samples / "simulated_sweep.jsonl", samples / "simulated_zero-max-min.jsonl"
+    cut = tmp_path / "cut.jsonl"
+    cut.write_bytes(sweep.read_bytes()[:-200])
+    comparison = compare_files(cut, cycles)
+    assert any(remark.startswith(f"{cut}: cut inside line") for remark in comparison.remarks)
+    assert len(comparison.common) == 12
+
+
+def test_partner_is_looked_for_beside_the_session(tmp_path: Path) -> None:
+    before = tmp_path / "before.jsonl"
+    assert partner_of(tmp_path / "after.jsonl", "before.jsonl") is None
+    before.touch()
+    assert partner_of(tmp_path / "after.jsonl", "before.jsonl") == before
+    assert partner_of(tmp_path / "after.jsonl", "elsewhere/before.jsonl") == before
+    assert partner_of(tmp_path / "after.jsonl", None) is None

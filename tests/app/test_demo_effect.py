@@ -1,0 +1,157 @@
+"""A hidden effect: in the machine, not in the record, of a size that shows."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.bench import BenchSettings, hidden_machine
+from app.demo import demo_plan, measure_all, verification_plan, with_hidden_effect
+from app.hidden_effect import hidden_effect
+from app.opening import Plan, start_session
+from app.planning_orthoglide import planned_readings
+from app.solving import solve_for_controller
+from calib.observations import Observations
+from calib.orthoglide.effects import CATALOGUE
+from calib.orthoglide.effects.law import Placed
+from calib.orthoglide.pipeline import derivatives
+from protocols.errors import UsageError
+from protocols.machine import load_machine
+from protocols.observations import to_observations
+from protocols.procedure import load_procedure
+from protocols.record import read_record
+from protocols.session import fold
+from tests.app.cli import glidecal, refused
+
+IDS = tuple(dict.fromkeys(law.id for law in CATALOGUE))
+MACHINE = load_machine(None)
+NOISE_MM = 0.002
+
+
+def plan_with(folder: Path, effect: str | None, protocol: str = "zero-max-min") -> Plan:
+    plan = replace(demo_plan(folder, protocol, 4, BenchSettings(scatter_mm=0.0)), interval_s=0.0)
+    return with_hidden_effect(replace(plan, seed=4), effect) if effect else plan
+
+
+def measured(plan: Plan) -> Observations:
+    with start_session(plan) as guided:
+        measure_all(guided)
+    return to_observations([fold(read_record(plan.path).events)])
+
+
+@pytest.mark.parametrize("effect", IDS)
+@pytest.mark.parametrize("protocol", ["zero-max-min", "two-station"])
+def test_every_effect_shows_and_nothing_else_imitates_it(effect: str, protocol: str) -> None:
+    """What offsets, lengths and zeros leave of it is three to five times the noise, r.m.s."""
+    taken = planned_readings(load_procedure(protocol, MACHINE.geometry()), MACHINE)
+    for seed in (1, 2, 3):
+        truth = hidden_machine(MACHINE.geometry(), seed)
+        effects = hidden_effect(effect, truth, taken, laws=CATALOGUE, seed=seed, noise_mm=NOISE_MM)
+        assert {one.id for one in effects} == {effect}
+        shift = replace(truth, effects=effects).readings(taken) - truth.readings(taken)
+        zeros = np.eye(taken.mount_count)[taken.mount]
+        base = np.hstack([zeros, derivatives(truth.geometry, truth.parameters_mm, taken)])
+        left = shift - base @ np.linalg.lstsq(base, shift, rcond=None)[0]
+        assert 2.5 * NOISE_MM < np.sqrt((left**2).mean()) < 6 * NOISE_MM
+
+
+def test_the_same_seed_hides_the_same_effect(tmp_path: Path) -> None:
+    first, again = (plan_with(tmp_path, "gauge_tilt").bench.effects for _ in range(2))
+    assert first == again
+
+
+@pytest.mark.parametrize("effect", ["backlash", "leg_taper"])
+def test_the_bench_measures_the_machine_with_its_effect(tmp_path: Path, effect: str) -> None:
+    """Readings equal the simulation over the conditions of the record, to the display's step."""
+    plan = plan_with(tmp_path, effect, "sweep")
+    observed = measured(plan)
+    truth = hidden_machine(plan.machine.geometry(), plan.seed)
+    exact = replace(truth, effects=plan.bench.effects).readings(observed)
+    left = observed.value_mm - exact
+    for mount in range(observed.mount_count):
+        assert np.ptp(left[observed.mount == mount]) <= 0.0011
+    without = observed.value_mm - truth.readings(observed)
+    assert max(np.ptp(without[observed.mount == k]) for k in range(6)) > 0.01
+
+
+def test_drift_of_the_bench_follows_the_recorded_times(tmp_path: Path) -> None:
+    plan = plan_with(tmp_path, "thermal_drift")
+    observed = measured(plan)
+    truth = hidden_machine(plan.machine.geometry(), plan.seed)
+    (drift,) = (one for one in plan.bench.effects[:1] if isinstance(one, Placed))
+    rate = float(np.real(drift.values[0])) * 1e-3 / 3600.0 * plan.bench.clock_rate
+    axes = {one.place for one in plan.bench.effects if isinstance(one, Placed)}
+    left = observed.value_mm - truth.readings(observed)
+    for row_mount in range(observed.mount_count):
+        rows = observed.mount == row_mount
+        slope = np.polyfit(observed.time_s[rows], left[rows], 1)[0]
+        expected = rate if "xyz"[observed.axis[rows][0]] in axes else 0.0
+        assert slope == pytest.approx(expected, abs=0.35 * abs(rate))
+
+
+def test_the_record_tells_nothing_and_verification_keeps_it(tmp_path: Path) -> None:
+    plan = plan_with(tmp_path, "axis_squareness")
+    measured(plan)
+    text = plan.path.read_text(encoding="utf-8")
+    assert "square" not in text
+    assert "effect" not in text
+    after = verification_plan(plan, solve_for_controller(plan.path))
+    assert after.bench.effects == plan.bench.effects
+
+
+def test_demo_says_where_to_look(tmp_path: Path) -> None:
+    run = glidecal("demo", "--headless", "--effect", "straightness", "--seed", "2", cwd=tmp_path)
+    assert run.status == 0, run.err
+    last = run.out.strip().splitlines()[-1]
+    assert "glidecal diagnose demo-sessions" in last
+    assert "straightness" not in run.out
+    plain = glidecal("demo", "--headless", "--seed", "2", cwd=tmp_path)
+    assert "diagnose" not in plain.out
+
+
+@pytest.mark.parametrize("verb", ["demo", "simulate"])
+def test_unknown_effect_is_status_2_with_the_list(tmp_path: Path, verb: str) -> None:
+    output = ["-o", "s.jsonl"] if verb == "simulate" else ["--headless"]
+    said = refused(2, verb, "--effect", "back_lash", *output, cwd=tmp_path)
+    assert "'back_lash'" in said
+    assert all(effect in said for effect in IDS)
+    assert not list(tmp_path.iterdir())
+
+
+def test_simulate_with_an_effect_of_a_stated_size(tmp_path: Path) -> None:
+    quiet = ["--scatter", "0", "--resolution", "0", "--seed", "3"]
+    values = []
+    for name, more in (("a", []), ("b", ["--effect", "gauge_gain:xy", "--size", "10"])):
+        path = tmp_path / f"{name}.jsonl"
+        model = tmp_path / "model.json"
+        model.write_text('{"parameters_mm": {"d_rho_x": 1.0}}')
+        run = glidecal("simulate", "--model", model, *quiet, *more, "-o", path)
+        assert run.status == 0, run.err
+        shown = json.loads(glidecal("replay", path, "--json").out)["readings"]
+        values.append([r["value_mm"] for r in shown if (r["leg"], r["axis"]) == ("x", "y")])
+    plain, gained = (np.array(column) - column[0] for column in values)
+    assert np.abs(plain).max() > 0.1
+    assert np.abs(gained / np.where(plain == 0, 1, plain))[1] == pytest.approx(1.1, abs=1e-9) or (
+        np.abs(gained / np.where(plain == 0, 1, plain))[1] == pytest.approx(0.9, abs=1e-9)
+    )
+
+
+def test_places_and_options_that_do_not_fit(tmp_path: Path) -> None:
+    out = ["-o", tmp_path / "s.jsonl"]
+    assert "xy, " in refused(2, "simulate", "--effect", "gauge_gain:w", *out)
+    assert "--effect" in refused(2, "simulate", "--size", "1", *out)
+    silent = planned_readings(load_procedure("zero-max-min", MACHINE.geometry()), MACHINE)
+    untimed = replace(silent, time_s=np.full(len(silent), np.nan))
+    with pytest.raises(UsageError, match="nothing to see"):
+        hidden_effect(
+            "thermal_drift",
+            hidden_machine(MACHINE.geometry(), 1),
+            untimed,
+            laws=CATALOGUE,
+            seed=1,
+            noise_mm=NOISE_MM,
+        )

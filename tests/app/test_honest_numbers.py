@@ -1,0 +1,206 @@
+"""Sessions with too little, too equal or unequal data: what can be given, and a sentence."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calib.observations import conditions
+from calib.orthoglide.model import Model
+from tests.app.cli import Run, glidecal
+
+LEVELS = (0.0, 60.0, -100.0)
+Row = dict[str, Any]
+
+
+def rows(
+    truth: tuple[float, ...] = (0.5, -0.8, 0.3, 0.0, 0.0, 0.0),
+    *,
+    cycles: int = 3,
+    scatter_mm: float = 0.002,
+    digits: int = 3,
+    legs: str = "xyz",
+    levels: tuple[float, ...] = LEVELS,
+    seed: int = 0,
+) -> list[Row]:
+    """A table of readings: leg after leg, cycle after cycle."""
+    generator = np.random.default_rng(seed)
+    found = []
+    for leg in legs:
+        for cycle in range(1, cycles + 1):
+            for level in levels:
+                for axis in "xyz".replace(leg, ""):
+                    place = conditions(["xyz".index(leg)], ["xyz".index(axis)], [level])
+                    exact = float(Model(parameters_mm=truth).readings(place)[0])
+                    value = exact + scatter_mm * generator.normal() + 0.1
+                    found.append(
+                        {
+                            "leg": leg,
+                            "axis": axis,
+                            "displacement_mm": level,
+                            "value_mm": f"{value:.{digits}f}",
+                            "cycle": cycle,
+                        }
+                    )
+    return found
+
+
+def solved(folder: Path, table: list[Row], *options: str, figures: tuple[str, ...] = ()) -> Run:
+    path = folder / "t.csv"
+    with path.open("w", encoding="utf-8", newline="") as out:
+        writer = csv.DictWriter(out, table[0].keys())
+        writer.writeheader()
+        writer.writerows(table)
+    session = folder / "t.jsonl"
+    session.unlink(missing_ok=True)
+    assert glidecal("import", path, "-o", session, *figures).status == 0
+    return glidecal("solve", session, *options)
+
+
+def document(
+    folder: Path, table: list[Row], *options: str, figures: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    run = solved(folder, table, "--json", *options, figures=figures)
+    assert run.status == 0, run.err
+    found: dict[str, Any] = json.loads(run.out)
+    return found
+
+
+def test_weak_direction_is_told_in_the_first_lines(tmp_path: Path) -> None:
+    """Residual at the noise, lengths wrong by many times their worth: nobody must overlook it.
+
+    With 0.04 mm of noise the lengths are known to ±12 mm only, 18 mm off being no surprise; the
+    residual shows nothing of it. A set that is known worse than its tolerance is refused, and where
+    it is just accepted the first lines say so.
+    """
+    table = rows(scatter_mm=0.02, digits=4)
+    run = solved(tmp_path, table, "--subset", "both")
+    assert run.status == 0
+    head = run.out.split("\n\n")[1]
+    assert "known to ±" in head
+    assert head.count("WEAK: d_rho_") == 3
+    assert "RECOMMENDED instead: joint offsets" in " ".join(head.split())
+    found = document(tmp_path, table, "--subset", "both")
+    error = max(abs(found["parameters"][f"d_L_{leg}"]["value"]) for leg in "xyz")
+    residual = found["rms_after_mm"]
+    assert error > 20.0 * residual, "the lengths are wrong, and the residual does not show it"
+    far = rows(scatter_mm=0.2, digits=4)
+    refused = solved(tmp_path, far, "--subset", "both")
+    assert refused.status == 5
+    assert "d_rho_x + d_L_x" in refused.err
+
+
+def test_one_repeat_only(tmp_path: Path) -> None:
+    table = rows(cycles=1)
+    bare = document(tmp_path, table)
+    assert bare["noise"]["source"] == "residuals"
+    stated = document(tmp_path, table, figures=("--repeatability", "0.002"))
+    assert stated["noise"]["source"] == "instrument"
+    assert stated["noise"]["degrees_of_freedom"] is None
+
+
+def test_all_readings_identical(tmp_path: Path) -> None:
+    table = [row | {"value_mm": "0.100"} for row in rows()]
+    found = document(tmp_path, table)
+    assert found["noise"]["source"] == "instrument"
+    for one in found["parameters"].values():
+        assert one["standard_uncertainty"] > 1e-5, "the last digit is all that is known"
+    step = 0.001 / 12**0.5
+    assert found["noise"]["standard_deviation_mm"] == pytest.approx(step)
+
+
+def test_identical_repeats_of_a_coarse_display_do_not_average_down(tmp_path: Path) -> None:
+    few = document(tmp_path, rows(cycles=2, scatter_mm=0.0, digits=2), "--subset", "joint-offsets")
+    many = document(tmp_path, rows(cycles=9, scatter_mm=0.0, digits=2), "--subset", "joint-offsets")
+    name = "d_rho_x"
+    first = few["parameters"][name]["standard_uncertainty"]
+    assert many["parameters"][name]["standard_uncertainty"] == pytest.approx(first)
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        (lambda: rows(levels=(0.0,)), "two postures"),
+        (lambda: rows(legs="x"), "not determined"),
+        (lambda: rows(levels=(60.0, -100.0)), "not determined"),
+    ],
+)
+def test_what_determines_nothing_is_refused(
+    tmp_path: Path, table: Callable[[], list[Row]], said: str
+) -> None:
+    run = solved(tmp_path, table(), "--subset", "both")
+    assert run.status == 5
+    assert said in run.err
+    assert "Traceback" not in run.err
+
+
+def test_two_legs_give_what_they_can(tmp_path: Path) -> None:
+    found = document(tmp_path, rows(legs="xy"), "--subset", "joint-offsets")
+    truth = (0.5, -0.8, 0.3)
+    for value, name in zip(truth, ("d_rho_x", "d_rho_y", "d_rho_z"), strict=True):
+        one = found["parameters"][name]
+        assert abs(one["value"] - value) < 3.0 * one["expanded_uncertainty"]
+    both = solved(tmp_path, rows(legs="xy"), "--subset", "both")
+    assert both.status == 0
+    assert "WEAK: d_rho_z" in both.out
+
+
+def test_an_indicator_with_ten_times_the_noise(tmp_path: Path) -> None:
+    generator = np.random.default_rng(5)
+    table = rows()
+    for row in table:
+        if (row["leg"], row["axis"]) == ("x", "y"):
+            row["value_mm"] = f"{float(row['value_mm']) + generator.normal(scale=0.05):.3f}"
+    found = document(tmp_path, table)
+    assert found["noise"]["pooled"] is False
+    said = solved(tmp_path, table).out
+    assert "scatter differently" in " ".join(said.split())
+    truth = dict(zip(found["parameters"], (0.5, -0.8, 0.3), strict=False))
+    for name, value in truth.items():
+        one = found["parameters"][name]
+        assert abs(one["value"] - value) < 2.0 * one["expanded_uncertainty"]
+
+
+def test_repeats_in_place_are_one_reading(tmp_path: Path) -> None:
+    table = [dict(row) for row in rows(cycles=1) for _ in range(3)]
+    found = document(tmp_path, table)
+    assert found["noise"]["source"] == "residuals", "readings in place are no repeats"
+
+
+def test_zero_degrees_of_freedom(tmp_path: Path) -> None:
+    """Six differences, six parameters: nothing is left to check with."""
+    table = rows(cycles=1, levels=(60.0, -100.0))
+    refused = solved(tmp_path, table, "--subset", "both")
+    assert refused.status == 5
+    offsets = document(tmp_path, table, "--subset", "joint-offsets")
+    assert offsets["degrees_of_freedom"] == 3
+    for one in offsets["parameters"].values():
+        assert one["coverage_factor"] == pytest.approx(3.182, abs=1e-3)
+
+
+def test_a_wild_reading_is_named(tmp_path: Path) -> None:
+    table = rows()
+    table[26]["value_mm"] = f"{float(table[26]['value_mm']) + 0.05:.3f}"
+    found = document(tmp_path, table)
+    assert [s["reading"] for s in found["suspect_readings"]] == [27]
+    said = " ".join(solved(tmp_path, table).out.split())
+    assert "SUSPECT: reading 27 of t.jsonl" in said
+    assert "It counts; measure it again." in said
+
+
+def test_nothing_is_ever_without_a_number(tmp_path: Path) -> None:
+    """No NaN and no silent zero anywhere in the documents of the cases above."""
+    cases = [rows(), rows(cycles=1), rows(digits=2, scatter_mm=0.0), rows(legs="xy")]
+    for table in cases:
+        run = solved(tmp_path, table, "--json", "--subset", "joint-offsets")
+        assert run.status == 0
+        assert "NaN" not in run.out
+        assert "Infinity" not in run.out
+        for one in json.loads(run.out)["parameters"].values():
+            assert one["expanded_uncertainty"] > 0.0

@@ -1,0 +1,134 @@
+"""Effects of the user: the documented one works, broken ones are named, never a traceback."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.own_effects import effects_folder, known_laws
+from calib.orthoglide.effects import CATALOGUE
+from calib.orthoglide.effects.candidates import candidates
+from calib.orthoglide.effects.law import Placed
+from calib.orthoglide.model import Model
+from protocols.errors import RecordError
+from protocols.machine import Machine
+from protocols.model_file import model_to_json, read_model
+from tests.app.cli import glidecal, refused
+from tests.builders import postures
+from tests.conftest import ROOT
+
+OFF = (1.2, -0.7, 0.4, 0.05, -0.02, 0.03)
+
+
+def documented() -> str:
+    text = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    return str(code)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    path = tmp_path / "own [effects]"
+    path.mkdir()
+    monkeypatch.setenv("GLIDECAL_EFFECTS", str(path))
+    return path
+
+
+def write(folder: Path, text: str) -> None:
+    (folder / "mine.py").write_text(text, encoding="utf-8")
+
+
+def test_the_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert effects_folder() == folder
+    assert known_laws() == CATALOGUE
+    monkeypatch.delenv("GLIDECAL_EFFECTS")
+    assert effects_folder().parts[-2:] == ("glidecal", "effects")
+
+
+def test_the_documented_effect_is_a_candidate(folder: Path) -> None:
+    assert len(documented().splitlines()) < 40
+    write(folder, documented())
+    laws = known_laws()
+    assert [law.id for law in laws[len(CATALOGUE) :]] == ["bent_arm"]
+    taken = postures()
+    found = [c for c in candidates(Model(parameters_mm=OFF), taken, laws) if c.id == "bent_arm"]
+    assert {c.where for c in found} >= {"xy", "zy", "x", "all", "each"}
+    plain = Model(parameters_mm=OFF).readings(taken)
+    column = next(c for c in found if c.where == "xy").columns[:, 0]
+    expected = np.where((taken.leg == 0) & (taken.axis == 1), 1e-3 * plain**2, 0.0)
+    assert column == pytest.approx(expected, abs=1e-15)
+
+
+def test_the_documented_effect_in_a_model(folder: Path, tmp_path: Path) -> None:
+    write(folder, documented())
+    law = known_laws()[-1]
+    model = Model(parameters_mm=OFF, effects=(Placed(law, "xy", (40.0,)),))
+    path = tmp_path / "model.json"
+    path.write_text(model_to_json(model, Machine()), encoding="utf-8")
+    again, _ = read_model(path, known_laws())
+    taken = postures()
+    assert again.readings(taken) == pytest.approx(model.readings(taken), abs=1e-15)
+    made = tmp_path / "s.jsonl"
+    run = glidecal("simulate", "--model", path, "-o", made)
+    assert run.status == 0, run.err
+    (folder / "mine.py").unlink()
+    assert "'bent_arm'" in refused(3, "simulate", "--model", path, "-o", tmp_path / "t.jsonl")
+
+
+def test_the_documented_effect_in_the_demonstration(folder: Path, tmp_path: Path) -> None:
+    write(folder, documented())
+    run = glidecal("demo", "--headless", "--effect", "bent_arm", cwd=tmp_path)
+    assert run.status == 0, run.err
+    assert "glidecal diagnose" in run.out
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("def (", "SyntaxError"),
+        ("import no_such_module_here\nEFFECTS = ()", "no_such_module_here"),
+        ("raise SystemExit(7)", "SystemExit: 7"),
+        ("EFFECT = ()", "no EFFECTS"),
+        ("EFFECTS = (3,)", "which lacks one of the texts"),
+        (documented().replace("bent_arm", "Bent Arm"), "the id 'Bent Arm'"),
+        (documented().replace("bent_arm", "backlash"), "the id 'backlash'"),
+        (documented().replace("Stage.READING", '"reading"'), "no Stage"),
+        (documented().replace("5.0)", "0.0)"), "a tolerance that is not positive"),
+        (documented().replace("passing**2", "abs(passing)"), "complex values do not pass"),
+        (documented().replace("values[0]", "(1 + values[0])"), "a value of 0 changes readings"),
+        (documented().replace("values[0]", "values[7]"), "IndexError"),
+        (documented().replace("mounts(taken)", "()"), "places"),
+    ],
+)
+def test_a_broken_effect_is_named(folder: Path, text: str, said: str) -> None:
+    write(folder, text)
+    with pytest.raises(RecordError, match="mine.py") as caught:
+        known_laws()
+    assert said in str(caught.value)
+
+
+def test_a_broken_effect_ends_with_status_3(folder: Path, tmp_path: Path) -> None:
+    write(folder, "1 / 0")
+    said = refused(3, "demo", "--headless", "--effect", "backlash", cwd=tmp_path)
+    assert "mine.py" in said
+    assert "ZeroDivisionError: division by zero" in said
+
+
+def test_an_installed_package_gives_effects(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A distribution on the path, as an installer leaves it."""
+    site = tmp_path / "site"
+    described = site / "shop-1.0.dist-info"
+    described.mkdir(parents=True)
+    (described / "METADATA").write_text("Metadata-Version: 2.1\nName: shop\nVersion: 1.0\n")
+    (described / "entry_points.txt").write_text("[glidecal.effects]\narm = shop_effects:EFFECTS\n")
+    (site / "shop_effects.py").write_text(documented(), encoding="utf-8")
+    monkeypatch.syspath_prepend(str(site))
+    assert [law.id for law in known_laws()[len(CATALOGUE) :]] == ["bent_arm"]
+    (described / "entry_points.txt").write_text("[glidecal.effects]\narm = shop_effects:NONE\n")
+    with pytest.raises(RecordError, match="entry point arm = shop_effects:NONE"):
+        known_laws()

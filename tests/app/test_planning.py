@@ -1,0 +1,250 @@
+"""The verbs identifiability, postures and plan, as a person runs them."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.next_measurement import next_measurement
+from app.planning import Request, optimum_postures, seen_by
+from calib.criteria import Criterion
+from calib.orthoglide.geometry import Geometry
+from calib.orthoglide.pool import leg_pool, levels_mm, visiting_order
+from tests.app.cli import glidecal, refused
+
+MAX_MIN = """schema = "glidecal.procedure/1"
+name = "max-min"
+title = "Six differences"
+cycles = 1
+levels = ["max", "min"]
+return_to_zero = false
+"""
+
+
+@pytest.fixture
+def six(tmp_path: Path) -> Path:
+    path = tmp_path / "six.toml"
+    path.write_text(MAX_MIN, encoding="utf-8")
+    return path
+
+
+def document(*arguments: str | Path) -> dict[str, Any]:
+    run = glidecal(*arguments, "--json")
+    assert run.status == 0, run.err
+    found: dict[str, Any] = json.loads(run.out)
+    return found
+
+
+def test_six_differences_see_three_combinations(six: Path) -> None:
+    found = document("identifiability", "orthoglide", "--procedure", six, "--noise", "0.02")
+    assert found["schema"] == "glidecal.identifiability/1"
+    assert (found["rank"], found["parameter_count"]) == (3, 6)
+    assert found["independent_row_count"] == 6
+    assert found["limited_by"] == "nothing"
+    assert found["individually_identifiable"] == []
+    assert sorted(lost["name"] for lost in found["lost_directions"]) == [
+        "d_rho_x + d_L_x",
+        "d_rho_y + d_L_y",
+        "d_rho_z + d_L_z",
+    ]
+    assert found["condition_number"] == pytest.approx(1.43 / 0.90, rel=0.02)  # theory, section 3
+    for lost in found["lost_directions"]:
+        assert lost["standard_uncertainty_mm"] is None
+        assert 0.0 < lost["cure"]["standard_uncertainty_mm"] < 5.0
+
+
+def test_zero_max_min_sees_everything_three_weakly() -> None:
+    found = document("identifiability", "orthoglide", "--procedure", "zero-max-min")
+    assert found["rank"] == 6
+    assert found["lost_directions"] == []
+    assert len(found["weak_directions"]) == 3
+    assert found["classical_qr"]["flagged"] == []
+    assert sorted(found["measured"]) == ["x_y", "x_z", "y_x", "y_z", "z_x", "z_y"]
+    for weak in found["weak_directions"]:
+        assert weak["cure"]["standard_uncertainty_mm"] < weak["standard_uncertainty_mm"]
+        assert weak["tool_mm"] > 0.0
+
+
+def test_too_few_postures_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "one_leg.toml"
+    path.write_text(MAX_MIN + 'legs = ["x"]\n', encoding="utf-8")
+    found = document("identifiability", "orthoglide", "--procedure", path)
+    assert found["limited_by"] == "too-few-postures"
+    assert found["independent_row_count"] == 2
+    assert "measure more postures" in glidecal(
+        "identifiability", "orthoglide", "--procedure", path
+    ).out.replace("\n", " ")
+
+
+def test_the_text_tells_combination_cost_cure_and_the_classical_view(six: Path) -> None:
+    lost = glidecal("identifiability", "orthoglide", "--procedure", six, "--noise", "0.02").out
+    assert "3 of 6 combinations of the parameters are seen, 3 not." in lost
+    assert "NOT SEEN: d_rho_x + d_L_x." in lost
+    weak = glidecal("identifiability", "orthoglide", "--procedure", "zero-max-min").out
+    assert "WEAK: d_rho_x + d_L_x known only to ±" in weak
+    assert "Best single addition: leg" in weak
+    assert "WARNING: that test" in weak
+    assert max(map(len, (lost + weak).splitlines())) <= 80
+
+
+def test_a_cure_keeps_its_promise(six: Path) -> None:
+    """Zero added to the six differences on all legs lets everything be seen."""
+    text = MAX_MIN.replace('["max", "min"]', '["max", "min", "zero"]')
+    six.write_text(text, encoding="utf-8")
+    seen = seen_by("orthoglide", Request(str(six), noise_mm=0.02))
+    assert seen.found.rank == 6
+
+
+def test_postures_as_json() -> None:
+    found = document("postures", "orthoglide", "--procedure", "zero-max-min", "--count", "12")
+    assert found["schema"] == "glidecal.postures/1"
+    assert found["count"] == len(found["postures"]) == 12
+    assert found["criterion"] == "determinant"
+    places = {tuple(posture.values()) for posture in found["postures"]}
+    assert len(places) == 12
+    assert set(found["postures"][0]) == {"leg", "station", "displacement_mm", "approach"}
+    on_limit = [p["displacement_mm"] in (-100.0, 60.0) for p in found["postures"]]
+    on_end = [p["station"] in (0.2, 0.8) for p in found["postures"]]
+    assert found["coordinates_on_bound"] == sum(on_limit) + sum(on_end)
+
+
+def test_twelve_chosen_postures_beat_the_twelve_of_a_procedure(tmp_path: Path) -> None:
+    path = tmp_path / "twelve.toml"
+    text = MAX_MIN.replace('["max", "min"]', '["zero", "max", "min", 30.0]')
+    path.write_text(text, encoding="utf-8")
+    for criterion in Criterion:
+        found = optimum_postures(
+            "orthoglide", Request(str(path), noise_mm=0.02), 12, criterion=criterion
+        )
+        before, after = found.before.value, found.after.value
+        assert before is not None
+        assert after is not None
+        assert after > before if criterion.larger_is_better else after < before
+
+
+def test_common_postures_are_one_procedure_that_runs(tmp_path: Path) -> None:
+    path = tmp_path / "optimum.toml"
+    run = glidecal(
+        *("postures", "orthoglide", "--procedure", "zero-max-min", "--count", "12"),
+        *("--common", "-o", path),
+    )
+    assert run.status == 0, run.err
+    assert path.exists()
+    dry = glidecal("run", "--dry-run", "--protocol", path)
+    assert dry.status == 0, dry.err
+    session = tmp_path / "s.jsonl"
+    assert glidecal("simulate", "--protocol", path, "-o", session).status == 0
+    assert glidecal("solve", session, "--subset", "both").status == 0
+
+
+def test_free_postures_are_one_procedure_for_each_mounting(tmp_path: Path) -> None:
+    run = glidecal(
+        *("postures", "orthoglide", "--procedure", "sweep", "--count", "13"),
+        *("-o", tmp_path / "best.toml"),
+    )
+    assert run.status == 0, run.err
+    written = sorted(tmp_path.glob("best-*.toml"))
+    assert len(written) >= 3
+    sessions = [path.with_suffix(".jsonl") for path in written]
+    for path, session in zip(written, sessions, strict=True):
+        assert glidecal("run", "--dry-run", "--protocol", path).status == 0
+        assert glidecal("simulate", "--protocol", path, "-o", session).status == 0
+    found = document("solve", *sessions, "--subset", "both")
+    assert len(found["parameters"]) == 6
+
+
+def test_a_budget_is_kept() -> None:
+    free = document("postures", "orthoglide", "--procedure", "sweep", "--count", "13")
+    budget = free["minutes"] - 1.0
+    tight = document(
+        *("postures", "orthoglide", "--procedure", "sweep", "--count", "13"),
+        *("--budget", f"{budget}"),
+    )
+    assert tight["minutes"] <= budget
+    assert len(tight["postures"]) == 13
+
+
+def test_one_seed_gives_one_choice() -> None:
+    request = Request("sweep", noise_mm=0.01)
+    first, second = (optimum_postures("orthoglide", request, 9, seed=4) for _ in range(2))
+    assert first.postures == second.postures
+    assert first.after == second.after
+
+
+ORTHOGLIDE = ("postures", "orthoglide", "--procedure", "sweep")
+
+
+@pytest.mark.parametrize(
+    ("status", "arguments", "said"),
+    [
+        (2, ("identifiability", "delta", "--procedure", "sweep"), "Allowed: orthoglide"),
+        (2, ("identifiability", "orthoglide", "--procedure", "nothing"), "zero-max-min"),
+        (2, ("identifiability", "orthoglide", "--procedure", "sweep", "--noise", "0"), "--noise"),
+        (2, ("postures", "delta", "--procedure", "sweep", "--count", "9"), "Allowed: orthoglide"),
+        (2, (*ORTHOGLIDE, "--count", "0"), "--count"),
+        (2, (*ORTHOGLIDE, "--count", "100000"), "--repeats"),
+        (2, (*ORTHOGLIDE, "--count", "13", "--common"), "multiple of the number of legs"),
+        (2, (*ORTHOGLIDE, "--count", "12", "--budget", "2"), "--budget"),
+        (2, (*ORTHOGLIDE, "--count", "12", "-o", "best.txt"), ".toml"),
+        (5, (*ORTHOGLIDE, "--count", "4"), "combinations of the parameters seen"),
+        (3, ("plan", "--session", "no.jsonl"), "no.jsonl"),
+        (3, ("plan", "--machine", "no.toml"), "no.toml"),
+        (2, ("plan", "--machine", "a.toml", "--model", "b.json"), "both"),
+    ],
+)
+def test_wrong_use_is_one_paragraph(
+    status: int, arguments: tuple[str, ...], said: str, tmp_path: Path
+) -> None:
+    assert said in refused(status, *arguments, cwd=tmp_path)
+
+
+def test_plan_with_and_without_sessions(samples: Path) -> None:
+    blank = document("plan")
+    assert blank["schema"] == "glidecal.plan/1"
+    after = document("plan", "--session", samples / "simulated_zero-max-min.jsonl")
+    for found in (blank, after):
+        assert found["next"]["tool_mm"] < found["tool_before_mm"]
+        gains = [one["variance_per_minute_mm2"] for one in (found["next"], *found["runners_up"])]
+        assert gains == sorted(gains, reverse=True)
+    assert after["tool_before_mm"] < 0.01 * blank["tool_before_mm"]
+    text = glidecal("plan", samples / "simulated_zero-max-min.jsonl").out
+    assert text.startswith("Next, after simulated_zero-max-min.jsonl: touch leg ")
+
+
+def test_plan_goes_to_the_legs_that_were_not_measured(tmp_path: Path) -> None:
+    path, session = tmp_path / "p.toml", tmp_path / "s.jsonl"
+    text = MAX_MIN.replace('["max", "min"]', '["zero", "max", "min"]')
+    path.write_text(text.replace("cycles = 1", 'cycles = 3\nlegs = ["x", "y"]'), encoding="utf-8")
+    assert glidecal("simulate", "--protocol", path, "-o", session).status == 0
+    assert next_measurement([session]).best.leg == "z"
+
+
+def test_a_displacement_on_a_limit_is_reached_from_one_side_only() -> None:
+    pool = leg_pool(Geometry())
+    assert set(pool.approach[pool.displacement_mm == 60.0].tolist()) == {1}
+    assert set(pool.approach[pool.displacement_mm == -100.0].tolist()) == {-1}
+    assert set(pool.approach[pool.displacement_mm == 0.0].tolist()) == {1, -1}
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_way_reaches_every_posture_from_its_side(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    geometry = Geometry()
+    inner = levels_mm(geometry)[1:-1]
+    visits = [
+        (float(generator.choice(inner)), int(generator.choice([-1, 1])))
+        for _ in range(int(generator.integers(1, 9)))
+    ]
+    walked = [0.0, *visiting_order(visits, geometry)]
+    made = [
+        (level, 1 if level > before else -1)
+        for before, level in pairwise(walked)
+        if level != before
+    ]
+    for visit in set(visits):
+        assert made.count(visit) >= visits.count(visit)

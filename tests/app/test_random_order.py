@@ -1,0 +1,37 @@
+"""A shuffled procedure: the same postures, another order, and only where that is allowed."""
+
+from __future__ import annotations
+
+import pytest
+
+from protocols.errors import UsageError
+from protocols.machine import load_machine
+from protocols.procedure import load_procedure, shuffled
+from tests.app.cli import glidecal, refused
+
+GEOMETRY = load_machine(None).geometry()
+
+
+def test_same_postures_in_another_order() -> None:
+    written = load_procedure("verify", GEOMETRY)
+    mixed = shuffled(written, 7)
+    assert mixed.random_seed == 7
+    before = [(s.leg, s.cycle, s.displacement_mm) for s in written.steps(GEOMETRY)]
+    after = [(s.leg, s.cycle, s.displacement_mm) for s in mixed.steps(GEOMETRY)]
+    assert before != after
+    assert sorted(before) == sorted(after)
+    again = shuffled(written, 7)
+    assert again.steps(GEOMETRY) == mixed.steps(GEOMETRY)
+
+
+def test_a_fixed_order_is_kept() -> None:
+    with pytest.raises(UsageError, match=r'its purpose \("fixed"\)\. Allowed: .* order = "free"'):
+        shuffled(load_procedure("sweep", GEOMETRY), 7)
+
+
+def test_run_takes_a_seed() -> None:
+    shown = glidecal("run", "--dry-run", "--random-order", "7")
+    assert "shuffled in each" in shown.out
+    assert "seed 7" in shown.out
+    said = refused(2, "run", "--dry-run", "--random-order", "7", "--protocol", "sweep")
+    assert "random order of procedure sweep" in said

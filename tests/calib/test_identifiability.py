@@ -1,0 +1,65 @@
+"""Rank decisions: known answers, the classical test, and firmness against wrong derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.planning import Request, planned_machine
+from calib.classical_qr import classical_qr
+from calib.identifiability import Sensitivity, analyse
+from protocols.procedure import procedure_names
+
+
+def sensitivity_of(procedure: str) -> Sensitivity:
+    request = Request(procedure, noise_mm=0.02)
+    return planned_machine("orthoglide", request).examine().sensitivity
+
+
+@pytest.mark.parametrize("procedure", procedure_names())
+def test_derivatives_wrong_by_1e_7_change_no_decision(procedure: str) -> None:
+    exact = sensitivity_of(procedure)
+    found = analyse(exact)
+    for seed in range(10):
+        wrong = np.random.default_rng(seed).uniform(-1e-7, 1e-7, exact.jacobian.shape)
+        again = analyse(replace(exact, jacobian=exact.jacobian * (1.0 + wrong)))
+        assert again.rank == found.rank == 6
+        assert len(again.weak) == len(found.weak)
+        assert again.individually_known == found.individually_known
+        assert {d.combination for d in again.weak} == {d.combination for d in found.weak}
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_an_exactly_lost_combination_stays_lost(seed: int) -> None:
+    """A column that is the sum of two others, disturbed by 1e-7, with next to no noise."""
+    generator = np.random.default_rng(seed)
+    jacobian = 1e9 * generator.normal(size=(30, 4))
+    jacobian[:, 3] = jacobian[:, 0] + jacobian[:, 1]
+    jacobian *= 1.0 + generator.uniform(-1e-7, 1e-7, jacobian.shape)
+    found = analyse(Sensitivity(tuple("abcd"), ("mm",) * 4, jacobian, np.ones(4)))
+    assert found.rank == 3
+    assert len(found.unseen) == 1
+    assert abs(found.unseen_vectors[0][2]) < 1e-6
+
+
+def test_weak_vectors_are_those_of_the_weak_combinations() -> None:
+    found = analyse(
+        Sensitivity(("a", "b"), ("mm", "mm"), np.diag([1000.0, 20.0]), np.array([1.0, 1.0]))
+    )
+    assert [direction.combination for direction in found.weak] == ["b"]
+    assert np.abs(found.weak_vectors) == pytest.approx(np.array([[0.0, 1.0]]))
+
+
+def test_classical_qr_flags_the_last_of_dependent_columns() -> None:
+    """papers/001, section 3: which one is flagged depends on the order of the columns."""
+    jacobian = np.random.default_rng(1).integers(-4, 5, (8, 3)).astype(np.float64)
+    jacobian[:, 2] = 2.0 * jacobian[:, 0]
+    found = classical_qr(jacobian, ("a", "b", "c"))
+    diagonal = np.abs(np.linalg.qr(jacobian)[1].diagonal())
+    assert found.tolerance == pytest.approx(3 * np.finfo(np.float64).eps * diagonal.max())
+    assert found.flagged == ("c",)
+    assert classical_qr(jacobian[:, ::-1], ("c", "b", "a")).flagged == ("a",)
+    few = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 7.0]])
+    assert classical_qr(few, ("a", "b", "c")).flagged == ("c",)

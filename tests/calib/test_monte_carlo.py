@@ -1,0 +1,197 @@
+"""Stated uncertainties against thousands of simulated sessions."""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+
+import numpy as np
+import pytest
+
+from calib.accuracy import decide, tool_error, tool_map
+from calib.distributions import coverage_factor
+from calib.identify import identify
+from calib.monte_carlo import Campaign, simulate_and_identify
+from calib.noise import IndicatorFigures
+from calib.observations import FloatArray, Observations, observe
+from calib.orthoglide.geometry import Geometry
+from calib.orthoglide.kinematics import direct, inverse
+from calib.orthoglide.model import Model
+from calib.orthoglide.workspace import workspace_points
+from calib.simulation import measure
+from calib.solution import SUBSETS, Subset
+from calib.subset_choice import full_covariance
+from protocols.events import Opened, Reading
+from protocols.machine import Instrument, Machine
+from protocols.observations import to_observations
+from protocols.procedure import default_mount, load_procedure
+from protocols.session import fold
+
+SESSIONS = 20_000
+NAMED: tuple[Subset, ...] = ("joint-offsets", "leg-lengths", "both")
+
+
+def standard_session() -> Observations:
+    """Conditions of Zero, Max, Min three times on each leg, with the return to Zero."""
+    procedure = load_procedure("zero-max-min", Geometry())
+    opened = Opened(
+        program="test",
+        origin="simulated",
+        machine=Machine(),
+        procedure=procedure,
+        instruments=(Instrument(profile="a"), Instrument(profile="b")),
+    )
+    steps = procedure.steps(Geometry())
+    readings = [
+        Reading(
+            reading=k,
+            step=step.number,
+            leg=step.leg,
+            axis=axis,
+            displacement_mm=step.displacement_mm,
+            value_mm=0.0,
+            text="0",
+            cycle=step.cycle,
+            mount=default_mount(step.leg, axis, 0.5),
+        )
+        for k, (step, axis) in enumerate(((s, a) for s in steps for a in s.axes), start=1)
+    ]
+    return to_observations([fold([opened, *readings])])
+
+
+OBSERVED = standard_session()
+
+
+@pytest.mark.parametrize(
+    ("scatter_mm", "resolution_mm"),
+    [(0.005, 0.0), (0.02, 0.01), (0.005, 0.01), (0.002, 0.01), (0.0005, 0.01), (0.001, 0.001)],
+)
+@pytest.mark.parametrize("subset", NAMED)
+def test_95_percent_intervals_hold_the_truth(
+    subset: Subset, scatter_mm: float, resolution_mm: float
+) -> None:
+    campaign = Campaign(
+        Model(), OBSERVED, SUBSETS[subset], scatter_mm, resolution_mm, np.full(6, 1.0)
+    )
+    found = simulate_and_identify(campaign, SESSIONS, seed=11)
+    assert found.failed == 0
+    assert (found.covered > 0.94).all(), found.covered
+    assert (found.covered < 0.96).all(), found.covered
+
+
+def test_few_repeats_need_students_factor() -> None:
+    """Two cycles on one leg's worth of cells: with 1.96 the intervals would hold too seldom."""
+    rows = OBSERVED.cycle <= 2
+    two_cycles = OBSERVED.take(rows)
+    campaign = Campaign(Model(), two_cycles, SUBSETS["joint-offsets"], 0.005, 0.0, np.full(6, 1.0))
+    found = simulate_and_identify(campaign, SESSIONS, seed=3)
+    assert (np.abs(found.covered - 0.95) < 0.01).all()
+    assert coverage_factor(6.0) == pytest.approx(2.447, abs=5e-4)
+
+
+def test_batched_intervals_are_those_of_identify() -> None:
+    """The fast road and the one that every session takes must state the same uncertainty."""
+    generator = np.random.default_rng(0)
+    truth = Model(parameters_mm=(0.7, -1.1, 0.4, 0.02, -0.03, 0.01))
+    ratios = []
+    for _ in range(20):
+        values = measure(truth, OBSERVED, scatter_mm=0.004, resolution_mm=0.01, generator=generator)
+        solution = identify(
+            Model(),
+            observe(OBSERVED, values),
+            "both",
+            indicator=IndicatorFigures(resolution_mm=0.01, step_mm=0.01),
+        )
+        ratios.append(solution.uncertainty_mm)
+    campaign = Campaign(truth, OBSERVED, SUBSETS["both"], 0.004, 0.01, np.zeros(6))
+    many = simulate_and_identify(campaign, 4000, seed=5)
+    mean_square = np.mean(np.square(ratios), axis=0)
+    np.testing.assert_allclose(mean_square, many.predicted_mm2, rtol=0.25)
+
+
+@pytest.mark.parametrize("subset", NAMED)
+def test_predicted_tool_error_against_true_tool_error(subset: Subset) -> None:
+    """Identify 4000 sessions, move each true machine with the identified values: within 3 %."""
+    geometry, sessions = Geometry(), 4000
+    index = list(SUBSETS[subset])
+    campaign = Campaign(Model(), OBSERVED, SUBSETS[subset], 0.005, 0.0, np.full(6, 0.5))
+    found = simulate_and_identify(campaign, sessions, seed=7)
+    square = 0.0
+    generator = np.random.default_rng(1)
+    errors = generator.multivariate_normal(
+        np.zeros(len(index)), found.error_covariance_mm2, size=400
+    )
+    nominal = workspace_points(geometry)
+    carriage = inverse(nominal, geometry.leg_length_mm)
+    for error in errors:
+        full = np.zeros(6)
+        full[index] = error
+        moved = direct(carriage + full[:3], geometry.leg_length_mm + full[3:])
+        square += float(((moved - nominal) ** 2).sum(axis=1).mean()) / len(errors)
+    solution = identify(
+        Model(),
+        observe(OBSERVED, measured(seed=2)),
+        subset,
+        indicator=IndicatorFigures(repeatability_mm=0.005),
+    )
+    scale = 0.005**2 / solution.noise.standard_deviation_mm**2
+    promised = tool_error(geometry, np.zeros(6), scale * full_covariance(solution))
+    chance = 3.0 / math.sqrt(2.0 * len(errors) * len(index) / 3.0)
+    assert promised.rms_mm == pytest.approx(math.sqrt(square), rel=0.03 + chance)
+    trace = float(np.trace(found.error_covariance_mm2))
+    assert trace == pytest.approx(scale * float(np.trace(solution.covariance_mm2)), rel=0.05)
+
+
+def measured(seed: int) -> FloatArray:
+    return measure(
+        Model(parameters_mm=(0.3, -0.2, 0.1, 0.0, 0.0, 0.0)),
+        OBSERVED,
+        scatter_mm=0.005,
+        resolution_mm=0.0,
+        generator=np.random.default_rng(seed),
+    )
+
+
+def test_tool_error_and_its_uncertainty_against_random_parameters() -> None:
+    geometry = Geometry()
+    generator = np.random.default_rng(4)
+    factor = 0.05 * generator.normal(size=(6, 6))
+    covariance, shift = factor @ factor.T, generator.normal(scale=0.3, size=6)
+    found = tool_error(geometry, shift, covariance)
+    nominal = workspace_points(geometry)
+    carriage = inverse(nominal, geometry.leg_length_mm)
+    rms = []
+    for _ in range(3000):
+        error = shift + factor @ generator.normal(size=6)
+        moved = direct(carriage + error[:3], geometry.leg_length_mm + error[3:])
+        rms.append(math.sqrt(float(((moved - nominal) ** 2).sum(axis=1).mean())))
+    assert found.rms_mm == pytest.approx(math.sqrt(np.mean(np.square(rms))), rel=0.03)
+    assert found.standard_uncertainty_mm == pytest.approx(float(np.std(rms)), rel=0.1)
+    assert found.worst_mm > found.rms_mm
+
+
+def test_map_and_decision() -> None:
+    geometry = Geometry()
+    shift = np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
+    drawn = tool_map(geometry, shift, np.zeros((6, 6)), plane=(0, 1), points=9)
+    assert drawn.error_mm.shape == (9, 9)
+    for i, j in product((0, 4, 8), repeat=2):
+        place = np.array([drawn.coordinate_mm[j], drawn.coordinate_mm[i], 0.0])
+        carriage = inverse(place, geometry.leg_length_mm)
+        moved = direct(carriage + shift[:3], np.full(3, geometry.leg_length_mm))
+        assert drawn.error_mm[i, j] == pytest.approx(float(np.linalg.norm(moved - place)), rel=0.01)
+    found = tool_error(geometry, shift, 1e-4 * np.eye(6))
+    guard = 2.0 * found.standard_uncertainty_mm
+    assert decide(found, found.rms_mm + 1.1 * guard, 2.0) == "pass"
+    assert decide(found, found.rms_mm + 0.5 * guard, 2.0) == "undecided"
+    assert decide(found, found.rms_mm - 0.5 * guard, 2.0) == "undecided"
+    assert decide(found, found.rms_mm - 1.1 * guard, 2.0) == "fail"
+
+
+def test_memory_and_result_do_not_depend_on_how_sessions_are_cut() -> None:
+    told: list[int] = []
+    campaign = Campaign(Model(), OBSERVED, SUBSETS["both"], 0.005, 0.01, np.full(6, 1.0))
+    first = simulate_and_identify(campaign, 5000, seed=1, progress=told.append)
+    again = simulate_and_identify(campaign, 5000, seed=1)
+    assert told == [2048, 4096, 5000]
+    assert np.array_equal(first.error_covariance_mm2, again.error_covariance_mm2)

@@ -1,0 +1,160 @@
+"""The closed form against the pipeline, the batched Newton fit against scipy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from calib.fit import exact_fit, without_zeros
+from calib.monte_carlo import identify_many
+from calib.newton import minimise, solve_positive
+from calib.observations import Conditions, FloatArray, Observations, conditions, observe
+from calib.orthoglide.geometry import Geometry
+from calib.orthoglide.model import Model
+from calib.orthoglide.pipeline import derivatives, simulate
+from calib.orthoglide.plain import PlainDesign
+from calib.solution import SUBSETS, Subset
+from tests.builders import postures
+
+
+def random_conditions(generator: np.random.Generator, geometry: Geometry) -> Conditions:
+    count = 40
+    leg = generator.integers(0, 3, count)
+    axis = (leg + generator.integers(1, 3, count)) % 3
+    displacement = generator.uniform(geometry.travel_min_mm, geometry.travel_max_mm, count)
+    displacement[::7] = 0.0
+    station = generator.uniform(0.1, 0.9, count)
+    return conditions(leg.tolist(), axis.tolist(), displacement.tolist(), station=station.tolist())
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_closed_form_and_its_derivatives_are_the_pipeline(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    geometry = Geometry(leg_length_mm=float(generator.uniform(200.0, 900.0)))
+    taken = random_conditions(generator, geometry)
+    machines = generator.uniform(-5.0, 5.0, (6, 3))
+    values, slopes = PlainDesign.of(geometry, taken).readings_and_derivatives(machines)
+    for b in range(3):
+        exact = simulate(geometry, machines[:, b], taken)
+        np.testing.assert_allclose(values[:, b], exact, rtol=0.0, atol=1e-11)
+        by_step = derivatives(geometry, machines[:, b], taken)
+        np.testing.assert_allclose(slopes[:, :, b].T, by_step, rtol=0.0, atol=1e-12)
+
+
+def sessions(scatter_mm: float, count: int, seed: int = 0) -> tuple[Conditions, FloatArray]:
+    """Readings of standard sessions on random machines, ``(n_readings, count)``."""
+    generator = np.random.default_rng(seed)
+    taken = postures(repeats=3)
+    truth = generator.uniform(-2.0, 2.0, (count, 6))
+    zeros = generator.normal(size=(count, taken.mount_count))
+    values = simulate(Geometry(), truth, taken) + zeros[:, taken.mount]
+    values = values + generator.normal(scale=scatter_mm, size=values.shape)
+    return taken, values.T
+
+
+def by_scipy(taken: Conditions, value_mm: FloatArray, free: tuple[int, ...]) -> FloatArray:
+    """Raw readings, one unknown zero for each mounting, scipy's trust region, complex step."""
+    geometry, index = Geometry(), list(free)
+
+    def full(x: FloatArray) -> FloatArray:
+        parameters = np.zeros(6)
+        parameters[index] = x[: len(index)]
+        return parameters
+
+    def residual(x: FloatArray) -> FloatArray:
+        modelled = simulate(geometry, full(x), taken) + x[len(index) :][taken.mount]
+        return np.asarray(modelled - value_mm)
+
+    def jacobian(x: FloatArray) -> FloatArray:
+        columns = derivatives(geometry, full(x), taken)[:, index]
+        return np.hstack([columns, np.eye(taken.mount_count)[taken.mount]])
+
+    start = np.zeros(len(index) + taken.mount_count)
+    found = least_squares(
+        residual, start, jac=jacobian, x_scale="jac", ftol=1e-15, xtol=1e-15, gtol=1e-15
+    ).x
+    for _ in range(60):  # scipy stops where the sum of squares no longer moves; go on to the end
+        found = found - np.linalg.lstsq(jacobian(found), residual(found), rcond=None)[0]
+    return np.asarray(found[: len(index)])
+
+
+@pytest.mark.parametrize("subset", ["joint-offsets", "leg-lengths", "both"])
+@pytest.mark.parametrize("scatter_mm", [1e-4, 0.01])
+def test_same_optimum_as_scipy(subset: Subset, scatter_mm: float) -> None:
+    free = SUBSETS[subset]
+    taken, values = sessions(scatter_mm, 6)
+    observed = observe(taken, values[:, 0])
+    found = identify_many(Model(), observed, free, values)
+    for b in range(values.shape[1]):
+        expected = by_scipy(taken, values[:, b], free)
+        np.testing.assert_allclose(found[:, b], expected, rtol=0.0, atol=1e-9)
+
+
+def test_every_one_of_many_sessions_converges() -> None:
+    taken, values = sessions(0.01, 3000, seed=4)
+    observed = observe(taken, values[:, 0])
+    found = identify_many(Model(), observed, SUBSETS["both"], values)
+    assert np.isfinite(found).all()
+    alone = exact_fit(Model(), observed, SUBSETS["both"], np.ones(len(taken)))
+    np.testing.assert_allclose(found[:, 0], alone.parameters_mm, atol=1e-9)
+
+
+def test_a_session_out_of_reach_is_told_and_leaves_the_others_alone() -> None:
+    taken, values = sessions(0.001, 4)
+    values[:, 2] = 1e6 * np.random.default_rng(1).normal(size=len(values))
+    found = identify_many(Model(), observe(taken, values[:, 0]), SUBSETS["both"], values)
+    assert np.isfinite(found[:, [0, 1, 3]]).all()
+    alone = identify_many(
+        Model(), observe(taken, values[:, 0]), SUBSETS["both"], values[:, [0, 1, 3]]
+    )
+    np.testing.assert_allclose(found[:, [0, 1, 3]], alone, atol=1e-9)
+
+
+def test_unequal_weights_count_in_means_as_in_raw_readings() -> None:
+    taken, values = sessions(0.02, 1, seed=9)
+    generator = np.random.default_rng(2)
+    weight = generator.uniform(0.5, 3.0, len(taken))
+    observed = observe(taken, values[:, 0])
+    fit = exact_fit(Model(), observed, SUBSETS["both"], weight)
+    left = without_zeros(observed, weight, observed.value_mm - fit.predicted_mm)
+    centred = without_zeros(observed, weight, fit.design)
+    assert np.abs(centred.T @ (weight * left)).max() < 1e-8
+
+
+def test_rosenbrock_needs_the_damping() -> None:
+    """Full Newton steps overshoot there; the damped ones arrive, all problems at once."""
+    start = np.array([[-1.2, 0.0, 3.0], [1.0, 0.0, -2.0]])
+
+    def evaluate(x: FloatArray, _: object) -> tuple[FloatArray, FloatArray]:
+        residual = np.stack([-10.0 * (x[1] - x[0] ** 2), x[0] - 1.0])
+        ones = np.ones_like(x[0])
+        slope = np.stack(
+            [np.stack([-20.0 * x[0], -ones]), np.stack([10.0 * ones, np.zeros_like(ones)])]
+        )
+        return residual, slope
+
+    found = minimise(evaluate, start)
+    assert found.converged.all()
+    np.testing.assert_allclose(found.values, 1.0, atol=1e-7)
+
+
+def test_cholesky_over_the_last_axis_against_numpy() -> None:
+    generator = np.random.default_rng(5)
+    factor = generator.normal(size=(7, 6, 6))
+    matrix = factor @ factor.transpose(0, 2, 1)
+    matrix[3] -= 50.0 * np.eye(6)
+    right = generator.normal(size=(7, 6))
+    found, positive = solve_positive(matrix.transpose(1, 2, 0), right.T)
+    assert positive.tolist() == [True, True, True, False, True, True, True]
+    expected = np.linalg.solve(matrix, right[..., None])[..., 0]
+    good = [0, 1, 2, 4, 5, 6]
+    np.testing.assert_allclose(found.T[good], expected[good], rtol=1e-8)
+
+
+def test_observations_are_not_touched() -> None:
+    taken, values = sessions(0.01, 2)
+    observed = observe(taken, values[:, 0])
+    before = Observations(**vars(observed))
+    identify_many(Model(), observed, SUBSETS["both"], values)
+    assert np.array_equal(before.value_mm, observed.value_mm)

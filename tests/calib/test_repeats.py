@@ -1,0 +1,119 @@
+"""Scatter of repeats: drift kept out, indicators told apart, wild readings found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.noise import IndicatorFigures, reading_noise
+from calib.observations import Observations, observe
+from calib.repeats import Repeats, wild_readings
+from tests.builders import postures
+
+
+def session(scatter_mm: float, *, drift_mm: float = 0.0, seed: int = 0) -> Observations:
+    """Three cycles on six mountings, each cycle shifted by a drift of its own."""
+    generator = np.random.default_rng(seed)
+    taken = postures(repeats=3)
+    cycle = np.zeros(len(taken), dtype=np.intp)
+    for mount in range(taken.mount_count):
+        rows = np.flatnonzero(taken.mount == mount)
+        for displacement in np.unique(taken.displacement_mm[rows]):
+            here = rows[taken.displacement_mm[rows] == displacement]
+            cycle[here] = np.arange(len(here))
+    shift = drift_mm * generator.normal(size=(6, 3))
+    value = taken.displacement_mm * 0.001 + shift[taken.mount, cycle]
+    value = value + generator.normal(scale=scatter_mm, size=len(taken))
+    return replace(observe(taken, value), cycle=cycle, indicator=(taken.axis - taken.leg) % 3 - 1)
+
+
+def test_drift_from_cycle_to_cycle_is_not_noise() -> None:
+    calm, drifting = session(0.002), session(0.002, drift_mm=0.5)
+    one, other = (reading_noise(s, IndicatorFigures()) for s in (calm, drifting))
+    assert one is not None
+    assert other is not None
+    assert other.standard_deviation_mm == pytest.approx(one.standard_deviation_mm, rel=1e-9)
+    assert other.degrees_of_freedom == pytest.approx(6 * (3 - 1) * (3 - 1))
+
+
+def test_scatter_against_the_two_way_formula() -> None:
+    """Sum of (y - cell - cycle + mean)² over (cells - 1)(cycles - 1), balanced design."""
+    data = session(0.01, drift_mm=0.1, seed=5)
+    table = np.empty((6, 3, 3))
+    for mount in range(6):
+        for k, level in enumerate(np.unique(data.displacement_mm)):
+            rows = (data.mount == mount) & (data.displacement_mm == level)
+            table[mount, k, data.cycle[rows]] = data.value_mm[rows]
+    left = table - table.mean(axis=1, keepdims=True) - table.mean(axis=2, keepdims=True)
+    left += table.mean(axis=(1, 2), keepdims=True)
+    found = Repeats.of(data).sums_of_squares(data.value_mm[:, None])
+    assert float(found.sum()) == pytest.approx(float((left**2).sum()), rel=1e-9)
+
+
+def test_equal_indicators_are_pooled_at_the_stated_rate() -> None:
+    kept_apart = 0
+    for seed in range(300):
+        noise = reading_noise(session(0.003, seed=seed), IndicatorFigures())
+        assert noise is not None
+        kept_apart += not noise.pooled
+    assert kept_apart <= 10, "1 % of 300 sessions, with room for chance (p < 0.001)"
+
+
+def test_an_indicator_with_ten_times_the_noise_is_kept_apart() -> None:
+    for seed in range(20):
+        data = session(0.002, seed=seed)
+        generator = np.random.default_rng([seed, 1])
+        louder = np.where(data.indicator == 1, generator.normal(scale=0.02, size=len(data)), 0.0)
+        noise = reading_noise(replace(data, value_mm=data.value_mm + louder), IndicatorFigures())
+        assert noise is not None
+        assert not noise.pooled
+        quiet, loud = (np.sqrt(one.variance_mm2) for one in noise.indicators)
+        assert 3.0 < loud / quiet < 35.0
+        shown = noise.shown_mm2(data)
+        assert shown[data.indicator == 1].min() > 9.0 * shown[data.indicator == 0].max()
+
+
+def test_a_wild_reading_is_flagged_and_still_counts() -> None:
+    data = session(0.002, seed=2)
+    value = data.value_mm.copy()
+    value[17] += 0.05
+    noise = reading_noise(replace(data, value_mm=value), IndicatorFigures())
+    assert noise is not None
+    assert [wild.row for wild in noise.wild] == [17]
+    assert noise.wild[0].studentised > 5.0
+
+
+def test_clean_sessions_have_no_wild_reading() -> None:
+    flagged = sum(
+        bool(wild_readings(Repeats.of(data), 0.0))
+        for data in (session(0.002, seed=seed) for seed in range(400))
+    )
+    assert flagged <= 12, "1 % of 400 sessions, with room for chance (p < 0.001)"
+
+
+def test_studentised_residual_against_leaving_the_reading_out() -> None:
+    """The definition: predict the reading from all others, divide by what they say of it."""
+    data = session(0.01, seed=8)
+    row = 23
+    value = data.value_mm.copy()
+    value[row] += 0.2
+    data = replace(data, value_mm=value)
+    repeats = Repeats.of(data)
+    found = {w.row: w.studentised for w in wild_readings(repeats, 0.0)}
+    rest = np.delete(np.arange(len(data)), row)
+    others = Repeats.of(data.take(rest))
+    variance = float(others.sums_of_squares(value[rest, None]).sum())
+    variance /= float(others.degrees_of_freedom.sum())
+    share = 1.0 - repeats.leverage[row]
+    own = repeats.scatter(value[:, None])[row, 0]
+    assert found[row] == pytest.approx(own / np.sqrt(share * variance), rel=1e-9)
+
+
+def test_one_cycle_tells_nothing() -> None:
+    taken = postures(repeats=1)
+    data = observe(taken, np.random.default_rng(0).normal(size=len(taken)))
+    assert float(Repeats.of(data).degrees_of_freedom.sum()) == 0.0
+    assert reading_noise(data, IndicatorFigures()) is None
+    assert reading_noise(data, IndicatorFigures(resolution_mm=0.01)) is not None

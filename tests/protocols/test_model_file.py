@@ -1,0 +1,195 @@
+"""Models with effects: written, read, simulated; added to and taken from, with a history."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calib.orthoglide.effects import CATALOGUE
+from calib.orthoglide.effects.actuators import ActuatorCyclic
+from calib.orthoglide.effects.candidates import candidates
+from calib.orthoglide.effects.law import Placed
+from calib.orthoglide.model import Model
+from calib.orthoglide.pipeline import Flow, Stage
+from protocols.effect_entries import EffectEntry, Provenance, effect_entry
+from protocols.errors import RecordError, UsageError
+from protocols.machine import Machine
+from protocols.model_file import (
+    ModelFile,
+    model_file,
+    model_to_json,
+    read_model,
+    read_model_file,
+    with_effect,
+    without_effect,
+)
+from tests.builders import postures
+
+OFF = (1.2, -0.7, 0.4, 0.05, -0.02, 0.03)
+WHEN = datetime(2026, 3, 1, 12, 0, tzinfo=UTC)
+
+
+def written(tmp_path: Path, found: ModelFile) -> Path:
+    path = tmp_path / "model.json"
+    path.write_text(found.text(), encoding="utf-8")
+    return path
+
+
+def adopted(arrangement: str = "mirror") -> tuple[tuple[Placed, ...], EffectEntry]:
+    """An effect as a diagnosis adopts it, with uncertainties."""
+    model = Model(parameters_mm=OFF)
+    candidate = next(
+        c
+        for c in candidates(model, postures())
+        if (c.id, c.arrangement) == ("axis_offset", arrangement)
+    )
+    values = np.array([0.11, -0.07])
+    placed = candidate.effects(values)
+    known = {
+        parameter.name: (float(value), 0.004)
+        for parameter, value in zip(candidate.parameters, values, strict=True)
+    }
+    provenance = Provenance(sessions=("a.jsonl",), digests=("0f",), found=WHEN, verdict="explained")
+    return placed, effect_entry(candidate.where, placed, known, provenance)
+
+
+@pytest.mark.parametrize("law", CATALOGUE, ids=lambda law: f"{law.id}-{law.parameters[0].name}")
+def test_every_effect_of_the_catalogue_comes_back(tmp_path: Path, law: Any) -> None:
+    places = law.places(postures())
+    sizes = tuple(0.5 * p.tolerance for p in law.parameters)
+    machine = Machine()
+    model = Model(machine.geometry(), OFF, tuple(Placed(law, place, sizes) for place in places))
+    path = tmp_path / "model.json"
+    path.write_text(model_to_json(model, machine), encoding="utf-8")
+    assert read_model(path) == (model, machine)
+
+
+def test_a_lead_of_the_machine_file(tmp_path: Path) -> None:
+    machine = Machine(screw_lead_mm=7.5)
+    effect = Placed(ActuatorCyclic(7.5), "y", (3.0, -2.0))
+    model = Model(machine.geometry(), OFF, (effect,))
+    path = tmp_path / "model.json"
+    path.write_text(model_to_json(model, machine), encoding="utf-8")
+    assert read_model(path)[0].effects == (effect,)
+
+
+def test_an_adopted_effect_keeps_names_uncertainties_and_origin(tmp_path: Path) -> None:
+    placed, entry = adopted()
+    plain = model_file(Model(parameters_mm=OFF), Machine())
+    path = written(tmp_path, with_effect(plain, entry, "diagnosis", WHEN))
+    stored = json.loads(path.read_text(encoding="utf-8"))["effects"][0]
+    assert stored["where"] == "all"
+    assert stored["parameters"]["shift_first"] == {
+        "value": 0.11,
+        "unit": "mm",
+        "standard_uncertainty": 0.004,
+        "of": "shift",
+        "places": ["xy", "yx", "zx"],
+    }
+    assert stored["provenance"]["digests"] == ["0f"]
+    again, _ = read_model(path)
+    taken = postures()
+    direct = Model(parameters_mm=OFF, effects=placed)
+    assert again.readings(taken) == pytest.approx(direct.readings(taken), abs=1e-14)
+
+
+def test_adding_and_removing_leaves_a_history(tmp_path: Path) -> None:
+    _, entry = adopted()
+    plain = model_file(Model(parameters_mm=OFF), Machine())
+    added = with_effect(plain, entry, "found in March", WHEN)
+    with pytest.raises(UsageError, match="in the model already"):
+        with_effect(added, entry, "again")
+    removed = without_effect(added, "axis_offset", "all", "the axis was set", WHEN)
+    assert removed.effects == ()
+    again = read_model_file(written(tmp_path, removed))
+    assert [(h.action, h.at, h.why) for h in again.history] == [
+        ("added", WHEN, "found in March"),
+        ("removed", WHEN, "the axis was set"),
+    ]
+    assert again.history[1].effect == entry
+    assert read_model(tmp_path / "model.json")[0].effects == ()
+    with pytest.raises(UsageError, match="axis_offset at all"):
+        without_effect(added, "backlash", None, "")
+    with pytest.raises(UsageError, match="the model has none"):
+        without_effect(removed, "axis_offset", None, "")
+
+
+def test_a_short_hand_written_effect(tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    path.write_text(
+        '{"effects": [{"id": "backlash", "where": "all",'
+        ' "parameters": {"play": {"value": 0.02, "unit": "mm"}}}]}'
+    )
+    effects = [e for e in read_model(path)[0].effects if isinstance(e, Placed)]
+    assert [(e.id, e.place, e.values) for e in effects] == [
+        ("backlash", leg, (0.02,)) for leg in "xyz"
+    ]
+
+
+def effect_text(**changed: object) -> str:
+    entry: dict[str, object] = {
+        "id": "backlash",
+        "where": "x",
+        "parameters": {"play": {"value": 0.02, "unit": "mm"}},
+    }
+    return json.dumps({"effects": [entry | changed]})
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (effect_text(id="back_lash"), "'back_lash'.*axis_squareness.*docs/effects.md"),
+        (effect_text(where="xy"), "place of backlash: found xy. Allowed: x, y, z"),
+        (effect_text(parameters={}), "parameters of backlash: found none. Allowed: play"),
+        (effect_text(parameters={"gap": {"value": 1.0, "unit": "mm"}}), "found gap"),
+        (effect_text(parameters={"play": {"value": 1.0, "unit": "inch"}}), "'inch'. Allowed: mm"),
+        (effect_text(parameters={"play": {"value": "1", "unit": "mm"}}), "play.value"),
+        (
+            effect_text(
+                id="actuator_cyclic",
+                parameters={
+                    "sine_5mm": {"value": 1.0, "unit": "µm", "places": ["x"]},
+                    "cosine_5mm": {"value": 1.0, "unit": "µm", "places": ["y"]},
+                },
+            ),
+            "actuator_cyclic at x: found sine_5mm. Allowed: sine_5mm and cosine_5mm",
+        ),
+    ],
+)
+def test_effects_that_cannot_be_used(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "model.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(RecordError, match=said):
+        read_model(path)
+
+
+@dataclass(frozen=True)
+class Stranger:
+    """An effect that is no law of a catalogue."""
+
+    id: str = "stranger"
+    stage: Stage = Stage.READING
+
+    def change(self, passing: NDArray[Any], flow: Flow) -> NDArray[Any]:
+        return passing
+
+
+def test_what_cannot_be_written() -> None:
+    with pytest.raises(RecordError, match="stranger"):
+        model_to_json(Model(effects=(Stranger(),)), Machine())
+    with pytest.raises(RecordError, match="real numbers"):
+        model_to_json(Model(effects=(Placed(CATALOGUE[0], "xy", (1j,)),)), Machine())
+
+
+@pytest.mark.parametrize("gravity", [(0.0, 0.0, 0.0), (0.0, float("nan"), 1.0)])
+def test_gravity_needs_a_direction(gravity: tuple[float, float, float]) -> None:
+    with pytest.raises(ValueError, match="gravity"):
+        Machine(gravity=gravity)
+    assert Machine(gravity=(0.0, 3.0, -4.0)).geometry().gravity == pytest.approx((0.0, 0.6, -0.8))

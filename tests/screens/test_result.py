@@ -1,0 +1,355 @@
+"""The result screen: pages, plot, export, verification, comparison, refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from textual.containers import VerticalScroll
+from textual.geometry import Size
+from textual.widgets import TabbedContent
+
+from app.bench import BenchSettings
+from app.demo import demo_plan, measure_all, verification_plan
+from app.opening import Plan, start_session
+from app.screens.check import CheckScreen
+from app.screens.dialogs import HelpDialog
+from app.screens.home import HomeScreen
+from app.screens.interface import Interface
+from app.screens.plot import ChartPlot
+from app.screens.result import ResultScreen
+from app.settings import Settings
+from app.solving import Solved, solve_files, solve_for_controller
+from app.wording.result import solution_text
+from calib.errors import NotIdentifiable
+from tests.screens.driving import SIZE, quick_plan, text, until
+
+WIDE = (120, 40)
+PUBLISHED_MM = {
+    "x_y+": -0.19,
+    "y_x+": 0.08,
+    "x_y-": 0.22,
+    "y_x-": -0.34,
+    "y_z+": 0.02,
+    "z_y+": -0.24,
+    "y_z-": 0.20,
+    "z_y-": 0.45,
+    "x_z+": -0.29,
+    "z_x+": -0.52,
+    "x_z-": 0.08,
+    "z_x-": 0.62,
+}
+"""Experiment 2 in table 2 of the paper of 2008."""
+
+NAMES = list(PUBLISHED_MM)
+
+
+@pytest.fixture
+def published(samples: Path, tmp_path: Path) -> tuple[Solved, Path]:
+    """A published session in a folder of its own, solved."""
+    path = tmp_path / "published.jsonl"
+    path.write_bytes((samples / "experiment_2_twelve.jsonl").read_bytes())
+    return solve_files([path])[0], path
+
+
+@pytest.fixture(scope="module")
+def verified(tmp_path_factory: pytest.TempPathFactory) -> tuple[Solved, Plan]:
+    """A simulated machine, calibrated and measured again."""
+    plan = replace(
+        demo_plan(tmp_path_factory.mktemp("demo"), "zero-max-min", 1, BenchSettings()),
+        interval_s=0.0,
+    )
+    with start_session(plan) as guided:
+        measure_all(guided)
+    second = verification_plan(plan, solve_for_controller(plan.path))
+    with start_session(second) as guided:
+        measure_all(guided)
+    return solve_for_controller(second.path), second
+
+
+def hear(interface: Interface, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What is said in notifications from now on."""
+    said: list[str] = []
+    monkeypatch.setattr(interface, "notify", lambda message, **_: said.append(message))
+    return said
+
+
+def page(interface: Interface) -> str:
+    return interface.screen.query_one(TabbedContent).active
+
+
+def offered(interface: Interface) -> set[str]:
+    """Keys in the footer."""
+    active = interface.screen.active_bindings.items()
+    return {key for key, entry in active if entry.binding.show}
+
+
+def drawn(interface: Interface, selector: str) -> list[str]:
+    return str(interface.screen.query_one(selector, ChartPlot).render()).splitlines()
+
+
+async def test_keys_turn_the_pages(published: tuple[Solved, Path]) -> None:
+    solved, path = published
+    interface = Interface(ResultScreen(solved, None, path))
+    async with interface.run_test(size=SIZE) as pilot:
+        await until(pilot, "text", lambda: text(interface, "#text") == solution_text(solved))
+        pages = []
+        for key in ("right", "right", "left", "tab", "shift+tab"):
+            await pilot.press(key)
+            await pilot.pause()
+            pages.append(page(interface))
+        assert pages == ["tab-plot", "tab-result", "tab-plot", "tab-result", "tab-plot"]
+        await pilot.press("left")
+        await until(pilot, "focus", lambda: isinstance(interface.focused, VerticalScroll))
+        await pilot.press("end")
+        scroll = interface.screen.query_one("#result", VerticalScroll)
+        await until(pilot, "the end", lambda: scroll.scroll_y == scroll.max_scroll_y > 0)
+        await pilot.press("f1")
+        await until(pilot, "help", lambda: isinstance(interface.screen, HelpDialog))
+
+
+async def test_names_points_and_zero_line_at_80_columns(published: tuple[Solved, Path]) -> None:
+    solved, path = published
+    interface = Interface(ResultScreen(solved, None, path))
+    async with interface.run_test(size=SIZE) as pilot:
+        await pilot.press("right")
+        await until(pilot, "a plot", lambda: len(drawn(interface, "#plot")) > 15)
+        lines = drawn(interface, "#plot")
+        assert lines[0].strip() == "Differences, mm"
+        assert lines[-1].strip() == "x measured   o left"
+        assert lines[-2].split() == NAMES
+        points = "".join(lines[2:-3])
+        assert (points.count("x"), points.count("o")) == (12, 12)
+        zero = next(line for line in lines if line.strip().startswith("0.0"))
+        assert zero.count("─") > 50
+        rows = {line.split("┤")[0].strip(): row for row, line in enumerate(lines) if "┤" in line}
+        pitch_mm = 1.4 / (rows["-0.6"] - rows["0.8"])
+        shown = [(rows["0.0"] - row) * pitch_mm for row in rows_of_points(lines)]
+        assert shown == pytest.approx(list(PUBLISHED_MM.values()), abs=0.51 * pitch_mm)
+
+
+def rows_of_points(lines: list[str]) -> list[int]:
+    """The row of each measured point, from left to right."""
+    found = {
+        column: row
+        for row, line in enumerate(lines[:-3])
+        for column, character in enumerate(line)
+        if character == "x"
+    }
+    return [found[column] for column in sorted(found)]
+
+
+async def test_text_and_plot_side_by_side(published: tuple[Solved, Path]) -> None:
+    solved, path = published
+    interface = Interface(ResultScreen(solved, None, path))
+    async with interface.run_test(size=WIDE) as pilot:
+        beside = interface.screen.query_one("#beside")
+        await until(pilot, "two panels", lambda: beside.region.width > 30)
+        left = interface.screen.query_one("#result").region
+        assert left.right == beside.region.x
+        assert left.width >= 80
+        lines = drawn(interface, "#beside")
+        labels = [line.split("┤")[0].strip() for line in lines if "┤" in line]
+        assert labels == NAMES
+        await pilot.resize_terminal(*SIZE)
+        await until(pilot, "one panel", lambda: not beside.display)
+
+
+async def test_nothing_is_drawn_twice(
+    published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solved, path = published
+    interface = Interface(ResultScreen(solved, None, path), read_only=True)
+    async with interface.run_test(size=SIZE) as pilot:
+        await pilot.press("right")
+        await until(pilot, "a plot", lambda: len(drawn(interface, "#plot")) > 15)
+        chart = interface.screen.query_one("#plot", ChartPlot)
+        builds: list[Size] = []
+        build = chart.plt.build
+
+        def counted() -> str:
+            builds.append(chart.size)
+            return str(build())
+
+        monkeypatch.setattr(chart.plt, "build", counted)
+        first = chart.render()
+        chart.refresh()
+        await pilot.pause()
+        assert builds == []
+        assert chart.render() is first
+        await pilot.press("3")
+        await until(pilot, "another chart", lambda: len(builds) == 1)
+        interface.theme = "textual-light"
+        await until(pilot, "other colours", lambda: len(builds) == 2)
+
+
+async def test_sets_of_parameters(published: tuple[Solved, Path]) -> None:
+    solved, path = published
+    interface = Interface(ResultScreen(solved, None, path))
+    async with interface.run_test(size=SIZE) as pilot:
+        for key, words in (
+            ("2", "leg lengths"),
+            ("3", "joint offsets and leg lengths"),
+            ("4", "both, held by the tolerances of the parts"),
+        ):
+            await pilot.press(key)
+            await pilot.pause()
+            assert f"published.jsonl: {words}, exact fit" in " ".join(
+                text(interface, "#text").split()
+            )
+        await pilot.press("1")
+        await pilot.pause()
+        assert text(interface, "#text") == solution_text(solved)
+
+
+async def test_a_set_that_is_not_seen_is_refused(
+    published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solved, path = published
+
+    def refuse(*_: object, **__: object) -> Solved:
+        raise NotIdentifiable("set [both]", "two differences", "six")
+
+    monkeypatch.setattr("app.screens.result.solve_sessions", refuse)
+    interface = Interface(ResultScreen(solved, quick_plan(path.parent), path))
+    said = hear(interface, monkeypatch)
+    async with interface.run_test(size=SIZE) as pilot:
+        for key in ("3", "v", "e"):
+            await pilot.press(key)
+        await until(pilot, "three refusals", lambda: len(said) == 3)
+        assert all("set [both]" in one for one in said)
+        assert text(interface, "#text").endswith(solution_text(solved))
+        assert isinstance(interface.screen, ResultScreen)
+    assert sorted(p.name for p in path.parent.iterdir()) == ["published.jsonl"]
+
+
+async def test_export_names_what_it_wrote(
+    published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solved, path = published
+    interface = Interface(ResultScreen(solved, None, path))
+    said = hear(interface, monkeypatch)
+    async with interface.run_test(size=SIZE) as pilot:
+        await pilot.press("e")
+        await until(pilot, "written", lambda: bool(said))
+    written = sorted(p.name for p in path.with_suffix("").iterdir())
+    assert "offsets.csv" in written
+    assert all(name in said[0] for name in written)
+    assert "WARNING" in said[0], "no HOME_OFFSET is known of this machine"
+
+
+async def test_export_that_the_disk_refuses(
+    published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solved, path = published
+    path.with_suffix("").write_text("a file where the folder must be")
+    interface = Interface(ResultScreen(solved, None, path))
+    said = hear(interface, monkeypatch)
+    async with interface.run_test(size=SIZE) as pilot:
+        await pilot.press("e")
+        await until(pilot, "refusal", lambda: bool(said))
+        assert "a place with write permission" in said[0]
+
+
+async def test_a_program_that_only_shows(
+    published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solved, path = published
+    interface = Interface(ResultScreen(solved, quick_plan(path.parent), path), read_only=True)
+    said = hear(interface, monkeypatch)
+    async with interface.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        assert {"1", "2", "3", "y", "h", "f10"} <= offered(interface)
+        assert not {"e", "v"} & offered(interface)
+        await pilot.press("e", "v")
+        await until(pilot, "two refusals", lambda: len(said) == 2)
+        assert all("nothing is written and nothing is measured" in one for one in said)
+        assert isinstance(interface.screen, ResultScreen)
+    assert [p.name for p in path.parent.iterdir()] == ["published.jsonl"]
+
+
+async def test_verify_needs_the_plan_of_the_session(
+    published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solved, path = published
+    interface = Interface(ResultScreen(solved, None, path))
+    said = hear(interface, monkeypatch)
+    async with interface.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        assert "e" in offered(interface)
+        assert "v" not in offered(interface)
+        await pilot.press("v")
+        await until(pilot, "refusal", lambda: bool(said))
+        assert "right after a session was measured" in said[0]
+        assert isinstance(interface.screen, ResultScreen)
+
+
+async def test_another_key_of_the_settings(published: tuple[Solved, Path]) -> None:
+    solved, path = published
+    settings = Settings(keys={"result.export": "x"})
+    interface = Interface(ResultScreen(solved, None, path), settings=settings)
+    async with interface.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        assert "x" in offered(interface)
+        await pilot.press("x")
+        await until(pilot, "written", lambda: (path.with_suffix("") / "offsets.csv").exists())
+
+
+async def test_copy_says_how_much(
+    published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solved, path = published
+    interface = Interface(ResultScreen(solved, None, path))
+    said = hear(interface, monkeypatch)
+    async with interface.run_test(size=SIZE) as pilot:
+        await pilot.press("y")
+        await until(pilot, "words", lambda: bool(said))
+    assert interface.clipboard == solution_text(solved)
+    assert said[0].startswith(f"{len(solution_text(solved).splitlines())} lines copied")
+    assert "set-clipboard on" in said[0]
+
+
+async def test_home(published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    solved, path = published
+    monkeypatch.chdir(path.parent)
+    interface = Interface(ResultScreen(solved, None, path))
+    async with interface.run_test(size=SIZE) as pilot:
+        await pilot.press("h")
+        await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
+
+
+async def test_comparison_is_a_page_of_its_own(verified: tuple[Solved, Plan]) -> None:
+    solved, plan = verified
+    assert plan.before is not None
+    before, after = plan.before.solution.rms_before_mm, solved.solution.rms_before_mm
+    interface = Interface(ResultScreen(solved, plan, plan.path))
+    async with interface.run_test(size=SIZE) as pilot:
+        await until(pilot, "a plot", lambda: len(drawn(interface, "#before-after")) > 15)
+        assert page(interface) == "tab-comparison"
+        compared = text(interface, "#compared")
+        assert f"from {before:.4f} to {after:.4f} mm" in compared
+        assert text(interface, "#text").startswith(compared.splitlines()[0])
+        lines = drawn(interface, "#before-after")
+        assert lines[-1].strip() == "x before   o after"
+        assert [line.split("┤")[0].strip() for line in lines if "┤" in line] == NAMES
+        await pilot.press("y")
+        assert interface.clipboard == compared
+        await pilot.press("right")
+        await pilot.pause()
+        assert page(interface) == "tab-result"
+
+
+async def test_a_result_without_verification_has_no_such_page(
+    published: tuple[Solved, Path],
+) -> None:
+    solved, path = published
+    interface = Interface(ResultScreen(solved, quick_plan(path.parent), path))
+    async with interface.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        assert not interface.screen.query("#tab-comparison")
+        assert text(interface, "#text").startswith("Next: E exports the joint offsets.")
+        await pilot.press("v")
+        await until(pilot, "check", lambda: isinstance(interface.screen, CheckScreen))
+        await until(pilot, "open", lambda: interface.indicators is not None)
+        assert "exported offsets must now be in the controller" in text(interface, "#words")

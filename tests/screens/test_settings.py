@@ -1,0 +1,181 @@
+"""Settings on the screens: keys, theme, animations, palette, and leaving."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from textual.command import Command, CommandPalette
+from textual.pilot import Pilot
+from textual.widgets import OptionList, Static
+
+from app.screens.check import CheckScreen
+from app.screens.dialogs import HelpDialog, TextDialog
+from app.screens.home import HomeScreen
+from app.screens.interface import Interface
+from app.settings import Settings, read_settings
+from protocols.record import read_record
+from tests.screens.driving import SIZE, quick_plan, take, to_measuring, until
+
+
+@pytest.fixture
+def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The settings file of this test; the current folder is empty and looks like markup."""
+    path = tmp_path / "settings.toml"
+    here = tmp_path / "here [mm]"
+    here.mkdir()
+    monkeypatch.setenv("GLIDECAL_SETTINGS", str(path))
+    monkeypatch.chdir(here)
+    return path
+
+
+async def from_palette(pilot: Pilot[str], interface: Interface, command: str) -> None:
+    await pilot.press("ctrl+p")
+    await until(pilot, "palette", lambda: isinstance(interface.screen, CommandPalette))
+    await pick(pilot, interface, command)
+
+
+async def pick(pilot: Pilot[str], interface: Interface, command: str) -> None:
+    """Type a command into the open palette and take the answer."""
+    palette = interface.screen
+    await pilot.press(*command)
+    listed = palette.query_one("CommandList", OptionList)
+
+    def found() -> bool:
+        first = listed.options[0] if listed.options else None
+        answer = str(first.hit.text) if isinstance(first, Command) else ""
+        return answer.lower().startswith(command) and listed.highlighted == 0
+
+    await until(pilot, f"answer {command}", found)
+    await pilot.press("enter")
+    await until(pilot, "palette closed", lambda: interface.screen is not palette)
+
+
+def said(interface: Interface) -> str:
+    return "\n".join(note.message for note in interface._notifications)
+
+
+async def test_own_keys_take_the_place_of_the_usual_ones(tmp_path: Path) -> None:
+    own = Settings(keys={"measure.take": "f2,x", "measure.repeat": "s", "measure.skip": "u"})
+    interface = Interface(CheckScreen(quick_plan(tmp_path)), settings=own)
+    async with interface.run_test(size=SIZE) as pilot:
+        screen = await to_measuring(pilot, interface)
+        assert "space" not in screen.active_bindings
+        await until(pilot, "stillness", screen.ready_by_hand)
+        await pilot.press("f2")
+        await until(pilot, "one step", lambda: screen.guided.session.done() == {1})
+        await pilot.press("s")
+        await until(pilot, "repeated", lambda: screen.guided.session.done() == frozenset())
+        await until(pilot, "stillness", screen.ready_by_hand)
+        await pilot.press("x")
+        await until(pilot, "again", lambda: screen.guided.session.done() == {1})
+        await pilot.press("f10")
+
+
+async def test_theme_from_the_settings_is_not_written_again(file: Path) -> None:
+    interface = Interface(HomeScreen(), settings=Settings(theme="nord"))
+    async with interface.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        assert interface.theme == "nord"
+        await pilot.press("f10")
+    assert not file.exists()
+
+
+async def test_light_and_dark_are_kept(file: Path) -> None:
+    file.write_text('# mine\n[keys]\n"app.help" = "f3"\n', encoding="utf-8")
+    interface = Interface(HomeScreen(), settings=read_settings(file))
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        await from_palette(pilot, interface, "light")
+        await until(pilot, "light", lambda: interface.theme == "textual-light")
+        assert read_settings(file).theme == "textual-light"
+        assert "# mine" in file.read_text(encoding="utf-8")
+        interface.action_light_or_dark()
+        await until(pilot, "dark", lambda: read_settings(file).theme == "textual-dark")
+        assert read_settings(file).keys == {"app.help": "f3"}
+        file.write_text("[broken", encoding="utf-8")
+        interface.action_light_or_dark()
+        await until(pilot, "told", lambda: "TOML text" in said(interface))
+        assert file.read_text(encoding="utf-8") == "[broken"
+        await pilot.press("f10")
+
+
+async def test_a_theme_by_name(file: Path) -> None:
+    interface = Interface(HomeScreen())
+    async with interface.run_test(size=SIZE) as pilot:
+        await from_palette(pilot, interface, "theme")
+        await until(pilot, "themes", lambda: isinstance(interface.screen, CommandPalette))
+        await pick(pilot, interface, "gruvbox")
+        await until(pilot, "gruvbox", lambda: interface.theme == "gruvbox")
+        assert read_settings(file).theme == "gruvbox"
+        await pilot.press("f10")
+
+
+async def test_a_page_that_only_shows_writes_nothing(file: Path) -> None:
+    interface = Interface(HomeScreen(), read_only=True)
+    async with interface.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        interface.action_light_or_dark()
+        await pilot.pause()
+        assert interface.theme == "textual-light"
+        titles = [c.title for c in interface.get_system_commands(interface.screen)]
+        assert titles == ["Theme", "Light or dark", "Keys", "Quit"]
+        await pilot.press("f10")
+    assert not file.exists()
+
+
+async def test_screenshot_into_the_current_folder(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interface = Interface(HomeScreen())
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        await pilot.pause()
+        await from_palette(pilot, interface, "screenshot")
+        await until(pilot, "told", lambda: "Written:" in said(interface))
+        (picture,) = Path().glob("*.svg")
+        assert f"{Path.cwd() / picture}" in said(interface)
+        svg = picture.read_text(encoding="utf-8")
+        assert "Demonstration" in svg
+        assert "Search" not in svg
+
+        def refuse(*_: object, **__: object) -> None:
+            raise PermissionError(13, "Permission denied")
+
+        with monkeypatch.context() as patched:
+            patched.setattr("tempfile.mkstemp", refuse)
+            await from_palette(pilot, interface, "screenshot")
+            await until(pilot, "words", lambda: "Permission denied" in said(interface))
+        assert len(list(Path().iterdir())) == 1
+        await pilot.press("f10")
+
+
+async def test_keys_of_the_present_screen(tmp_path: Path) -> None:
+    own = Settings(keys={"measure.take": "f2"})
+    interface = Interface(CheckScreen(quick_plan(tmp_path)), settings=own)
+    async with interface.run_test(size=SIZE) as pilot:
+        await to_measuring(pilot, interface)
+        await from_palette(pilot, interface, "keys")
+        await until(pilot, "keys", lambda: isinstance(interface.screen, HelpDialog))
+        listed = str(interface.screen.query_one(Static).content)
+        assert "f2          Take" in listed
+        assert "u           Repeat" in listed
+        await pilot.press("escape", "f10")
+
+
+@pytest.mark.parametrize("animations", [True, False])
+async def test_animations(animations: bool) -> None:
+    interface = Interface(HomeScreen(), settings=Settings(animations=animations))
+    assert (interface.animation_level == "none") is not animations
+
+
+async def test_ctrl_q_under_a_dialog_pauses_the_session(tmp_path: Path) -> None:
+    plan = quick_plan(tmp_path)
+    interface = Interface(CheckScreen(plan))
+    async with interface.run_test(size=SIZE) as pilot:
+        await take(pilot, await to_measuring(pilot, interface))
+        await pilot.press("n")
+        await until(pilot, "dialog", lambda: isinstance(interface.screen, TextDialog))
+        await pilot.press("ctrl+q")
+        await until(pilot, "left", lambda: interface.guided is None)
+    assert "Session paused after 1 of 30 steps" in str(interface.return_value)
+    assert read_record(plan.path).end == "open"
+    assert list(tmp_path.iterdir()) == [plan.path]

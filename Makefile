@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip --disable-pip-version-check install --quiet
 
-.PHONY: demo test check bench fuzz samples clean
+.PHONY: demo test check bench blind fuzz samples clean
 
 demo: $(VENV)/runtime.stamp
 	$(BIN)/glidecal demo
@@ -20,6 +20,9 @@ check: $(VENV)/dev.stamp
 
 bench: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.run
+
+blind: $(VENV)/dev.stamp
+	$(BIN)/python -m tests.blind.run -o docs/blind.md
 
 fuzz: $(VENV)/dev.stamp
 	GLIDECAL_FUZZ=1000000 $(BIN)/pytest -n auto tests/drivers/test_fuzz.py

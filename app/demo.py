@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -64,7 +65,7 @@ def with_hidden_effect(plan: Plan, effect: str) -> Plan:
         planned_readings(plan.procedure, plan.machine),
         laws=known_laws(),
         seed=plan.seed,
-        noise_mm=plan.bench.scatter_mm,
+        noise_mm=math.hypot(plan.bench.scatter_mm, plan.bench.resolution_mm),
     )
     clock_rate = plan.procedure.seconds_per_step / step_s
     return replace(plan, bench=replace(plan.bench, effects=effects, clock_rate=clock_rate))

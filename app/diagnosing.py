@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from app.own_effects import known_laws
 from app.solving import indicator_figures, load_sessions
 from calib.diagnosis.diagnose import Case, diagnose
 from calib.diagnosis.results import Diagnosis, Finding, Gap, Value
 from calib.errors import NotIdentifiable
-from calib.orthoglide.effects import CATALOGUE
 from calib.orthoglide.effects.law import Law
 from calib.orthoglide.model import Model
 from protocols.errors import UsageError
@@ -40,7 +40,7 @@ def diagnose_files(
     *,
     model: Path | None = None,
     held_out: Sequence[Path] = (),
-    laws: Sequence[Law] = CATALOGUE,
+    laws: Sequence[Law] | None = None,
 ) -> Diagnosed:
     """Diagnose sessions against their nominal machine, or against a model with effects.
 
@@ -52,18 +52,21 @@ def diagnose_files(
         raise NotIdentifiable("sessions", "none", "at least one session")
     others, more = load_sessions(held_out)
     _check(paths, held_out, sessions, others)
-    known = read_model(model)[0] if model else Model(sessions[0].opened.machine.geometry())
+    used = known_laws() if laws is None else tuple(laws)
+    nominal = Model(sessions[0].opened.machine.geometry())
+    known = read_model(model, used)[0] if model else nominal
     return Diagnosed(
         names=tuple(path.name for path in paths),
         held_out=tuple(path.name for path in held_out),
         sessions=tuple(sessions),
         model=known,
-        diagnosis=diagnose(_cases(sessions, known), laws, _cases(others, known)),
+        diagnosis=diagnose(cases(sessions, known), used, cases(others, known)),
         warnings=(*warnings, *more),
     )
 
 
-def _cases(sessions: Sequence[Session], model: Model) -> list[Case]:
+def cases(sessions: Sequence[Session], model: Model) -> list[Case]:
+    """What is to be diagnosed of these sessions."""
     return [
         Case(
             model,

@@ -20,8 +20,14 @@ LEAST_SIGNAL, MOST_SIGNAL = 3.0, 5.0
 NEARLY_AS_PLAIN = 0.5
 """Arrangements that show at least this part of what the plainest one shows may be hidden."""
 
-MOST_TOLERANCES = 150.0
-"""A larger effect would be noticed without measuring."""
+MOST_TOLERANCES = 60.0
+"""A larger effect would be noticed without measuring; a smaller signal is taken instead …"""
+
+FAINTEST_SIGNAL = 1.0
+"""… down to this, in noise: many readings still show it clearly."""
+
+DRAWS = 4
+"""Of so many directions the one that shows best is taken: values of one leg may cancel."""
 
 ONE_SIDED = ("backlash", "gravity_sag")
 """These push one way only."""
@@ -40,23 +46,30 @@ def hidden_effect(
     """The effect ``wanted`` (id, or id:where) for the machine ``truth``, chosen by the seed.
 
     ``size`` is its largest value in its own unit; without it the effect is made three to five times
-    the noise. Raises UsageError where it is not known, or these readings cannot show it.
+    the noise, or less where that would take a monstrous size. Raises UsageError where it is not
+    known, or these readings cannot show it.
     """
     generator = np.random.default_rng([seed, 5])
     choices = _choices(wanted, truth, taken, laws)
     choice = choices[int(generator.integers(len(choices)))]
-    direction = generator.uniform(0.4, 1.0, len(choice.tolerance))
-    direction *= generator.choice([-1.0, 1.0], len(direction))
-    values = choice.tolerance * direction
+    draws = [choice.tolerance * _direction(generator, len(choice.tolerance)) for _ in range(DRAWS)]
+    values = max(draws, key=choice.signal_mm)
     if choice.candidate.id in ONE_SIDED:
         values = np.abs(values)
     if size is not None:
         return choice.candidate.effects(values * (size / np.abs(values).max()))
     signal_mm = noise_mm * generator.uniform(LEAST_SIGNAL, MOST_SIGNAL)
-    values = values * (signal_mm / choice.signal_mm(values))
-    if np.abs(values / choice.tolerance).max() > MOST_TOLERANCES:
+    factor = signal_mm / choice.signal_mm(values)
+    values = values * min(factor, MOST_TOLERANCES / np.abs(values / choice.tolerance).max())
+    if choice.signal_mm(values) < FAINTEST_SIGNAL * noise_mm:
         raise _not_seen(wanted)
     return choice.candidate.effects(values)
+
+
+def _direction(generator: np.random.Generator, count: int) -> FloatArray:
+    """Numbers of either sign, none small beside the others ``(count,)``."""
+    sizes, signs = generator.uniform(0.4, 1.0, count), generator.choice([-1.0, 1.0], count)
+    return np.asarray(sizes * signs)
 
 
 @dataclass(frozen=True, eq=False)

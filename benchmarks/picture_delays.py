@@ -1,4 +1,4 @@
-"""How long a picture takes: from the arrival of a reading to its digits, and what blocks the loop."""
+"""How long a picture takes from reading to digits, and how long the event loop is blocked."""
 
 from __future__ import annotations
 

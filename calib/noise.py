@@ -25,6 +25,11 @@ POOLING_LEVEL = 0.01
 """Chance that indicators of equal scatter are kept apart."""
 
 
+BORROWED = 4.0
+"""Degrees of freedom that an indicator kept apart borrows from the middle one: a variance from few
+repeats can be far too small by chance."""
+
+
 @dataclass(frozen=True)
 class IndicatorNoise:
     """Variance (mm²) of one indicator's readings: what repeats show, and what they all share.
@@ -226,8 +231,12 @@ def _noise_of_indicators(
 ) -> tuple[IndicatorNoise, ...]:
     """Variances of each indicator; one without repeats of its own gets the pooled ones."""
     everybody = _split(float(squares.sum()), float(free.sum()), step)
+    judged = free > 0.0
+    middle = float(np.median(squares[judged] / free[judged]))
     return tuple(
-        everybody if pooled or not nu > 0.0 else _split(float(square), float(nu), step)
+        everybody
+        if pooled or not nu > 0.0
+        else _split(float(square) + BORROWED * middle, float(nu) + BORROWED, step)
         for square, nu in zip(squares, free, strict=True)
     )
 

@@ -18,15 +18,16 @@ class TextDialog(ModalScreen[str]):
 
     BINDINGS: ClassVar[list[BindingType]] = [("escape", "dismiss('')", "Cancel")]
 
-    def __init__(self, question: str, hint: str) -> None:
+    def __init__(self, question: str, hint: str, proposed: str = "") -> None:
         super().__init__()
         self._question = question
         self._hint = hint
+        self._proposed = proposed
 
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog"):
             yield Static(f"{self._question} Enter keeps it, Escape leaves.", markup=False)
-            yield Input(placeholder=self._hint)
+            yield Input(self._proposed, placeholder=self._hint)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         self.dismiss(event.value.strip())

@@ -122,6 +122,8 @@ class HomeScreen(Screen[None]):
                 self.app.push_screen(CheckScreen(plan, continued=True))
             elif what == "replay":
                 self._replay(session.path)
+            elif what == "diagnose":
+                self._diagnose(session.path)
             else:
                 self._start(partial(JOBS[what], self, session.path))
         except GlidecalError as problem:
@@ -147,6 +149,11 @@ class HomeScreen(Screen[None]):
         from app.screens.replay import ReplayScreen
 
         self.app.push_screen(ReplayScreen(path))
+
+    def _diagnose(self, path: Path) -> None:
+        from app.screens.diagnose import DiagnoseScreen
+
+        self.app.push_screen(DiagnoseScreen([path]))
 
     def _compare(self, session: Recent | None) -> None:
         """Find the two sessions; one that verifies another brings its partner."""

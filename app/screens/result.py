@@ -59,6 +59,7 @@ class ResultScreen(Screen[None]):
         Binding("4", "choose('4')", "Tolerances", show=False, id="result.tolerances"),
         Binding("tab,right", "turn_to(1)", "Next", show=False, id="result.next"),
         Binding("shift+tab,left", "turn_to(-1)", "Previous", show=False, id="result.previous"),
+        Binding("d", "diagnose", "Diagnose", id="result.diagnose"),
         Binding("y", "copy", "Copy", id="result.copy"),
         Binding("h", "home", "Home", id="result.home"),
         Binding("f10", "app.quit", "Quit", id="result.quit"),
@@ -170,6 +171,12 @@ class ResultScreen(Screen[None]):
             self.app.complain(problem)
         else:
             self.app.push_screen(CheckScreen(plan))
+
+    def action_diagnose(self) -> None:
+        """Where readings and model disagree, and what is missing."""
+        from app.screens.diagnose import DiagnoseScreen
+
+        self.app.push_screen(DiagnoseScreen([self.path]))
 
     def action_copy(self) -> None:
         """The text of this page to the clipboard of the terminal."""

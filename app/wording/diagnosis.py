@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from textwrap import fill
+
 from app.diagnosing import Diagnosed
-from app.wording.tables import new_table, signed, table_text, wrapped
+from app.wording.tables import WIDTH, new_table, signed, table_text, wrapped
 from calib.diagnosis.results import Contender, Finding, Gap, HeldOutGap, Share, Value
 
 SHOWN_CANDIDATES = 8
@@ -64,7 +66,7 @@ def effects_text(findings: tuple[Finding, ...]) -> str:
 def hanging(line: str) -> str:
     """A long indented line broken with the same indent."""
     indent = line[: len(line) - len(line.lstrip())]
-    return "\n".join(indent + part for part in wrapped(line.strip()).splitlines())
+    return fill(line, WIDTH, subsequent_indent=indent, break_long_words=False)
 
 
 def value_words(value: Value) -> str:

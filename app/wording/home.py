@@ -12,6 +12,7 @@ New session    measures with real indicators
 Demonstration  the same on a simulated machine, in demo-sessions
 Compare        the session before the offsets were entered in the
                controller with the one after
+Diagnose       where readings and model disagree, and what is missing
 
 Sessions of this folder and of demo-sessions stand below, newest
 first. Enter on one of them offers what can be done with it.
@@ -24,14 +25,16 @@ HOME_CHOICES = (
     ("replay", "Replay a session"),
     ("compare", "Compare before and after"),
     ("export", "Export offsets of a session"),
+    ("diagnose", "Diagnose: what is missing in the model"),
 )
-READING_ONLY = ("result", "replay", "compare")
+READING_ONLY = ("result", "replay", "compare", "diagnose")
 """What is left where nothing may be written."""
 
 WHICH = {
     "result": "The result of which session?",
     "replay": "Replay which session?",
     "export": "Export the joint offsets of which session?",
+    "diagnose": "Diagnose which session?",
     "before": "Which session is the one BEFORE the offsets were entered?",
     "after": "Which session is the one AFTER the offsets were entered?",
 }
@@ -54,6 +57,7 @@ def session_choices(session: Recent, *, read_only: bool) -> list[tuple[str, str]
         ("replay", "Replay"),
         ("export", "Export the joint offsets"),
         ("compare", "Compare before and after"),
+        ("diagnose", "Diagnose"),
     ]
     if read_only:
         able = [pair for pair in able if pair[0] in READING_ONLY]

@@ -16,6 +16,7 @@ Tab, arrows   Result, Plot, and after a verification Before/after
 E             write the joint offsets, in every format, into a folder
               beside the session
 V             measure again after the offsets were entered, and compare
+D             diagnose: where readings and model disagree, what is missing
 Y             copy the text to the clipboard
 H, F10        home, quit
 

@@ -111,6 +111,12 @@ def _groups(observed: Observations) -> Iterator[tuple[str, IntArray]]:
         rows = np.flatnonzero(observed.mount == mount)
         yield _place(observed, rows), rows
         seen.add(tuple(rows))
+    for leg in range(3):
+        for axis in range(3):
+            rows = np.flatnonzero((observed.leg == leg) & (observed.axis == axis))
+            if len(rows) and tuple(rows) not in seen:
+                yield _place(observed, rows), rows
+                seen.add(tuple(rows))
     for indicator in range(observed.indicator_count):
         rows = np.flatnonzero(observed.indicator == indicator)
         if tuple(rows) not in seen and len(rows) < len(observed):
@@ -201,9 +207,9 @@ def set_wild_aside(observed: Observations) -> tuple[Observations, tuple[Blunder,
         kept = np.delete(np.arange(len(rest)), row)
         where = _place(rest, np.array([row]))
         posture = f"at {rest.displacement_mm[row]:+g} mm, cycle {rest.cycle[row]}"
-        belongs = _belongs_elsewhere(rest, row)
+        belongs = belongs_elsewhere(rest, row)
         title = (
-            f"the reading {posture} belongs to {belongs:+g} mm"
+            f"the reading {posture} belongs to {belongs}"
             if belongs is not None
             else f"one wild reading {posture}"
         )
@@ -228,8 +234,8 @@ def _wildest(observed: Observations) -> int | None:
     return row if own[row] > WILD_DISTANCE**2 * max(others, floor) else None
 
 
-def _belongs_elsewhere(observed: Observations, row: int) -> float | None:
-    """The displacement of the same mounting whose readings this one equals, if any, mm."""
+def belongs_elsewhere(observed: Observations, row: int) -> str | None:
+    """The posture of the same mounting, or the other leg, whose readings this one equals."""
     same = np.flatnonzero(observed.mount == observed.mount[row])
     spread = _typical_scatter(observed, row)
     for level in np.unique(observed.displacement_mm[same]):
@@ -237,7 +243,22 @@ def _belongs_elsewhere(observed: Observations, row: int) -> float | None:
             continue
         cell = same[observed.displacement_mm[same] == level]
         if abs(observed.value_mm[row] - observed.value_mm[cell].mean()) < SAME_VALUE * spread:
-            return float(level)
+            return f"{level:+g} mm"
+    return _other_leg(observed, row, spread)
+
+
+def _other_leg(observed: Observations, row: int, spread: float) -> str | None:
+    """The other leg measured along the same axis, in the same posture, if the value is equal."""
+    cell = np.flatnonzero(
+        (observed.axis == observed.axis[row])
+        & (observed.leg != observed.leg[row])
+        & (observed.displacement_mm == observed.displacement_mm[row])
+        & (observed.station == observed.station[row])
+    )
+    for leg in np.unique(observed.leg[cell]):
+        mean = observed.value_mm[cell[observed.leg[cell] == leg]].mean()
+        if abs(observed.value_mm[row] - mean) < SAME_VALUE * spread:
+            return f"leg {LEG_NAMES[leg].upper()}"
     return None
 
 

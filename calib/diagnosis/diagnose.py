@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
-from calib.diagnosis.blunders import Blunder, find_blunder, set_wild_aside
+from calib.diagnosis.blunders import Blunder, belongs_elsewhere, find_blunder, set_wild_aside
 from calib.diagnosis.following import ENOUGH, Rival, best_addition
 from calib.diagnosis.locate import each_mounting, left_over_words, locate
 from calib.diagnosis.problem import Problem, Sitting
@@ -26,7 +27,9 @@ from calib.diagnosis.results import (
     Verdict,
 )
 from calib.diagnosis.selection import Weighed, contained, union
+from calib.diagnosis.slips import find_slip
 from calib.diagnosis.verify import left_out_postures, on_other_sessions, structure_rms_mm
+from calib.errors import NotIdentifiable
 from calib.noise import IndicatorFigures
 from calib.observations import LEG_NAMES, Conditions, FloatArray, Observations
 from calib.orthoglide.effects.candidates import Candidate, candidates
@@ -39,6 +42,7 @@ MOST_BLUNDERS = 3
 LEAST_EVIDENCE = 25.0
 """No single name below this non-centrality (explained squares less their freedom)."""
 
+CORRECTIONS = 2
 LEAST_FREEDOM = 10
 ROOM = 4
 """Degrees of freedom that the whole catalogue must leave, or an unknown effect could not show."""
@@ -103,11 +107,18 @@ def _sit(case: Case) -> Sitting:
     return Sitting.of(case.model, case.observed, case.indicator, case.tolerance_mm)
 
 
+def cleaned(cases: Sequence[Case]) -> list[Case]:
+    """The sessions as they are diagnosed: mistakes corrected or set aside."""
+    return _clean(cases)[0]
+
+
 def _clean(cases: Sequence[Case]) -> tuple[list[Case], list[tuple[Blunder, float, float]]]:
     """Sessions without the mistakes found in them, each with the gap before and after it."""
     cleaned, found = [], []
     for case in cases:
         observed = case.observed
+        slips, observed = _put_slips_back(observed)
+        found += slips
         spare = len(observed) - observed.mount_count - len(case.tolerance_mm)
         for _ in range(MOST_BLUNDERS if spare >= LEAST_ROWS_BEYOND else 0):
             blunder = find_blunder(case.model, observed, case.tolerance_mm)
@@ -123,6 +134,27 @@ def _clean(cases: Sequence[Case]) -> tuple[list[Case], list[tuple[Blunder, float
         for blunder, before, after in found
     ]
     return cleaned, judged
+
+
+def _put_slips_back(
+    observed: Observations,
+) -> tuple[list[tuple[Blunder, Observations, Observations]], Observations]:
+    """Slips of stands that the repeats show clearly, one after the other."""
+    found = []
+    for _ in range(MOST_BLUNDERS):
+        slip = find_slip(observed)
+        if slip is None:
+            break
+        first = slip.rows[0]
+        where = LEG_NAMES[observed.leg[first]] + LEG_NAMES[observed.axis[first]]
+        title = (
+            f"the stand moved by {slip.shift_mm:+.4f} mm before the reading at "
+            f"{observed.displacement_mm[first]:+g} mm, cycle {observed.cycle[first]}"
+        )
+        blunder = Blunder("stand_slip", where, title, slip.rows, slip.corrected)
+        found.append((blunder, observed, slip.corrected))
+        observed = slip.corrected
+    return found, observed
 
 
 def _gap_rms(case: Case, observed: Observations) -> float:
@@ -160,12 +192,22 @@ def _entries(problem: Problem, laws: Sequence[Law]) -> list[Entry]:
 def _implausible(problem: Problem, entry: Entry) -> float:
     """What a candidate loses for the size that it would need alone, in log weight.
 
-    Thirty times the unremarkable size costs as much as one standard deviation of a prior.
+    A normal prior on each parameter, thirty times the unremarkable size wide: a fit that needs more
+    pays, and directions that hardly show are not blown up.
     """
-    white = problem.root_weight[:, None] * entry.columns * entry.tolerance
+    white = problem.root_weight[:, None] * entry.columns * (FAR * entry.tolerance)
     white = white - problem.nuisance @ (problem.nuisance.T @ white)
-    value = np.linalg.lstsq(white, problem.y, rcond=1e-6)[0]
-    return float(min(0.5 * ((value / FAR) ** 2).sum(), MOST_LOSS))
+    free = problem.y - white @ np.linalg.lstsq(white, problem.y, rcond=1e-6)[0]
+    value = _held(white, problem.y)[0]
+    left = problem.y - white @ value
+    loss = 0.5 * (float(left @ left) - float(free @ free) + float(value @ value))
+    return float(min(max(loss, 0.0), MOST_LOSS))
+
+
+def _held(white: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least squares with a unit normal prior: values ``(k,)`` and what each reading adds."""
+    inverse = np.linalg.solve(white.T @ white + np.eye(white.shape[1]), white.T)
+    return np.asarray(inverse @ y), np.asarray(inverse)
 
 
 def _slips(problem: Problem) -> list[Entry]:
@@ -177,20 +219,17 @@ def _slips(problem: Problem) -> list[Entry]:
         rows = np.flatnonzero(problem.mount == mount)
         where = LEG_NAMES[leg[rows[0]]] + LEG_NAMES[axis[rows[0]]]
         for k in range(1, len(rows)):
+            alone = k in (1, len(rows) - 1)
             columns = np.zeros((len(problem.y), 1))
             columns[rows[k:], 0] = 1.0
-            title = f"the stand moved before reading {k + 1} of this mounting"
+            title = (
+                f"the {'first' if k == 1 else 'last'} reading of this mounting is wild"
+                if alone
+                else f"the stand moved before reading {k + 1} of this mounting"
+            )
+            name = "wild_reading" if alone else "stand_slip"
             found.append(
-                Entry(
-                    "stand_slip",
-                    "blunder",
-                    title,
-                    where,
-                    columns,
-                    None,
-                    (("shift", "mm"),),
-                    np.ones(1),
-                )
+                Entry(name, "blunder", title, where, columns, None, (("shift", "mm"),), np.ones(1))
             )
     return found
 
@@ -284,7 +323,7 @@ class _Report:
         inside = [
             self.problem.structure.T @ b
             for e, b in zip(self.entries, self.race.blocks, strict=True)
-            if e.id != "stand_slip"
+            if e.kind != "blunder"
         ]
         rank = int((np.linalg.svd(np.hstack(inside), compute_uv=False) > 1e-3).sum())
         return self.problem.structure_df - rank >= ROOM
@@ -327,7 +366,7 @@ class _Report:
         ]
 
     def _findings(self, kept: Weighed) -> list[Finding]:
-        values = self._values(kept.members)
+        values = self._refined(kept.members)
         rivals = self._names(kept)
         before = self._gap(()).rms_mm
         found = []
@@ -335,11 +374,12 @@ class _Report:
             entry = self.entries[member]
             after = self._gap(self._by_evidence(kept)[: place + 1]).rms_mm
             p = self.outcome.step_p[min(place, len(self.outcome.step_p) - 1)]
+            name, title = self._label(entry)
             found.append(
                 Finding(
-                    entry.id,
+                    name,
                     entry.kind,
-                    entry.title,
+                    title,
                     entry.where,
                     values[member][0],
                     p,
@@ -352,21 +392,78 @@ class _Report:
             before = after
         return found
 
+    def _label(self, entry: Entry) -> tuple[str, str]:
+        """A lone wild reading may be one under a wrong label."""
+        if entry.id != "wild_reading":
+            return entry.id, entry.title
+        inside = entry.columns[:, 0] > 0.0
+        single = np.flatnonzero(inside if inside.sum() == 1 else ~inside & self._same_mount(inside))
+        observed = self.problem.sittings[0].observed
+        if len(single) != 1 or single[0] >= len(observed):
+            return entry.id, entry.title
+        belongs = belongs_elsewhere(observed, int(single[0]))
+        if belongs is None:
+            return entry.id, entry.title
+        return "label_error", f"{entry.title}: it belongs to {belongs}"
+
+    def _same_mount(self, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        mount = self.problem.mount
+        return np.asarray(mount == mount[np.flatnonzero(inside)[0]])
+
     def _by_evidence(self, kept: Weighed) -> tuple[int, ...]:
         return tuple(sorted(kept.members, key=lambda k: -self._evidence(kept, k)))
 
-    def _values(
+    def _refined(
         self, members: tuple[int, ...]
     ) -> dict[int, tuple[tuple[Value, ...], tuple[Placed, ...]]]:
+        """The same through the nonlinear simulation: effects in, base fitted anew, corrected."""
+        found = self._values(members, self.problem.y)
+        for _ in range(CORRECTIONS):
+            placed = tuple(effect for _, effects in found.values() for effect in effects)
+            try:
+                left = self._left_with(placed)
+            except NotIdentifiable:
+                return found
+            basis = union([self.race.blocks[k] for k in members])
+            explained = self.problem.y - self._linear_share(found, members)
+            correction = basis @ (basis.T @ (left - explained))
+            found = self._values(members, self.problem.y + correction)
+        return found
+
+    def _left_with(self, placed: tuple[Placed, ...]) -> FloatArray:
+        """Whitened residual ``(n,)`` with these effects in the model, nuisance projected out."""
+        adopted = []
+        for case, one in zip(self.cases, self.problem.sittings, strict=True):
+            model = case.model.with_effects((*case.model.effects, *placed))
+            adopted.append(one.again(model, case.tolerance_mm))
+        return Problem.of(adopted).y
+
+    def _linear_share(
+        self,
+        found: dict[int, tuple[tuple[Value, ...], tuple[Placed, ...]]],
+        members: tuple[int, ...],
+    ) -> FloatArray:
+        """What the columns of the members with these values explain ``(n,)``, whitened."""
+        total = np.zeros_like(self.problem.y)
+        for k in members:
+            value = np.array([v.value for v in found[k][0]])
+            if found[k][1]:
+                total += self.problem.root_weight * (self.entries[k].columns @ value)
+        return total - self.problem.nuisance @ (self.problem.nuisance.T @ total)
+
+    def _values(
+        self, members: tuple[int, ...], y: FloatArray | None = None
+    ) -> dict[int, tuple[tuple[Value, ...], tuple[Placed, ...]]]:
         """Parameters of these entries fitted together, base parameters and zeros free."""
+        y = self.problem.y if y is None else y
         root = self.problem.root_weight[:, None]
         design = np.hstack([root * self.entries[k].columns for k in members])
-        size = np.maximum(np.sqrt((design**2).sum(axis=0)), 1e-300)
-        free = design / size
+        size = FAR * np.concatenate([self.entries[k].tolerance for k in members])
+        free = design * size
         free = free - self.problem.nuisance @ (self.problem.nuisance.T @ free)
-        inverse = np.linalg.pinv(free, rcond=1e-6)
-        value = (inverse @ self.problem.y) / size
-        spread = np.sqrt((inverse**2).sum(axis=1)) / size
+        held, _ = _held(free, y)
+        value = held * size
+        spread = np.sqrt(np.linalg.inv(free.T @ free + np.eye(len(size))).diagonal()) * size
         found, start = {}, 0
         for k in members:
             entry = self.entries[k]
@@ -437,7 +534,7 @@ class _Report:
             return None
         return left_out_postures(
             self.problem,
-            [entry.columns for entry in self.entries if entry.id != "stand_slip"],
+            [entry.columns for entry in self.entries if entry.kind != "blunder"],
             len(self.outcome.kept.members),
             self.cases[0].tolerance_mm,
         )

@@ -13,6 +13,11 @@ from calib.diagnosis.selection import Search, Weighed, credible_set, union
 from calib.observations import FloatArray
 
 LEVEL = 0.01
+"""Chance of a gap or an agreement called wrongly."""
+
+NAMING_LEVEL = 0.005
+"""Chance of a name on data with nothing missing; half of the level, for noise is never quite
+normal."""
 MOST_EFFECTS = 3
 
 
@@ -51,7 +56,7 @@ class Race:
         before = self.gap(())
         by_cells = self.problem.noise_df <= 0.0
         first_p, local = self.step((), by_cells=by_cells)
-        if first_p > LEVEL:
+        if first_p > NAMING_LEVEL:
             return self._nothing(singles, (first_p,), local, before)
         chosen, models, steps = self._grow(search, singles, first_p, by_cells)
         after = self.gap(chosen.members)
@@ -71,16 +76,14 @@ class Race:
         steps = [first_p]
         for size in range(1, MOST_EFFECTS + 1):
             p, _ = self.step(best.members, by_cells=by_cells)
-            enough = p > LEVEL and (by_cells or self.gap(best.members)[2] > LEVEL)
+            enough = p > NAMING_LEVEL and (by_cells or self.gap(best.members)[2] > LEVEL)
             if enough or size == MOST_EFFECTS:
                 break
             larger = search.pairs(singles) if size == 1 else search.triples(everything)
             if not larger:
                 break
-            candidate = max(larger, key=lambda m: m.log_weight)
-            if candidate.log_weight <= best.log_weight:
-                break
-            everything, best = [*everything, *larger], candidate
+            everything = [*everything, *larger]
+            best = max(larger, key=lambda m: m.log_weight)
             steps.append(p)
         return best, credible_set(self._of_size(everything, best)), tuple(steps)
 
@@ -97,15 +100,21 @@ class Race:
         """
         kept: tuple[int, ...] = ()
         steps: list[float] = []
+        model = best
         for _ in range(len(best.members)):
-            p, local = self.step(kept, by_cells=True)
-            if p > LEVEL:
+            p, _ = self.step(kept, by_cells=True)
+            if p > NAMING_LEVEL:
                 break
-            kept = tuple(sorted((*kept, int(local.argmin()))))
+            larger = [
+                search.weigh(tuple(sorted((*kept, k))))
+                for k in range(len(self.blocks))
+                if k not in kept
+            ]
+            model = max(larger, key=lambda m: m.log_weight)
+            kept = model.members
             steps.append(p)
         if not kept:
             return None, [], tuple(steps)
-        model = search.weigh(kept)
         rivals = [m for m in singles if len(kept) == 1] or [model]
         return model, credible_set(rivals), tuple(steps)
 

@@ -96,7 +96,7 @@ def test_the_documented_effect_in_the_demonstration(folder: Path, tmp_path: Path
         (documented().replace("bent_arm", "Bent Arm"), "the id 'Bent Arm'"),
         (documented().replace("bent_arm", "backlash"), "the id 'backlash'"),
         (documented().replace("Stage.READING", '"reading"'), "no Stage"),
-        (documented().replace("5.0)", "0.0)"), "a tolerance that is not positive"),
+        (documented().replace("50.0)", "0.0)"), "a tolerance that is not positive"),
         (documented().replace("passing**2", "abs(passing)"), "complex values do not pass"),
         (documented().replace("values[0]", "(1 + values[0])"), "a value of 0 changes readings"),
         (documented().replace("values[0]", "values[7]"), "IndexError"),
@@ -105,8 +105,9 @@ def test_the_documented_effect_in_the_demonstration(folder: Path, tmp_path: Path
 )
 def test_a_broken_effect_is_named(folder: Path, text: str, said: str) -> None:
     write(folder, text)
-    with pytest.raises(RecordError, match="mine.py") as caught:
+    with pytest.raises(RecordError, match="mine") as caught:
         known_laws()
+    assert "mine.py" in str(caught.value)
     assert said in str(caught.value)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,9 @@ import pytest
 from app.next_measurement import next_measurement
 from app.planning import Request, optimum_postures, seen_by
 from calib.criteria import Criterion
+from calib.observations import conditions
 from calib.orthoglide.geometry import Geometry
+from calib.orthoglide.pipeline import derivatives
 from calib.orthoglide.pool import leg_pool, levels_mm, visiting_order
 from tests.app.cli import glidecal, refused
 
@@ -92,12 +95,31 @@ def test_the_text_tells_combination_cost_cure_and_the_classical_view(six: Path) 
     assert max(map(len, (lost + weak).splitlines())) <= 80
 
 
-def test_a_cure_keeps_its_promise(six: Path) -> None:
-    """Zero added to the six differences on all legs lets everything be seen."""
+def test_zero_added_to_the_six_differences_lets_everything_be_seen(six: Path) -> None:
     text = MAX_MIN.replace('["max", "min"]', '["max", "min", "zero"]')
     six.write_text(text, encoding="utf-8")
     seen = seen_by("orthoglide", Request(str(six), noise_mm=0.02))
     assert seen.found.rank == 6
+
+
+def test_a_cure_keeps_its_promise() -> None:
+    """The promised uncertainty from the readings with those of the cure appended."""
+    seen = seen_by("orthoglide", Request("zero-max-min", noise_mm=0.02))
+    weak = next(one for one in seen.weak if one.name == "d_rho_x + d_L_x")
+    found = re.fullmatch(
+        r"leg (.) at (\S+) mm and at Zero \(station (\S+), a new mounting\)", weak.cure.where
+    )
+    assert found is not None
+    leg, level, station = "xyz".index(found[1]), float(found[2]), float(found[3])
+    axes = [axis for axis in range(3) if axis != leg]
+    added = conditions([leg] * 4, axes * 2, [level] * 2 + [0.0] * 2, station=station)
+    rows = derivatives(Geometry(), np.zeros(6), added)
+    differences = (rows[:2] - rows[2:]) / np.sqrt(2.0) / 0.02
+    whitened = np.vstack([seen.examined.sensitivity.jacobian, differences])
+    covariance = np.linalg.inv(whitened.T @ whitened + np.eye(6) / 5.0**2)
+    vector = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 0.0])
+    expected = float(np.sqrt(vector @ covariance @ vector))
+    assert weak.cure.standard_uncertainty == pytest.approx(expected, rel=1e-3)
 
 
 def test_postures_as_json() -> None:

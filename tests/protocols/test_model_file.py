@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from calib.orthoglide.effects import CATALOGUE
 from calib.orthoglide.effects.actuators import ActuatorCyclic
 from calib.orthoglide.effects.candidates import candidates
-from calib.orthoglide.effects.law import Placed
+from calib.orthoglide.effects.law import Law, Placed
 from calib.orthoglide.model import Model
 from calib.orthoglide.pipeline import Flow, Stage
 from protocols.effect_entries import EffectEntry, Provenance, effect_entry
@@ -61,7 +61,7 @@ def adopted(arrangement: str = "mirror") -> tuple[tuple[Placed, ...], EffectEntr
 
 
 @pytest.mark.parametrize("law", CATALOGUE, ids=lambda law: f"{law.id}-{law.parameters[0].name}")
-def test_every_effect_of_the_catalogue_comes_back(tmp_path: Path, law: Any) -> None:
+def test_every_effect_of_the_catalogue_comes_back(tmp_path: Path, law: Law) -> None:
     places = law.places(postures())
     sizes = tuple(0.5 * p.tolerance for p in law.parameters)
     machine = Machine()

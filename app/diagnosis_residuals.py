@@ -1,0 +1,117 @@
+"""What the model leaves of the readings at each place, before and after adopting what was named."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.diagnosing import Diagnosed, cases
+from calib.diagnosis.diagnose import cleaned
+from calib.diagnosis.problem import Problem, Sitting
+from calib.errors import NotIdentifiable
+from calib.observations import LEG_NAMES, FloatArray
+from calib.orthoglide.model import Model
+
+SEEN = 2.0
+"""Standard deviations of a mean beyond which it is more than noise."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """The mean residual of one leg, axis, station, displacement and side of approach, in mm.
+
+    ``after_mm`` is None where nothing was named that could be adopted. ``noise_mm`` is the
+    standard deviation of the mean.
+    """
+
+    leg: str
+    axis: str
+    station: float
+    displacement_mm: float
+    approach: int
+    before_mm: float
+    after_mm: float | None
+    noise_mm: float
+
+    @property
+    def strength(self) -> float:
+        """The residual before, in standard deviations of its mean."""
+        return self.before_mm / self.noise_mm
+
+
+def residual_cells(diagnosed: Diagnosed) -> tuple[Cell, ...]:
+    """Mean residuals of the readings as they were diagnosed, offsets, lengths and zeros fitted.
+
+    Mistakes that the diagnosis found are corrected or left out, as it did. Raises NotIdentifiable.
+    """
+    model = diagnosed.model
+    effects = tuple(effect for one in diagnosed.diagnosis.effects for effect in one.effects)
+    some = cleaned(cases(diagnosed.sessions, model))
+    sittings = [Sitting.of(c.model, c.observed, c.indicator, c.tolerance_mm) for c in some]
+    before = Problem.of(sittings)
+    after = None
+    if effects:
+        adopted = model.with_effects((*model.effects, *effects))
+        tolerances = [c.tolerance_mm for c in some]
+        after = _left_with(adopted, sittings, tolerances)
+    return _cells(before, after)
+
+
+def _left_with(
+    model: Model, sittings: list[Sitting], tolerances_mm: list[FloatArray]
+) -> FloatArray | None:
+    """Residuals ``(n,)`` in mm with another model; None where its legs cannot meet."""
+    try:
+        fitted = [s.again(model, t) for s, t in zip(sittings, tolerances_mm, strict=True)]
+    except NotIdentifiable:
+        return None
+    problem = Problem.of(fitted)
+    return np.asarray(problem.y / problem.root_weight)
+
+
+def _cells(problem: Problem, after_mm: FloatArray | None) -> tuple[Cell, ...]:
+    before_mm = problem.y / problem.root_weight
+    observed = [one.observed for one in problem.sittings]
+    columns = [
+        np.concatenate([getattr(one, name) for one in observed])
+        for name in ("leg", "axis", "station", "displacement_mm", "approach")
+    ]
+    keys = np.stack([column.astype(np.float64).round(4) for column in columns], axis=1)
+    places, place = np.unique(keys, axis=0, return_inverse=True)
+    found = []
+    for number, (leg, axis, station, displacement, approach) in enumerate(places.tolist()):
+        rows = np.flatnonzero(place.ravel() == number)
+        found.append(
+            Cell(
+                leg=LEG_NAMES[int(leg)],
+                axis=LEG_NAMES[int(axis)],
+                station=station,
+                displacement_mm=displacement,
+                approach=int(approach),
+                before_mm=float(before_mm[rows].mean()),
+                after_mm=None if after_mm is None else float(after_mm[rows].mean()),
+                noise_mm=float(np.sqrt((problem.root_weight[rows] ** -2.0).sum()) / len(rows)),
+            )
+        )
+    return tuple(found)
+
+
+def explained_share(before_rms_mm: float, after_rms_mm: float) -> float:
+    """The part of the gap's square that is gone, between 0 and 1."""
+    if before_rms_mm <= 0.0:
+        return 0.0
+    return min(max(1.0 - (after_rms_mm / before_rms_mm) ** 2, 0.0), 1.0)
+
+
+def rms_um(cells: tuple[Cell, ...]) -> tuple[float, float | None, float]:
+    """R.m.s. over the cells, in µm: before, after (None without it), and the noise of a mean."""
+    before = np.array([cell.before_mm for cell in cells])
+    after = [cell.after_mm for cell in cells if cell.after_mm is not None]
+    noise = np.array([cell.noise_mm for cell in cells])
+    later = _rms_um(np.array(after)) if after else None
+    return _rms_um(before), later, _rms_um(noise)
+
+
+def _rms_um(values_mm: FloatArray) -> float:
+    return float(1000.0 * np.sqrt((values_mm**2).mean())) if len(values_mm) else 0.0

@@ -1,0 +1,246 @@
+"""The diagnosis: what is missing, where, what else it could be, and what adopting it does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar
+
+from textual import work
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical, VerticalScroll
+from textual.screen import Screen
+from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
+from textual.worker import get_current_worker
+
+from app.adopting import adopt, write_procedure
+from app.diagnosing import Diagnosed, diagnose_files
+from app.diagnosis_plots import residuals_before_and_after
+from app.diagnosis_residuals import Cell, residual_cells
+from app.opening import unused_path
+from app.own_effects import known_laws
+from app.screens.dialogs import ChoiceDialog, TextDialog
+from app.screens.interface import Interface
+from app.screens.plot import ChartPlot
+from app.wording.diagnose_screen import (
+    DIAGNOSE_HELP,
+    LOOKING,
+    NO_NEXT,
+    NOT_YET,
+    NOTHING_FOUND,
+    NOTHING_NAMED,
+    WHAT_TO_ADOPT,
+    WHICH_FILE,
+    adopt_choices,
+    adopted_words,
+    change_text,
+    heading_text,
+    model_written,
+    next_written,
+    problem_text,
+    ranking_text,
+    run_named,
+    taken_words,
+    verdict_text,
+    where_text,
+)
+from app.wording.result_screen import ONLY_SHOWN, copied_text
+from calib.errors import GlidecalError
+
+PAGES = {"verdict": "1 Verdict", "where": "2 Where", "candidates": "3 Candidates"}
+CHANGE = "change"
+
+
+class DiagnoseScreen(Screen[None]):
+    """One diagnosis; what was named can be adopted into a model and is then looked for no more."""
+
+    app: Interface
+    HELP = DIAGNOSE_HELP
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("a", "adopt", "Adopt", id="diagnose.adopt"),
+        Binding("n", "next", "Next measurement", id="diagnose.next"),
+        Binding("a", "refuse", show=False, id="diagnose.refuse_adopt"),
+        Binding("n", "refuse", show=False, id="diagnose.refuse_next"),
+        Binding("1", "page('verdict')", "Verdict", show=False, id="diagnose.verdict"),
+        Binding("2", "page('where')", "Where", show=False, id="diagnose.where"),
+        Binding("3", "page('candidates')", "Candidates", show=False, id="diagnose.candidates"),
+        Binding("4", "page('change')", "Before/after", show=False, id="diagnose.change"),
+        Binding("tab,right", "turn_to(1)", "Page", show=False, id="diagnose.next_page"),
+        Binding("shift+tab,left", "turn_to(-1)", "Page", show=False, id="diagnose.previous"),
+        Binding("y", "copy", "Copy", id="diagnose.copy"),
+        Binding("escape", "app.pop_screen", "Back", id="diagnose.back"),
+        Binding("f10", "app.quit", "Quit", id="diagnose.quit"),
+    ]
+
+    def __init__(self, paths: Sequence[Path], model: Path | None = None) -> None:
+        super().__init__()
+        self.paths = tuple(paths)
+        self.model = model
+        self.diagnosed: Diagnosed | None = None
+        self.looking = False
+        self._gap_before_mm: float | None = None
+
+    def compose(self) -> ComposeResult:
+        yield Static("", id="diagnosed", markup=False)
+        with TabbedContent(initial="verdict"):
+            for name, title in PAGES.items():
+                with TabPane(title, id=name), VerticalScroll():
+                    yield Static("", id=f"{name}-text", classes="page", markup=False)
+            with TabPane("4 Before/after", id=CHANGE), Vertical():
+                yield Static("", id=f"{CHANGE}-text", classes="page", markup=False)
+                yield ChartPlot(plot_id="change-chart")
+        yield Footer(compact=True, show_command_palette=False)
+
+    def on_mount(self) -> None:
+        self.query_one(Tabs).can_focus = False  # the keys of this screen turn the pages
+        self._look()
+
+    def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
+        """Up and down scroll the text of the page that is shown."""
+        scrolls = event.pane.query(VerticalScroll)
+        self.set_focus(scrolls.first() if scrolls else None)
+
+    def _look(self) -> None:
+        """Diagnose apart from the screen."""
+        self.looking, self.diagnosed = True, None
+        names = [path.name for path in self.paths]
+        self.query_one("#diagnosed", Static).update(heading_text(names, self.model))
+        self._say_everywhere(LOOKING)
+        self._diagnose()
+
+    def _say_everywhere(self, text: str) -> None:
+        for name in (*PAGES, CHANGE):
+            self._page_text(name).update(text)
+        self.query_one("#change-chart").display = False
+
+    def _page_text(self, name: str) -> Static:
+        return self.query_one(f"#{name}-text", Static)
+
+    @work(thread=True, group="diagnose", exclusive=True)
+    def _diagnose(self) -> None:
+        worker = get_current_worker()
+        try:
+            found = diagnose_files(self.paths, model=self.model, laws=known_laws())
+            cells = residual_cells(found)
+        except GlidecalError as problem:
+            if not worker.is_cancelled:
+                self.app.call_from_thread(self._fail, problem)
+        else:
+            if not worker.is_cancelled:
+                self.app.call_from_thread(self._show, found, cells)
+
+    def _fail(self, problem: GlidecalError) -> None:
+        self.looking = False
+        self._say_everywhere(problem_text(problem))
+
+    def _show(self, found: Diagnosed, cells: tuple[Cell, ...]) -> None:
+        self.looking, self.diagnosed = False, found
+        now = found.diagnosis.gap_before.rms_mm
+        adopted = ""
+        if self.model is not None and self._gap_before_mm is not None:
+            adopted = adopted_words(self.model, self._gap_before_mm, now)
+        self._page_text("verdict").update(verdict_text(found, adopted))
+        self._page_text("where").update(where_text(found, cells))
+        self._page_text("candidates").update(ranking_text(found))
+        self._page_text(CHANGE).update(change_text(cells))
+        chart = self.query_one("#change-chart", ChartPlot)
+        chart.display = True
+        chart.show(residuals_before_and_after(cells))
+
+    def action_page(self, name: str) -> None:
+        """One of the four pages."""
+        self.query_one(TabbedContent).active = name
+
+    def action_turn_to(self, direction: int) -> None:
+        """The next page, or the one before."""
+        tabs = self.query_one(Tabs)
+        if direction > 0:
+            tabs.action_next_tab()
+        else:
+            tabs.action_previous_tab()
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Where nothing may be written, adopting is not offered; its key says why."""
+        return not self.app.read_only if action in ("adopt", "next") else True
+
+    def action_refuse(self) -> None:
+        """Why nothing is written."""
+        self.app.complain(ONLY_SHOWN)
+
+    def _ready(self) -> Diagnosed | None:
+        """The diagnosis; where there is none, the reason is said."""
+        if self.diagnosed is None:
+            self.app.complain(NOT_YET if self.looking else NOTHING_FOUND)
+        return self.diagnosed
+
+    def action_adopt(self) -> None:
+        """Ask what becomes part of the model, then for the file."""
+        found = self._ready()
+        if found is None:
+            return
+        choices = adopt_choices(found)
+        if choices:
+            self.app.push_screen(ChoiceDialog(WHAT_TO_ADOPT, choices), self._ask_file)
+        else:
+            self.app.complain(NOTHING_NAMED)
+
+    def _ask_file(self, answer: str | None) -> None:
+        if not answer:
+            return
+        first = self.paths[0]
+        proposed = self.model or unused_path(first.with_name(f"{first.stem}_model.json"))
+
+        def named(typed: str | None) -> None:
+            if typed:
+                self._adopt(Path(typed).expanduser(), None if answer == "named" else answer)
+
+        self.app.push_screen(TextDialog(WHICH_FILE, "path", str(proposed)), named)
+
+    def _adopt(self, target: Path, candidate: str | None) -> None:
+        """Write the model and look again with it."""
+        found = self._ready()
+        if found is None:
+            return
+        if target.exists() and target != self.model:
+            self.app.complain(taken_words(target))
+            return
+        try:
+            adopt(found, self.paths, target, known=self.model, candidate=candidate)
+        except GlidecalError as problem:
+            self.app.complain(problem)
+            return
+        self.app.notify(model_written(target), timeout=10, markup=False)
+        self.model, self._gap_before_mm = target, found.diagnosis.gap_before.rms_mm
+        self._look()
+
+    def action_next(self) -> None:
+        """The next measurement as a procedure file beside the session."""
+        found = self._ready()
+        if found is None:
+            return
+        proposed = found.diagnosis.next_measurement
+        first = self.paths[0]
+        path = unused_path(first.with_name(f"{first.stem}_next.toml"))
+        if proposed is None:
+            self.app.complain(NO_NEXT)
+        elif not proposed.protocol.startswith("schema"):
+            self.app.notify(run_named(proposed.protocol), timeout=12, markup=False)
+        else:
+            self._write_next(found, path)
+
+    def _write_next(self, found: Diagnosed, path: Path) -> None:
+        try:
+            write_procedure(found, path)
+        except GlidecalError as problem:
+            self.app.complain(problem)
+        else:
+            self.app.notify(next_written(path), timeout=12, markup=False)
+
+    def action_copy(self) -> None:
+        """The text of this page to the clipboard of the terminal."""
+        if self._ready() is None:
+            return
+        text = str(self._page_text(self.query_one(TabbedContent).active).content)
+        self.app.copy_to_clipboard(text)
+        self.app.notify(copied_text(text), timeout=8, markup=False)

@@ -1,0 +1,140 @@
+"""The cells of the blind table: which sessions are made, without a single amount in them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+
+from tests.blind.effects import EFFECT_IDS
+from tests.blind.noise import NOISES
+
+PROCEDURES = ("zero-max-min", "sweep", "two-station")
+RICH = ("sweep", "two-station")
+STRENGTHS = (0.5, 1.0, 2.0, 4.0)
+SHAPES = ("cubic", "sawtooth", "product", "smooth")
+BLUNDERS = ("gauge_sign", "gauge_swap", "unit_mixup", "stand_slip", "label_error", "wild")
+# Effects with an exact look-alike in Zero, Max, Min; which one exactly is worked out by the
+# generator for every session.
+LOOK_ALIKES = ("actuator_scale", "actuator_cyclic", "backlash", "straightness", "leg_bow")
+USUAL_NOISES = ("gaussian", "gaussian", "gaussian", "quantised", "heavy", "unequal")
+
+# Sessions of one combination at full count; the whole plan is about 5 300 sessions.
+COUNTS = {
+    "none": 62,
+    "single": 12,
+    "pair": 100,
+    "look-alike": 10,
+    "left-out": 8,
+    "outside": 16,
+    "blunder": 20,
+    "blunder-and-effect": 12,
+    "mislabelled": 50,
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """What one session hides. ``without`` is left out of the catalogue for its diagnosis."""
+
+    key: str
+    cell: str
+    procedure: str
+    noise: str
+    effects: tuple[str, ...] = ()
+    strengths: tuple[float, ...] = ()
+    blunder: str = ""
+    shape: str = ""
+    without: tuple[str, ...] = ()
+
+    @property
+    def session(self) -> str:
+        """A name for the session file that tells nothing."""
+        return hashlib.sha256(self.key.encode()).hexdigest()[:12]
+
+    def generator(self, seed: int) -> np.random.Generator:
+        """The case's own random numbers, the same in any order of work."""
+        own = int.from_bytes(hashlib.sha256(self.key.encode()).digest()[:8], "big")
+        return np.random.default_rng([seed, own])
+
+
+def plan(share: float = 1.0) -> list[Case]:
+    """All cases; ``share`` of the full count, at least one of each combination."""
+    cells = (_none, _single, _pair, _look_alike, _left_out, _outside, _blunder, _mixed, _false)
+    return [case for cell in cells for case in cell(share)]
+
+
+def _counted(cell: str, share: float) -> range:
+    return range(max(1, round(COUNTS[cell] * share)))
+
+
+def _usual(number: int) -> str:
+    return USUAL_NOISES[number % len(USUAL_NOISES)]
+
+
+def _none(share: float) -> Iterator[Case]:
+    for procedure, noise, n in product(PROCEDURES, NOISES, _counted("none", share)):
+        yield Case(f"none/{procedure}/{noise}/{n}", "none", procedure, noise)
+
+
+def _single(share: float) -> Iterator[Case]:
+    every = product(PROCEDURES, EFFECT_IDS, STRENGTHS, _counted("single", share))
+    for procedure, effect, k, n in every:
+        key = f"single/{procedure}/{effect}/{k}/{n}"
+        yield Case(key, "single", procedure, _usual(n), (effect,), (k,))
+
+
+def _pair(share: float) -> Iterator[Case]:
+    """Two effects, equal and 3:1, at once; all pairs of ids in turn."""
+    pairs = list(combinations(EFFECT_IDS, 2))
+    for procedure, (first, second), n in product(
+        PROCEDURES, ((2.0, 2.0), (3.0, 1.0)), _counted("pair", share)
+    ):
+        one, other = pairs[(7 * n + 3) % len(pairs)]
+        both = (one, other) if n % 2 else (other, one)
+        key = f"pair/{procedure}/{first:g}-{second:g}/{n}"
+        yield Case(key, "pair", procedure, _usual(n), both, (first, second))
+
+
+def _look_alike(share: float) -> Iterator[Case]:
+    for effect, k, n in product(LOOK_ALIKES, (1.0, 2.0), _counted("look-alike", share)):
+        key = f"look-alike/{effect}/{k}/{n}"
+        yield Case(key, "look-alike", "zero-max-min", _usual(n), (effect,), (k,))
+
+
+def _left_out(share: float) -> Iterator[Case]:
+    every = product(RICH, EFFECT_IDS, (2.0, 4.0), _counted("left-out", share))
+    for procedure, effect, k, n in every:
+        key = f"left-out/{procedure}/{effect}/{k}/{n}"
+        yield Case(key, "left-out", procedure, _usual(n), (effect,), (k,), without=(effect,))
+
+
+def _outside(share: float) -> Iterator[Case]:
+    every = product(RICH, SHAPES, (1.0, 2.0, 4.0), _counted("outside", share))
+    for procedure, shape, k, n in every:
+        key = f"outside/{procedure}/{shape}/{k}/{n}"
+        yield Case(key, "outside", procedure, _usual(n), (), (k,), shape=shape)
+
+
+def _blunder(share: float) -> Iterator[Case]:
+    for procedure, blunder, n in product(PROCEDURES, BLUNDERS, _counted("blunder", share)):
+        key = f"blunder/{procedure}/{blunder}/{n}"
+        yield Case(key, "blunder", procedure, _usual(n), blunder=blunder)
+
+
+def _mixed(share: float) -> Iterator[Case]:
+    every = product(PROCEDURES, BLUNDERS, _counted("blunder-and-effect", share))
+    for number, (procedure, blunder, n) in enumerate(every):
+        key = f"blunder-and-effect/{procedure}/{blunder}/{n}"
+        effect = EFFECT_IDS[number % len(EFFECT_IDS)]
+        noise = _usual(n)
+        yield Case(key, "blunder-and-effect", procedure, noise, (effect,), (2.0,), blunder)
+
+
+def _false(share: float) -> Iterator[Case]:
+    """Repeats in place that the table calls re-approached."""
+    for procedure, n in product(PROCEDURES, _counted("mislabelled", share)):
+        yield Case(f"mislabelled/{procedure}/{n}", "mislabelled", procedure, "locked")

@@ -1,0 +1,80 @@
+"""What the bench reads of a diagnosis: its public document (contract §4), nothing else."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any, Protocol
+
+Json = dict[str, Any]
+
+
+class Diagnose(Protocol):
+    """From a session file, and ids left out of the catalogue, to the public document."""
+
+    def __call__(self, session: Path, without: tuple[str, ...]) -> Json: ...
+
+
+class CannotLeaveOut(Exception):
+    """The diagnosis has no door to leave an effect out of its catalogue."""
+
+
+def of_the_program(session: Path, without: tuple[str, ...]) -> Json:
+    """The document of the program's own diagnosis. Raises CannotLeaveOut."""
+    from app.diagnosing import diagnose_files, diagnosis_document
+
+    options: Json = {}
+    if without:
+        options["laws"] = tuple(law for law in _catalogue() if law.id not in without)
+    document: Json = diagnosis_document(diagnose_files([session], **options))
+    return document
+
+
+def _catalogue() -> tuple[Any, ...]:
+    """Every effect that the program knows; the bench reads nothing of them but their ids."""
+    try:
+        from app.own_effects import known_laws
+    except ImportError as problem:
+        raise CannotLeaveOut from problem
+    return known_laws()
+
+
+def row_of(diagnose: Diagnose, session: Path, without: tuple[str, ...]) -> Json:
+    """One line of results: what was said and how long it took.
+
+    A diagnosis that fails, even by a defect, is a row of its own and does not end the run.
+    """
+    start, used = time.perf_counter(), time.process_time()
+    try:
+        said = extract(diagnose(session, without))
+    except CannotLeaveOut:
+        said = {"verdict": "not run", "effects": []}
+    except Exception as problem:
+        text = f"{type(problem).__name__}: {problem}"[:300]
+        said = {"verdict": "error", "effects": [], "error": text}
+    seconds = {"seconds": time.perf_counter() - start, "cpu_s": time.process_time() - used}
+    return {**said, **{name: round(value, 4) for name, value in seconds.items()}}
+
+
+def extract(document: Json) -> Json:
+    """The parts of a document that scoring needs."""
+    return {
+        "verdict": document["verdict"],
+        "effects": [_effect(each) for each in document["effects"]],
+        "candidates": [
+            {"id": each["id"], "where": each["where"]} for each in document["candidates"][:5]
+        ],
+        "held_out": document.get("held_out_gap"),
+        "noise_dof": (document.get("noise") or {}).get("degrees_of_freedom"),
+        "next": (document.get("next_measurement") or {}).get("protocol"),
+    }
+
+
+def _effect(effect: Json) -> Json:
+    return {
+        "id": effect["id"],
+        "kind": effect["kind"],
+        "where": effect["where"],
+        "parameters": effect["parameters"],
+        "also": [each["id"] for each in effect["indistinguishable_from"]],
+    }

@@ -1,0 +1,109 @@
+"""The effects of the contract as entries of the hidden machine, with every place they can have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from tests.blind.forward import Entry
+
+LETTERS = "xyz"
+PAIRS = ((0, 1), (0, 2), (1, 2))
+Direction = tuple[tuple[Entry, float], ...]
+
+MACHINE_IDS = (
+    "axis_squareness",
+    "axis_offset",
+    "straightness",
+    "actuator_scale",
+    "actuator_cyclic",
+    "backlash",
+    "gravity_sag",
+    "leg_taper",
+    "leg_bow",
+)
+EFFECT_IDS = (*MACHINE_IDS, "thermal_drift", "gauge_gain", "gauge_tilt")
+LATERAL = {"axis_offset": "shift", "straightness": "curve", "leg_taper": "taper", "leg_bow": "bow"}
+AXIAL = {"actuator_scale": ("scale",), "backlash": ("lost",), "actuator_cyclic": ("sine", "cosine")}
+GAUGE = {"gauge_gain": "gain", "gauge_tilt": "tilt"}
+
+# Larger than this no workshop would have it: another place or other amounts are drawn.
+LARGEST = {
+    "lean": 0.02,
+    "tilt": 0.2,
+    "gain": 0.3,
+    "scale": 0.02,
+    "taper": 0.02,
+    "sag": 3.0,
+    "sine": 0.1,
+    "cosine": 0.1,
+    "lost": 0.3,
+}
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect at one place: the directions of entries that its parameters scale."""
+
+    id: str
+    where: str
+    directions: tuple[Direction, ...]
+    lead_mm: float = 5.0
+
+
+def candidates() -> tuple[Candidate, ...]:
+    """Every effect at every place."""
+    return (*_squareness(), *_lateral(), *_axial(), *_gauge(), *_environment())
+
+
+def _one(name: str, *index: int) -> Direction:
+    return (((name, index), 1.0),)
+
+
+def _squareness() -> Iterator[Candidate]:
+    """A pair's sum of leans is the parameter; the second axis of the pair leans."""
+    for i, j in PAIRS:
+        yield Candidate("axis_squareness", LETTERS[i] + LETTERS[j], (_one("lean", i, j),))
+    every = tuple((("lean", pair), 1.0) for pair in PAIRS)
+    yield Candidate("axis_squareness", "all", (every,))
+
+
+def _lateral() -> Iterator[Candidate]:
+    for name, entry in LATERAL.items():
+        for leg in range(3):
+            sides = tuple(_one(entry, leg, side) for side in range(3) if side != leg)
+            yield Candidate(name, LETTERS[leg], sides)
+        right = tuple(((entry, (i, (i + 1) % 3)), 1.0) for i in range(3))
+        left = tuple(((entry, (i, (i + 2) % 3)), 1.0) for i in range(3))
+        turning = right + tuple((key, -weight) for key, weight in left)
+        yield Candidate(name, "all", (right + left, turning))
+
+
+def _axial() -> Iterator[Candidate]:
+    for name, entries in AXIAL.items():
+        for lead_mm in (5.0, 10.0) if name == "actuator_cyclic" else (5.0,):
+            for leg in range(3):
+                alone = tuple(_one(entry, leg) for entry in entries)
+                yield Candidate(name, LETTERS[leg], alone, lead_mm)
+            alike = tuple(tuple(((entry, (i,)), 1.0) for i in range(3)) for entry in entries)
+            yield Candidate(name, "all", alike, lead_mm)
+
+
+def _gauge() -> Iterator[Candidate]:
+    for name, entry in GAUGE.items():
+        for leg in range(3):
+            for axis in range(3):
+                if axis != leg:
+                    place = LETTERS[leg] + LETTERS[axis]
+                    yield Candidate(name, place, (_one(entry, leg, axis),))
+
+
+def _environment() -> Iterator[Candidate]:
+    weight = tuple((("sag", (leg,)), 1.0) for leg in range(3))
+    yield Candidate("gravity_sag", "all", (weight,))
+    for leg in range(3):  # one bar softer than the others
+        yield Candidate("gravity_sag", LETTERS[leg], (weight[leg : leg + 1],))
+    rates = tuple(_one("drift", axis) for axis in range(3))
+    yield Candidate("thermal_drift", "all", rates)
+    for axis in range(3):
+        yield Candidate("thermal_drift", LETTERS[axis], (rates[axis],))

@@ -1,0 +1,311 @@
+"""Sessions with hidden effects: a table of readings without a trace of the truth, and the truth."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from tests.blind import blunders
+from tests.blind.cases import Case
+from tests.blind.effects import LARGEST, LETTERS, PAIRS, Candidate, Direction, candidates
+from tests.blind.forward import Entry, FloatArray, Hidden, Rows, readings
+from tests.blind.noise import RESOLUTION_MM, Noise, draw
+from tests.blind.signatures import BASE, Columns, best_rival, contained, left_out_rms
+from tests.blind.steps import PLANS, rows_of, sorted_by_cycle
+
+Json = dict[str, Any]
+Change = tuple[Entry, float]
+
+OFFSET_LIMIT_MM = 2.0
+LENGTH_SPREAD_MM = 0.03
+ZERO_LIMIT_MM = 0.5
+TRIES = 40
+SEEN = 1e-7  # an effect whose columns vanish is drawn again at another place
+
+SHAPE_ENTRIES = {"cubic": "cubic", "sawtooth": "saw"}
+
+
+@dataclass(frozen=True)
+class Made:
+    """One session: the table as text, the indicators' resolution, and what scoring may know.
+
+    ``rows`` and ``values_mm`` hold what the table says, for the baselines.
+    """
+
+    table: str
+    resolution_mm: float | None
+    truth: Json
+    rows: Rows
+    values_mm: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """One hidden effect: changes of the machine and what they leave in the readings."""
+
+    candidate: Candidate
+    changes: list[Change]
+    signal: FloatArray
+    lead_mm: float
+
+
+def make(case: Case, seed: int) -> Made:
+    """The session of a case; the same for the same seed. Raises ValueError if none can be drawn."""
+    rng = case.generator(seed)
+    for _ in range(TRIES):
+        try:
+            return _attempt(case, rng)
+        except ValueError:
+            continue
+    raise ValueError(f"case {case.key}: no session in {TRIES} draws")
+
+
+def _attempt(case: Case, rng: np.random.Generator) -> Made:
+    rows = rows_of(PLANS[case.procedure], rng, in_place=case.noise == "locked")
+    sigma_mm = float(rng.uniform(0.0007, 0.0015) if case.noise == "quantised" else _scatter(rng))
+    noise = draw(case.noise, rows, sigma_mm, rng)
+    hidden, columns = _machine(case, rows, rng)
+    placed = [
+        _placed(case, effect, k * noise.rms_mm, columns, rng)
+        for effect, k in zip(case.effects or _shapes(case), case.strengths, strict=True)
+    ]
+    for each in placed:
+        hidden = Hidden(hidden.plus(each.changes).amounts, each.lead_mm, *_fixed(hidden))
+    table, where = _table(case, rows, hidden, noise, rng)
+    truth = _truth(case, columns, placed, noise, where)
+    text = _text(table, noise.resolution_mm)
+    return Made(text, noise.resolution_mm, truth, table.rows, table.values_mm)
+
+
+def _scatter(rng: np.random.Generator) -> float:
+    return float(np.exp(rng.uniform(np.log(0.0008), np.log(0.003))))
+
+
+def _fixed(hidden: Hidden) -> tuple[float, tuple[tuple[float, float], ...]]:
+    return hidden.saw_period_mm, hidden.waves
+
+
+def _shapes(case: Case) -> tuple[str, ...]:
+    return (case.shape,) if case.shape else ()
+
+
+def _machine(case: Case, rows: Rows, rng: np.random.Generator) -> tuple[Hidden, Columns]:
+    """A machine with its own offsets and lengths, and the derivatives there."""
+    offsets = rng.uniform(-OFFSET_LIMIT_MM, OFFSET_LIMIT_MM, 3)
+    lengths = LENGTH_SPREAD_MM * rng.standard_normal(3)
+    drawn = zip(BASE, [*offsets, *lengths], strict=True)
+    base = Hidden().plus([(entry, float(amount)) for entry, amount in drawn])
+    waves = tuple((float(rng.uniform(0.03, 0.09)), float(rng.uniform(0, 6.3))) for _ in range(3))
+    hidden = Hidden(base.amounts, 5.0, float(rng.uniform(17.0, 45.0)), waves)
+    return hidden, Columns(rows, hidden)
+
+
+def _placed(
+    case: Case, effect: str, size_mm: float, columns: Columns, rng: np.random.Generator
+) -> Placed:
+    """The effect at a drawn place with r.m.s. ``size_mm`` after base and zeros are refitted."""
+    candidate = _outside(effect, rng) if case.shape else _drawn(effect, rng)
+    left = columns.left_over(columns.raw(candidate))
+    visible = np.linalg.norm(left, axis=0)
+    if np.any(visible < SEEN):
+        raise ValueError("this place cannot be seen")
+    weights = rng.standard_normal(len(visible)) / visible
+    if candidate.id in ("backlash", "gravity_sag"):
+        weights = np.abs(weights)
+    weights *= size_mm / _rms(left @ weights)
+    for _ in range(5):  # the effect itself may be nonlinear
+        changes = _changes(candidate.directions, weights, rng)
+        signal = _signal(columns, candidate, changes)
+        weights *= size_mm / _rms(signal)
+    _check_size(changes)
+    return Placed(candidate, changes, signal, candidate.lead_mm)
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _drawn(effect: str, rng: np.random.Generator) -> Candidate:
+    """A place for the effect: mostly one leg, axis or mounting, sometimes all alike."""
+    every = [c for c in candidates() if c.id == effect]
+    single = [c for c in every if c.where != "all"]
+    together = [c for c in every if c.where == "all"]
+    if effect in ("thermal_drift", "gravity_sag"):
+        single, together = (together, single) if rng.random() < 0.5 else (single, together)
+    chosen = together if not single or (together and rng.random() < 0.2) else single
+    return chosen[int(rng.integers(len(chosen)))]
+
+
+def _outside(shape: str, rng: np.random.Generator) -> Candidate:
+    leg = int(rng.integers(3))
+    side = (leg + int(rng.integers(1, 3))) % 3
+    index = (leg,) if shape in SHAPE_ENTRIES else (leg, side)
+    entry = SHAPE_ENTRIES.get(shape, shape)
+    return Candidate(shape, LETTERS[leg], ((((entry, index), 1.0),),))
+
+
+def _changes(
+    directions: tuple[Direction, ...], weights: FloatArray, rng: np.random.Generator
+) -> list[Change]:
+    found: dict[Entry, float] = {}
+    for direction, weight in zip(directions, weights, strict=True):
+        for entry, part in direction:
+            found[entry] = found.get(entry, 0.0) + part * float(weight)
+    return [each for entry, amount in found.items() for each in _shared(entry, amount, rng)]
+
+
+def _shared(entry: Entry, amount: float, rng: np.random.Generator) -> list[Change]:
+    """Squareness of a pair: which of the two axes leans cannot be seen, so both do."""
+    if entry[0] != "lean":
+        return [(entry, amount)]
+    part = float(rng.uniform(0.2, 0.8))
+    i, j = entry[1]
+    return [(("lean", (i, j)), part * amount), (("lean", (j, i)), (1 - part) * amount)]
+
+
+def _signal(columns: Columns, candidate: Candidate, changes: list[Change]) -> FloatArray:
+    """What the effect leaves in the readings, computed without linearising it."""
+    plain = columns.hidden
+    machine = Hidden(plain.plus(changes).amounts, candidate.lead_mm, *_fixed(plain))
+    return columns.left_over(readings(columns.rows, machine) - readings(columns.rows, plain))
+
+
+def _check_size(changes: list[Change]) -> None:
+    for (name, _), amount in changes:
+        if abs(amount) > LARGEST.get(name, np.inf):
+            raise ValueError(f"{name} of {amount:g} is larger than any workshop would have")
+
+
+def _table(
+    case: Case, rows: Rows, hidden: Hidden, noise: Noise, rng: np.random.Generator
+) -> tuple[blunders.Table, tuple[str, ...]]:
+    """The readings as written down, and where the blunder sits."""
+    zeros = rng.uniform(-ZERO_LIMIT_MM, ZERO_LIMIT_MM, rows.mount.max() + 1)
+    values = readings(rows, hidden) + zeros[rows.mount] + noise.values_mm
+    table = blunders.Table(rows, values)
+    if case.cell == "mislabelled":
+        order = np.lexsort((np.arange(len(rows)), rows.cycle, rows.station < 0.5, rows.leg))
+        table = blunders.Table(sorted_by_cycle(rows), values[order])
+    if not case.blunder:
+        return table, ()
+    table, place = blunders.commit(case.blunder, table, noise.rms_mm, rng)
+    return table, place.where
+
+
+def _text(table: blunders.Table, resolution_mm: float | None) -> str:
+    """The table of readings as CSV, in the order taken."""
+    lines = io.StringIO()
+    writer = csv.writer(lines, lineterminator="\n")
+    writer.writerow(("leg", "axis", "displacement_mm", "value_mm", "cycle", "time_s", "station"))
+    rows = table.rows
+    steps = RESOLUTION_MM if resolution_mm else 1e-6
+    shown = np.round(table.values_mm / steps) * steps
+    for k in range(len(rows)):
+        writer.writerow(
+            (
+                LETTERS[rows.leg[k]],
+                LETTERS[rows.axis[k]],
+                f"{rows.displacement_mm[k]:g}",
+                f"{shown[k]:.6f}",
+                int(rows.cycle[k]),
+                f"{rows.time_s[k]:.1f}",
+                f"{rows.station[k]:g}",
+            )
+        )
+    return lines.getvalue()
+
+
+def _truth(
+    case: Case,
+    columns: Columns,
+    placed: list[Placed],
+    noise: Noise,
+    blunder_where: tuple[str, ...],
+) -> Json:
+    amounts = columns.hidden.amounts
+    return {
+        **asdict(case),
+        "readings": len(columns.rows),
+        "noise_rms_mm": noise.rms_mm,
+        "offsets_mm": amounts["offset"].tolist(),
+        "lengths_mm": amounts["length"].tolist(),
+        "hidden": [
+            _described(each, case, _beside(each, placed, columns), noise.rms_mm) for each in placed
+        ],
+        "blunder_where": list(blunder_where),
+        "left_by_true_model_mm": _oracle_mm(columns, placed, noise),
+    }
+
+
+def _beside(one: Placed, placed: list[Placed], columns: Columns) -> Columns:
+    """Of two effects each counts for what the other cannot take over."""
+    return columns.beside([each.candidate for each in placed if each is not one])
+
+
+def _described(placed: Placed, case: Case, columns: Columns, noise_mm: float) -> Json:
+    mine = placed.candidate
+    # With no blunder tested the whole catalogue competes, but for what was left out of it.
+    others = [c for c in candidates() if c.id != mine.id and c.id not in case.without]
+    rival, share = best_rival(columns, placed.signal, others)
+    parameters = len(mine.directions)
+    signal = columns.left_over(placed.signal)
+    elsewhere = [
+        contained(signal, columns.span(c))
+        for c in candidates()
+        if c.id == mine.id and c.where != mine.where and len(c.directions) <= parameters
+    ]
+    ncp = float(np.sum((signal / noise_mm) ** 2))
+    return {
+        "id": mine.id,
+        "where": [mine.where, *_also_right(placed)],
+        "parameters": [
+            {"entry": name, "index": list(index), "value": amount}
+            for (name, index), amount in _public(placed.changes)
+        ],
+        "lead_mm": placed.lead_mm,
+        "count": parameters,
+        "ncp": ncp,
+        "rms_mm": _rms(placed.signal),
+        "rival": rival,
+        "rival_share": share,
+        "rival_ncp": (1 - share) * ncp,
+        "elsewhere_ncp": (1 - max(elsewhere, default=0.0)) * ncp,
+    }
+
+
+def _also_right(placed: Placed) -> list[str]:
+    """A shift of one axis towards another may be told as that pair."""
+    towards = {index for (name, index), _ in placed.changes if name == "shift"}
+    if len(towards) != 1:
+        return []
+    i, j = sorted(towards.pop())
+    return [LETTERS[i] + LETTERS[j]]
+
+
+def _public(changes: list[Change]) -> list[Change]:
+    """What a diagnosis can know: of the leans only the sum of each pair."""
+    leans: list[Change] = [(("lean", pair), _lean_sum(changes, pair)) for pair in PAIRS]
+    seen = [each for each in leans if each[1]]
+    return seen + [each for each in changes if each[0][0] != "lean"]
+
+
+def _lean_sum(changes: list[Change], pair: tuple[int, int]) -> float:
+    return sum(
+        amount for (name, index), amount in changes if name == "lean" and set(index) == set(pair)
+    )
+
+
+def _oracle_mm(columns: Columns, placed: list[Placed], noise: Noise) -> float:
+    """R.m.s. of one side of one leg left out, where the true effects are fitted to the rest."""
+    design = np.column_stack([columns.base, *(columns.raw(p.candidate) for p in placed)])
+    rows = columns.rows
+    sides = np.sign(rows.displacement_mm)
+    groups = [
+        (leg, side) if side else None
+        for leg, side in zip(rows.leg.tolist(), sides.tolist(), strict=True)
+    ]
+    return left_out_rms(design, noise.values_mm, groups)

@@ -1,0 +1,107 @@
+"""Linear algebra of the bench: what an effect leaves after base parameters and zeros are refitted.
+
+Derivatives are forward differences of the bench's own machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+
+from tests.blind.effects import Candidate, Direction
+from tests.blind.forward import Entry, FloatArray, Hidden, Rows, readings
+
+STEP = {"offset": 1e-3, "length": 1e-3, "lean": 1e-6, "curve": 1e-8, "bow": 1e-8, "drift": 1e-6}
+USUAL_STEP = 1e-5
+RANK_TOLERANCE = 1e-6
+BASE: tuple[Entry, ...] = tuple((name, (i,)) for name in ("offset", "length") for i in range(3))
+
+
+class Columns:
+    """Derivatives of the readings at one hidden machine, computed once for each entry."""
+
+    def __init__(self, rows: Rows, hidden: Hidden) -> None:
+        self.rows = rows
+        self.hidden = hidden
+        self._found: dict[tuple[Entry, float], FloatArray] = {}
+        zeros = np.equal.outer(rows.mount, np.arange(rows.mount.max() + 1)).astype(np.float64)
+        self._plain: dict[float, FloatArray] = {}
+        base = np.column_stack([self._entry(entry, hidden.lead_mm) for entry in BASE])
+        self.base = np.column_stack([base, zeros])
+        self.nuisance = np.linalg.qr(self.base)[0]
+
+    def beside(self, others: Sequence[Candidate]) -> Columns:
+        """The same where these effects, too, are refitted before anything is compared."""
+        if not others:
+            return self
+        joint = copy(self)
+        spans = [self.span(candidate) for candidate in others]
+        joint.nuisance = np.linalg.qr(np.column_stack([self.nuisance, *spans]))[0]
+        return joint
+
+    def _entry(self, entry: Entry, lead_mm: float) -> FloatArray:
+        key = (entry, lead_mm)
+        if key not in self._found:
+            step = STEP.get(entry[0], USUAL_STEP)
+            machine = replace(self.hidden, lead_mm=lead_mm)
+            if lead_mm not in self._plain:
+                self._plain[lead_mm] = readings(self.rows, machine)
+            moved = readings(self.rows, machine.plus([(entry, step)]))
+            self._found[key] = (moved - self._plain[lead_mm]) / step
+        return self._found[key]
+
+    def direction(self, direction: Direction, lead_mm: float) -> FloatArray:
+        """Derivative along one direction, ``(n,)``."""
+        parts = [weight * self._entry(entry, lead_mm) for entry, weight in direction]
+        return np.asarray(np.sum(parts, axis=0))
+
+    def raw(self, candidate: Candidate) -> FloatArray:
+        """Columns ``(n, r)`` of one candidate."""
+        each = [self.direction(d, candidate.lead_mm) for d in candidate.directions]
+        return np.column_stack(each)
+
+    def left_over(self, values: FloatArray) -> FloatArray:
+        """Without what base parameters and zeros explain; ``(n,)`` or ``(n, r)``."""
+        return np.asarray(values - self.nuisance @ (self.nuisance.T @ values))
+
+    def span(self, candidate: Candidate) -> FloatArray:
+        """Orthonormal basis of what the candidate leaves, ``(n, rank)``."""
+        raw = self.raw(candidate)
+        scale = np.linalg.norm(raw, axis=0)
+        left = self.left_over(raw) / np.where(scale > 0, scale, 1.0)
+        basis, sizes, _ = np.linalg.svd(left, full_matrices=False)
+        return np.asarray(basis[:, sizes > RANK_TOLERANCE])
+
+
+def contained(signal: FloatArray, basis: FloatArray) -> float:
+    """Share of the signal's square inside the basis, 0 … 1."""
+    return float(np.sum((basis.T @ signal) ** 2) / np.sum(signal**2))
+
+
+def best_rival(
+    columns: Columns, signal: FloatArray, others: Sequence[Candidate]
+) -> tuple[str, float]:
+    """Id of the candidate that can imitate the signal best, and how much of it."""
+    left = columns.left_over(signal)
+    found = [(contained(left, columns.span(c)), c.id) for c in others]
+    share, name = max(found, default=(0.0, ""))
+    return name, share
+
+
+def left_out_rms(design: FloatArray, values: FloatArray, groups: Sequence[object]) -> float:
+    """Root mean square of readings predicted from a fit without their own group.
+
+    Readings of group None are in every fit and never predicted.
+    """
+    basis, sizes, _ = np.linalg.svd(design / np.linalg.norm(design, axis=0), full_matrices=False)
+    basis = basis[:, sizes > 1e-10 * sizes[0]]
+    residual = values - basis @ (basis.T @ values)
+    missed = []
+    for key in set(groups) - {None}:
+        rows = np.array([k for k, group in enumerate(groups) if group == key])
+        inside = np.eye(len(rows)) - basis[rows] @ basis[rows].T
+        missed.append(np.linalg.lstsq(inside, residual[rows], rcond=1e-8)[0])
+    return float(np.sqrt(np.mean(np.concatenate(missed) ** 2)))

@@ -1,0 +1,113 @@
+"""The procedures as they are driven: visits, path of the carriages, rows of readings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tests.blind.forward import FloatArray, Rows, carriages
+
+UNEVEN = (0.0, 22.0, 60.0, 41.0, 22.0, 0.0, -37.0, -71.0, -100.0, -71.0, -37.0)
+PATH_POINTS = 60
+SECONDS_A_VISIT = 20.0
+SECONDS_A_REPEAT = 6.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Levels of displacement, how often, and at which touched points."""
+
+    levels_mm: tuple[float, ...]
+    cycles: int
+    stations: tuple[float, ...] = (0.5,)
+
+
+PLANS = {
+    "zero-max-min": Plan((0.0, 60.0, -100.0), 3),
+    "sweep": Plan(UNEVEN, 2),
+    "two-station": Plan(UNEVEN, 2, (0.5, 0.35)),
+}
+
+
+@dataclass(frozen=True)
+class Visit:
+    """One posture driven to (or kept: ``repeat`` > 0), read by both indicators."""
+
+    leg: int
+    station: float
+    displacement_mm: float
+    cycle: int
+    repeat: int = 0
+
+
+def visits(plan: Plan, in_place: bool) -> list[Visit]:
+    """All visits; with ``in_place`` every level is driven to once and read again without moving."""
+    found = []
+    for leg in range(3):
+        for station in plan.stations:
+            found += _one_mounting(plan, leg, station, in_place)
+    return found
+
+
+def _one_mounting(plan: Plan, leg: int, station: float, in_place: bool) -> list[Visit]:
+    cycles = range(1, plan.cycles + 1)
+    if in_place:
+        order = [(d, c, c - 1) for d in plan.levels_mm for c in cycles]
+    else:
+        order = [(d, c, 0) for c in cycles for d in plan.levels_mm]
+    taken = [Visit(leg, station, *each) for each in order]
+    return [*taken, Visit(leg, station, 0.0, plan.cycles)]
+
+
+def rows_of(plan: Plan, rng: np.random.Generator, in_place: bool = False) -> Rows:
+    """The rows of a procedure in the order taken, two for each visit."""
+    taken = visits(plan, in_place)
+    moved = np.repeat(_movements(taken), 2, axis=0)
+    time_s = np.repeat(_times(taken, rng), 2)
+    both = [(v, axis) for v in taken for axis in range(3) if axis != v.leg]
+    places = {key: k for k, key in enumerate(dict.fromkeys((v.leg, a, v.station) for v, a in both))}
+    number = np.cumsum([v.repeat == 0 for v in taken]) - 1
+    return Rows(
+        leg=np.array([v.leg for v, _ in both], dtype=np.intp),
+        axis=np.array([axis for _, axis in both], dtype=np.intp),
+        displacement_mm=np.array([v.displacement_mm for v, _ in both]),
+        station=np.array([v.station for v, _ in both]),
+        time_s=time_s,
+        cycle=np.array([v.cycle for v, _ in both], dtype=np.intp),
+        visit=np.repeat(number, 2).astype(np.intp),
+        mount=np.array([places[v.leg, axis, v.station] for v, axis in both], dtype=np.intp),
+        moved=moved,
+    )
+
+
+def _times(taken: list[Visit], rng: np.random.Generator) -> FloatArray:
+    pauses = [SECONDS_A_REPEAT if v.repeat else SECONDS_A_VISIT for v in taken]
+    passed = np.cumsum(np.array(pauses) * rng.uniform(0.85, 1.3, len(taken)))
+    return np.asarray(np.round(passed, 1), dtype=np.float64)
+
+
+def _movements(taken: list[Visit]) -> FloatArray:
+    """Sign of each carriage's last movement at every visit, ``(n_visits, 3)``.
+
+    The tool is driven along straight lines; the carriages follow the nominal joints. Homing is
+    taken to have ended upwards.
+    """
+    here, last = np.zeros(3), np.ones(3)
+    found = []
+    for visit in taken:
+        there = np.zeros(3)
+        there[visit.leg] = visit.displacement_mm
+        parts = np.linspace(0.0, 1.0, PATH_POINTS)[:, None]
+        for step in np.sign(np.diff(carriages(here + parts * (there - here)), axis=0).round(9)):
+            last = np.where(step == 0, last, step)
+        found.append(last)
+        here = there
+    return np.array(found)
+
+
+def sorted_by_cycle(rows: Rows) -> Rows:
+    """In-place repeats written down as if every cycle had driven to every posture again."""
+    order = np.lexsort((np.arange(len(rows)), rows.cycle, rows.station < 0.5, rows.leg))
+    names = ("leg", "axis", "displacement_mm", "station", "cycle", "visit", "mount", "moved")
+    return replace(rows, **{name: getattr(rows, name)[order] for name in names})

@@ -1,0 +1,314 @@
+"""The bench judges rightly: a perfect answer, a liar and a silent one; files that can go on."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from protocols.record import read_record
+from tests.blind.baselines import Problem as Baseline
+from tests.blind.baselines import best_r2, lars_path, lasso_bic, named_by_all, stepwise_bic, stlsq
+from tests.blind.bench_files import Folder, append, lines, seal, sealed_truths, write_session
+from tests.blind.cases import Case, plan
+from tests.blind.documents import row_of
+from tests.blind.effects import EFFECT_IDS
+from tests.blind.forward import FloatArray
+from tests.blind.generator import Made, make
+from tests.blind.noise import NOISES
+from tests.blind.parameters import covered
+from tests.blind.scoring import (
+    Rate,
+    Scored,
+    blunder_named,
+    called_explained,
+    coverage,
+    detectable,
+    detection_ncp,
+    exact,
+    false_name,
+    same_place,
+    single_name,
+    truth_in_set,
+    wrong_confident,
+)
+from tests.blind.steps import PLANS, rows_of
+from tests.blind.table import Told, page
+
+Json = dict[str, Any]
+SEED = 3
+
+
+def single(effect: str, procedure: str = "sweep", noise: str = "gaussian") -> Case:
+    return Case(f"test/{effect}/{procedure}", "single", procedure, noise, (effect,), (2.0,))
+
+
+def document(verdict: str, *effects: Json) -> Json:
+    return {
+        "schema": "glidecal.diagnosis/1",
+        "verdict": verdict,
+        "noise": {"degrees_of_freedom": 60},
+        "effects": list(effects),
+        "candidates": [],
+        "held_out_gap": {"how": "", "before_rms_mm": 0.01, "after_rms_mm": 0.002},
+    }
+
+
+def effect(name: str, where: str, kind: str = "machine", *also: str) -> Json:
+    partners = [{"id": each, "where": where} for each in also]
+    return {
+        "id": name,
+        "kind": kind,
+        "where": where,
+        "parameters": [],
+        "indistinguishable_from": partners,
+    }
+
+
+def scored(made: Made, said: Json) -> Scored:
+    row = row_of(lambda *_: said, Path("unused"), ())
+    return Scored(made.truth, {"session": "s", **row})
+
+
+@pytest.mark.parametrize("name", EFFECT_IDS)
+def test_every_effect_has_the_strength_asked_for(name: str) -> None:
+    hidden = make(single(name), SEED).truth["hidden"][0]
+    noise = make(single(name), SEED).truth["noise_rms_mm"]
+    assert hidden["rms_mm"] / noise == pytest.approx(2.0, rel=0.02)
+    assert hidden["ncp"] == pytest.approx(4 * 138, rel=0.05)
+    assert 0 <= hidden["rival_share"] <= 1
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_noise_has_the_size_it_says(noise: str) -> None:
+    """Repeats of a clean session scatter as told; a kind that repeats share scatters less."""
+    case = Case(f"size/{noise}", "none", "two-station", noise)
+    made = make(case, SEED)
+    assert made.truth["hidden"] == []
+    problem = Baseline(made.rows, made.values_mm)
+    found = float(np.sqrt(np.sum(problem.residual**2) / (len(made.rows) - problem.fixed)))
+    assert found / made.truth["noise_rms_mm"] == pytest.approx(1.0, abs=0.35)
+    assert made.resolution_mm == (0.001 if noise == "quantised" else None)
+
+
+def test_sessions_are_the_same_for_the_same_seed_and_tell_nothing(tmp_path: Path) -> None:
+    case = single("straightness")
+    made, again, other = make(case, SEED), make(case, SEED), make(case, SEED + 1)
+    assert made.table == again.table
+    assert made.truth == again.truth
+    assert made.table != other.table
+    write_session(made, tmp_path / f"{case.session}.jsonl")
+    assert [p.name for p in tmp_path.iterdir()] == [f"{case.session}.jsonl"]
+    text = (tmp_path / f"{case.session}.jsonl").read_text(encoding="utf-8")
+    for word in ("straightness", "single", "gaussian", "truth", "seed", case.key):
+        assert word not in text
+    record = read_record(tmp_path / f"{case.session}.jsonl")
+    assert sum(event.event == "reading" for event in record.events) == 138
+
+
+def test_the_plan_is_large_enough_and_its_names_are_its_own() -> None:
+    cases = plan()
+    assert len(cases) >= 5000
+    assert sum(case.cell == "none" for case in cases) >= 1000
+    assert len({case.session for case in cases}) == len(cases)
+    assert {case.cell for case in plan(0.0)} == {case.cell for case in cases}
+
+
+@pytest.mark.parametrize("blunder", ["gauge_sign", "gauge_swap", "unit_mixup", "stand_slip"])
+def test_blunders_are_judged_by_name_and_place(blunder: str) -> None:
+    made = make(Case(f"b/{blunder}", "blunder", "sweep", "gaussian", blunder=blunder), SEED)
+    place = made.truth["blunder_where"][0]
+    other = "y" if place == "x" else "x" if len(place) == 1 else place[::-1]
+    assert blunder_named(scored(made, document("explained", effect(blunder, place, "blunder"))))
+    assert not blunder_named(scored(made, document("explained", effect(blunder, other, "blunder"))))
+    assert not blunder_named(scored(made, document("agrees")))
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_a_label_error_is_one_row_under_another_leg_or_posture(number: int) -> None:
+    case = Case(f"b/label/{number}", "blunder", "sweep", "gaussian", blunder="label_error")
+    said, driven = make(case, SEED).rows, rows_of(PLANS["sweep"], np.random.default_rng(0))
+    legs = np.flatnonzero(said.leg != driven.leg)
+    postures = np.flatnonzero(said.displacement_mm != driven.displacement_mm)
+    assert len(legs) + len(postures) == 1
+    assert said.axis.tolist() == driven.axis.tolist()
+
+
+def test_a_wild_reading_may_have_any_name_of_a_mistake() -> None:
+    case = Case("b/wild", "blunder", "sweep", "gaussian", blunder="wild")
+    made = make(case, SEED)
+    place = made.truth["blunder_where"][0]
+    said = document("explained", effect("label_error", place, "blunder"))
+    assert blunder_named(scored(made, said))
+    assert not wrong_confident(scored(made, said))
+    assert wrong_confident(scored(made, document("explained", effect("backlash", "x"))))
+
+
+def test_right_wrong_and_silent_answers() -> None:
+    made = make(single("actuator_scale"), SEED)
+    where = made.truth["hidden"][0]["where"][0]
+    right = scored(made, document("explained", effect("actuator_scale", where)))
+    wrong = scored(made, document("explained", effect("leg_bow", where)))
+    open_one = scored(
+        made, document("ambiguous", effect("leg_bow", where, "machine", "actuator_scale"))
+    )
+    silent = scored(made, document("agrees"))
+    assert [single_name(o) for o in (right, wrong, open_one, silent)] == [True] + [False] * 3
+    assert [truth_in_set(o) for o in (right, wrong, open_one, silent)] == [True, False, True, False]
+    assert [wrong_confident(o) for o in (right, wrong, open_one, silent)] == [False, True] + 2 * [
+        False
+    ]
+    assert detectable(right)
+    assert exact(right)
+
+
+def test_a_wander_called_a_drift_is_no_lie_but_any_other_name_is() -> None:
+    said = document("explained", effect("thermal_drift", "all", "environment"))
+    for noise, false in (("wander", False), ("gaussian", True)):
+        made = make(Case(f"none/{noise}", "none", "sweep", noise), SEED)
+        assert false_name(scored(made, said)) is false
+        assert false_name(scored(made, document("explained", effect("backlash", "x"))))
+
+
+def test_an_unnamed_law_is_no_name_for_an_unknown_shape() -> None:
+    case = Case("o/cubic", "outside", "sweep", "gaussian", (), (4.0,), shape="cubic")
+    made = make(case, SEED)
+    assert made.truth["hidden"][0]["id"] == "cubic"
+    empirical = effect("law", "x", "empirical")
+    assert not called_explained(scored(made, document("explained", empirical)))
+    assert called_explained(scored(made, document("explained", effect("leg_bow", "x"))))
+
+
+@pytest.mark.parametrize(
+    ("said", "right"), [("xy", True), ("xy@0.35", True), ("yx", False), ("leg x", False)]
+)
+def test_places(said: str, right: bool) -> None:
+    assert same_place(said, ["xy"]) is right
+
+
+@pytest.mark.parametrize(
+    ("unit", "value", "inside"),
+    [("mm/m", 2.0, True), ("µm/m", 2000.0, True), ("%", 0.2, True), ("%", 0.3, False)],
+)
+def test_parameters_are_compared_whatever_their_unit(unit: str, value: float, inside: bool) -> None:
+    parameter = {"name": "scale", "value": value, "unit": unit, "standard_uncertainty": value / 20}
+    truth = {"parameters": [{"entry": "scale", "index": [0], "value": 0.0019}]}
+    assert covered({"parameters": [parameter]}, truth, 60.0) == [inside]
+
+
+def test_parameters_that_do_not_correspond_are_not_judged() -> None:
+    parameter = {"name": "scale", "value": 1.0, "unit": "K", "standard_uncertainty": 1.0}
+    truth = {"parameters": [{"entry": "scale", "index": [0], "value": 0.0019}]}
+    assert covered({"parameters": [parameter]}, truth, None) == []
+
+
+def test_bounds_of_clopper_and_pearson() -> None:
+    assert Rate(5, 1000).bounds == pytest.approx((0.00163, 0.01163), abs=2e-5)
+    assert Rate(0, 100).bounds == pytest.approx((0.0, 0.03622), abs=1e-5)
+    assert Rate(100, 100).bounds == pytest.approx((0.96378, 1.0), abs=1e-5)
+
+
+def test_detection_strength_grows_with_the_number_of_parameters() -> None:
+    # One parameter: normal quantiles of 1e-4 two-sided and of nine in ten.
+    assert detection_ncp(1) == pytest.approx((3.8906 + 1.2816) ** 2, abs=0.15)
+    assert detection_ncp(6) > detection_ncp(2) > detection_ncp(1)
+
+
+def test_files_go_on_after_a_kill_and_are_sealed(tmp_path: Path) -> None:
+    folder = Folder(tmp_path)
+    for name in ("b", "a", "left"):
+        append(folder.truths, {"session": name, "truth": {"name": name}})
+    with folder.truths.open("a", encoding="utf-8") as file:
+        file.write('{"session": "torn", "tru')
+    assert [line["session"] for line in lines(folder.truths)] == ["b", "a", "left"]
+    truths, digest = seal(folder, ["a", "b"])
+    assert sealed_truths(folder) == (truths, digest)
+    assert list(json.loads(folder.sealed.read_text(encoding="utf-8"))) == ["a", "b"]
+
+
+def answers(perfect: bool) -> Told:
+    """A small run in which every answer is right, or every answer is a lie."""
+    truths, rows = {}, []
+    for case in (single("backlash"), single("gravity_sag"), Case("n", "none", "sweep", "gaussian")):
+        made = make(case, SEED)
+        truths[case.session] = made.truth
+        right = [effect(h["id"], h["where"][0]) for h in made.truth["hidden"]]
+        said = right if perfect else [effect("leg_bow", "x")]
+        verdict = "explained" if said else "agrees"
+        row = row_of(lambda *_, s=said, v=verdict: document(v, *s), Path("unused"), ())
+        rows.append({"session": case.session, **row})
+    return Told(truths, rows, [], SEED, "0" * 64, 1.0)
+
+
+def test_the_page_tells_a_perfect_diagnosis_from_a_liar() -> None:
+    good, bad = page(answers(True)), page(answers(False))
+    for text, share in ((good, "0.0 %"), (bad, "100.0 %")):
+        line = next(each for each in text.splitlines() if each.startswith("| false name, no"))
+        assert share in line.split("|")[3]
+    assert "| wrong confident name | ≤ 1 % | 0.0 % (0.0 … 70.8; 0/3) |" in good
+    assert "**no**" in bad
+
+
+def test_a_diagnosis_that_breaks_is_a_row_and_no_name() -> None:
+    def broken(session: Path, without: tuple[str, ...]) -> Json:
+        raise TypeError("no such thing")
+
+    made = make(Case("broken", "none", "sweep", "gaussian"), SEED)
+    row = row_of(broken, Path("unused"), ())
+    assert row["verdict"] == "error"
+    assert row["error"] == "TypeError: no such thing"
+    assert not false_name(Scored(made.truth, row))
+
+
+def test_coverage_counts_parameters_of_right_names_only() -> None:
+    made = make(single("backlash"), SEED)
+    hidden = made.truth["hidden"][0]
+    amount = hidden["parameters"][0]["value"]
+    named = effect("backlash", hidden["where"][0])
+    named["parameters"] = [
+        {"name": "play", "value": 1e3 * amount, "unit": "µm", "standard_uncertainty": 0.1}
+    ]
+    good = scored(made, document("explained", named))
+    assert coverage([good]) == Rate(1, 1)
+    assert coverage([scored(made, document("explained", {**named, "id": "leg_bow"}))]) == Rate(0, 0)
+
+
+@pytest.fixture(scope="module")
+def large_backlash() -> Made:
+    case = Case("large", "single", "sweep", "gaussian", ("backlash",), (4.0,))
+    return make(case, SEED)
+
+
+@pytest.mark.parametrize("method", [best_r2, stepwise_bic, stlsq, lasso_bic])
+def test_baselines_see_a_large_backlash(
+    method: Callable[[Baseline], set[str]], large_backlash: Made
+) -> None:
+    problem = Baseline(large_backlash.rows, large_backlash.values_mm)
+    assert "backlash" in method(problem)
+    assert problem.noise_mm < 5 * large_backlash.truth["noise_rms_mm"]
+
+
+def test_baselines_name_known_ids_only(large_backlash: Made) -> None:
+    named = named_by_all(large_backlash.rows, large_backlash.values_mm)
+    assert {name for names in named.values() for name in names} <= set(EFFECT_IDS)
+
+
+def test_knots_of_the_lasso_path_meet_its_conditions() -> None:
+    """At each knot active columns pull alike, with the sign of their weight, others no more."""
+    rng = np.random.default_rng(4)
+    columns: FloatArray = rng.normal(size=(40, 8)) + rng.normal(size=(40, 1))
+    columns /= np.linalg.norm(columns, axis=0)
+    values = columns[:, 2] * 3 - columns[:, 5] * 2 + 0.1 * rng.normal(size=40)
+    path = lars_path(columns, values)
+    assert len(path) >= 8
+    for weights in path[1:]:
+        pull = columns.T @ (values - columns @ weights)
+        active = np.flatnonzero(weights)
+        level = np.abs(pull).max()
+        assert pull[active] == pytest.approx(level * np.sign(weights[active]), abs=1e-8)
+    plain = np.linalg.lstsq(columns, values, rcond=None)[0]
+    assert path[-1] == pytest.approx(plain, abs=1e-6)

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib.diagnosis.blunders import Blunder, belongs_elsewhere, find_blunder, set_wild_aside
 from calib.diagnosis.following import ENOUGH, Rival, best_addition
@@ -163,7 +162,7 @@ def _gap_rms(case: Case, observed: Observations) -> float:
 
 
 def _entries(problem: Problem, laws: Sequence[Law]) -> list[Entry]:
-    """Every candidate that the sessions can show, stacked over them, and the slips."""
+    """Every candidate that the sessions can show, stacked over them, and lone wild readings."""
     found: dict[tuple[str, str, str], Entry] = {}
     row, total = 0, len(problem.y)
     for one in problem.sittings:
@@ -186,7 +185,7 @@ def _entries(problem: Problem, laws: Sequence[Law]) -> list[Entry]:
                 found[key] = entry
             entry.columns[row : row + len(one.observed)] = candidate.columns
         row += len(one.observed)
-    return [*found.values(), *(_slips(problem) if problem.has_repeats() else ())]
+    return [*found.values(), *(_lone_readings(problem) if problem.has_repeats() else ())]
 
 
 def _implausible(problem: Problem, entry: Entry) -> float:
@@ -210,26 +209,21 @@ def _held(white: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.asarray(inverse @ y), np.asarray(inverse)
 
 
-def _slips(problem: Problem) -> list[Entry]:
-    """The stand moved once: all later readings of that mounting shifted."""
+def _lone_readings(problem: Problem) -> list[Entry]:
+    """The first and the last reading of each mounting, which repeats alone cannot judge."""
     found = []
     leg = np.concatenate([one.observed.leg for one in problem.sittings])
     axis = np.concatenate([one.observed.axis for one in problem.sittings])
     for mount in range(int(problem.mount.max()) + 1):
         rows = np.flatnonzero(problem.mount == mount)
         where = LEG_NAMES[leg[rows[0]]] + LEG_NAMES[axis[rows[0]]]
-        for k in range(1, len(rows)):
-            alone = k in (1, len(rows) - 1)
+        for row, word in ((rows[0], "first"), (rows[-1], "last")):
             columns = np.zeros((len(problem.y), 1))
-            columns[rows[k:], 0] = 1.0
-            title = (
-                f"the {'first' if k == 1 else 'last'} reading of this mounting is wild"
-                if alone
-                else f"the stand moved before reading {k + 1} of this mounting"
-            )
-            name = "wild_reading" if alone else "stand_slip"
+            columns[row, 0] = 1.0
+            title = f"the {word} reading of this mounting is wild"
+            shift = (("shift", "mm"),)
             found.append(
-                Entry(name, "blunder", title, where, columns, None, (("shift", "mm"),), np.ones(1))
+                Entry("wild_reading", "blunder", title, where, columns, None, shift, np.ones(1))
             )
     return found
 
@@ -396,19 +390,12 @@ class _Report:
         """A lone wild reading may be one under a wrong label."""
         if entry.id != "wild_reading":
             return entry.id, entry.title
-        inside = entry.columns[:, 0] > 0.0
-        single = np.flatnonzero(inside if inside.sum() == 1 else ~inside & self._same_mount(inside))
+        single = int(entry.columns[:, 0].argmax())
         observed = self.problem.sittings[0].observed
-        if len(single) != 1 or single[0] >= len(observed):
-            return entry.id, entry.title
-        belongs = belongs_elsewhere(observed, int(single[0]))
+        belongs = belongs_elsewhere(observed, single) if single < len(observed) else None
         if belongs is None:
             return entry.id, entry.title
         return "label_error", f"{entry.title}: it belongs to {belongs}"
-
-    def _same_mount(self, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        mount = self.problem.mount
-        return np.asarray(mount == mount[np.flatnonzero(inside)[0]])
 
     def _by_evidence(self, kept: Weighed) -> tuple[int, ...]:
         return tuple(sorted(kept.members, key=lambda k: -self._evidence(kept, k)))

@@ -83,20 +83,23 @@ class Null:
 
 
 def null_scores(blocks: Sequence[FloatArray], reference: Reference, seed: int) -> Null:
-    """Draw the best score of pure noise for these orthonormal blocks ``(n, r)``."""
+    """Draw the best score of pure noise for these orthonormal blocks ``(n, r)``.
+
+    What noise puts into all blocks together is normal with their Gram matrix as covariance.
+    """
     generator = np.random.default_rng(seed)
     together = np.hstack(blocks)
-    inside = np.linalg.svd(together, full_matrices=False)
-    basis = inside[0][:, inside[1] > 1e-8 * inside[1][0]]
-    draws = generator.normal(size=(basis.shape[1], DRAWS))
-    parts = (together.T @ basis) @ draws
+    variance, axes = np.linalg.eigh(together.T @ together)
+    seen = variance > 1e-9 * variance[-1]
+    draws = generator.normal(size=(int(seen.sum()), DRAWS))
+    parts = (axes[:, seen] * np.sqrt(variance[seen])) @ draws
     squares = np.empty((len(blocks), DRAWS))
     start = 0
     for k, block in enumerate(blocks):
         width = block.shape[1]
         squares[k] = (parts[start : start + width] ** 2).sum(axis=0)
         start += width
-    rest = max(reference.structure_df - basis.shape[1], 0)
+    rest = max(reference.structure_df - len(draws), 0)
     total = (draws**2).sum(axis=0) + (generator.chisquare(rest, DRAWS) if rest else 0.0)
     if not reference.by_cells and math.isfinite(reference.noise_df):
         squares = squares / (generator.chisquare(reference.noise_df, DRAWS) / reference.noise_df)

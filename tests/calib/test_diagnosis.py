@@ -31,7 +31,7 @@ from protocols.procedure import default_mount, load_procedure
 from protocols.session import fold
 
 TOLERANCE_MM = np.array([2.0] * 3 + [0.1] * 3)
-LAWS = {law.id: law for law in CATALOGUE}
+LAWS = {law.id: law for law in reversed(CATALOGUE)}
 
 
 def conditions_of(name: str) -> Observations:
@@ -101,7 +101,7 @@ def test_nothing_missing_agrees_and_says_what_would_have_been_seen(taken: Observ
         ("axis_squareness", "xy", 0.6, "xy"),
         ("backlash", "y", 0.03, "y"),
         ("leg_bow", "xz", 0.05, "xz"),
-        ("thermal_drift", "z", 60.0, "z"),
+        ("thermal_drift", "z", 300.0, "z"),
     ],
 )
 def test_one_effect_is_named_with_place_and_size(
@@ -143,7 +143,8 @@ def test_sessions_share_effects_and_keep_their_own_offsets() -> None:
     assert names(found) == [("axis_squareness", "yz")]
     assert found.held_out is not None
     assert found.held_out.how == "sessions that were not used"
-    assert found.held_out.after_rms_mm < 0.5 * found.held_out.before_rms_mm
+    assert found.held_out.after_rms_mm < 1.3 * found.held_out.noise_rms_mm
+    assert found.held_out.before_rms_mm > 2.0 * found.held_out.noise_rms_mm
 
 
 def test_a_model_that_has_the_effect_agrees() -> None:

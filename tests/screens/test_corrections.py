@@ -184,7 +184,9 @@ async def test_review_after_each_leg(tmp_path: Path) -> None:
         assert "4 differences so far" in said
         assert "y_x+" in said
         shown = [line.split() for line in said.splitlines() if line.startswith((" Y ", " Z "))]
-        assert [row[2] for row in shown] == ["4", "4"], "10 readings, 4 cells and 2 more cycles an axis"
+        assert [row[2] for row in shown] == ["4", "4"], (
+            "10 readings, 4 cells and 2 more cycles an axis"
+        )
         assert interface.screen.query_one(ChartPlot).display
         await pilot.press("space")
         await until(pilot, "next leg", lambda: interface.screen is screen)

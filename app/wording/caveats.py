@@ -42,7 +42,8 @@ def _lack_of_fit(solved: Solved) -> list[str]:
     larger = float(solved.solution.expanded_mm.max()) * solved.enlarged
     return [
         f"WARNING: what the model leaves is {math.sqrt(fit.statistic):.1f} times the noise: "
-        "something is missing from the model. Counted as noise it makes the uncertainty "
+        "something is missing from the model (glidecal diagnose). Counted as noise it makes "
+        "the uncertainty "
         f"±{larger:.3f} mm."
     ]
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from app.own_effects import known_laws
 from app.solving import indicator_figures, load_sessions
-from calib.diagnosis.diagnose import Case, diagnose
+from calib.diagnosis.cleaning import Case
+from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.results import Diagnosis, Finding, Gap, Value
 from calib.errors import NotIdentifiable
 from calib.orthoglide.effects.law import Law

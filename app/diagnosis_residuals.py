@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.diagnosing import Diagnosed, cases
-from calib.diagnosis.diagnose import cleaned
+from calib.diagnosis.cleaning import cleaned
 from calib.diagnosis.problem import Problem, Sitting
 from calib.errors import NotIdentifiable
 from calib.observations import LEG_NAMES, FloatArray

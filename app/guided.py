@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -136,7 +136,7 @@ class GuidedSession:
         """Supersede the readings of a step so that it is measured again; returns the next step.
 
         Where the stand has left that mounting, readings of one step alone would have no zero:
-        then every step of the mounting is measured again.
+        then every step of the mounting is measured again. The same for a step that was skipped.
         """
         with self._lock:
             gone = self.steps_repeated_with(number)
@@ -153,12 +153,41 @@ class GuidedSession:
     def steps_repeated_with(self, number: int) -> frozenset[int]:
         """Which steps must be measured again when this one is: itself, or its whole mounting."""
         mounts = {r.mount for r in self.session.readings if r.step == number}
-        last = self.session.mountings[-1].mounts.values() if self.session.mountings else ()
-        if not mounts or (mounts <= set(last) and self.session.stand_untouched):
+        if not mounts:
+            return self._brought_back_with(self.steps[number - 1])
+        last = self.session.mountings[-1].mounts.values()
+        if mounts <= set(last) and self.session.stand_untouched:
             return frozenset((number,))
-        return frozenset(
-            r.step for r in self.session.readings if r.mount in mounts and r.step is not None
-        )
+        return self._taken_on(mounts)
+
+    def _brought_back_with(self, step: Step) -> frozenset[int]:
+        """Steps for one without readings: where the stand has left, its new mounting needs a Zero.
+
+        A Zero that is still to come will do. Else what was measured there is measured again, or
+        where all was skipped the Zeros of its cycle come back too.
+        """
+        alone = frozenset((step.number,))
+        settled = self.session.done() | self.session.skipped.keys()
+        there = [s for s in self.steps if s.place == step.place]
+        zeros = [s for s in there if s.displacement_mm == 0.0]
+        coming = any(s.number not in settled for s in zeros)
+        if coming or not self.session.needs_new_zero(step):
+            return alone
+        numbers = {s.number for s in there}
+        mounts = [r.mount for r in self.session.readings if r.step in numbers]
+        if mounts:
+            return self._taken_on(self._mounted_with(mounts[-1])) | alone
+        return alone | {s.number for s in zeros if s.cycle == step.cycle}
+
+    def _mounted_with(self, mount: str) -> set[str]:
+        """All names of the mounting that has this one."""
+        named = (set(m.mounts.values()) for m in self.session.mountings)
+        return next((names for names in named if mount in names), {mount})
+
+    def _taken_on(self, mounts: Collection[str]) -> frozenset[int]:
+        """Steps whose counting readings were taken on these mountings."""
+        taken = (r.step for r in self.session.readings if r.mount in mounts)
+        return frozenset(number for number in taken if number is not None)
 
     def rest_of_place(self) -> tuple[Step, ...]:
         """The present step and the unsettled ones that follow it on the same mounting."""

@@ -18,8 +18,10 @@ from textual.screen import Screen
 
 from app.acquisition import Gauge
 from app.bench import BenchSettings
+from app.commands.simulate import simulate
 from app.demo import demo_plan
 from app.screens.check import CheckScreen
+from app.screens.diagnose import DiagnoseScreen
 from app.screens.dialogs import ChoiceDialog
 from app.screens.interface import Interface
 from app.screens.leg_review import LegReviewScreen
@@ -153,7 +155,24 @@ async def pictures(folder: Path) -> None:
         await pilot.press("f10")
 
 
+async def diagnosis(folder: Path) -> None:
+    """The verdict on a simulated session with play hidden in one carriage, and where it shows."""
+    session = folder / "simulated.jsonl"
+    simulate(session, protocol="two-station", effect="backlash:x", size=0.03)
+    screen = DiagnoseScreen([session])
+    interface = Interface(screen)
+    interface.animation_level = "none"
+    async with interface.run_test(size=NARROW) as pilot:
+        await until(pilot, lambda: screen.diagnosed is not None)
+        await save(pilot, "diagnosis")
+        await pilot.resize_terminal(*WIDE)
+        await pilot.press("2")
+        await save(pilot, "diagnosis_where")
+        await pilot.press("f10")
+
+
 if __name__ == "__main__":
     quick_fingers = patch("app.screens.measure.HELD_KEY_S", 0.0)
     with quick_fingers, tempfile.TemporaryDirectory() as temporary:
         asyncio.run(pictures(Path(temporary)))
+        asyncio.run(diagnosis(Path(temporary)))

@@ -87,9 +87,10 @@ class Corrections(Screen[None]):
         session = self.guided.session
         if any(r.step == step for r in session.readings) or step in session.skipped:
             gone = len(self.guided.steps_repeated_with(step))
-            question = f"Why is step {step} measured again?"
+            brought = "brought back" if step in session.skipped else "measured again"
+            question = f"Why is step {step} {brought}?"
             if gone > 1:
-                question += f" Its stand is gone: all {gone} steps of that mounting will be."
+                question += f" Its stand is gone: {gone} steps are measured, to share one zero."
             self.ask(TextDialog(question, "reason"), lambda why: self._repeat(step, why))
         elif self.write(lambda: self.guided.restore(step, "taken back by the operator")):
             counts = step in self.guided.session.done()

@@ -182,7 +182,45 @@ def test_skipped_steps_are_left_out_and_come_back(tmp_path: Path) -> None:
         assert not guided.session.complete
         guided.repeat(2, "it can be reached after all")
         assert 2 not in guided.session.skipped
-        assert take(guided, 1) == [2]
+        assert take(guided, 2) == [1, 2]
+        assert {r.mount for r in guided.session.readings if r.step in (1, 2)} == {"xy#2", "xz#2"}
+
+
+def test_a_step_brought_back_on_the_same_mounting_comes_alone(tmp_path: Path) -> None:
+    with start_session(quick(tmp_path)) as guided:
+        take(guided, 1)
+        guided.skip([2], "collides")
+        take(guided, 1)
+        assert guided.steps_repeated_with(2) == {2}
+        guided.remount()
+        assert guided.steps_repeated_with(2) == {2}
+        guided.skip([4], "no time")
+        assert guided.steps_repeated_with(2) == {2}
+
+
+def test_a_step_brought_back_after_a_break_needs_a_zero(tmp_path: Path) -> None:
+    plan = quick(tmp_path)
+    with start_session(plan) as guided:
+        take(guided, 1)
+        guided.skip([2], "collides")
+        take(guided, 1)
+    with continue_session(plan) as guided:
+        assert guided.steps_repeated_with(2) == {2}, "the Zero of step 4 is still to come"
+        guided.skip([4], "no time")
+        assert guided.steps_repeated_with(2) == {1, 2, 3}
+
+
+def test_a_step_of_a_leg_that_was_left_out_brings_the_zeros_of_its_cycle(tmp_path: Path) -> None:
+    with start_session(quick(tmp_path, cycles=2)) as guided:
+        cycles = {step.number: step.cycle for step in guided.steps if step.leg == "x"}
+        zeros = {s.number for s in guided.steps if s.leg == "x" and s.displacement_mm == 0.0}
+        guided.skip(list(cycles), "no time")
+        take(guided, 1)
+        last = max(number for number in cycles if number not in zeros)
+        wanted = {number for number in zeros if cycles[number] == cycles[last]} | {last}
+        assert guided.steps_repeated_with(last) == wanted
+        guided.repeat(last, "there is time")
+        assert take(guided, len(wanted)) == sorted(wanted)
 
 
 def test_a_step_that_is_skipped_has_no_readings_that_count(tmp_path: Path) -> None:

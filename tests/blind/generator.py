@@ -23,7 +23,7 @@ Change = tuple[Entry, float]
 OFFSET_LIMIT_MM = 2.0
 LENGTH_SPREAD_MM = 0.03
 ZERO_LIMIT_MM = 0.5
-TRIES = 40
+TRIES = 400
 SEEN = 1e-7  # an effect whose columns vanish is drawn again at another place
 
 SHAPE_ENTRIES = {"cubic": "cubic", "sawtooth": "saw"}

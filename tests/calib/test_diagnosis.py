@@ -10,7 +10,8 @@ import pytest
 from scipy.stats import f as f_distribution
 
 from calib.diagnosis.aliases import alias_map
-from calib.diagnosis.diagnose import Case, diagnose
+from calib.diagnosis.cleaning import Case
+from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.locate import locate
 from calib.diagnosis.problem import Problem, Sitting
 from calib.diagnosis.results import Diagnosis

@@ -1,0 +1,99 @@
+"""Who runs in the race: the catalogue at every place, and lone readings that may be wild."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.diagnosis.problem import Problem
+from calib.observations import LEG_NAMES, FloatArray
+from calib.orthoglide.effects.candidates import Candidate, candidates
+from calib.orthoglide.effects.law import Law
+
+FAR = 30.0
+"""A parameter so many times its unremarkable size costs as much as one standard deviation."""
+
+MOST_LOSS = 200.0
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A runner in the race: a candidate of the catalogue or a slip of a stand."""
+
+    id: str
+    kind: str
+    title: str
+    where: str
+    columns: FloatArray
+    candidate: Candidate | None
+    names: tuple[tuple[str, str], ...]
+    tolerance: FloatArray
+
+
+def entries_of(problem: Problem, laws: Sequence[Law]) -> list[Entry]:
+    """Every candidate that the sessions can show, stacked over them, and lone wild readings."""
+    found: dict[tuple[str, str, str], Entry] = {}
+    row, total = 0, len(problem.y)
+    for one in problem.sittings:
+        for candidate in candidates(one.model, one.observed, laws):
+            key = candidate.id, candidate.where, candidate.arrangement + str(candidate.parameters)
+            entry = found.get(key)
+            if entry is None:
+                columns = np.zeros((total, candidate.columns.shape[1]))
+                names = tuple((p.name, p.unit) for p in candidate.parameters)
+                entry = Entry(
+                    candidate.id,
+                    str(candidate.kind),
+                    candidate.title,
+                    candidate.where,
+                    columns,
+                    candidate,
+                    names,
+                    np.array([p.tolerance for p in candidate.parameters]),
+                )
+                found[key] = entry
+            entry.columns[row : row + len(one.observed)] = candidate.columns
+        row += len(one.observed)
+    return [*found.values(), *(_lone_readings(problem) if problem.has_repeats() else ())]
+
+
+def implausible(problem: Problem, entry: Entry) -> float:
+    """What a candidate loses for the size that it would need alone, in log weight.
+
+    A normal prior on each parameter, thirty times the unremarkable size wide: a fit that needs more
+    pays, and directions that hardly show are not blown up.
+    """
+    white = problem.root_weight[:, None] * entry.columns * (FAR * entry.tolerance)
+    white = white - problem.nuisance @ (problem.nuisance.T @ white)
+    free = problem.y - white @ np.linalg.lstsq(white, problem.y, rcond=1e-6)[0]
+    value = held(white, problem.y)[0]
+    left = problem.y - white @ value
+    loss = 0.5 * (float(left @ left) - float(free @ free) + float(value @ value))
+    return float(min(max(loss, 0.0), MOST_LOSS))
+
+
+def held(white: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least squares with a unit normal prior: values ``(k,)`` and what each reading adds."""
+    inverse = np.linalg.solve(white.T @ white + np.eye(white.shape[1]), white.T)
+    return np.asarray(inverse @ y), np.asarray(inverse)
+
+
+def _lone_readings(problem: Problem) -> list[Entry]:
+    """The first and the last reading of each mounting, which repeats alone cannot judge."""
+    found = []
+    leg = np.concatenate([one.observed.leg for one in problem.sittings])
+    axis = np.concatenate([one.observed.axis for one in problem.sittings])
+    for mount in range(int(problem.mount.max()) + 1):
+        rows = np.flatnonzero(problem.mount == mount)
+        where = LEG_NAMES[leg[rows[0]]] + LEG_NAMES[axis[rows[0]]]
+        for row, word in ((rows[0], "first"), (rows[-1], "last")):
+            columns = np.zeros((len(problem.y), 1))
+            columns[row, 0] = 1.0
+            title = f"the {word} reading of this mounting is wild"
+            shift = (("shift", "mm"),)
+            found.append(
+                Entry("wild_reading", "blunder", title, where, columns, None, shift, np.ones(1))
+            )
+    return found

@@ -1,0 +1,94 @@
+"""Sizes of effects: fitted together, then through the nonlinear simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.diagnosis.cleaning import Case
+from calib.diagnosis.entries import FAR, Entry, held
+from calib.diagnosis.problem import Problem
+from calib.diagnosis.race import Race
+from calib.diagnosis.results import Value
+from calib.diagnosis.selection import union
+from calib.errors import NotIdentifiable
+from calib.observations import FloatArray
+from calib.orthoglide.effects.law import Placed
+
+CORRECTIONS = 2
+
+Sizes = dict[int, tuple[tuple[Value, ...], tuple[Placed, ...]]]
+"""Parameters of each entry, and the effects that they make."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fitting:
+    """Entries of one race, fitted to its sessions."""
+
+    problem: Problem
+    entries: Sequence[Entry]
+    race: Race
+    cases: Sequence[Case]
+
+    def refined(self, members: tuple[int, ...]) -> Sizes:
+        """`values` through the nonlinear simulation: effects in, base fitted anew, corrected."""
+        found = self.values(members, self.problem.y)
+        for _ in range(CORRECTIONS):
+            placed = tuple(effect for _, effects in found.values() for effect in effects)
+            try:
+                left = self._left_with(placed)
+            except NotIdentifiable:
+                return found
+            basis = union([self.race.blocks[k] for k in members])
+            explained = self.problem.y - self._linear_share(found, members)
+            correction = basis @ (basis.T @ (left - explained))
+            found = self.values(members, self.problem.y + correction)
+        return found
+
+    def _left_with(self, placed: tuple[Placed, ...]) -> FloatArray:
+        """Whitened residual ``(n,)`` with these effects in the model, nuisance projected out."""
+        adopted = []
+        for case, one in zip(self.cases, self.problem.sittings, strict=True):
+            model = case.model.with_effects((*case.model.effects, *placed))
+            adopted.append(one.again(model, case.tolerance_mm))
+        return Problem.of(adopted).y
+
+    def _linear_share(
+        self,
+        found: Sizes,
+        members: tuple[int, ...],
+    ) -> FloatArray:
+        """What the columns of the members with these values explain ``(n,)``, whitened."""
+        total = np.zeros_like(self.problem.y)
+        for k in members:
+            value = np.array([v.value for v in found[k][0]])
+            if found[k][1]:
+                total += self.problem.root_weight * (self.entries[k].columns @ value)
+        return total - self.problem.nuisance @ (self.problem.nuisance.T @ total)
+
+    def values(self, members: tuple[int, ...], y: FloatArray | None = None) -> Sizes:
+        """Parameters of these entries fitted together, base parameters and zeros free."""
+        y = self.problem.y if y is None else y
+        root = self.problem.root_weight[:, None]
+        design = np.hstack([root * self.entries[k].columns for k in members])
+        size = FAR * np.concatenate([self.entries[k].tolerance for k in members])
+        free = design * size
+        free = free - self.problem.nuisance @ (self.problem.nuisance.T @ free)
+        best, _ = held(free, y)
+        value = best * size
+        spread = np.sqrt(np.linalg.inv(free.T @ free + np.eye(len(size))).diagonal()) * size
+        found: Sizes = {}
+        start = 0
+        for k in members:
+            entry = self.entries[k]
+            rows = slice(start, start + len(entry.names))
+            start += len(entry.names)
+            parameters = tuple(
+                Value(name, float(v), float(u), unit)
+                for (name, unit), v, u in zip(entry.names, value[rows], spread[rows], strict=True)
+            )
+            placed = entry.candidate.effects(value[rows]) if entry.candidate else ()
+            found[k] = parameters, placed
+        return found

@@ -1,0 +1,115 @@
+"""What may be called by name: rivals, look-alikes, evidence, and the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.diagnosis.entries import Entry
+from calib.diagnosis.problem import Problem
+from calib.diagnosis.race import LEVEL, Outcome, Race
+from calib.diagnosis.results import Named, Verdict
+from calib.diagnosis.selection import Weighed, contained
+
+LEAST_EVIDENCE = 25.0
+"""No single name below this non-centrality (explained squares less their freedom)."""
+
+LEAST_FREEDOM = 10
+ROOM = 4
+"""Degrees of freedom that the whole catalogue must leave, or an unknown effect could not show."""
+
+ALIKE = 0.98
+
+
+@dataclass(frozen=True, eq=False)
+class Naming:
+    """Names for what the race kept."""
+
+    problem: Problem
+    entries: Sequence[Entry]
+    race: Race
+    outcome: Outcome
+
+    def verdict(self, blunders_found: bool) -> Verdict:
+        """One of the six words."""
+        kept = self.outcome.kept
+        if kept is None:
+            return self._verdict_without_names(blunders_found)
+        if self.problem.noise_df <= 0.0 or self.problem.structure_df < LEAST_FREEDOM:
+            return "cannot-tell"
+        if not self.outcome.adequate:
+            return "partly-explained"
+        weak = any(self.evidence(kept, k) < LEAST_EVIDENCE for k in kept.members)
+        if weak or any(self.names(kept).values()) or not self._room():
+            return "ambiguous"
+        return "explained"
+
+    def _verdict_without_names(self, blunders_found: bool) -> Verdict:
+        if self.problem.structure_df <= 0 or self.problem.noise_df <= 0.0:
+            return "cannot-tell"
+        closed = self.outcome.gap_before[2] > LEVEL
+        if blunders_found:
+            return "explained" if closed else "partly-explained"
+        return "agrees" if closed else "unexplained"
+
+    def evidence(self, kept: Weighed, member: int) -> float:
+        """Non-centrality of one member beside the others."""
+        others = tuple(k for k in kept.members if k != member)
+        blocks, y = self.race.beside(others)
+        block = blocks[member]
+        explained: float = ((block.T @ y) ** 2).sum()
+        return float(explained) - float(block.shape[1])
+
+    def _room(self) -> bool:
+        """Whether the catalogue leaves room for an effect that is not in it to show."""
+        inside = [
+            self.problem.structure.T @ b
+            for e, b in zip(self.entries, self.race.blocks, strict=True)
+            if e.kind != "blunder"
+        ]
+        rank = int((np.linalg.svd(np.hstack(inside), compute_uv=False) > 1e-3).sum())
+        return self.problem.structure_df - rank >= ROOM
+
+    def names(self, kept: Weighed) -> dict[int, tuple[Named, ...]]:
+        """For each member of the best model the other names that fit as well in its place."""
+        return {member: self.rivals(kept, member) for member in kept.members}
+
+    def rivals(self, kept: Weighed, member: int) -> tuple[Named, ...]:
+        """Names that fit as well in its place: from the 95 % set, and look-alikes."""
+        own = self.entries[member]
+        found: dict[Named, None] = {}
+        for model in self.outcome.models:
+            taken = [k for k in model.members if k not in kept.members]
+            if member in model.members or len(model.members) != len(kept.members):
+                continue
+            for k in taken:
+                if not self._same_in_a_larger_place(member, k):
+                    found[Named(self.entries[k].id, self.entries[k].where)] = None
+        for k in self._look_alikes(member):
+            found[Named(self.entries[k].id, self.entries[k].where)] = None
+        found.pop(Named(own.id, own.where), None)
+        return tuple(found)
+
+    def _same_in_a_larger_place(self, member: int, other: int) -> bool:
+        """The same effect on more places holds the smaller one: no rival, the smaller is meant."""
+        same = self.entries[member].id == self.entries[other].id
+        inside = contained(self.race.blocks[member], self.race.blocks[other]) > ALIKE
+        return same and (inside or self.entries[member].where == self.entries[other].where)
+
+    def _look_alikes(self, member: int) -> list[int]:
+        """Candidates of no higher rank that imitate this one exactly."""
+        own = self.race.blocks[member]
+        return [
+            k
+            for k, block in enumerate(self.race.blocks)
+            if k != member
+            and block.shape[1] <= own.shape[1]
+            and contained(own, block) > ALIKE
+            and not self._same_in_a_larger_place(member, k)
+        ]
+
+    def by_evidence(self, kept: Weighed) -> tuple[int, ...]:
+        """Members of the model, the strongest first."""
+        return tuple(sorted(kept.members, key=lambda k: -self.evidence(kept, k)))

@@ -1,0 +1,80 @@
+"""The verdict as a sentence, and what can be said of a left-over that has no name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.diagnosis.entries import Entry
+from calib.diagnosis.locate import each_mounting
+from calib.diagnosis.problem import Problem
+from calib.diagnosis.race import LEVEL, Race
+from calib.diagnosis.results import Detectable, Finding, Verdict
+
+POWERS = ((1, "in proportion to"), (2, "with the square of"), (3, "with the cube of"))
+CLEARLY = 1.2
+FOUND_9_OF_10 = 1.28
+"""Standard normal quantile of 90 %."""
+
+
+def sentence(verdict: Verdict, findings: Sequence[Finding], where: str) -> str:
+    """The verdict in one sentence that a machinist understands."""
+    names = " and ".join(f"{f.title} ({f.where})" for f in findings)
+    rivals = sorted({r.id for f in findings for r in f.indistinguishable_from})
+    return {
+        "agrees": "The model explains the readings within their noise; nothing is missing.",
+        "explained": f"What was missing is: {names}.",
+        "ambiguous": f"Something is missing: {names}"
+        + (f", or else {', '.join(rivals)}; these data cannot tell." if rivals else "; weak."),
+        "partly-explained": f"Part of what is missing is {names}; more is left, {where}.",
+        "unexplained": f"Something real is missing, {where}, and no known effect explains it.",
+        "cannot-tell": "The readings are too few to tell what is missing"
+        + (f"; the best guess is {names}." if names else "."),
+    }[verdict]
+
+
+def remarks(problem: Problem, verdict: Verdict) -> tuple[str, ...]:
+    """What else a person must know."""
+    said = []
+    if problem.noise_df <= 0.0:
+        said.append("no repeats and no stated noise: nothing can be judged against chance")
+    if verdict == "unexplained":
+        said.append("either the effect is not in the catalogue, or the repeats are not independent")
+        said.append(law_in_words(problem))
+    return tuple(said)
+
+
+def law_in_words(problem: Problem) -> str:
+    """What the left-over depends on, without a physical name."""
+    displacement = np.concatenate([one.observed.displacement_mm for one in problem.sittings])
+    relative = displacement[:, None] / 100.0
+    best, name = 0.0, "the left-over follows no simple power of the displacement"
+    for power, words in POWERS:
+        column = relative**power
+        for columns, where in (
+            (column, ""),
+            (each_mounting(problem, column), ", differently on each mounting"),
+        ):
+            block = problem.block(columns)
+            inside = float(((block.T @ problem.y) ** 2).sum()) - block.shape[1]
+            if inside > best * CLEARLY:
+                best, name = inside, f"the left-over grows {words} the displacement{where}"
+    return name
+
+
+def smallest_detectable(
+    problem: Problem, entries: Sequence[Entry], race: Race
+) -> tuple[Detectable, ...]:
+    """Size of each single-parameter effect that would have been found nine times of ten."""
+    found: dict[str, Detectable] = {}
+    threshold = math.sqrt(2.0 * math.log(max(len(entries), 2) / LEVEL)) + FOUND_9_OF_10
+    for entry, block in zip(entries, race.blocks, strict=True):
+        if entry.columns.shape[1] != 1 or entry.kind == "blunder":
+            continue
+        slope = float(np.linalg.norm(block.T @ (problem.root_weight * entry.columns[:, 0])))
+        size = threshold / slope if slope else math.inf
+        if math.isfinite(size) and (entry.id not in found or size < found[entry.id].size):
+            found[entry.id] = Detectable(entry.id, size, entry.names[0][1])
+    return tuple(found.values())

@@ -85,18 +85,20 @@ class Naming:
             if member in model.members or len(model.members) != len(kept.members):
                 continue
             for k in taken:
-                if not self._same_in_a_larger_place(member, k):
+                if not self._same_on_other_places(member, k):
                     found[Named(self.entries[k].id, self.entries[k].where)] = None
         for k in self._look_alikes(member):
             found[Named(self.entries[k].id, self.entries[k].where)] = None
         found.pop(Named(own.id, own.where), None)
         return tuple(found)
 
-    def _same_in_a_larger_place(self, member: int, other: int) -> bool:
-        """The same effect on more places holds the smaller one: no rival, the smaller is meant."""
-        same = self.entries[member].id == self.entries[other].id
-        inside = contained(self.race.blocks[member], self.race.blocks[other]) > ALIKE
-        return same and (inside or self.entries[member].where == self.entries[other].where)
+    def _same_on_other_places(self, member: int, other: int) -> bool:
+        """The same effect on more or fewer of the same places is no rival of itself."""
+        if self.entries[member].id != self.entries[other].id:
+            return False
+        first, second = self.race.blocks[member], self.race.blocks[other]
+        nested = max(contained(first, second), contained(second, first)) > ALIKE
+        return nested or self.entries[member].where == self.entries[other].where
 
     def _look_alikes(self, member: int) -> list[int]:
         """Candidates of no higher rank that imitate this one exactly."""
@@ -107,7 +109,7 @@ class Naming:
             if k != member
             and block.shape[1] <= own.shape[1]
             and contained(own, block) > ALIKE
-            and not self._same_in_a_larger_place(member, k)
+            and not self._same_on_other_places(member, k)
         ]
 
     def by_evidence(self, kept: Weighed) -> tuple[int, ...]:

@@ -17,6 +17,7 @@ from app.commands import (
     identifiability,
     import_table,
     indicator,
+    model,
     plan,
     ports,
     postures,
@@ -75,6 +76,7 @@ cli.command("replay")(replay.replay)
 cli.command("serve")(serve.serve)
 cli.command("solve")(solve.solve)
 cli.command("diagnose")(diagnose.diagnose)
+cli.command("model")(model.model)
 cli.command("compare")(compare.compare)
 cli.command("simulate")(simulate.simulate)
 cli.command("plan")(plan.plan)

@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from app.commands.options import AsJson, Method, MethodName, Sessions, Subset, WeightsName, say
+from app.commands.options import (
+    AsJson,
+    Method,
+    MethodName,
+    Seed,
+    Sessions,
+    Subset,
+    WeightsName,
+    finite,
+    say,
+)
+
+if TYPE_CHECKING:  # heavy: imported where used
+    from app.solving import Solved
+    from calib.monte_carlo import MonteCarlo
 
 
 def solve(
@@ -17,6 +31,17 @@ def solve(
         WeightsName,
         typer.Option(help="Linear method only: equal as in the papers, or covariance (14)."),
     ] = WeightsName.EQUAL,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(help="Judge the tool's r.m.s. error against this, mm.", callback=finite),
+    ] = None,
+    show_map: Annotated[
+        bool, typer.Option("--map", help="Expected tool error on three planes.")
+    ] = False,
+    monte_carlo: Annotated[
+        int, typer.Option("--monte-carlo", help="Check on so many simulated sessions.", min=0)
+    ] = 0,
+    seed: Seed = 1,
     as_json: AsJson = False,
 ) -> None:
     """Averages, differences, parameters with uncertainties, residuals, what is not seen."""
@@ -32,4 +57,56 @@ def solve(
     )
     for warning in warnings:
         say(f"glidecal: {warning}")
-    typer.echo(to_json(solution_document(solved)) if as_json else solution_text(solved))
+    document, texts = _assessed(solved, tolerance, monte_carlo, seed, show_map=show_map)
+    if as_json:
+        typer.echo(to_json(solution_document(solved) | document))
+    else:
+        typer.echo("\n\n".join([solution_text(solved), *texts]))
+
+
+def _assessed(
+    solved: Solved, tolerance: float | None, count: int, seed: int, *, show_map: bool
+) -> tuple[dict[str, Any], list[str]]:
+    """What was asked for beyond the solution: for JSON, and as text."""
+    from app.assessing import judge, maps, monte_carlo_document
+    from app.wording.assessing import judged_text, maps_text, monte_carlo_text
+
+    document: dict[str, Any] = {}
+    texts = []
+    if tolerance is not None:
+        judged = judge(solved, tolerance)
+        document["tolerance"] = {
+            "tolerance_mm": tolerance,
+            "before": judged.before,
+            "after": judged.after,
+        }
+        texts.append(judged_text(judged))
+    if show_map:
+        drawn = maps(solved)
+        document["tool_maps"] = [
+            {
+                "across": one.across,
+                "up": one.up,
+                "coordinate_mm": one.coordinate_mm.tolist(),
+                "error_mm": one.error_mm.tolist(),
+            }
+            for one in drawn
+        ]
+        texts.append(maps_text(drawn))
+    if count:
+        found = _simulate(solved, count, seed)
+        document["monte_carlo"] = monte_carlo_document(found)
+        texts.append(monte_carlo_text(found))
+    return document, texts
+
+
+def _simulate(solved: Solved, count: int, seed: int) -> MonteCarlo:
+    """Many sessions with a progress bar on standard error."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from app.assessing import monte_carlo
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("sessions", total=count)
+        return monte_carlo(solved, count, seed, lambda done: bar.update(task, completed=done))

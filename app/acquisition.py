@@ -25,6 +25,9 @@ SPACING_S = 0.02
 ONE_DIGIT = 1.001
 """A last digit that flickers is not a movement."""
 
+FLICKER_DIGITS = 2.001
+"""One digit up and one down: so far a reading at rest may be from the one that is shown."""
+
 
 class Motion(StrEnum):
     """What an indicator is doing, in one word."""
@@ -111,10 +114,21 @@ class Gauge:
         pressed, self._pressed = self._pressed, False
         return pressed
 
-    def has_news(self) -> bool:
-        """Whether anything was heard since the last call."""
+    def has_news(self, shown: Live | None = None) -> bool:
+        """Whether anything was heard since the last call that cannot wait.
+
+        What can wait: a stable indicator whose last digit flickers around what is ``shown``.
+        """
         news, self._news = self._news, False
-        return news
+        if not news or self._pressed or shown is None or shown.motion is not Motion.STABLE:
+            return news
+        with self._lock:
+            now = self._heard[-1][1] if self._heard else None
+        before = shown.outcome
+        if not isinstance(now, Reading) or not isinstance(before, Reading):
+            return True
+        flicker_mm = min(FLICKER_DIGITS * now.resolution_mm, self._still_mm)
+        return abs(now.value_mm - before.value_mm) > flicker_mm
 
     def restart_window(self) -> None:
         """Forget what was stable: the machine is about to move."""

@@ -44,7 +44,8 @@ class Sensitivity:
     nuisance parameters projected out; with ``noise_known`` False they have no absolute scale.
     ``tolerance`` ``(k,)`` holds an unremarkable size of each parameter in its own unit. ``cost``
     ``(m, k)`` are derivatives of the tool's coordinates all over the workspace.
-    ``motions`` are combinations with a name of their own, such as a turned frame.
+    ``motions`` are combinations with a name of their own, such as a turned frame. ``blind`` is the
+    relative singular value below which nothing is seen; exact derivatives allow a smaller one.
     """
 
     names: tuple[str, ...]
@@ -55,6 +56,7 @@ class Sensitivity:
     points: int = 1
     motions: tuple[tuple[str, FloatArray], ...] = ()
     noise_known: bool = True
+    blind: float = BLIND
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +88,7 @@ def analyse(sensitivity: Sensitivity) -> Identifiability:
     rows = max(count - len(scaled), 0)
     padded = np.vstack([scaled, np.zeros((rows, count))])
     _, singular, turned = np.linalg.svd(padded, full_matrices=False)
-    uncertainty = _uncertainties(singular, sensitivity.noise_known)
+    uncertainty = _uncertainties(singular, sensitivity)
     unseen = uncertainty > UNSEEN
     best = float(uncertainty.min())
     weak = ~unseen & ((uncertainty > WEAK_RATIO * best) | (uncertainty > WEAK))
@@ -108,13 +110,13 @@ def analyse(sensitivity: Sensitivity) -> Identifiability:
     )
 
 
-def _uncertainties(singular: FloatArray, noise_known: bool) -> FloatArray:
+def _uncertainties(singular: FloatArray, sensitivity: Sensitivity) -> FloatArray:
     """Standard uncertainty of each singular direction in tolerances; infinite where blind.
 
     Without a noise only exact blindness can be told: everything else counts as known alike.
     """
-    blind = singular <= BLIND * singular[0]
-    if not noise_known:
+    blind = singular <= sensitivity.blind * singular[0]
+    if not sensitivity.noise_known:
         return np.where(blind, np.inf, 0.1 * WEAK)
     with np.errstate(divide="ignore"):
         return np.asarray(np.where(blind, np.inf, 1.0 / singular))
@@ -182,12 +184,13 @@ def combinations(vectors: FloatArray, sensitivity: Sensitivity) -> list[tuple[Fl
     """
     if not len(vectors):
         return []
-    basis = np.linalg.qr(vectors.T)[0]
+    whole = basis = np.linalg.qr(vectors.T)[0]
     found: list[tuple[FloatArray, str]] = []
     for name, motion in sensitivity.motions:
         unit = motion / np.linalg.norm(motion)
+        outside = unit - whole @ (whole.T @ unit)
         inside = basis @ (basis.T @ unit)
-        if np.linalg.norm(unit - inside) < BLIND and basis.shape[1]:
+        if np.linalg.norm(outside) < BLIND < np.linalg.norm(inside):
             found.append((unit, name))
             basis = _without(basis, inside)
     return found + [(row, _sum_of(row, sensitivity.names)) for row in _echelon(basis.T)]

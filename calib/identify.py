@@ -31,7 +31,7 @@ from calib.observations import FloatArray, Observations
 from calib.orthoglide.differences import differences
 from calib.orthoglide.geometry import PARAMETER_NAMES
 from calib.orthoglide.model import Model
-from calib.propagation import Propagated, propagate
+from calib.propagation import Propagated, propagate, uncertainties
 from calib.sensitivity import sensitivity_of_readings
 from calib.solution import SUBSETS, Method, Solution, Subset, Weights
 
@@ -82,7 +82,7 @@ def identify(
         covariance_mm2=spread.covariance_mm2,
         coverage_factors=_coverage(spread),
         differences=measured,
-        difference_uncertainty_mm=propagate(measured.combine, visited, noise).uncertainty_mm,
+        difference_uncertainty_mm=uncertainties(measured.combine, visited, noise),
         predicted_mm=predicted,
         rms_before_mm=_rms(measured.value_mm - before),
         rms_after_mm=_rms(measured.value_mm - predicted),

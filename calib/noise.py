@@ -232,7 +232,7 @@ def _noise_of_indicators(
     """Variances of each indicator; one without repeats of its own gets the pooled ones."""
     everybody = _split(float(squares.sum()), float(free.sum()), step)
     judged = free > 0.0
-    middle = float(np.median(squares[judged] / free[judged]))
+    middle = float(np.quantile(squares[judged] / free[judged], 0.5, method="lower"))
     return tuple(
         everybody
         if pooled or not nu > 0.0

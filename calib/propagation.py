@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from calib.fit import without_zeros
@@ -42,32 +41,37 @@ class Propagated:
         return Propagated(np.asarray(posterior, dtype=np.float64), degrees)
 
 
-def propagate(
-    estimator: FloatArray | csr_array, observed: Observations, noise: Noise
-) -> Propagated:
+def propagate(estimator: FloatArray, observed: Observations, noise: Noise) -> Propagated:
     """Law of propagation (GUM 5.2) for a linear map ``(k, n_readings)`` of the readings.
 
     Each reading has a scatter of its own; rounding that is locked is common to the readings of a
     posture. Degrees of freedom after Welch and Satterthwaite (GUM G.4.1), one contribution for each
     indicator, one in all where they are pooled.
     """
-    dense: NDArray[np.float64] = (
-        estimator.toarray() if isinstance(estimator, csr_array) else np.asarray(estimator)
-    )
-    own = dense**2 * noise.shown_mm2(observed)
-    shown = (dense * noise.shown_mm2(observed)) @ dense.T
-    covariance = shown + _locked(dense, observed, noise)
+    shown = noise.shown_mm2(observed)
+    covariance = (estimator * shown) @ estimator.T
+    together = np.asarray((_at_places(observed, noise).T @ estimator.T).T)
+    covariance = covariance + together @ together.T
+    own = estimator**2 * shown
     return Propagated(covariance, _degrees_of_freedom(covariance.diagonal(), own, observed, noise))
 
 
-def _locked(dense: FloatArray, observed: Observations, noise: Noise) -> FloatArray:
+def uncertainties(combine: csr_array, observed: Observations, noise: Noise) -> FloatArray:
+    """Standard uncertainties ``(k,)`` for a sparse map ``(k, n_readings)``, mm; no covariances."""
+    own = combine.multiply(combine) @ noise.shown_mm2(observed)
+    together = combine @ _at_places(observed, noise)
+    shared = together.multiply(together).sum(axis=1)
+    return np.sqrt(np.asarray(own, dtype=np.float64) + np.asarray(shared, dtype=np.float64))
+
+
+def _at_places(observed: Observations, noise: Noise) -> csr_array:
+    """What each reading shares with its posture ``(n_readings, n_places)``, mm."""
     place = same_place(observed)
-    locked = noise.locked_mm2(observed)
-    if not locked.any():
-        return np.zeros((len(dense), len(dense)))
-    together = np.zeros((int(place.max()) + 1, len(dense)))
-    np.add.at(together, place, (dense * np.sqrt(locked)).T)
-    return np.asarray(together.T @ together)
+    rows = np.arange(len(place))
+    return csr_array(
+        (np.sqrt(noise.locked_mm2(observed)), (rows, place)),
+        shape=(len(place), int(place.max()) + 1),
+    )
 
 
 def _degrees_of_freedom(

@@ -27,34 +27,39 @@ class Repeats:
     """Readings of one mounting in one posture, approached from one side, should agree.
 
     From each mounting the means of its cells and of its cycles are removed, so that drift from
-    cycle to cycle does not pose as noise. ``bases`` holds for each mounting its rows and an
-    orthonormal basis of what is removed; ``leverage`` ``(n_readings,)`` is the share of a reading
-    that it takes away; ``degrees_of_freedom`` ``(n_indicators,)`` counts what is left.
+    cycle to cycle does not pose as noise. ``cell`` ``(n_readings,)`` numbers the cells; ``cycles``
+    holds for each mounting its rows and an orthonormal basis of its cycles beside its cells;
+    ``leverage`` ``(n_readings,)`` is the share of a reading that both take away;
+    ``degrees_of_freedom`` ``(n_indicators,)`` counts what is left.
     """
 
     observed: Observations
-    bases: tuple[tuple[IntArray, FloatArray], ...]
+    cell: IntArray
+    cycles: tuple[tuple[IntArray, FloatArray], ...]
     leverage: FloatArray
     degrees_of_freedom: FloatArray
 
     @classmethod
     def of(cls, visited: Observations) -> Repeats:
         """The repeats among readings of `calib.noise.visits`."""
-        bases: list[tuple[IntArray, FloatArray]] = []
-        leverage = np.zeros(len(visited))
-        free = np.zeros(visited.indicator_count)
+        keys = np.stack(
+            [visited.mount.astype(np.float64), visited.displacement_mm, visited.approach]
+        )
+        cell = np.unique(keys, axis=1, return_inverse=True)[1].ravel().astype(np.intp)
+        leverage = visited.averaged / np.bincount(cell, visited.averaged)[cell]
+        cycles: list[tuple[IntArray, FloatArray]] = []
         order = np.argsort(visited.mount, kind="stable")
         for rows in np.split(order, np.flatnonzero(np.diff(visited.mount[order])) + 1):
-            basis = _removed(visited, rows)
-            bases.append((rows, basis))
-            leverage[rows] = (basis * basis).sum(axis=1)
-            np.add.at(free, visited.indicator[rows], 1.0 - leverage[rows])
-        return cls(visited, tuple(bases), leverage, np.round(free, 9))
+            basis = _cycles_beside_cells(visited, rows, cell[rows])
+            cycles.append((rows, basis))
+            leverage[rows] += (basis * basis).sum(axis=1)
+        free = np.bincount(visited.indicator, 1.0 - leverage, visited.indicator_count)
+        return cls(visited, cell, tuple(cycles), leverage, np.round(free, 9))
 
     def scatter(self, value_mm: FloatArray) -> FloatArray:
         """What repeats leave of values ``(n_readings, b)``, weighted; same shape, mm."""
-        left = np.sqrt(self.observed.averaged)[:, None] * value_mm
-        for rows, basis in self.bases:
+        left = _without_cells(np.sqrt(self.observed.averaged), self.cell, value_mm)
+        for rows, basis in self.cycles:
             left[rows] -= basis @ (basis.T @ left[rows])
         return left
 
@@ -66,15 +71,25 @@ class Repeats:
         return total
 
 
-def _removed(visited: Observations, rows: IntArray) -> FloatArray:
-    """Orthonormal basis ``(n_rows, rank)`` of cell means and cycle means, weighted."""
-    keys = np.stack([visited.displacement_mm[rows], visited.approach[rows]])
-    cell = np.unique(keys, axis=1, return_inverse=True)[1].ravel()
+def _without_cells(root: FloatArray, cell: IntArray, value: FloatArray) -> FloatArray:
+    """Values ``(n, b)`` minus the weighted means of their cells, times the root of the weight."""
+    weight = root**2
+    total = np.bincount(cell, weight)
+    means = np.stack([np.bincount(cell, weight * column) / total for column in value.T], axis=1)
+    return np.asarray(root[:, None] * (value - means[cell]))
+
+
+def _cycles_beside_cells(visited: Observations, rows: IntArray, cell: IntArray) -> FloatArray:
+    """Orthonormal basis ``(n_rows, rank)`` of the cycles of a mounting, cell means taken out."""
     cycle = np.unique(visited.cycle[rows], return_inverse=True)[1]
-    columns = np.hstack([np.eye(cell.max() + 1)[cell], np.eye(cycle.max() + 1)[cycle][:, 1:]])
-    weighted = np.sqrt(visited.averaged[rows])[:, None] * columns
-    basis, singular, _ = np.linalg.svd(weighted, full_matrices=False)
-    return np.asarray(basis[:, singular > 1e-9 * singular[0]])
+    if not cycle.any():
+        return np.zeros((len(rows), 0))
+    local = np.unique(cell, return_inverse=True)[1]
+    columns = np.eye(int(cycle.max()) + 1)[cycle][:, 1:]
+    beside = _without_cells(np.sqrt(visited.averaged[rows]), local, columns)
+    variance, axes = np.linalg.eigh(beside.T @ beside)
+    seen = variance > 1e-9 * max(float(variance[-1]), 1e-9)
+    return np.asarray(beside @ (axes[:, seen] / np.sqrt(variance[seen])))
 
 
 def wild_readings(repeats: Repeats, floor_mm2: float) -> tuple[WildReading, ...]:

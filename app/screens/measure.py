@@ -14,7 +14,7 @@ from textual.events import Resize
 from textual.geometry import Size
 from textual.widgets import Footer
 
-from app.acquisition import Live, Motion
+from app.acquisition import Gauge, Live, Motion
 from app.guided import GuidedSession, Taken
 from app.opening import Plan
 from app.screens.corrections import Corrections
@@ -36,10 +36,10 @@ from drivers.outcome import Fault, Reading
 from protocols.procedure import Step
 
 FRAME_S = 1 / 30
-"""News of the indicators are shown at most so often."""
+"""News of indicators that move are shown at most so often."""
 
-AGES_S = 0.25
-"""Ages and stale indicators are looked at so often, also without news."""
+AGES_S = 0.2
+"""Ages, stale indicators and last digits that flicker are looked at so often."""
 
 LEAST_SIZE = Size(80, 24)
 HELD_KEY_S = 0.15
@@ -79,6 +79,7 @@ class MeasureScreen(Corrections):
         self.plan = plan
         self.held = False
         self._lost: set[int] = set()
+        self._shown: Sequence[Live] = ()
         self._pressed_at = self._anyway_until = 0.0
         self._looked_at = time.time()
 
@@ -98,7 +99,8 @@ class MeasureScreen(Corrections):
         self.set_interval(AGES_S, self._look)
 
     def _show_news(self) -> None:
-        if any(gauge.has_news() for gauge in self.guided.gauges):
+        shown = self._shown or [None] * len(self.guided.gauges)
+        if any(map(Gauge.has_news, self.guided.gauges, shown)):
             self._show_live()
 
     def _look(self) -> None:
@@ -118,7 +120,7 @@ class MeasureScreen(Corrections):
     def proceed(self) -> None:
         """Go to the present step, or finish when there is none."""
         if self.guided.step() is None:
-            self._finish()
+            self._begin_finish()
         else:
             self.guided.go()
             self._show_step()
@@ -131,6 +133,7 @@ class MeasureScreen(Corrections):
 
     def _show_live(self) -> None:
         states = [gauge.live() for gauge in self.guided.gauges]
+        self._shown = states
         self.view.show_live(states)
         self._tell_lost_and_found(states)
         pressed = [gauge.button_pressed() for gauge in self.guided.gauges]
@@ -168,7 +171,7 @@ class MeasureScreen(Corrections):
             self.say("On hold: nothing is taken. P goes on.")
             return
         if self.guided.step() is None:
-            self._finish()
+            self._begin_finish()
         elif now < self._anyway_until or self.ready_by_hand():
             self._begin_take()
         else:
@@ -265,6 +268,12 @@ class MeasureScreen(Corrections):
     def action_plot(self) -> None:
         """The plot instead of the table, where there is no room for both."""
         self.view.toggle_plot()
+
+    def _begin_finish(self) -> None:
+        if not self.busy:
+            self.busy = True
+            self.say("Every reading is on the disk. Computing the result …")
+            self._finish()
 
     @work(thread=True)
     def _finish(self) -> None:

@@ -60,7 +60,7 @@ class ResultScreen(Screen[None]):
         Binding("tab,right", "turn_to(1)", "Next", show=False, id="result.next"),
         Binding("shift+tab,left", "turn_to(-1)", "Previous", show=False, id="result.previous"),
         Binding("d", "diagnose", "Diagnose", id="result.diagnose"),
-        Binding("y", "copy", "Copy", id="result.copy"),
+        Binding("y", "copy", "Copy", show=False, id="result.copy"),
         Binding("h", "home", "Home", id="result.home"),
         Binding("f10", "app.quit", "Quit", id="result.quit"),
     ]

@@ -18,7 +18,7 @@ def alias_text(found: AliasMap) -> str:
         )
     ]
     lines += [
-        wrapped(f"{name} ({where}): {', '.join(others)}")
+        wrapped(f"{name} ({where}): {', '.join(dict.fromkeys(others))}")
         for (name, where), others in by_effect.items()
     ]
     if found.invisible:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -86,6 +87,36 @@ async def test_trying_again_may_succeed(
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
         await pilot.press("f10")
     assert interface.return_code == 0
+
+
+async def test_space_twice_computes_the_result_once(
+    tmp_path: Path, samples: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solved, _ = solve_files([samples / "experiment_2_twelve.jsonl"])
+    tries: list[Path] = []
+    allowed = threading.Event()
+
+    def slowly(path: Path) -> Solved:
+        tries.append(path)
+        allowed.wait(20.0)
+        return solved
+
+    monkeypatch.setattr("app.screens.measure.solve_for_controller", slowly)
+    monkeypatch.setattr("app.screens.measure.HELD_KEY_S", 0.0)
+    interface = Interface(CheckScreen(quick_plan(tmp_path)))
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        screen = await to_measuring(pilot, interface)
+        screen.guided.skip(range(1, 31), "all of it")
+        screen.proceed()
+        assert "Computing the result" in said_by(interface)
+        await until(pilot, "computing", lambda: len(tries) == 1)
+        await pilot.press("space", "space", "b", "u")
+        await pilot.pause()
+        assert interface.screen is screen
+        allowed.set()
+        await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
+        assert len(tries) == 1
+        await pilot.press("f10")
 
 
 def said_by(interface: Interface) -> str:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from textual.containers import VerticalScroll
 from textual.geometry import Size
+from textual.screen import Screen
 from textual.widgets import TabbedContent
+from textual.widgets._footer import FooterKey
 
 from app.bench import BenchSettings
 from app.demo import demo_plan, measure_all, verification_plan
@@ -18,6 +21,7 @@ from app.screens.dialogs import HelpDialog
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
 from app.screens.plot import ChartPlot
+from app.screens.replay import ReplayedResult, ReplayScreen
 from app.screens.result import ResultScreen
 from app.settings import Settings
 from app.solving import Solved, solve_files, solve_for_controller
@@ -87,6 +91,23 @@ def offered(interface: Interface) -> set[str]:
 
 def drawn(interface: Interface, selector: str) -> list[str]:
     return str(interface.screen.query_one(selector, ChartPlot).render()).splitlines()
+
+
+@pytest.mark.parametrize("kind", ["measured", "replay", "replayed"])
+async def test_the_last_line_has_room_for_help(published: tuple[Solved, Path], kind: str) -> None:
+    solved, path = published
+    screens: dict[str, Callable[[], Screen[None]]] = {
+        "measured": lambda: ResultScreen(solved, quick_plan(path.parent), path),
+        "replay": lambda: ReplayScreen(path),
+        "replayed": lambda: ReplayedResult(solved, None, path),
+    }
+    interface = Interface(screens[kind]())
+    async with interface.run_test(size=SIZE) as pilot:
+        await until(pilot, "keys", lambda: bool(interface.screen.query(FooterKey)))
+        await pilot.pause()
+        keys = {key.key: key.region for key in interface.screen.query(FooterKey)}
+        assert "f1" in keys
+        assert max(region.right for region in keys.values()) <= SIZE[0]
 
 
 async def test_keys_turn_the_pages(published: tuple[Solved, Path]) -> None:
@@ -260,7 +281,7 @@ async def test_a_program_that_only_shows(
     said = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
-        assert {"1", "2", "3", "y", "h", "f10"} <= offered(interface)
+        assert {"1", "2", "3", "h", "f10"} <= offered(interface)
         assert not {"e", "v"} & offered(interface)
         await pilot.press("e", "v")
         await until(pilot, "two refusals", lambda: len(said) == 2)

@@ -77,7 +77,7 @@ class MeasureScreen(Corrections):
     def __init__(self, guided: GuidedSession, plan: Plan) -> None:
         super().__init__(guided)
         self.plan = plan
-        self.held = False
+        self.held = self._narrow = False
         self._lost: set[int] = set()
         self._shown: Sequence[Live] = ()
         self._pressed_at = self._anyway_until = 0.0
@@ -114,8 +114,12 @@ class MeasureScreen(Corrections):
     def on_resize(self, event: Resize) -> None:
         self.set_class(event.size.width >= WIDE, "wide")
         self._show_step()
-        if event.size.width < LEAST_SIZE.width or event.size.height < LEAST_SIZE.height:
+        narrow = event.size.width < LEAST_SIZE.width or event.size.height < LEAST_SIZE.height
+        if narrow:
             self.say(f"This screen needs {LEAST_SIZE.width} × {LEAST_SIZE.height} characters.")
+        elif self._narrow:
+            self.say("")
+        self._narrow = narrow
 
     def proceed(self) -> None:
         """Go to the present step, or finish when there is none."""

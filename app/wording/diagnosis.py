@@ -80,7 +80,7 @@ def held_out_words(held: HeldOutGap) -> str:
         f"Held out ({held.how}): {held.before_rms_mm:.4f} → {held.after_rms_mm:.4f} mm, "
         f"noise {held.noise_rms_mm:.4f} mm."
     )
-    if held.after_rms_mm >= held.before_rms_mm:
+    if held.after_rms_mm >= held.before_rms_mm > 0.0:
         said += " The gap shrinks only on the readings that were used."
     return said
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib.diagnosis.blunders import belongs_elsewhere
+from calib.diagnosis.blunders import WILD_DISTANCE, belongs_elsewhere
 from calib.diagnosis.cleaning import Case, Mistake, clean
 from calib.diagnosis.entries import Entry, entries_of, implausible
 from calib.diagnosis.fitting import Fitting
@@ -21,6 +21,7 @@ from calib.diagnosis.results import Contender, Diagnosis, Finding, Gap, HeldOutG
 from calib.diagnosis.selection import Weighed, union
 from calib.diagnosis.verify import left_out_postures, on_other_sessions, structure_rms_mm
 from calib.diagnosis.words import remarks, sentence, smallest_detectable
+from calib.observations import FloatArray
 from calib.orthoglide.effects.law import Law, Placed
 
 SEED = 20081
@@ -44,7 +45,7 @@ def diagnose(
     problem = Problem.of([case.sit() for case in ready])
     every = entries_of(problem, laws)
     blocks = [problem.block(entry.columns) for entry in every]
-    seen = [k for k, block in enumerate(blocks) if block.shape[1]]
+    seen = [k for k, block in enumerate(blocks) if _may_run(problem, every[k], block)]
     entries = [every[k] for k in seen]
     losses = np.array([implausible(problem, entry) for entry in entries])
     race = Race(problem, tuple(blocks[k] for k in seen), losses, seed)
@@ -52,6 +53,13 @@ def diagnose(
     fitting = Fitting(problem, entries, race, ready)
     naming = Naming(problem, entries, race, outcome)
     return _Report(fitting, naming, outcome, mistakes, held_out).make()
+
+
+def _may_run(problem: Problem, entry: Entry, block: FloatArray) -> bool:
+    """What shows at all; a lone reading only when it is far beyond what heavy tails reach."""
+    if not block.shape[1] or entry.id != "wild_reading":
+        return bool(block.shape[1])
+    return float(((block.T @ problem.y) ** 2).sum()) > WILD_DISTANCE**2
 
 
 @dataclass(eq=False)

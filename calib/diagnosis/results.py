@@ -16,7 +16,7 @@ Verdict = Literal[
 class Gap:
     """What the model leaves of the readings that is not scatter of repeats.
 
-    ``rms_mm`` is its size among the readings, noise taken off; ``chi_square`` is in noise
+    ``rms_mm`` is its size among the readings, noise included; ``chi_square`` is in noise
     variances.
     """
 

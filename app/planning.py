@@ -36,6 +36,9 @@ class Request:
     machine_file: Path | None = None
     noise_mm: float | None = None
     minutes_per_mounting: float = 2.0
+    measured: tuple[str, ...] = ()
+    postures: int | None = None
+    seed: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +59,10 @@ class Examined:
     minutes: float
     units: str
     noise_words: str
+    source: str = "procedure"
+    fewest_postures: int | None = None
+    published_rank: int | None = None
+    remark: str = ""
 
 
 @dataclass(frozen=True)
@@ -115,17 +122,30 @@ class PlannedMachine(Protocol):
     def metric(self) -> FloatArray:
         """Mean square at the tool for a change of the parameters ``(k, k)``."""
 
-    def cures(self, vectors: Sequence[FloatArray]) -> tuple[Cure, ...]:
-        """For each combination ``(k,)`` the best added posture."""
+    def cures(self, vectors: Sequence[FloatArray]) -> tuple[Cure | None, ...]:
+        """For each combination ``(k,)`` the best added posture; None where none is known."""
 
 
 def _orthoglide(request: Request) -> PlannedMachine:
     from app.planning_orthoglide import OrthoglidePlanning
 
+    if request.measured or request.postures is not None:
+        raise UsageError(
+            "--measured and --postures", "the machine orthoglide", "the machine hexaslide"
+        )
     return OrthoglidePlanning.of(request)
 
 
-MACHINES: dict[str, Callable[[Request], PlannedMachine]] = {"orthoglide": _orthoglide}
+def _hexaslide(request: Request) -> PlannedMachine:
+    from app.planning_hexaslide import HexaSlidePlanning
+
+    return HexaSlidePlanning.of(request)
+
+
+MACHINES: dict[str, Callable[[Request], PlannedMachine]] = {
+    "orthoglide": _orthoglide,
+    "hexaslide": _hexaslide,
+}
 
 
 def planned_machine(name: str, request: Request) -> PlannedMachine:
@@ -146,7 +166,7 @@ class Combination:
     shares: dict[str, float]
     standard_uncertainty: float | None
     tool_mm: float | None
-    cure: Cure
+    cure: Cure | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +183,9 @@ class SeenBy:
     @property
     def limited_by(self) -> str:
         """Too few values for the parameters, or nothing but the geometry."""
+        fewest = self.examined.fewest_postures
+        if fewest is not None:
+            return "too-few-postures" if self.examined.posture_count < fewest else "nothing"
         few = self.examined.independent_count < len(self.found.names)
         return "too-few-postures" if few else "nothing"
 

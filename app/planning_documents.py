@@ -17,13 +17,16 @@ def identifiability_document(seen: SeenBy) -> dict[str, Any]:
         "machine": seen.machine,
         "procedure": seen.examined.procedure,
         "measured": list(seen.examined.measured),
-        "postures": {"count": seen.examined.posture_count, "source": "procedure"},
+        "postures": {"count": seen.examined.posture_count, "source": seen.examined.source},
         "parameters": list(seen.found.names),
         "rank": seen.found.rank,
         "parameter_count": len(seen.found.names),
         "row_count": seen.found.row_count,
         "independent_row_count": seen.examined.independent_count,
         "limited_by": seen.limited_by,
+        "fewest_postures": seen.examined.fewest_postures,
+        "published_rank": seen.examined.published_rank,
+        "remark": seen.examined.remark,
         "individually_identifiable": list(seen.found.individually_known),
         "lost_directions": [_combination(one) for one in seen.lost],
         "weak_directions": [_combination(one) for one in seen.weak],
@@ -40,7 +43,8 @@ def _combination(one: Combination) -> dict[str, Any]:
         "combination": one.shares,
         "standard_uncertainty_mm": one.standard_uncertainty,
         "tool_mm": one.tool_mm,
-        "cure": {
+        "cure": one.cure
+        and {
             "posture": one.cure.where,
             "standard_uncertainty_mm": one.cure.standard_uncertainty,
         },

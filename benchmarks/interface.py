@@ -49,6 +49,9 @@ ALTERNATE_SCREEN = b"\x1b[?1049h"
 UNREST_MM = (0.0, 0.001, 0.002)
 """Each answer differs from the two before it, and all of them count as standing still."""
 
+MOVING = 10.0
+"""So many times that unrest is a movement."""
+
 
 class Machine:
     """Two spindles that follow the steps at once and never quite rest."""
@@ -58,6 +61,7 @@ class Machine:
         self._answers = [0, 0]
         self._base_mm = [0.0, 0.0]
         self.restless = True
+        self.swing = 1.0
 
     def go(self, step: Step) -> None:
         """Deviations of about a millimetre, the same at every visit.
@@ -72,7 +76,7 @@ class Machine:
 
         def position_mm() -> float:
             self._answers[index] += self.restless
-            return self._base_mm[index] + UNREST_MM[self._answers[index] % len(UNREST_MM)]
+            return self._base_mm[index] + self.swing * UNREST_MM[self._answers[index] % 3]
 
         return Spindle(position_mm, 0.001)
 
@@ -102,6 +106,7 @@ def open_indicators(plan: Plan, machine: Machine, undo: ExitStack) -> Indicators
 class Figures:
     """Everything measured in one session; seconds and shares of one core."""
 
+    moving_s: list[float] = field(default_factory=list)
     waiting_s: list[float] = field(default_factory=list)
     taking_s: list[float] = field(default_factory=list)
     blocked_s: float = 0.0
@@ -151,6 +156,10 @@ async def operate(
     interface.driver_class = Terminal
     async with interface.run_test(headless=False, size=SIZE) as pilot:
         await until(lambda: interface.screen is screen)
+        machine.swing = MOVING
+        await cpu_share(delays)
+        figures.moving_s = delays.taken()
+        machine.swing = 1.0
         figures.restless_share = await cpu_share(delays)
         figures.waiting_s = delays.taken()
         machine.restless = False
@@ -229,17 +238,21 @@ def unattended_s() -> float:
         return time.perf_counter() - start
 
 
-def delay_row(when: str, delays_s: list[float]) -> str:
+def delay_row(when: str, delays_s: list[float], limit: str = "p99 ≤ 50 ms") -> str:
     """Median and 99th percentile of the delays."""
     ms = [1e3 * value for value in statistics.quantiles(delays_s, n=100)]
     figures = f"median {ms[49]:.1f}, p99 {ms[98]:.1f} ms, n = {len(delays_s)}"
-    return f"| reading → digits on the screen, {when} | {figures} | p99 ≤ 50 ms |"
+    return f"| reading → digits on the screen, {when} | {figures} | {limit} |"
 
 
 def interface() -> list[str]:
     """The table, each figure beside its limit."""
     seen = measured_session()
-    rows = [delay_row("waiting", seen.waiting_s), delay_row("taking steps", seen.taking_s)]
+    rows = [
+        delay_row("moving", seen.moving_s),
+        delay_row("taking steps", seen.taking_s),
+        delay_row("at rest, last digit changing", seen.waiting_s, "–"),
+    ]
     if os.name == "posix":
         start_s = statistics.median(first_screen_s() for _ in range(STARTS))
         rows.append(f"| start → home screen, whole process | {start_s:.2f} s | ≤ 1.0 s |")

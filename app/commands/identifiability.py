@@ -9,7 +9,9 @@ import typer
 
 from app.commands.options import AsJson, finite
 
-MachineName = Annotated[str, typer.Argument(help="Kind of machine.", show_default=False)]
+MachineName = Annotated[
+    str, typer.Argument(help="Kind of machine, as in orthoglide.", show_default=False)
+]
 Procedure = Annotated[
     str,
     typer.Option("--procedure", help="Procedure by name, or a .toml file.", show_default=False),
@@ -34,6 +36,13 @@ def identifiability(
     procedure: Procedure,
     machine_file: MachineFile = None,
     noise: Noise = None,
+    measured: Annotated[
+        str, typer.Option(help="Hexa Slide: what is measured, such as x,y,z,theta.")
+    ] = "",
+    postures: Annotated[
+        int | None, typer.Option(help="Hexa Slide: random postures.", min=1, max=10_000)
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of random postures.", min=0)] = 0,
     as_json: AsJson = False,
 ) -> None:
     """Which parameters a procedure can and cannot see, and what would help."""
@@ -42,6 +51,10 @@ def identifiability(
     from app.planning_documents import identifiability_document
     from app.wording.planning import identifiability_text
 
-    seen = seen_by(machine, Request(procedure, machine_file, noise))
+    components = tuple(part.strip() for part in measured.split(",")) if measured else ()
+    request = Request(
+        procedure, machine_file, noise, measured=components, postures=postures, seed=seed
+    )
+    seen = seen_by(machine, request)
     document = to_json(identifiability_document(seen)) if as_json else identifiability_text(seen)
     typer.echo(document)

@@ -79,7 +79,7 @@ class MeasureScreen(Corrections):
         self.plan = plan
         self.held = self._narrow = False
         self._lost: set[int] = set()
-        self._shown: Sequence[Live] = ()
+        self._shown: Sequence[Live | None] = [None for _ in guided.gauges]
         self._pressed_at = self._anyway_until = 0.0
         self._looked_at = time.time()
 
@@ -99,7 +99,7 @@ class MeasureScreen(Corrections):
         self.set_interval(AGES_S, self._look)
 
     def _show_news(self) -> None:
-        shown = self._shown or [None] * len(self.guided.gauges)
+        shown = [None if self.busy else live for live in self._shown]
         if any(map(Gauge.has_news, self.guided.gauges, shown)):
             self._show_live()
 

@@ -170,7 +170,7 @@ def change_text(cells: tuple[Cell, ...]) -> str:
     if after is None:
         return wrapped(
             f"Mean residuals {before:.1f} µm r.m.s., their noise {noise:.1f} µm, drawn twice "
-            "as large. Nothing was named that could be adopted."
+            "as large. This diagnosis names nothing to adopt."
         )
     return wrapped(
         f"Mean residuals {before:.1f} µm r.m.s. before, {after:.1f} µm after adopting what was "

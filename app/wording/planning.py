@@ -23,9 +23,10 @@ CRITERION_WORDS = {
 def identifiability_text(seen: SeenBy) -> str:
     """The sentence that matters, combinations with cures, then the classical test."""
     examined, found = seen.examined, seen.found
+    steps = "steps" if examined.fewest_postures is None else "postures"
     parts = [
         wrapped(
-            f"{seen.machine}, {examined.procedure}: {examined.posture_count} steps reading "
+            f"{seen.machine}, {examined.procedure}: {examined.posture_count} {steps} reading "
             f"{', '.join(examined.measured)}; noise {examined.noise_words}"
         ),
         wrapped(_verdict(seen)),
@@ -50,7 +51,11 @@ def _verdict(seen: SeenBy) -> str:
         words = f"{rank} of {count} combinations of the parameters are seen, {count - rank} not."
     known = ", ".join(seen.found.individually_known) or "none"
     words += f"\nParameters free of what is not seen: {known}."
-    if seen.limited_by == "too-few-postures":
+    words += f"\n{seen.examined.remark}" if seen.examined.remark else ""
+    fewest = seen.examined.fewest_postures
+    if seen.limited_by == "too-few-postures" and fewest is not None:
+        words += f"\nToo few postures: {fewest} or more are needed. Measure more postures."
+    elif seen.limited_by == "too-few-postures":
         words += (
             f"\nOnly {seen.examined.independent_count} differences for {count} parameters: "
             "measure more postures."
@@ -72,6 +77,8 @@ def _combinations(seen: SeenBy) -> str:
 
 
 def _cure(one: Combination) -> str:
+    if one.cure is None:
+        return "  No posture of this procedure shows it."
     half = COVERAGE * one.cure.standard_uncertainty
     return f"  Best single addition: {one.cure.where}; then ±{half:.3f} mm."
 

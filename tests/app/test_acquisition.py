@@ -16,7 +16,7 @@ def gauge() -> Gauge:
 
 
 def reading(value_mm: float, resolution_mm: float = 0.001) -> Reading:
-    return Reading(value_mm, resolution_mm, f"{value_mm}")
+    return Reading(f"{value_mm}", value_mm, resolution_mm, False)
 
 
 def urgent(shown: Live | None, outcome: Outcome) -> bool:
@@ -48,7 +48,7 @@ def test_nothing_waits_while_an_indicator_is_not_stable() -> None:
 
 
 def test_a_fault_and_the_end_of_one_cannot_wait() -> None:
-    silent = Fault(FaultKind.SILENT, "", "no answer")
+    silent = Fault(FaultKind.NO_ANSWER, "", "no answer")
     assert urgent(stable(reading(0.5)), silent)
     assert urgent(stable(silent), reading(0.5))
 

@@ -215,6 +215,30 @@ async def test_wide_terminal_shows_table_and_plot(tmp_path: Path) -> None:
         assert screen.query_one("#table").display
 
 
+async def test_a_terminal_that_is_too_small_says_so_until_it_is_not(tmp_path: Path) -> None:
+    async with measuring(tmp_path) as (pilot, _, screen):
+        await pilot.resize_terminal(60, 20)
+        await until(pilot, "words", lambda: "needs 80 × 24" in on(screen, "#said"))
+        await pilot.resize_terminal(80, 24)
+        await until(pilot, "no words", lambda: on(screen, "#said") == "")
+
+
+async def test_a_skipped_step_brought_back_from_another_leg_brings_its_zero(tmp_path: Path) -> None:
+    async with measuring(tmp_path) as (pilot, _, screen):
+        await take(pilot, screen)
+        screen.guided.skip(range(2, 11), "no time")
+        screen.proceed()
+        await take(pilot, screen)
+        await pilot.press("b", "2")
+        await until(pilot, "why", lambda: isinstance(screen.app.screen, TextDialog))
+        question = str(screen.app.screen.query_one(Static).content)
+        assert "Why is step 2 brought back?" in question
+        assert "2 steps are measured, to share one zero" in question
+        await pilot.press("o", "k", "enter")
+        await until(pilot, "back", lambda: screen.guided.step() == screen.guided.steps[0])
+        assert set(screen.guided.session.skipped) == set(range(3, 11))
+
+
 async def test_an_empty_reason_changes_nothing(tmp_path: Path) -> None:
     async with measuring(tmp_path) as (pilot, interface, screen):
         await take(pilot, screen)

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from app.planning import Cure, Examined, Pool, Request
+from calib.criteria import Criterion
 from calib.errors import CalibrationError
 from calib.hexaslide.procedures import COMPONENTS, Kind, Procedure
-from calib.hexaslide_planning import HexaSlide, enough_postures, fewest_postures, sensitivity
+from calib.hexaslide_planning import (
+    BestPostures,
+    HexaSlide,
+    best_postures,
+    enough_postures,
+    fewest_postures,
+    sensitivity,
+)
 from calib.observations import FloatArray
 from protocols.errors import UsageError
 from protocols.hexaslide_machine import load_hexaslide
+
+UNITS = "metres and radians, columns not scaled"
+COORDINATES = ("x_m", "y_m", "z_m", "theta_deg", "psi_deg", "phi_deg")
 
 PUBLISHED = {
     Kind.POSE_INVERSE: 49,
@@ -24,10 +37,10 @@ PUBLISHED = {
 """Ranks that papers/001, table 1, states."""
 
 WRONG = {
-    Kind.POSITION: "papers/001 counts 48; with exact derivatives it is 46: turning the frame of the "
-    "platform about its origin changes no position. 48 is also its number of rows, 16 × 3.",
-    Kind.CONSTRAINT_LINK: "papers/001 counts 46; with exact derivatives it is 48: only motions of "
-    "whole frames are lost, six of the platform and one of the base. 46 is also its number of rows.",
+    Kind.POSITION: "papers/001 counts 48; with exact derivatives it is 46: turning the frame of "
+    "the platform about its origin changes no position. 48 is also its number of rows, 16 × 3.",
+    Kind.CONSTRAINT_LINK: "papers/001 counts 46; with exact derivatives it is 48: only motions "
+    "of whole frames are lost, six of the platform, one of the base. 46 is also its row count.",
 }
 
 
@@ -75,7 +88,7 @@ class HexaSlidePlanning:
             posture_count=len(postures),
             independent_count=len(seen.jacobian),
             minutes=0.0,
-            units="metres and radians, columns not scaled",
+            units=UNITS,
             noise_words="not known, it decides nothing here",
             source=f"random in the box, seed {self.request.seed}",
             fewest_postures=fewest_postures(self.procedure, self.machine),
@@ -100,6 +113,58 @@ class HexaSlidePlanning:
     def cures(self, vectors: Sequence[FloatArray]) -> tuple[Cure | None, ...]:
         """None: what is lost is lost at every posture."""
         return (None,) * len(vectors)
+
+
+@dataclass(frozen=True, eq=False)
+class BoxedPostures:
+    """The best postures found in the box, and how long all searches took."""
+
+    procedure: Procedure
+    best: BestPostures
+    seed: int
+    seconds: float
+
+
+def boxed_postures(
+    request: Request, count: int, criterion: Criterion, *, seed: int, starts: int
+) -> BoxedPostures:
+    """The best ``count`` postures. Raises UsageError, RecordError, NotIdentifiable for too few."""
+    if criterion is Criterion.TOOL_VARIANCE:
+        raise UsageError("--criterion", criterion.value, "the other five for the hexaslide")
+    planned = HexaSlidePlanning.of(request)
+    begin = time.perf_counter()
+    best = best_postures(
+        planned.procedure, planned.machine, count, criterion, seed=seed, starts=starts
+    )
+    return BoxedPostures(planned.procedure, best, seed, time.perf_counter() - begin)
+
+
+def boxed_document(found: BoxedPostures) -> dict[str, Any]:
+    """Schema ``glidecal.postures/1``."""
+    best = found.best
+    return {
+        "schema": "glidecal.postures/1",
+        "machine": "hexaslide",
+        "procedure": found.procedure.kind.value,
+        "count": len(best.refined.coordinates),
+        "criterion": best.criterion.value,
+        "value": best.refined.value,
+        "rank": best.rank,
+        "condition_number": best.condition_number,
+        "start_condition_number": best.start_condition_number,
+        "units": UNITS,
+        "postures": [_coordinates(posture) for posture in best.refined.coordinates],
+        "coordinates_on_bound": best.refined.on_bound,
+        "seconds": found.seconds,
+        "starts": len(best.values),
+        "values_of_starts": list(best.values),
+        "seed": found.seed,
+    }
+
+
+def _coordinates(posture: FloatArray) -> dict[str, float]:
+    places = [*posture[:3], *np.degrees(posture[3:])]
+    return {name: float(value) for name, value in zip(COORDINATES, places, strict=True)}
 
 
 def _not_yet() -> UsageError:

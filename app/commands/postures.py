@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,6 +16,9 @@ from app.commands.identifiability import (
     Procedure,
 )
 from app.commands.options import AsJson, finite, say
+
+if TYPE_CHECKING:
+    from app.planning import Request as Asked
 
 
 class CriterionName(StrEnum):
@@ -65,6 +68,10 @@ def postures(
     from calib.criteria import Criterion
 
     request = Request(procedure, machine_file, noise, mounting_seconds / 60.0)
+    if machine == "hexaslide":
+        _refuse_lists(repeats or common or budget is not None or output is not None)
+        _boxed(request, count, criterion, seed, starts, as_json=as_json)
+        return
     chosen = optimum_postures(
         machine,
         request,
@@ -80,3 +87,26 @@ def postures(
         for path in write_procedures(chosen, output):
             say(f"procedure written to {path}")
     typer.echo(to_json(postures_document(chosen)) if as_json else postures_text(chosen))
+
+
+def _refuse_lists(asked: bool) -> None:
+    """Raises UsageError for options that belong to a list of candidates."""
+    from protocols.errors import UsageError
+
+    if asked:
+        raise UsageError(
+            "--budget, --repeats, --common and --output", "the machine hexaslide", "orthoglide"
+        )
+
+
+def _boxed(
+    request: Asked, count: int, criterion: CriterionName, seed: int, starts: int, *, as_json: bool
+) -> None:
+    """Postures anywhere in the box of a Hexa Slide."""
+    from app.documents import to_json
+    from app.planning_hexaslide import boxed_document, boxed_postures
+    from app.wording.hexaslide import boxed_text
+    from calib.criteria import Criterion
+
+    found = boxed_postures(request, count, Criterion(criterion.value), seed=seed, starts=starts)
+    typer.echo(to_json(boxed_document(found)) if as_json else boxed_text(found))

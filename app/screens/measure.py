@@ -41,6 +41,9 @@ FRAME_S = 1 / 30
 AGES_S = 0.2
 """Ages, stale indicators and last digits that flicker are looked at so often."""
 
+CALM_S = 1.0
+"""After so long of standing still a last digit that flickers may wait for `AGES_S`."""
+
 LEAST_SIZE = Size(80, 24)
 HELD_KEY_S = 0.15
 """Presses that follow this closely are one held key."""
@@ -80,7 +83,7 @@ class MeasureScreen(Corrections):
         self.held = self._narrow = False
         self._lost: set[int] = set()
         self._shown: Sequence[Live | None] = [None for _ in guided.gauges]
-        self._pressed_at = self._anyway_until = 0.0
+        self._pressed_at = self._anyway_until = self._moved_at = 0.0
         self._looked_at = time.time()
 
     def compose(self) -> ComposeResult:
@@ -99,7 +102,8 @@ class MeasureScreen(Corrections):
         self.set_interval(AGES_S, self._look)
 
     def _show_news(self) -> None:
-        shown = [None if self.busy else live for live in self._shown]
+        calm = time.monotonic() - self._moved_at > CALM_S
+        shown = [live if calm else None for live in self._shown]
         if any(map(Gauge.has_news, self.guided.gauges, shown)):
             self._show_live()
 
@@ -138,6 +142,8 @@ class MeasureScreen(Corrections):
     def _show_live(self) -> None:
         states = [gauge.live() for gauge in self.guided.gauges]
         self._shown = states
+        if self.busy or any(live.motion is not Motion.STABLE for live in states):
+            self._moved_at = time.monotonic()
         self.view.show_live(states)
         self._tell_lost_and_found(states)
         pressed = [gauge.button_pressed() for gauge in self.guided.gauges]

@@ -65,8 +65,12 @@ def _verdict(seen: SeenBy) -> str:
 
 def _combinations(seen: SeenBy) -> str:
     lines = []
+    enough = seen.limited_by == "nothing"
+    without = (
+        f"  {'No posture of this procedure shows' if enough else 'More postures may show'} it."
+    )
     for one in seen.lost:
-        lines += [f"NOT SEEN: {one.name}.", _cure(one)]
+        lines += [f"NOT SEEN: {one.name}.", _cure(one, without)]
     for one in seen.weak:
         half, tool = COVERAGE * (one.standard_uncertainty or 0.0), COVERAGE * (one.tool_mm or 0.0)
         lines.append(
@@ -76,9 +80,9 @@ def _combinations(seen: SeenBy) -> str:
     return wrapped("\n".join(lines))
 
 
-def _cure(one: Combination) -> str:
+def _cure(one: Combination, without: str = "") -> str:
     if one.cure is None:
-        return "  No posture of this procedure shows it."
+        return without
     half = COVERAGE * one.cure.standard_uncertainty
     return f"  Best single addition: {one.cure.where}; then ±{half:.3f} mm."
 

@@ -1,0 +1,1 @@
+"""The Hexa Slide: six sliders on fixed rails, six links, one platform with six freedoms."""

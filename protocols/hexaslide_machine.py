@@ -1,0 +1,111 @@
+"""The machine file of a Hexa Slide: six chains, the box of its postures, a constraint link."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from calib.errors import CalibrationError
+from calib.hexaslide.geometry import NOT_UNIT, Box, ConstraintLink, Geometry
+from calib.hexaslide.kinematics import inverse
+from protocols.documents import Document, read_toml
+
+Coordinate = Annotated[float, Field(ge=-1000.0, le=1000.0)]
+Point = tuple[Coordinate, Coordinate, Coordinate]
+Length = Annotated[float, Field(gt=0.0, le=1000.0)]
+Range = tuple[Coordinate, Coordinate]
+
+
+class Chain(Document):
+    """One chain, lengths in metres; ``rail`` is a unit vector, ``joint_m`` on the platform."""
+
+    start_m: Point
+    rail: Point
+    joint_m: Point
+    link_m: Length
+
+    @field_validator("rail")
+    @classmethod
+    def _unit(cls, rail: Point) -> Point:
+        square = sum(part * part for part in rail)
+        if abs(square - 1.0) > NOT_UNIT:
+            raise ValueError(f"a unit vector; this one has the length {square**0.5:.10g}")
+        return rail
+
+
+class PostureBox(Document):
+    """Bounds of the postures, lower before upper."""
+
+    x_m: Range
+    y_m: Range
+    z_m: Range
+    theta_deg: Range
+    psi_deg: Range
+    phi_deg: Range
+
+
+class LinkEnds(Document):
+    """Ends of the constraint link in the frames of platform and base, and its length, metres."""
+
+    platform_end_m: Point
+    base_end_m: Point
+    length_m: Length
+
+
+class HexaSlideMachine(Document):
+    """One Hexa Slide; checked to reach all of its box."""
+
+    schema_id: Literal["glidecal.hexaslide/1"] = Field(
+        alias="schema", default="glidecal.hexaslide/1"
+    )
+    name: str
+    chain: Annotated[tuple[Chain, ...], Field(min_length=6, max_length=6)]
+    box: PostureBox
+    constraint_link: LinkEnds | None = None
+
+    @model_validator(mode="after")
+    def _possible(self) -> HexaSlideMachine:
+        try:
+            inverse(self.geometry(), self.posture_box().grid())
+        except CalibrationError as problem:
+            raise ValueError(str(problem)) from problem
+        return self
+
+    def geometry(self) -> Geometry:
+        """The geometry for the mathematics. Raises CalibrationError."""
+        return Geometry(
+            np.array([one.start_m for one in self.chain]),
+            np.array([one.rail for one in self.chain]),
+            np.array([one.joint_m for one in self.chain]),
+            np.array([one.link_m for one in self.chain]),
+        )
+
+    def posture_box(self) -> Box:
+        """The box in metres and radians. Raises CalibrationError."""
+        own = self.box
+        places = np.array([own.x_m, own.y_m, own.z_m])
+        angles = np.radians([own.theta_deg, own.psi_deg, own.phi_deg])
+        lower, upper = np.vstack([places, angles]).T
+        return Box(lower, upper)
+
+    def link(self) -> ConstraintLink | None:
+        """The constraint link, if there is one."""
+        ends = self.constraint_link
+        if ends is None:
+            return None
+        return ConstraintLink(
+            np.array(ends.platform_end_m), np.array(ends.base_end_m), ends.length_m
+        )
+
+
+def load_hexaslide(path: Path | None = None) -> HexaSlideMachine:
+    """The machine of a TOML file; without one the example H60. Raises RecordError."""
+    if path is not None:
+        return read_toml(path, HexaSlideMachine, "machine file")
+    folder = resources.files("protocols") / "machines"
+    with resources.as_file(folder / "hexaslide-h60.toml") as found:
+        return read_toml(found, HexaSlideMachine, "machine file")

@@ -1,0 +1,248 @@
+"""The Hexa Slide: kinematics, exact derivatives, true ranks and what is lost, on any geometry."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+
+from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
+from calib.hexaslide.geometry import Box, ConstraintLink, Geometry
+from calib.hexaslide.kinematics import forward, inverse, rotation
+from calib.hexaslide.parameters import NAMES, values, with_values
+from calib.hexaslide.procedures import (
+    COMPONENTS,
+    Kind,
+    Procedure,
+    jacobian,
+    jacobian_and_slopes,
+    slider_slopes,
+)
+from calib.hexaslide_planning import (
+    HexaSlide,
+    best_postures,
+    enough_postures,
+    fewest_postures,
+    reachable,
+    sensitivity,
+)
+from calib.observations import FloatArray
+from protocols.hexaslide_machine import load_hexaslide
+
+GEOMETRIES = 100 if os.environ.get("GLIDECAL_FUZZ") else 20
+RANKS = {
+    Kind.POSE_INVERSE: (49, 49, 9),
+    Kind.POSE_FORWARD: (49, 49, 9),
+    Kind.POSITION: (46, 49, 16),
+    Kind.CONSTRAINT_LINK: (48, 55, 48),
+}
+TINY = 1e-30
+
+
+def example() -> HexaSlide:
+    machine = load_hexaslide()
+    return HexaSlide(machine.geometry(), machine.posture_box(), machine.link())
+
+
+H60 = example()
+
+
+def random_machine(seed: int) -> HexaSlide:
+    """H60 with every parameter and both ends of the link disturbed by centimetres."""
+    generator = np.random.default_rng(seed)
+    moved = values(H60.geometry) + generator.uniform(-0.04, 0.04, len(NAMES))
+    assert H60.link is not None
+    shifts = generator.uniform(-0.05, 0.05, (2, 3))
+    ends = (H60.link.platform_end + shifts[0], H60.link.base_end + shifts[1])
+    half = (H60.box.upper - H60.box.lower) / 4.0
+    box = Box(H60.box.centre - half, H60.box.centre + half)
+    return HexaSlide(with_values(H60.geometry, moved), box, ConstraintLink(*ends, 0.55))
+
+
+def some(machine: HexaSlide, count: int) -> FloatArray:
+    return machine.box.random(count, np.random.default_rng(7))
+
+
+def test_rotation_is_that_of_the_paper() -> None:
+    found = rotation(np.radians([[10.0, -5.0, 20.0]]))[0]
+    expected = [
+        [0.9202403, -0.35104581, 0.17298739],
+        [0.34071865, 0.93611681, 0.08715574],
+        [-0.19253206, -0.02126419, 0.98106026],
+    ]
+    assert found == pytest.approx(np.array(expected), abs=5e-9)
+
+
+def test_sliders_of_the_middle_posture() -> None:
+    expected = [
+        0.4094415081753665,
+        0.39791084805408805,
+        0.364938449787372,
+        0.3707538789083237,
+        0.43454930815897264,
+        0.4402516678178078,
+    ]
+    found = inverse(H60.geometry, np.array([[0.0, -0.8, -1.15, 0.0, 0.0, 0.0]]))[0]
+    assert found == pytest.approx(expected, abs=1e-14)
+
+
+def test_derivatives_of_the_third_slider() -> None:
+    posture = np.array([[-0.123, -0.654, -1.234, 0.1, -0.2, 0.3]])
+    row = slider_slopes(H60.geometry, posture)[1][0, 2]
+    own = [
+        row[NAMES.index(f"{part}3")]
+        for part in ["Bx", "By", "Bz", "Ax", "Ay", "Az", "ax", "ay", "l"]
+    ]
+    expected = [0.44287273, 0.35823036, -0.85456074, -0.22264667, -0.29390269]
+    expected += [0.9585348, 0.10379773, -0.00695604, -1.02700502]
+    assert own == pytest.approx(expected, abs=1e-8)
+
+
+def test_forward_kinematics_returns_everywhere_in_the_box() -> None:
+    postures = np.vstack([H60.box.grid(), some(H60, 500)])
+    sliders = inverse(H60.geometry, postures)
+    found = forward(H60.geometry, sliders, H60.box)
+    assert np.abs(found - postures).max() < 1e-12
+    assert np.abs(inverse(H60.geometry, found) - sliders).max() < 1e-12
+
+
+def test_outside_the_reachable_space_both_ways_refuse() -> None:
+    with pytest.raises(UnreachablePosture, match="does not reach its rail"):
+        inverse(H60.geometry, np.array([[2.0, 0.0, 0.0, 0.0, 0.0, 0.0]]))
+    with pytest.raises(UnreachablePosture, match="slider positions"):
+        forward(H60.geometry, np.array([[3.0, 0.0, 0.0, -3.0, 0.0, 0.0]]), H60.box)
+
+
+def test_implicit_derivatives_are_those_of_a_complex_step() -> None:
+    """Through inverse and forward kinematics, which know nothing of the theorem."""
+    machine = random_machine(3)
+    postures, parameters = some(machine, 4), values(machine.geometry)
+    sliders = inverse(machine.geometry, postures)
+    inverse_rows = np.empty((4, 6, 49))
+    forward_rows = np.empty((4, 6, 49))
+    for k in range(49):
+        step = parameters.astype(complex)
+        step[k] += 1j * TINY
+        changed = with_values(machine.geometry, step)
+        inverse_rows[..., k] = inverse(changed, postures.astype(complex)).imag / TINY
+        moved = forward(changed, sliders.astype(complex), machine.box)
+        forward_rows[..., k] = moved.imag / TINY
+    for kind, expected in (
+        (Kind.POSE_INVERSE, inverse_rows),
+        (Kind.POSE_FORWARD, forward_rows),
+        (Kind.POSITION, forward_rows[:, :3]),
+    ):
+        found = jacobian(Procedure.of(kind), machine.geometry, postures)
+        assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
+
+
+def test_link_derivatives_are_those_of_a_complex_step() -> None:
+    machine = random_machine(4)
+    postures, link = some(machine, 4), machine.link
+    assert link is not None
+    procedure = Procedure(Kind.CONSTRAINT_LINK, length_known=False)
+    found = jacobian(procedure, machine.geometry, postures, link)[:, 0]
+    sliders = inverse(machine.geometry, postures).astype(complex)
+    start = np.concatenate([values(machine.geometry), link.platform_end, link.base_end])
+    for k in range(55):
+        step = start.astype(complex)
+        step[k] += 1j * TINY
+        poses = forward(with_values(machine.geometry, step[:49]), sliders, machine.box)
+        apart = poses[:, :3] + rotation(poses[:, 3:]) @ step[49:52] - step[52:]
+        expected = np.sqrt((apart * apart).sum(axis=1)).imag / TINY
+        assert found[:, k] == pytest.approx(expected, abs=1e-12 * np.abs(found).max())
+    assert (found[:, 55] == -1.0).all()
+
+
+def test_slopes_by_the_posture_agree_with_differences() -> None:
+    postures = some(H60, 3)
+    for kind in Kind:
+        procedure = Procedure.of(kind)
+        rows, slopes = jacobian_and_slopes(procedure, H60.geometry, postures, H60.link)
+        plain = jacobian(procedure, H60.geometry, postures, H60.link)
+        assert rows == pytest.approx(plain, abs=1e-13)
+        for d in range(6):
+            shift = 1e-5 * np.eye(6)[d]
+            high = jacobian(procedure, H60.geometry, postures + shift, H60.link)
+            low = jacobian(procedure, H60.geometry, postures - shift, H60.link)
+            assert slopes[..., d] == pytest.approx((high - low) / 2e-5, abs=2e-6)
+
+
+def test_forward_rows_are_inverse_rows_turned_and_blocks_have_their_ranks() -> None:
+    postures = some(H60, 9)
+    by_posture, by_parameter = slider_slopes(H60.geometry, postures)
+    found = jacobian(Procedure.of("pose-forward"), H60.geometry, postures)
+    expected = -np.linalg.inv(by_posture) @ by_parameter
+    assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
+    ranks = [np.linalg.matrix_rank(by_parameter[:, chain], rtol=1e-9) for chain in range(6)]
+    assert ranks == [6, 7, 9, 9, 9, 9]
+    assert jacobian(Procedure.of("position"), H60.geometry, postures) == pytest.approx(found[:, :3])
+
+
+@pytest.mark.parametrize("seed", range(GEOMETRIES))
+def test_ranks_gaps_and_lost_motions_on_any_geometry(seed: int) -> None:
+    machine = random_machine(seed)
+    for kind, (rank, count, _) in RANKS.items():
+        seen = sensitivity(
+            Procedure.of(kind), machine, enough_postures(Procedure.of(kind), machine)
+        )
+        found = reachable(Procedure.of(kind), machine)
+        assert (found.rank, len(found.names)) == (rank, count)
+        if rank == count:
+            continue
+        scaled = seen.jacobian / np.linalg.norm(seen.jacobian, axis=0)
+        singular = np.linalg.svd(scaled, compute_uv=False)
+        assert singular[rank - 1] > 1e9 * singular[rank]
+        motions = 3 if kind is Kind.POSITION else 7
+        names = [one.combination for one in found.unseen]
+        known = [name for name, _ in seen.motions]
+        assert names == known[:motions]
+        named = np.array([vector for _, vector in seen.motions[:motions]])
+        null = np.linalg.qr(found.unseen_vectors.T)[0]
+        own = np.linalg.qr(named.T)[0]
+        assert np.linalg.norm(own - null @ (null.T @ own), 2) < 1e-8
+
+
+@pytest.mark.parametrize("kind", list(Kind))
+def test_fewest_postures(kind: Kind) -> None:
+    assert fewest_postures(Procedure.of(kind), H60) == RANKS[kind][2]
+
+
+def test_measured_subsets_and_what_they_lose() -> None:
+    tilt = reachable(Procedure.of("pose-forward", ("x", "y", "z", "theta")), H60)
+    assert tilt.rank == 48
+    assert [one.combination for one in tilt.unseen] == ["platform frame turned about its Z"]
+    angles = reachable(Procedure.of("pose-forward", COMPONENTS[3:]), H60)
+    shifts = [f"platform frame shifted along its {axis}" for axis in "XYZ"]
+    assert [one.combination for one in angles.unseen][:3] == shifts
+
+
+def test_individually_known_parameters_with_positions_only() -> None:
+    found = reachable(Procedure.of("position"), H60)
+    assert len(found.individually_known) == 31
+    assert not [name for name in found.individually_known if name.startswith("B")]
+
+
+@pytest.mark.parametrize(("kind", "limit"), [(Kind.POSE_INVERSE, 55.0), (Kind.POSE_FORWARD, 500.0)])
+def test_best_postures_are_far_better_than_random_ones(kind: Kind, limit: float) -> None:
+    found = best_postures(Procedure.of(kind), H60, 9, starts=2)
+    assert found.condition_number < limit < found.start_condition_number / 10.0
+    rows = jacobian(Procedure.of(kind), H60.geometry, found.refined.coordinates)
+    assert np.linalg.cond(rows.reshape(-1, 49)) == pytest.approx(found.condition_number, rel=1e-6)
+    inside = found.refined.coordinates
+    assert ((inside >= H60.box.lower) & (inside <= H60.box.upper)).all()
+
+
+def test_wrong_input_is_refused() -> None:
+    with pytest.raises(NotIdentifiable, match="16 or more"):
+        best_postures(Procedure.of("position"), H60, 15)
+    with pytest.raises(CalibrationError, match="different ones of x, y, z"):
+        Procedure.of("position", ("x", "roll"))
+    own = H60.geometry
+    with pytest.raises(CalibrationError, match="a unit vector"):
+        Geometry(own.base, 1.1 * own.rails, own.platform, own.links)
+    with pytest.raises(CalibrationError, match="six chains"):
+        Geometry(own.base[:5], own.rails[:5], own.platform[:5], own.links[:5])
+    with pytest.raises(CalibrationError, match="positive lengths"):
+        Geometry(own.base, own.rails, own.platform, -own.links)

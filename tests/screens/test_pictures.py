@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 from textual.pilot import Pilot
 from textual.screen import Screen
-from textual.widgets import Input, OptionList, Static, TabbedContent
+from textual.widgets import Input, OptionList, Sparkline, Static, TabbedContent
 
 from app.bench import BenchSettings
 from app.demo import demo_plan
@@ -192,7 +192,9 @@ async def test_replay(samples: Path, tmp_path: Path) -> None:
     async with interface.run_test(size=WIDE) as pilot:
         await until(pilot, "a replay", lambda: isinstance(interface.screen, ReplayScreen))
         await pilot.press("j", *"8", "enter")
-        await until(pilot, "step 8", lambda: "LEG X" in text(interface, "#step"))
+        await until(pilot, "step 8", lambda: "step 8 of" in text(interface, "#progress"))
+        trends = interface.screen.query(Sparkline)
+        await until(pilot, "trends", lambda: all(trend.data for trend in trends))
         assert "simulated_zero-max-min.jsonl" in text(interface, "#progress")
         assert "along Y" in str(interface.screen.query_one(ChartPlot).render())
         await compare(pilot, interface, "replay", tmp_path)

@@ -1,0 +1,23 @@
+"""The alias map in words."""
+
+from __future__ import annotations
+
+from app.wording.aliases import alias_text
+from calib.diagnosis.aliases import AliasMap, Imitation
+
+
+def test_an_effect_that_imitates_in_several_sizes_is_named_once() -> None:
+    squareness, cyclic, play = (
+        ("axis_squareness", "xy"),
+        ("actuator_cyclic", "z"),
+        ("backlash", "y"),
+    )
+    by = (cyclic, cyclic, play, cyclic)
+    found = AliasMap(
+        effects=(squareness, cyclic, play),
+        imitations=tuple(Imitation(squareness, each, 0.99, 4.0) for each in by),
+        invisible=(),
+    )
+    said = " ".join(alias_text(found).split())
+    assert said.endswith("axis_squareness (xy): actuator_cyclic (z), backlash (y)")
+    assert "3 effects and places; 1 of them" in said

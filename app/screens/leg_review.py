@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from textual.app import ComposeResult
-from textual.binding import BindingType
+from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
 from textual.events import Resize
 from textual.screen import ModalScreen
@@ -26,8 +26,8 @@ UNATTENDED_S = 1.0
 """How long an unattended demonstration shows the review."""
 
 
-class LegReviewScreen(ModalScreen[None]):
-    """Look, then go on to the next leg."""
+class LegReviewScreen(ModalScreen[bool]):
+    """Look, then go on to the next leg; dismissed with whether the session shall be on hold."""
 
     HELP = (
         "Scatter: standard deviation of a reading among the repeats of its posture.\n"
@@ -36,9 +36,10 @@ class LegReviewScreen(ModalScreen[None]):
         "Drift shows there, and a stand that slipped."
     )
     BINDINGS: ClassVar[list[BindingType]] = [
-        ("space", "dismiss(None)", "Go on"),
-        ("enter", "dismiss(None)", "Go on"),
-        ("escape", "dismiss(None)", "Go on"),
+        ("space", "dismiss(False)", "Go on"),
+        ("enter", "dismiss(False)", "Go on"),
+        ("escape", "dismiss(False)", "Go on"),
+        Binding("p", "dismiss(True)", "Hold", id="measure.hold"),
     ]
 
     def __init__(self, session: Session, step: Step, *, unattended: bool = False) -> None:
@@ -55,7 +56,7 @@ class LegReviewScreen(ModalScreen[None]):
         with Horizontal(classes="wide-dialog"):
             with VerticalScroll(id="review"):
                 yield Static(text, id="review-text", markup=False)
-                yield Static("Space goes on.", markup=False)
+                yield Static("Space goes on, P holds the session.", markup=False)
             yield ChartPlot(readings_by_posture(self._session, self._step), plot_id="review-chart")
 
     def on_mount(self) -> None:
@@ -68,4 +69,4 @@ class LegReviewScreen(ModalScreen[None]):
 
     def _go_on(self) -> None:
         if self.is_current:
-            self.dismiss(None)
+            self.dismiss(False)

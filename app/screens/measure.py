@@ -250,7 +250,12 @@ class MeasureScreen(Corrections):
         self._show_step()
         unattended = self.automatic and self.plan.simulated
         review = LegReviewScreen(self.guided.session, step, unattended=unattended)
-        self.ask(review, lambda _: self.proceed())
+        self.ask(review, self._reviewed)
+
+    def _reviewed(self, hold: bool | None) -> None:
+        if hold and not self.held:
+            self.action_hold()
+        self.proceed()
 
     def refused(self, text: str) -> None:
         self.busy = self.automatic = False

@@ -147,17 +147,28 @@ async def test_skip_one_step_and_the_rest_of_a_leg(tmp_path: Path) -> None:
 
 async def test_hold_takes_nothing(tmp_path: Path) -> None:
     async with measuring(tmp_path) as (pilot, _, screen):
-        await pilot.press("a", "p")
-        await pilot.pause(0.5)
-        assert "ON HOLD" in on(screen, "#progress")
-        taken = len(screen.guided.session.done())
+        await pilot.press("p")
+        await until(pilot, "hold", lambda: "ON HOLD" in on(screen, "#progress"))
+        await pilot.press("a")
+        await until(pilot, "stillness", screen.ready_by_hand)
         await pilot.press("space")
         await pilot.pause(0.5)
-        assert len(screen.guided.session.done()) == taken
+        assert screen.guided.session.done() == set()
         assert "On hold" in on(screen, "#said")
         await pilot.press("p")
-        await until(pilot, "goes on", lambda: len(screen.guided.session.done()) > taken)
+        await until(pilot, "goes on", lambda: len(screen.guided.session.done()) > 0)
         assert notes(screen) == ["on hold", "goes on"]
+
+
+async def test_hold_while_an_unattended_review_is_shown(tmp_path: Path) -> None:
+    async with measuring(tmp_path) as (pilot, interface, screen):
+        await pilot.press("a")
+        await until(pilot, "review", lambda: isinstance(interface.screen, LegReviewScreen))
+        await pilot.press("p")
+        await until(pilot, "hold", lambda: interface.screen is screen and screen.held)
+        assert "ON HOLD" in on(screen, "#progress")
+        assert "LEG Y   ZERO" in on(screen, "#step")
+        assert notes(screen) == ["on hold"]
 
 
 async def test_a_computer_that_slept_holds_the_session(

@@ -72,6 +72,7 @@ class Gauge:
         self._slot = 0.0
         self._span: tuple[float, float] | None = None
         self._heard: deque[tuple[float, Outcome]] = deque(maxlen=HISTORY)
+        self._latest: Outcome | None = None
         self._pressed = False
         self._news = False
         self._line = IndicatorLine(
@@ -103,6 +104,7 @@ class Gauge:
             else:
                 self._slot = now
                 self._heard.append((now, outcome))
+            self._latest = outcome
         self._news = True
 
     def press(self, _: Outcome) -> None:
@@ -147,7 +149,8 @@ class Gauge:
             heard = tuple(self._heard)
         now = time.monotonic()
         if not heard:
-            return Live(None, 0.0, Motion.WAITING, ())
+            age_s = now - self._slot if self._latest else 0.0
+            return Live(self._latest, age_s, Motion.WAITING, ())
         at, outcome = heard[-1]
         trend = tuple(o.value_mm for _, o in heard if isinstance(o, Reading))
         return Live(outcome, now - at, self._motion(heard, now), trend)

@@ -42,7 +42,7 @@ class SessionView(Vertical):
 
     def show_progress(self, text: str) -> None:
         """The line at the top."""
-        self.query_one("#progress", Static).update(text)
+        self.query_one("#progress", Static).update(text, layout=False)
 
     def show_step(self, session: Session, steps: Sequence[Step], step: Step | None) -> None:
         """The present step, the list around it, the leg so far."""
@@ -50,8 +50,9 @@ class SessionView(Vertical):
         self.query_one(StepList).show(steps, step, session, geometry)
         if step is None:
             return
-        self.query_one("#step", Static).update(step_text(step, session))
-        self.query_one("#table", Static).update(leg_table_text(leg_rows(session, step), geometry))
+        self.query_one("#step", Static).update(step_text(step, session), layout=False)
+        table = leg_table_text(leg_rows(session, step), geometry)
+        self.query_one("#table", Static).update(table, layout=False)
         self.query_one(ChartPlot).show(readings_by_posture(session, step))
         for display, axis in zip(self._displays, step.axes, strict=False):
             display.border_title = f"along {axis.upper()}, mm"
@@ -62,8 +63,11 @@ class SessionView(Vertical):
             display.show(live)
 
     def say(self, text: str) -> None:
-        """One line of what happened last."""
-        self.query_one("#said", Static).update(text)
+        """What happened last, in one line; only a longer text moves what stands below it."""
+        said = self.query_one("#said", Static)
+        room = said.content_size.width
+        grows = max(len(text), len(str(said.content))) > room or "\n" in text
+        said.update(text, layout=grows)
 
     def toggle_plot(self) -> None:
         """Show the plot in the place of the table, or the table again (narrow terminals)."""

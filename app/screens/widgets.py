@@ -108,4 +108,4 @@ class StepList(Static):
             mark = ">" if now and step.number == now.number else mark
             posture = step.posture(geometry)
             lines.append(f"{mark} {step.number:>3} {step.leg.upper()} {posture} {step.cycle}")
-        self.update("\n".join(lines))
+        self.update("\n".join(lines), layout=False)

@@ -18,8 +18,8 @@ from protocols.errors import RecordError, UsageError
 from protocols.table import NUMBER
 
 UNKNOWN_HOME_OFFSET = (
-    "nobody stated the present HOME_OFFSET, 0 was assumed for every joint; give --ini or "
-    "--home-offset, or state it in the machine file."
+    "nobody stated the present HOME_OFFSET, 0 was assumed for every joint; state it in the "
+    "machine file, or give --ini or --home-offset to glidecal export."
 )
 MILLIMETRES = ("mm", "metric")
 LARGEST_MM = 100_000.0

@@ -23,6 +23,7 @@ from app.wording.session import check_text
 from calib.errors import GlidecalError
 
 REFRESH_S = 0.1
+OPENING = "Opening the indicators …"
 
 
 class CheckScreen(Screen[None]):
@@ -33,6 +34,7 @@ class CheckScreen(Screen[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "begin", "Begin", id="check.begin"),
         Binding("f5", "begin", "Begin", show=False, id="check.begin-too"),
+        Binding("r", "retry", "Try again", id="check.retry"),
         Binding("escape", "back", "Back", id="check.back"),
         Binding("f10", "app.quit", "Quit", id="check.quit"),
     ]
@@ -45,7 +47,7 @@ class CheckScreen(Screen[None]):
 
     def compose(self) -> ComposeResult:
         yield Header()
-        yield Static("Opening the indicators …", id="words", markup=False)
+        yield Static(OPENING, id="words", markup=False)
         with Horizontal(id="gauges"):
             for number in range(len(self._plan.axes)):
                 yield GaugeDisplay(f"indicator {number + 1}", f"gauge{number}")
@@ -65,7 +67,8 @@ class CheckScreen(Screen[None]):
 
     def _refused(self, problem: GlidecalError) -> None:
         self._problem = problem
-        self.query_one("#words", Static).update(f"{problem}\n\nEscape goes back.")
+        self.query_one("#words", Static).update(f"{problem}\n\nR tries again, Escape goes back.")
+        self.refresh_bindings()
 
     def _opened(self, indicators: Indicators) -> None:
         self.app.indicators = indicators
@@ -83,8 +86,17 @@ class CheckScreen(Screen[None]):
                 display.show(gauge.live())
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Begin is offered once the indicators are open."""
+        """Begin is offered once the indicators are open, another try where they did not open."""
+        if action == "retry":
+            return self._problem is not None
         return action != "begin" or self.app.indicators is not None
+
+    def action_retry(self) -> None:
+        """Open the indicators again: a cable was plugged in meanwhile."""
+        self._problem = None
+        self.query_one("#words", Static).update(OPENING)
+        self.refresh_bindings()
+        self._open()
 
     def action_begin(self) -> None:
         """Start or continue the record and go measuring."""

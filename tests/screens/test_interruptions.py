@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -50,6 +51,28 @@ async def test_a_port_that_is_not_there_is_said_in_words(tmp_path: Path) -> None
         await pilot.press("escape")
     assert interface.return_code == 4
     assert "no such port" in str(interface.return_value)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a device path that appears needs POSIX")
+async def test_a_cable_plugged_in_later_is_found_by_another_try(tmp_path: Path) -> None:
+    from protocols.machine import Instrument
+
+    plugged = tmp_path / "tty"
+    late = Instrument(profile="mitutoyo-01a", port=str(plugged))
+    plan = replace(quick_plan(tmp_path), instruments=(late,))
+    interface = Interface(CheckScreen(plan))
+    with TwinPort(MITUTOYO_01A.make_twin(Spindle(lambda: 0.5, 0.001)), "pty") as port:
+        async with interface.run_test(size=SIZE) as pilot:
+            await until(pilot, "words", lambda: "R tries again" in text(interface, "#words"))
+            await pilot.press("enter")
+            assert isinstance(interface.screen, CheckScreen), "nothing to begin with"
+            plugged.symlink_to(port.url)
+            await pilot.press("r")
+            screen = await to_measuring(pilot, interface)
+            await take(pilot, screen)
+            assert screen.guided.session.done() == {1}
+            await pilot.press("f10")
+    assert interface.return_code == 0
 
 
 async def test_indicator_fault_is_not_taken(

@@ -48,6 +48,10 @@ def solution_document(solved: Solved) -> dict[str, Any]:
             }
             for suspect in solved.suspects
         ],
+        "lost_readings": [
+            {"session": alone.session, "readings": [r.reading for r in alone.readings]}
+            for alone in solved.alone
+        ],
         "tool_error": {
             "before": _tool_error(solved.tool_before),
             "after": _tool_error(solved.tool_after),

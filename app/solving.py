@@ -35,7 +35,8 @@ class Solved:
 
     ``tool_before`` is the tool's error with what the controller holds now, ``tool_after`` what is
     expected with the solution entered; ``enlarged`` is the factor on every uncertainty if what the
-    model leaves is counted as noise. ``suspects`` do not fit their own repeats.
+    model leaves is counted as noise. ``suspects`` do not fit their own repeats; those
+    ``alone`` have no other posture to compare with.
     """
 
     names: tuple[str, ...]
@@ -47,6 +48,15 @@ class Solved:
     tool_after: ToolError
     enlarged: float
     suspects: tuple[Suspect, ...]
+    alone: tuple[Alone, ...]
+
+
+@dataclass(frozen=True)
+class Alone:
+    """Readings of a mounting in one posture: without another posture they say nothing."""
+
+    session: str
+    readings: tuple[Reading, ...]
 
 
 @dataclass(frozen=True)
@@ -113,7 +123,23 @@ def solve_sessions(
         tool_after=error_after(solution),
         enlarged=math.sqrt(spread(solution)),
         suspects=_suspects(names, sessions, observed, solution),
+        alone=_alone(names, sessions),
     )
+
+
+def _alone(names: Sequence[str], sessions: Sequence[Session]) -> tuple[Alone, ...]:
+    """Mountings of a single posture, as breaks can leave them."""
+    found = []
+    for name, session in zip(names, sessions, strict=True):
+        mountings: dict[str, list[Reading]] = {}
+        for reading in session.readings:
+            mountings.setdefault(reading.mount, []).append(reading)
+        found += [
+            Alone(name, tuple(readings))
+            for readings in mountings.values()
+            if len({reading.displacement_mm for reading in readings}) == 1
+        ]
+    return tuple(found)
 
 
 def _suspects(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from app.solving import Solved, Suspect
+from app.solving import Alone, Solved, Suspect
 from app.wording.tables import signed
 from calib.noise import LEAST_NOISE_MM, Noise
 from calib.solution import Direction, Solution, Subset
@@ -30,6 +30,7 @@ def caveats(solved: Solved) -> list[str]:
         *_cures(solved),
         *_unequal_indicators(solution.noise),
         *(_suspect(suspect) for suspect in solved.suspects),
+        *(_alone(alone) for alone in solved.alone),
         *_no_check(solution),
         *_recommended(solved),
     ]
@@ -91,6 +92,16 @@ def _suspect(suspect: Suspect) -> str:
         f"{r.axis.upper()}, at {r.displacement_mm:+g} mm, cycle {r.cycle}) is "
         f"{signed(suspect.studentised, 1)} standard deviations from its repeats. It counts; "
         "measure it again."
+    )
+
+
+def _alone(alone: Alone) -> str:
+    first = alone.readings[0]
+    numbers = ", ".join(str(reading.reading) for reading in alone.readings)
+    return (
+        f"LOST: reading {numbers} of {alone.session} (leg {first.leg.upper()}, along "
+        f"{first.axis.upper()}, at {first.displacement_mm:+g} mm) has no other posture to its "
+        "zero, so it says nothing. Between two breaks measure at least two postures."
     )
 
 

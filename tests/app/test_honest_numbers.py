@@ -204,3 +204,18 @@ def test_nothing_is_ever_without_a_number(tmp_path: Path) -> None:
         assert "Infinity" not in run.out
         for one in json.loads(run.out)["parameters"].values():
             assert one["expanded_uncertainty"] > 0.0
+
+
+def test_a_reading_alone_between_two_breaks_is_said_to_be_lost(tmp_path: Path) -> None:
+    """A mounting's only posture cannot be told from its zero; the numbers are those without it."""
+    kept = [{**row, "mount": f"{row['leg']}{row['axis']}"} for row in rows()]
+    lone = {**kept[26], "mount": "after the break"}
+    found = document(tmp_path, [*kept[:26], lone, *kept[27:]])
+    without = document(tmp_path, [*kept[:26], *kept[27:]])
+    assert [r["readings"] for r in found["lost_readings"]] == [[27]]
+    assert without["lost_readings"] == []
+    for name, one in found["parameters"].items():
+        assert one["value"] == pytest.approx(without["parameters"][name]["value"], abs=1e-9)
+    said = " ".join(solved(tmp_path, [*kept[:26], lone, *kept[27:]]).out.split())
+    assert "LOST: reading 27 of t.jsonl" in said
+    assert "it says nothing" in said

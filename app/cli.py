@@ -92,6 +92,8 @@ cli.command("simulate-indicator")(simulate_indicator.simulate_indicator)
 
 def main() -> None:
     """Run the program; every error meant for a person becomes one paragraph and a status."""
+    # numpy reads it once; for matrices as small as ours, waiting threads cost more than they help
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a console without UTF-8 gets "?" and no traceback
             stream.reconfigure(errors="replace")

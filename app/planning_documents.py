@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from app.planning import Chosen, Combination, SeenBy
+from app.optimum_postures import Chosen
+from app.planning import Combination, SeenBy
 
 
 def identifiability_document(seen: SeenBy) -> dict[str, Any]:

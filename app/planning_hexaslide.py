@@ -3,30 +3,43 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from app.exports.writing import write_files
 from app.planning import Cure, Examined, Pool, Request
 from calib.criteria import Criterion
 from calib.errors import CalibrationError
-from calib.hexaslide.procedures import COMPONENTS, Kind, Procedure
+from calib.hexaslide.geometry import Box
+from calib.hexaslide.procedures import COMPONENTS, Kind, Procedure, held_postures
 from calib.hexaslide_planning import (
     BestPostures,
     HexaSlide,
     best_postures,
     enough_postures,
     fewest_postures,
+    judged_postures,
+    reachable,
     sensitivity,
 )
 from calib.observations import FloatArray
-from protocols.errors import UsageError
+from protocols.errors import RecordError, UsageError
 from protocols.hexaslide_machine import load_hexaslide
+from protocols.hexaslide_postures import COLUMNS, load_postures
 
 UNITS = "metres and radians, columns not scaled"
-COORDINATES = ("x_m", "y_m", "z_m", "theta_deg", "psi_deg", "phi_deg")
+COORDINATES = COLUMNS
+
+MOST_MOVED = 1000
+"""More postures would take hours."""
+
+AS_IS = "With --as-is postures are judged wherever they are."
+ROUNDING = 1e-9
+"""How far a bound may be passed by writing it down, metres or radians."""
 
 PUBLISHED = {
     Kind.POSE_INVERSE: 49,
@@ -56,11 +69,13 @@ class HexaSlidePlanning:
     def of(request: Request) -> HexaSlidePlanning:
         """Raises UsageError for a procedure or component, RecordError for a machine file."""
         try:
-            procedure = Procedure.of(request.procedure, request.measured)
+            procedure = Procedure.of(request.procedure, request.measured, request.known)
         except CalibrationError as problem:
             raise UsageError(
                 problem.thing, problem.found, problem.allowed, problem.next_step
             ) from problem
+        if request.posture_file is not None and request.postures is not None:
+            raise UsageError("--posture-file and --postures", "both", "one of them")
         if request.noise_mm is not None:
             raise UsageError("--noise", "the machine hexaslide", "the machine orthoglide")
         own = load_hexaslide(request.machine_file)
@@ -76,8 +91,9 @@ class HexaSlidePlanning:
 
     def examine(self) -> Examined:
         """What the procedure sees from random postures in the box."""
-        postures = self._postures()
-        seen = sensitivity(self.procedure, self.machine, postures)
+        postures = self.postures()
+        # nothing is left out of what is told to be lost
+        seen = replace(sensitivity(self.procedure, self.machine, postures), whole_shares=True)
         kind = self.procedure.kind
         usual = self.procedure == Procedure.of(kind.value)
         return Examined(
@@ -90,17 +106,25 @@ class HexaSlidePlanning:
             minutes=0.0,
             units=UNITS,
             noise_words="not known, it decides nothing here",
-            source=f"random in the box, seed {self.request.seed}",
+            source=self._source(),
             fewest_postures=fewest_postures(self.procedure, self.machine),
+            reachable_rank=reachable(self.procedure, self.machine).rank,
             published_rank=PUBLISHED[kind] if usual else None,
             remark=WRONG.get(kind, "") if usual else "",
         )
 
-    def _postures(self) -> FloatArray:
+    def _source(self) -> str:
+        file = self.request.posture_file
+        return f"random in the box, seed {self.request.seed}" if file is None else f"{file}"
+
+    def postures(self) -> FloatArray:
+        """Those of the file, else random ones in the box ``(p, 6)``. Raises RecordError."""
+        if self.request.posture_file is not None:
+            return load_postures(self.request.posture_file)
         if self.request.postures is None:
             return enough_postures(self.procedure, self.machine, self.request.seed)
-        generator = np.random.default_rng(self.request.seed)
-        return self.machine.box.random(self.request.postures, generator)
+        geometry, box = self.machine.geometry, self.machine.box
+        return held_postures(geometry, box, self.request.postures, self.request.seed)
 
     def pool(self) -> Pool:
         """Raises UsageError: its postures are no list to choose from."""
@@ -117,26 +141,122 @@ class HexaSlidePlanning:
 
 @dataclass(frozen=True, eq=False)
 class BoxedPostures:
-    """The best postures found in the box, and how long all searches took."""
+    """The best postures found in the box, and how long all searches took; ``source`` tells where
+    the first start came from.
+    """
 
     procedure: Procedure
     best: BestPostures
     seed: int
     seconds: float
+    source: str = "random"
+
+
+def asked_postures(
+    request: Request,
+    count: int | None,
+    criterion: Criterion | None = None,
+    *,
+    starts: int,
+    as_is: bool = False,
+    output: Path | None = None,
+) -> BoxedPostures:
+    """The best postures, from those of the file if there is one, or those ``as_is``.
+
+    ``criterion`` None is the condition number, as in papers/001. Raises UsageError, RecordError,
+    CalibrationError for postures that do not determine enough.
+    """
+    file, criterion = request.posture_file, criterion or Criterion.CONDITION
+    _check_output(output)
+    if file is None:
+        if as_is:
+            raise UsageError("--as-is", "no --posture-file", "one to judge")
+        if count is None:
+            raise UsageError("--count", "none", "how many postures to find, or a --posture-file")
+        return boxed_postures(request, count, criterion, seed=request.seed, starts=starts)
+    given = load_postures(file)
+    if count not in (None, len(given)):
+        raise UsageError("--count", f"{count}", f"{len(given)} as in the posture file, or none")
+    if as_is:
+        return _as_they_are(request, given, criterion)
+    found = boxed_postures(
+        request, len(given), criterion, seed=request.seed, starts=starts, given=given
+    )
+    return replace(found, source=f"{file}")
 
 
 def boxed_postures(
-    request: Request, count: int, criterion: Criterion, *, seed: int, starts: int
+    request: Request,
+    count: int,
+    criterion: Criterion,
+    *,
+    seed: int,
+    starts: int,
+    given: FloatArray | None = None,
+    watch: Callable[[], object] = lambda: None,
 ) -> BoxedPostures:
-    """The best ``count`` postures. Raises UsageError, RecordError, NotIdentifiable for too few."""
-    if criterion is Criterion.TOOL_VARIANCE:
-        raise UsageError("--criterion", criterion.value, "the other five for the hexaslide")
-    planned = HexaSlidePlanning.of(request)
+    """The best ``count`` postures; ``given`` ``(count, 6)`` is the first start.
+
+    Raises UsageError, RecordError, NotIdentifiable for too few.
+    """
+    planned = _searchable(request, criterion)
+    if count > MOST_MOVED:
+        raise UsageError("--count", f"{count}", f"{MOST_MOVED} postures at most")
+    if given is not None:
+        given = inside_box(given, planned.machine.box, AS_IS)
     begin = time.perf_counter()
     best = best_postures(
-        planned.procedure, planned.machine, count, criterion, seed=seed, starts=starts
+        planned.procedure,
+        planned.machine,
+        count,
+        criterion,
+        seed=seed,
+        starts=starts,
+        given=given,
+        watch=watch,
     )
     return BoxedPostures(planned.procedure, best, seed, time.perf_counter() - begin)
+
+
+def _as_they_are(request: Request, given: FloatArray, criterion: Criterion) -> BoxedPostures:
+    planned = _searchable(request, criterion)
+    best = judged_postures(planned.procedure, planned.machine, given, criterion)
+    return BoxedPostures(planned.procedure, best, request.seed, 0.0, f"{request.posture_file}")
+
+
+def _searchable(request: Request, criterion: Criterion) -> HexaSlidePlanning:
+    if criterion is Criterion.TOOL_VARIANCE:
+        raise UsageError("--criterion", criterion.value, "the other five for the hexaslide")
+    return HexaSlidePlanning.of(request)
+
+
+def inside_box(given: FloatArray, box: Box, advice: str = "") -> FloatArray:
+    """The postures, on the bounds where only rounding is outside. Raises RecordError."""
+    outside = (given < box.lower - ROUNDING) | (given > box.upper + ROUNDING)
+    if outside.any():
+        row, column = (int(part[0]) for part in np.nonzero(outside))
+        name, unit = COORDINATES[column], 1.0 if column < 3 else np.degrees(1.0)
+        raise RecordError(
+            f"posture file, posture {row + 1}, {name}",
+            f"{unit * given[row, column]:g}",
+            f"{unit * box.lower[column]:g} to {unit * box.upper[column]:g}, the machine's box",
+            advice,
+        )
+    return np.asarray(np.clip(given, box.lower, box.upper))
+
+
+def _check_output(output: Path | None) -> None:
+    if output is not None and output.suffix != ".csv":
+        raise UsageError("--output", f"{output}", "a path that ends with .csv for the hexaslide")
+
+
+def write_postures(found: BoxedPostures, path: Path) -> Path:
+    """A table that ``--posture-file`` reads, units in its header line. Raises RecordError."""
+    _check_output(path)
+    rows = [_coordinates(posture).values() for posture in found.best.refined.coordinates]
+    lines = [",".join(COORDINATES), *(",".join(f"{value:.12g}" for value in row) for row in rows)]
+    write_files(path, {"": "\n".join(lines) + "\n"})
+    return path
 
 
 def boxed_document(found: BoxedPostures) -> dict[str, Any]:
@@ -146,15 +266,21 @@ def boxed_document(found: BoxedPostures) -> dict[str, Any]:
         "schema": "glidecal.postures/1",
         "machine": "hexaslide",
         "procedure": found.procedure.kind.value,
+        "measured": list(found.procedure.read),
         "count": len(best.refined.coordinates),
         "criterion": best.criterion.value,
         "value": best.refined.value,
+        "start_value": best.refined.start_value,
         "rank": best.rank,
         "condition_number": best.condition_number,
         "start_condition_number": best.start_condition_number,
+        "published_criteria": asdict(best.found),
+        "start_published_criteria": asdict(best.start),
         "units": UNITS,
         "postures": [_coordinates(posture) for posture in best.refined.coordinates],
         "coordinates_on_bound": best.refined.on_bound,
+        "start_coordinates_on_bound": best.start_on_bound,
+        "source": found.source,
         "seconds": found.seconds,
         "starts": len(best.values),
         "values_of_starts": list(best.values),

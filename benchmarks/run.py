@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import root
 
+from benchmarks.hexaslide import hexaslide
 from benchmarks.identification import table as identification
 from benchmarks.interface import interface
 from benchmarks.postures import postures
@@ -158,6 +159,7 @@ def main() -> None:
         indicators,
         processes,
         postures,
+        hexaslide,
         interface,
     )
     for table in tables:

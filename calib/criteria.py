@@ -15,8 +15,9 @@ noise-amplification         ``σ_L² / σ_1``              largest; papers/001, 
 tool-variance               ``tr(metric S⁻¹)``          smallest
 ==========================  ==========================  ========================================
 
-The first two of papers/001 order sets of equal size alike; the geometric mean does not overflow.
-Only D does not depend on the units of the parameters.
+The first two of papers/001, ``det(JᵀJ)`` and the geometric mean by ``√m``, order sets of equal size
+alike; the geometric mean does not overflow. Only D does not depend on the units of the parameters.
+`Observability` holds all five as the paper writes them.
 """
 
 from __future__ import annotations
@@ -91,6 +92,39 @@ class Aim:
             raise CalibrationError(
                 "metric of the tool variance", f"shape {shape}", f"shape ({count}, {count})"
             )
+
+
+@dataclass(frozen=True)
+class Observability:
+    """The five criteria of papers/001, section 4, of one set; the larger the better.
+
+    The determinant as its decimal logarithm; the geometric mean is divided by the root of the
+    number of postures.
+    """
+
+    log10_determinant: float
+    geometric_mean: float
+    inverse_condition: float
+    smallest_singular_value: float
+    noise_amplification: float
+
+    @property
+    def condition_number(self) -> float:
+        """Largest by smallest singular value."""
+        return 1.0 / self.inverse_condition
+
+
+def observability(singular: FloatArray, postures: int) -> Observability:
+    """From the singular values ``(k,)`` of a Jacobian, the largest first, none of them zero."""
+    logs = np.log(singular)
+    largest, least = float(singular[0]), float(singular[-1])
+    return Observability(
+        log10_determinant=float(2.0 * logs.sum() / math.log(10.0)),
+        geometric_mean=float(np.exp(logs.mean()) / math.sqrt(postures)),
+        inverse_condition=least / largest,
+        smallest_singular_value=least,
+        noise_amplification=least**2 / largest,
+    )
 
 
 def wanted_information(information: FloatArray, aim: Aim) -> FloatArray:

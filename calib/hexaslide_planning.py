@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from calib.criteria import Aim, Criterion
+from calib.criteria import Aim, Criterion, Observability, observability
 from calib.errors import NotIdentifiable
 from calib.hexaslide.geometry import Box, ConstraintLink, Geometry
 from calib.hexaslide.parameters import motions, unit_of
-from calib.hexaslide.procedures import Procedure, jacobian, jacobian_and_slopes
+from calib.hexaslide.procedures import Procedure, held_postures, jacobian
+from calib.hexaslide.pulled_rows import RowMaker
 from calib.identifiability import Identifiability, Sensitivity, analyse
 from calib.observations import FloatArray
-from calib.posture_refinement import Refined, refine
+from calib.posture_refinement import Pull, Refined, count_on_bound, judged, refine
 
 EXACT_BLIND = 1e-10
 """Relative singular value below which exact derivatives show nothing; gaps found are 1e9."""
@@ -21,8 +23,8 @@ EXACT_BLIND = 1e-10
 PLENTY = 100
 """So many random postures reach the rank that the procedure can reach; twice for one row each."""
 
-SHARPNESS = (8.0, 32.0, 128.0, 512.0)
-"""The condition number is made smooth less and less."""
+SHARPNESS = (8.0, 32.0, 128.0, 512.0, 2048.0)
+"""Criteria of single singular values are made smooth, less and less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +54,7 @@ def sensitivity(procedure: Procedure, machine: HexaSlide, postures: FloatArray) 
 def enough_postures(procedure: Procedure, machine: HexaSlide, seed: int = 0) -> FloatArray:
     """Random postures ``(p, 6)`` that reach the rank of the procedure."""
     count = PLENTY * (2 if len(procedure.read) == 1 else 1)
-    return machine.box.random(count, np.random.default_rng(seed))
+    return held_postures(machine.geometry, machine.box, count, seed)
 
 
 def reachable(procedure: Procedure, machine: HexaSlide) -> Identifiability:
@@ -78,18 +80,30 @@ def _rank(rows: FloatArray) -> int:
 
 @dataclass(frozen=True, eq=False)
 class BestPostures:
-    """The best of several searches, with the condition number before and after it.
+    """The best of several searches; with ``values`` empty, postures that were only judged.
 
-    ``values`` holds the criterion that each start came to, in their order; ``rank`` of ``count``
-    parameters are seen, all figures are of those.
+    ``values`` holds the criterion that each start came to, in their order; ``rank`` combinations
+    of the parameters are seen, all figures are of those. ``start`` and ``found`` are those of
+    papers/001 before and after.
     """
 
     refined: Refined
     criterion: Criterion
-    start_condition_number: float
-    condition_number: float
+    start: Observability
+    found: Observability
+    start_on_bound: int
     values: tuple[float, ...]
     rank: int
+
+    @property
+    def start_condition_number(self) -> float:
+        """At the start that came to be the best."""
+        return self.start.condition_number
+
+    @property
+    def condition_number(self) -> float:
+        """Of the postures found."""
+        return self.found.condition_number
 
 
 def best_postures(
@@ -100,41 +114,86 @@ def best_postures(
     *,
     seed: int = 0,
     starts: int = 8,
+    given: FloatArray | None = None,
+    watch: Callable[[], object] = lambda: None,
 ) -> BestPostures:
     """Postures moved in the box from random starts; what the procedure never sees is left out.
 
-    Raises NotIdentifiable for fewer postures than the procedure needs.
+    ``given`` ``(count, 6)`` takes the place of the first start. ``watch`` is called before every
+    step and ends the search by what it raises. Raises NotIdentifiable for fewer
+    postures than the procedure needs, or a start that does not show enough.
     """
+    _refuse_few(procedure, machine, count)
+    rows_at, box, aim = rows_seen(procedure, machine), machine.box, Aim(criterion)
+    generator = np.random.default_rng(seed)
+    begins = [box.random(count, generator) for _ in range(starts)]
+    begins[:1] = begins[:1] if given is None else [given]
+
+    def watched(postures: FloatArray) -> tuple[FloatArray, Pull]:
+        watch()
+        return rows_at(postures)
+
+    found = [
+        refine(watched, begin, box.lower, box.upper, aim, sharpness=SHARPNESS) for begin in begins
+    ]
+    sign = 1.0 if criterion.larger_is_better else -1.0
+    best = max(range(starts), key=lambda k: sign * found[k].value)
+    return _described(rows_at, box, criterion, begins[best], found[best], [f.value for f in found])
+
+
+def judged_postures(
+    procedure: Procedure,
+    machine: HexaSlide,
+    postures: FloatArray,
+    criterion: Criterion = Criterion.CONDITION,
+) -> BestPostures:
+    """Postures ``(p, 6)`` as they are, in the box or not.
+
+    Raises NotIdentifiable where they do not show all that the procedure can show, and
+    UnreachablePosture.
+    """
+    _refuse_few(procedure, machine, len(postures))
+    rows_at, box = rows_seen(procedure, machine), machine.box
+    value = judged(rows_at(postures)[0], Aim(criterion))
+    kept = Refined(postures, value, value, count_on_bound(postures, box.lower, box.upper))
+    return _described(rows_at, box, criterion, postures, kept, [])
+
+
+def _refuse_few(procedure: Procedure, machine: HexaSlide, count: int) -> None:
     fewest = fewest_postures(procedure, machine)
     if count < fewest:
         raise NotIdentifiable(
             "number of postures", f"{count}", f"{fewest} or more for {procedure.kind.value}"
         )
+
+
+def rows_seen(procedure: Procedure, machine: HexaSlide) -> RowMaker:
+    """Rows of the combinations that the procedure can see at all."""
     seen = _seen_basis(reachable(procedure, machine))
-    aim = Aim(criterion)
+    return RowMaker(procedure, machine.geometry, machine.link, seen)
 
-    def rows_at(postures: FloatArray) -> tuple[FloatArray, FloatArray]:
-        rows, slopes = jacobian_and_slopes(procedure, machine.geometry, postures, machine.link)
-        return rows @ seen, np.einsum("prkd,kn->prnd", slopes, seen, optimize=True)
 
-    def condition(postures: FloatArray) -> float:
-        rows = rows_at(postures)[0].reshape(-1, seen.shape[1])
-        return float(np.linalg.cond(rows))
+def _described(
+    rows_at: RowMaker,
+    box: Box,
+    criterion: Criterion,
+    begin: FloatArray,
+    refined: Refined,
+    values: Sequence[float],
+) -> BestPostures:
+    def figures(postures: FloatArray) -> Observability:
+        rows = rows_at(postures)[0]
+        singular = np.linalg.svd(rows.reshape(-1, rows.shape[-1]), compute_uv=False)
+        return observability(np.asarray(singular, dtype=np.float64), len(postures))
 
-    generator, box = np.random.default_rng(seed), machine.box
-    begins = [box.random(count, generator) for _ in range(starts)]
-    found = [
-        refine(rows_at, begin, box.lower, box.upper, aim, sharpness=SHARPNESS) for begin in begins
-    ]
-    sign = 1.0 if criterion.larger_is_better else -1.0
-    best = max(range(starts), key=lambda k: sign * found[k].value)
     return BestPostures(
-        refined=found[best],
+        refined=refined,
         criterion=criterion,
-        start_condition_number=condition(begins[best]),
-        condition_number=condition(found[best].coordinates),
-        values=tuple(one.value for one in found),
-        rank=seen.shape[1],
+        start=figures(begin),
+        found=figures(refined.coordinates),
+        start_on_bound=count_on_bound(begin, box.lower, box.upper),
+        values=tuple(values),
+        rank=rows_at.width,
     )
 
 

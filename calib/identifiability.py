@@ -46,6 +46,7 @@ class Sensitivity:
     ``(m, k)`` are derivatives of the tool's coordinates all over the workspace.
     ``motions`` are combinations with a name of their own, such as a turned frame. ``blind`` is the
     relative singular value below which nothing is seen; exact derivatives allow a smaller one.
+    With ``whole_shares`` combinations keep their small shares, which then are told in the name.
     """
 
     names: tuple[str, ...]
@@ -57,6 +58,7 @@ class Sensitivity:
     motions: tuple[tuple[str, FloatArray], ...] = ()
     noise_known: bool = True
     blind: float = BLIND
+    whole_shares: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +195,18 @@ def combinations(vectors: FloatArray, sensitivity: Sensitivity) -> list[tuple[Fl
         if np.linalg.norm(outside) < BLIND < np.linalg.norm(inside):
             found.append((unit, name))
             basis = _without(basis, inside)
-    return found + [(row, _sum_of(row, sensitivity.names)) for row in _echelon(basis.T)]
+    return found + [_short(row, sensitivity) for row in _echelon(basis.T)]
+
+
+def _short(row: FloatArray, sensitivity: Sensitivity) -> tuple[FloatArray, str]:
+    """A combination and its name, both of the large shares unless all are wanted."""
+    short = _clean(row)
+    name = _sum_of(short, sensitivity.names)
+    if not sensitivity.whole_shares:
+        return short, name
+    whole = np.where(np.abs(row) > sensitivity.blind, row, 0.0) * np.sign(row @ short)
+    smaller = int(np.count_nonzero(whole) - np.count_nonzero(short))
+    return whole, f"{name}, and smaller shares of {smaller} others" if smaller else name
 
 
 def _without(basis: FloatArray, vector: FloatArray) -> FloatArray:
@@ -204,7 +217,7 @@ def _without(basis: FloatArray, vector: FloatArray) -> FloatArray:
 
 
 def _echelon(rows: FloatArray) -> FloatArray:
-    """Reduced echelon form of ``(r, k)`` with the largest pivots, small shares cleaned away."""
+    """Reduced echelon form of ``(r, k)`` with the largest pivots."""
     matrix = np.array(rows)
     used = np.zeros(matrix.shape[1], dtype=np.bool_)
     for k in range(len(matrix)):
@@ -215,8 +228,7 @@ def _echelon(rows: FloatArray) -> FloatArray:
         matrix[k] /= matrix[k, pivot]
         others = np.arange(len(matrix)) != k
         matrix[others] -= np.outer(matrix[others, pivot], matrix[k])
-    cleaned = [_clean(row) for row in matrix]
-    return np.asarray(sorted(cleaned, key=lambda row: int(np.flatnonzero(row)[0])))
+    return np.asarray(sorted(matrix, key=lambda row: int(np.flatnonzero(_clean(row))[0])))
 
 
 def _clean(row: FloatArray) -> FloatArray:

@@ -12,16 +12,31 @@ from calib.criteria import Aim, Criterion, value_of, values_of
 from calib.errors import CalibrationError
 from calib.observations import FloatArray
 
-RowsAndSlopes = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-"""From coordinates ``(p, d)`` to rows ``(p, r, k)`` and their derivatives ``(p, r, k, d)``."""
+Pull = Callable[[FloatArray], FloatArray]
+"""From a number's derivatives by the rows ``(p, r, k)`` to those by coordinates ``(p, d)``."""
+
+RowsAndPull = Callable[[FloatArray], tuple[FloatArray, Pull]]
+"""From coordinates ``(p, d)`` to rows ``(p, r, k)`` and how derivatives are pulled back."""
 
 ON_BOUND = 1e-6
 """Share of the box's width within which a coordinate stands on its bound."""
 
 MOST_STEPS = 300
 
+OF_ENDS = (
+    Criterion.CONDITION,
+    Criterion.SMALLEST_SINGULAR_VALUE,
+    Criterion.NOISE_AMPLIFICATION,
+)
+"""Criteria of the largest and the smallest singular value alone."""
+
 LEAST_SINGULAR = 1e-13
 """Relative singular value below which rows are blind but for rounding."""
+
+FAINT = 1e-9
+"""Relative eigenvalue of the information above which it has digits enough; it is quicker to take
+apart than the rows.
+"""
 
 REGULAR = 1e-13
 """Relative information that keeps a search regular on its way through blind sets."""
@@ -40,8 +55,20 @@ class Refined:
     on_bound: int
 
 
+def pulled_by_slopes(
+    rows_at: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
+) -> RowsAndPull:
+    """From a map to rows and their derivatives ``(p, r, k, d)``."""
+
+    def rows_and_pull(coordinates: FloatArray) -> tuple[FloatArray, Pull]:
+        rows, slopes = rows_at(coordinates)
+        return rows, lambda weights: np.asarray(np.einsum("prk,prkd->pd", weights, slopes))
+
+    return rows_and_pull
+
+
 def refine(
-    rows_at: RowsAndSlopes,
+    rows_at: RowsAndPull,
     start: FloatArray,
     lower: FloatArray,
     upper: FloatArray,
@@ -53,54 +80,88 @@ def refine(
     """Improve postures ``(p, d)`` inside the box ``(d,)`` to ``(d,)`` by L-BFGS-B.
 
     ``rows_at`` is a smooth map of the machine; ``fixed`` ``(k, k)`` as for the exchange.
-    ``sharpness`` are powers, rising, with which the condition number is made smooth in stages:
-    where it depends on the largest singular value alone, a search without them gets stuck. Raises
-    CalibrationError for a start outside the box, NotIdentifiable where the start does not see all
-    wanted parameters.
+    ``sharpness`` are powers, rising, with which criteria of single singular values are made smooth
+    in stages: where it depends on the largest singular value alone, a search without them gets
+    stuck. Raises CalibrationError for a start outside the box, NotIdentifiable where the start
+    does not see all wanted parameters.
     """
-    from scipy.optimize import minimize  # 0.1 s to import: only where used
-
     aim, width = aim or Aim(), upper - lower
     if not (width > 0.0).all() or not ((lower <= start) & (start <= upper)).all():
         raise CalibrationError(
             "postures to refine", "a coordinate outside its box", "bounds with lower < upper"
         )
+    before = judged(rows_at(start)[0], aim, fixed)
 
     def unfolded(unit: FloatArray) -> FloatArray:
         return np.asarray(np.clip(lower + unit.reshape(start.shape) * width, lower, upper))
 
     def cost(unit: FloatArray, power: float) -> tuple[float, FloatArray]:
-        rows, slopes = rows_at(unfolded(unit))
-        if _plain(aim, fixed):
-            value, pulled = _cost_by_singular_values(rows, aim, power)
-        else:
-            information = _information(rows, fixed)
-            value, by_information = cost_and_slope(information, aim, power)
-            pulled = rows @ by_information
-        gradient = 2.0 * np.einsum("prk,prkd->pd", pulled, slopes) * width
-        return value, gradient.ravel()
+        rows, pull = rows_at(unfolded(unit))
+        value, by_rows = cost_by_rows(rows, aim, fixed, power)
+        return value, (pull(by_rows) * width).ravel()
 
     unit = ((start - lower) / width).ravel()
-    stages = [*sharpness, math.inf] if aim.criterion is Criterion.CONDITION else [math.inf]
-    for power in stages:
-        found = minimize(
-            cost,
-            unit,
-            args=(power,),
-            jac=True,
-            method="L-BFGS-B",
-            bounds=[(0.0, 1.0)] * start.size,
-            options={"maxiter": MOST_STEPS, "ftol": 1e-13, "gtol": 1e-9},
-        )
-        unit = np.asarray(found.x)
-    before = _judged(rows_at(start)[0], aim, fixed)
+    for power in sharpness if sharpness and aim.criterion in OF_ENDS else [math.inf]:
+        unit = _descended(cost, unit, power)
     moved = unfolded(unit)
-    after = _judged(rows_at(moved)[0], aim, fixed)
+    after = judged(rows_at(moved)[0], aim, fixed)
     if (after <= before) if aim.criterion.larger_is_better else (after >= before):
         moved, after = start, before
-    share = (moved - lower) / width
-    on_bound = int(((share < ON_BOUND) | (share > 1.0 - ON_BOUND)).sum())
-    return Refined(moved, after, before, on_bound)
+    return Refined(moved, after, before, count_on_bound(moved, lower, upper))
+
+
+def _descended(
+    cost: Callable[[FloatArray, float], tuple[float, FloatArray]], unit: FloatArray, power: float
+) -> FloatArray:
+    from scipy.optimize import minimize  # 0.1 s to import: only where used
+
+    found = minimize(
+        cost,
+        unit,
+        args=(power,),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(0.0, 1.0)] * len(unit),
+        options={"maxiter": MOST_STEPS, "ftol": 1e-13, "gtol": 1e-9},
+    )
+    return np.asarray(found.x)
+
+
+def count_on_bound(coordinates: FloatArray, lower: FloatArray, upper: FloatArray) -> int:
+    """How many of the coordinates ``(p, d)`` stand on a bound of the box."""
+    share = (coordinates - lower) / (upper - lower)
+    return int(((share < ON_BOUND) | (share > 1.0 - ON_BOUND)).sum())
+
+
+def cost_by_rows(
+    rows: FloatArray, aim: Aim, fixed: FloatArray | None, power: float
+) -> tuple[float, FloatArray]:
+    """As `cost_and_slope`, with the derivatives by the rows ``(p, r, k)``."""
+    information = _information(rows, fixed)
+    if not _plain(aim, fixed):
+        value, by_information = cost_and_slope(information, aim, power)
+        return value, 2.0 * rows @ by_information
+    variance, turned = _variances(rows, information)
+    value, by_log = _log_cost(variance, turned, aim)
+    if power < math.inf and aim.criterion in OF_ENDS:
+        value, by_log = _smooth(np.log(variance), by_log, power)
+    return value, -2.0 * rows @ ((turned * (by_log * variance)) @ turned.T)
+
+
+def _variances(rows: FloatArray, information: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues ``(k,)`` of the covariance, ascending, and its eigenvectors as columns.
+
+    From the information where its eigenvalues have digits, else from the rows themselves.
+    """
+    found, turned = np.linalg.eigh(information)
+    if found[0] > FAINT * found[-1]:
+        return 1.0 / found[::-1], np.asarray(turned[:, ::-1])
+    flat = rows.reshape(-1, rows.shape[-1])
+    missing = max(flat.shape[1] - len(flat), 0)
+    padded = np.vstack([flat, np.zeros((missing, flat.shape[1]))])
+    _, singular, vectors = np.linalg.svd(padded, full_matrices=False)
+    least = LEAST_SINGULAR * max(float(singular[0]), 1e-150)
+    return np.maximum(singular, least) ** -2, np.asarray(vectors.T)
 
 
 def _plain(aim: Aim, fixed: FloatArray | None) -> bool:
@@ -108,8 +169,10 @@ def _plain(aim: Aim, fixed: FloatArray | None) -> bool:
     return fixed is None and aim.wanted is None and aim.criterion is not Criterion.TOOL_VARIANCE
 
 
-def _judged(rows: FloatArray, aim: Aim, fixed: FloatArray | None) -> float:
-    """The criterion; from singular values where it can be, which keeps twice the digits."""
+def judged(rows: FloatArray, aim: Aim, fixed: FloatArray | None = None) -> float:
+    """The criterion of rows ``(p, r, k)``; from singular values where it can be, which keeps twice
+    the digits. Raises NotIdentifiable where a wanted combination is not seen.
+    """
     if not _plain(aim, fixed):
         return value_of(_information(rows, fixed), aim)
     flat = rows.reshape(-1, rows.shape[-1])
@@ -119,20 +182,6 @@ def _judged(rows: FloatArray, aim: Aim, fixed: FloatArray | None) -> float:
         return value_of(_information(rows, fixed), aim)
     singular = np.linalg.svd(flat, compute_uv=False)
     return float(values_of(np.diag(singular**-2)[None], aim)[0])
-
-
-def _cost_by_singular_values(rows: FloatArray, aim: Aim, power: float) -> tuple[float, FloatArray]:
-    """As `cost_and_slope`, with the rows ``(p, r, k)`` already multiplied by the slope."""
-    flat = rows.reshape(-1, rows.shape[-1])
-    missing = max(flat.shape[1] - len(flat), 0)
-    padded = np.vstack([flat, np.zeros((missing, flat.shape[1]))])
-    left, singular, turned = np.linalg.svd(padded, full_matrices=False)
-    singular = np.maximum(singular, LEAST_SINGULAR * max(float(singular[0]), 1e-150))
-    value, by_log = _log_cost(singular**-2, turned.T, aim)
-    if power < math.inf:
-        value, by_log = _smooth_condition(-2.0 * np.log(singular), power)
-    pulled = -(left[: len(flat)] * (by_log / singular)) @ turned
-    return value, np.asarray(pulled.reshape(rows.shape))
 
 
 def _information(rows: FloatArray, fixed: FloatArray | None) -> FloatArray:
@@ -147,7 +196,7 @@ def cost_and_slope(
     """Logarithm of the criterion, smaller is better, and its derivative ``(k, k)``.
 
     ``d cost = tr(slope · d information)``. At equal singular values the derivative of one of them
-    is taken; L-BFGS-B lives with that. A finite ``power`` smooths the condition number.
+    is taken; L-BFGS-B lives with that. A finite ``power`` smooths criteria of single ones.
     """
     count = len(information)
     keep, drop = aim.columns(count), aim.nuisance(count)
@@ -157,8 +206,8 @@ def cost_and_slope(
     left = lift.T @ regular @ lift
     variance, turned = np.linalg.eigh(np.linalg.inv(left))
     value, by_log = _log_cost(variance, turned, aim)
-    if power < math.inf:
-        value, by_log = _smooth_condition(np.log(variance), power)
+    if power < math.inf and aim.criterion in OF_ENDS:
+        value, by_log = _smooth(np.log(variance), by_log, power)
     # d log(eigenvalue of the inverse) = -eigenvalue · vᵀ d(information) v
     slope = -(turned * (by_log * variance)) @ turned.T
     if aim.criterion is Criterion.TOOL_VARIANCE and aim.metric is not None:
@@ -168,15 +217,19 @@ def cost_and_slope(
     return value, np.asarray(lift @ slope @ lift.T)
 
 
-def _smooth_condition(logs: FloatArray, power: float) -> tuple[float, FloatArray]:
-    """``log(|σ|_p |1/σ|_p)`` in place of ``log(σ_1 / σ_L)``, and its derivatives ``(k,)``."""
-    value, by_log = 0.0, np.zeros(len(logs))
-    for sign in (0.5, -0.5):
-        scaled = sign * power * logs
-        parts = np.exp(scaled - scaled.max())
-        value += (float(scaled.max()) + math.log(float(parts.sum()))) / power
-        by_log += sign * parts / parts.sum()
-    return value, by_log
+def _smooth(logs: FloatArray, by_log: FloatArray, power: float) -> tuple[float, FloatArray]:
+    """``log |σ|_p`` in place of ``log σ_1`` and ``-log |1/σ|_p`` in place of ``log σ_L``; the cost
+    and its derivatives ``(k,)``. ``by_log`` are those of the cost that uses ``σ_1, σ_L`` alone.
+    """
+    value, smooth = 0.0, np.zeros(len(logs))
+    for end in (0, -1):
+        if by_log[end]:
+            scaled = math.copysign(0.5 * power, by_log[end]) * logs
+            parts = np.exp(scaled - scaled.max())
+            weight, total = 2.0 * abs(float(by_log[end])), float(parts.sum())
+            value += weight * (float(scaled.max()) + math.log(total)) / power
+            smooth += float(by_log[end]) * parts / total
+    return value, smooth
 
 
 def _lift(information: FloatArray, keep: list[int], drop: list[int]) -> FloatArray:

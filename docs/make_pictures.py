@@ -20,9 +20,11 @@ from app.acquisition import Gauge
 from app.bench import BenchSettings
 from app.commands.simulate import simulate
 from app.demo import demo_plan
+from app.planning import Request
 from app.screens.check import CheckScreen
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.dialogs import ChoiceDialog
+from app.screens.hexaslide import HexaSlideScreen
 from app.screens.interface import Interface
 from app.screens.leg_review import LegReviewScreen
 from app.screens.measure import MeasureScreen
@@ -171,8 +173,22 @@ async def diagnosis(folder: Path) -> None:
         await pilot.press("f10")
 
 
+async def hexaslide() -> None:
+    """What position alone sees of a Hexa Slide, and the machine drawn."""
+    screen = HexaSlideScreen(Request("position"))
+    interface = Interface(screen)
+    interface.animation_level = "none"
+    async with interface.run_test(size=NARROW) as pilot:
+        await until(pilot, lambda: screen.view is not None)
+        await photograph(pilot, "hexaslide_wide", WIDE)
+        await pilot.press("tab")
+        await save(pilot, "hexaslide")
+        await pilot.press("f10")
+
+
 if __name__ == "__main__":
     quick_fingers = patch("app.screens.measure.HELD_KEY_S", 0.0)
     with quick_fingers, tempfile.TemporaryDirectory() as temporary:
         asyncio.run(pictures(Path(temporary)))
         asyncio.run(diagnosis(Path(temporary)))
+        asyncio.run(hexaslide())

@@ -62,7 +62,8 @@ def describe(problem: ValidationError, text: str | None = None) -> str:
         where = ".".join(str(part) for part in fault["loc"])[:60] or "document"
         line = line_of(text, fault["loc"]) if text else None
         where = f"line {line}, {where}" if line else where
-        found = "" if isinstance(fault["input"], dict) else f" (found {fault['input']!r:.40})"
+        nested = isinstance(fault["input"], dict) or "{" in repr(fault["input"])[:2]
+        found = "" if nested else f" (found {fault['input']!r:.40})"
         faults.append(f"{where}: {fault['msg'][:120]}{found}")
     more = len(errors) - len(faults)
     return "; ".join(faults) + (f"; and {more} more" if more > 0 else "")

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from calib.errors import CalibrationError
-from calib.hexaslide.geometry import NOT_UNIT, Box, ConstraintLink, Geometry
+from calib.hexaslide.geometry import CHAINS, LEVEL, NOT_UNIT, Box, ConstraintLink, Geometry
 from calib.hexaslide.kinematics import inverse
 from protocols.documents import Document, read_toml
 
@@ -34,6 +34,8 @@ class Chain(Document):
         square = sum(part * part for part in rail)
         if abs(square - 1.0) > NOT_UNIT:
             raise ValueError(f"a unit vector; this one has the length {square**0.5:.10g}")
+        if abs(rail[2]) < LEVEL:
+            raise ValueError(f"a rail that is not level, |z| ≥ {LEVEL:g}")
         return rail
 
 
@@ -46,6 +48,20 @@ class PostureBox(Document):
     theta_deg: Range
     psi_deg: Range
     phi_deg: Range
+
+    @field_validator("*")
+    @classmethod
+    def _ordered(cls, bounds: Range) -> Range:
+        if not bounds[0] < bounds[1]:
+            raise ValueError("the lower bound first, then a larger one")
+        return bounds
+
+    def bounds(self) -> Box:
+        """The box in metres and radians."""
+        places = np.array([self.x_m, self.y_m, self.z_m])
+        angles = np.radians([self.theta_deg, self.psi_deg, self.phi_deg])
+        lower, upper = np.vstack([places, angles]).T
+        return Box(lower, upper)
 
 
 class LinkEnds(Document):
@@ -63,34 +79,38 @@ class HexaSlideMachine(Document):
         alias="schema", default="glidecal.hexaslide/1"
     )
     name: str
-    chain: Annotated[tuple[Chain, ...], Field(min_length=6, max_length=6)]
+    chain: tuple[Chain, ...]
     box: PostureBox
     constraint_link: LinkEnds | None = None
 
-    @model_validator(mode="after")
-    def _possible(self) -> HexaSlideMachine:
+    @field_validator("chain")
+    @classmethod
+    def _framed(cls, chain: tuple[Chain, ...]) -> tuple[Chain, ...]:
+        if len(chain) != CHAINS:
+            raise ValueError(f"six chains, each with its own [[chain]]; here are {len(chain)}")
         try:
-            inverse(self.geometry(), self.posture_box().grid())
+            _geometry(chain)
         except CalibrationError as problem:
-            raise ValueError(str(problem)) from problem
-        return self
+            raise ValueError(f"{problem.thing}: {problem.allowed}") from problem
+        return chain
+
+    @field_validator("box")
+    @classmethod
+    def _reached(cls, box: PostureBox, info: ValidationInfo) -> PostureBox:
+        if "chain" in info.data:
+            try:
+                inverse(_geometry(info.data["chain"]), box.bounds().grid())
+            except CalibrationError as problem:
+                raise ValueError(f"{problem.thing}: {problem.found}") from problem
+        return box
 
     def geometry(self) -> Geometry:
-        """The geometry for the mathematics. Raises CalibrationError."""
-        return Geometry(
-            np.array([one.start_m for one in self.chain]),
-            np.array([one.rail for one in self.chain]),
-            np.array([one.joint_m for one in self.chain]),
-            np.array([one.link_m for one in self.chain]),
-        )
+        """The geometry for the mathematics."""
+        return _geometry(self.chain)
 
     def posture_box(self) -> Box:
-        """The box in metres and radians. Raises CalibrationError."""
-        own = self.box
-        places = np.array([own.x_m, own.y_m, own.z_m])
-        angles = np.radians([own.theta_deg, own.psi_deg, own.phi_deg])
-        lower, upper = np.vstack([places, angles]).T
-        return Box(lower, upper)
+        """The box in metres and radians."""
+        return self.box.bounds()
 
     def link(self) -> ConstraintLink | None:
         """The constraint link, if there is one."""
@@ -100,6 +120,16 @@ class HexaSlideMachine(Document):
         return ConstraintLink(
             np.array(ends.platform_end_m), np.array(ends.base_end_m), ends.length_m
         )
+
+
+def _geometry(chain: tuple[Chain, ...]) -> Geometry:
+    """Raises CalibrationError."""
+    return Geometry(
+        np.array([one.start_m for one in chain]),
+        np.array([one.rail for one in chain]),
+        np.array([one.joint_m for one in chain]),
+        np.array([one.link_m for one in chain]),
+    )
 
 
 def load_hexaslide(path: Path | None = None) -> HexaSlideMachine:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+"""As the program does, before numpy is imported: small matrices are slower on several cores."""
 
 ROOT = Path(__file__).parent.parent
 SAMPLES = ROOT / "sample_sessions"

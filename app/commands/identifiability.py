@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
 from app.commands.options import AsJson, finite
+
+if TYPE_CHECKING:
+    from app.planning import Request as Asked
 
 MachineName = Annotated[
     str, typer.Argument(help="Kind of machine, as in orthoglide.", show_default=False)
@@ -33,28 +36,92 @@ MountingSeconds = Annotated[
 
 def identifiability(
     machine: MachineName,
-    procedure: Procedure,
+    procedure: Annotated[
+        str | None,
+        typer.Option(help="Procedure by name, or a .toml file; none with --measured."),
+    ] = None,
     machine_file: MachineFile = None,
     noise: Noise = None,
     measured: Annotated[
         str, typer.Option(help="Hexa Slide: what is measured, such as x,y,z,theta.")
     ] = "",
+    known: Annotated[
+        str | None,
+        typer.Option(
+            help="Constraint link: what is known of c,d,length, or none.", show_default="length"
+        ),
+    ] = None,
     postures: Annotated[
         int | None, typer.Option(help="Hexa Slide: random postures.", min=1, max=10_000)
     ] = None,
+    posture_file: Annotated[
+        Path | None,
+        typer.Option(help="Hexa Slide: postures of a .csv or .json file.", readable=False),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of random postures.", min=0)] = 0,
+    screen: Annotated[
+        bool, typer.Option("--screen", help="Hexa Slide: look around on a screen.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Which parameters a procedure can and cannot see, and what would help."""
+    from app.planning import Request
+
+    components = _parts(measured)
+    request = Request(
+        procedure or _usual(machine, components),
+        machine_file,
+        noise,
+        measured=components,
+        known=None if known is None else _parts(known.replace("none", "")),
+        postures=postures,
+        posture_file=posture_file,
+        seed=seed,
+    )
+    if screen:
+        _show(machine, request)
+    typer.echo(_told(machine, request, as_json=as_json))
+
+
+def _parts(text: str) -> tuple[str, ...]:
+    return tuple(part.strip() for part in text.split(",")) if text.strip() else ()
+
+
+def _usual(machine: str, measured: tuple[str, ...]) -> str:
+    """Measured components alone are those of a posture. Raises UsageError without them."""
+    from protocols.errors import UsageError
+
+    if machine != "hexaslide" or not measured:
+        raise UsageError(
+            "--procedure", "none", "the name of a procedure", "For hexaslide --measured also does."
+        )
+    return "pose-forward"
+
+
+def _told(machine: str, request: Asked, *, as_json: bool) -> str:
+    """The document of the machine, or its words."""
     from app.documents import to_json
-    from app.planning import Request, seen_by
+
+    if machine == "hexaslide":
+        from app.hexaslide_seen import hexaslide_document, hexaslide_seen
+        from app.wording.hexaslide_seen import seen_text
+
+        found = hexaslide_seen(request)
+        return to_json(hexaslide_document(found)) if as_json else seen_text(found)
+    from app.planning import seen_by
     from app.planning_documents import identifiability_document
     from app.wording.planning import identifiability_text
 
-    components = tuple(part.strip() for part in measured.split(",")) if measured else ()
-    request = Request(
-        procedure, machine_file, noise, measured=components, postures=postures, seed=seed
-    )
     seen = seen_by(machine, request)
-    document = to_json(identifiability_document(seen)) if as_json else identifiability_text(seen)
-    typer.echo(document)
+    return to_json(identifiability_document(seen)) if as_json else identifiability_text(seen)
+
+
+def _show(machine: str, request: Asked) -> NoReturn:
+    """The screen of the machine; leaves with its exit status."""
+    from protocols.errors import UsageError
+
+    if machine != "hexaslide":
+        raise UsageError("--screen", f"the machine {machine}", "hexaslide")
+    from app.screens.start import open_hexaslide
+
+    raise typer.Exit(open_hexaslide(request))

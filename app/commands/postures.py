@@ -19,6 +19,7 @@ from app.commands.options import AsJson, finite, say
 
 if TYPE_CHECKING:
     from app.planning import Request as Asked
+    from calib.criteria import Criterion
 
 
 class CriterionName(StrEnum):
@@ -35,12 +36,17 @@ class CriterionName(StrEnum):
 def postures(
     machine: MachineName,
     procedure: Procedure,
-    count: Annotated[int, typer.Option(help="How many postures.", show_default=False)],
+    count: Annotated[
+        int | None, typer.Option(help="How many postures; a --posture-file tells it.")
+    ] = None,
     machine_file: MachineFile = None,
     noise: Noise = None,
     criterion: Annotated[
-        CriterionName, typer.Option(help="What is made best.")
-    ] = CriterionName.DETERMINANT,
+        CriterionName | None,
+        typer.Option(
+            help="What is made best.", show_default="determinant; condition for a hexaslide"
+        ),
+    ] = None,
     budget: Annotated[
         float | None,
         typer.Option(help="Minutes at most, with set-up.", min=0.0, callback=finite),
@@ -54,29 +60,62 @@ def postures(
     common: Annotated[
         bool, typer.Option("--common", help="The same displacements on all legs: one file.")
     ] = False,
+    measured: Annotated[
+        str, typer.Option(help="Hexa Slide: what is measured, such as x,y,z,theta.")
+    ] = "",
+    known: Annotated[
+        str | None,
+        typer.Option(
+            help="Constraint link: what is known of c,d,length, or none.", show_default="length"
+        ),
+    ] = None,
+    posture_file: Annotated[
+        Path | None,
+        typer.Option(help="Hexa Slide: .csv or .json file to start from.", readable=False),
+    ] = None,
+    as_is: Annotated[
+        bool, typer.Option("--as-is", help="Only judge the --posture-file, move nothing.")
+    ] = False,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Procedure file (TOML) to write.", readable=False),
+        typer.Option(
+            "--output",
+            "-o",
+            help="File to write: procedure (.toml); Hexa Slide: postures (.csv).",
+            readable=False,
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Optimum postures, beside those of the procedure."""
     from app.documents import to_json
-    from app.planning import Request, optimum_postures, write_procedures
+    from app.optimum_postures import optimum_postures, write_procedures
+    from app.planning import Request
     from app.planning_documents import postures_document
     from app.wording.planning import postures_text
     from calib.criteria import Criterion
 
-    request = Request(procedure, machine_file, noise, mounting_seconds / 60.0)
+    request = Request(
+        procedure,
+        machine_file,
+        noise,
+        mounting_seconds / 60.0,
+        measured=_parts(measured),
+        known=None if known is None else _parts(known.replace("none", "")),
+        posture_file=posture_file,
+        seed=seed,
+    )
+    wanted = None if criterion is None else Criterion(criterion.value)
     if machine == "hexaslide":
-        _refuse_lists(repeats or common or budget is not None or output is not None)
-        _boxed(request, count, criterion, seed, starts, as_json=as_json)
+        _refuse("--budget, --repeats and --common", repeats or common or budget is not None)
+        _boxed(request, count, wanted, starts, output, as_is=as_is, as_json=as_json)
         return
+    _refuse("--as-is", as_is, machine, "hexaslide")
     chosen = optimum_postures(
         machine,
         request,
-        count,
-        criterion=Criterion(criterion.value),
+        _needed(count),
+        criterion=wanted or Criterion.DETERMINANT,
         budget_min=budget,
         seed=seed,
         starts=starts,
@@ -89,24 +128,44 @@ def postures(
     typer.echo(to_json(postures_document(chosen)) if as_json else postures_text(chosen))
 
 
-def _refuse_lists(asked: bool) -> None:
-    """Raises UsageError for options that belong to a list of candidates."""
+def _parts(listed: str) -> tuple[str, ...]:
+    return tuple(part.strip() for part in listed.split(",")) if listed else ()
+
+
+def _refuse(
+    option: str, asked: bool, machine: str = "hexaslide", allowed: str = "orthoglide"
+) -> None:
+    """Raises UsageError for an option of the other machine."""
     from protocols.errors import UsageError
 
     if asked:
-        raise UsageError(
-            "--budget, --repeats, --common and --output", "the machine hexaslide", "orthoglide"
-        )
+        raise UsageError(option, f"the machine {machine}", f"the machine {allowed}")
+
+
+def _needed(count: int | None) -> int:
+    from protocols.errors import UsageError
+
+    if count is None:
+        raise UsageError("--count", "none", "how many postures to choose")
+    return count
 
 
 def _boxed(
-    request: Asked, count: int, criterion: CriterionName, seed: int, starts: int, *, as_json: bool
+    request: Asked,
+    count: int | None,
+    criterion: Criterion | None,
+    starts: int,
+    output: Path | None,
+    *,
+    as_is: bool,
+    as_json: bool,
 ) -> None:
     """Postures anywhere in the box of a Hexa Slide."""
     from app.documents import to_json
-    from app.planning_hexaslide import boxed_document, boxed_postures
+    from app.planning_hexaslide import asked_postures, boxed_document, write_postures
     from app.wording.hexaslide import boxed_text
-    from calib.criteria import Criterion
 
-    found = boxed_postures(request, count, Criterion(criterion.value), seed=seed, starts=starts)
+    found = asked_postures(request, count, criterion, starts=starts, as_is=as_is, output=output)
+    if output:
+        say(f"postures written to {write_postures(found, output)}")
     typer.echo(to_json(boxed_document(found)) if as_json else boxed_text(found))

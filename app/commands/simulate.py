@@ -7,17 +7,29 @@ from typing import Annotated
 
 import typer
 
-from app.commands.options import Machine, Output, Protocol, Seed, figure, finite, say
+from app.commands.hexaslide_calibration import (
+    Own,
+    optional_figure,
+    refuse_own,
+    simulate_hexaslide,
+)
+from app.commands.options import Output, Protocol, Seed, figure, finite, say
+
+HEXASLIDE = Path("hexaslide")
+PROTOCOL, SCATTER_MM, RESOLUTION_MM = "zero-max-min", 0.002, 0.001
 
 
 def simulate(
     output: Output,
-    protocol: Protocol = "zero-max-min",
+    protocol: Protocol = PROTOCOL,
     model: Annotated[Path | None, typer.Option(help="Model file (JSON).", readable=False)] = None,
-    machine: Machine = None,
+    machine: Annotated[
+        Path | None,
+        typer.Option("--machine", help="Machine file (TOML), or hexaslide.", readable=False),
+    ] = None,
     seed: Seed = 1,
-    scatter: Annotated[float, figure("Scatter of a re-approach, mm.")] = 0.002,
-    resolution: Annotated[float, figure("Step of the display, mm; 0: none.")] = 0.001,
+    scatter: Annotated[float, figure("Scatter of a re-approach, mm.")] = SCATTER_MM,
+    resolution: Annotated[float, figure("Step of the display, mm; 0: none.")] = RESOLUTION_MM,
     effect: Annotated[
         str | None, typer.Option(help="Hide an effect in the machine: ID or ID:WHERE.")
     ] = None,
@@ -28,8 +40,54 @@ def simulate(
             callback=finite,
         ),
     ] = None,
+    procedure: Annotated[
+        str | None, typer.Option(help="Hexa Slide: pose-inverse, position, …")
+    ] = None,
+    postures: Annotated[
+        int | None, typer.Option(help="Hexa Slide: how many, random.", min=1, max=10_000)
+    ] = None,
+    noise: Annotated[
+        float | None, optional_figure("Hexa Slide: standard deviation of a measured length, mm.")
+    ] = None,
+    angle_noise: Annotated[
+        float | None, optional_figure("Hexa Slide: of a measured angle, mrad; default as --noise.")
+    ] = None,
+    errors: Annotated[
+        float | None, optional_figure("Hexa Slide: of each hidden error, mm (default 1).")
+    ] = None,
+    measured: Annotated[
+        str | None, typer.Option(help="Hexa Slide, pose-forward: such as x,y,z,theta.")
+    ] = None,
+    machine_file: Annotated[
+        Path | None, typer.Option(help="Hexa Slide: machine file (TOML).", readable=False)
+    ] = None,
+    posture_file: Annotated[
+        Path | None,
+        typer.Option(help="Hexa Slide: these postures (CSV, JSON).", readable=False),
+    ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(help="Hexa Slide: file for the true machine.", readable=False),
+    ] = None,
 ) -> None:
     """A session from the simulation: the nominal machine, or that of a model file."""
+    own = Own(
+        procedure=procedure,
+        postures=postures,
+        noise=noise,
+        angle_noise=angle_noise,
+        errors=errors,
+        measured=measured,
+        machine_file=machine_file,
+        posture_file=posture_file,
+        truth=truth,
+    )
+    usual = (protocol, scatter, resolution) == (PROTOCOL, SCATTER_MM, RESOLUTION_MM)
+    if machine == HEXASLIDE:
+        foreign = not usual or any(one is not None for one in (model, effect, size))
+        simulate_hexaslide(own, output, seed, foreign=foreign)
+        return
+    refuse_own(own)
     from dataclasses import replace
 
     from app.hidden_effect import hidden_effect
@@ -48,25 +106,25 @@ def simulate(
     if model and machine:
         raise UsageError("--model and --machine", "both", "one: a model brings its own machine")
     known = load_machine(machine)
-    truth = Model(known.geometry())
+    real = Model(known.geometry())
     if model:
-        truth, known = read_model(model, known_laws())
-    procedure = load_procedure(protocol, known.geometry())
+        real, known = read_model(model, known_laws())
+    planned = load_procedure(protocol, known.geometry())
     if effect is not None:
         hidden = hidden_effect(
             effect,
-            truth,
-            planned_readings(procedure, known),
+            real,
+            planned_readings(planned, known),
             laws=known_laws(),
             seed=seed,
             noise_mm=max(scatter, resolution),
             size=size,
         )
-        truth = replace(truth, effects=(*truth.effects, *hidden))
+        real = replace(real, effects=(*real.effects, *hidden))
     opened, readings = simulated_session(
-        procedure,
+        planned,
         known,
-        truth,
+        real,
         seed=seed,
         scatter_mm=scatter,
         resolution_mm=resolution,

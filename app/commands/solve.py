@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from app.commands.hexaslide_calibration import is_hexaslide, refuse_checks, solve_hexaslide
 from app.commands.options import (
     AsJson,
     Method,
@@ -42,9 +44,31 @@ def solve(
         int, typer.Option("--monte-carlo", help="Check on so many simulated sessions.", min=0)
     ] = 0,
     seed: Seed = 1,
+    machine: Annotated[
+        str | None, typer.Option(help="orthoglide or hexaslide; default: by the file.")
+    ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(help="Hexa Slide: the true machine that simulate wrote.", readable=False),
+    ] = None,
+    held_out: Annotated[
+        float | None,
+        typer.Option(
+            help="Hexa Slide: share of postures kept out as a check (default 0.2).",
+            min=0.0,
+            max=0.9,
+            callback=finite,
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Averages, differences, parameters with uncertainties, residuals, what is not seen."""
+    if is_hexaslide(sessions, machine):
+        foreign = subset is not None or tolerance is not None or show_map or monte_carlo > 0
+        foreign |= method is not MethodName.EXACT or weights is not WeightsName.EQUAL
+        solve_hexaslide(sessions, truth, held_out, foreign=foreign, as_json=as_json)
+        return
+    refuse_checks(truth, held_out)
     from app.documents import solution_document, to_json
     from app.solving import solve_files
     from app.wording.result import solution_text

@@ -115,6 +115,8 @@ class HomeScreen(Screen[None]):
                 self._demonstrate()
             elif what == "compare":
                 self._compare(session)
+            elif what == "hexaslide":
+                self._open_hexaslide()
             elif session is None:
                 self._pick(WHICH[what], partial(self._do, what))
             elif what == "continue":
@@ -154,6 +156,11 @@ class HomeScreen(Screen[None]):
         from app.screens.diagnose import DiagnoseScreen
 
         self.app.push_screen(DiagnoseScreen([path]))
+
+    def _open_hexaslide(self) -> None:
+        from app.screens.hexaslide import HexaSlideScreen
+
+        self.app.push_screen(HexaSlideScreen())
 
     def _compare(self, session: Recent | None) -> None:
         """Find the two sessions; one that verifies another brings its partner."""

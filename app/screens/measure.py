@@ -138,13 +138,18 @@ class MeasureScreen(Corrections):
         mode = "ON HOLD" if self.held else "automatic" if self.automatic else "by hand"
         self.view.show_progress(progress_text(session, self.guided.steps, mode))
         self.view.show_step(session, self.guided.steps, self.guided.step())
+        self._draw_live()  # in the same picture: a step takes long to draw, readings must not wait
 
-    def _show_live(self) -> None:
+    def _draw_live(self) -> Sequence[Live]:
         states = [gauge.live() for gauge in self.guided.gauges]
         self._shown = states
         if self.busy or any(live.motion is not Motion.STABLE for live in states):
             self._moved_at = time.monotonic()
         self.view.show_live(states)
+        return states
+
+    def _show_live(self) -> None:
+        states = self._draw_live()
         self._tell_lost_and_found(states)
         pressed = [gauge.button_pressed() for gauge in self.guided.gauges]
         if self.asking or self.held:

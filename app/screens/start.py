@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from textual.screen import Screen
 
@@ -18,6 +19,9 @@ from app.screens.replay import ReplayScreen
 from app.screens.replay_choice import ReplayChoiceScreen
 from app.settings import settings_path
 from protocols.record import read_record
+
+if TYPE_CHECKING:
+    from app.planning import Request
 
 
 def open_interface() -> int:
@@ -40,6 +44,16 @@ def open_replay(paths: Sequence[Path], *, read_only: bool = False) -> int:
         read_record(path)
     first = ReplayScreen(paths[0]) if len(paths) == 1 else ReplayChoiceScreen(paths)
     return _run(first, read_only=read_only)
+
+
+def open_hexaslide(request: Request) -> int:
+    """What a procedure sees of a Hexa Slide. Raises UsageError, RecordError for a wrong request."""
+    need_terminal("--screen", "the verb without it")
+    from app.planning_hexaslide import HexaSlidePlanning
+    from app.screens.hexaslide import HexaSlideScreen
+
+    HexaSlidePlanning.of(request)
+    return _run(HexaSlideScreen(request))
 
 
 def _run(first: Screen[None], *, read_only: bool = False) -> int:

@@ -13,6 +13,8 @@ Demonstration  the same on a simulated machine, in demo-sessions
 Compare        the session before the offsets were entered in the
                controller with the one after
 Diagnose       where readings and model disagree, and what is missing
+Hexa Slide     another machine: what can be seen of it, drawn, and where
+               to measure; no readings are needed
 
 Sessions of this folder and of demo-sessions stand below, newest
 first. Enter on one of them offers what can be done with it.
@@ -26,6 +28,7 @@ HOME_CHOICES = (
     ("compare", "Compare before and after"),
     ("export", "Export offsets of a session"),
     ("diagnose", "Diagnose: what is missing in the model"),
+    ("hexaslide", "Hexa Slide: what a procedure sees, the best postures"),
 )
 READING_ONLY = ("result", "replay", "compare", "diagnose")
 """What is left where nothing may be written."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from app.next_measurement import NextMeasurement, Proposal
-from app.planning import Chosen, Combination, Figures, SeenBy
+from app.optimum_postures import Chosen, Figures
+from app.planning import Combination, SeenBy
 from app.wording.tables import new_table, table_text, wrapped
 from calib.criteria import Criterion
 

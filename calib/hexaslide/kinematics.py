@@ -81,7 +81,7 @@ def legs(geometry: Geometry, postures: Numbers) -> Legs:
     if short.any():
         at, chain = (int(part[0]) for part in np.nonzero(short))
         raise UnreachablePosture(
-            f"posture {_words(postures[at])}",
+            f"posture {words(postures[at])}",
             f"link {chain + 1} of {geometry.links[chain].real:g} m does not reach its rail",
             "postures whose joints are nearer to the rails than the links are long",
             NEXT_STEP,
@@ -103,33 +103,51 @@ def forward(geometry: Geometry, sliders: Numbers, box: Box) -> Numbers:
     sliders from the centre in a few stages so that it stays on the branch. Raises
     UnreachablePosture where the links do not meet or the platform is not held.
     """
-    postures = np.tile(box.centre, (len(sliders), 1)).astype(sliders.dtype)
-    middle = inverse(geometry, box.centre[None])
+    start = np.tile(box.centre, (len(sliders), 1)).astype(sliders.dtype)
+    postures, middle = start, inverse(geometry, box.centre[None])
     for share in STAGES:
         on_way = middle + share * (sliders - middle)
         for _ in range(STEPS_OF_STAGE):
-            postures = postures + _newton_step(geometry, on_way, postures)
+            postures = postures + _newton_step(geometry, on_way, postures, sliders)
+    return _on_branch(geometry, sliders, _converged(geometry, sliders, postures), start[:1])
+
+
+def forward_near(geometry: Geometry, sliders: Numbers, postures: Numbers) -> Numbers:
+    """Postures ``(p, 6)`` of sliders ``(p, 6)`` next to given ones. Raises UnreachablePosture."""
+    return _on_branch(geometry, sliders, _converged(geometry, sliders, postures), postures)
+
+
+def _converged(geometry: Geometry, sliders: Numbers, postures: Numbers) -> Numbers:
     left = 2
     for _ in range(MOST_STEPS):
-        step = _newton_step(geometry, sliders, postures)
+        step = _newton_step(geometry, sliders, postures, sliders)
         postures = postures + step
-        size = float(np.abs(step).max(initial=0.0))
-        if not size < FAR:
+        size = np.abs(step).max(axis=1, initial=0.0)
+        if not (size < FAR).all():
             break
-        if size < SMALL_STEP:
+        if (size < SMALL_STEP).all():
             left -= 1
         if left < 0:
-            return _on_branch(geometry, sliders, postures)
-    raise _no_posture("Newton's method finds none")
+            return postures
+    raise _no_posture(sliders[int(np.nan_to_num(size, nan=np.inf).argmax())], "none")
 
 
-def _newton_step(geometry: Geometry, sliders: Numbers, postures: Numbers) -> Numbers:
+def _newton_step(
+    geometry: Geometry, sliders: Numbers, postures: Numbers, wanted: Numbers
+) -> Numbers:
+    """A step towards sliders on the way to those that are wanted.
+
+    Raises UnreachablePosture where the platform is not held or earlier steps led away.
+    """
     link = joints(geometry, postures) - sliders[..., None] * geometry.rails
     miss = ((link * link).sum(axis=-1) - geometry.links**2) / 2.0
+    far = ~(np.abs(postures).max(axis=1, initial=0.0) < FAR)
+    if far.any():
+        raise _no_posture(wanted[int(far.argmax())], "none")
     try:
         return np.linalg.solve(pulls(geometry, postures, link), -miss[..., None])[..., 0]
     except np.linalg.LinAlgError as problem:
-        raise _no_posture("a singular posture on the way") from problem
+        raise _no_posture(wanted[0], "a singular posture on the way") from problem
 
 
 def pulls(geometry: Geometry, postures: Numbers, link: Numbers) -> Numbers:
@@ -139,20 +157,27 @@ def pulls(geometry: Geometry, postures: Numbers, link: Numbers) -> Numbers:
     return np.concatenate([link, turned], axis=-1)
 
 
-def _on_branch(geometry: Geometry, sliders: Numbers, postures: Numbers) -> Numbers:
-    found = inverse(geometry, postures)
-    if np.abs(found - sliders).max(initial=0.0) > SMALL_STEP:
-        raise _no_posture("one on another branch of the machine")
+def _on_branch(geometry: Geometry, sliders: Numbers, postures: Numbers, near: Numbers) -> Numbers:
+    """The postures, where a way from those that are ``near`` need not pass a singular one."""
+    at = legs(geometry, postures)
+    off = np.abs(at.sliders - sliders).max(axis=1, initial=0.0) > SMALL_STEP
+    side = np.sign(np.linalg.det(pulls(geometry, postures, at.links).real))
+    own = np.sign(np.linalg.det(pulls(geometry, near, legs(geometry, near).links).real))
+    off |= side != own
+    if off.any():
+        raise _no_posture(sliders[int(off.argmax())], "one on another branch of the machine")
     return postures
 
 
-def _no_posture(found: str) -> UnreachablePosture:
+def _no_posture(sliders: Numbers, found: str) -> UnreachablePosture:
+    places = ", ".join(f"{place:g}" for place in sliders.real)
     return UnreachablePosture(
-        "posture for these slider positions", found, "sliders of a reachable posture", NEXT_STEP
+        f"posture of the sliders ({places}) m", found, "sliders of a reachable posture", NEXT_STEP
     )
 
 
-def _words(posture: Numbers) -> str:
+def words(posture: Numbers) -> str:
+    """A posture ``(6,)`` for a message, in metres and degrees."""
     x, y, z = posture.real[:3]
     theta, psi, phi = np.degrees(posture.real[3:])
     return f"({x:g}, {y:g}, {z:g}) m, ({theta:g}, {psi:g}, {phi:g})°"

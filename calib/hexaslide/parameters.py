@@ -6,6 +6,8 @@ the link. The base frame fixes five of the 54; a constraint link adds its two en
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from calib.hexaslide.geometry import CHAINS, ConstraintLink, Geometry, Numbers
@@ -48,29 +50,34 @@ def motions(
 ) -> tuple[tuple[str, FloatArray], ...]:
     """Frames moved as wholes, as changes of the named parameters, each of unit length.
 
-    The platform's frame may be turned and shifted with all that is fixed to it; the base, held by
-    its frame, may only be turned about X.
+    The platform's frame may be turned and shifted with all that is fixed to it; where the end of
+    the link on it is known, turned about that end. The base, held by its frame, may only be turned
+    about X. Which of them a procedure loses, its derivatives tell.
     """
     end = np.zeros(3) if link is None else link.platform_end
-    found: list[tuple[str, dict[str, float]]] = []
-    for axis in range(3):
-        turned = {**_points("B", np.cross(np.eye(3)[axis], geometry.platform))}
-        turned |= _point("c", np.cross(np.eye(3)[axis], end))
-        found.append((f"platform frame turned about its {'XYZ'[axis]}", turned))
-    for axis in range(3):
-        shifted = _points("B", np.tile(np.eye(3)[axis], (CHAINS, 1)))
-        found.append(
-            (
-                f"platform frame shifted along its {'XYZ'[axis]}",
-                shifted | _point("c", np.eye(3)[axis]),
-            )
-        )
+    about_its, about_end = "platform frame turned about its", "platform frame turned about"
+    found = [(f"{about_its} {axis}", turn) for axis, turn in _turns(geometry, end, np.zeros(3))]
+    for axis, unit in zip("XYZ", np.eye(3), strict=True):
+        shifted = _points("B", np.tile(unit, (CHAINS, 1))) | _point("c", unit)
+        found.append((f"platform frame shifted along its {axis}", shifted))
+    if link is not None and "cx" not in names:
+        turns = _turns(geometry, end, end)
+        found += [(f"{about_end} the link's end, {axis}", turn) for axis, turn in turns]
     about = np.array([1.0, 0.0, 0.0])
     base = _points("A", np.cross(about, geometry.base))
     base |= _points("a", np.cross(about, geometry.rails))
     far = np.zeros(3) if link is None else link.base_end
     found.append(("base turned about X", base | _point("d", np.cross(about, far))))
     return tuple((name, _vector(shares, names)) for name, shares in found)
+
+
+def _turns(
+    geometry: Geometry, end: FloatArray, centre: FloatArray
+) -> Iterator[tuple[str, dict[str, float]]]:
+    """The platform's joints and its end of the link turned about each axis through a point."""
+    for axis, unit in zip("XYZ", np.eye(3), strict=True):
+        joints = _points("B", np.cross(unit, geometry.platform - centre))
+        yield axis, joints | _point("c", np.cross(unit, end - centre))
 
 
 def _points(letter: str, points: FloatArray) -> dict[str, float]:

@@ -6,20 +6,37 @@ theorem of implicit functions, without any differences.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
 from calib.errors import CalibrationError
-from calib.hexaslide.geometry import CHAINS, ConstraintLink, Geometry, Numbers
-from calib.hexaslide.kinematics import legs, pulls, rotation_and_slopes
+from calib.hexaslide.geometry import CHAINS, Box, ConstraintLink, Geometry, Numbers
+from calib.hexaslide.kinematics import legs, pulls, rotation_and_slopes, words
 from calib.hexaslide.parameters import END_NAMES, FREE, LENGTH_NAME, NAMES
 from calib.observations import FloatArray
 
 COMPONENTS = ("x", "y", "z", "theta", "psi", "phi")
+
 STEP = 1e-30
 """Complex step: nothing is subtracted, so it may be as small as numbers go."""
+
+ENDS = {"c": END_NAMES[:3], "d": END_NAMES[3:], "length": (LENGTH_NAME,)}
+"""What of a constraint link may be known: its end on the platform, that on the base, its length."""
+
+ENDS_TOUCH_M = 1e-9
+"""Ends of the constraint link that are nearer have no direction between them."""
+
+WELL_HELD = 100.0
+"""Condition number up to which the sliders hold the platform well."""
+
+MOST_DRAWN = 20
+"""Times as many postures are drawn at most to find well held ones."""
+
+SINGULAR = 1e10
+"""Condition number from which on the sliders do not hold the platform, metres and radians."""
 
 
 class Kind(StrEnum):
@@ -34,27 +51,32 @@ class Kind(StrEnum):
 @dataclass(frozen=True)
 class Procedure:
     """A procedure on a machine. ``measured`` are components of the posture, for those that measure
-    them; ends and length of a constraint link may be known or not (papers/001: ends not, length
-    known).
+    them; ``known`` is what is known of a constraint link, of `ENDS` (papers/001: the length).
     """
 
     kind: Kind
     measured: tuple[str, ...] = COMPONENTS
-    ends_known: bool = False
-    length_known: bool = True
+    known: tuple[str, ...] = ("length",)
 
     def __post_init__(self) -> None:
+        if not set(self.known) <= set(ENDS) or len(set(self.known)) < len(self.known):
+            raise CalibrationError(
+                "known parts of the link", _list(self.known), f"different ones of {_list(ENDS)}"
+            )
         wrong = [name for name in self.measured if name not in COMPONENTS]
         if wrong or not self.measured or len(set(self.measured)) < len(self.measured):
             raise CalibrationError(
                 "measured components",
-                ", ".join(self.measured) or "none",
-                f"different ones of {', '.join(COMPONENTS)}",
+                _list(self.measured),
+                f"different ones of {_list(COMPONENTS)}",
             )
 
     @staticmethod
-    def of(name: str, measured: tuple[str, ...] = ()) -> Procedure:
-        """The procedure of that name; ``measured`` replaces what it measures.
+    def of(
+        name: str, measured: tuple[str, ...] = (), known: tuple[str, ...] | None = None
+    ) -> Procedure:
+        """The procedure of that name; ``measured`` replaces what it measures, ``known`` what is
+        known of its link.
 
         Raises CalibrationError for a name or component that is not known.
         """
@@ -64,20 +86,29 @@ class Procedure:
         if measured and kind in (Kind.POSE_INVERSE, Kind.CONSTRAINT_LINK):
             raise CalibrationError(
                 f"measured components with {name}",
-                ", ".join(measured),
+                _list(measured),
                 f"none: {name} fixes what is measured",
                 "Use --procedure pose-forward with --measured.",
             )
+        if known is not None and kind is not Kind.CONSTRAINT_LINK:
+            raise CalibrationError(
+                f"known parts of a link with {name}", _list(known), "constraint-link only"
+            )
         usual = COMPONENTS[:3] if kind is Kind.POSITION else COMPONENTS
-        return Procedure(kind, measured or usual)
+        return Procedure(kind, measured or usual, ("length",) if known is None else known)
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the unknown parameters."""
         if self.kind is not Kind.CONSTRAINT_LINK:
             return NAMES
-        ends = () if self.ends_known else END_NAMES
-        return (*NAMES, *ends, *(() if self.length_known else (LENGTH_NAME,)))
+        return (*NAMES, *((*END_NAMES, LENGTH_NAME)[k] for k in self.link_columns))
+
+    @property
+    def link_columns(self) -> list[int]:
+        """Which of cx, cy, cz, dx, dy, dz, L are unknown, by their place in this list."""
+        sure = [name for part in self.known for name in ENDS[part]]
+        return [k for k, name in enumerate((*END_NAMES, LENGTH_NAME)) if name not in sure]
 
     @property
     def read(self) -> tuple[str, ...]:
@@ -85,6 +116,10 @@ class Procedure:
         if self.kind is Kind.POSE_INVERSE:
             return tuple(f"lambda{chain}" for chain in range(1, CHAINS + 1))
         return ("length",) if self.kind is Kind.CONSTRAINT_LINK else self.measured
+
+
+def _list(names: Iterable[str]) -> str:
+    return ", ".join(names) or "none"
 
 
 def slider_slopes(geometry: Geometry, postures: Numbers) -> tuple[Numbers, Numbers]:
@@ -120,15 +155,48 @@ def jacobian(
     by_posture, by_parameter = slider_slopes(geometry, postures)
     if procedure.kind is Kind.POSE_INVERSE:
         return by_parameter
-    try:
-        moved = -np.linalg.solve(by_posture, by_parameter)
-    except np.linalg.LinAlgError as problem:
-        raise CalibrationError(
-            "postures", "a singular one", "postures at which the sliders hold the platform"
-        ) from problem
+    _refuse_singular(by_posture.real, postures)
+    moved = -np.linalg.solve(by_posture, by_parameter)
     if procedure.kind is Kind.CONSTRAINT_LINK:
         return _link_slopes(procedure, postures, moved, link)
     return np.asarray(moved[:, [COMPONENTS.index(name) for name in procedure.measured]])
+
+
+def held_postures(geometry: Geometry, box: Box, count: int, seed: int) -> FloatArray:
+    """Random postures ``(count, 6)`` in a box, those left out that are next to singular ones.
+
+    No machine is measured there, and a few large rows would drown all the others. Where hardly any
+    posture is held well, the best held ones. Raises UnreachablePosture.
+    """
+    generator = np.random.default_rng(seed)
+    drawn = box.random(count, generator)
+    worst = _looseness(geometry, drawn)
+    while (worst < WELL_HELD).sum() < count and len(drawn) < MOST_DRAWN * count:
+        drawn = np.concatenate([drawn, box.random(count, generator)])
+        worst = np.append(worst, _looseness(geometry, drawn[-count:]))
+    held = np.flatnonzero(worst < WELL_HELD)
+    chosen = held if len(held) >= count else np.argsort(worst, kind="stable")
+    return np.asarray(drawn[chosen[:count]])
+
+
+def _looseness(geometry: Geometry, postures: FloatArray) -> FloatArray:
+    """Condition numbers ``(p,)`` of sliders by postures, turns measured where the joints are."""
+    size = float(np.sqrt((geometry.platform**2).sum(axis=1).mean())) or 1.0
+    by_posture = slider_slopes(geometry, postures)[0] / [1.0, 1.0, 1.0, size, size, size]
+    return np.asarray(np.nan_to_num(np.linalg.cond(by_posture), nan=np.inf))
+
+
+def _refuse_singular(by_posture: FloatArray, postures: Numbers) -> None:
+    """Raises CalibrationError for a posture at which the platform can move, sliders kept."""
+    worst = np.linalg.cond(by_posture)
+    if not (worst < SINGULAR).all():
+        at = int(np.nan_to_num(worst, nan=np.inf).argmax())
+        raise CalibrationError(
+            f"posture {words(postures[at])}",
+            "a singular one",
+            "postures at which the sliders hold the platform",
+            "Choose another box, or check the joints and rails of the geometry.",
+        )
 
 
 def _link_slopes(
@@ -139,26 +207,15 @@ def _link_slopes(
         raise CalibrationError("constraint link", "none", "one in the machine file")
     turned, slopes = rotation_and_slopes(postures[:, 3:])
     apart = postures[:, :3] + turned @ link.platform_end - link.base_end
-    along = apart / np.sqrt((apart * apart).sum(axis=-1))[:, None]
+    length = np.sqrt((apart * apart).sum(axis=-1))
+    if not (np.abs(length) > ENDS_TOUCH_M).all():
+        raise CalibrationError(
+            "constraint link", "a posture where its ends touch", "postures that keep them apart"
+        )
+    along = apart / length[:, None]
     by_angle = np.einsum("pi,paij,j->pa", along, slopes, link.platform_end, optimize=True)
     by_posture = np.concatenate([along, by_angle], axis=-1)
-    parts = [np.einsum("px,pxk->pk", by_posture, moved)]
-    if not procedure.ends_known:
-        parts += [np.einsum("pi,pij->pj", along, turned), -along]
-    if not procedure.length_known:
-        parts.append(-np.ones((len(postures), 1)))
-    return np.concatenate(parts, axis=-1)[:, None]
-
-
-def jacobian_and_slopes(
-    procedure: Procedure,
-    geometry: Geometry,
-    postures: FloatArray,
-    link: ConstraintLink | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """The Jacobian ``(p, r, k)`` and its derivatives by the postures ``(p, r, k, 6)``."""
-    count = len(postures)
-    stepped = postures[None] + 1j * STEP * np.eye(6)[:, None]
-    found = jacobian(procedure, geometry, stepped.reshape(-1, 6), link)
-    split = found.reshape(6, count, *found.shape[1:])
-    return split[0].real, np.moveaxis(split.imag / STEP, 0, -1)
+    moving = np.einsum("px,pxk->pk", by_posture, moved)
+    ends = [np.einsum("pi,pij->pj", along, turned), -along, -np.ones((len(postures), 1))]
+    own = np.concatenate(ends, axis=-1)[:, procedure.link_columns]
+    return np.concatenate([moving, own], axis=-1)[:, None]

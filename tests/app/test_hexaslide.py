@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import re
 from importlib import resources
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from app.exit_codes import Exit, exit_code
+from app.hexaslide_seen import hexaslide_document, hexaslide_seen
+from app.planning import Request
+from app.wording.hexaslide_seen import seen_text
+from calib.hexaslide.procedures import Procedure, held_postures, jacobian
+from protocols.errors import RecordError
+from protocols.hexaslide_machine import load_hexaslide
+from protocols.hexaslide_postures import load_postures
 from tests.app.cli import glidecal, refused
 
+TEXT = (resources.files("protocols") / "machines" / "hexaslide-h60.toml").read_text("utf-8")
 VERB = ("identifiability", "hexaslide", "--procedure")
 
 
@@ -34,17 +46,146 @@ def test_ranks_beside_those_of_the_paper(
     assert bool(found["remark"]) == (rank != published)
 
 
-def test_too_few_postures_say_the_minimum() -> None:
+def told(request: Request) -> str:
+    """What the verb says, as one line."""
+    return " ".join(seen_text(hexaslide_seen(request)).split())
+
+
+def test_too_few_postures_say_the_minimum_and_what_is_lost_in_whole() -> None:
     found = json.loads(glidecal(*VERB, "position", "--postures", "15", "--json").out)
-    assert (found["limited_by"], found["rank"]) == ("too-few-postures", 45)
-    said = glidecal(*VERB, "position", "--postures", "15").out.replace("\n", " ")
-    assert "16 or more are needed" in said
+    assert (found["limited_by"], found["rank"], found["reachable_rank"]) == (
+        "too-few-postures",
+        45,
+        46,
+    )
+    lost = found["lost_directions"]
+    assert [one["at_every_posture"] for one in lost] == [True, True, True, False]
+    machine = load_hexaslide()
+    geometry, box = machine.geometry(), machine.posture_box()
+    rows = jacobian(Procedure.of("position"), geometry, held_postures(geometry, box, 15, 0))
+    names = found["parameters"]
+    for one in lost:
+        vector = np.array([one["combination"].get(name, 0.0) for name in names])
+        assert np.linalg.norm(rows.reshape(-1, 49) @ vector) < 1e-8 * np.linalg.norm(vector)
+    said = told(Request("position", postures=15))
+    assert "Too few postures: 16 or more are needed to see the 46" in said
+    assert "and smaller shares of" in said
+    assert "Other postures show this." in said
+
+
+def test_what_is_lost_is_told_by_its_motions_and_their_number() -> None:
+    said = told(Request("constraint-link"))
+    for motion in (
+        "NOT SEEN (3): platform frame turned about its X, Y and Z.",
+        "NOT SEEN (3): platform frame shifted along its X, Y and Z.",
+        "NOT SEEN (1): base turned about X. No posture shows this",
+    ):
+        assert motion in said
+    assert "48 of 55 combinations of the parameters are seen, 7 not." in said
+    assert "Fewest postures that show so many: 48." in said
+    assert "papers/001 counts 46; with exact derivatives it is 48" in said
+
+
+def test_the_rule_of_the_paper_is_told_beside_with_what_decides_it() -> None:
+    said = told(Request("position"))
+    assert "counts 46 with exact derivatives, flags Bz5, By6, Bz6." in said
+    assert "at 16 postures it counts 48. WARNING: that is the number of rows" in said
+    assert "at 100 postures it counts 49. WARNING: that is the number of parameters" in said
+    assert "orders of magnitude too tight" in said
+    rules = hexaslide_document(hexaslide_seen(Request("constraint-link")))["classical_qr"]
+    whole, few = rules["forward_differences"]
+    assert rules["rank"] == 48
+    assert (whole["rank"], whole["true_rank"], whole["decided_by"]) == (55, 48, "parameters")
+    assert (few["postures"], few["rank"], few["decided_by"]) == (46, 46, "rows")
+    assert 1e4 < min(whole["errors_in_tolerances"]) < max(whole["errors_in_tolerances"]) < 1e9
+    said = told(Request("pose-inverse"))
+    assert "WARNING" not in said
+    assert "at 9 postures it counts 49." in said
+    assert "WARNING: 45 is wrong: without exchange of columns" in told(
+        Request("position", postures=16)
+    )
+
+
+def test_condition_numbers_have_their_units() -> None:
+    found = hexaslide_document(hexaslide_seen(Request("pose-forward")))
+    figures = found["condition_numbers"]
+    assert set(figures) == {"m, rad", "mm, rad", "m, °"}
+    assert figures["m, rad"] == pytest.approx(found["condition_number"])
+    assert figures["mm, rad"] > 10.0 * figures["m, rad"]
+    said = told(Request("pose-forward"))
+    assert all(f"in {units}" in said for units in figures)
+    assert "It depends on the units" in said
 
 
 def test_a_measured_tilt_is_seen() -> None:
-    said = glidecal(*VERB, "pose-forward", "--measured", "x,y,z,theta").out
-    assert "48 of 49 combinations" in said
-    assert "NOT SEEN: platform frame turned about its Z." in said
+    run = glidecal("identifiability", "hexaslide", "--measured", "x,y,z,theta")
+    assert "48 of 49 combinations" in run.out
+    assert "NOT SEEN (1): platform frame turned about its Z." in run.out
+
+
+def test_what_is_known_of_the_link() -> None:
+    found = json.loads(glidecal(*VERB, "constraint-link", "--known", "c,d,length", "--json").out)
+    assert (found["rank"], found["parameter_count"], found["published_rank"]) == (46, 49, None)
+    said = told(Request("constraint-link", known=()))
+    assert "49 of 56 combinations" in said
+    assert "turned about the link's end, X and Y" in told(
+        Request("constraint-link", known=("c", "length"))
+    )
+
+
+def test_postures_of_a_file(tmp_path: Path) -> None:
+    machine, columns = load_hexaslide(), "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg"
+    postures = machine.posture_box().random(40, np.random.default_rng(3))
+    postures[:, 3:] = 0.0
+    table = tmp_path / "own.csv"
+    lines = [columns, *(",".join(map(str, row)) for row in postures)]
+    table.write_text("\n".join(lines), encoding="utf-8")
+    found = json.loads(glidecal(*VERB, "position", "--posture-file", table, "--json").out)
+    assert (found["rank"], found["reachable_rank"]) == (32, 46)
+    assert (found["postures"]["count"], found["limited_by"]) == (40, "too-few-postures")
+    said = told(Request("position", posture_file=table))
+    assert "too much alike: others show 46. Vary all six coordinates." in said
+    assert "more such sums; --json tells them" in said
+    written = tmp_path / "own.json"
+    named = [dict(zip(columns.split(","), row, strict=True)) for row in postures.tolist()]
+    written.write_text(json.dumps({"schema": "x", "postures": named}), encoding="utf-8")
+    assert hexaslide_seen(Request("position", posture_file=written)).seen.found.rank == 32
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x_m,y_m\n", "line 1: columns x_m, y_m"),
+        ("", "line 1: columns none"),
+        ("{columns}\n", "0 postures"),
+        ("{columns}\n0,-0.8,-1.15,0,0,0\n0,-0.8,high,0,0,0\n", "line 3: no six numbers"),
+        ("{columns}\n0,-0.8,-1.15,0,0\n", "line 2: no six numbers"),
+        ("{columns}\n0,-0.8,nan,0,0,0\n", "line 2: "),
+        ("{columns}\n0,-0.8,-1.15,0,0,400\n", "less than or equal to 360"),
+    ],
+)
+def test_a_wrong_posture_file_is_told(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "own.csv"
+    columns = "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg"
+    path.write_text(text.replace("{columns}", columns), encoding="utf-8")
+    with pytest.raises(RecordError, match=re.escape(words)) as told_so:
+        load_postures(path)
+    assert exit_code(told_so.value) == Exit.RECORD
+
+
+def test_postures_that_cannot_be_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "own.csv"
+    header = "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg\n"
+    path.write_text(f"{header}5,-0.8,-1.15,0,0,0\n", encoding="utf-8")
+    said = refused(5, *VERB, "position", "--posture-file", path)
+    assert "posture (5, -0.8, -1.15) m, (0, 0, 0)°: found link 1" in said
+    lines = itertools.count()
+    on_a_line = re.sub(
+        r"joint_m = \[.*?\]", lambda _: f"joint_m = [{0.1 * next(lines)}, 0.0, 0.0]", TEXT
+    )
+    machine = tmp_path / "loose.toml"
+    machine.write_text(on_a_line.replace("link_m = 0.88", "link_m = 1.5"), encoding="utf-8")
+    assert "a singular one" in refused(5, *VERB, "position", "--machine-file", machine)
 
 
 def test_postures_before_and_after() -> None:
@@ -61,14 +202,45 @@ def test_wrong_input_is_told(tmp_path: Path) -> None:
     assert "16 or more" in refused(5, *few)
     assert "different ones of x" in refused(2, *VERB, "position", "--measured", "x,roll")
     assert "pose-inverse" in refused(2, *VERB, "sideways")
+    assert "of c, d, length" in refused(2, *VERB, "constraint-link", "--known", "e")
+    assert "--measured also does" in refused(2, "identifiability", "hexaslide")
+    both = ("--postures", "20", "--posture-file", tmp_path / "none.csv")
+    assert "one of them" in refused(2, *VERB, "position", *both)
+    other = ("identifiability", "orthoglide", "--procedure", "sweep", "--known", "c")
+    assert "the machine hexaslide" in refused(2, *other)
 
 
-def test_a_wrong_machine_file_is_told(tmp_path: Path) -> None:
-    text = (resources.files("protocols") / "machines" / "hexaslide-h60.toml").read_text("utf-8")
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("rail = [0.0, -0.5", "rail = [0.0, -0.6", "line 8, chain.0.rail: Value error, a unit"),
+        ("rail = [0.0, -0.5, -0.866025403784439]", "rail = [0.0, -1.0, 0.0]", "not level"),
+        ("link_m = 0.88", "link = 0.88", "line 10, chain.0.link: Extra inputs"),
+        ("x_m = [-0.3, 0.3]", "x_mm = [-0.3, 0.3]", "line 44, box.x_mm: Extra inputs"),
+        ("x_m = [-0.3, 0.3]", "x_m = [0.3, -0.3]", "line 44, box.x_m: Value error, the lower"),
+        ("x_m = [-0.3, 0.3]", "x_m = [-2.0, 0.3]", "line 43, box: Value error, posture (-2, "),
+        ("start_m = [0.0, 0.0, 0.0]", "start_m = [0.1, 0.0, 0.0]", "the first rail at [0, 0, 0]"),
+        ("[constraint_link]", "[link]", "link: Extra inputs"),
+    ],
+)
+def test_a_wrong_machine_file_is_told(tmp_path: Path, old: str, new: str, words: str) -> None:
     path = tmp_path / "own.toml"
-    path.write_text(text.replace("rail = [0.0, -0.5", "rail = [0.0, -0.6", 1), encoding="utf-8")
+    assert old in TEXT
+    path.write_text(TEXT.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(RecordError, match=re.escape(words)) as told_so:
+        load_hexaslide(path)
+    assert exit_code(told_so.value) == Exit.RECORD
+    assert "line " in str(told_so.value)
+    assert len(str(told_so.value)) < 400
+
+
+def test_fewer_than_six_chains_and_no_link_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "own.toml"
+    head, *chains = TEXT.split("[[chain]]")
+    rest = chains[-1].split("[box]")[1]
+    path.write_text("[[chain]]".join([head, *chains[:-1]]) + f"\n[box]{rest}", encoding="utf-8")
     said = refused(3, *VERB, "position", "--machine-file", path)
-    assert "a unit vector" in said
-    assert "line " in said
-    path.write_text(text.replace("x_m = [-0.3, 0.3]", "x_m = [-2.0, 0.3]"), encoding="utf-8")
-    assert "does not reach its rail" in refused(3, *VERB, "position", "--machine-file", path)
+    assert "six chains, each with its own [[chain]]; here are 5" in said
+    path.write_text(TEXT.split("[constraint_link]")[0], encoding="utf-8")
+    said = refused(2, *VERB, "constraint-link", "--machine-file", path)
+    assert "no [constraint_link]" in said

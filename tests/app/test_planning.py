@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from app.next_measurement import next_measurement
-from app.planning import Request, optimum_postures, seen_by
+from app.optimum_postures import optimum_postures
+from app.planning import Request, seen_by
 from calib.criteria import Criterion
 from calib.observations import conditions
 from calib.orthoglide.geometry import Geometry

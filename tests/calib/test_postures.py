@@ -13,7 +13,13 @@ from hypothesis import strategies as st
 from calib.criteria import Aim, Criterion, value_of, wanted_information
 from calib.errors import CalibrationError, NotIdentifiable
 from calib.observations import FloatArray
-from calib.posture_refinement import cost_and_slope, refine
+from calib.posture_refinement import (
+    OF_ENDS,
+    cost_and_slope,
+    cost_by_rows,
+    pulled_by_slopes,
+    refine,
+)
 from calib.postures import Candidates, choose, swap_ratios
 
 ALL = list(Criterion)
@@ -212,6 +218,39 @@ def test_slope_of_the_cost_is_that_of_differences(
     assert float((slope * step).sum()) == pytest.approx((ahead - behind) / 2, rel=1e-4)
 
 
+@pytest.mark.parametrize("criterion", OF_ENDS)
+def test_smoothed_criteria_come_near_and_have_slopes(criterion: Criterion) -> None:
+    flat = random_rows(6, 9, 1, 4)[:, 0]
+    information, aim = flat.T @ flat, Aim(criterion)
+    hard = cost_and_slope(information, aim)[0]
+    costs = [cost_and_slope(information, aim, power)[0] for power in (8.0, 64.0, 4096.0)]
+    assert sorted(costs, reverse=True) == costs
+    assert costs[0] > hard
+    assert costs[-1] == pytest.approx(hard, abs=1e-6)
+    step = random_rows(7, 1, 4, 4)[0]
+    step = 1e-6 * (step + step.T)
+    slope = cost_and_slope(information, aim, 8.0)[1]
+    ahead, behind = (cost_and_slope(information + s * step, aim, 8.0)[0] for s in (1, -1))
+    assert float((slope * step).sum()) == pytest.approx((ahead - behind) / 2, rel=1e-4)
+
+
+@pytest.mark.parametrize("weakness", [1.0, 1e-6], ids=["by information", "by rows"])
+@pytest.mark.parametrize("criterion", [c for c in ALL if c is not Criterion.TOOL_VARIANCE])
+def test_slope_by_the_rows_is_that_of_differences(criterion: Criterion, weakness: float) -> None:
+    """The second set is so weak that its information has too few digits."""
+    aim, rows = Aim(criterion), random_rows(8, 9, 2, 4)
+    rows[..., 3] = rows[..., 2] + weakness * rows[..., 3]
+    step = 1e-6 * weakness * random_rows(9, 9, 2, 4)
+    cost, slope = cost_by_rows(rows, aim, None, 16.0)
+    ahead, behind = (cost_by_rows(rows + s * step, aim, None, 16.0)[0] for s in (1, -1))
+    assert float((slope * step).sum()) == pytest.approx((ahead - behind) / 2, rel=1e-3)
+    if criterion not in OF_ENDS:
+        value = by_definition(rows, criterion, metric_of(4))
+        assert cost == pytest.approx(
+            math.log(value) * (-1 if criterion.larger_is_better else 1), rel=1e-6
+        )
+
+
 def parabola(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """A quadratic through points of [-1, 1]: rows (1, x, x²)."""
     x = points[:, :1]
@@ -219,10 +258,13 @@ def parabola(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     return rows, np.stack([np.zeros_like(x), np.ones_like(x), 2 * x], axis=-1)[..., None]
 
 
+PARABOLA = pulled_by_slopes(parabola)
+
+
 def test_refinement_finds_the_known_optimum_of_a_parabola() -> None:
     """D-optimum of a quadratic on [-1, 1]: the ends and the middle (Fedorov 1972)."""
     start = np.array([[-0.8], [0.3], [0.5]])
-    found = refine(parabola, start, np.array([-1.0]), np.array([1.0]))
+    found = refine(PARABOLA, start, np.array([-1.0]), np.array([1.0]))
     assert found.coordinates[:, 0] == pytest.approx([-1.0, 0.0, 1.0], abs=1e-5)
     assert found.on_bound == 2
     assert found.value > found.start_value
@@ -232,11 +274,11 @@ def test_refinement_finds_the_known_optimum_of_a_parabola() -> None:
 def test_refinement_is_never_worse_and_stays_in_the_box(criterion: Criterion) -> None:
     low, high = np.array([-1.0]), np.array([1.0])
     start = np.random.default_rng(4).uniform(-0.9, 0.9, (6, 1))
-    found = refine(parabola, start, low, high, Aim(criterion, None, metric_of(3)))
+    found = refine(PARABOLA, start, low, high, Aim(criterion, None, metric_of(3)))
     assert better(found.value, found.start_value, criterion)
     assert ((low <= found.coordinates) & (found.coordinates <= high)).all()
 
 
 def test_refinement_refuses_a_start_outside() -> None:
     with pytest.raises(CalibrationError, match="outside its box"):
-        refine(parabola, np.array([[2.0], [0.0], [1.0]]), np.array([-1.0]), np.array([1.0]))
+        refine(PARABOLA, np.array([[2.0], [0.0], [1.0]]), np.array([-1.0]), np.array([1.0]))

@@ -1,0 +1,130 @@
+"""A Hexa Slide and its postures as line drawings; what is near the eye hides nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.drawings import Drawing, Label, Look, Point, Stroke
+from app.hexaslide_views import Found
+from app.plots import Series
+from calib.hexaslide.geometry import CHAINS, Box
+from calib.hexaslide.kinematics import joints, legs
+from calib.hexaslide_planning import HexaSlide
+from calib.observations import FloatArray
+
+RAIL_DOTS, BOX_DOTS = 24, 12
+
+FRONT, ABOVE = (0, 2), (0, 1)
+"""Coordinates across and upwards."""
+
+PROJECTIONS = ((0, 1), (0, 2), (3, 4), (3, 5))
+"""Two of places, two of angles."""
+
+COORDINATES = ("x", "y", "z", "theta", "psi", "phi")
+
+
+def drawn_machine(machine: HexaSlide, posture: FloatArray) -> tuple[Drawing, Drawing]:
+    """The machine at a posture ``(6,)`` from the front and from above.
+
+    Rails are drawn as far as the sliders go in the box.
+    """
+    geometry = machine.geometry
+    sliders = legs(geometry, machine.box.grid()).sliders
+    rails = [
+        geometry.base + to[:, None] * geometry.rails
+        for to in (np.minimum(sliders.min(axis=0), 0.0), sliders.max(axis=0))
+    ]
+    at = legs(geometry, posture[None]).sliders[0]
+    carriages = geometry.base + at[:, None] * geometry.rails
+    platform = geometry.base + joints(geometry, posture[None])[0]
+    ring = platform[_around_centre(geometry.platform)]
+    strokes = [(Look.DOTTED, np.linspace(rails[0][k], rails[1][k], RAIL_DOTS)) for k in _chains()]
+    strokes += [(Look.THIN, np.stack([carriages[k], platform[k]])) for k in _chains()]
+    strokes.append((Look.THICK, ring))
+    return (
+        _seen_from("From the front", FRONT, machine.box, strokes, carriages),
+        _seen_from("From above", ABOVE, machine.box, strokes, carriages),
+    )
+
+
+def _chains() -> range:
+    return range(CHAINS)
+
+
+def _seen_from(
+    title: str,
+    axes: tuple[int, int],
+    box: Box,
+    strokes: list[tuple[Look, FloatArray]],
+    carriages: FloatArray,
+) -> Drawing:
+    """Lines in space ``(n, 3)`` seen along the axis that is left out."""
+    seen = list(axes)
+    flat = [Stroke(look, _points(line[:, seen])) for look, line in strokes]
+    numbers = enumerate(_points(carriages[:, seen]), start=1)
+    return Drawing(
+        title=title,
+        x_words=f"{'xyz'[axes[0]]}, m",
+        y_words=f"{'xyz'[axes[1]]} in m",
+        series=(),
+        strokes=(_outline(box, axes), *flat),
+        labels=tuple(Label(f"{chain}", at) for chain, at in numbers),
+        even=True,
+    )
+
+
+def _around_centre(platform: FloatArray) -> list[int]:
+    """The joints in their order around the platform, the first one once more."""
+    apart = platform - platform.mean(axis=0)
+    order = [int(k) for k in np.argsort(np.arctan2(apart[:, 1], apart[:, 0]))]
+    return [*order, order[0]]
+
+
+def drawn_postures(machine: HexaSlide, found: Found | None) -> tuple[Drawing, ...]:
+    """The four projections of start and optimum in the box."""
+    sets = () if found is None else (("start", found.begin), ("optimum", found.postures))
+    return tuple(_projected(machine.box, axes, sets) for axes in PROJECTIONS)
+
+
+def _projected(
+    box: Box, axes: tuple[int, int], sets: tuple[tuple[str, FloatArray], ...]
+) -> Drawing:
+    scale, unit = _scale_of(axes)
+    across, upwards = axes
+    series = tuple(
+        Series(name, _values(scale * postures[:, across]), _values(scale * postures[:, upwards]))
+        for name, postures in sets
+    )
+    return Drawing(
+        title=f"{COORDINATES[upwards]} over {COORDINATES[across]}",
+        x_words="",
+        y_words=unit,
+        series=series,
+        strokes=(_outline(box, axes),),
+    )
+
+
+def _outline(box: Box, axes: tuple[int, int]) -> Stroke:
+    """Dots on the edges of the box."""
+    scale, seen = _scale_of(axes)[0], list(axes)
+    steps = np.linspace(0.0, 1.0, BOX_DOTS)
+    ends = (np.zeros(BOX_DOTS), np.ones(BOX_DOTS))
+    unit = np.concatenate(
+        [np.column_stack([steps, end]) for end in ends]
+        + [np.column_stack([end, steps]) for end in ends]
+    )
+    lower, upper = box.lower[seen], box.upper[seen]
+    return Stroke(Look.MARKED, _points(scale * (lower + unit * (upper - lower))))
+
+
+def _scale_of(axes: tuple[int, int]) -> tuple[float, str]:
+    """Places are shown in metres, angles in degrees."""
+    return (1.0, "m") if axes[0] < len("xyz") else (180.0 / np.pi, "°")
+
+
+def _points(places: FloatArray) -> tuple[Point, ...]:
+    return tuple((float(x), float(y)) for x, y in places)
+
+
+def _values(values: FloatArray) -> tuple[float, ...]:
+    return tuple(float(value) for value in values)

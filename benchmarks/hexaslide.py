@@ -1,0 +1,165 @@
+"""Optimum postures of a Hexa Slide beside plain SLSQP from the same starts, as Markdown.
+
+``OPENBLAS_NUM_THREADS=1 python -m benchmarks.hexaslide [STARTS [PEER_STARTS [PEER_SECONDS]]]``. The
+peer does what papers/001 did with fmincon: the condition number itself, gradients by differences;
+and, as a better peer, its logarithm. It is given our quick rows. Times are process time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import statistics
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import minimize
+
+from calib.hexaslide.procedures import Kind, Procedure
+from calib.hexaslide_planning import HexaSlide, best_postures, rows_seen
+from calib.observations import FloatArray
+from protocols.hexaslide_machine import load_hexaslide
+
+COUNTS = {
+    Kind.POSE_INVERSE: 9,
+    Kind.POSE_FORWARD: 9,
+    Kind.POSITION: 16,
+    Kind.CONSTRAINT_LINK: 48,
+}
+"""The fewest postures of each procedure."""
+
+STARTS, PEER_STARTS, PEER_SECONDS = 20, 4, 10.0
+SEED = 0
+
+
+@dataclass(frozen=True)
+class Found:
+    """What starts came to, and the mean process time of one."""
+
+    name: str
+    values: tuple[float, ...]
+    seconds: float
+
+    @property
+    def middle(self) -> float:
+        """The median."""
+        return statistics.median(self.values)
+
+    def row(self, problem: str, beside: Found) -> str:
+        """A line of the table."""
+        figures = (min(self.values), self.middle, max(self.values))
+        shown = " | ".join(f"{value:.5g}" for value in figures)
+        return (
+            f"| {problem} | {self.name} | {len(self.values)} | {shown} | {self.seconds:.2f} "
+            f"| {self.middle / beside.middle:.3g} | {self.seconds / beside.seconds:.2g} |"
+        )
+
+
+class _Over(Exception):
+    """The time of the peer is used up."""
+
+
+class ConditionNumber:
+    """That of what is seen, or its logarithm, as the peer minimises it until its time is up."""
+
+    def __init__(
+        self, procedure: Procedure, machine: HexaSlide, seconds: float, *, logarithm: bool
+    ) -> None:
+        self.logarithm = logarithm
+        self.rows = rows_seen(procedure, machine)
+        self.box = machine.box
+        self.end = time.process_time() + seconds
+        self.least = np.inf
+
+    def __call__(self, unit: FloatArray) -> float:
+        """Of coordinates as shares of the box."""
+        if time.process_time() > self.end:
+            raise _Over
+        width = self.box.upper - self.box.lower
+        found = self.rows(self.box.lower + unit.reshape(-1, 6) * width)[0]
+        value = float(np.linalg.cond(found.reshape(-1, found.shape[-1])))
+        self.least = min(self.least, value)
+        return math.log(value) if self.logarithm else value
+
+
+def ours(procedure: Procedure, machine: HexaSlide, starts: int, seed: int = SEED) -> Found:
+    """`calib.hexaslide_planning.best_postures`."""
+    begin = time.process_time()
+    count = COUNTS[procedure.kind]
+    best = best_postures(procedure, machine, count, seed=seed, starts=starts)
+    return Found("glidecal", best.values, (time.process_time() - begin) / starts)
+
+
+def peer(
+    procedure: Procedure,
+    machine: HexaSlide,
+    starts: int,
+    seconds: float,
+    *,
+    logarithm: bool,
+    seed: int = SEED,
+) -> Found:
+    """SLSQP with differences on the condition number; the least value that it met counts."""
+    generator, values, taken = np.random.default_rng(seed), [], []
+    for _ in range(starts):
+        start = machine.box.random(COUNTS[procedure.kind], generator)
+        begin = time.process_time()
+        cost = ConditionNumber(procedure, machine, seconds, logarithm=logarithm)
+        unit = ((start - machine.box.lower) / (machine.box.upper - machine.box.lower)).ravel()
+        with contextlib.suppress(_Over):
+            minimize(
+                cost,
+                unit,
+                method="SLSQP",
+                bounds=[(0.0, 1.0)] * len(unit),
+                options={"maxiter": 1000, "ftol": 1e-9},
+            )
+        values.append(cost.least)
+        taken.append(time.process_time() - begin)
+    name = f"SLSQP{' on the logarithm' * logarithm}, at most {seconds:g} s"
+    return Found(name, tuple(values), statistics.mean(taken))
+
+
+def postures_of_procedures(
+    starts: int = STARTS, peer_starts: int = PEER_STARTS, peer_seconds: float = PEER_SECONDS
+) -> list[str]:
+    """The table: condition numbers on H60, the less the better."""
+    own = load_hexaslide()
+    machine = HexaSlide(own.geometry(), own.posture_box(), own.link())
+    lines = [
+        "| H60, fewest postures, condition number | by | starts | best | median | worst "
+        "| s a start | ratio of medians | of times |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for kind, count in COUNTS.items():
+        procedure = Procedure.of(kind)
+        found = ours(procedure, machine, starts)
+        others = [
+            peer(procedure, machine, peer_starts, peer_seconds, logarithm=logarithm)
+            for logarithm in (False, True)
+        ]
+        lines += [one.row(f"{kind.value}, {count}", found) for one in (found, *others)]
+    return lines
+
+
+def hexaslide() -> list[str]:
+    """The same from a process of its own, in which linear algebra has one thread."""
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.hexaslide"],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=Path(__file__).parent.parent,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+    )
+    return done.stdout.splitlines()
+
+
+if __name__ == "__main__":
+    asked = [int(text) for text in sys.argv[1:]]
+    print("\n".join(postures_of_procedures(*asked)))

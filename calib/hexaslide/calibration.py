@@ -1,0 +1,271 @@
+"""Identification of a Hexa Slide from measured postures; papers/001, equation (4).
+
+Gauss and Newton with exact derivatives. Combinations of parameters that the readings do not see
+(motions of whole frames) stay where the start has them: every step is the shortest one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.errors import CalibrationError, NotIdentifiable
+from calib.hexaslide.geometry import Box, ConstraintLink, Geometry
+from calib.hexaslide.parameters import END_NAMES, LENGTH_NAME, NAMES, motions, values, with_values
+from calib.hexaslide.residuals import Left, Readings, postures_of, residuals, whitening
+from calib.observations import FloatArray
+
+MOST_STEPS = 12
+MOST_HALVINGS = 12
+
+BLIND = 1e-10
+"""Relative singular value below which exact derivatives show nothing."""
+
+SETTLED = 1e-5
+"""A step that moves the prediction by less than this share of what is left is the last."""
+
+NO_WORSE = 1e-9
+"""Relative; sums of squares are not known better where little is left."""
+
+ROUNDING_M = 1e-14
+"""So small a movement of the prediction is arithmetic only."""
+
+NO_SHARE = 1e-8
+"""Of a parameter in what is lost, each combination of unit length."""
+
+SAME_MOTION = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Machine:
+    """What is identified: geometry and, for that procedure, the constraint link."""
+
+    geometry: Geometry
+    box: Box
+    link: ConstraintLink | None = None
+
+    def parameters(self, names: tuple[str, ...]) -> FloatArray:
+        """Their values ``(k,)`` in metres; components of rails have no unit."""
+        known = self._by_name()
+        return np.array([known[name] for name in names])
+
+    def _by_name(self) -> dict[str, float]:
+        found = dict(zip(NAMES, values(self.geometry).tolist(), strict=True))
+        if self.link is not None:
+            ends = np.concatenate([self.link.platform_end, self.link.base_end])
+            found |= zip(END_NAMES, ends.tolist(), strict=True)
+            found[LENGTH_NAME] = self.link.length_m
+        return found
+
+    def with_parameters(self, names: tuple[str, ...], parameters: FloatArray) -> Machine:
+        """The same with these ``(k,)``. Raises CalibrationError for what is no machine."""
+        found = self._by_name() | dict(zip(names, parameters.tolist(), strict=True))
+        with np.errstate(invalid="ignore"):  # a rail longer than 1: refused by the geometry
+            geometry = with_values(self.geometry, np.array([found[name] for name in NAMES]))
+        link = self.link
+        if link is not None:
+            ends = np.array([found[name] for name in END_NAMES])
+            link = ConstraintLink(ends[:3], ends[3:], found[LENGTH_NAME])
+        return Machine(geometry, self.box, link)
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What was identified from ``p`` postures with ``r`` values each.
+
+    ``parameters`` ``(k,)`` in metres (components of rails without unit), named by ``names``;
+    ``covariance`` ``(k, k)`` is that of what is seen, None where no noise is stated and nothing is
+    left over to tell it. It holds for single parameters in ``known`` only, which have no share in
+    what is lost. ``lost`` names the motions that no reading shows, ``lost_count`` counts all lost
+    combinations, ``null`` ``(k, lost_count)`` spans them. ``before`` and ``after`` are what the
+    start and the result leave of the readings; ``square_sum`` weighted, in units of the variance.
+    ``degrees_of_freedom`` are those of the noise: infinite where it was stated.
+    """
+
+    machine: Machine
+    names: tuple[str, ...]
+    parameters: FloatArray
+    covariance: FloatArray | None
+    known: tuple[str, ...]
+    lost: tuple[str, ...]
+    lost_count: int
+    null: FloatArray
+    rank: int
+    condition_number: float
+    before: Left
+    after: Left
+    noise_m: float | None
+    degrees_of_freedom: float
+    free_values: int
+    square_sum: float | None
+    steps: int
+    converged: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """One set of parameters: whitened residuals ``(n,)`` and derivatives ``(n, k)``."""
+
+    machine: Machine
+    left: Left
+    residual: FloatArray
+    design: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """A design's singular values with what is below the rank cut off."""
+
+    left: FloatArray
+    singular: FloatArray
+    turned: FloatArray
+    null: FloatArray
+
+    @staticmethod
+    def of(design: FloatArray) -> _Seen:
+        missing = max(design.shape[1] - len(design), 0)
+        padded = np.vstack([design, np.zeros((missing, design.shape[1]))])
+        left, singular, turned = np.linalg.svd(padded, full_matrices=False)
+        rank = int((singular > BLIND * singular[0]).sum())
+        left = left[: len(design), :rank]
+        return _Seen(left, singular[:rank], turned[:rank], turned[rank:].T)
+
+    def step(self, residual: FloatArray) -> FloatArray:
+        """The shortest change ``(k,)`` that takes out most of a residual ``(n,)``."""
+        return np.asarray(self.turned.T @ ((self.left.T @ residual) / self.singular))
+
+
+def calibrate(readings: Readings, start: Machine, *, fewest: int = 1) -> Calibration:
+    """Identify from ``start``, at most a dozen steps, each shortened until it is an improvement.
+
+    ``fewest`` postures are what the procedure needs; `calib.hexaslide_planning.fewest_postures`
+    counts them. Raises NotIdentifiable for fewer, or where the steps do not settle, and
+    UnreachablePosture for a posture that the machine at the start cannot take.
+    """
+    if len(readings.sliders) < fewest:
+        raise NotIdentifiable(
+            f"postures for {readings.procedure.kind.value}",
+            f"{len(readings.sliders)}",
+            f"{fewest} or more",
+            "Measure more postures.",
+        )
+    white = whitening(readings, start.geometry)
+    first = point = _at(readings, start, white, None)
+    for step_number in range(1, MOST_STEPS + 1):
+        step = _Seen.of(point.design).step(point.residual)
+        moved = _rms(point.design @ step)
+        last = moved <= max(SETTLED * _rms(point.residual), ROUNDING_M)
+        point, full = _taken(readings, white, point, step, final=last)
+        if last and full:
+            return _result(readings, first, point, step_number)
+    raise NotIdentifiable(
+        "calibration",
+        f"no rest after {MOST_STEPS} steps, {_rms(point.residual):.3g} m r.m.s. left",
+        "readings that determine the parameters well enough for their noise",
+        "Measure more or better postures (glidecal postures hexaslide), or look for a wrong one.",
+    )
+
+
+def _at(readings: Readings, machine: Machine, white: FloatArray, guess: Left | None) -> _Point:
+    near = None if guess is None else guess.postures
+    postures = postures_of(readings, machine.geometry, machine.box, near)
+    left, slopes = residuals(readings, machine.geometry, machine.link, postures)
+    residual = np.einsum("prs,ps->pr", white, left.values).ravel()
+    design = np.einsum("prs,psk->prk", white, slopes)
+    return _Point(machine, left, residual, design.reshape(residual.size, -1))
+
+
+def _taken(
+    readings: Readings, white: FloatArray, point: _Point, step: FloatArray, *, final: bool
+) -> tuple[_Point, bool]:
+    """The point after the longest half, quarter … of the step that is no worse, and if whole.
+
+    The last step is within rounding of the best and need not improve.
+    """
+    names = readings.procedure.parameters
+    begin = point.machine.parameters(names)
+    here = _rms(point.residual)
+    for halving in range(MOST_HALVINGS):
+        try:
+            machine = point.machine.with_parameters(names, begin + 0.5**halving * step)
+            tried = _at(readings, machine, white, point.left)
+        except CalibrationError:
+            continue
+        if final or _rms(tried.residual) <= here * (1.0 + NO_WORSE):
+            return tried, halving == 0
+    raise NotIdentifiable(
+        "calibration",
+        f"no step that improves on {here:.3g} m r.m.s.",
+        "readings that some machine near the nominal one could give",
+        "Look for a wrong reading, order of the sliders, or unit.",
+    )
+
+
+def _result(readings: Readings, first: _Point, point: _Point, steps: int) -> Calibration:
+    names = readings.procedure.parameters
+    seen = _Seen.of(point.design)
+    rank, count = len(seen.singular), point.residual.size
+    spare = count - rank
+    square = float(point.residual @ point.residual)
+    stated = readings.noise_m
+    variance = stated**2 if stated else square / spare if spare else None
+    inverse = seen.turned.T / seen.singular
+    return Calibration(
+        machine=point.machine,
+        names=names,
+        parameters=point.machine.parameters(names),
+        covariance=None if variance is None else np.asarray(variance * (inverse @ inverse.T)),
+        known=_known(seen.null, names),
+        lost=_lost(point.machine, seen.null, names),
+        lost_count=len(names) - rank,
+        null=seen.null,
+        rank=rank,
+        condition_number=_condition(readings, point, rank),
+        before=first.left,
+        after=point.left,
+        noise_m=None if variance is None else float(np.sqrt(variance)),
+        degrees_of_freedom=np.inf if stated else float(spare),
+        free_values=spare,
+        square_sum=square / stated**2 if stated else None,
+        steps=steps,
+        converged=True,
+    )
+
+
+def _condition(readings: Readings, point: _Point, rank: int) -> float:
+    """Of the bare derivatives, metres and radians, as papers/001 has it."""
+    machine = point.machine
+    bare = residuals(readings, machine.geometry, machine.link, point.left.postures)[1]
+    singular = np.linalg.svd(bare.reshape(point.residual.size, -1), compute_uv=False)
+    return float(singular[0] / singular[rank - 1])
+
+
+def _known(null: FloatArray, names: tuple[str, ...]) -> tuple[str, ...]:
+    share = np.sqrt((null**2).sum(axis=1))
+    return tuple(name for name, part in zip(names, share, strict=True) if part < NO_SHARE)
+
+
+def _lost(machine: Machine, null: FloatArray, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of motions of frames that lie in the space of what is lost, each a new one."""
+    found, rest = [], null
+    for name, vector in motions(machine.geometry, machine.link, names):
+        outside = vector - null @ (null.T @ vector)
+        inside = rest @ (rest.T @ vector)
+        if np.linalg.norm(outside) < SAME_MOTION < np.linalg.norm(inside):
+            found.append(name)
+            left, size, _ = np.linalg.svd(
+                rest - np.outer(inside, inside @ rest) / (inside @ inside)
+            )
+            rest = left[:, : len(size)][:, size > 0.5]
+    return tuple(found)
+
+
+def _rms(values_m: FloatArray) -> float:
+    return float(np.sqrt((values_m * values_m).mean()))
+
+
+def left_of(readings: Readings, machine: Machine) -> Left:
+    """What a machine leaves of readings it was not fitted to. Raises UnreachablePosture."""
+    postures = postures_of(readings, machine.geometry, machine.box)
+    return residuals(readings, machine.geometry, machine.link, postures)[0]

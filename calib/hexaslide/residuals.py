@@ -1,0 +1,251 @@
+"""What a machine leaves of measured postures, for each of the four procedures of papers/001.
+
+At every posture the six sliders are read, and their scales count as exact. Measured from outside
+are components of the platform's posture; with the constraint link nothing is: it keeps its length.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.errors import CalibrationError, UnreachablePosture
+from calib.hexaslide.geometry import Box, ConstraintLink, Geometry
+from calib.hexaslide.kinematics import forward, inverse, legs, pulls, rotation
+from calib.hexaslide.procedures import COMPONENTS, Kind, Procedure, jacobian, slider_slopes
+from calib.observations import FloatArray
+
+ANGLES = COMPONENTS[3:]
+CLOSE_STEPS = 8
+CLOSE = 1e-13
+CHECK = "Look for a wrong reading, order of the sliders, or unit: metres and radians."
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """``p`` postures: sliders ``(p, 6)`` in metres, measured values ``(p, m)``, metres and radians.
+
+    Measured are the components of the procedure, with a constraint link none, ``(p, 0)``. The
+    noise is the standard deviation of one measured value, or of the play of the link; 0: not
+    stated, and then 1 m counts like 1 rad. ``numbers`` are those of the postures in messages,
+    without them from 1.
+    """
+
+    procedure: Procedure
+    sliders: FloatArray
+    measured: FloatArray
+    length_noise_m: float = 0.0
+    angle_noise_rad: float = 0.0
+    numbers: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        shape = (len(self.sliders), len(measured_names(self.procedure)))
+        right = self.sliders.shape == (len(self.sliders), 6) and self.measured.shape == shape
+        if not right or not len(self.sliders):
+            raise CalibrationError(
+                "readings",
+                f"shapes {self.sliders.shape} and {self.measured.shape}",
+                f"six sliders and {len(measured_names(self.procedure))} values for each posture",
+            )
+        if not (np.isfinite(self.sliders).all() and np.isfinite(self.measured).all()):
+            raise CalibrationError("readings", "a value that is not finite", "finite numbers")
+
+    @property
+    def noise_m(self) -> float | None:
+        """Of a length; None where it is not stated."""
+        return self.length_noise_m or None
+
+    @property
+    def value_noise(self) -> FloatArray:
+        """Noise of what is measured at a posture, or of the link's length ``(m,)``; only ratios
+        where not stated.
+        """
+        length, angle = self.length_noise_m or 1.0, self.angle_noise_rad or 1.0
+        names = measured_names(self.procedure) or self.procedure.read
+        return np.array([angle if name in ANGLES else length for name in names])
+
+    def number(self, row: int) -> int:
+        """The number of a posture in messages."""
+        return self.numbers[row] if self.numbers else row + 1
+
+    def take(self, rows: NDArray[np.bool_]) -> Readings:
+        """Only the postures where ``rows`` ``(p,)`` is true, with their numbers."""
+        return Readings(
+            self.procedure,
+            self.sliders[rows],
+            self.measured[rows],
+            self.length_noise_m,
+            self.angle_noise_rad,
+            tuple(self.number(int(row)) for row in np.flatnonzero(rows)),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Left:
+    """Measured less predicted ``(p, r)``; ``names`` are of the columns, ``angular`` those in rad.
+
+    ``postures`` ``(p, 6)`` are where the machine stands by its own reckoning.
+    """
+
+    names: tuple[str, ...]
+    values: FloatArray
+    postures: FloatArray
+
+    @property
+    def angular(self) -> FloatArray:
+        """Which columns are angles ``(r,)``."""
+        return np.array([name in ANGLES for name in self.names])
+
+    def rms(self, *, angles: bool) -> float | None:
+        """R.m.s. of all lengths in metres, or of all angles in radians; None if there are none."""
+        chosen = self.values[:, self.angular == angles]
+        return float(np.sqrt((chosen**2).mean())) if chosen.size else None
+
+
+def measured_names(procedure: Procedure) -> tuple[str, ...]:
+    """What is measured from outside: components of the posture; none with a constraint link."""
+    return () if procedure.kind is Kind.CONSTRAINT_LINK else procedure.measured
+
+
+def postures_of(
+    readings: Readings, geometry: Geometry, box: Box, near: FloatArray | None = None
+) -> FloatArray:
+    """Where the platform stands ``(p, 6)``: as measured for pose-inverse, else from the sliders.
+
+    ``near`` ``(p, 6)`` are postures of a machine that differs little. Raises UnreachablePosture
+    naming the posture.
+    """
+    if readings.procedure.kind is Kind.POSE_INVERSE:
+        return readings.measured
+    try:
+        return standing(geometry, readings.sliders, box, near)
+    except UnreachablePosture as problem:
+        raise _numbered(readings, geometry, box) from problem
+
+
+def standing(
+    geometry: Geometry, sliders: FloatArray, box: Box, near: FloatArray | None
+) -> FloatArray:
+    """Postures ``(p, 6)`` of sliders, followed from postures ``near`` them where that works.
+
+    Raises UnreachablePosture.
+    """
+    close = None if near is None else _followed(geometry, sliders, near)
+    return np.asarray(forward(geometry, sliders, box)) if close is None else close
+
+
+def _followed(geometry: Geometry, sliders: FloatArray, near: FloatArray) -> FloatArray | None:
+    """Newton's method from postures close by; None where it does not get there."""
+    postures = near
+    for _ in range(CLOSE_STEPS):
+        try:
+            at = legs(geometry, postures)
+            slope = pulls(geometry, postures, at.links) / at.lean[..., None]
+            step = np.linalg.solve(slope, (sliders - at.sliders)[..., None])[..., 0]
+        except (UnreachablePosture, np.linalg.LinAlgError):
+            return None
+        postures = postures + step
+        if float(np.abs(step).max()) < CLOSE:
+            return postures
+    return None
+
+
+def _numbered(readings: Readings, geometry: Geometry, box: Box) -> UnreachablePosture:
+    """The error that names the first posture that cannot be."""
+    for row, one in enumerate(readings.sliders):
+        try:
+            forward(geometry, one[None], box)
+        except UnreachablePosture as problem:
+            return _unreachable(readings.number(row), problem)
+    return UnreachablePosture("postures", "sliders that hold no platform", "reachable ones", CHECK)
+
+
+def _unreachable(number: int, problem: UnreachablePosture) -> UnreachablePosture:
+    return UnreachablePosture(
+        f"posture {number}, {problem.thing}", problem.found, problem.allowed, CHECK
+    )
+
+
+def residuals(
+    readings: Readings, geometry: Geometry, link: ConstraintLink | None, postures: FloatArray
+) -> tuple[Left, FloatArray]:
+    """What is left ``(p, r)`` at postures, and derivatives of what is read ``(p, r, k)``.
+
+    Raises UnreachablePosture naming the posture, CalibrationError at a singular one.
+    """
+    procedure, kind = readings.procedure, readings.procedure.kind
+    if kind is Kind.POSE_INVERSE:
+        left = readings.sliders - _inverse(readings, geometry)
+    elif kind is Kind.CONSTRAINT_LINK:
+        left = stretch(link, postures)[:, None]
+    else:
+        columns = [COMPONENTS.index(name) for name in procedure.measured]
+        left = _turned_back(readings.measured - postures[:, columns], procedure.measured)
+    slopes = jacobian(procedure, geometry, postures, link)
+    return Left(procedure.read, left, postures), np.asarray(slopes)
+
+
+def _inverse(readings: Readings, geometry: Geometry) -> FloatArray:
+    """Sliders ``(p, 6)`` of postures as measured."""
+    try:
+        return np.asarray(inverse(geometry, readings.measured))
+    except UnreachablePosture:
+        for row, one in enumerate(readings.measured):
+            try:
+                inverse(geometry, one[None])
+            except UnreachablePosture as problem:
+                raise _unreachable(readings.number(row), problem) from problem
+        raise
+
+
+def stretch(link: ConstraintLink | None, postures: FloatArray) -> FloatArray:
+    """Length of the constraint link less the distance of its ends ``(p,)`` in metres."""
+    if link is None:
+        raise CalibrationError("constraint link", "none", "one in the machine file")
+    apart = postures[:, :3] + rotation(postures[:, 3:]) @ link.platform_end - link.base_end
+    return np.asarray(link.length_m - np.linalg.norm(apart, axis=1))
+
+
+def _turned_back(left: FloatArray, names: tuple[str, ...]) -> FloatArray:
+    """Angles between -π and π."""
+    angular = np.array([name in ANGLES for name in names])
+    return np.where(angular, np.remainder(left + np.pi, 2.0 * np.pi) - np.pi, left)
+
+
+def variances(readings: Readings, geometry: Geometry) -> FloatArray:
+    """Covariance of the residuals of each posture ``(p, r, r)`` from that of what is measured.
+
+    With pose-inverse the measured posture carries the noise, the sliders differ by what it does
+    to them: ``C = J S Jᵀ``.
+    """
+    own = np.diag(readings.value_noise**2)
+    if readings.procedure.kind is not Kind.POSE_INVERSE:
+        return np.tile(own, (len(readings.sliders), 1, 1))
+    slope = _slider_slope(readings, geometry)
+    return np.asarray(slope @ own @ np.swapaxes(slope, 1, 2))
+
+
+def _slider_slope(readings: Readings, geometry: Geometry) -> FloatArray:
+    _inverse(readings, geometry)  # names the posture that cannot be
+    return np.asarray(slider_slopes(geometry, readings.measured)[0])
+
+
+def whitening(readings: Readings, geometry: Geometry) -> FloatArray:
+    """``(p, r, r)``: makes residuals independent, each as uncertain as one measured length."""
+    length = readings.length_noise_m or 1.0
+    root = np.linalg.cholesky(variances(readings, geometry) / length**2)
+    return np.asarray(np.linalg.inv(root))
+
+
+def shares(readings: Readings, geometry: Geometry, left: Left) -> tuple[FloatArray, FloatArray]:
+    """Of the squares that are left, each in units of its own noise: by column ``(r,)`` and by
+    posture ``(p,)``; zeros where nothing is left.
+    """
+    own = np.diagonal(variances(readings, geometry), axis1=1, axis2=2)
+    squares = left.values**2 / own
+    total = float(squares.sum())
+    if total <= 0.0:
+        return np.zeros(squares.shape[1]), np.zeros(len(squares))
+    return np.asarray(squares.sum(axis=0) / total), np.asarray(squares.sum(axis=1) / total)

@@ -1,0 +1,218 @@
+"""The tables of the page on the Hexa Slide."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from hexaslide_page import filled, number, table
+from hexaslide_study import SEED, Studied, kinds_of
+
+from app.hexaslide_views import PUBLISHED_SETS, View, conditions_at, look_at
+from app.planning import Request
+from app.wording.hexaslide_screen import lost_words
+from calib.classical_qr import classical_qr
+from calib.hexaslide.differences import differenced
+from calib.hexaslide.procedures import Kind
+from calib.observations import FloatArray
+from calib.posture_refinement import ON_BOUND
+
+SHOWN_SUBSETS = (
+    "x,y,z",
+    "x,y,z,theta",
+    "x,y,z,psi",
+    "x,y,z,phi",
+    "x,y,z,theta,psi",
+    "x,y,z,theta,psi,phi",
+    "x,y,theta,psi,phi",
+    "z,theta,psi",
+    "x,y",
+    "z",
+    "theta,psi",
+    "theta,psi,phi",
+)
+ROW_COUNT_SETS = {
+    Kind.POSE_INVERSE: (8, 9, 100),
+    Kind.POSE_FORWARD: (8, 9, 100),
+    Kind.POSITION: (15, 16, 17, 100),
+    Kind.CONSTRAINT_LINK: (46, 47, 48, 55, 200),
+}
+
+
+def ranks_table(studies: Sequence[Studied]) -> str:
+    """Table 1, corrected."""
+    rows = []
+    for one in studies:
+        seen = one.view.seen
+        published = PUBLISHED_SETS[one.kind]
+        known = len(seen.found.individually_known)
+        rows.append(
+            [
+                f"{published.case}, {one.kind.value}",
+                f"{len(seen.found.names)}",
+                f"{seen.examined.published_rank}",
+                f"**{seen.found.rank}**",
+                lost_words(one.view),
+                f"{known}",
+                f"{one.view.fewest}",
+                f"{published.count}",
+            ]
+        )
+    headings = "case, procedure|parameters|paper's rank|true rank|lost|known one by one|fewest "
+    return table((headings + "postures|paper's postures").split("|"), rows)
+
+
+def box_table(view: View) -> str:
+    """Table 2."""
+    rows = []
+    for words, bounds in (("from", view.machine.box.lower), ("to", view.machine.box.upper)):
+        places = [f"{value:g}" for value in bounds[:3]]
+        rows.append([words, *places, *(f"{value:g}" for value in np.degrees(bounds[3:]))])
+    return table(["", "x, m", "y, m", "z, m", "theta, °", "psi, °", "phi, °"], rows)
+
+
+def row_count_table(asked: Request) -> str:
+    """Rank and rows for several numbers of postures."""
+    rows = []
+    for kind, counts in ROW_COUNT_SETS.items():
+        if kind not in kinds_of(asked):
+            continue
+        said = []
+        for count in counts:
+            view = look_at(replace(asked, procedure=kind.value, postures=count))
+            found = view.seen.found
+            said.append(f"{count}: {found.row_count} rows, rank {found.rank}")
+        rows.append([kind.value, "; ".join(said)])
+    return table(["procedure", "random postures: rows and rank"], rows)
+
+
+def recipe_table(studies: Sequence[Studied]) -> str:
+    """The paper's own recipe, differences and tolerance, at its number of postures and at many."""
+    rows = []
+    for one in studies:
+        if one.kind is Kind.POSE_INVERSE:
+            continue  # the paper has its derivatives in closed form
+        paper = PUBLISHED_SETS[one.kind].count
+        generator = np.random.default_rng(SEED)
+        found = {
+            count: recipe_rank(one.view, one.view.machine.box.random(count, generator))
+            for count in (paper, 4 * paper)
+        }
+        said = f"{one.view.seen.examined.published_rank}"
+        rows.append([one.kind.value, said, *(f"{count}: {r}" for count, r in found.items())])
+        rows[-1] += [f"{one.view.seen.found.rank}", gap_words(one.view)]
+    headings = ["procedure", "paper", "recipe, paper's postures", "recipe, four times as many"]
+    return table([*headings, "true", "gap with exact derivatives"], rows)
+
+
+def gap_words(view: View) -> str:
+    """The last singular value that is seen by the first that is not."""
+    singular, rank = view.seen.found.singular_values, view.seen.found.rank
+    if rank == len(singular):
+        return "nothing is lost"
+    return f"{singular[rank - 1] / singular[rank]:.0e}".replace("e+", "e")
+
+
+def recipe_rank(view: View, postures: FloatArray) -> int:
+    """Differences of 1e-7 and the tolerance of papers/001, QR without pivoting."""
+    names, machine = view.seen.found.names, view.machine
+    rows = differenced(view.procedure, machine.geometry, postures, machine.link)
+    return len(names) - len(classical_qr(rows.reshape(-1, len(names)), names).flagged)
+
+
+def conditions_table(studies: Sequence[Studied]) -> str:
+    """Tables 3 to 6."""
+    rows = []
+    for one in studies:
+        published, best = PUBLISHED_SETS[one.kind], one.best.best
+        low, middle, high = np.percentile(one.random["m, rad"], [5.0, 50.0, 95.0])
+        rows.append(
+            [
+                f"{published.table}",
+                one.kind.value,
+                f"{published.count}: {published.random:g} → {published.best:g}",
+                f"{one.view.fewest}: {number(middle)} ({number(low)} … {number(high)})",
+                f"**{best.condition_number:.1f}**",
+                f"{np.median(best.values):.1f} ({min(best.values):.1f} … {max(best.values):.1f})",
+                f"{middle / best.condition_number:.0f}",
+            ]
+        )
+    headings = "table|procedure|paper: random → optimum|random here, median (5 … 95 %)|best here|"
+    return table((headings + "all starts, median|random by best").split("|"), rows)
+
+
+def bounds_table(studies: Sequence[Studied]) -> str:
+    """Where the optimum postures stand."""
+    rows = []
+    for one in studies:
+        box = one.view.machine.box
+        share = (one.postures - box.lower) / (box.upper - box.lower)
+        on_bound = (share < ON_BOUND) | (share > 1.0 - ON_BOUND)
+        rows.append(
+            [
+                one.kind.value,
+                f"{on_bound.mean():.0%}",
+                f"{on_bound.any(axis=1).mean():.0%}",
+                f"{on_bound.all(axis=1).mean():.0%}",
+            ]
+        )
+    headings = "procedure|coordinates on a bound|postures with one at least|postures in a corner"
+    return table(headings.split("|"), rows)
+
+
+def units_table(studies: Sequence[Studied]) -> str:
+    """The same sets in other units."""
+    rows = []
+    for one in studies:
+        best = conditions_at(one.view, one.postures)
+        rows.append(
+            [
+                one.kind.value,
+                *(
+                    f"{number(float(np.median(one.random[units])))} → {number(best[units])}"
+                    for units in best
+                ),
+            ]
+        )
+    return table(["procedure, random median → best", *studies[0].random], rows)
+
+
+def more_table(studies: Sequence[Studied]) -> str:
+    """What more postures give."""
+    rows = []
+    for one in studies:
+        found = {one.view.fewest: one.best.best.condition_number, **one.more}
+        said = "; ".join(f"{count}: {value:.1f}" for count, value in found.items())
+        rows.append([one.kind.value, said])
+    return table(["procedure", "postures: best condition number"], rows)
+
+
+def subsets_table(asked: Request) -> str:
+    """Ranks for any measured components."""
+    rows = []
+    for measured in SHOWN_SUBSETS:
+        parts = tuple(measured.split(","))
+        view = look_at(replace(asked, procedure="pose-forward", measured=parts))
+        found = view.seen.found
+        rows.append(
+            [
+                measured.replace(",", ", "),
+                f"{found.rank} of {len(found.names)}",
+                lost_words(view),
+                f"{view.fewest}",
+                number(view.conditions["m, rad"]),
+            ]
+        )
+    headings = "measured|rank|lost|fewest postures|condition number, 100 random postures"
+    return table(headings.split("|"), rows)
+
+
+def random_words(link: Studied) -> str:
+    """The paper's own number of postures for the constraint link."""
+    low, middle, high = (number(q) for q in np.percentile(link.random_of_paper, [5, 50, 95]))
+    return filled(
+        "With the 46 postures of Table 6 the constraint link shows 46 of its 48 combinations. Over "
+        f"those, random sets of 46 have the median {middle} ({low} … {high}); the search refuses "
+        "so few."
+    )

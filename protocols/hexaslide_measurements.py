@@ -1,0 +1,213 @@
+"""Measured postures of a Hexa Slide as one JSON file, and the truth behind simulated ones."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Annotated, Literal, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, Field, ValidationError, model_validator
+
+from calib.errors import CalibrationError
+from calib.hexaslide.geometry import ConstraintLink, Geometry, Numbers
+from calib.hexaslide.procedures import Kind, Procedure
+from calib.hexaslide.residuals import Readings, measured_names
+from protocols.documents import Document, describe, read_text
+from protocols.errors import RecordError
+from protocols.hexaslide_machine import Chain, HexaSlideMachine, LinkEnds, Point
+
+MeasurementsSchema = Literal["glidecal.hexaslide-measurements/1"]
+TruthSchema = Literal["glidecal.hexaslide-truth/1"]
+SCHEMA: MeasurementsSchema = "glidecal.hexaslide-measurements/1"
+TRUTH_SCHEMA: TruthSchema = "glidecal.hexaslide-truth/1"
+MARK = b"glidecal.hexaslide-measurements"
+"""Stands near the beginning of every such file, whole or cut."""
+
+BEGINNING_BYTES = 400
+MOST_POSTURES = 10_000
+EACH_OWN_LINE = ",\n  "
+NUMBER_OF_POSTURE = re.compile(r"postures\.(\d+)")
+
+Slider = Annotated[float, Field(ge=-100.0, le=100.0)]
+Value = Annotated[float, Field(ge=-100.0, le=100.0)]
+NoiseFigure = Annotated[float, Field(ge=0.0, le=100.0)]
+D = TypeVar("D", bound=BaseModel)
+
+
+class MeasuringNoise(Document):
+    """Standard deviation of one measured value, both 0 where it is not known."""
+
+    length_mm: NoiseFigure
+    angle_mrad: NoiseFigure
+
+    @model_validator(mode="after")
+    def _together(self) -> MeasuringNoise:
+        if (self.length_mm == 0.0) != (self.angle_mrad == 0.0):
+            raise ValueError("length_mm and angle_mrad: both 0 (not known), or both larger")
+        return self
+
+
+class Units(Document):
+    """Units of the numbers under ``postures``; no others are read."""
+
+    length: Literal["m"] = "m"
+    angle: Literal["rad"] = "rad"
+
+
+class MeasuredPosture(Document):
+    """Six slider positions, and the values named by ``measured``."""
+
+    sliders: tuple[Slider, Slider, Slider, Slider, Slider, Slider]
+    values: tuple[Value, ...] = ()
+
+
+class HexaSlideMeasurements(Document):
+    """Everything that a calibration needs; nothing of what it is to find."""
+
+    schema_id: MeasurementsSchema = Field(alias="schema")
+    program: str = ""
+    origin: Literal["measured", "simulated"]
+    seed: int | None = None
+    procedure: Kind = Field(strict=False)
+    measured: tuple[str, ...]
+    units: Units
+    noise: MeasuringNoise
+    machine_file: str
+    machine: HexaSlideMachine
+    postures: Annotated[tuple[MeasuredPosture, ...], Field(min_length=1, max_length=MOST_POSTURES)]
+
+    @model_validator(mode="after")
+    def _fits(self) -> HexaSlideMeasurements:
+        try:
+            wanted = measured_names(self.as_procedure())
+        except CalibrationError as problem:
+            raise ValueError(str(problem)) from problem
+        if wanted != self.measured:
+            raise ValueError(
+                f"measured with {self.procedure.value}: {', '.join(wanted) or 'nothing, []'}"
+            )
+        if self.procedure is Kind.CONSTRAINT_LINK and self.machine.constraint_link is None:
+            raise ValueError("constraint-link needs a machine with a constraint_link")
+        for number, one in enumerate(self.postures, start=1):
+            if len(one.values) != len(wanted):
+                raise ValueError(
+                    f"posture {number} has {len(one.values)} values, {len(wanted)} are measured"
+                )
+        return self
+
+    def as_procedure(self) -> Procedure:
+        """The procedure with what it measures. Raises CalibrationError."""
+        fixed = self.procedure in (Kind.POSE_INVERSE, Kind.CONSTRAINT_LINK)
+        return Procedure.of(self.procedure.value, () if fixed else self.measured)
+
+    def readings(self) -> Readings:
+        """As arrays, metres and radians."""
+        return Readings(
+            self.as_procedure(),
+            np.array([one.sliders for one in self.postures]),
+            np.array([one.values for one in self.postures]).reshape(len(self.postures), -1),
+            self.noise.length_mm / 1000.0,
+            self.noise.angle_mrad / 1000.0,
+        )
+
+    def digest(self) -> str:
+        """SHA-256 of the numbers, whatever the file looks like."""
+        plain = json.dumps([one.model_dump() for one in self.postures])
+        return hashlib.sha256(plain.encode()).hexdigest()
+
+    def text(self) -> str:
+        """The file: a header, then one posture a line."""
+        header = self.model_dump(mode="json", exclude={"postures"})
+        rows = EACH_OWN_LINE.join(one.model_dump_json() for one in self.postures)
+        return f'{_lines(header)},\n "postures": [\n  {rows}\n ]\n}}\n'
+
+
+class HexaSlideTruth(Document):
+    """The machine behind simulated measurements, and their digest."""
+
+    schema_id: TruthSchema = Field(alias="schema")
+    measurements_sha256: str
+    machine: HexaSlideMachine
+
+    def text(self) -> str:
+        """The file."""
+        return _lines(self.model_dump(mode="json")) + "\n}\n"
+
+
+def _counted_from_one(place: re.Match[str]) -> str:
+    return f"posture {int(place[1]) + 1}"
+
+
+def _lines(header: dict[str, object]) -> str:
+    """One key a line, without the last bracket."""
+    rows = (f' "{key}": {json.dumps(value, ensure_ascii=False)}' for key, value in header.items())
+    return "{\n" + ",\n".join(rows)
+
+
+def is_measurements(path: Path) -> bool:
+    """Whether the file begins as one; False where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return MARK in file.read(BEGINNING_BYTES)
+    except OSError:
+        return False
+
+
+def read_measurements(path: Path) -> HexaSlideMeasurements:
+    """Raises RecordError naming the file, the place, the value and what is allowed."""
+    return _read(path, HexaSlideMeasurements, "measurements")
+
+
+def read_truth(path: Path, measured: HexaSlideMeasurements) -> HexaSlideMachine:
+    """The true machine. Raises RecordError, also for the truth of other measurements."""
+    truth = _read(path, HexaSlideTruth, "truth file")
+    if truth.measurements_sha256 != measured.digest():
+        raise RecordError(
+            f"truth file {path}",
+            "the truth of other measurements",
+            "the file that simulate --truth wrote together with the measurements",
+        )
+    return truth.machine
+
+
+def _read(path: Path, kind: type[D], what: str) -> D:
+    text = read_text(path, what)
+    try:
+        return kind.model_validate_json(text)
+    except ValidationError as problem:
+        raise RecordError(
+            f"{what} {path}",
+            NUMBER_OF_POSTURE.sub(_counted_from_one, describe(problem)),
+            "a whole file as glidecal simulate --machine hexaslide writes it",
+        ) from problem
+
+
+def machine_like(
+    nominal: HexaSlideMachine, name: str, geometry: Geometry, link: ConstraintLink | None
+) -> HexaSlideMachine:
+    """The machine file with other numbers, box and all else as they are."""
+    chains = tuple(
+        Chain(
+            start_m=_point(geometry.base[k]),
+            rail=_point(geometry.rails[k]),
+            joint_m=_point(geometry.platform[k]),
+            link_m=float(geometry.links[k]),
+        )
+        for k in range(len(geometry.links))
+    )
+    ends = None
+    if link is not None:
+        ends = LinkEnds(
+            platform_end_m=_point(link.platform_end),
+            base_end_m=_point(link.base_end),
+            length_m=link.length_m,
+        )
+    return nominal.model_copy(update={"name": name, "chain": chains, "constraint_link": ends})
+
+
+def _point(values: Numbers) -> Point:
+    x, y, z = (float(value) for value in values)
+    return (x, y, z)

@@ -1,0 +1,373 @@
+"""A simulated calibration of a Hexa Slide on the command line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypedDict, Unpack
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from app.cli import cli
+from app.exit_codes import exit_code
+from app.hexaslide_calibration import Asked, calibrate_file, write_simulated
+from app.hexaslide_documents import calibration_document
+from app.wording.hexaslide_calibration import calibration_text
+from calib.errors import GlidecalError, NotIdentifiable
+from calib.hexaslide.kinematics import forward
+from protocols.errors import RecordError, UsageError
+from protocols.hexaslide_machine import load_hexaslide
+from protocols.hexaslide_measurements import is_measurements, read_measurements, read_truth
+from tests.app.cli import glidecal, refused
+
+H60_FILE = Path(__file__).parents[2] / "protocols" / "machines" / "hexaslide-h60.toml"
+SIMULATE = ("simulate", "--machine", "hexaslide", "--procedure")
+
+
+class Other(TypedDict, total=False):
+    """What a test asks for beyond procedure and count."""
+
+    noise_mm: float
+    angle_noise_mrad: float
+    seed: int
+    measured: tuple[str, ...]
+    machine_file: Path
+
+
+def written(folder: Path, procedure: str, postures: int, **own: Unpack[Other]) -> tuple[Path, Path]:
+    """Measurements and truth, in new files."""
+    path, truth = folder / f"{procedure}.json", folder / f"{procedure}-truth.json"
+    asked = replace(Asked(procedure, postures, 0.01), **own)
+    write_simulated(asked, path, truth)
+    return path, truth
+
+
+def told(status: int, *arguments: str | Path) -> str:
+    """The error of a command that ends with this status, without a process of its own."""
+    run = CliRunner().invoke(cli, [*map(str, arguments)])
+    problem = run.exception
+    assert isinstance(problem, GlidecalError), run.output
+    assert (exit_code(problem), run.output) == (status, "")
+    return str(problem)
+
+
+def document(path: Path, truth: Path | None = None, share: float = 0.2) -> dict[str, Any]:
+    found = calibration_document(calibrate_file(path, truth, share))
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    return found
+
+
+def test_simulate_and_solve_as_a_person_would(tmp_path: Path) -> None:
+    path, truth = tmp_path / "m.json", tmp_path / "truth.json"
+    made = glidecal(
+        *SIMULATE, "position", "--postures", "40", "--noise", "0.01", "--seed", "3",
+        "-o", path, "--truth", truth,
+    )  # fmt: skip
+    assert (made.status, made.out) == (0, "")
+    assert "40 simulated postures of hexaslide-h60, position" in made.err
+    run = glidecal("solve", path, "--truth", truth, "--json")
+    assert run.status == 0, run.err
+    found = json.loads(run.out)
+    assert found["schema"] == "glidecal.hexaslide-calibration/1"
+    assert (found["rank"], found["parameter_count"], found["lost_count"]) == (46, 49, 3)
+    assert found == document(path, truth)
+    said = glidecal("solve", path, "--machine", "hexaslide")
+    assert said.status == 0
+    assert "46 of 49 combinations of the parameters identified" in said.out.replace("\n", " ")
+    assert max(map(len, said.out.splitlines())) <= 80
+
+
+@pytest.mark.parametrize(
+    ("procedure", "postures", "rank", "known"),
+    [
+        ("pose-inverse", 30, 49, 49),
+        ("pose-forward", 30, 49, 49),
+        ("position", 40, 46, 31),
+        ("constraint-link", 120, 48, 18),
+    ],
+)
+def test_every_procedure_end_to_end(
+    procedure: str, postures: int, rank: int, known: int, tmp_path: Path
+) -> None:
+    path, truth = written(tmp_path, procedure, postures)
+    found = document(path, truth)
+    assert (found["rank"], len(found["individually_known"])) == (rank, known)
+    assert found["converged"]
+    assert found["steps"] <= 12
+    assert found["rms_after"]["length_mm"] < 0.015
+    assert found["rms_before"]["length_mm"] > 0.3
+    held = found["held_out"]
+    assert held["rms_after"]["length_mm"] < 0.05
+    assert held["rms_before"]["length_mm"] > 0.3
+    assert found["postures"]["fitted"] + len(found["postures"]["held_out"]) == postures
+    assert len(found["postures"]["held_out"]) == postures // 5
+    true = found["truth"]
+    gain = 0.6 if procedure == "constraint-link" else 0.1
+    assert true["after"]["position_rms_mm"] < gain * true["before"]["position_rms_mm"]
+    assert 0.7 * known <= true["individually_known_within_95_percent"] <= known
+    assert found["lack_of_fit"]["p_value"] > 0.001
+    for name, row in found["parameters"].items():
+        certain = row["expanded_uncertainty"]
+        assert (certain is None) == (name not in found["individually_known"])
+
+
+def test_the_file_says_nothing_of_the_truth(tmp_path: Path) -> None:
+    path, truth = written(tmp_path, "pose-forward", 12)
+    measured = read_measurements(path)
+    assert measured.machine == load_hexaslide()
+    true = read_truth(truth, measured)
+    text = path.read_text(encoding="utf-8")
+    for chain, nominal in zip(true.chain, measured.machine.chain, strict=True):
+        assert chain.link_m != nominal.link_m
+        assert repr(chain.link_m) not in text
+    header = json.loads(text)
+    assert header["units"] == {"length": "m", "angle": "rad"}
+    assert header["noise"] == {"length_mm": 0.01, "angle_mrad": 0.01}
+    assert (header["procedure"], header["machine_file"]) == ("pose-forward", "hexaslide-h60.toml")
+
+
+def test_readings_are_of_the_true_machine_with_the_stated_noise(tmp_path: Path) -> None:
+    path, truth = written(tmp_path, "pose-forward", 200, angle_noise_mrad=0.05)
+    measured = read_measurements(path)
+    true = read_truth(truth, measured)
+    readings = measured.readings()
+    stands = forward(true.geometry(), readings.sliders, true.posture_box())
+    noise = readings.measured - stands
+    assert noise[:, :3].std() == pytest.approx(1e-5, rel=0.15)
+    assert noise[:, 3:].std() == pytest.approx(5e-5, rel=0.15)
+    nominal = forward(measured.machine.geometry(), readings.sliders, true.posture_box())
+    assert np.abs(readings.measured - nominal).max() > 1e-3
+
+
+def test_without_noise_the_truth_comes_back_through_the_files(tmp_path: Path) -> None:
+    path, truth = written(tmp_path, "pose-inverse", 30, noise_mm=0.0)
+    found = document(path, truth)
+    assert found["noise"]["source"] == "residuals"
+    assert found["truth"]["individually_known_worst"] < 1e-11
+    chain = read_truth(truth, read_measurements(path)).chain[2]
+    assert found["parameters"]["l3"]["value"] == pytest.approx(chain.link_m, abs=1e-11)
+
+
+def test_words_of_what_is_lost_left_and_checked(tmp_path: Path) -> None:
+    path, truth = written(tmp_path, "position", 40)
+    solved = calibrate_file(path, truth, 0.25)
+    said = calibration_text(solved).replace("\n", " ")
+    found = calibration_document(solved)
+    assert (
+        "NOT SEEN, left as the machine file has it: platform frame turned about its X; platform "
+        "frame turned about its Y; platform frame turned about its Z." in said
+    )
+    assert f"Condition number {found['condition_number']:.4g} of what is seen (metres" in said
+    assert "Check on 10 of 40 postures (25 %), kept out of the fit:" in said
+    assert "The catalogue of effects is for the Orthoglide" in said
+    assert f"platform frame turned by {found['truth']['after']['platform_frame_turned_mrad']:.3g}"\
+        in said  # fmt: skip
+    assert found["residuals"]["effects"] == []
+    assert sum(row["share"] for row in found["residuals"]["by_component"]) == pytest.approx(1.0)
+    assert sum(row["share"] for row in found["residuals"]["by_posture"]) == pytest.approx(1.0)
+    assert [row["component"] for row in found["residuals"]["by_component"]] == ["x", "y", "z"]
+
+
+def test_what_was_said_without_noise_or_check(tmp_path: Path) -> None:
+    path, _ = written(tmp_path, "constraint-link", 48, noise_mm=0.0)
+    said = calibration_text(calibrate_file(path, None, 0.2)).replace("\n", " ")
+    assert "WARNING: no noise is stated and nothing is left over to tell it" in said
+    assert "No posture was kept out of the fit as a check." in said
+    assert "± U" in said
+    assert "unknown" in said
+    assert "Against the truth" not in said
+
+
+def test_a_wrong_reading_is_warned_of_and_located(tmp_path: Path) -> None:
+    path, _ = written(tmp_path, "pose-inverse", 30)
+    content = json.loads(path.read_text(encoding="utf-8"))
+    content["postures"][6]["sliders"][3] += 0.002
+    path.write_text(json.dumps(content), encoding="utf-8")
+    found = document(path, None, 0.0)
+    rows = found["residuals"]
+    assert max(rows["by_posture"], key=lambda row: row["share"])["posture"] == 7
+    assert max(rows["by_component"], key=lambda row: row["share"])["component"] == "lambda4"
+    assert found["lack_of_fit"]["p_value"] < 1e-6
+    assert "WARNING: what is left is" in calibration_text(calibrate_file(path, None, 0.0))
+
+
+def test_a_measured_subset_and_a_machine_of_ones_own(tmp_path: Path) -> None:
+    path, truth = written(tmp_path, "pose-forward", 40, measured=("x", "y", "z", "theta"))
+    found = document(path, truth)
+    assert (found["rank"], found["lost_motions"]) == (48, ["platform frame turned about its Z"])
+    text = (Path(__file__).parents[2] / "protocols/machines/hexaslide-h60.toml").read_text("utf-8")
+    own = tmp_path / "own.toml"
+    own.write_text(text.replace("link_m = 0.88", "link_m = 0.9", 1), encoding="utf-8")
+    path, _ = written(tmp_path, "pose-inverse", 30, machine_file=own)
+    assert read_measurements(path).machine_file == "own.toml"
+    assert document(path)["parameters"]["l1"]["nominal"] == 0.9
+
+
+def test_few_postures_are_all_fitted(tmp_path: Path) -> None:
+    path, truth = written(tmp_path, "pose-inverse", 13)
+    found = document(path, truth)
+    assert found["postures"]["held_out"] == []
+    assert (found["held_out"], found["truth"]["postures"]) == (None, "all")
+
+
+Damage = Callable[[str], str]
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda text: text[: len(text) // 2], "Invalid JSON: EOF"),
+        (lambda text: text[:390], "Invalid JSON: EOF"),
+        (lambda text: text.replace('"length": "m"', '"length": "mm"'), "Input should be 'm'"),
+        (lambda text: text.replace('"position"', '"sideways"'), "'pose-inverse', 'pose-forward'"),
+        (lambda text: text.replace('"values":[', '"values":[0.0,'), "has 4 values, 3 are measured"),
+        (
+            lambda text: text.replace('{"sliders":[0', '{"sliders":[NaN, 0'),
+            "posture 1.sliders",
+        ),
+        (lambda text: text.replace('["x", "y", "z"]', '["x", "y", "y"]'), "different ones of x"),
+        (lambda text: text.replace('"length_mm": 0.01', '"length_mm": 0.0'), "both 0 (not known)"),
+        (lambda text: text.replace("measurements/1", "measurements/2"), "measurements/1'"),
+        (lambda text: text.replace('"seed"', '"sead"'), "sead: Extra inputs"),
+    ],
+    ids=["half", "head", "unit", "procedure", "extra", "nan", "twice", "noise", "schema", "key"],
+)
+def test_a_damaged_file_is_one_paragraph(damage: Damage, message: str, tmp_path: Path) -> None:
+    path, _ = written(tmp_path, "position", 20)
+    path.write_text(damage(path.read_text(encoding="utf-8")), encoding="utf-8")
+    assert is_measurements(path)
+    with pytest.raises(RecordError) as caught:
+        calibrate_file(path, None, 0.2)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 700
+
+
+def test_a_value_that_is_no_number_is_named_by_its_place(tmp_path: Path) -> None:
+    path, _ = written(tmp_path, "position", 20)
+    lines = path.read_text(encoding="utf-8").split('{"sliders":[')
+    lines[3] = "NaN" + lines[3][lines[3].index(",") :]
+    path.write_text('{"sliders":['.join(lines), encoding="utf-8")
+    said = refused(3, "solve", path)
+    assert "posture 3.sliders.0: Input should be a finite number (found nan)" in said
+
+
+def test_too_few_and_impossible_postures_are_exit_5(tmp_path: Path) -> None:
+    path, _ = written(tmp_path, "position", 15)
+    assert "found 15. Allowed: 16 or more" in told(5, "solve", path)
+    path, _ = written(tmp_path, "pose-forward", 20)
+    content = json.loads(path.read_text(encoding="utf-8"))
+    content["postures"][4]["sliders"][0] = 3.0
+    path.write_text(json.dumps(content), encoding="utf-8")
+    said = refused(5, "solve", path)
+    assert "posture 5" in said
+    assert "metres and radians" in said
+
+
+def test_postures_all_alike_are_refused_or_told(tmp_path: Path) -> None:
+    """Twenty times the same posture shows six combinations, and says what is not seen."""
+    path, _ = written(tmp_path, "pose-forward", 20)
+    content = json.loads(path.read_text(encoding="utf-8"))
+    content["postures"] = content["postures"][:1] * 20
+    path.write_text(json.dumps(content), encoding="utf-8")
+    found = document(path)
+    assert (found["rank"], found["lost_count"]) == (6, 43)
+    assert found["individually_known"] == []
+    said = calibration_text(calibrate_file(path, None, 0.2)).replace("\n", " ")
+    assert "No parameter is known by itself." in said
+    assert "more combinations" in said
+
+
+def test_postures_of_a_file_are_measured(tmp_path: Path) -> None:
+    """The best postures show more than as many random ones, and those of a file are taken."""
+    box = load_hexaslide(None).posture_box()
+    corners = box.lower + (box.upper - box.lower) * (np.arange(64)[:, None] >> np.arange(6) & 1)
+    chosen = np.random.default_rng(4).permutation(corners)[:24]
+    chosen[:, 3:] = np.degrees(chosen[:, 3:])
+    table = tmp_path / "corners.csv"
+    header = "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg"
+    np.savetxt(table, chosen, fmt="%.17g", delimiter=",", header=header, comments="")
+    file, truth = tmp_path / "m.json", tmp_path / "t.json"
+    asked = Asked("position", table, 0.01, errors_mm=0.5)
+    write_simulated(asked, file, truth)
+    values = np.array([posture.values for posture in read_measurements(file).postures])
+    assert np.abs(values - chosen[:, :3]).max() < 0.05, "where the true machine stands, metres"
+    with_random = document(*written(tmp_path, "position", 24), share=0.0)
+    found = document(file, truth, share=0.0)
+    assert found["condition_number"] < 0.7 * with_random["condition_number"]
+
+
+def test_postures_that_cannot_be_measured_are_refused(tmp_path: Path) -> None:
+    table, out = tmp_path / "far.csv", tmp_path / "out.json"
+    header = "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg\n"
+    table.write_text(f"{header}0,-0.8,-1.15,0,0,0\n9,0,0,0,0,0\n", encoding="utf-8")
+    both = ("--posture-file", table, "-o", out)
+    assert "posture 2, x_m: found 9" in told(3, *SIMULATE, "position", *both)
+    assert "--posture-file" in told(2, *SIMULATE, "position", "--postures", "20", *both)
+    table.write_text(f"{header}0.29,-0.55,-1.15,0,0,0\n", encoding="utf-8")
+    short = tmp_path / "short.toml"
+    text = H60_FILE.read_text(encoding="utf-8")
+    short.write_text(text.replace("length_m = 0.55", "length_m = 0.3"), encoding="utf-8")
+    link = ("constraint-link", *both, "--machine-file", short)
+    assert "0 of 1 that the link holds" in told(5, *SIMULATE, *link)
+    assert not out.exists()
+
+
+def test_options_of_the_wrong_machine_are_exit_2(tmp_path: Path) -> None:
+    path, truth = written(tmp_path, "position", 20)
+    out = tmp_path / "out.json"
+    asked = ("position", "--postures", "20", "-o", out)
+    assert "--procedure, --postures" in told(2, *SIMULATE, "position", "-o", out)
+    assert "--scatter" in told(2, *SIMULATE, *asked, "--scatter", "0.1")
+    assert "'sideways'" in told(2, *SIMULATE, "sideways", "--postures", "9", "-o", out)
+    assert "--angle-noise" in told(2, *SIMULATE, *asked, "--noise", "0", "--angle-noise", "1")
+    assert "--machine hexaslide with these" in told(2, "simulate", "--noise", "1", "-o", out)
+    assert "--subset" in told(2, "solve", path, "--subset", "both")
+    assert "2 files" in told(2, "solve", path, truth, "--machine", "hexaslide")
+    assert "'tripod'" in told(2, "solve", path, "--machine", "tripod")
+    assert "--truth" in told(2, "solve", "sample_sessions/experiment_1_six.jsonl", "--truth", truth)
+    assert not out.exists()
+
+
+def test_files_are_neither_overwritten_nor_mixed_up(tmp_path: Path) -> None:
+    path, truth = written(tmp_path, "position", 20)
+    before = path.read_bytes()
+    asked = ("position", "--postures", "20", "--seed", "9")
+    assert "exists already" in told(3, *SIMULATE, *asked, "-o", path)
+    other = tmp_path / "other.json"
+    assert "exists already" in told(3, *SIMULATE, *asked, "-o", other, "--truth", truth)
+    assert "two files" in told(2, *SIMULATE, *asked, "-o", other, "--truth", other)
+    assert path.read_bytes() == before
+    assert not other.exists()
+    write_simulated(Asked("position", 20, 0.01, seed=9), other, None)
+    with pytest.raises(RecordError, match="the truth of other measurements"):
+        calibrate_file(other, truth, 0.2)
+    with pytest.raises(RecordError, match="truth file"):
+        calibrate_file(path, other, 0.2)
+    missing = tmp_path / "missing.json"
+    assert "No such file" in told(3, "solve", missing, "--machine", "hexaslide")
+
+
+def test_the_seed_decides_everything(tmp_path: Path) -> None:
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+    first, _ = written(tmp_path / "first", "constraint-link", 60, seed=4)
+    second, _ = written(tmp_path / "second", "constraint-link", 60, seed=4)
+    assert first.read_bytes() == second.read_bytes()
+    third, _ = written(tmp_path, "constraint-link", 60, seed=5)
+    assert third.read_bytes() != first.read_bytes()
+
+
+def test_simulating_what_cannot_be_is_told(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "protocols/machines/hexaslide-h60.toml").read_text("utf-8")
+    own = tmp_path / "own.toml"
+    own.write_text(text[: text.index("[constraint_link]")], encoding="utf-8")
+    with pytest.raises(UsageError, match="constraint_link"):
+        written(tmp_path, "constraint-link", 60, machine_file=own)
+    path, _ = written(tmp_path, "position", 8)
+    with pytest.raises(NotIdentifiable, match="16 or more"):
+        calibrate_file(path, None, 0.0)

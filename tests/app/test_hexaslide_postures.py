@@ -1,0 +1,157 @@
+"""``glidecal postures hexaslide``: options, files, words and documents."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.planning import Request
+from app.planning_hexaslide import asked_postures, boxed_document, write_postures
+from app.wording.hexaslide import PUBLISHED_WORDS, boxed_text
+from calib.criteria import Criterion
+from calib.errors import NotIdentifiable
+from calib.hexaslide.procedures import Procedure, jacobian
+from protocols.errors import RecordError, UsageError
+from protocols.hexaslide_machine import load_hexaslide
+from protocols.hexaslide_postures import load_postures
+from tests.app.cli import glidecal, refused
+
+VERB = ("postures", "hexaslide", "--procedure", "pose-inverse")
+H60 = load_hexaslide()
+
+
+def random_file(folder: Path, count: int, *, factor: float = 1.0) -> Path:
+    box = H60.posture_box()
+    postures = box.random(count, np.random.default_rng(11))
+    postures = box.centre + factor * (postures - box.centre)
+    postures[:, 3:] = np.degrees(postures[:, 3:])
+    path = folder / "given.csv"
+    header = "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg"
+    np.savetxt(path, postures, "%.15g", ",", header=header, comments="")
+    return path
+
+
+def condition(path: Path) -> float:
+    rows = jacobian(Procedure.of("pose-inverse"), H60.geometry(), load_postures(path))
+    return float(np.linalg.cond(rows.reshape(-1, 49)))
+
+
+def test_found_postures_are_written_and_can_be_judged(tmp_path: Path) -> None:
+    path = tmp_path / "found.csv"
+    run = glidecal(*VERB, "--count", "9", "--starts", "1", "--seed", "2", "-o", path, "--json")
+    assert run.status == 0, run.err
+    assert f"postures written to {path}" in run.err
+    found = json.loads(run.out)
+    assert (found["criterion"], found["starts"], found["seed"]) == ("condition", 1, 2)
+    assert found["source"] == "random"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    assert lines[0] == "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg"
+    assert len(lines) == 1 + found["count"] == 10
+    assert condition(path) == pytest.approx(found["condition_number"], rel=1e-6)
+    run = glidecal(*VERB, "--posture-file", path, "--as-is", "--json")
+    judged = json.loads(run.out)
+    assert judged["condition_number"] == pytest.approx(found["condition_number"], rel=1e-6)
+    assert (judged["starts"], judged["source"]) == (0, str(path))
+    assert judged["coordinates_on_bound"] == found["coordinates_on_bound"]
+
+
+def test_a_file_is_the_first_start(tmp_path: Path) -> None:
+    path = random_file(tmp_path, 10)
+    request = Request("pose-inverse", posture_file=path)
+    found = asked_postures(request, None, Criterion.SMALLEST_SINGULAR_VALUE, starts=2)
+    assert len(found.best.values) == 2
+    assert found.best.refined.coordinates.shape == (10, 6)
+    said = boxed_text(found).replace("\n", " ")
+    assert f"Best of 2 starts, the first of them {path}" in said.replace("  ", " ")
+    alone = asked_postures(request, 10, starts=1)
+    assert alone.best.start_condition_number == pytest.approx(condition(path), rel=1e-6)
+    assert alone.best.condition_number < condition(path)
+    assert f"One start, {path}, seed 0" in boxed_text(alone).replace("\n", " ")
+
+
+def test_words_tell_before_after_spread_bounds_and_seed() -> None:
+    found = asked_postures(Request("pose-inverse", seed=5), 9, Criterion.DETERMINANT, starts=3)
+    said, document = boxed_text(found).replace("\n", " "), boxed_document(found)
+    values = document["values_of_starts"]
+    assert f"({min(values):.4g} to {max(values):.4g}, median {sorted(values)[1]:.4g})" in said
+    assert "seed 5" in said
+    share = 100.0 * document["coordinates_on_bound"] / 54
+    assert f"{share:.0f} % of the coordinates stand on a bound of the box, at the start 0 %" in said
+    assert all(words in said for words in PUBLISHED_WORDS.values())
+    assert f"at the start {document['start_condition_number']:.4g}" in said
+    before, after = document["start_published_criteria"], document["published_criteria"]
+    assert set(before) == set(after) == set(PUBLISHED_WORDS)
+    assert after["log10_determinant"] > before["log10_determinant"]
+    assert document["value"] == max(values) > document["start_value"]
+
+
+def test_what_is_measured_decides_what_is_seen(tmp_path: Path) -> None:
+    verb = ("postures", "hexaslide", "--procedure", "pose-forward", "--starts", "1")
+    run = glidecal(*verb, "--measured", "x,y,z,theta", "--count", "12", "--json")
+    found = json.loads(run.out)
+    assert (found["rank"], found["measured"]) == (48, ["x", "y", "z", "theta"])
+    assert found["condition_number"] < found["start_condition_number"]
+    few = refused(5, *verb, "--measured", "x,y,z,theta", "--count", "11")
+    assert "found 11. Allowed: 12 or more" in few
+    linked = ("postures", "hexaslide", "--procedure", "constraint-link")
+    path = random_file(tmp_path, 60)
+    run = glidecal(*linked, "--known", "none", "--posture-file", path, "--as-is")
+    assert "of the 49 combinations that are seen" in run.out.replace("\n", " ")
+    assert "Best of" not in run.out
+
+
+def test_options_that_do_not_fit_are_refused(tmp_path: Path) -> None:
+    path, whole = random_file(tmp_path, 9), Request("pose-inverse")
+    given = Request("pose-inverse", posture_file=path)
+    with pytest.raises(UsageError, match="--as-is: found no --posture-file"):
+        asked_postures(whole, 9, starts=1, as_is=True)
+    with pytest.raises(UsageError, match="--count: found none"):
+        asked_postures(whole, None, starts=1)
+    with pytest.raises(UsageError, match=r"--count: found 10\. Allowed: 9 as in the posture file"):
+        asked_postures(given, 10, starts=1)
+    with pytest.raises(UsageError, match="1000 postures at most"):
+        asked_postures(whole, 1001, starts=1)
+    with pytest.raises(UsageError, match=r"tool-variance\. Allowed: the other five"):
+        asked_postures(given, None, Criterion.TOOL_VARIANCE, starts=1)
+    with pytest.raises(UsageError, match=r"found out\.toml\. Allowed: a path that ends with \.csv"):
+        asked_postures(whole, 9, starts=1, output=Path("out.toml"))
+    with pytest.raises(NotIdentifiable, match="9 or more for pose-inverse"):
+        asked_postures(whole, 8, starts=1)
+    outside = Request("pose-inverse", posture_file=random_file(tmp_path, 9, factor=1.2))
+    with pytest.raises(RecordError, match=r"posture \d+, \w+: found .* the machine's box.*--as-is"):
+        asked_postures(outside, None, starts=1)
+    assert asked_postures(outside, None, starts=1, as_is=True).best.values == ()
+    judged = asked_postures(given, None, starts=1, as_is=True)
+    with pytest.raises(UsageError, match="ends with"):
+        write_postures(judged, tmp_path / "out.txt")
+
+
+def test_refusals_on_the_command_line(tmp_path: Path) -> None:
+    assert "determinant" in refused_by_typer(*VERB, "--count", "9", "--criterion", "speed")
+    assert "the machine orthoglide" in refused(2, *VERB, "--count", "9", "--repeats")
+    missing = tmp_path / "missing.csv"
+    assert "No such file" in refused(3, *VERB, "--posture-file", missing)
+    other = ("postures", "orthoglide", "--procedure", "verify")
+    assert "--count: found none" in refused(2, *other)
+    assert "--as-is: found the machine orthoglide" in refused(2, *other, "--count", "9", "--as-is")
+    assert "the machine hexaslide" in refused(2, *other, "--count", "9", "--posture-file", missing)
+
+
+def refused_by_typer(*arguments: str) -> str:
+    run = glidecal(*arguments)
+    assert run.status == 2
+    assert "Traceback" not in run.err
+    return run.err
+
+
+def test_a_box_outside_the_workspace_is_refused(tmp_path: Path) -> None:
+    from importlib import resources
+
+    text = (resources.files("protocols") / "machines" / "hexaslide-h60.toml").read_text("utf-8")
+    path = tmp_path / "own.toml"
+    path.write_text(text.replace("x_m = [-0.3, 0.3]", "x_m = [-2.0, 0.3]"), encoding="utf-8")
+    said = refused(3, *VERB, "--count", "9", "--machine-file", path)
+    assert "does not reach its rail" in said

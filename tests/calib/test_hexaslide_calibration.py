@@ -1,0 +1,274 @@
+"""Calibrations of simulated Hexa Slides: exact without noise, honest with it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.distributions import coverage_factor
+from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
+from calib.hexaslide.calibration import Calibration, Machine, calibrate, left_of
+from calib.hexaslide.frames import frames_apart, inner_lengths, inner_slopes
+from calib.hexaslide.geometry import Box
+from calib.hexaslide.kinematics import forward, rotation
+from calib.hexaslide.parameters import values, with_values
+from calib.hexaslide.procedures import Procedure, jacobian
+from calib.hexaslide.residuals import Readings, residuals, shares, stretch, whitening
+from calib.hexaslide.simulation import disturbed, measure
+from calib.observations import FloatArray
+from tests.calib.test_hexaslide import H60, random_machine
+
+NOMINAL = Machine(H60.geometry, H60.box, H60.link)
+NOISE_M, NOISE_RAD = 1e-5, 2e-5
+MACHINES = [NOMINAL] + [
+    Machine(one.geometry, one.box, one.link) for one in (random_machine(1), random_machine(2))
+]
+
+
+def calibrated(
+    kind: str,
+    count: int,
+    seed: int,
+    nominal: Machine = NOMINAL,
+    noise: tuple[float, float] = (0.0, 0.0),
+) -> tuple[Calibration, Machine, Readings]:
+    """Result, true machine with errors of 1 mm, and what was measured on it."""
+    generator = np.random.default_rng(seed)
+    truth = disturbed(nominal, Procedure.of(kind), 1e-3, generator)
+    readings = measure(
+        Procedure.of(kind),
+        nominal,
+        truth,
+        count,
+        generator,
+        length_noise_m=noise[0],
+        angle_noise_rad=noise[1],
+    )
+    return calibrate(readings, nominal), truth, readings
+
+
+def stand(machine: Machine, sliders: FloatArray) -> FloatArray:
+    return np.asarray(forward(machine.geometry, sliders, machine.box))
+
+
+def elsewhere(truth: Machine, count: int = 100) -> FloatArray:
+    """Sliders ``(count, 6)`` of postures that no calibration here has used."""
+    procedure, generator = Procedure.of("position"), np.random.default_rng(987)
+    return measure(procedure, truth, truth, count, generator).sliders
+
+
+@pytest.mark.parametrize("machine", MACHINES, ids=["H60", "other 1", "other 2"])
+@pytest.mark.parametrize(("kind", "count"), [("pose-inverse", 12), ("pose-forward", 12)])
+def test_whole_postures_without_noise_give_every_parameter(
+    kind: str, count: int, machine: Machine
+) -> None:
+    found, truth, _ = calibrated(kind, count, 1, machine)
+    assert (found.rank, found.lost, found.steps <= 12) == (49, (), True)
+    assert found.parameters == pytest.approx(truth.parameters(found.names), abs=1e-11)
+    assert found.known == found.names
+
+
+@pytest.mark.parametrize("machine", MACHINES, ids=["H60", "other 1", "other 2"])
+def test_positions_without_noise_give_positions_and_one_constant_turn(machine: Machine) -> None:
+    found, truth, _ = calibrated("position", 24, 2, machine)
+    assert (found.rank, found.lost_count, len(found.known)) == (46, 3, 31)
+    assert found.lost == tuple(f"platform frame turned about its {axis}" for axis in "XYZ")
+    sliders = elsewhere(truth)
+    own, true = stand(found.machine, sliders), stand(truth, sliders)
+    assert np.abs(own[:, :3] - true[:, :3]).max() < 1e-11
+    turns = np.swapaxes(rotation(true[:, 3:]), 1, 2) @ rotation(own[:, 3:])
+    assert np.abs(turns - turns[0]).max() < 1e-11  # the same at every posture, and not nothing
+    assert np.abs(turns[0] - np.eye(3)).max() > 1e-4
+    apart = frames_apart(own, true, found.lost)
+    size = np.arccos((np.trace(turns[0]) - 1.0) / 2.0)
+    assert apart.turned_rad == pytest.approx(size, rel=1e-6)
+    assert apart.angles_rad.max() < 1e-11
+    before = frames_apart(stand(machine, sliders), true, ())
+    assert before.places_m.max() > 1e-3
+
+
+@pytest.mark.parametrize("machine", MACHINES, ids=["H60", "other 1", "other 2"])
+def test_a_constraint_link_without_noise_gives_all_that_no_frame_changes(machine: Machine) -> None:
+    found, truth, readings = calibrated("constraint-link", 60, 3, machine)
+    assert (found.rank, found.lost_count, len(found.lost)) == (48, 7, 7)
+    assert found.steps <= 12
+    own, true = found.machine.geometry, truth.geometry
+    for i in range(6):
+        for j in range(i):
+            between = [np.linalg.norm(one.platform[i] - one.platform[j]) for one in (own, true)]
+            assert between[0] == pytest.approx(between[1], abs=1e-9)
+        start = [np.linalg.norm(one.base[i]) for one in (own, true)]
+        assert start[0] == pytest.approx(start[1], abs=1e-9)
+    assert own.links == pytest.approx(true.links, abs=1e-9)
+    assert np.abs(inner_lengths(NOMINAL.geometry) - inner_lengths(true)).max() > 1e-4
+    apart = frames_apart(
+        stand(found.machine, readings.sliders), stand(truth, readings.sliders), found.lost
+    )
+    assert apart.places_m.max() < 1e-9
+    assert apart.shifted_m > 1e-5
+
+
+def test_the_true_machine_keeps_the_length_of_its_link() -> None:
+    _, truth, readings = calibrated("constraint-link", 60, 5)
+    assert readings.measured.shape == (60, 0)
+    assert np.abs(stretch(truth.link, stand(truth, readings.sliders))).max() < 1e-12
+    assert np.abs(stretch(NOMINAL.link, stand(NOMINAL, readings.sliders))).max() > 1e-4
+    play = calibrated("constraint-link", 60, 5, noise=(1e-4, 1e-4))
+    left = stretch(play[1].link, stand(play[1], play[2].sliders))
+    assert left.std() == pytest.approx(1e-4, rel=0.3)
+
+
+def test_what_is_not_seen_stays_where_the_start_has_it() -> None:
+    for kind, count in (("position", 24), ("constraint-link", 80)):
+        found, truth, _ = calibrated(kind, count, 4)
+        moved = found.parameters - NOMINAL.parameters(found.names)
+        true = truth.parameters(found.names) - NOMINAL.parameters(found.names)
+        assert np.linalg.norm(found.null.T @ moved) < 0.02 * np.linalg.norm(found.null.T @ true)
+
+
+@pytest.mark.parametrize("kind", ["pose-inverse", "pose-forward", "position", "constraint-link"])
+def test_derivatives_are_those_of_what_is_left(kind: str) -> None:
+    """Central differences of the residuals themselves, independent of the implicit functions."""
+    procedure = Procedure.of(kind)
+    readings = measure(procedure, NOMINAL, NOMINAL, 3, np.random.default_rng(6))
+    names, own = procedure.parameters, NOMINAL.parameters(procedure.parameters)
+    at = readings.measured if kind == "pose-inverse" else stand(NOMINAL, readings.sliders)
+    slopes = residuals(readings, NOMINAL.geometry, NOMINAL.link, at)[1]
+    step = 1e-6
+    for k in range(0, len(names), 4):
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = NOMINAL.with_parameters(names, own + sign * step * np.eye(len(own))[k])
+            ends.append(left_of(readings, moved).values)
+        difference = (ends[0] - ends[1]) / (2.0 * step)
+        assert -difference == pytest.approx(slopes[:, :, k], abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("kind", "count", "sessions"),
+    [("pose-inverse", 20, 240), ("position", 30, 150), ("constraint-link", 60, 120)],
+)
+def test_intervals_of_individually_known_parameters_hold_the_truth(
+    kind: str, count: int, sessions: int
+) -> None:
+    held: list[float] = []
+    for seed in range(sessions):
+        found, truth, _ = calibrated(kind, count, seed, noise=(NOISE_M, NOISE_RAD))
+        assert found.covariance is not None
+        known = [found.names.index(name) for name in found.known]
+        error = (found.parameters - truth.parameters(found.names))[known]
+        u = np.sqrt(found.covariance.diagonal())[known]
+        held.append(float((np.abs(error) <= coverage_factor(np.inf) * u).mean()))
+    assert np.mean(held) == pytest.approx(0.95, abs=0.02)
+
+
+def test_uncertainty_from_what_is_left_where_no_noise_is_stated() -> None:
+    stated, _, readings = calibrated("pose-forward", 40, 8, noise=(NOISE_M, NOISE_M))
+    silent = calibrate(replace(readings, length_noise_m=0.0, angle_noise_rad=0.0), NOMINAL)
+    assert stated.degrees_of_freedom == np.inf
+    assert (silent.degrees_of_freedom, silent.free_values) == (6 * 40 - 49, 6 * 40 - 49)
+    assert silent.noise_m == pytest.approx(NOISE_M, rel=0.15)
+    assert silent.parameters == pytest.approx(stated.parameters, abs=1e-9)
+    few = calibrated("constraint-link", 48, 9)[0]
+    assert (few.covariance, few.noise_m, few.free_values) == (None, None, 0)
+
+
+def test_pose_inverse_counts_the_noise_of_the_posture_not_of_the_sliders() -> None:
+    """Weighted by what the posture's noise does to the sliders it is pose-forward, nearly."""
+    inverse, _, readings = calibrated("pose-inverse", 20, 10, noise=(NOISE_M, NOISE_RAD))
+    same = replace(readings, procedure=Procedure.of("pose-forward"))
+    ahead = calibrate(same, NOMINAL)
+    assert inverse.covariance is not None
+    assert ahead.covariance is not None
+    u = np.sqrt(ahead.covariance.diagonal())
+    assert np.sqrt(inverse.covariance.diagonal()) == pytest.approx(u, rel=0.02)
+    assert np.abs(inverse.parameters - ahead.parameters).max() < 0.2 * u.max()
+
+
+def test_weights_make_residuals_independent_and_equal() -> None:
+    _, truth, readings = calibrated("pose-inverse", 400, 11, noise=(NOISE_M, NOISE_RAD))
+    white = whitening(readings, truth.geometry)
+    left = left_of(readings, truth).values
+    plain = np.einsum("prs,ps->pr", white, left) / NOISE_M
+    assert np.cov(plain.T) == pytest.approx(np.eye(6), abs=0.2)
+
+
+def test_shares_of_what_is_left_point_at_a_wrong_reading() -> None:
+    generator = np.random.default_rng(12)
+    readings = measure(
+        Procedure.of("position"), NOMINAL, NOMINAL, 60, generator, length_noise_m=NOISE_M
+    )
+    readings.measured[17, 2] += 50 * NOISE_M
+    found = calibrate(readings, NOMINAL)
+    by_column, by_posture = shares(readings, found.machine.geometry, found.after)
+    assert (int(by_column.argmax()), int(by_posture.argmax())) == (2, 17)
+    assert by_column.sum() == pytest.approx(1.0)
+    assert by_posture.sum() == pytest.approx(1.0)
+    assert found.square_sum is not None
+    assert found.square_sum / found.free_values > 2.0
+
+
+def test_inner_lengths_do_not_move_with_frames() -> None:
+    slopes = inner_slopes(NOMINAL.geometry)
+    for kind, count in (("position", 24), ("constraint-link", 80)):
+        found, _, _ = calibrated(kind, count, 13)
+        own = inner_slopes(found.machine.geometry)
+        assert np.abs(own @ found.null[:49]).max() < 1e-9
+    base, step = values(NOMINAL.geometry), 1e-6
+    for k in range(0, 49, 5):
+        unit = step * np.eye(49)[k]
+        ends = [inner_lengths(with_values(NOMINAL.geometry, base + s * unit)) for s in (1, -1)]
+        assert (ends[0] - ends[1]) / (2.0 * step) == pytest.approx(slopes[:, k], abs=1e-8)
+
+
+def test_condition_number_is_that_of_the_bare_derivatives() -> None:
+    found, _, readings = calibrated("position", 30, 14)
+    at = stand(found.machine, readings.sliders)
+    bare = jacobian(readings.procedure, found.machine.geometry, at).reshape(-1, 49)
+    singular = np.linalg.svd(bare, compute_uv=False)
+    assert found.condition_number == pytest.approx(singular[0] / singular[45], rel=1e-8)
+
+
+def test_too_few_postures_say_how_many_are_needed() -> None:
+    readings = measure(Procedure.of("position"), NOMINAL, NOMINAL, 15, np.random.default_rng(0))
+    with pytest.raises(NotIdentifiable, match=r"found 15\. Allowed: 16 or more"):
+        calibrate(readings, NOMINAL, fewest=16)
+
+
+def test_readings_of_another_machine_do_not_settle() -> None:
+    readings = measure(Procedure.of("position"), NOMINAL, NOMINAL, 30, np.random.default_rng(0))
+    mirrored = replace(readings, measured=readings.measured[::-1] * [1.0, -1.0, 1.0])
+    with pytest.raises(NotIdentifiable, match=r"no rest after 12 steps|no step that improves"):
+        calibrate(mirrored, NOMINAL)
+
+
+def test_a_posture_that_cannot_be_is_named_by_its_number() -> None:
+    for kind in ("pose-inverse", "position"):
+        readings = measure(Procedure.of(kind), NOMINAL, NOMINAL, 20, np.random.default_rng(0))
+        if kind == "position":
+            readings.sliders[6, 0] += 2.0
+        else:
+            readings.measured[6, 0] += 2.0
+        with pytest.raises(UnreachablePosture, match="posture 7"):
+            calibrate(readings, NOMINAL)
+
+
+def test_readings_of_a_wrong_shape_or_value_are_refused() -> None:
+    procedure = Procedure.of("position")
+    with pytest.raises(CalibrationError, match="six sliders and 3 values"):
+        Readings(procedure, np.zeros((4, 5)), np.zeros((4, 3)))
+    with pytest.raises(CalibrationError, match="finite"):
+        Readings(procedure, np.zeros((4, 6)), np.full((4, 3), np.nan))
+
+
+def test_a_link_that_cannot_be_kept_in_the_box_is_refused() -> None:
+    assert NOMINAL.link is not None
+    low = Box(NOMINAL.box.lower, NOMINAL.box.upper)
+    short = Machine(NOMINAL.geometry, low, replace(NOMINAL.link, length_m=0.05))
+    with pytest.raises(CalibrationError, match="random postures keep"):
+        measure(Procedure.of("constraint-link"), short, short, 10, np.random.default_rng(0))
+    none = Machine(NOMINAL.geometry, low)
+    with pytest.raises(CalibrationError, match="constraint link: found none"):
+        measure(Procedure.of("constraint-link"), none, none, 10, np.random.default_rng(0))

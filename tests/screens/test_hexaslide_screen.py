@@ -1,0 +1,354 @@
+"""The screen of the Hexa Slide: procedures, pages, drawing, searching and leaving, wrong files."""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Callable, Iterator
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.text import Text
+from textual.color import Color
+from textual.containers import VerticalScroll
+from textual.pilot import Pilot
+from textual.widgets import Input, OptionList, TabbedContent
+
+import app.hexaslide_views as views
+from app.planning import Request
+from app.planning_hexaslide import BoxedPostures, boxed_postures
+from app.screens.dialogs import HelpDialog, TextDialog
+from app.screens.drawing import DrawingPlot
+from app.screens.hexaslide import HexaSlideScreen
+from app.screens.home import HomeScreen
+from app.screens.interface import Interface
+from calib.criteria import Criterion
+from calib.hexaslide.procedures import jacobian
+from tests.screens.driving import SIZE, text, until
+
+BRAILLE = range(0x2801, 0x2900)
+RANKS = {
+    "1": ("pose-inverse", 49, 49, 49, 9),
+    "2": ("pose-forward", 49, 49, 49, 9),
+    "3": ("position", 46, 49, 48, 16),
+    "4": ("constraint-link", 48, 55, 46, 48),
+}
+"""Key: procedure, rank, parameters, the paper's rank, fewest postures."""
+
+
+def said(interface: Interface) -> str:
+    return "\n".join(note.message for note in interface._notifications)
+
+
+def drawn(interface: Interface, name: str) -> str:
+    return str(interface.screen.query_one(f"#{name}", DrawingPlot).render())
+
+
+def number_colours(interface: Interface, name: str) -> tuple[object, object]:
+    """Colours of the letter and of the ground where chain 1 is written."""
+    shown = interface.screen.query_one(f"#{name}", DrawingPlot).render()
+    assert isinstance(shown, Text)
+    place = next(m.start() for m in re.finditer(r"(?<![.\d])1(?![.\d])", shown.plain))
+    style = shown.get_style_at_offset(interface.console, place)
+    assert style.color is not None
+    assert style.bgcolor is not None
+    return Color.from_rich_color(style.color).rgb, Color.from_rich_color(style.bgcolor).rgb
+
+
+def page(interface: Interface) -> str:
+    return interface.screen.query_one(TabbedContent).active
+
+
+async def looked(pilot: Pilot[str], interface: Interface) -> HexaSlideScreen:
+    """The screen once it knows what is seen, or that nothing can be."""
+    await until(pilot, "the screen", lambda: isinstance(interface.screen, HexaSlideScreen))
+    screen = interface.screen
+    assert isinstance(screen, HexaSlideScreen)
+    await until(pilot, "a look", lambda: screen.is_mounted and not screen.looking)
+    await pilot.pause()
+    return screen
+
+
+async def enter(pilot: Pilot[str], interface: Interface, words: str) -> None:
+    """The line of a dialog replaced and accepted."""
+    await until(pilot, "a dialog", lambda: isinstance(interface.screen, TextDialog))
+    await until(pilot, "a line", lambda: bool(interface.screen.query(Input)))
+    interface.screen.query_one(Input).value = words
+    await pilot.press("enter")
+    await until(pilot, "no dialog", lambda: not isinstance(interface.screen, TextDialog))
+
+
+class Gate:
+    """Starts of the search wait: the first for one event, the later ones until they are left."""
+
+    def __init__(self) -> None:
+        self.first = threading.Event()
+        self.counts: list[int] = []
+        self.left = 0
+        self.ended = threading.Event()
+
+    def boxed_postures(
+        self,
+        request: Request,
+        count: int,
+        criterion: Criterion,
+        *,
+        seed: int,
+        starts: int,
+        watch: Callable[[], object],
+    ) -> BoxedPostures:
+        self.counts.append(count)
+        if len(self.counts) == 1:
+            assert self.first.wait(20.0)
+            return boxed_postures(request, count, criterion, seed=seed, starts=starts, watch=watch)
+        try:
+            while True:  # ends by what `watch` raises
+                boxed_postures(request, count, criterion, seed=seed, starts=starts, watch=watch)
+        finally:
+            self.left += 1
+            self.ended.set()
+
+
+@pytest.fixture
+def gate(monkeypatch: pytest.MonkeyPatch) -> Iterator[Gate]:
+    made = Gate()
+    monkeypatch.setattr(views, "boxed_postures", made.boxed_postures)
+    yield made
+    made.first.set()
+
+
+async def test_procedures_by_keys_with_the_papers_ranks_beside() -> None:
+    interface = Interface(HexaSlideScreen())
+    async with interface.run_test(size=SIZE) as pilot:
+        for key, (name, rank, count, published, fewest) in RANKS.items():
+            await pilot.press(key)
+            screen = await looked(pilot, interface)
+            assert text(interface, "#hexaslide") == f"example H60   {key} of 4: {name}"
+            seen = text(interface, "#sees-text")
+            assert f"SEEN: {rank} of {count} combinations" in seen
+            assert f"(papers/001: {published})" in seen
+            assert f"FEWEST POSTURES: {fewest}." in seen
+            assert ("papers/001 counts" in seen) == (rank != published)
+            scroll = screen.query_one("#sees VerticalScroll", VerticalScroll)
+            assert scroll.max_scroll_x == 0
+        await pilot.press("f10")
+
+
+async def test_what_is_lost_known_and_how_units_change_the_condition_number() -> None:
+    interface = Interface(HexaSlideScreen(Request("position")))
+    async with interface.run_test(size=SIZE) as pilot:
+        screen = await looked(pilot, interface)
+        seen = text(interface, "#sees-text")
+        assert "platform frame turned about its X, Y, Z." in seen
+        assert "KNOWN ONE BY ONE (31): ax1, ay1, l1" in seen
+        assert "papers/001: 16 optimum" in seen
+        assert screen.view is not None
+        metres, millimetres = (screen.view.conditions[unit] for unit in ("m, rad", "mm, rad"))
+        assert 20.0 * metres < millimetres
+        assert screen.query_one("#sees VerticalScroll", VerticalScroll).max_scroll_y == 0
+        await pilot.press("f10")
+
+
+async def test_the_machine_is_drawn_from_two_sides() -> None:
+    interface = Interface(HexaSlideScreen())
+    async with interface.run_test(size=SIZE) as pilot:
+        screen = await looked(pilot, interface)
+        await pilot.press("tab")
+        await until(pilot, "the page", lambda: page(interface) == "machine")
+        await pilot.pause()
+        for name, title in (("front", "From the front, z in m"), ("above", "From above, y in m")):
+            picture = drawn(interface, name)
+            assert title in picture
+            inside = "".join(
+                re.split("[│┤]", line, maxsplit=1)[-1] for line in picture.splitlines()
+            )
+            assert set("123456·:▄") <= set(inside)
+            assert any(ord(letter) in BRAILLE for letter in inside)
+            assert all(len(line) <= SIZE[0] // 2 for line in picture.splitlines())
+        assert number_colours(interface, "front") == number_colours(interface, "above")
+        words, ground = number_colours(interface, "front")
+        assert words != ground
+        assert ground == Color.parse(interface.theme_variables["surface"]).rgb
+        assert "Drawn at the middle of the box." in text(interface, "#drawn-text")
+        assert not screen.query_one("#sketch").display
+        await pilot.resize_terminal(120, 40)
+        await pilot.press("left")
+        await pilot.pause()
+        assert screen.query_one("#sketch").display
+        assert "From above" in drawn(interface, "sketch-above")
+        await pilot.press("f10")
+
+
+async def test_search_shows_start_and_optimum_and_stops(gate: Gate) -> None:
+    interface = Interface(HexaSlideScreen())
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        screen = await looked(pilot, interface)
+        assert "No postures yet" in text(interface, "#search-text")
+        await pilot.press("o")
+        await until(pilot, "the page", lambda: page(interface) == "places")
+        assert "Searching for 9 postures" in text(interface, "#search-text")
+        gate.first.set()
+        await until(pilot, "a first start", lambda: screen.found is not None)
+        assert "start 1 of 8" in text(interface, "#search-text")
+        assert "papers/001 140.2" in text(interface, "#search-text")
+        assert screen.searching
+        await pilot.press("escape")
+        assert not screen.searching
+        await until(pilot, "the end of the search", lambda: gate.left == len(gate.counts) - 1)
+        assert "Stopped." in said(interface)
+        assert isinstance(interface.screen, HexaSlideScreen)
+        assert "Escape stops" not in text(interface, "#search-text")
+        check_found(screen)
+        for name in ("projection0", "projection1"):
+            assert "x start   o optimum" in drawn(interface, name)
+        await pilot.press("tab")
+        await until(pilot, "angles", lambda: page(interface) == "angles")
+        await pilot.pause()
+        assert "psi over theta, °" in drawn(interface, "projection2")
+        await pilot.press("tab")
+        await pilot.pause()
+        listed = text(interface, "#list-text").splitlines()
+        assert listed[0].split() == ["x_m", "y_m", "z_m", "theta_deg", "psi_deg", "phi_deg"]
+        assert len(listed) == 2 + 9
+        await pilot.press("y")
+        assert interface.clipboard == text(interface, "#list-text")
+        assert "9 optimum postures" in text(interface, "#sees-text")
+        await check_drawn_at_postures(pilot, interface)
+        await pilot.press("f10")
+
+
+def check_found(screen: HexaSlideScreen) -> None:
+    """Both condition numbers once more, from the derivatives themselves."""
+    found, view = screen.found, screen.view
+    assert found is not None
+    assert view is not None
+    machine, best = view.machine, found.best.best
+    for postures, stated in (
+        (found.begin, best.start_condition_number),
+        (found.postures, best.condition_number),
+    ):
+        rows = jacobian(view.procedure, machine.geometry, postures).reshape(-1, 49)
+        assert np.linalg.cond(rows) == pytest.approx(stated, rel=1e-6)
+    assert best.condition_number < 140.2
+    assert ((machine.box.lower <= found.postures) & (found.postures <= machine.box.upper)).all()
+
+
+async def check_drawn_at_postures(pilot: Pilot[str], interface: Interface) -> None:
+    await pilot.press("left", "left", "left")
+    await until(pilot, "the page", lambda: page(interface) == "machine")
+    await pilot.pause()
+    middle = drawn(interface, "front")
+    await pilot.press("plus")
+    await pilot.pause()
+    assert "optimum posture 1 of 9" in text(interface, "#drawn-text")
+    assert drawn(interface, "front") != middle
+    await pilot.press("minus", "minus")
+    assert "optimum posture 9 of 9" in text(interface, "#drawn-text")
+
+
+async def test_leaving_while_it_searches(gate: Gate) -> None:
+    interface = Interface(HomeScreen())
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        choices = interface.screen.query_one("#choices", OptionList)
+        await until(pilot, "choices", lambda: choices.option_count > 0)
+        choices.highlighted = choices.get_option_index("hexaslide")
+        await pilot.press("enter")
+        screen = await looked(pilot, interface)
+        gate.first.set()
+        await pilot.press("o")
+        await until(pilot, "a second start", lambda: len(gate.counts) == 2)
+        await pilot.press("3")
+        await until(pilot, "the end of the search", lambda: gate.left == 1)
+        await looked(pilot, interface)
+        assert not screen.searching
+        assert screen.found is None
+        await pilot.press("escape")
+        await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
+        await pilot.press("f10")
+    assert interface.return_code == 0
+    assert gate.counts == [9, 9]
+
+
+async def test_quitting_while_it_searches(gate: Gate) -> None:
+    interface = Interface(HexaSlideScreen())
+    async with interface.run_test(size=SIZE) as pilot:
+        await looked(pilot, interface)
+        gate.first.set()
+        await pilot.press("o")
+        await until(pilot, "a second start", lambda: len(gate.counts) == 2)
+        await pilot.press("f10")
+    assert gate.ended.wait(20.0)
+    assert interface.return_code == 0
+    assert gate.counts == [9, 9]
+
+
+async def test_count_of_postures(gate: Gate) -> None:
+    interface = Interface(HexaSlideScreen())
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        screen = await looked(pilot, interface)
+        for wrong in ("8", "x [y]", "201"):
+            await pilot.press("c")
+            await enter(pilot, interface, wrong)
+            assert f"found '{wrong}'; allowed: 9 to 200" in said(interface)
+        await pilot.press("c")
+        await enter(pilot, interface, "10")
+        gate.first.set()
+        await pilot.press("o")
+        await until(pilot, "a first start", lambda: screen.found is not None)
+        assert gate.counts[0] == 10
+        assert screen.found is not None
+        assert len(screen.found.postures) == 10
+        await pilot.press("escape")
+        await until(pilot, "the end of the search", lambda: gate.left == len(gate.counts) - 1)
+        await pilot.press("f10")
+
+
+async def test_measured_components_of_ones_own() -> None:
+    interface = Interface(HexaSlideScreen())
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        await looked(pilot, interface)
+        await pilot.press("m")
+        await enter(pilot, interface, "x, y, z, theta")
+        await looked(pilot, interface)
+        assert text(interface, "#hexaslide").endswith("your own: pose-forward")
+        seen = text(interface, "#sees-text")
+        assert "SEEN: 48 of 49 combinations" in seen
+        assert "papers/001" not in seen
+        await pilot.press("m")
+        await enter(pilot, interface, "x,roll [deg]")
+        await looked(pilot, interface)
+        assert "roll [deg]" in text(interface, "#sees-text")
+        await pilot.press("o")
+        assert "nothing to search" in said(interface)
+        await pilot.press("f10")
+
+
+async def test_a_broken_machine_file_then_a_good_one(tmp_path: Path) -> None:
+    good = (resources.files("protocols") / "machines" / "hexaslide-h60.toml").read_text("utf-8")
+    broken, linkless = tmp_path / "own [m].toml", tmp_path / "linkless.toml"
+    broken.write_text(good.replace("link_m = 0.88", "link_m = 0.1", 1), encoding="utf-8")
+    linkless.write_text(good[: good.index("[constraint_link]")], encoding="utf-8")
+    interface = Interface(HexaSlideScreen(Request("pose-inverse", broken)))
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        screen = await looked(pilot, interface)
+        assert text(interface, "#hexaslide") == "own [m].toml"
+        assert "does not reach its rail" in text(interface, "#sees-text")
+        assert not any(plot.display for plot in screen.query(DrawingPlot))
+        await pilot.press("c")
+        assert "nothing to search" in said(interface)
+        await pilot.press("f")
+        await enter(pilot, interface, str(linkless))
+        await looked(pilot, interface)
+        assert text(interface, "#hexaslide") == "linkless.toml   1 of 4: pose-inverse"
+        assert all(plot.display for plot in screen.query(DrawingPlot))
+        await pilot.press("4")
+        await looked(pilot, interface)
+        assert "no [constraint_link]" in text(interface, "#sees-text")
+        await pilot.press("f1")
+        await until(pilot, "help", lambda: isinstance(interface.screen, HelpDialog))
+        await pilot.press("escape", "escape")
+        await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
+        await pilot.press("f10")
+    assert interface.return_code == 0

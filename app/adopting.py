@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TypeGuard
 
 from app.diagnosing import Diagnosed
 from app.exports.writing import write_files
 from calib.diagnosis.results import Contender, Finding
+from calib.orthoglide.effects.empirical import EMPIRICAL
 from protocols.effect_entries import EffectEntry, Provenance, effect_entry
 from protocols.errors import UsageError
 from protocols.model_file import (
@@ -19,6 +21,15 @@ from protocols.model_file import (
     without_effect,
 )
 from protocols.record import read_record
+
+MOST_OFFERED = 8
+
+
+def left_behind(diagnosed: Diagnosed, candidate: str | None) -> bool:
+    """Whether adopting this leaves an unnamed law that could be adopted, too."""
+    found = diagnosed.diagnosis
+    named = any(one.effects for one in found.effects)
+    return candidate is None and named and found.left_over is not None
 
 
 def adopt(
@@ -31,8 +42,10 @@ def adopt(
 ) -> ModelFile:
     """Write a model with the named effects added, or with one candidate (``id`` or ``id:where``).
 
-    Blunders are mistakes of the data and are never adopted. Raises UsageError where there is
-    nothing to adopt and RecordError where the file cannot be written.
+    ``empirical`` as candidate adds what was named and the unnamed law of what is left, or that law
+    alone where it explains all; where nothing was named it is added without asking for it. Blunders
+    are mistakes of the data and are never adopted. Raises UsageError where there is nothing to
+    adopt and RecordError where the file cannot be written.
     """
     chosen = _chosen(diagnosed, candidate)
     machine = diagnosed.sessions[0].opened.machine
@@ -44,7 +57,8 @@ def adopt(
         verdict=diagnosed.diagnosis.verdict,
     )
     for one in chosen:
-        model = with_effect(model, _entry(one, source), diagnosed.diagnosis.sentence)
+        why = f"a law without a name: {one.title}" if _is_law(one) else diagnosed.diagnosis.sentence
+        model = with_effect(model, _entry(one, source), why)
     write_model(target, model)
     return model
 
@@ -64,25 +78,33 @@ def write_model(path: Path, model: ModelFile) -> None:
 
 def _chosen(diagnosed: Diagnosed, candidate: str | None) -> list[Finding | Contender]:
     found = diagnosed.diagnosis
+    named: list[Finding | Contender] = [e for e in found.effects if e.effects]
+    law: list[Finding | Contender] = [found.left_over.law] if found.left_over else []
     if candidate is None:
-        named: list[Finding | Contender] = [e for e in found.effects if e.effects]
-        if not named:
+        if not named and not law:
             raise UsageError(
                 "--adopt",
                 f"the verdict '{found.verdict}' names no effect",
                 "a named effect, or one of the candidates by --candidate ID:WHERE",
             )
-        return named
+        return named or law
     name, _, where = candidate.partition(":")
+    if name == EMPIRICAL and law and where in ("", law[0].where):
+        return law if found.left_over and found.left_over.whole else [*named, *law]
     fitting = [
         one
         for one in found.candidates
         if one.id == name and where in ("", one.where) and one.effects
     ]
     if not fitting:
-        shown = ", ".join(f"{one.id}:{one.where}" for one in found.candidates[:8])
+        offered = [*law, *found.candidates[:MOST_OFFERED]]
+        shown = ", ".join(f"{one.id}:{one.where}" for one in offered)
         raise UsageError("--candidate", repr(candidate), shown or "no candidate at all")
     return [fitting[0]]
+
+
+def _is_law(one: Finding | Contender) -> TypeGuard[Finding]:
+    return isinstance(one, Finding) and one.id == EMPIRICAL
 
 
 def _entry(one: Finding | Contender, source: Provenance) -> EffectEntry:
@@ -94,5 +116,12 @@ def write_procedure(diagnosed: Diagnosed, path: Path) -> None:
     """The proposed measurement as a procedure file. Raises UsageError where there is none."""
     proposed = diagnosed.diagnosis.next_measurement
     if proposed is None or not proposed.protocol.startswith("schema"):
-        raise UsageError("--next", "nothing that stayed ambiguous", "an ambiguous diagnosis")
+        if proposed is None:
+            raise UsageError("--next", "nothing that stayed ambiguous", "an ambiguous diagnosis")
+        raise UsageError(
+            "--next",
+            f"'{proposed.protocol}', a procedure that comes with the program",
+            "a proposal that needs a file",
+            f"Measure it with: glidecal run --protocol {proposed.protocol}",
+        )
     write_files(path, {"": proposed.protocol})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from app.own_effects import known_laws
 from app.solving import indicator_figures, load_sessions
 from calib.diagnosis.cleaning import Case
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.results import Diagnosis, Finding, Gap, Value
+from calib.diagnosis.results import Diagnosis, Finding, Gap, HeldOutGap, Value
 from calib.errors import NotIdentifiable
 from calib.orthoglide.effects.law import Law
 from calib.orthoglide.model import Model
@@ -67,10 +67,10 @@ def diagnose_files(
 
 
 def cases(sessions: Sequence[Session], model: Model) -> list[Case]:
-    """What is to be diagnosed of these sessions."""
+    """What is to be diagnosed of these sessions, each with the load that its tool carried."""
     return [
         Case(
-            model,
+            replace(model, geometry=replace(model.geometry, load=session.opened.machine.load)),
             to_observations([session]),
             indicator_figures([session]),
             np.array(session.opened.machine.tolerances_mm()),
@@ -97,12 +97,14 @@ def _check(
             "sessions that the choice does not see",
             "Leave it out on one side.",
         )
-    geometries = {session.opened.machine.geometry() for session in (*sessions, *others)}
+    geometries = {
+        replace(session.opened.machine.geometry(), load=1.0) for session in (*sessions, *others)
+    }
     if len(geometries) > 1:
         raise UsageError(
             "sessions of different machines",
             f"{len(geometries)} geometries",
-            "sessions of one machine; entered offsets may differ",
+            "sessions of one machine; entered offsets and load may differ",
             "Diagnose them one at a time.",
         )
 
@@ -123,14 +125,7 @@ def diagnosis_document(diagnosed: Diagnosed) -> dict[str, Any]:
         "sentence": found.sentence,
         "gap_before": _gap(found.gap_before),
         "gap_after": _gap(found.gap_after),
-        "held_out_gap": None
-        if found.held_out is None
-        else {
-            "how": found.held_out.how,
-            "before_rms_mm": found.held_out.before_rms_mm,
-            "after_rms_mm": found.held_out.after_rms_mm,
-            "noise_rms_mm": found.held_out.noise_rms_mm,
-        },
+        "held_out_gap": _held_out(found.held_out),
         "where": [
             {
                 "leg": share.leg or None,
@@ -160,10 +155,24 @@ def diagnosis_document(diagnosed: Diagnosed) -> dict[str, Any]:
             "reason": found.next_measurement.reason,
             "protocol": found.next_measurement.protocol,
             "expected_separation": found.next_measurement.expected_separation,
+            "between": [
+                {"id": name.id, "where": name.where} for name in found.next_measurement.between
+            ],
+            "before": {
+                "add_to_entered_offsets_mm": list(found.next_measurement.entered_mm),
+                "load": found.next_measurement.load,
+            },
         },
         "smallest_detectable": [
             {"id": one.id, "size": one.size, "unit": one.unit} for one in found.smallest_detectable
         ],
+        "left_over": None
+        if found.left_over is None
+        else _finding(found.left_over.law)
+        | {
+            "instead_of_what_was_named": found.left_over.whole,
+            "held_out_gap": _held_out(found.left_over.held_out),
+        },
         "remarks": list(found.remarks),
     }
 
@@ -174,6 +183,17 @@ def _gap(gap: Gap) -> dict[str, float | int]:
         "chi_square": gap.chi_square,
         "degrees_of_freedom": gap.degrees_of_freedom,
         "p_value": gap.p_value,
+    }
+
+
+def _held_out(gap: HeldOutGap | None) -> dict[str, float | str] | None:
+    if gap is None:
+        return None
+    return {
+        "how": gap.how,
+        "before_rms_mm": gap.before_rms_mm,
+        "after_rms_mm": gap.after_rms_mm,
+        "noise_rms_mm": gap.noise_rms_mm,
     }
 
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from app.diagnosing import Diagnosed, cases
-from calib.diagnosis.cleaning import cleaned
+from calib.diagnosis.cleaning import Case, cleaned
 from calib.diagnosis.problem import Problem, Sitting
 from calib.errors import NotIdentifiable
 from calib.observations import LEG_NAMES, FloatArray
-from calib.orthoglide.model import Model
+from calib.orthoglide.effects.law import Placed
 
 SEEN = 2.0
 """Standard deviations of a mean beyond which it is more than noise."""
@@ -45,25 +46,26 @@ def residual_cells(diagnosed: Diagnosed) -> tuple[Cell, ...]:
 
     Mistakes that the diagnosis found are corrected or left out, as it did. Raises NotIdentifiable.
     """
-    model = diagnosed.model
     effects = tuple(effect for one in diagnosed.diagnosis.effects for effect in one.effects)
-    some = cleaned(cases(diagnosed.sessions, model))
+    some = cleaned(cases(diagnosed.sessions, diagnosed.model))
     sittings = [Sitting.of(c.model, c.observed, c.indicator, c.tolerance_mm) for c in some]
     before = Problem.of(sittings)
     after = None
     if effects:
-        adopted = model.with_effects((*model.effects, *effects))
-        tolerances = [c.tolerance_mm for c in some]
-        after = _left_with(adopted, sittings, tolerances)
+        after = _left_with(some, effects, sittings)
     return _cells(before, after)
 
 
 def _left_with(
-    model: Model, sittings: list[Sitting], tolerances_mm: list[FloatArray]
+    cases: Sequence[Case], effects: tuple[Placed, ...], sittings: Sequence[Sitting]
 ) -> FloatArray | None:
-    """Residuals ``(n,)`` in mm with another model; None where its legs cannot meet."""
+    """Residuals ``(n,)`` in mm with more effects; None where the legs cannot meet."""
+    models = [case.model.with_effects((*case.model.effects, *effects)) for case in cases]
     try:
-        fitted = [s.again(model, t) for s, t in zip(sittings, tolerances_mm, strict=True)]
+        fitted = [
+            one.again(model, case.tolerance_mm)
+            for case, model, one in zip(cases, models, sittings, strict=True)
+        ]
     except NotIdentifiable:
         return None
     problem = Problem.of(fitted)

@@ -100,7 +100,7 @@ def _choices(
     effect_id, _, where = wanted.partition(":")
     if effect_id not in {law.id for law in laws}:
         raise UsageError("effect", repr(effect_id), ", ".join(dict.fromkeys(x.id for x in laws)))
-    of_it = [c for c in candidates(truth, taken, laws) if c.id == effect_id and c.where != "each"]
+    of_it = [c for c in candidates(truth, taken, laws) if c.id == effect_id and "," not in c.where]
     if not of_it:
         raise _not_seen(effect_id)
     here = [c for c in of_it if where in ("", c.where)]

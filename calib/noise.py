@@ -211,7 +211,7 @@ def reading_noise(visited: Observations, indicator: IndicatorFigures) -> Noise |
     arithmetic = (ROUNDING * float(np.abs(visited.value_mm).max())) ** 2
     if free.sum() <= 0.0 or float(squares.sum()) <= arithmetic * free.sum():
         return _stated(indicator, step if free.sum() > 0.0 else 0.0, visited.indicator_count)
-    pooled = _may_be_pooled(squares, free, step)
+    pooled = may_be_pooled(squares, free, step)
     ones = _noise_of_indicators(squares, free, step, pooled=pooled)
     shown, locked = sum(one.shown_mm2 for one in ones), sum(one.locked_mm2 for one in ones)
     floor = step**2 / 12.0
@@ -247,8 +247,11 @@ def _split(square_sum: float, degrees_of_freedom: float, step: float) -> Indicat
     return IndicatorNoise(shown, locked, degrees_of_freedom)
 
 
-def _may_be_pooled(squares: FloatArray, free: FloatArray, step: float) -> bool:
-    """Whether no indicator scatters more than the others by more than chance (variance ratio)."""
+def may_be_pooled(squares: FloatArray, free: FloatArray, step: float) -> bool:
+    """Whether none scatters more than the others by more than chance (variance ratio).
+
+    ``squares`` and ``free`` ``(k,)`` are square sums and degrees of freedom of what is compared.
+    """
     judged = np.flatnonzero(free > 0.0)
     for k in judged:
         rest = judged[judged != k]

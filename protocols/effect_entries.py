@@ -10,6 +10,7 @@ from pydantic import AwareDatetime, Field
 
 from calib.observations import conditions
 from calib.orthoglide.effects.actuators import with_machine_lead
+from calib.orthoglide.effects.empirical import BASES, EMPIRICAL, empirical_law
 from calib.orthoglide.effects.kinds import EffectParameter
 from calib.orthoglide.effects.law import Law, Placed
 from calib.orthoglide.geometry import Geometry
@@ -133,6 +134,8 @@ def placed_effects(
 
 def _law_of(entry: EffectEntry, laws: Sequence[Law], geometry: Geometry, thing: str) -> Law:
     """The variant of the law that has these parameters."""
+    if entry.id == EMPIRICAL:
+        return _unnamed_law(entry, thing)
     variants = [law for law in (*laws, *with_machine_lead(laws, geometry)) if law.id == entry.id]
     if not variants:
         raise RecordError(
@@ -151,6 +154,19 @@ def _law_of(entry: EffectEntry, laws: Sequence[Law], geometry: Geometry, thing: 
             ", or ".join(dict.fromkeys(allowed)),
         )
     return fitting[0]
+
+
+def _unnamed_law(entry: EffectEntry, thing: str) -> Law:
+    """The law of these bases; it is not in the catalogue, for it is the name of nothing."""
+    named = [parameter.of or name for name, parameter in entry.parameters.items()]
+    law = empirical_law(named)
+    if law is None:
+        raise RecordError(
+            f"{thing}, parameters of {EMPIRICAL}",
+            ", ".join(dict.fromkeys(named)) or "none",
+            ", ".join(BASES),
+        )
+    return law
 
 
 def _check_unit(law: Law, base: str, given: ParameterEntry, thing: str) -> None:

@@ -47,9 +47,10 @@ class Machine(Document):
     ``offset_tolerance_mm`` and ``length_tolerance_mm`` are standard deviations of how far joint
     offsets and leg lengths of such machines are off, before anything is measured;
     ``gravity`` is the direction in which weight pulls, of any length;
-    ``screw_lead_mm`` is the travel of a carriage for one turn of its screw, if it is known;
-    ``mdi`` tells whether its controller is given tool or joint coordinates by hand; ``indicator``
-    are the indicators that are used with it.
+    ``load`` is the weight that the tool has now, in units of its usual one: another in a session
+    with a mass hung on it; ``screw_lead_mm`` is the travel of a carriage for one turn of its
+    screw, if it is known; ``mdi`` tells whether its controller is given tool or joint coordinates
+    by hand; ``indicator`` are the indicators that are used with it.
     """
 
     schema_id: Literal["glidecal.machine/1"] = Field(alias="schema", default="glidecal.machine/1")
@@ -64,6 +65,7 @@ class Machine(Document):
     offset_tolerance_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 2.0
     length_tolerance_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 0.1
     gravity: Triple = (0.0, 0.0, -1.0)
+    load: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
     screw_lead_mm: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
     mdi: Literal["tool", "joint"] = "tool"
     indicator: tuple[Instrument, ...] = ()
@@ -97,6 +99,7 @@ class Machine(Document):
             tool_radius_mm=self.tool_radius_mm,
             gravity=_direction(self.gravity),
             screw_lead_mm=self.screw_lead_mm,
+            load=self.load,
         )
 
 

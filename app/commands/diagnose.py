@@ -24,7 +24,10 @@ def diagnose(
     ] = None,
     candidate: Annotated[
         str | None,
-        typer.Option("--candidate", help="Adopt this candidate, ID or ID:WHERE, instead."),
+        typer.Option(
+            "--candidate",
+            help="Adopt this candidate, ID or ID:WHERE, instead; empirical: the unnamed law.",
+        ),
     ] = None,
     held_out: Annotated[
         list[Path] | None,
@@ -64,7 +67,7 @@ def _diagnose(
     as_json: bool,
 ) -> None:
     from app.adopting import adopt as adopt_effects
-    from app.adopting import write_procedure
+    from app.adopting import left_behind, write_procedure
     from app.diagnosing import diagnose_files, diagnosis_document
     from app.documents import to_json
     from app.own_effects import known_laws
@@ -79,6 +82,8 @@ def _diagnose(
     if adopt:
         adopt_effects(found, sessions, adopt, known=model, candidate=candidate)
         say(f"model written: {adopt}")
+        if left_behind(found, candidate):
+            say("there is an unnamed law, too: --candidate empirical")
     typer.echo(to_json(diagnosis_document(found)) if as_json else diagnosis_text(found))
 
 

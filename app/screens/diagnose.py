@@ -60,8 +60,8 @@ class DiagnoseScreen(Screen[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("a", "adopt", "Adopt", id="diagnose.adopt"),
         Binding("n", "next", "Next measurement", id="diagnose.next"),
-        Binding("a", "refuse", show=False, id="diagnose.refuse_adopt"),
-        Binding("n", "refuse", show=False, id="diagnose.refuse_next"),
+        Binding("a", "refuse('adopt')", show=False, id="diagnose.refuse_adopt"),
+        Binding("n", "refuse('next')", show=False, id="diagnose.refuse_next"),
         Binding("1", "page('verdict')", "Verdict", show=False, id="diagnose.verdict"),
         Binding("2", "page('where')", "Where", show=False, id="diagnose.where"),
         Binding("3", "page('candidates')", "Candidates", show=False, id="diagnose.candidates"),
@@ -104,6 +104,7 @@ class DiagnoseScreen(Screen[None]):
     def _look(self) -> None:
         """Diagnose apart from the screen."""
         self.looking, self.diagnosed = True, None
+        self.refresh_bindings()
         names = [path.name for path in self.paths]
         self.query_one("#diagnosed", Static).update(heading_text(names, self.model))
         self._say_everywhere(LOOKING)
@@ -136,6 +137,7 @@ class DiagnoseScreen(Screen[None]):
 
     def _show(self, found: Diagnosed, cells: tuple[Cell, ...]) -> None:
         self.looking, self.diagnosed = False, found
+        self.refresh_bindings()
         now = found.diagnosis.gap_before.rms_mm
         adopted = ""
         if self.model is not None and self._gap_before_mm is not None:
@@ -161,12 +163,22 @@ class DiagnoseScreen(Screen[None]):
             tabs.action_previous_tab()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Where nothing may be written, adopting is not offered; its key says why."""
-        return not self.app.read_only if action in ("adopt", "next") else True
+        """What cannot be done now is not offered; its key says why."""
+        return not self._why_not(action) if action in ("adopt", "next") else True
 
-    def action_refuse(self) -> None:
+    def _why_not(self, action: str) -> str:
+        """Why there is nothing to adopt or to measure next; empty where there is."""
+        if self.app.read_only:
+            return ONLY_SHOWN
+        if self.diagnosed is None:
+            return NOT_YET if self.looking else NOTHING_FOUND
+        if action == "adopt":
+            return "" if adopt_choices(self.diagnosed) else NOTHING_NAMED
+        return "" if self.diagnosed.diagnosis.next_measurement else NO_NEXT
+
+    def action_refuse(self, action: str) -> None:
         """Why nothing is written."""
-        self.app.complain(ONLY_SHOWN)
+        self.app.complain(self._why_not(action))
 
     def _ready(self) -> Diagnosed | None:
         """The diagnosis; where there is none, the reason is said."""
@@ -179,11 +191,8 @@ class DiagnoseScreen(Screen[None]):
         found = self._ready()
         if found is None:
             return
-        choices = adopt_choices(found)
-        if choices:
-            self.app.push_screen(ChoiceDialog(WHAT_TO_ADOPT, choices), self._ask_file)
-        else:
-            self.app.complain(NOTHING_NAMED)
+        dialog = ChoiceDialog(WHAT_TO_ADOPT, adopt_choices(found))
+        self.app.push_screen(dialog, self._ask_file)
 
     def _ask_file(self, answer: str | None) -> None:
         if not answer:
@@ -222,9 +231,8 @@ class DiagnoseScreen(Screen[None]):
         proposed = found.diagnosis.next_measurement
         first = self.paths[0]
         path = unused_path(first.with_name(f"{first.stem}_next.toml"))
-        if proposed is None:
-            self.app.complain(NO_NEXT)
-        elif not proposed.protocol.startswith("schema"):
+        assert proposed is not None
+        if not proposed.protocol.startswith("schema"):
             self.app.notify(run_named(proposed.protocol), timeout=12, markup=False)
         else:
             self._write_next(found, path)

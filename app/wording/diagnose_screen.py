@@ -11,18 +11,21 @@ from app.wording.diagnosis import (
     SHOWN_CANDIDATES,
     detectable_text,
     effects_text,
-    gap_words,
+    gap_text,
     held_out_words,
+    left_over_text,
     shares_text,
 )
 from app.wording.tables import new_table, signed, table_text, wrapped
 from calib.diagnosis.results import Contender, Finding
+from calib.orthoglide.effects.empirical import EMPIRICAL
 
 DIAGNOSE_HELP = """\
 1 2 3 4       Verdict, Where, Candidates, Before/after
 Tab, arrows   the next page; up and down scroll it
-A             adopt what was named, or another effect that fits as well:
-              writes a model file and diagnoses again with it
+A             adopt what was named, another effect that fits as well, or
+              what is left as a law without a name: writes a model file
+              and diagnoses again with it
 N             write the next measurement, the one that separates what
               stayed ambiguous, as a procedure file
 Y             copy the text of this page to the clipboard
@@ -35,7 +38,10 @@ much more. Adopting changes the model alone, never the readings."""
 LOOKING = "Looking for what is missing …"
 NOT_YET = "The diagnosis is not ready yet."
 NOTHING_FOUND = "There is no diagnosis, so there is nothing to adopt, write or copy."
-NOTHING_NAMED = "Nothing to adopt: the diagnosis names no effect of the machine or its indicators."
+NOTHING_NAMED = (
+    "Nothing to adopt: the diagnosis names no effect of the machine or its indicators, and what is "
+    "left, if anything, follows no simple law."
+)
 NO_NEXT = "No measurement is proposed: nothing stayed ambiguous between two effects."
 WHAT_TO_ADOPT = "What shall become part of the model?"
 WHICH_FILE = "Write the model to which file?"
@@ -65,9 +71,11 @@ def verdict_text(diagnosed: Diagnosed, adopted: str = "") -> str:
         parts.append(wrapped(adopted))
     if found.effects:
         parts.append(effects_text(found.effects))
-    parts.append(wrapped(gap_words(found.gap_before, found.gap_after, found.noise_mm)))
+    parts.append(wrapped(gap_text(found)))
     if found.held_out:
         parts.append(wrapped(held_out_words(found.held_out)))
+    if found.left_over:
+        parts.append(left_over_text(found.left_over))
     if found.next_measurement:
         parts.append(wrapped(f"Next measurement: {found.next_measurement.reason}. Key N."))
     if found.verdict == "agrees":
@@ -181,16 +189,21 @@ def change_text(cells: tuple[Cell, ...]) -> str:
 def adopt_choices(diagnosed: Diagnosed) -> list[tuple[str, str]]:
     """What can be adopted: answers for a dialog with their words. The first is what was named.
 
-    An answer is ``named``, or a candidate as ``id:where``.
+    An answer is ``named``, ``empirical`` (what was named and the unnamed law of what is left), or
+    a candidate as ``id:where``.
     """
     found = diagnosed.diagnosis
     named = [one for one in found.effects if one.effects]
-    if not named:
-        return []
     words = " and ".join(f"{one.id} ({one.where})" for one in named)
     rivals = {(r.id, r.where) for one in named for r in one.indistinguishable_from}
     others = [c for c in found.candidates if (c.id, c.where) in rivals and c.effects]
-    choices = [("named", f"what was named: {words}")]
+    choices = [("named", f"what was named: {words}")] if named else []
+    if found.left_over:
+        where = found.left_over.law.where
+        also = f"{words} and what is left" if named else "what is left"
+        whole = f"instead a law without a name ({where}), which explains all"
+        law = whole if found.left_over.whole else f"{also}, as a law without a name ({where})"
+        choices.append((EMPIRICAL, law))
     choices += [
         (f"{one.id}:{one.where}", f"instead {one.id} ({one.where})") for one in others[:MOST_RIVALS]
     ]

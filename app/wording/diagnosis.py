@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from textwrap import fill
 
 from app.diagnosing import Diagnosed
-from app.wording.tables import WIDTH, new_table, signed, table_text, wrapped
-from calib.diagnosis.results import Contender, Finding, Gap, HeldOutGap, Share, Value
+from app.wording.tables import WIDTH, new_table, table_text, wrapped
+from calib.diagnosis.results import (
+    Contender,
+    Diagnosis,
+    Finding,
+    HeldOutGap,
+    LeftOver,
+    Share,
+    Value,
+)
 
 SHOWN_CANDIDATES = 8
 SHOWN_SHARES = 6
@@ -17,11 +26,13 @@ def diagnosis_text(diagnosed: Diagnosed) -> str:
     """The verdict first, then what supports it."""
     found = diagnosed.diagnosis
     parts = [wrapped(f"{found.verdict.upper()}. {found.sentence}")]
-    parts.append(wrapped(gap_words(found.gap_before, found.gap_after, found.noise_mm)))
+    parts.append(wrapped(gap_text(found)))
     if found.effects:
         parts.append(effects_text(found.effects))
     if found.held_out:
         parts.append(wrapped(held_out_words(found.held_out)))
+    if found.left_over:
+        parts.append(left_over_text(found.left_over))
     if found.next_measurement:
         parts.append(wrapped(f"Next measurement: {found.next_measurement.reason}."))
     parts.append("Where it disagrees\n" + shares_text(found.where))
@@ -33,15 +44,17 @@ def diagnosis_text(diagnosed: Diagnosed) -> str:
     return "\n\n".join(parts)
 
 
-def gap_words(before: Gap, after: Gap, noise_mm: float) -> str:
-    """The gap in the readings and its chance, before and after."""
+def gap_text(found: Diagnosis) -> str:
+    """The gap in the readings and its chance, before and after what was named or guessed."""
+    before, after, noise_mm = found.gap_before, found.gap_after, found.noise_mm
     said = (
         f"Gap {before.rms_mm:.4f} mm r.m.s. beyond the scatter of repeats (noise of a reading "
         f"{noise_mm:.4f} mm), {before.degrees_of_freedom} degrees of freedom, chance "
         f"{chance(before.p_value)}."
     )
     if after != before:
-        said += f"\nWith what was named: {after.rms_mm:.4f} mm, chance {chance(after.p_value)}."
+        added = "what was named" if found.effects else "the best guess"
+        said += f"\nWith {added}: {after.rms_mm:.4f} mm, chance {chance(after.p_value)}."
     return said
 
 
@@ -69,9 +82,38 @@ def hanging(line: str) -> str:
     return fill(line, WIDTH, subsequent_indent=indent, break_long_words=False)
 
 
+def left_over_text(left: LeftOver) -> str:
+    """The unnamed law of what is left, its values, and what it would take away."""
+    law = left.law
+    begin = (
+        "A law without a name explains all, in place of what was named"
+        if left.whole
+        else "What is left has no name, but follows a law"
+    )
+    lines = [wrapped(f"{begin}: {law.title}.")]
+    lines += [f"    {value_words(value)}" for value in law.parameters]
+    lines.append(f"    gap {law.gap_rms_before_mm:.4f} → {law.gap_rms_after_mm:.4f} mm")
+    if left.held_out:
+        lines.append(hanging("    " + held_out_words(left.held_out)))
+    return "\n".join(lines)
+
+
 def value_words(value: Value) -> str:
-    """A parameter with its standard uncertainty."""
-    return f"{value.name} = {value.value:+.4g} ± {value.standard_uncertainty:.2g} {value.unit}"
+    """A parameter with its standard uncertainty, both to two figures of the uncertainty."""
+    u = value.standard_uncertainty
+    places = decimals(u)
+    return f"{value.name} = {value.value:+.{places}f} ± {u:.{places}f} {value.unit}"
+
+
+def decimals(size: float) -> int:
+    """Decimals that show two significant figures of a size."""
+    return max(0, 1 - math.floor(math.log10(size))) if size > 0.0 else 4
+
+
+def figures(size: float) -> str:
+    """A size to two significant figures, without an exponent."""
+    rounded = float(f"{size:.1e}")
+    return f"{rounded:.{decimals(rounded)}f}"
 
 
 def held_out_words(held: HeldOutGap) -> str:
@@ -121,5 +163,5 @@ def detectable_text(diagnosed: Diagnosed) -> str:
     """What would have been found."""
     table = new_table("would have been found", "from", "", left=1)
     for one in diagnosed.diagnosis.smallest_detectable:
-        table.add_row(one.id, signed(one.size, 4).lstrip("+"), one.unit)
+        table.add_row(one.id, figures(one.size), one.unit)
     return table_text(table)

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.diagnosis.problem import Problem, Sitting
-from calib.diagnosis.selection import contained
+from calib.diagnosis.selection import ALIKE, contained
 from calib.noise import IndicatorFigures
 from calib.observations import FloatArray, Observations
 from calib.orthoglide.effects.candidates import Candidate, candidates, invisible
 from calib.orthoglide.effects.law import Law
 from calib.orthoglide.model import Model
 
-ALIKE = 0.98
 NOISE_MM = 0.002
 
 

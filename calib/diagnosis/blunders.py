@@ -2,7 +2,7 @@
 
 A hypothesis transforms readings; the base parameters, held by their tolerances, are fitted to the
 result. It counts when the likelihood rises by more than chance could among all hypotheses, when
-most of the disagreement goes, and when the readings follow the prediction with just the slope that
+most of the disagreement goes, and when the readings follow the prediction with about the slope that
 the mistake would make (-1, 25.4, 1/25.4). Nothing in the record is changed.
 """
 
@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.diagnosis.results import Named
 from calib.fit import without_zeros
 from calib.observations import LEG_NAMES, FloatArray, IntArray, Observations
 from calib.orthoglide.linear import reading_matrix
@@ -24,16 +25,16 @@ INCH_MM = 25.4
 LEAST_RATIO = 4.0
 """The disagreement (square sum) must shrink by so much."""
 
-SLOPE_TOLERANCE = 0.25
+SLOPE_FACTOR = 2.0
+"""The slope of measured on predicted may be off by this: nothing else comes near these slopes."""
+
 ODDS = 100.0
+DOUBTFUL_ODDS = 10.0
 
-WILD_DISTANCE = 15.0
-"""In standard deviations; far beyond what heavy tails of honest readings reach."""
+KEEP_SCALE = ("gauge_sign", "gauge_swap")
+"""Mistakes that leave the scatter of readings as it is, so that likelihoods compare."""
 
-SAME_VALUE = 4.0
-"""A reading belongs to another posture when it is within so many standard deviations of it."""
-
-MOST_WILD = 4
+MOST_SUSPECTED = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +42,7 @@ class Blunder:
     """A mistake: its name and place, the rows it touches, and the data as they should be.
 
     ``corrected`` holds the session without the mistake: transformed readings, or fewer of them.
+    ``or_else`` names what else would leave about the same readings.
     """
 
     id: str
@@ -48,6 +50,7 @@ class Blunder:
     title: str
     rows: IntArray
     corrected: Observations
+    or_else: tuple[Named, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,32 +64,63 @@ class _Hypothesis:
     log_scale: float
 
 
-def find_blunder(model: Model, observed: Observations, tolerance_mm: FloatArray) -> Blunder | None:
-    """The one mistake that the readings shout, or None. One at a time: look again afterwards."""
+@dataclass(frozen=True)
+class Suspicion:
+    """A mistake that makes the readings likelier by more than chance among all that were tried.
+
+    ``clear``: most of the disagreement goes, and the slope fits. ``log_tried`` is the price of
+    having been chosen among all.
+    """
+
+    blunder: Blunder
+    clear: bool
+    log_tried: float
+
+    @property
+    def log_odds(self) -> float:
+        """By so much the readings must be likelier for a mistake to be beyond doubt."""
+        return self.log_tried + math.log(ODDS)
+
+    @property
+    def log_doubtful_odds(self) -> float:
+        """By so much for one that is named beside what does almost as well."""
+        return self.log_tried + math.log(DOUBTFUL_ODDS)
+
+    @property
+    def proven(self) -> bool:
+        """Nothing else turns readings by a factor of 25.4; a swap could be an effect, too."""
+        return self.clear and self.blunder.id == "unit_mixup"
+
+
+def suspect_blunders(
+    model: Model, observed: Observations, tolerance_mm: FloatArray
+) -> tuple[Suspicion, ...]:
+    """Mistakes that one may suspect, likeliest first: at most three, or one that is proven.
+
+    One at a time can be found: look again in the corrected readings.
+    """
     fit = _BaseFit(model, observed, tolerance_mm)
     tried = list(_hypotheses(observed))
-    if not tried:
-        return None
-    bar = math.log(ODDS * len(tried))
+    log_tried = math.log(max(len(tried), 1))
     before = fit.left(observed.value_mm)
-    best: tuple[float, _Hypothesis] | None = None
+    found: list[tuple[float, Suspicion]] = []
     for one in tried:
         after = fit.left(one.value_mm)
         gain = 0.5 * len(observed) * math.log(before / after) + one.log_scale
         shrinks = before * math.exp(2.0 * one.log_scale / len(observed)) / after
-        better = best is None or gain > best[0]
-        if gain > bar and shrinks > LEAST_RATIO and better and fit.slope_fits(one):
-            best = gain, one
-    if best is None:
-        return None
-    found = best[1]
-    return Blunder(
-        found.id,
-        found.where,
-        found.title,
-        found.rows,
-        replace(observed, value_mm=found.value_mm),
-    )
+        clear = shrinks > LEAST_RATIO and fit.slope_fits(one)
+        suspicion = Suspicion(_named(observed, one), clear, log_tried)
+        if gain > suspicion.log_odds:
+            found.append((gain, suspicion))
+    ordered = [one for _, one in sorted(found, key=lambda each: -each[0])]
+    if ordered and ordered[0].proven:
+        return (ordered[0],)
+    return tuple(one for one in ordered if one.blunder.id in KEEP_SCALE)[:MOST_SUSPECTED]
+
+
+def _named(observed: Observations, found: _Hypothesis) -> Blunder:
+    corrected = replace(observed, value_mm=found.value_mm)
+    return Blunder(found.id, found.where, found.title, found.rows, corrected)
 
 
 def _hypotheses(observed: Observations) -> Iterator[_Hypothesis]:
@@ -109,13 +143,13 @@ def _groups(observed: Observations) -> Iterator[tuple[str, IntArray]]:
     seen: set[tuple[int, ...]] = set()
     for mount in range(observed.mount_count):
         rows = np.flatnonzero(observed.mount == mount)
-        yield _place(observed, rows), rows
+        yield place_of(observed, rows), rows
         seen.add(tuple(rows))
     for leg in range(3):
         for axis in range(3):
             rows = np.flatnonzero((observed.leg == leg) & (observed.axis == axis))
             if len(rows) and tuple(rows) not in seen:
-                yield _place(observed, rows), rows
+                yield place_of(observed, rows), rows
                 seen.add(tuple(rows))
     for indicator in range(observed.indicator_count):
         rows = np.flatnonzero(observed.indicator == indicator)
@@ -125,7 +159,8 @@ def _groups(observed: Observations) -> Iterator[tuple[str, IntArray]]:
         yield "all", everything
 
 
-def _place(observed: Observations, rows: IntArray) -> str:
+def place_of(observed: Observations, rows: IntArray) -> str:
+    """Leg and axis of the first of these rows, in letters."""
     first = rows[0]
     return LEG_NAMES[observed.leg[first]] + LEG_NAMES[observed.axis[first]]
 
@@ -159,11 +194,14 @@ class _BaseFit:
         self._floor = self._scatter()
 
     def _scatter(self) -> float:
-        """Square sum that repeats explain: nothing shrinks below it."""
+        """Middle variance of the mountings' repeats, mm²: one in wrong units must not count."""
         repeats = Repeats.of(self._observed)
-        square = float(repeats.sums_of_squares(self._observed.value_mm[:, None]).sum())
-        free = float(repeats.degrees_of_freedom.sum())
-        return max(square / max(free, 1.0), 1e-10)
+        square = repeats.scatter(self._observed.value_mm[:, None])[:, 0] ** 2
+        squares = np.bincount(self._observed.mount, square)
+        free = np.bincount(self._observed.mount, 1.0 - repeats.leverage)
+        judged = free > 0.5
+        middle = float(np.median(squares[judged] / free[judged])) if judged.any() else 0.0
+        return max(middle, 1e-10)
 
     def solve(self, value_mm: FloatArray, rows: IntArray | slice) -> FloatArray:
         """Parameters ``(6,)`` from these rows, with the scatter as weight of the tolerances."""
@@ -193,78 +231,4 @@ class _BaseFit:
         if float(p @ p) < 25.0 * self._floor:
             return False
         slope = float(p @ m) / float(p @ p)
-        return abs(slope - one.slope) <= SLOPE_TOLERANCE * abs(one.slope)
-
-
-def set_wild_aside(observed: Observations) -> tuple[Observations, tuple[Blunder, ...]]:
-    """Readings far from their repeats are left out, each named: wrong label, or simply wild."""
-    found: list[Blunder] = []
-    rest = observed
-    for _ in range(MOST_WILD):
-        row = _wildest(rest)
-        if row is None:
-            break
-        kept = np.delete(np.arange(len(rest)), row)
-        where = _place(rest, np.array([row]))
-        posture = f"at {rest.displacement_mm[row]:+g} mm, cycle {rest.cycle[row]}"
-        belongs = belongs_elsewhere(rest, row)
-        title = (
-            f"the reading {posture} belongs to {belongs}"
-            if belongs is not None
-            else f"one wild reading {posture}"
-        )
-        name = "wild_reading" if belongs is None else "label_error"
-        rest = rest.take(kept)
-        found.append(Blunder(name, where, title, np.array([row]), rest))
-    return rest, tuple(found)
-
-
-def _wildest(observed: Observations) -> int | None:
-    """The row furthest from its own repeats, if it is far beyond all others."""
-    repeats = Repeats.of(observed)
-    free = float(repeats.degrees_of_freedom.sum())
-    share = 1.0 - repeats.leverage
-    if free <= 4.0:
-        return None
-    left = repeats.scatter(observed.value_mm[:, None])[:, 0]
-    own = np.where(share > 1e-6, left**2 / np.maximum(share, 1e-6), 0.0)
-    row = int(own.argmax())
-    others = (float((left**2).sum()) - own[row]) / (free - 1.0)
-    floor = (1e-4) ** 2
-    return row if own[row] > WILD_DISTANCE**2 * max(others, floor) else None
-
-
-def belongs_elsewhere(observed: Observations, row: int) -> str | None:
-    """The posture of the same mounting, or the other leg, whose readings this one equals."""
-    same = np.flatnonzero(observed.mount == observed.mount[row])
-    spread = _typical_scatter(observed, row)
-    for level in np.unique(observed.displacement_mm[same]):
-        if level == observed.displacement_mm[row]:
-            continue
-        cell = same[observed.displacement_mm[same] == level]
-        if abs(observed.value_mm[row] - observed.value_mm[cell].mean()) < SAME_VALUE * spread:
-            return f"{level:+g} mm"
-    return _other_leg(observed, row, spread)
-
-
-def _other_leg(observed: Observations, row: int, spread: float) -> str | None:
-    """The other leg measured along the same axis, in the same posture, if the value is equal."""
-    cell = np.flatnonzero(
-        (observed.axis == observed.axis[row])
-        & (observed.leg != observed.leg[row])
-        & (observed.displacement_mm == observed.displacement_mm[row])
-        & (observed.station == observed.station[row])
-    )
-    for leg in np.unique(observed.leg[cell]):
-        mean = observed.value_mm[cell[observed.leg[cell] == leg]].mean()
-        if abs(observed.value_mm[row] - mean) < SAME_VALUE * spread:
-            return f"leg {LEG_NAMES[leg].upper()}"
-    return None
-
-
-def _typical_scatter(observed: Observations, row: int) -> float:
-    rest = observed.take(np.delete(np.arange(len(observed)), row))
-    repeats = Repeats.of(rest)
-    free = max(float(repeats.degrees_of_freedom.sum()), 1.0)
-    square = float(repeats.sums_of_squares(rest.value_mm[:, None]).sum())
-    return max(math.sqrt(square / free), 1e-4)
+        return 1.0 / SLOPE_FACTOR <= slope / one.slope <= SLOPE_FACTOR

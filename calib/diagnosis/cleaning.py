@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from calib.diagnosis.blunders import Blunder, find_blunder, set_wild_aside
+from calib.diagnosis.beside import needed_beside_effects
+from calib.diagnosis.blunders import Blunder, place_of, suspect_blunders
 from calib.diagnosis.problem import Problem, Sitting
 from calib.diagnosis.slips import find_slip
+from calib.diagnosis.strays import set_strays_right
 from calib.diagnosis.verify import structure_rms_mm
+from calib.errors import NotIdentifiable
 from calib.noise import IndicatorFigures
-from calib.observations import LEG_NAMES, FloatArray, Observations
+from calib.observations import FloatArray, Observations
+from calib.orthoglide.effects import CATALOGUE
+from calib.orthoglide.effects.law import Law
 from calib.orthoglide.model import Model
 
 MOST_BLUNDERS = 3
@@ -45,12 +50,14 @@ class Mistake:
     after_rms_mm: float
 
 
-def clean(cases: Sequence[Case]) -> tuple[list[Case], list[Mistake]]:
-    """Sessions without the mistakes found in them, and the mistakes."""
+def clean(
+    cases: Sequence[Case], laws: Sequence[Law] = CATALOGUE
+) -> tuple[list[Case], list[Mistake]]:
+    """Sessions without the mistakes found in them, and the mistakes. ``laws`` may stand beside."""
     cleaned, mistakes = [], []
     for case in cases:
         present = case
-        for blunder in _blunders_of(case):
+        for blunder in _blunders_of(case, laws):
             corrected = case.with_readings(blunder.corrected)
             mistakes.append(Mistake(blunder, _gap_rms_mm(present), _gap_rms_mm(corrected)))
             present = corrected
@@ -63,18 +70,41 @@ def cleaned(cases: Sequence[Case]) -> list[Case]:
     return clean(cases)[0]
 
 
-def _blunders_of(case: Case) -> list[Blunder]:
+def _blunders_of(case: Case, laws: Sequence[Law]) -> list[Blunder]:
     """One after the other, each in the data that the one before left."""
     found = _slips(case.observed)
     observed = found[-1].corrected if found else case.observed
     spare = len(observed) - observed.mount_count - len(case.tolerance_mm)
     for _ in range(MOST_BLUNDERS if spare >= LEAST_ROWS_BEYOND else 0):
-        blunder = find_blunder(case.model, observed, case.tolerance_mm)
+        blunder = _blunder_in(case.with_readings(observed), laws)
         if blunder is None:
             break
         found.append(blunder)
         observed = blunder.corrected
-    return [*found, *set_wild_aside(observed)[1]]
+    return [*found, *set_strays_right(observed, _step_mm(case.indicator))]
+
+
+def _blunder_in(case: Case, laws: Sequence[Law]) -> Blunder | None:
+    suspicions = suspect_blunders(case.model, case.observed, case.tolerance_mm)
+    if not suspicions or suspicions[0].proven:
+        return suspicions[0].blunder if suspicions else None
+    fitted = [(one, _fitted(case.with_readings(one.blunder.corrected))) for one in suspicions]
+    before = _fitted(case)
+    if before is None:
+        return next((one.blunder for one, after in fitted if one.clear and after), None)
+    return needed_beside_effects(before, [(one, after) for one, after in fitted if after], laws)
+
+
+def _fitted(case: Case) -> Sitting | None:
+    """None where these readings, wrong as they may be, fit no machine."""
+    try:
+        return case.sit()
+    except NotIdentifiable:
+        return None
+
+
+def _step_mm(indicator: IndicatorFigures) -> float:
+    return max(indicator.resolution_mm or 0.0, indicator.step_mm or 0.0)
 
 
 def _slips(observed: Observations) -> list[Blunder]:
@@ -82,7 +112,7 @@ def _slips(observed: Observations) -> list[Blunder]:
     found: list[Blunder] = []
     while len(found) < MOST_BLUNDERS and (slip := find_slip(observed)) is not None:
         first = slip.rows[0]
-        where = LEG_NAMES[observed.leg[first]] + LEG_NAMES[observed.axis[first]]
+        where = place_of(observed, slip.rows)
         title = (
             f"the stand moved by {slip.shift_mm:+.4f} mm before the reading at "
             f"{observed.displacement_mm[first]:+g} mm, cycle {observed.cycle[first]}"

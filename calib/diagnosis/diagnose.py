@@ -4,21 +4,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib.diagnosis.blunders import WILD_DISTANCE, belongs_elsewhere
 from calib.diagnosis.cleaning import Case, Mistake, clean
 from calib.diagnosis.entries import Entry, entries_of, implausible
 from calib.diagnosis.fitting import Fitting
+from calib.diagnosis.independence import DOUBT, repeats_explain_as_much
+from calib.diagnosis.left_over import left_over
 from calib.diagnosis.locate import left_over_words, locate
 from calib.diagnosis.naming import Naming
 from calib.diagnosis.problem import Problem, Sitting
 from calib.diagnosis.proposing import propose
 from calib.diagnosis.race import LEVEL, Outcome, Race
-from calib.diagnosis.results import Contender, Diagnosis, Finding, Gap, HeldOutGap, Verdict
+from calib.diagnosis.results import (
+    Contender,
+    Diagnosis,
+    Finding,
+    Gap,
+    HeldOutGap,
+    LeftOver,
+    Verdict,
+)
 from calib.diagnosis.selection import Weighed, union
+from calib.diagnosis.strays import WILD_DISTANCE, belongs_elsewhere
 from calib.diagnosis.verify import left_out_postures, on_other_sessions, structure_rms_mm
 from calib.diagnosis.words import remarks, sentence, smallest_detectable
 from calib.observations import FloatArray
@@ -41,25 +51,41 @@ def diagnose(
     ``held_out`` sessions are used for nothing but the gap after adopting. Raises NotIdentifiable
     where a session cannot be fitted at all.
     """
-    ready, mistakes = clean(cases)
+    ready, mistakes = clean(cases, laws)
     problem = Problem.of([case.sit() for case in ready])
     every = entries_of(problem, laws)
     blocks = [problem.block(entry.columns) for entry in every]
     seen = [k for k, block in enumerate(blocks) if _may_run(problem, every[k], block)]
     entries = [every[k] for k in seen]
     losses = np.array([implausible(problem, entry) for entry in entries])
-    race = Race(problem, tuple(blocks[k] for k in seen), losses, seed)
+    causes = tuple(entry.causes for entry in entries)
+    race = Race(problem, tuple(blocks[k] for k in seen), losses, causes, seed)
     outcome = race.run()
     fitting = Fitting(problem, entries, race, ready)
     naming = Naming(problem, entries, race, outcome)
-    return _Report(fitting, naming, outcome, mistakes, held_out).make()
+    doubts = (DOUBT,) if repeats_explain_as_much(naming) else ()
+    if doubts:
+        outcome = replace(outcome, kept=None)
+        naming = replace(naming, outcome=outcome)
+    return _Report(fitting, naming, outcome, mistakes, held_out, doubts).make()
 
 
 def _may_run(problem: Problem, entry: Entry, block: FloatArray) -> bool:
-    """What shows at all; a lone reading only when it is far beyond what heavy tails reach."""
+    """What shows at all; a lone reading only where no repeat has judged it, and if it is far off.
+
+    Far off is beyond what heavy tails reach.
+    """
     if not block.shape[1] or entry.id != "wild_reading":
         return bool(block.shape[1])
-    return float(((block.T @ problem.y) ** 2).sum()) > WILD_DISTANCE**2
+    far = float(((block.T @ problem.y) ** 2).sum()) > WILD_DISTANCE**2
+    return far and not _repeated(problem, int(entry.columns[:, 0].argmax()))
+
+
+def _repeated(problem: Problem, row: int) -> bool:
+    """Whether the posture of this row was read in the same mounting again."""
+    levels = np.concatenate([one.observed.displacement_mm for one in problem.sittings])
+    alike = (problem.mount == problem.mount[row]) & (levels == levels[row])
+    return int(alike.sum()) > 1
 
 
 @dataclass(eq=False)
@@ -71,6 +97,7 @@ class _Report:
     outcome: Outcome
     mistakes: Sequence[Mistake]
     held_out: Sequence[Case]
+    doubts: tuple[str, ...]
     _others: list[Sitting] = field(default_factory=list)
 
     @property
@@ -84,11 +111,12 @@ class _Report:
         findings = [_of_mistake(one) for one in self.mistakes]
         if kept is not None:
             findings += self._findings(kept)
-        verdict = self.naming.verdict(bool(self.mistakes))
+        verdict = self._verdict()
         shares = locate(self.problem)
         told = bool(self.held_out) or verdict != "cannot-tell"
         noise = self.problem.sittings[0].noise
         named = [f for f in findings if f.kind == "blunder" or verdict in WITH_NAMES]
+        left = self._left_over(verdict, findings)
         return Diagnosis(
             verdict=verdict,
             sentence=sentence(verdict, findings, left_over_words(shares, LEVEL)),
@@ -105,8 +133,23 @@ class _Report:
             smallest_detectable=smallest_detectable(
                 self.problem, self.fitting.entries, self.fitting.race
             ),
-            remarks=remarks(self.problem, verdict),
+            remarks=(*remarks(self.problem, verdict, left), *self.doubts),
+            left_over=left,
         )
+
+    def _left_over(self, verdict: Verdict, findings: Sequence[Finding]) -> LeftOver | None:
+        """The unnamed law of what is left, where something is."""
+        if verdict not in ("partly-explained", "unexplained"):
+            return None
+        members = self.outcome.kept.members if self.outcome.kept else ()
+        placed = tuple(effect for finding in findings for effect in finding.effects)
+        return left_over(self.fitting, members, placed, self.others())
+
+    def _verdict(self) -> Verdict:
+        """A mistake that something else imitates does not explain alone."""
+        verdict = self.naming.verdict(bool(self.mistakes))
+        doubtful = any(one.blunder.or_else for one in self.mistakes)
+        return "ambiguous" if doubtful and verdict == "explained" else verdict
 
     def _gap(self, members: tuple[int, ...]) -> Gap:
         square, df, p = self.fitting.race.gap(members)
@@ -193,7 +236,8 @@ class _Report:
         if kept is None:
             return "no better than chance among so many candidates"
         if member in kept.members:
-            return ""
+            told = self.naming.verdict(bool(self.mistakes)) in WITH_NAMES
+            return "" if told else "best guess"
         if any(member in model.members for model in self.outcome.models):
             return "fits about as well"
         if self.fitting.race.gap((member,))[2] <= LEVEL:
@@ -208,13 +252,28 @@ class _Report:
             return None
         return left_out_postures(
             self.problem,
-            [entry.columns for entry in self.fitting.entries if entry.kind != "blunder"],
+            self._columns_of_as_many_causes(self.outcome.kept),
             len(self.outcome.kept.members),
             self.fitting.cases[0].tolerance_mm,
         )
+
+    def _columns_of_as_many_causes(self, kept: Weighed) -> list[FloatArray]:
+        """Columns of what could have been kept in place of one of its members."""
+        most = max(self.fitting.entries[k].causes for k in kept.members)
+        return [e.columns for e in self.fitting.entries if e.kind != "blunder" and e.causes <= most]
 
 
 def _of_mistake(mistake: Mistake) -> Finding:
     blunder = mistake.blunder
     before, after = mistake.before_rms_mm, mistake.after_rms_mm
-    return Finding(blunder.id, "blunder", blunder.title, blunder.where, (), 0.0, before, after)
+    return Finding(
+        blunder.id,
+        "blunder",
+        blunder.title,
+        blunder.where,
+        (),
+        0.0,
+        before,
+        after,
+        blunder.or_else,
+    )

@@ -9,7 +9,8 @@ import numpy as np
 
 from calib.diagnosis.problem import Problem
 from calib.observations import LEG_NAMES, FloatArray
-from calib.orthoglide.effects.candidates import Candidate, candidates
+from calib.orthoglide.effects.candidates import Candidate, candidates_together
+from calib.orthoglide.effects.kinds import Kind
 from calib.orthoglide.effects.law import Law
 
 FAR = 30.0
@@ -31,32 +32,35 @@ class Entry:
     names: tuple[tuple[str, str], ...]
     tolerance: FloatArray
 
+    @property
+    def causes(self) -> int:
+        """How many things are wrong at once: axes, bars, indicators with values of their own."""
+        if self.candidate is None or self.candidate.arrangement != "each":
+            return 1
+        if self.kind == Kind.ENVIRONMENT:
+            return 1
+        if self.kind == Kind.INDICATOR:
+            return len(self.candidate.shares)
+        return 1 + self.where.count(",")
+
 
 def entries_of(problem: Problem, laws: Sequence[Law]) -> list[Entry]:
     """Every candidate that the sessions can show, stacked over them, and lone wild readings."""
-    found: dict[tuple[str, str, str], Entry] = {}
-    row, total = 0, len(problem.y)
-    for one in problem.sittings:
-        for candidate in candidates(one.model, one.observed, laws):
-            key = candidate.id, candidate.where, candidate.arrangement + str(candidate.parameters)
-            entry = found.get(key)
-            if entry is None:
-                columns = np.zeros((total, candidate.columns.shape[1]))
-                names = tuple((p.name, p.unit) for p in candidate.parameters)
-                entry = Entry(
-                    candidate.id,
-                    str(candidate.kind),
-                    candidate.title,
-                    candidate.where,
-                    columns,
-                    candidate,
-                    names,
-                    np.array([p.tolerance for p in candidate.parameters]),
-                )
-                found[key] = entry
-            entry.columns[row : row + len(one.observed)] = candidate.columns
-        row += len(one.observed)
-    return [*found.values(), *(_lone_readings(problem) if problem.has_repeats() else ())]
+    sessions = [(one.model, one.observed) for one in problem.sittings]
+    found = [
+        Entry(
+            candidate.id,
+            str(candidate.kind),
+            candidate.title,
+            candidate.where,
+            candidate.columns,
+            candidate,
+            tuple((p.name, p.unit) for p in candidate.parameters),
+            np.array([p.tolerance for p in candidate.parameters]),
+        )
+        for candidate in candidates_together(sessions, laws)
+    ]
+    return [*found, *(_lone_readings(problem) if problem.has_repeats() else ())]
 
 
 def implausible(problem: Problem, entry: Entry) -> float:

@@ -11,7 +11,7 @@ from calib.diagnosis.entries import Entry
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.race import LEVEL, Outcome, Race
 from calib.diagnosis.results import Named, Verdict
-from calib.diagnosis.selection import Weighed, contained
+from calib.diagnosis.selection import ALIKE, Weighed, contained, union
 
 LEAST_EVIDENCE = 25.0
 """No single name below this non-centrality (explained squares less their freedom)."""
@@ -20,7 +20,12 @@ LEAST_FREEDOM = 10
 ROOM = 4
 """Degrees of freedom that the whole catalogue must leave, or an unknown effect could not show."""
 
-ALIKE = 0.98
+MOST_NAMES = 2
+"""More different names at once are not claimed."""
+
+CANNOT_TELL = 9.0
+"""Noise variances that a rival must leave more than the name kept. Two that are apart by D change
+places by this much, D being normal with variance 4 D, at most once in 700 times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +47,7 @@ class Naming:
         if not self.outcome.adequate:
             return "partly-explained"
         weak = any(self.evidence(kept, k) < LEAST_EVIDENCE for k in kept.members)
-        if weak or any(self.names(kept).values()) or not self._room():
+        if weak or any(self.names(kept).values()) or not self._room() or self._is_series(kept):
             return "ambiguous"
         return "explained"
 
@@ -72,6 +77,14 @@ class Naming:
         rank = int((np.linalg.svd(np.hstack(inside), compute_uv=False) > 1e-3).sum())
         return self.problem.structure_df - rank >= ROOM
 
+    def _is_series(self, kept: Weighed) -> bool:
+        """Whether the members look like the terms of a series, which fits any shape.
+
+        One screw has one lead, and of all triples of the catalogue some fit nearly everything.
+        """
+        named = [(self.entries[k].id, self.entries[k].where) for k in kept.members]
+        return len(set(named)) < len(named) or len({name for name, _ in named}) > MOST_NAMES
+
     def names(self, kept: Weighed) -> dict[int, tuple[Named, ...]]:
         """For each member of the best model the other names that fit as well in its place."""
         return {member: self.rivals(kept, member) for member in kept.members}
@@ -81,16 +94,20 @@ class Naming:
         own = self.entries[member]
         found: dict[Named, None] = {}
         for model in self.outcome.models:
-            taken = [k for k in model.members if k not in kept.members]
-            if member in model.members or len(model.members) != len(kept.members):
+            if member in model.members or not self._as_simple(model, kept, member):
                 continue
-            for k in taken:
+            for k in (k for k in model.members if k not in kept.members):
                 if not self._same_on_other_places(member, k):
                     found[Named(self.entries[k].id, self.entries[k].where)] = None
-        for k in self._look_alikes(member):
+        for k in self._look_alikes(kept, member):
             found[Named(self.entries[k].id, self.entries[k].where)] = None
         found.pop(Named(own.id, own.where), None)
         return tuple(found)
+
+    def _as_simple(self, model: Weighed, kept: Weighed, member: int) -> bool:
+        """Whether a model has as many causes; or no more, instead of a name with several."""
+        own, other = (sum(self.entries[k].causes for k in m.members) for m in (kept, model))
+        return other == own or (other < own and self.entries[member].causes > 1)
 
     def _same_on_other_places(self, member: int, other: int) -> bool:
         """The same effect on more or fewer of the same places is no rival of itself."""
@@ -100,17 +117,25 @@ class Naming:
         nested = max(contained(first, second), contained(second, first)) > ALIKE
         return nested or self.entries[member].where == self.entries[other].where
 
-    def _look_alikes(self, member: int) -> list[int]:
-        """Candidates of no higher rank that imitate this one exactly."""
+    def _look_alikes(self, kept: Weighed, member: int) -> list[int]:
+        """Candidates of no higher rank that fit these readings as well, likely or not."""
         own = self.race.blocks[member]
         return [
             k
             for k, block in enumerate(self.race.blocks)
-            if k != member
+            if k not in kept.members
             and block.shape[1] <= own.shape[1]
-            and contained(own, block) > ALIKE
+            and self.entries[k].causes <= self.entries[member].causes
+            and self._lost(kept, member, k) < CANNOT_TELL
             and not self._same_on_other_places(member, k)
         ]
+
+    def _lost(self, kept: Weighed, member: int, other: int) -> float:
+        """Noise variances that are left more with another candidate in its place."""
+        members = tuple(other if k == member else k for k in kept.members)
+        basis = union([self.race.blocks[k] for k in members])
+        explained = float(((basis.T @ self.problem.y) ** 2).sum())
+        return 2.0 * self.problem.spread().log_ratio(kept.explained, explained)
 
     def by_evidence(self, kept: Weighed) -> tuple[int, ...]:
         """Members of the model, the strongest first."""

@@ -7,13 +7,23 @@ vector whose squares are chi-squared where nothing is missing.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from calib.diagnosis.selection import KNOWN, Spread
 from calib.fit import prior_fit, without_zeros
-from calib.noise import IndicatorFigures, Noise, reading_noise, reading_weights, visits
+from calib.noise import (
+    BORROWED,
+    IndicatorFigures,
+    Noise,
+    may_be_pooled,
+    reading_noise,
+    reading_weights,
+    visits,
+)
 from calib.observations import FloatArray, IntArray, Observations
 from calib.orthoglide.model import Model
 from calib.orthoglide.pipeline import derivatives
@@ -150,6 +160,27 @@ class Problem:
     def has_repeats(self) -> bool:
         """Whether there is scatter of repeats: readings beyond cells and cycles."""
         return bool(len(self.y) > self.structure.shape[1])
+
+    def unevenness(self) -> FloatArray:
+        """Standard deviation of each row's noise ``(n,)``, whitened; 1 where mountings agree.
+
+        Indicators differ, and one may scatter more on one stand than on the next.
+        """
+        scatter = self.y - self.structure @ (self.structure.T @ self.y)
+        squares = np.bincount(self.mount, scatter * scatter).astype(np.float64)
+        taken = np.bincount(self.mount, (self.structure * self.structure).sum(axis=1))
+        free = (np.bincount(self.mount) - taken).astype(np.float64)
+        if may_be_pooled(squares, free, 0.0):
+            return np.ones(len(self.y))
+        middle = squares.sum() / free.sum()
+        variance = (squares + BORROWED * middle) / (free + BORROWED)
+        return np.asarray(np.sqrt(variance)[self.mount])
+
+    def spread(self) -> Spread:
+        """What tells the variance of the noise."""
+        if math.isinf(self.noise_df):
+            return KNOWN
+        return Spread(self.gap(self.y) + self.noise_df, self.structure_df + self.noise_df)
 
     def gap(self, residual: FloatArray) -> float:
         """Square sum of a residual ``(n,)`` that is not scatter of repeats."""

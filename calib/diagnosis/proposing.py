@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
+from calib.diagnosis.additions import Added
 from calib.diagnosis.fitting import Fitting
-from calib.diagnosis.following import ENOUGH, Rival, best_addition
+from calib.diagnosis.following import ENOUGH, best_addition
 from calib.diagnosis.naming import Naming
 from calib.diagnosis.results import Named, NextMeasurement, Verdict
 from calib.diagnosis.selection import Weighed
-from calib.observations import Conditions, FloatArray
-from calib.orthoglide.effects.candidates import candidates
+from calib.diagnosis.separating import Explanation
+from calib.observations import FloatArray
 
 REPEATS_FIRST = NextMeasurement(
     "without repeats and without a stated noise nothing can be judged: measure every posture at "
@@ -20,71 +23,154 @@ REPEATS_FIRST = NextMeasurement(
     "zero-max-min",
     0.0,
 )
+MORE_PLACES = NextMeasurement(
+    "more displacements and a second touching point, so that more is left to judge with",
+    "two-station",
+    0.0,
+)
+
+MOST_NAMES = 6
+MOST_VARIANTS = 3
+LIKELY = 4.0
+"""Log weight that a variant of a name may lose to its best one and still count."""
+LEAST_SHARE = 0.1
+SHOWS = 1.0
+"""Names that no option separates by so many noise variances are one thing in other words."""
+MATTERS_OF_LOAD = "gravity_sag"
 
 
 def propose(
     verdict: Verdict, kept: Weighed | None, naming: Naming, fitting: Fitting
 ) -> NextMeasurement | None:
-    """The measurement that would separate the first pair that stayed ambiguous, if any."""
+    """The measurement that separates the strongest effect that stayed ambiguous, if any does."""
     if verdict == "cannot-tell" and fitting.problem.noise_df <= 0.0:
         return REPEATS_FIRST
-    if kept is None or verdict not in ("ambiguous", "cannot-tell"):
+    if verdict not in ("ambiguous", "cannot-tell"):
         return None
-    for member in kept.members:
-        for rival in naming.rivals(kept, member):
-            other = next(k for k, e in enumerate(fitting.entries) if Named(e.id, e.where) == rival)
-            proposed = _separate(fitting, member, other)
-            if proposed is not None:
-                return proposed
-    return None
+    if kept is None:
+        return MORE_PLACES
+    doubtful = _doubtful(kept, naming)
+    proposals = (_Pairing(fitting, naming, kept, *each).proposal() for each in doubtful)
+    return next((one for one in proposals if one), None) if doubtful else MORE_PLACES
 
 
-def _separate(fitting: Fitting, member: int, other: int) -> NextMeasurement | None:
-    first, second = fitting.entries[member], fitting.entries[other]
-    if first.candidate is None or second.candidate is None:
+def _doubtful(kept: Weighed, naming: Naming) -> list[tuple[int, tuple[Named, ...]]]:
+    """Effects with rivals, the strongest first."""
+    found = [(member, naming.rivals(kept, member)) for member in naming.by_evidence(kept)]
+    return [(member, rivals) for member, rivals in found if rivals]
+
+
+@dataclass(frozen=True, eq=False)
+class _Pairing:
+    """One effect that was kept, and the names that fit as well in its place."""
+
+    fitting: Fitting
+    naming: Naming
+    kept: Weighed
+    member: int
+    rivals: tuple[Named, ...]
+
+    def proposal(self) -> NextMeasurement | None:
+        """What separates them; None where nothing does, or where a name is a lone reading."""
+        named = self._named(self.member)
+        entries = [self._variants(name) for name in (named, *self._likeliest())]
+        entries = [each for each in entries if each]
+        if len(entries) < 2 or named != self._named(entries[0][0]):
+            return None
+        added, apart = best_addition(
+            self.fitting.problem,
+            [[self._explanation(k, self._beside()) for k in each] for each in entries],
+            self._shares(entries),
+            [self._explanation(k, (self.member,)) for k in self._beside()],
+            load_tells=any(
+                self.fitting.entries[k].id == MATTERS_OF_LOAD
+                for k in (*self._beside(), *(k for each in entries for k in each))
+            ),
+        )
+        return _proposal(added, [self._named(each[0]) for each in entries], apart)
+
+    def _named(self, k: int) -> Named:
+        return Named(self.fitting.entries[k].id, self.fitting.entries[k].where)
+
+    def _beside(self) -> tuple[int, ...]:
+        """The other effects that are kept."""
+        others = (k for k in self.kept.members if k != self.member)
+        return tuple(k for k in others if self.fitting.entries[k].candidate)
+
+    def _weight(self, k: int) -> float:
+        """How well an entry does in the place of the member."""
+        search = self.naming.outcome.singles
+        return next(m.log_weight for m in search if m.members[0] == k)
+
+    def _likeliest(self) -> list[Named]:
+        """Rivals, the best first."""
+        best = {name: max(self._weight(k) for k in self._entries(name)) for name in self.rivals}
+        return sorted(self.rivals, key=lambda name: -best[name])[: MOST_NAMES - 1]
+
+    def _entries(self, name: Named) -> list[int]:
+        return [k for k in range(len(self.fitting.entries)) if self._named(k) == name]
+
+    def _variants(self, name: Named) -> list[int]:
+        """Entries of a name that fit about as well as its best, such as screws of other leads."""
+        found = [
+            k
+            for k in self._entries(name)
+            if self.fitting.entries[k].candidate and k not in self._beside()
+        ]
+        found.sort(key=lambda k: (k != self.member, -self._weight(k)))
+        best = max(map(self._weight, found), default=0.0)
+        near = [k for k in found if k == self.member or self._weight(k) > best - LIKELY]
+        return near[:MOST_VARIANTS]
+
+    def _shares(self, entries: Sequence[Sequence[int]]) -> FloatArray:
+        """Weight of each name beside the best one; the least likely still count a little."""
+        weights = np.array([max(map(self._weight, each)) for each in entries])
+        return np.asarray(np.maximum(np.exp(weights - weights.max()), LEAST_SHARE))
+
+    def _explanation(self, k: int, beside: tuple[int, ...]) -> Explanation:
+        """An entry with the values that it has beside the effects that are kept."""
+        candidate = self.fitting.entries[k].candidate
+        assert candidate is not None
+        parameters = self.fitting.values((k, *beside))[k][0]
+        return Explanation(candidate, np.array([v.value for v in parameters]))
+
+
+def _proposal(added: Added, names: Sequence[Named], apart: FloatArray) -> NextMeasurement | None:
+    """What the measurement does, said of the names that it really separates."""
+    most = float(apart[0, 1:].max())
+    if most < SHOWS:
         return None
-    geometry = fitting.problem.sittings[0].model.geometry
-    added, separation = best_addition(
-        fitting.problem, geometry, _rival(fitting, member), _rival(fitting, other)
-    )
-    enough = "settles it" if separation >= ENOUGH else "helps"
+    bar = ENOUGH if most >= ENOUGH else SHOWS
+    told = [0]
+    for k in range(1, len(names)):
+        if all(apart[k, other] >= bar for other in told):
+            told.append(k)
+    words = [f"{names[k].id} ({names[k].where})" for k in told]
+    verb = "settles it" if bar == ENOUGH else "helps"
     return NextMeasurement(
-        f"{added.words}; it {enough} between {first.id} ({first.where}) and "
-        f"{second.id} ({second.where})",
-        _procedure_text(added.leg, added.station, added.levels_mm),
-        separation,
+        f"{added.words}; it {verb} between {', '.join(words[:-1])} and {words[-1]}",
+        _procedure_text(added),
+        min(float(apart[a, b]) for a, b in combinations(told, 2)),
+        tuple(names[k] for k in told),
+        added.preparation.entered_mm,
+        added.preparation.load,
     )
 
 
-def _rival(fitting: Fitting, member: int) -> Rival:
-    candidate = fitting.entries[member].candidate
-    assert candidate is not None
-    model = fitting.problem.sittings[0].model
-    value = np.array([v.value for v in fitting.values((member,))[member][0]])
-    laws = [placed.law for placed in candidate.effects(value)][:1]
-
-    def columns(taken: Conditions) -> FloatArray:
-        found = np.zeros((len(taken), len(value)))
-        for other in candidates(model, taken, laws):
-            if (other.where, other.arrangement, other.parameters) == (
-                candidate.where,
-                candidate.arrangement,
-                candidate.parameters,
-            ):
-                found = other.columns
-        return found
-
-    return Rival(columns, value)
-
-
-def _procedure_text(leg: str, station: float, levels_mm: Sequence[float]) -> str:
-    levels = ", ".join(['"zero"', *(f"{level:.1f}" for level in levels_mm)])
+def _procedure_text(added: Added) -> str:
+    levels = ", ".join(['"zero"', *(f"{level:.1f}" for level in added.levels_mm)])
+    before = f"First {added.preparation.words}." if added.preparation.words else ""
     return (
         'schema = "glidecal.procedure/1"\n'
-        f'name = "next-{leg}"\n'
+        f'name = "next-{"".join(added.legs)}"\n'
         'title = "The measurement that separates what stayed ambiguous"\n'
-        f'legs = ["{leg}"]\n'
-        f"stations = [{station}]\n"
+        + (f'description = "{before}"\n' if before else "")
+        + f"legs = {_listed(added.legs)}\n"
+        f"stations = [{', '.join(map(str, added.stations))}]\n"
         "cycles = 3\n"
         f"levels = [{levels}]\n"
     )
+
+
+def _listed(names: Sequence[str]) -> str:
+    return "[" + ", ".join(f'"{name}"' for name in names) + "]"

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.scan import Null, Reference, gap_p_value, null_scores, scores
-from calib.diagnosis.selection import Search, Weighed, credible_set, union
+from calib.diagnosis.selection import Search, Weighed, credible_set, foremost, union
 from calib.observations import FloatArray
 
 LEVEL = 0.01
@@ -41,17 +41,20 @@ class Outcome:
 
 @dataclass(eq=False)
 class Race:
-    """Candidates as blocks ``(n, r)`` over one problem."""
+    """Candidates as blocks ``(n, r)`` over one problem; ``causes`` as in `Entry`."""
 
     problem: Problem
     blocks: tuple[FloatArray, ...]
     implausible: FloatArray
+    causes: tuple[int, ...]
     seed: int
     _nulls: dict[tuple[tuple[int, ...], bool], Null] = field(default_factory=dict)
 
     def run(self) -> Outcome:
         """Name what can be named."""
-        search = Search(self.problem.y, self.blocks, self._noise_df(), self.implausible)
+        search = Search(
+            self.problem.y, self.blocks, self.problem.spread(), self.implausible, self.causes
+        )
         singles = search.singles()
         before = self.gap(())
         by_cells = self.problem.noise_df <= 0.0
@@ -70,26 +73,20 @@ class Race:
     def _grow(
         self, search: Search, singles: Sequence[Weighed], first_p: float, by_cells: bool
     ) -> tuple[Weighed, list[Weighed], tuple[float, ...]]:
-        """The smallest size whose best model leaves nothing that stands out."""
-        everything = list(singles)
-        best = max(singles, key=lambda m: m.log_weight)
+        """The smallest number of causes whose best model leaves nothing that stands out."""
+        sizes = search.by_causes(singles, MOST_EFFECTS)
+        everything = next(sizes)
+        best = foremost(everything or singles)
         steps = [first_p]
-        for size in range(1, MOST_EFFECTS + 1):
+        for larger in sizes:
             p, _ = self.step(best.members, by_cells=by_cells)
             enough = p > NAMING_LEVEL and (by_cells or self.gap(best.members)[2] > LEVEL)
-            if enough or size == MOST_EFFECTS:
-                break
-            larger = search.pairs(singles) if size == 1 else search.triples(everything)
-            if not larger:
+            if enough or not larger:
                 break
             everything = [*everything, *larger]
-            best = max(larger, key=lambda m: m.log_weight)
+            best = foremost(larger)
             steps.append(p)
-        return best, credible_set(self._of_size(everything, best)), tuple(steps)
-
-    def _of_size(self, models: Sequence[Weighed], best: Weighed) -> list[Weighed]:
-        """Models no larger than the best one."""
-        return [m for m in models if len(m.members) <= len(best.members)]
+        return best, credible_set(everything), tuple(steps)
 
     def _only_what_stands_out(
         self, search: Search, singles: Sequence[Weighed], best: Weighed
@@ -136,7 +133,9 @@ class Race:
             return 1.0, local
         key = kept, by_cells
         if key not in self._nulls:
-            self._nulls[key] = null_scores([blocks[k] for k in present], reference, self.seed)
+            deviation = self.problem.unevenness()
+            shown = [blocks[k] for k in present]
+            self._nulls[key] = null_scores(shown, reference, self.seed, deviation)
         return self._nulls[key].p_value(float(local.min())), local
 
     def beside(self, kept: tuple[int, ...]) -> tuple[list[FloatArray], FloatArray]:

@@ -72,6 +72,18 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class LeftOver:
+    """What is left without a name, as an unnamed law; beside it the gap that it did not see.
+
+    ``whole`` is True where the law takes the place of what was named, and not what that leaves.
+    """
+
+    law: Finding
+    held_out: HeldOutGap | None
+    whole: bool = False
+
+
+@dataclass(frozen=True)
 class Contender:
     """A candidate as it stands in the race, and why it was not named."""
 
@@ -106,11 +118,20 @@ class Detectable:
 
 @dataclass(frozen=True)
 class NextMeasurement:
-    """The measurement that would separate what stayed ambiguous."""
+    """The measurement that would separate what stayed ambiguous.
+
+    ``protocol`` is the text of a procedure file, or the name of one. ``between`` holds the effect
+    that was named and the rivals that the measurement separates from it, the hardest of them by
+    ``expected_separation`` noise variances. Before, ``entered_mm`` is added to the joint offsets
+    in the controller, and the tool is loaded to ``load`` times its weight.
+    """
 
     reason: str
     protocol: str
     expected_separation: float
+    between: tuple[Named, ...] = ()
+    entered_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    load: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -131,3 +152,4 @@ class Diagnosis:
     next_measurement: NextMeasurement | None
     smallest_detectable: tuple[Detectable, ...]
     remarks: tuple[str, ...] = ()
+    left_over: LeftOver | None = None

@@ -82,13 +82,16 @@ class Null:
         return float((1 + np.count_nonzero(self.best <= score)) / (1 + len(self.best)))
 
 
-def null_scores(blocks: Sequence[FloatArray], reference: Reference, seed: int) -> Null:
+def null_scores(
+    blocks: Sequence[FloatArray], reference: Reference, seed: int, deviation: FloatArray
+) -> Null:
     """Draw the best score of pure noise for these orthonormal blocks ``(n, r)``.
 
-    What noise puts into all blocks together is normal with their Gram matrix as covariance.
+    What noise puts into all blocks together is normal with their Gram matrix as covariance, each
+    row with the standard deviation ``(n,)`` of its noise.
     """
     generator = np.random.default_rng(seed)
-    together = np.hstack(blocks)
+    together = deviation[:, None] * np.hstack(blocks)
     variance, axes = np.linalg.eigh(together.T @ together)
     seen = variance > 1e-9 * variance[-1]
     draws = generator.normal(size=(int(seen.sum()), DRAWS))

@@ -1,15 +1,15 @@
 """Which effects: all sets of one, two and three candidates, weighed; a set of models, no winner.
 
 The weight of a model is a Bayes factor against no effect with a prior width fitted to each model
-(local empirical Bayes, Liang et al. 2008): with explained squares S and rank r, in units of the
-noise, ``log B = (S - r)/2 - (r/2) log(S/r)`` if S > r, else 0. Every further effect pays for the
-number of candidates it was chosen from.
+(local empirical Bayes, Liang et al. 2008). Every model is judged by the same readings, so what it
+leaves counts as well as what it explains. Every further cause pays for the number of candidates
+it was chosen from, whether it is a further effect or the same one elsewhere with another value.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -21,6 +21,8 @@ SET_SHARE = 0.95
 PAIRS_AMONG = 24
 TRIPLES_AMONG = 10
 RANK_TOLERANCE = 1e-3
+LEAST_LEFT = 1e-9
+ALIKE = 0.98
 
 
 @dataclass(frozen=True)
@@ -34,15 +36,47 @@ class Weighed:
     share: float = 0.0
 
 
-def log_bayes_factor(explained: float, rank: int, noise_df: float) -> float:
-    """Evidence for a model of this rank; Student's form where the noise is not known exactly."""
-    if rank == 0 or explained <= rank:
-        return 0.0
-    if math.isinf(noise_df):
+@dataclass(frozen=True)
+class Spread:
+    """Squares that tell the variance of the noise: scatter of repeats and the whole gap.
+
+    ``total`` is in units of the noise that repeats show, ``freedom`` its degrees of freedom; both
+    are infinite where the noise is known.
+    """
+
+    total: float
+    freedom: float
+
+    def left(self, explained: float) -> float:
+        """What remains when so much is explained, never nothing."""
+        return max(self.total - explained, LEAST_LEFT * self.total)
+
+    def log_ratio(self, more: float, less: float) -> float:
+        """Log likelihood by which a model that explains ``more`` is better than one of ``less``."""
+        if math.isinf(self.freedom):
+            return 0.5 * (more - less)
+        return 0.5 * self.freedom * math.log(self.left(less) / self.left(more))
+
+
+KNOWN = Spread(math.inf, math.inf)
+
+
+def log_bayes_factor(explained: float, rank: int, spread: Spread) -> float:
+    """Evidence for a model of this rank; Liang et al. (2008), equation 5 and their fitted g.
+
+    With S explained of T, f degrees of freedom and F = (S/r) / ((T - S)/(f - r)), 1 + g = F:
+    log B = (f - r)/2 ln F - f/2 ln(1 + g (1 - S/T)); with a known noise (S - r)/2 - r/2 ln(S/r).
+    """
+    if math.isinf(spread.freedom):
+        if rank == 0 or explained <= rank:
+            return 0.0
         return 0.5 * (explained - rank) - 0.5 * rank * math.log(explained / rank)
-    total = noise_df + rank
-    likelihood = 0.5 * total * math.log((noise_df + explained) / (noise_df + rank))
-    return max(likelihood - 0.5 * rank * math.log(explained / rank), 0.0)
+    rest, free = spread.left(explained), spread.freedom - rank
+    if rank == 0 or free <= 0 or explained * free <= rank * rest:
+        return 0.0
+    ratio = explained * free / (rank * rest)
+    shrunk = 1.0 + (ratio - 1.0) * rest / spread.total
+    return 0.5 * free * math.log(ratio) - 0.5 * spread.freedom * math.log(shrunk)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +85,24 @@ class Search:
 
     y: FloatArray
     blocks: tuple[FloatArray, ...]
-    noise_df: float
+    spread: Spread
     implausible: FloatArray
     """Log weight that each candidate loses for the size it would need ``(J,)``."""
+
+    causes: tuple[int, ...]
+    """How many things are wrong at once where a candidate is true."""
+
+    def by_causes(self, singles: Sequence[Weighed], most: int) -> Iterator[list[Weighed]]:
+        """Models of one cause, of two, and so on; worked out only when they are asked for."""
+        yield [m for m in singles if self.count(m) == 1]
+        known = list(singles)
+        for count in range(2, most + 1):
+            known += self.pairs(singles) if count == 2 else self.triples(known)
+            yield [m for m in known if self.count(m) == count]
+
+    def count(self, model: Weighed) -> int:
+        """Causes of all members together."""
+        return sum(self.causes[k] for k in model.members)
 
     def singles(self) -> list[Weighed]:
         """Every candidate alone."""
@@ -67,7 +116,8 @@ class Search:
 
     def triples(self, pairs: Sequence[Weighed]) -> list[Weighed]:
         """Every candidate beside the best pairs."""
-        best = sorted(pairs, key=lambda m: -m.log_weight)[:TRIPLES_AMONG]
+        two = [m for m in pairs if len(m.members) == 2]
+        best = sorted(two, key=lambda m: -m.log_weight)[:TRIPLES_AMONG]
         found = {
             tuple(sorted((*m.members, k)))
             for m in best
@@ -92,9 +142,9 @@ class Search:
         basis = union([self.blocks[k] for k in members])
         explained = float(((basis.T @ self.y) ** 2).sum())
         rank = basis.shape[1]
-        price = len(members) * math.log(max(len(self.blocks), 2))
+        price = sum(self.causes[k] for k in members) * math.log(max(len(self.blocks), 2))
         price += float(self.implausible[list(members)].sum())
-        weight = log_bayes_factor(explained, rank, self.noise_df) - price
+        weight = log_bayes_factor(explained, rank, self.spread) - price
         return Weighed(members, explained, rank, weight)
 
 
@@ -106,6 +156,11 @@ def union(blocks: Sequence[FloatArray]) -> FloatArray:
         left, singular, _ = np.linalg.svd(rest, full_matrices=False)
         basis = np.hstack([basis, left[:, singular > RANK_TOLERANCE]])
     return basis
+
+
+def foremost(models: Sequence[Weighed]) -> Weighed:
+    """The model of most weight; of those that are one and the same, that with fewest members."""
+    return max(models, key=lambda m: (round(m.log_weight, 6), -len(m.members)))
 
 
 def credible_set(models: Sequence[Weighed]) -> list[Weighed]:

@@ -1,4 +1,8 @@
-"""A stand that moved once, told from drift and from a single wild reading."""
+"""A stand that moved once, told from drift and from a single wild reading.
+
+Repeats of the same approach judge first; no model and no effect matters there. Where they cannot
+tell, as between two cycles, all readings of a posture judge, with one play for each mounting.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +30,7 @@ class Slip:
 
 
 def find_slip(observed: Observations) -> Slip | None:
-    """The clearest slip, or None. Judged by repeats alone, so no model and no effect matters."""
+    """The clearest slip, or None. Judged by repeats alone, without a model."""
     noise = _robust_variance(observed)
     if noise is None:
         return None
@@ -40,29 +44,56 @@ def find_slip(observed: Observations) -> Slip | None:
 
 
 def _in_mounting(observed: Observations, rows: IntArray, noise: float) -> tuple[float, Slip] | None:
-    cells = _cell_basis(observed, rows)
-    value = observed.value_mm[rows] - cells @ (cells.T @ observed.value_mm[rows])
+    close = _step(observed, rows, cell_basis(observed, rows), noise)
+    if close is None or close.gain < CLEAR * noise:
+        return None
+    wide = None if close.clear else _step(observed, rows, posture_basis(observed, rows), noise)
+    step = wide or close
+    if step.gain < CLEAR * noise or not step.clear:
+        return None
+    moved = rows[step.first :]
+    corrected = observed.value_mm.copy()
+    corrected[moved] -= step.shift_mm
+    uncertainty = float(np.sqrt(noise / step.share))
+    return step.gain, Slip(moved, step.shift_mm, uncertainty, replace(observed, value_mm=corrected))
+
+
+@dataclass(frozen=True)
+class _Step:
+    """The best step of one mounting: its first row, what it explains, and whether nothing else
+
+    does as well: ``share`` is its square sum beside the repeats.
+    """
+
+    first: int
+    gain: float
+    shift_mm: float
+    share: float
+    clear: bool
+
+
+def _step(observed: Observations, rows: IntArray, basis: FloatArray, noise: float) -> _Step | None:
+    value = observed.value_mm[rows] - basis @ (basis.T @ observed.value_mm[rows])
     total = float(value @ value)
-    order = np.asarray(np.arange(len(rows)), dtype=np.float64)
+    order = np.arange(len(rows))
     steps = [
-        (k, *_explained(value, cells, np.where(order >= k, 1.0, 0.0)))
+        (k, *_explained(value, basis, np.where(order >= k, 1.0, 0.0)))
         for k in range(2, len(rows) - 1)
     ]
     if not steps:
         return None
     k, gain, shift, share = max(steps, key=lambda one: one[1])
-    drift = _explained(value, cells, order)[0]
-    wild = max(
-        _explained(value, cells, np.where(order == j, 1.0, 0.0))[0] for j in range(len(rows))
-    )
+    drift = _explained(value, basis, order.astype(np.float64))[0]
+    wild = max(_explained(value, basis, np.where(order == j, 1.0, 0.0))[0] for j in order)
     left = max(total - gain, noise)
-    if gain < CLEAR * noise or left > BETTER * min(total - drift, total - wild):
-        return None
-    moved = rows[k:]
-    corrected = observed.value_mm.copy()
-    corrected[moved] -= shift
-    slip = Slip(moved, shift, float(np.sqrt(noise / share)), replace(observed, value_mm=corrected))
-    return gain, slip
+    return _Step(k, gain, shift, share, left <= BETTER * (total - max(drift, wild)))
+
+
+def level_basis(observed: Observations, rows: IntArray) -> FloatArray:
+    """Orthonormal: one column for each posture, whatever the approach."""
+    level = np.unique(observed.displacement_mm[rows], return_inverse=True)[1].ravel()
+    levels = np.eye(level.max() + 1)[level]
+    return np.asarray(levels / np.sqrt(levels.sum(axis=0)))
 
 
 def _explained(
@@ -77,11 +108,25 @@ def _explained(
     return slope**2 * share, slope, share
 
 
-def _cell_basis(observed: Observations, rows: IntArray) -> FloatArray:
+def cell_basis(observed: Observations, rows: IntArray) -> FloatArray:
+    """Orthonormal: one column for each posture and approach."""
     keys = np.stack([observed.displacement_mm[rows], observed.approach[rows]])
     cell = np.unique(keys, axis=1, return_inverse=True)[1].ravel()
     columns = np.eye(cell.max() + 1)[cell]
     return np.asarray(columns / np.sqrt(columns.sum(axis=0)))
+
+
+def posture_basis(observed: Observations, rows: IntArray) -> FloatArray:
+    """Postures, whatever the approach, and what one play adds between approaches.
+
+    An unknown approach counts as that of most repeats of its posture.
+    """
+    levels = level_basis(observed, rows)
+    approach = observed.approach[rows]
+    usual = np.sign((levels @ (levels.T @ approach)).round(9))
+    play = np.where(approach == 0.0, usual, approach)
+    left, singular, _ = np.linalg.svd(np.column_stack([levels, play]), full_matrices=False)
+    return np.asarray(left[:, singular > 1e-9 * singular[0]])
 
 
 def _robust_variance(observed: Observations) -> float | None:
@@ -89,7 +134,7 @@ def _robust_variance(observed: Observations) -> float | None:
     found = []
     for mount in range(observed.mount_count):
         rows = np.flatnonzero(observed.mount == mount)
-        cells = _cell_basis(observed, rows)
+        cells = cell_basis(observed, rows)
         free = len(rows) - cells.shape[1]
         if free > 0:
             left = observed.value_mm[rows] - cells @ (cells.T @ observed.value_mm[rows])

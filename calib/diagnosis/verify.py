@@ -9,26 +9,30 @@ import numpy as np
 
 from calib.diagnosis.problem import Problem, Sitting
 from calib.diagnosis.results import HeldOutGap
-from calib.diagnosis.selection import Search
+from calib.diagnosis.selection import KNOWN, Search, Spread
 from calib.errors import NotIdentifiable
 from calib.observations import LEG_NAMES, FloatArray, IntArray
 from calib.orthoglide.effects.law import Placed
 
 
 def left_out_postures(
-    problem: Problem, columns: Sequence[FloatArray], size: int, tolerance_mm: FloatArray
+    problem: Problem,
+    columns: Sequence[FloatArray],
+    size: int,
+    tolerance_mm: FloatArray,
+    groups: Sequence[IntArray] = (),
 ) -> HeldOutGap | None:
     """Leave out one side of one leg at a time; choose anew, fit, predict what was left out.
 
     ``columns`` are those of every candidate ``(n, r)`` in mm, ``size`` the number of effects to
     choose in each fold. Zeros come from the rest of each mounting, base parameters are held by
-    their tolerances. None where nothing can be left out.
+    their tolerances. ``groups`` are other rows to leave out together. None where nothing can be.
     """
     nuisance = problem.nuisance_columns()
     white = [problem.root_weight[:, None] * c for c in columns]
     y = _whitened_left(problem)
     before, after, used = 0.0, 0.0, 0
-    for rows in _groups(problem):
+    for rows in groups or _groups(problem):
         train = np.setdiff1d(np.arange(len(y)), rows)
         chosen = _choose(problem, white, nuisance, y, train, size)
         for effects, add in ((False, 0), (True, 1)):
@@ -79,13 +83,16 @@ def _choose(
     basis, singular, _ = np.linalg.svd(nuisance[train], full_matrices=False)
     basis = basis[:, singular > 1e-9 * singular[0]]
     rest = y[train] - basis @ (basis.T @ y[train])
+    spread = KNOWN
+    if math.isfinite(problem.noise_df):
+        spread = Spread(float(rest @ rest), float(len(train) - basis.shape[1]))
     blocks = []
     for column in white:
         part = column[train] / np.maximum(np.sqrt((column**2).sum(axis=0)), 1e-300)
         part = part - basis @ (basis.T @ part)
         left, shown, _ = np.linalg.svd(part, full_matrices=False)
         blocks.append(left[:, shown > 1e-3])
-    search = Search(rest, tuple(blocks), problem.noise_df or math.inf, np.zeros(len(blocks)))
+    search = Search(rest, tuple(blocks), spread, np.zeros(len(blocks)), (1,) * len(blocks))
     singles = search.singles()
     best = max(singles, key=lambda m: m.log_weight)
     while len(best.members) < size:

@@ -8,13 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.diagnosis.entries import Entry
-from calib.diagnosis.locate import each_mounting
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.race import LEVEL, Race
-from calib.diagnosis.results import Detectable, Finding, Verdict
+from calib.diagnosis.results import Detectable, Finding, LeftOver, Verdict
 
-POWERS = ((1, "in proportion to"), (2, "with the square of"), (3, "with the cube of"))
-CLEARLY = 1.2
+NO_LAW = "what is left follows no simple law of displacement, approach, time or temperature"
 FOUND_9_OF_10 = 1.28
 """Standard normal quantile of 90 %."""
 
@@ -35,33 +33,16 @@ def sentence(verdict: Verdict, findings: Sequence[Finding], where: str) -> str:
     }[verdict]
 
 
-def remarks(problem: Problem, verdict: Verdict) -> tuple[str, ...]:
+def remarks(problem: Problem, verdict: Verdict, left_over: LeftOver | None) -> tuple[str, ...]:
     """What else a person must know."""
     said = []
     if problem.noise_df <= 0.0:
         said.append("no repeats and no stated noise: nothing can be judged against chance")
     if verdict == "unexplained":
         said.append("either the effect is not in the catalogue, or the repeats are not independent")
-        said.append(law_in_words(problem))
+    if verdict in ("unexplained", "partly-explained"):
+        said += [] if left_over else [NO_LAW]
     return tuple(said)
-
-
-def law_in_words(problem: Problem) -> str:
-    """What the left-over depends on, without a physical name."""
-    displacement = np.concatenate([one.observed.displacement_mm for one in problem.sittings])
-    relative = displacement[:, None] / 100.0
-    best, name = 0.0, "the left-over follows no simple power of the displacement"
-    for power, words in POWERS:
-        column = relative**power
-        for columns, where in (
-            (column, ""),
-            (each_mounting(problem, column), ", differently on each mounting"),
-        ):
-            block = problem.block(columns)
-            inside = float(((block.T @ problem.y) ** 2).sum()) - block.shape[1]
-            if inside > best * CLEARLY:
-                best, name = inside, f"the left-over grows {words} the displacement{where}"
-    return name
 
 
 def smallest_detectable(

@@ -20,6 +20,7 @@ class Geometry:
     ``travel_max_mm`` and ``travel_min_mm`` are the joint limits about the Zero posture and at the
     same time the displacements of the postures Max and Min. ``gravity`` is the unit vector of the
     pull of weight, ``screw_lead_mm`` the travel of a carriage for one turn, None if not known.
+    ``load`` is the weight carried now, in units of the usual one.
     """
 
     leg_length_mm: float = 310.25
@@ -29,6 +30,7 @@ class Geometry:
     tool_radius_mm: float = 31.0
     gravity: tuple[float, float, float] = (0.0, 0.0, -1.0)
     screw_lead_mm: float | None = None
+    load: float = 1.0
 
     def __post_init__(self) -> None:
         for name in ("leg_length_mm", "parallelogram_width_mm", "tool_radius_mm"):

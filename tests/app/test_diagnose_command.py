@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -134,6 +135,112 @@ def test_one_leg_and_one_posture(tmp_path: Path, samples: Path) -> None:
         figures = ("--resolution", "0.01", "--repeatability", "0.02")
         assert glidecal("import", path, "-o", session, *figures).status == 0
         assert diagnosed(session)["verdict"] == "cannot-tell"
+
+
+def nameless(folder: Path) -> tuple[Path, Path]:
+    """A session of a machine with a law that no name of the catalogue has, and its model."""
+    model = folder / "truth.json"
+    cube = {"travel_cube_at_100mm": {"value": 1500.0, "unit": "µm"}}
+    entry = {"id": "empirical", "where": "x", "parameters": cube}
+    off = {"d_rho_x": 1.2, "d_rho_y": -0.9, "d_rho_z": 0.6, "d_L_x": 0.03}
+    model.write_text(json.dumps({"parameters_mm": off, "effects": [entry]}), encoding="utf-8")
+    return simulated(folder, "cube", "--model", str(model), seed=3), model
+
+
+def test_what_has_no_name_is_adopted_as_a_law(tmp_path: Path) -> None:
+    session, _ = nameless(tmp_path)
+    target = tmp_path / "law.json"
+    found = diagnosed(session, "--adopt", target, "--candidate", "empirical")
+    law = found["left_over"]
+    assert (law["id"], law["kind"], law["where"]) == ("empirical", "empirical", "x")
+    assert law["gap_rms_after_mm"] < 0.5 * law["gap_rms_before_mm"]
+    assert law["held_out_gap"]["after_rms_mm"] < law["held_out_gap"]["before_rms_mm"]
+    assert "empirical" not in {one["id"] for one in (*found["effects"], *found["candidates"])}
+    (entry,) = json.loads(target.read_text(encoding="utf-8"))["effects"]
+    assert entry["id"] == "empirical"
+    value = entry["parameters"]["travel_cube_at_100mm"]
+    assert value["value"] == pytest.approx(1500.0, abs=5.0 * value["standard_uncertainty"])
+    assert entry["provenance"]["sessions"] == ["cube.jsonl"]
+    again = diagnosed(session, "--model", target)
+    assert again["verdict"] == "agrees"
+    assert again["left_over"] is None
+    made = simulated(tmp_path, "again", "--model", str(target), seed=8)
+    assert diagnosed(made, "--model", target)["verdict"] == "agrees"
+    shown = glidecal("model", target)
+    words = " ".join(shown.out.split())
+    assert "added empirical (x): a law without a name: it grows with the cube of travel" in words
+    removed = glidecal("model", target, "--remove", "empirical", "--why", "a screw was changed")
+    assert "No effects." in removed.out
+
+
+def test_beside_names_the_law_is_asked_for(tmp_path: Path) -> None:
+    session, _ = nameless(tmp_path)
+    target = tmp_path / "named.json"
+    run = glidecal("diagnose", session, "--adopt", target)
+    text = " ".join(run.out.split())
+    assert "it grows with the cube of travel of carriage X" in text
+    named = [one["id"] for one in json.loads(target.read_text(encoding="utf-8"))["effects"]]
+    if run.out.startswith("PARTLY-EXPLAINED"):
+        assert "empirical" not in named
+        assert "there is an unnamed law, too: --candidate empirical" in run.err
+    else:
+        assert run.out.startswith("UNEXPLAINED")
+        assert named == ["empirical"]
+
+
+def test_sessions_with_another_load_on_the_tool(tmp_path: Path) -> None:
+    """A sag doubles with the load, a scale does not: together they tell."""
+    off = {"d_rho_x": 1.2, "d_rho_y": -0.9, "d_rho_z": 0.6, "d_L_x": 0.03}
+    sag = {"shortening": {"value": 0.4, "unit": "mm"}}
+    truth = {
+        "parameters_mm": off,
+        "effects": [{"id": "gravity_sag", "where": "all", "parameters": sag}],
+    }
+    sessions = []
+    for load in (1.0, 2.0):
+        model = tmp_path / f"load_{load:g}.json"
+        model.write_text(json.dumps(truth | {"machine": {"load": load}}), encoding="utf-8")
+        sessions.append(simulated(tmp_path, model.stem, "--model", str(model), seed=int(load)))
+    alone = diagnosed(sessions[0])
+    assert alone["verdict"] == "ambiguous"
+    asked = alone["next_measurement"]
+    assert asked["before"] == {"add_to_entered_offsets_mm": [0.0, 0.0, 0.0], "load": 2.0}
+    assert {"id": "gravity_sag", "where": "all"} in asked["between"]
+    both = diagnosed(*sessions)
+    assert [(one["id"], one["where"]) for one in both["effects"]] == [("gravity_sag", "all")]
+    assert both["verdict"] == "explained"
+    (value,) = both["effects"][0]["parameters"]
+    assert value["value"] == pytest.approx(0.4, abs=4.0 * value["standard_uncertainty"])
+
+
+def test_too_few_places_ask_for_a_procedure_of_the_program(tmp_path: Path, samples: Path) -> None:
+    session = samples / "experiment_2_six.jsonl"
+    asked = diagnosed(session)["next_measurement"]
+    assert asked["protocol"] == "two-station"
+    assert asked["between"] == []
+    target = tmp_path / "next.toml"
+    said = refused(2, "diagnose", session, "--next", target)
+    assert "Measure it with: glidecal run --protocol two-station" in said
+    assert not target.exists()
+
+
+def test_a_best_guess_is_not_called_named(samples: Path) -> None:
+    run = glidecal("diagnose", samples / "experiment_2_twelve.jsonl")
+    assert run.out.startswith("CANNOT-TELL.")
+    assert "With the best guess: 0.0084 mm" in run.out
+    assert "named" not in run.out
+    assert "best guess" in run.out.split("Candidates, best first")[1]
+
+
+def test_what_would_have_been_found_in_two_figures(samples: Path) -> None:
+    run = glidecal("diagnose", samples / "simulated_sweep.jsonl")
+    table = run.out.split("would have been found")[1]
+    sizes = dict(re.findall(r"^ (\w+) +([\d.]+) ", table, flags=re.MULTILINE))
+    assert {"thermal_drift", "backlash", "gauge_gain"} <= set(sizes)
+    for size in sizes.values():
+        digits = size.replace(".", "").strip("0")
+        assert 1 <= len(digits) <= 2
+    assert re.search(r"thermal_drift +\d+ +µm/h", table)
 
 
 def test_aliases_and_next_measurement(tmp_path: Path) -> None:

@@ -31,8 +31,11 @@ class Folder:
         return self.sessions / f"{name}.jsonl"
 
 
-def write_session(made: Made, path: Path) -> None:
-    """The session as ``glidecal import`` makes it from the table; the truth stays out of it."""
+def write_session(made: Made, path: Path, machine: Path | None = None) -> None:
+    """The session as ``glidecal import`` makes it from the table; the truth stays out of it.
+
+    ``machine`` is the machine file, where it is not the prototype's as it stands.
+    """
     from app.commands.import_table import import_table
 
     path.unlink(missing_ok=True)
@@ -40,7 +43,7 @@ def write_session(made: Made, path: Path) -> None:
     table.write_text(made.table, encoding="utf-8")
     try:
         with contextlib.redirect_stderr(io.StringIO()):
-            import_table(table, path, resolution=made.resolution_mm)
+            import_table(table, path, machine=machine, resolution=made.resolution_mm)
     finally:
         table.unlink()
 

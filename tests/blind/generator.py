@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,8 @@ from tests.blind.cases import Case
 from tests.blind.effects import LARGEST, LETTERS, PAIRS, Candidate, Direction, candidates
 from tests.blind.forward import Entry, FloatArray, Hidden, Rows, readings
 from tests.blind.noise import RESOLUTION_MM, Noise, draw
-from tests.blind.signatures import BASE, Columns, best_rival, contained, left_out_rms
-from tests.blind.steps import PLANS, rows_of, sorted_by_cycle
+from tests.blind.signatures import BASE, Columns, best_rival, contained, left_out_rms, parts
+from tests.blind.steps import PLANS, Visit, rows_of, rows_of_visits, sorted_by_cycle
 
 Json = dict[str, Any]
 Change = tuple[Entry, float]
@@ -33,7 +33,8 @@ SHAPE_ENTRIES = {"cubic": "cubic", "sawtooth": "saw"}
 class Made:
     """One session: the table as text, the indicators' resolution, and what scoring may know.
 
-    ``rows`` and ``values_mm`` hold what the table says, for the baselines.
+    ``rows`` and ``values_mm`` hold what the table says, for the baselines. ``hidden`` is the
+    machine and ``sigma_mm`` the scatter of one reading, for measuring it again.
     """
 
     table: str
@@ -41,6 +42,8 @@ class Made:
     truth: Json
     rows: Rows
     values_mm: FloatArray
+    hidden: Hidden
+    sigma_mm: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +81,31 @@ def _attempt(case: Case, rng: np.random.Generator) -> Made:
     table, where = _table(case, rows, hidden, noise, rng)
     truth = _truth(case, columns, placed, noise, where)
     text = _text(table, noise.resolution_mm)
-    return Made(text, noise.resolution_mm, truth, table.rows, table.values_mm)
+    return Made(text, noise.resolution_mm, truth, table.rows, table.values_mm, hidden, sigma_mm)
+
+
+@dataclass(frozen=True)
+class Again:
+    """The same machine once more: visits, what was added to entered offsets, and the load."""
+
+    taken: list[Visit]
+    entered_mm: tuple[float, ...] = (0.0, 0.0, 0.0)
+    load: float = 1.0
+
+
+def made_again(made: Made, again: Again, noise_kind: str, rng: np.random.Generator) -> Made:
+    """New mountings, new noise of the same kind; an offset that is entered is gone."""
+    rows = rows_of_visits(again.taken, rng)
+    noise = draw(noise_kind, rows, made.sigma_mm, rng)
+    zeros = rng.uniform(-ZERO_LIMIT_MM, ZERO_LIMIT_MM, rows.mount.max() + 1)
+    less = [(("offset", (leg,)), -change) for leg, change in enumerate(again.entered_mm)]
+    sag = made.hidden.amounts["sag"]
+    heavier = [(("sag", (leg,)), (again.load - 1.0) * float(sag[leg])) for leg in range(3)]
+    plain = made.hidden
+    hidden = Hidden(plain.plus([*less, *heavier]).amounts, plain.lead_mm, *_fixed(plain))
+    values = readings(rows, hidden) + zeros[rows.mount] + noise.values_mm
+    text = _text(blunders.Table(rows, values), noise.resolution_mm)
+    return replace(made, table=text, resolution_mm=noise.resolution_mm, rows=rows, values_mm=values)
 
 
 def _scatter(rng: np.random.Generator) -> float:
@@ -253,11 +280,9 @@ def _described(placed: Placed, case: Case, columns: Columns, noise_mm: float) ->
     rival, share = best_rival(columns, placed.signal, others)
     parameters = len(mine.directions)
     signal = columns.left_over(placed.signal)
-    elsewhere = [
-        contained(signal, columns.span(c))
-        for c in candidates()
-        if c.id == mine.id and c.where != mine.where and len(c.directions) <= parameters
-    ]
+    others = [c for c in candidates() if c.id == mine.id and c.where != mine.where]
+    others = [*(c for c in others if len(c.directions) <= parameters), *parts(mine)]
+    elsewhere = [contained(signal, columns.span(c)) for c in others]
     ncp = float(np.sum((signal / noise_mm) ** 2))
     return {
         "id": mine.id,

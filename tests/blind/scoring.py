@@ -113,7 +113,11 @@ def detectable(one: Scored) -> bool:
 
 
 def separable(one: Scored) -> bool:
-    """Whether these data can tell every hidden effect and its place from all others."""
+    """Whether these data can tell every hidden effect and its place from all others.
+
+    A bar that is wrong across both directions is not told from one that is wrong across one of
+    them where the other value is too small to show: places within its place count as others.
+    """
     return all(
         min(each["rival_ncp"], each["elsewhere_ncp"]) >= EVIDENCE_FLOOR for each in one.hidden
     )
@@ -158,7 +162,17 @@ def single_name(one: Scored) -> bool:
     if one.verdict != "explained" or len(one.named) != 1 or not exact(one):
         return False
     said = one.named[0]
-    return not said["also"] and same_place(said["where"], one.hidden[0]["where"])
+    return not said["also"] and same_place(said["where"], places(one.hidden[0]))
+
+
+def places(hidden: Json) -> list[str]:
+    """Right names of its place. The contract's "all" is one value for all of them: where every
+    place hides a value of its own, a list of all legs says so, too.
+    """
+    amounts = [abs(p["value"]) for p in hidden["parameters"]]
+    own = [a for k, a in enumerate(amounts) if not any(np.isclose(a, b) for b in amounts[:k])]
+    apart = len({tuple(p["index"]) for p in hidden["parameters"]}) == len(own) > 1
+    return [*hidden["where"], *(["x,y,z"] if apart and "all" in hidden["where"] else [])]
 
 
 def blunder_named(one: Scored) -> bool:

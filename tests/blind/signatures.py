@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tests.blind.effects import Candidate, Direction
+from tests.blind.effects import LATERAL, Candidate, Direction
 from tests.blind.forward import Entry, FloatArray, Hidden, Rows, readings
 
 STEP = {"offset": 1e-3, "length": 1e-3, "lean": 1e-6, "curve": 1e-8, "bow": 1e-8, "drift": 1e-6}
@@ -74,6 +74,17 @@ class Columns:
         left = self.left_over(raw) / np.where(scale > 0, scale, 1.0)
         basis, sizes, _ = np.linalg.svd(left, full_matrices=False)
         return np.asarray(basis[:, sizes > RANK_TOLERANCE])
+
+
+def parts(candidate: Candidate) -> list[Candidate]:
+    """The same effect with one of its directions only: a place within its place.
+
+    The contract names mountings and directions, too: a second value that hardly shows leaves
+    nothing by which the data could tell "leg y" from "mounting yx".
+    """
+    if candidate.id not in LATERAL or len(candidate.directions) < 2:
+        return []
+    return [replace(candidate, directions=(one,)) for one in candidate.directions]
 
 
 def contained(signal: FloatArray, basis: FloatArray) -> float:

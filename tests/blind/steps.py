@@ -62,7 +62,11 @@ def _one_mounting(plan: Plan, leg: int, station: float, in_place: bool) -> list[
 
 def rows_of(plan: Plan, rng: np.random.Generator, in_place: bool = False) -> Rows:
     """The rows of a procedure in the order taken, two for each visit."""
-    taken = visits(plan, in_place)
+    return rows_of_visits(visits(plan, in_place), rng)
+
+
+def rows_of_visits(taken: list[Visit], rng: np.random.Generator) -> Rows:
+    """Two rows for each of these visits."""
     moved = np.repeat(_movements(taken), 2, axis=0)
     time_s = np.repeat(_times(taken, rng), 2)
     both = [(v, axis) for v in taken for axis in range(3) if axis != v.leg]

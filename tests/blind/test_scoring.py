@@ -16,7 +16,7 @@ from tests.blind.baselines import best_r2, lars_path, lasso_bic, named_by_all, s
 from tests.blind.bench_files import Folder, append, lines, seal, sealed_truths, write_session
 from tests.blind.cases import Case, plan
 from tests.blind.documents import row_of
-from tests.blind.effects import EFFECT_IDS
+from tests.blind.effects import EFFECT_IDS, candidates
 from tests.blind.forward import FloatArray
 from tests.blind.generator import Made, make
 from tests.blind.noise import NOISES
@@ -31,11 +31,13 @@ from tests.blind.scoring import (
     detection_ncp,
     exact,
     false_name,
+    places,
     same_place,
     single_name,
     truth_in_set,
     wrong_confident,
 )
+from tests.blind.signatures import parts
 from tests.blind.steps import PLANS, rows_of
 from tests.blind.table import Told, page
 
@@ -312,3 +314,22 @@ def test_knots_of_the_lasso_path_meet_its_conditions() -> None:
         assert pull[active] == pytest.approx(level * np.sign(weights[active]), abs=1e-8)
     plain = np.linalg.lstsq(columns, values, rcond=None)[0]
     assert path[-1] == pytest.approx(plain, abs=1e-6)
+
+
+def test_places_of_values_of_their_own() -> None:
+    """Three rates of drift are "all" to the bench; the contract's "all" is one value."""
+
+    def hidden(*amounts: float) -> Json:
+        rates = [{"entry": "drift", "index": [k], "value": a} for k, a in enumerate(amounts)]
+        return {"where": ["all"], "parameters": rates}
+
+    assert places(hidden(1.0, 2.0, -3.0)) == ["all", "x,y,z"]
+    assert places(hidden(1.0, 1.0, 1.0)) == ["all"]
+    assert places({**hidden(1.0, 2.0, 3.0), "where": ["x"]}) == ["x"]
+
+
+def test_a_place_within_its_place_is_another_one() -> None:
+    leg = next(c for c in candidates() if (c.id, c.where) == ("leg_taper", "y"))
+    mount = next(c for c in candidates() if (c.id, c.where) == ("gauge_gain", "yx"))
+    assert [part.directions for part in parts(leg)] == [(one,) for one in leg.directions]
+    assert parts(mount) == []

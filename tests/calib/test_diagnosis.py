@@ -12,15 +12,26 @@ from scipy.stats import f as f_distribution
 from calib.diagnosis.aliases import alias_map
 from calib.diagnosis.cleaning import Case
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.entries import entries_of
 from calib.diagnosis.locate import locate
 from calib.diagnosis.problem import Problem, Sitting
+from calib.diagnosis.race import Race
 from calib.diagnosis.results import Diagnosis
 from calib.diagnosis.scan import Reference, gap_p_value, null_scores, scores
-from calib.diagnosis.selection import Search, contained, credible_set, log_bayes_factor, union
+from calib.diagnosis.selection import (
+    KNOWN,
+    Search,
+    Spread,
+    contained,
+    credible_set,
+    log_bayes_factor,
+    union,
+)
 from calib.diagnosis.slips import find_slip
 from calib.noise import IndicatorFigures
 from calib.observations import Observations, observe
 from calib.orthoglide.effects import CATALOGUE
+from calib.orthoglide.effects.actuators import ActuatorCyclic
 from calib.orthoglide.effects.law import Placed
 from calib.orthoglide.geometry import Geometry
 from calib.orthoglide.model import Model
@@ -232,14 +243,17 @@ def test_log_scores_against_scipy(rank: int, noise_df: float) -> None:
     np.testing.assert_allclose(found, expected, rtol=0.02, atol=0.02)
 
 
-def test_global_p_value_is_uniform_on_noise() -> None:
+@pytest.mark.parametrize("uneven", [False, True])
+def test_global_p_value_is_uniform_on_noise(*, uneven: bool) -> None:
+    """Also where half of the readings scatter three times as much as the others."""
     generator = np.random.default_rng(0)
     blocks = [np.linalg.qr(generator.normal(size=(40, r)))[0] for r in (1, 1, 2, 3, 1, 6)]
+    deviation = np.where(np.arange(40) < 20, 0.45, 1.34) if uneven else np.ones(40)
     reference = Reference(30.0, 40)
-    null = null_scores(blocks, reference, seed=1)
+    null = null_scores(blocks, reference, 1, deviation)
     found = []
     for _ in range(400):
-        y = generator.normal(size=40)
+        y = deviation * generator.normal(size=40)
         square = np.array([((b.T @ y) ** 2).sum() for b in blocks])[:, None]
         square = square / (generator.chisquare(30.0) / 30.0)
         local = scores(square, [b.shape[1] for b in blocks], reference, np.array([1e9]))
@@ -248,20 +262,119 @@ def test_global_p_value_is_uniform_on_noise() -> None:
     assert np.mean(np.array(found) <= 0.5) == pytest.approx(0.5, abs=0.1)
 
 
+def test_unevenness_is_seen_where_stands_scatter_differently() -> None:
+    assert (problem(SWEEP, 3).unevenness() == 1.0).all()
+    one = case(SWEEP, seed=3)
+    scatter = np.array([0.0, 0.0, 0.0, 0.01, 0.01, 0.01])[one.observed.mount]
+    value = one.observed.value_mm + scatter * np.random.default_rng(3).normal(size=len(scatter))
+    uneven = replace(one.observed, value_mm=value)
+    own = Problem.of([Sitting.of(one.model, uneven, one.indicator, one.tolerance_mm)])
+    seen = own.unevenness()
+    assert seen[own.mount >= 3].min() > 1.3 * seen[own.mount < 3].max()
+
+
 def test_evidence_and_sets() -> None:
-    assert log_bayes_factor(3.0, 4, math.inf) == 0.0
-    assert log_bayes_factor(40.0, 1, math.inf) == pytest.approx(0.5 * 39.0 - 0.5 * math.log(40.0))
-    assert log_bayes_factor(40.0, 1, 12.0) < log_bayes_factor(40.0, 1, math.inf)
+    assert log_bayes_factor(3.0, 4, KNOWN) == 0.0
+    assert log_bayes_factor(40.0, 1, KNOWN) == pytest.approx(0.5 * 39.0 - 0.5 * math.log(40.0))
+    assert log_bayes_factor(40.0, 1, Spread(92.0, 52.0)) < log_bayes_factor(40.0, 1, KNOWN)
+    assert log_bayes_factor(3.0, 4, Spread(52.0, 52.0)) == 0.0
+    assert log_bayes_factor(3.0, 4, Spread(3.0, 4.0)) == 0.0
     generator = np.random.default_rng(1)
     blocks = tuple(np.linalg.qr(generator.normal(size=(50, 1)))[0] for _ in range(5))
-    search = Search(20.0 * blocks[2][:, 0], blocks, math.inf, np.zeros(5))
+    search = Search(20.0 * blocks[2][:, 0], blocks, KNOWN, np.zeros(5), (1,) * 5)
     best = credible_set(search.singles())
     assert best[0].members == (2,)
     assert sum(m.share for m in best) >= 0.95
-    twins = Search(20.0 * blocks[2][:, 0], (*blocks, -blocks[2]), math.inf, np.zeros(6))
+    twins = Search(20.0 * blocks[2][:, 0], (*blocks, -blocks[2]), KNOWN, np.zeros(6), (1,) * 6)
     assert {m.members for m in credible_set(twins.singles())} == {(2,), (5,)}
     assert contained(blocks[2], -blocks[2]) == pytest.approx(1.0)
     assert union([blocks[0], blocks[0]]).shape[1] == 1
+
+
+@pytest.mark.parametrize(("explained", "rank"), [(30.0, 1), (500.0, 2), (2000.0, 6)])
+def test_evidence_with_unknown_noise_is_the_best_over_all_prior_widths(
+    explained: float, rank: int
+) -> None:
+    """Zellner's g-prior integrated over the variance, g tried on a grid (Liang et al. 2008)."""
+    spread = Spread(explained + 120.0, 126.0)
+    width = np.geomspace(1e-3, 1e5, 200_001)
+    free = spread.freedom - rank
+    tried = 0.5 * free * np.log1p(width) - 0.5 * spread.freedom * np.log1p(
+        width * 120.0 / spread.total
+    )
+    assert log_bayes_factor(explained, rank, spread) == pytest.approx(tried.max(), abs=1e-6)
+
+
+def test_a_rival_pays_for_what_it_leaves_however_large_the_effect() -> None:
+    """What counts is how much more is left, not its share of what is explained."""
+    for explained in (100.0, 1000.0, 10000.0):
+        spread = Spread(explained + 120.0, 126.0)
+        less, more = (log_bayes_factor(s, 1, spread) for s in (explained - 30.0, explained))
+        assert more - less == pytest.approx(spread.log_ratio(explained, explained - 30.0), abs=0.5)
+        assert more - less > 10.0
+
+
+def test_a_near_alias_is_a_rival_of_a_small_effect_and_none_of_a_large_one() -> None:
+    """Sag has 99 % of the direction of scale: a matter of size, not of the procedure alone."""
+
+    def with_scale(value: float) -> Diagnosis:
+        effect = Placed(LAWS["actuator_scale"], "x", (value,))
+        return diagnose([case(TWO_STATION, effect, seed=1)], CATALOGUE)
+
+    small, large = with_scale(0.3), with_scale(6.0)
+    (doubtful,) = small.effects
+    every = {doubtful.id} | {rival.id for rival in doubtful.indistinguishable_from}
+    assert small.verdict == "ambiguous"
+    assert {"actuator_scale", "gravity_sag"} <= every
+    assert large.verdict == "explained"
+    assert names(large) == [("actuator_scale", "x")]
+
+
+def test_the_fewest_causes_are_kept() -> None:
+    """One place before three with values of their own, whichever fits better by chance."""
+    made = problem(TWO_STATION, 0)
+    entries = {(e.id, e.where): e for e in entries_of(made, CATALOGUE)}
+    one, every = (entries["axis_offset", where] for where in ("x", "x,y,z"))
+    few, many = made.block(one.columns), made.block(every.columns)
+    further = many @ np.linalg.svd(few.T @ many)[2][-1]
+    assert np.abs(few.T @ further).max() < 1e-6
+    moved = replace(made, y=made.y + 30.0 * few[:, 0] + (3.2 - further @ made.y) * further)
+    kept = [
+        Race(moved, (few, many), np.zeros(2), causes, 1).run().kept
+        for causes in ((one.causes, every.causes), (1, 1))
+    ]
+    assert [model.members for model in kept if model] == [(0,), (1,)]
+
+
+def test_two_effects_do_not_pass_for_one_in_every_place() -> None:
+    """Six tapers can imitate nearly every pair of effects on the bars."""
+    pair = Placed(LAWS["gauge_gain"], "yx", (2.0,)), Placed(LAWS["axis_squareness"], "xy", (0.7,))
+    found = diagnose([case(SWEEP, *pair, seed=1)], CATALOGUE)
+    named = {name for name, _ in names(found)}
+    rivals = {r.id for one in found.effects for r in one.indistinguishable_from}
+    assert {"gauge_gain", "axis_squareness"} <= named | rivals
+    assert ("leg_taper", "x,y,z") not in names(found)
+
+
+def test_two_leads_of_one_screw_are_terms_of_a_series() -> None:
+    both = [
+        Placed(law, "y", (0.0, 30.0))
+        for law in CATALOGUE
+        if isinstance(law, ActuatorCyclic) and law.lead_mm in (5.0, 20.0)
+    ]
+    one, two = (diagnose([case(SWEEP, *some, seed=2)], CATALOGUE) for some in (both[:1], both))
+    assert (one.verdict, names(one)) == ("explained", [("actuator_cyclic", "y")])
+    assert (two.verdict, names(two)) == ("ambiguous", [("actuator_cyclic", "y")] * 2)
+
+
+def test_causes_of_an_entry() -> None:
+    made = problem(TWO_STATION, 0)
+    causes = {(e.id, e.where): e.causes for e in entries_of(made, CATALOGUE)}
+    assert causes["gauge_gain", "x"] == 2
+    assert causes["gauge_gain", "x,y,z"] == 6
+    assert causes["leg_taper", "x,y,z"] == causes["axis_squareness", "xy,yz,xz"] == 3
+    assert causes["gauge_gain", "xy"] == causes["leg_taper", "x"] == 1
+    assert causes["thermal_drift", "x,y,z"] == causes["leg_taper", "all"] == 1
 
 
 def test_chance_of_a_gap() -> None:

@@ -301,7 +301,9 @@ def test_gain_and_tilt() -> None:
     tilt = replace(model, effects=(Placed(law("gauge_tilt"), "xy", (10.0,)),)).readings(both)
     moved = tilt - plain
     assert moved[[1, 3]] == pytest.approx([0.0, 0.0])
-    assert moved[0] - moved[2] == pytest.approx(0.010 * (plain[1] - plain[3]), abs=1e-12)
+    own, across = plain[[0, 1]] - plain[[2, 3]]
+    expected = np.sin(0.010) * across + (np.cos(0.010) - 1.0) * own
+    assert moved[0] - moved[2] == pytest.approx(expected, abs=1e-12)
 
 
 def test_drift_with_time_and_temperature() -> None:
@@ -323,11 +325,11 @@ def test_places_and_arrangements() -> None:
     found = candidates(Model(parameters_mm=OFF), TAKEN)
     assert named(found, "axis_squareness") == [
         *((pair, "one", 1) for pair in ("xy", "yz", "xz")),
-        *(("all", "same", 1), ("each", "each", 3)),
+        *(("all", "same", 1), ("xy,yz,xz", "each", 3)),
     ]
     lateral = [
         *((leg, "each", 2) for leg in "xyz"),
-        *(("all", "same", 1), ("all", "mirror", 2), ("all", "turning", 2), ("each", "each", 6)),
+        *(("all", "same", 1), ("all", "mirror", 2), ("all", "turning", 2), ("x,y,z", "each", 6)),
     ]
     mounts = [(place, "one", 1) for place in ("xy", "xz", "yx", "yz", "zx", "zy")]
     assert named(found, "straightness") == lateral

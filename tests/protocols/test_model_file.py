@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from calib.orthoglide.effects import CATALOGUE
 from calib.orthoglide.effects.actuators import ActuatorCyclic
 from calib.orthoglide.effects.candidates import candidates
+from calib.orthoglide.effects.empirical import Empirical
 from calib.orthoglide.effects.law import Law, Placed
 from calib.orthoglide.model import Model
 from calib.orthoglide.pipeline import Flow, Stage
@@ -168,6 +169,93 @@ def test_effects_that_cannot_be_used(tmp_path: Path, text: str, said: str) -> No
     path.write_text(text, encoding="utf-8")
     with pytest.raises(RecordError, match=said):
         read_model(path)
+
+
+UNNAMED = {
+    "cube_at_100mm_xy": {"value": 12.0, "unit": "µm", "of": "cube_at_100mm", "places": ["xy"]},
+    "per_hour_xy": {"value": 3.0, "unit": "µm/h", "of": "per_hour", "places": ["xy"]},
+    "cube_at_100mm_xz": {"value": -5.0, "unit": "µm", "of": "cube_at_100mm", "places": ["xz"]},
+    "per_hour_xz": {"value": 1.0, "unit": "µm/h", "of": "per_hour", "places": ["xz"]},
+}
+
+
+def test_a_law_without_a_name_comes_back(tmp_path: Path) -> None:
+    law = Empirical(("cube_at_100mm", "per_hour"))
+    placed = (Placed(law, "xy", (12.0, 3.0)), Placed(law, "xz", (-5.0, 1.0)))
+    known = {
+        name: (value, 0.5) for name, value in zip(UNNAMED, (12.0, 3.0, -5.0, 1.0), strict=True)
+    }
+    entry = effect_entry("x", placed, known)
+    assert (entry.id, entry.title) == (
+        "empirical",
+        "an unnamed law: readings grow with the cube of displacement and with time",
+    )
+    written_entry = json.loads(entry.model_dump_json(exclude_none=True))["parameters"]
+    assert written_entry == {
+        name: one | {"standard_uncertainty": 0.5} for name, one in UNNAMED.items()
+    }
+    plain = model_file(Model(parameters_mm=OFF), Machine())
+    path = written(tmp_path, with_effect(plain, entry, "what is left", WHEN))
+    assert set(read_model(path, ())[0].effects) == set(placed)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "said"),
+    [
+        ({}, "parameters of empirical: found none. Allowed: line_at_100mm, square_at_100mm"),
+        ({"play": {"value": 0.02, "unit": "mm"}}, "found play. Allowed: line_at_100mm"),
+        (
+            {
+                "cube_at_100mm": {"value": 1.0, "unit": "µm"},
+                "travel_cube_at_100mm": {"value": 1.0, "unit": "µm"},
+            },
+            "found cube_at_100mm, travel_cube_at_100mm",
+        ),
+        ({"cube_at_100mm": {"value": 1.0, "unit": "mm"}}, "unit: found 'mm'. Allowed: µm"),
+        (
+            {"cube_at_100mm": {"value": 1.0, "unit": "µm", "places": ["x"]}},
+            "place of empirical: found x. Allowed: xy, xz",
+        ),
+    ],
+)
+def test_laws_without_a_name_that_cannot_be_used(
+    tmp_path: Path, parameters: dict[str, object], said: str
+) -> None:
+    path = tmp_path / "model.json"
+    path.write_text(effect_text(id="empirical", where="xy", parameters=parameters), "utf-8")
+    with pytest.raises(RecordError, match=said):
+        read_model(path)
+
+
+def test_old_files_that_call_a_place_each_are_read(tmp_path: Path) -> None:
+    shifts = {
+        f"scale_{leg}": {"value": 0.1, "unit": "mm/m", "of": "scale", "places": [leg]}
+        for leg in "xyz"
+    }
+    path = tmp_path / "model.json"
+    old = effect_text(id="actuator_scale", where="each", parameters=shifts)
+    path.write_text(old, encoding="utf-8")
+    effects = read_model(path)[0].effects
+    assert [(e.id, e.place) for e in effects if isinstance(e, Placed)] == [
+        ("actuator_scale", leg) for leg in "xyz"
+    ]
+    assert without_effect(read_model_file(path), "actuator_scale", "each", "set").effects == ()
+
+
+def test_the_load_of_the_tool(tmp_path: Path) -> None:
+    """A sag under twice the weight is twice as large; nothing else knows of the load."""
+    taken = postures()
+    sag = Placed(next(law for law in CATALOGUE if law.id == "gravity_sag"), "z", (0.1,))
+    twice = Placed(sag.law, "z", (0.2,))
+    loaded = Machine(load=2.0)
+    assert Machine.model_validate_json(loaded.model_dump_json()) == loaded
+    one = Model(loaded.geometry(), OFF, (sag,)).readings(taken)
+    assert one == pytest.approx(Model(Machine().geometry(), OFF, (twice,)).readings(taken))
+    assert Model(loaded.geometry(), OFF).readings(taken) == pytest.approx(
+        Model(Machine().geometry(), OFF).readings(taken)
+    )
+    with pytest.raises(ValueError, match="load"):
+        Machine(load=0.0)
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,8 @@ from app.screens.result import ResultScreen
 from app.simulated_session import simulated_session
 from app.wording.diagnose_screen import where_text
 from calib.orthoglide.effects import CATALOGUE
+from calib.orthoglide.effects.empirical import Empirical
+from calib.orthoglide.effects.law import Placed
 from protocols.journal import write_whole
 from protocols.machine import load_machine
 from protocols.model_file import read_model_file
@@ -34,10 +36,17 @@ from protocols.procedure import load_procedure
 from tests.screens.driving import SIZE, text, until
 
 SCATTER_MM = 0.002
+CUBE = Placed(Empirical(("travel_cube_at_100mm",)), "x", (900.0,))
 
 
 def write_session(
-    path: Path, protocol: str, seed: int, effect: str = "", size: float = 0.0
+    path: Path,
+    protocol: str,
+    seed: int,
+    effect: str = "",
+    size: float = 0.0,
+    *,
+    law: Placed | None = None,
 ) -> Path:
     """A simulated session, with an effect hidden in its machine."""
     machine = load_machine(None)
@@ -49,6 +58,8 @@ def write_session(
             effect, truth, taken, laws=CATALOGUE, seed=seed, noise_mm=SCATTER_MM, size=size
         )
         truth = replace(truth, effects=hidden)
+    if law:
+        truth = replace(truth, effects=(law,))
     opened, readings = simulated_session(
         procedure, machine, truth, seed=seed, scatter_mm=SCATTER_MM, resolution_mm=0.001
     )
@@ -64,8 +75,14 @@ def bowed(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def doubtful(tmp_path: Path) -> Path:
-    """A bowed bar measured at too few places: other effects look the same."""
-    return write_session(tmp_path / "doubt.jsonl", "zero-max-min", 4, "leg_bow:xz", 0.16)
+    """A wrong scale that weight on a soft bar would look like."""
+    return write_session(tmp_path / "doubt.jsonl", "zero-max-min", 4, "actuator_scale:y", 1.6)
+
+
+@pytest.fixture
+def nameless(tmp_path: Path) -> Path:
+    """A carriage that is off with the cube of its travel: nothing of the catalogue."""
+    return write_session(tmp_path / "cube.jsonl", "sweep", 5, law=CUBE)
 
 
 def said(interface: Interface) -> str:
@@ -134,8 +151,8 @@ async def test_adopt_writes_a_model_and_the_second_gap_is_smaller(bowed: Path) -
         before = screen.diagnosed.diagnosis.gap_before.rms_mm
         await pilot.press("a")
         await until(pilot, "choice", lambda: isinstance(interface.screen, ChoiceDialog))
-        offered = interface.screen.query_one(OptionList).options
-        assert [str(one.prompt) for one in offered] == ["1  what was named: leg_bow (xy)"]
+        listed = interface.screen.query_one(OptionList).options
+        assert [str(one.prompt) for one in listed] == ["1  what was named: leg_bow (xy)"]
         await pilot.press("1")
         await until(pilot, "file name", lambda: isinstance(interface.screen, TextDialog))
         model = bowed.with_name("bow [x]_model.json")
@@ -166,12 +183,12 @@ async def test_another_effect_of_an_ambiguous_set_is_adopted(doubtful: Path) -> 
         screen = await diagnosed(pilot, interface)
         assert verdict(interface).startswith("AMBIGUOUS.")
         alike = text(interface, "#candidates-text").replace("\n", " ")
-        assert "cannot tell leg_bow (xz) from: " in alike
+        assert "cannot tell actuator_scale (y) from: " in alike
         for path in (taken, target):
             await pilot.press("a")
             await until(pilot, "choice", lambda: isinstance(interface.screen, ChoiceDialog))
             listed = [str(o.prompt) for o in interface.screen.query_one(OptionList).options]
-            assert "what was named: leg_bow (xz)" in listed[0]
+            assert "what was named: actuator_scale (y)" in listed[0]
             rival = re.fullmatch(r"2  instead (\w+) \((\w+)\)", listed[1])
             assert rival is not None
             assert f"{rival[1]} ({rival[2]})" in alike
@@ -188,11 +205,45 @@ async def test_another_effect_of_an_ambiguous_set_is_adopted(doubtful: Path) -> 
         await pilot.press("f10")
 
 
+def offered(interface: Interface) -> set[str]:
+    """Keys that the footer shows."""
+    every = interface.screen.active_bindings.items()
+    return {key for key, entry in every if entry.binding.show}
+
+
+async def test_a_law_without_a_name_is_adopted(nameless: Path) -> None:
+    interface = Interface(DiagnoseScreen([nameless]))
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        screen = await diagnosed(pilot, interface)
+        words = " ".join(verdict(interface).split())
+        assert "law without a name" in words or "has no name, but follows a law" in words
+        assert "with the cube of travel of carriage X" in words
+        assert "Held out (one displacement of one leg left out" in words
+        assert "a" in offered(interface)
+        await pilot.press("a")
+        await until(pilot, "choice", lambda: isinstance(interface.screen, ChoiceDialog))
+        listed = [str(o.prompt) for o in interface.screen.query_one(OptionList).options]
+        (number,) = [line[0] for line in listed if "a law without a name (x)" in line]
+        await pilot.press(number)
+        await until(pilot, "file name", lambda: isinstance(interface.screen, TextDialog))
+        await pilot.press("enter")
+        model = nameless.with_name("cube_model.json")
+        await until(pilot, "again", lambda: screen.model == model and not screen.looking)
+        (entry,) = read_model_file(model).effects
+        assert (entry.id, entry.where) == ("empirical", "x")
+        assert list(entry.parameters) == ["travel_cube_at_100mm"]
+        assert verdict(interface).startswith("AGREES.")
+        await pilot.pause()
+        assert not offered(interface) & {"a", "n"}
+        await pilot.press("f10")
+
+
 async def test_the_next_measurement_becomes_a_procedure(doubtful: Path) -> None:
     interface = Interface(DiagnoseScreen([doubtful]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await diagnosed(pilot, interface)
-        assert "Next measurement: leg" in verdict(interface)
+        assert "Next measurement: " in verdict(interface)
+        assert "it settles it between actuator_scale (y)" in " ".join(verdict(interface).split())
         await pilot.press("n")
         written = doubtful.with_name("doubt_next.toml")
         await until(pilot, "words", lambda: f"--protocol {written}" in said(interface))
@@ -210,6 +261,7 @@ async def test_a_session_that_agrees(tmp_path: Path) -> None:
         assert "would have been found" in verdict(interface)
         assert "names nothing to adopt" in " ".join(text(interface, "#change-text").split())
         assert "▲▲ ▼▼ more than 5" in text(interface, "#where-text")
+        assert not offered(interface) & {"a", "n"}
         await pilot.press("a", "n")
         await pilot.pause()
         assert "Nothing to adopt" in said(interface)
@@ -240,10 +292,7 @@ async def test_where_nothing_may_be_written(doubtful: Path) -> None:
     interface = Interface(DiagnoseScreen([doubtful]), read_only=True)
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await diagnosed(pilot, interface)
-        offered = {
-            key for key, entry in interface.screen.active_bindings.items() if entry.binding.show
-        }
-        assert not offered & {"a", "n"}
+        assert not offered(interface) & {"a", "n"}
         await pilot.press("a", "n")
         await pilot.pause()
         assert said(interface).count("This program only shows") == 2

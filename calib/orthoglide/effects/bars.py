@@ -46,10 +46,11 @@ class GravitySag:
     def change(
         self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
-        """The bar changes its length by value · pull / weight, at the unloaded machine."""
+        """The bar changes its length by value · load · pull / weight, at the unloaded machine."""
         leg = LEG_NAMES.index(place)
         pull = pull_of_weight(flow.foot_mm, passing, flow.geometry.gravity)
-        return np.asarray(passing + values[0] * pull[..., leg, None] * unit(leg))
+        shortening = values[0] * flow.geometry.load
+        return np.asarray(passing + shortening * pull[..., leg, None] * unit(leg))
 
 
 def pull_of_weight(

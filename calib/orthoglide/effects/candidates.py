@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from calib.observations import LEG_NAMES, Conditions, FloatArray
 from calib.orthoglide.effects.actuators import with_machine_lead
@@ -35,7 +36,8 @@ class Share:
 class Candidate:
     """A law in an arrangement, with ``r`` parameters.
 
-    ``where`` is a place, ``"all"`` or ``"each"``; ``arrangement`` is ``"one"`` place, the
+    ``where`` is a place, ``"all"`` where values are shared, or the places (legs, where each has
+    all its own) with commas between; ``arrangement`` is ``"one"`` place, the
     ``"same"`` values everywhere, two values ``"mirror"`` or ``"turning"``, or ``"each"`` place its
     own. ``columns`` ``(n_readings, r)`` are derivatives of the readings, mm per unit, at the model.
     """
@@ -61,14 +63,24 @@ def candidates(
     model: Model, observed: Conditions, laws: Sequence[Law] = CATALOGUE
 ) -> tuple[Candidate, ...]:
     """What the readings could show of these laws; the rest is `invisible`."""
-    return tuple(c for c, seen in _all_candidates(model, observed, laws) if seen)
+    return candidates_together([(model, observed)], laws)
+
+
+def candidates_together(
+    sessions: Sequence[tuple[Model, Conditions]], laws: Sequence[Law] = CATALOGUE
+) -> tuple[Candidate, ...]:
+    """What several sessions could show together; ``columns`` are stacked over them.
+
+    Places are those of all sessions: one that a session did not reach is zero there.
+    """
+    return tuple(c for c, seen in _all_candidates(sessions, laws) if seen)
 
 
 def invisible(
     model: Model, observed: Conditions, laws: Sequence[Law] = CATALOGUE
 ) -> tuple[tuple[str, str], ...]:
     """Id and place of what changes no reading of these, or only zeros of mountings."""
-    found = list(_all_candidates(model, observed, laws))
+    found = list(_all_candidates([(model, observed)], laws))
     seen = {(c.id, c.where) for c, is_seen in found if is_seen}
     return tuple(dict.fromkeys((c.id, c.where) for c, _ in found if (c.id, c.where) not in seen))
 
@@ -111,12 +123,12 @@ def place_columns(
 
 
 def _all_candidates(
-    model: Model, observed: Conditions, laws: Sequence[Law]
+    sessions: Sequence[tuple[Model, Conditions]], laws: Sequence[Law]
 ) -> Iterator[tuple[Candidate, bool]]:
     """Every candidate and whether it is seen."""
-    known = with_machine_lead(laws, model.geometry)
-    centre = _Centre(observed)
-    for law, columns in zip(known, place_columns(model, observed, known), strict=True):
+    known = with_machine_lead(laws, sessions[0][0].geometry)
+    centre = _Centre([observed for _, observed in sessions])
+    for law, columns in zip(known, stacked_columns(sessions, known), strict=True):
         seen = {p: c for p, c in columns.items() if centre.is_seen(c, law.parameters)}
         for place in columns:
             if place not in seen:
@@ -125,11 +137,29 @@ def _all_candidates(
             yield candidate, centre.is_seen(candidate.columns, candidate.parameters)
 
 
+def stacked_columns(
+    sessions: Sequence[tuple[Model, Conditions]], laws: Sequence[Law]
+) -> list[dict[str, FloatArray]]:
+    """`place_columns` of several sessions below each other, zero where one has no such place."""
+    parts = [place_columns(model, observed, laws) for model, observed in sessions]
+    found = []
+    for law, *each in zip(laws, *parts, strict=True):
+        nothing = [np.zeros((len(o), len(law.parameters))) for _, o in sessions]
+        places = dict.fromkeys(place for one in each for place in one)
+        found.append(
+            {
+                place: np.vstack([o.get(place, z) for o, z in zip(each, nothing, strict=True)])
+                for place in places
+            }
+        )
+    return found
+
+
 class _Centre:
     """Takes the mean of each mounting away."""
 
-    def __init__(self, observed: Conditions) -> None:
-        member = np.eye(observed.mount_count)[observed.mount]
+    def __init__(self, observed: Sequence[Conditions]) -> None:
+        member = block_diag(*(np.eye(one.mount_count)[one.mount] for one in observed))
         self._member = member
         self._mean = (member / np.maximum(member.sum(axis=0), 1.0)).T
 
@@ -152,7 +182,18 @@ def _arrangements(law: Law, seen: dict[str, FloatArray]) -> Iterator[Candidate]:
             yield _grouped(law, seen, "mirror", {"_first": first, "_second": second})
             first, second = TURNING
             yield _grouped(law, seen, "turning", {"_next": first, "_before": second})
-        yield _grouped(law, seen, "each", {f"_{place}": (place,) for place in seen})
+        legs = {place[0] for place in seen}
+        if not lateral or len(legs) > 1:
+            found = _grouped(law, seen, "each", {f"_{place}": (place,) for place in seen})
+            yield replace(found, where=",".join(_listed(seen, lateral=lateral)))
+
+
+def _listed(seen: Iterable[str], *, lateral: bool) -> list[str]:
+    """Places for a reader: legs where both directions across every one of them are there."""
+    by_leg = {leg: [place for place in seen if place[0] == leg] for leg in LEG_NAMES}
+    legs = [leg for leg, places in by_leg.items() if places]
+    whole = lateral and all(len(by_leg[leg]) == 2 for leg in legs)
+    return legs if whole else list(seen)
 
 
 def _by_leg(law: Law, seen: dict[str, FloatArray]) -> Iterator[Candidate]:
@@ -178,7 +219,7 @@ def _grouped(
         id=law.id,
         title=law.title,
         kind=law.kind,
-        where="each" if arrangement == "each" else "all",
+        where="all",
         arrangement=arrangement,
         parameters=tuple(
             replace(parameter, name=parameter.name + ending)

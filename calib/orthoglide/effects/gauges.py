@@ -73,8 +73,9 @@ class GaugeTilt:
     def change(
         self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
-        """The reading takes up value · coordinate of the touched point along the third axis."""
+        """The touched point along a plunger that is turned by the value towards the third axis."""
         leg, axis = numbers(place)
-        third = passing[..., 3 - leg - axis]
+        own, third = passing[..., axis], passing[..., 3 - leg - axis]
         tilt_rad = PER_THOUSAND * values[0]
-        return moved_touch(passing, axis, tilt_rad * third * at_mount(flow, place))
+        off_mm = np.sin(tilt_rad) * third + (np.cos(tilt_rad) - 1.0) * own
+        return moved_touch(passing, axis, off_mm * at_mount(flow, place))

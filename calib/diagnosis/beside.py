@@ -1,0 +1,179 @@
+"""A turned or swapped indicator beside an effect: both at once must explain what effects cannot.
+
+Beside a strong effect a mistake may take away only part of the disagreement, and an effect may
+bend the slopes that tell it. Then the mistake with some effects is weighed against effects alone:
+each side takes the effects that explain most, pays for each, and the variance of the noise is
+taken from what is left and the scatter of repeats (Student's likelihood).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from calib.diagnosis.blunders import Blunder, Suspicion
+from calib.diagnosis.entries import Entry, entries_of, implausible
+from calib.diagnosis.problem import Problem, Sitting
+from calib.diagnosis.results import Named
+from calib.diagnosis.selection import union
+from calib.distributions import variance_ratio_p_value
+from calib.observations import FloatArray
+from calib.orthoglide.effects.law import Law
+
+MOST_EFFECTS = 3
+BEAM = 4
+CLOSED = 0.001
+"""With a mistake that is not clear, and effects, no gap of smaller chance may be left."""
+
+WEIGHED = 8
+"""Of the effects that promise most, so many are weighed by the size they need."""
+
+LEAST_GAIN = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class _Field:
+    """Every effect that may stand beside a mistake, as orthonormal blocks ``(n, r)``."""
+
+    problem: Problem
+    entries: Sequence[Entry]
+    blocks: Sequence[FloatArray]
+    _prices: dict[int, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, sitting: Sitting, laws: Sequence[Law]) -> _Field:
+        """All candidates of the catalogue that show in this session."""
+        problem = Problem.of([sitting])
+        every = [e for e in entries_of(problem, laws) if e.kind != "blunder"]
+        blocks = [problem.block(e.columns) for e in every]
+        shown = [k for k, block in enumerate(blocks) if block.shape[1]]
+        return cls(problem, [every[k] for k in shown], [blocks[k] for k in shown])
+
+    @property
+    def freedom(self) -> int:
+        """Readings less zeros and base parameters."""
+        return int(len(self.problem.y) - self.problem.nuisance.shape[1])
+
+    def width(self, explained: float, block: FloatArray) -> float:
+        """What a prior as wide as the effect found costs (unit information, fitted)."""
+        rank = max(block.shape[1], 1)
+        return float(0.5 * block.shape[1] * math.log(max(explained / rank, 1.0)))
+
+    def price(self, member: int) -> float:
+        """What it costs to have been chosen, and to be of implausible size."""
+        if member not in self._prices:
+            entry = self.entries[member]
+            chosen = entry.causes * math.log(len(self.blocks))
+            self._prices[member] = chosen + implausible(self.problem, entry)
+        return self._prices[member]
+
+
+@dataclass(frozen=True, eq=False)
+class _Account:
+    """Some effects and how well they account for the readings: log likelihood less the price."""
+
+    members: tuple[int, ...]
+    basis: FloatArray
+    price: float
+    log_weight: float
+
+
+def needed_beside_effects(
+    before: Sitting, suspicions: Sequence[tuple[Suspicion, Sitting]], laws: Sequence[Law]
+) -> Blunder | None:
+    """The mistake, of those suspected, that is needed whatever effects there are; or None.
+
+    Each comes with its corrected session, fitted. One that is not clear must be beyond doubt and
+    leave no gap. Effects that do almost as well are named with it.
+    """
+    alone = _Field.of(before, laws)
+    if not alone.problem.has_repeats() or alone.problem.structure_df < 1:
+        return next((one.blunder for one, _ in suspicions if one.clear), None)
+    without = _best(alone, MOST_EFFECTS)
+    for one, sitting in sorted(suspicions, key=lambda each: not each[0].clear):
+        corrected = _Field.of(sitting, laws)
+        account = _best(corrected, MOST_EFFECTS if one.clear else MOST_EFFECTS - 1)
+        without = max(without, _same(corrected, account, alone), key=lambda a: a.log_weight)
+        likelier = account.log_weight - without.log_weight
+        if likelier > one.log_odds and (one.clear or _closes(corrected.problem, account)):
+            return one.blunder
+        if one.clear and likelier > one.log_doubtful_odds:
+            entries = [alone.entries[k] for k in without.members]
+            named = tuple(Named(entry.id, entry.where) for entry in entries)
+            return replace(one.blunder, or_else=named)
+    return None
+
+
+def _same(there: _Field, account: _Account, here: _Field) -> _Account:
+    """The effects of an account in other readings, or better ones near them.
+
+    What was found beside a mistake must be tried without it, too.
+    """
+    known = {(e.id, e.where, e.columns.shape[1]): k for k, e in enumerate(here.entries)}
+    taken = [there.entries[k] for k in account.members]
+    keys = [(e.id, e.where, e.columns.shape[1]) for e in taken]
+    return _exchanged(here, _weighed(here, tuple(known[key] for key in keys if key in known)))
+
+
+def _closes(problem: Problem, account: _Account) -> bool:
+    """Whether no gap is left beyond chance."""
+    left = problem.y - account.basis @ (account.basis.T @ problem.y)
+    df = problem.structure_df - account.basis.shape[1]
+    return df > 0 and (
+        variance_ratio_p_value(problem.gap(left) / df, df, problem.noise_df) > CLOSED
+    )
+
+
+def _best(among: _Field, most: int) -> _Account:
+    """The best account with so many effects or fewer; a few of the best are followed up."""
+    start = _weighed(among, ())
+    best, beam = start, [start]
+    for _ in range(most):
+        found = {a.members: a for one in beam for a in _extended(among, one)}
+        beam = sorted(found.values(), key=lambda a: -a.log_weight)[:BEAM]
+        if not beam:
+            break
+        best = max(best, beam[0], key=lambda a: a.log_weight)
+    return _exchanged(among, best)
+
+
+def _exchanged(among: _Field, best: _Account) -> _Account:
+    """One effect after the other left out or replaced, as long as that is better."""
+    while True:
+        fewer = [_weighed(among, tuple(k for k in best.members if k != m)) for m in best.members]
+        others = [a for one in fewer for a in (one, *_extended(among, one))]
+        better = max(others, key=lambda a: a.log_weight, default=best)
+        if better.log_weight <= best.log_weight + LEAST_GAIN:
+            return best
+        best = better
+
+
+def _extended(among: _Field, one: _Account) -> list[_Account]:
+    """One effect more than this account; only the most promising."""
+    left = among.problem.y - one.basis @ (one.basis.T @ among.problem.y)
+    total = float(left @ left)
+    promise = []
+    for block in among.blocks:
+        explained = float(((block.T @ left) ** 2).sum())
+        rest = max(total - explained, 1e-9 * total)
+        promise.append(0.5 * among.freedom * math.log(total / rest) - among.width(explained, block))
+    order = [k for k in np.argsort(promise)[::-1].tolist() if k not in one.members]
+    return [_weighed(among, (*one.members, k), one) for k in order[:WEIGHED]]
+
+
+def _weighed(among: _Field, members: tuple[int, ...], upon: _Account | None = None) -> _Account:
+    """These effects; ``upon`` is the account of all but the last, if there is one."""
+    y = among.problem.y
+    if not members:
+        return _Account((), np.zeros((len(y), 0)), 0.0, -0.5 * among.freedom * math.log(y @ y))
+    before = upon or _weighed(among, members[:-1])
+    basis = union([before.basis, among.blocks[members[-1]]])
+    more = basis[:, before.basis.shape[1] :]
+    explained = float(((more.T @ y) ** 2).sum())
+    price = before.price + among.width(explained, more) + among.price(members[-1])
+    left = y - basis @ (basis.T @ y)
+    weight = -0.5 * among.freedom * math.log(left @ left) - price
+    return _Account(tuple(sorted(members)), basis, price, weight)

@@ -1,0 +1,135 @@
+"""The page docs/resolving.md from followed trials."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+from tests.blind.effects import EFFECT_IDS
+from tests.blind.scoring import EVIDENCE_FLOOR, Rate
+from tests.blind.table import shown
+from tests.blind.trials import Name, Trial
+
+BINS = ((0.0, 25.0), (25.0, 50.0), (50.0, 200.0), (200.0, float("inf")))
+TARGET = 0.9
+
+Hit = Callable[[Trial], bool]
+
+
+def page(trials: Sequence[Trial], drawn: int, seed: int) -> str:
+    """Markdown."""
+    followed = [one for one in trials if one.followed]
+    promised = [one for one in followed if one.expected >= EVIDENCE_FLOOR]
+    parts = [
+        _head(trials, followed, drawn, seed),
+        _main(trials, followed, promised),
+        _by_promise(followed),
+        _by_effect(followed),
+        _unresolved(trials, followed),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def rate_of(trials: Sequence[Trial], hit: Hit) -> Rate:
+    """How many are a hit."""
+    return Rate(sum(map(hit, trials)), len(trials))
+
+
+def _head(trials: Sequence[Trial], followed: Sequence[Trial], drawn: int, seed: int) -> str:
+    changed = Counter(_preparation(one) for one in followed)
+    return (
+        "# Does the proposed measurement resolve what stayed ambiguous?\n\n"
+        "Made by `python -m tests.blind.resolving -o docs/resolving.md`; never edited by hand.\n\n"
+        "Sessions with one hidden effect, 1, 2 and 4 times the noise, all procedures, from the\n"
+        "simulation of `tests/blind/`. Where the diagnosis is `ambiguous`, the measurement that\n"
+        "it proposes is taken from its JSON document, measured on the same hidden machine with\n"
+        "new "
+        "mountings and new noise, and both sessions are diagnosed together. Of the names that the\n"
+        "proposal is to separate at most one may be left, and the truth must not be lost: then\n"
+        "they are *resolved*. *Single* is harder: one name, the right one, at the right place, no\n"
+        "rival at all. Brackets hold 95 % bounds (Clopper and Pearson) and counts.\n\n"
+        f"- {drawn} sessions drawn, seed {seed}; {len(trials)} were ambiguous.\n"
+        f"- {len(followed)} had a proposal: {changed['nothing']} as the machine stands, "
+        f"{changed['offset']} with a joint\n  offset shifted, {changed['load']} with the tool "
+        "loaded to twice its weight."
+    )
+
+
+def _preparation(one: Trial) -> str:
+    before = one.first["next_measurement"]["before"]
+    if before["load"] != 1.0:
+        return "load"
+    return "offset" if any(before["add_to_entered_offsets_mm"]) else "nothing"
+
+
+def _main(trials: Sequence[Trial], followed: Sequence[Trial], promised: Sequence[Trial]) -> str:
+    resolved = rate_of(promised, Trial.resolved)
+    holds = "yes" if resolved.share >= TARGET else "**no**"
+    lines = [
+        "| what | target | found | holds |",
+        "|---|---|---|---|",
+        f"| resolved, where {EVIDENCE_FLOOR:g} noise variances or more are expected | ≥ 90 % | "
+        f"{shown(resolved)} | {holds} |",
+        f"| resolved, every proposal | – | {shown(rate_of(followed, Trial.resolved))} | – |",
+        f"| explained by a wrong name | – | {shown(rate_of(followed, Trial.wrong))} | – |",
+        *(
+            f"| single after {word}, every ambiguous session | – | "
+            f"{shown(rate_of(trials, hit))} | – |"
+            for word, hit in (
+                ("one measurement", lambda one: one.single(1)),
+                ("two", lambda one: one.single(2)),
+            )
+        ),
+    ]
+    return "\n".join(lines)
+
+
+def _by_promise(followed: Sequence[Trial]) -> str:
+    lines = [
+        "## By what was expected",
+        "",
+        "| expected separation, noise variances | resolved | single |",
+        "|---|---|---|",
+    ]
+    for low, high in BINS:
+        some = [one for one in followed if low <= one.expected < high]
+        said = f"{low:g} … {high:g}" if high < float("inf") else f"{low:g} and more"
+        lines.append(f"| {said} | {_both(some)} |")
+    return "\n".join(lines)
+
+
+def _by_effect(followed: Sequence[Trial]) -> str:
+    lines = ["## By hidden effect", "", "| effect | resolved | single |", "|---|---|---|"]
+    for effect in EFFECT_IDS:
+        some = [one for one in followed if one.hidden["id"] == effect]
+        lines.append(f"| {effect} | {_both(some)} |")
+    return "\n".join(lines)
+
+
+def _both(some: Sequence[Trial]) -> str:
+    resolved, single = rate_of(some, Trial.resolved), rate_of(some, lambda one: one.single(1))
+    return f"{shown(resolved)} | {shown(single)}"
+
+
+def _unresolved(trials: Sequence[Trial], followed: Sequence[Trial]) -> str:
+    alike = Counter(_names(one) for one in trials if not one.followed)
+    missed = Counter(
+        f"{one.hidden['id']}: {_told(one.between)}, {one.expected:.0f} expected"
+        for one in followed
+        if not one.resolved()
+    )
+    lines = ["## What stayed open", ""]
+    lines += [f"- No measurement separates {names} ({n} times)." for names, n in alike.items()]
+    lines += [f"- Hidden {words}." for words in missed]
+    return "\n".join(lines)
+
+
+def _names(one: Trial) -> str:
+    effect = one.first["effects"][0]
+    return _told(
+        {(each["id"], each["where"]) for each in (effect, *effect["indistinguishable_from"])}
+    )
+
+
+def _told(names: set[Name]) -> str:
+    return ", ".join(f"{name} ({where})" for name, where in sorted(names))

@@ -1,0 +1,139 @@
+"""A quick part of the page of resolving: each sort of proposal once, and what the bench does."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.blind.cases import Case
+from tests.blind.forward import readings
+from tests.blind.generator import Again, made_again, make
+from tests.blind.resolving import Follower, machine_text, visits_of
+from tests.blind.resolving_page import page
+from tests.blind.steps import Visit
+from tests.blind.trials import Trial, possible
+
+pytest.importorskip("app.diagnosing", reason="there is no diagnosis to test yet")
+
+Json = dict[str, Any]
+
+SEED = 6
+PROCEDURE = """
+legs = ["z"]
+stations = [0.3, 0.7]
+cycles = 2
+levels = ["zero", 15.0, -40.0]
+"""
+
+
+def case(procedure: str, effect: str, strength: float, number: int = 0) -> Case:
+    key = f"resolving/{procedure}/{effect}/{strength}/{number}"
+    return Case(key, "single", procedure, "gaussian", (effect,), (strength,))
+
+
+def test_a_proposed_file_as_visits() -> None:
+    found = visits_of(PROCEDURE)
+    assert len(found) == 2 * (2 * 3 + 1)
+    assert found[0] == Visit(2, 0.3, 0.0, 1)
+    assert [v.displacement_mm for v in found[:7]] == [0.0, 15.0, -40.0, 0.0, 15.0, -40.0, 0.0]
+    assert {v.station for v in found[7:]} == {0.7}
+
+
+def test_the_same_machine_with_offsets_entered_and_a_load() -> None:
+    """An offset that is entered is gone, weight counts twice, everything else is as it was."""
+    made = make(case("sweep", "gravity_sag", 4.0), SEED)
+    offsets = made.hidden.amounts["offset"]
+    again = Again(visits_of(PROCEDURE), tuple(offsets.tolist()), 2.0)
+    more = made_again(made, again, "gaussian", np.random.default_rng(1))
+    expected = made.hidden.plus(
+        [(("offset", (k,)), -float(offsets[k])) for k in range(3)]
+        + [(("sag", (k,)), float(made.hidden.amounts["sag"][k])) for k in range(3)]
+    )
+    left = more.values_mm - readings(more.rows, expected)
+    for mount in range(4):
+        mine = left[more.rows.mount == mount]
+        assert np.std(mine) < 3.0 * made.sigma_mm
+    assert more.table.splitlines()[1].startswith("z,x,0,")
+    written = tomllib.loads(machine_text(again))
+    assert written["load"] == 2.0
+    assert written["entered_offsets_mm"] == offsets.tolist()
+
+
+@pytest.mark.parametrize(
+    ("procedure", "effect", "load", "shifted"),
+    [
+        ("zero-max-min", "backlash", 1.0, False),
+        ("two-station", "gauge_tilt", 1.0, True),
+        ("zero-max-min", "gravity_sag", 2.0, False),
+    ],
+)
+def test_each_sort_of_proposal_resolves(
+    tmp_path: Path, procedure: str, effect: str, load: float, shifted: bool
+) -> None:
+    strength = 2.0 if effect == "gravity_sag" else 1.0
+    trial = Follower.of(case(procedure, effect, strength), SEED, tmp_path).trial(1)
+    asked = trial.first["next_measurement"]
+    assert trial.first["verdict"] == "ambiguous"
+    assert asked["before"]["load"] == load
+    assert any(asked["before"]["add_to_entered_offsets_mm"]) is shifted
+    assert trial.expected >= 25.0
+    assert effect in {name for name, _ in trial.between}
+    assert trial.resolved()
+    assert trial.single(1)
+    text = page([trial], 1, SEED)
+    assert "| resolved, every proposal | – | 100.0 % (2.5 … 100.0; 1/1) | – |" in text
+
+
+def document(verdict: str, *names: tuple[str, str], also: tuple[tuple[str, str], ...] = ()) -> Json:
+    rivals = [{"id": name, "where": where} for name, where in also]
+    return {
+        "verdict": verdict,
+        "effects": [
+            {"id": name, "where": where, "indistinguishable_from": rivals} for name, where in names
+        ],
+        "next_measurement": {
+            "expected_separation": 30.0,
+            "between": [{"id": "backlash", "where": "x"}, {"id": "actuator_scale", "where": "x"}],
+            "before": {"load": 1.0, "add_to_entered_offsets_mm": [0.0, 0.0, 0.0]},
+        },
+    }
+
+
+def trial_of(*documents: Json) -> Trial:
+    hidden = {"id": "backlash", "where": ["x"], "parameters": [{"value": 1.0, "index": [0]}]}
+    return Trial({"hidden": [hidden]}, documents)
+
+
+BACKLASH, SCALE = ("backlash", "x"), ("actuator_scale", "x")
+FIRST = document("ambiguous", BACKLASH, also=(SCALE,))
+
+
+def test_what_counts_as_resolved() -> None:
+    assert possible(FIRST) == {BACKLASH, SCALE}
+    right = trial_of(FIRST, document("explained", BACKLASH))
+    assert right.resolved()
+    assert right.single(1)
+    assert not right.wrong()
+    both = trial_of(FIRST, FIRST)
+    assert not both.resolved()
+    assert not both.single(2)
+    lost = trial_of(FIRST, document("explained", SCALE))
+    assert not lost.resolved()
+    assert lost.wrong()
+    other = trial_of(FIRST, document("ambiguous", BACKLASH, also=(("leg_bow", "xy"),)))
+    assert other.resolved()
+    assert not other.single(1)
+    elsewhere = trial_of(FIRST, document("explained", ("backlash", "y")))
+    assert not elsewhere.single(1)
+
+
+def test_the_page_counts_what_was_not_followed() -> None:
+    text = page([trial_of(FIRST), trial_of(FIRST, FIRST)], 5, SEED)
+    assert "5 sessions drawn, seed 6; 2 were ambiguous" in text
+    assert "No measurement separates actuator_scale (x), backlash (x) (1 times)" in text
+    assert "Hidden backlash: actuator_scale (x), backlash (x), 30 expected" in text
+    assert "0/1) | **no** |" in text

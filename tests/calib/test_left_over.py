@@ -1,0 +1,147 @@
+"""Unnamed laws: found, described, sized; not where there is nothing or no law."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.results import Diagnosis, LeftOver
+from calib.observations import Observations
+from calib.orthoglide.effects import CATALOGUE
+from calib.orthoglide.effects.empirical import BASES, Empirical, empirical_law
+from calib.orthoglide.effects.law import Placed
+from calib.orthoglide.model import Model
+from calib.orthoglide.pipeline import Stage
+from tests.calib.test_diagnosis import LAWS, SWEEP, TWO_STATION, case
+
+OFF = (1.2, -0.9, 0.6, 0.03, -0.02, 0.01)
+
+
+def cube(size: float, leg: str = "x") -> Placed:
+    return Placed(Empirical(("travel_cube_at_100mm",)), leg, (size,))
+
+
+def law_of(found: Diagnosis) -> LeftOver:
+    assert found.left_over is not None
+    return found.left_over
+
+
+def test_a_cube_of_travel_is_described_and_never_named() -> None:
+    made = case(TWO_STATION, cube(800.0), seed=3)
+    found = diagnose([made], CATALOGUE)
+    assert found.verdict in ("partly-explained", "unexplained")
+    law = law_of(found).law
+    assert (law.id, law.kind, law.where) == ("empirical", "empirical", "x")
+    assert law.title == (
+        "it grows with the cube of travel of carriage X, not with the direction of approach or "
+        "with time"
+    )
+    (value,) = law.parameters
+    assert abs(value.value - 800.0) < 4.0 * value.standard_uncertainty
+    assert law.gap_rms_after_mm < 0.4 * law.gap_rms_before_mm
+    held = law_of(found).held_out
+    assert held is not None
+    assert held.after_rms_mm < 0.5 * held.before_rms_mm
+    assert "empirical" not in {one.id for one in found.effects}
+    assert "empirical" not in {one.id for one in found.candidates}
+
+
+def test_held_out_sessions_judge_the_law() -> None:
+    sessions = [case(TWO_STATION, cube(800.0), seed=seed) for seed in (3, 4)]
+    held = law_of(diagnose(sessions[:1], CATALOGUE, sessions[1:])).held_out
+    assert held is not None
+    assert held.how == "sessions that were not used"
+    assert held.after_rms_mm < 1.5 * held.noise_rms_mm < 0.5 * held.before_rms_mm
+
+
+def test_readings_that_depend_on_time_and_direction() -> None:
+    """Without anything in the catalogue that could be named in its place."""
+    term = Empirical(("cube_at_100mm", "up_less_down"))
+    effects = [Placed(term, place, (60.0, 25.0)) for place in ("yx", "yz")]
+    found = diagnose([case(SWEEP, *effects, seed=6)], [LAWS["thermal_drift"]])
+    assert found.verdict == "unexplained"
+    assert found.effects == ()
+    law = law_of(found).law
+    assert law.where == "y"
+    assert "with the cube of displacement and with the direction of approach" in law.title
+    assert law.title.endswith("at both indicators of leg Y, not with time")
+    values = {v.name: v for v in law.parameters}
+    assert set(values) == {f"{b}_{p}" for b in term.bases for p in ("yx", "yz")}
+    for name, size in (("cube_at_100mm", 60.0), ("up_less_down", 25.0)):
+        for place in ("yx", "yz"):
+            one = values[f"{name}_{place}"]
+            assert abs(one.value - size) < 4.0 * one.standard_uncertainty
+
+
+def test_a_law_beside_what_was_named() -> None:
+    """A name is kept, and what it leaves is described by itself."""
+    effects = (
+        Placed(LAWS["backlash"], "z", (0.05,)),
+        Placed(Empirical(("fourth_at_100mm",)), "xy", (30.0,)),
+    )
+    found = diagnose([case(TWO_STATION, *effects, seed=7)], [LAWS["backlash"]])
+    assert [(one.id, one.where) for one in found.effects] == [("backlash", "z")]
+    assert found.verdict == "partly-explained"
+    left = law_of(found)
+    assert not left.whole
+    assert left.law.where == "xy"
+    assert "fourth power" in left.law.title
+    assert left.law.gap_rms_before_mm == pytest.approx(found.gap_after.rms_mm)
+
+
+def test_adopted_it_is_gone_and_the_model_agrees() -> None:
+    made = case(TWO_STATION, cube(800.0), seed=3)
+    effects = law_of(diagnose([made], CATALOGUE)).law.effects
+    again = case(TWO_STATION, cube(800.0), seed=3, model=Model(effects=effects))
+    found = diagnose([again], CATALOGUE)
+    assert found.verdict == "agrees"
+    assert found.left_over is None
+
+
+@pytest.mark.parametrize("taken", [SWEEP, TWO_STATION])
+def test_noise_has_no_law(taken: Observations) -> None:
+    for seed in range(4):
+        assert diagnose([case(taken, seed=seed)], []).left_over is None
+
+
+def test_what_follows_no_law_is_said_to_follow_none() -> None:
+    made = case(SWEEP, seed=2)
+    value = made.observed.value_mm.copy()
+    keys = list(zip(made.observed.mount, made.observed.displacement_mm, strict=True))
+    own = {key: np.random.default_rng(abs(hash(key)) % 1000).normal(0, 0.02) for key in keys}
+    value += np.array([own[key] for key in keys])
+    rough = made.with_readings(type(made.observed)(**(vars(made.observed) | {"value_mm": value})))
+    found = diagnose([rough], [])
+    assert found.verdict == "unexplained"
+    assert found.left_over is None
+    assert any("no simple law" in remark for remark in found.remarks)
+
+
+def test_bases_and_laws_by_hand() -> None:
+    readings = Empirical(("square_at_100mm", "per_hour"))
+    plain, taken = Model(parameters_mm=OFF), TWO_STATION
+    changed = Model(parameters_mm=OFF, effects=(Placed(readings, "xz", (20.0, 6.0)),))
+    moved = changed.readings(taken) - plain.readings(taken)
+    here = (taken.leg == 0) & (taken.axis == 2)
+    expected = 0.020 * (taken.displacement_mm / 100.0) ** 2 + 0.006 * taken.time_s / 3600.0
+    assert moved == pytest.approx(np.where(here, expected, 0.0), abs=1e-12)
+    carriage = Empirical(("travel_square_at_100mm",))
+    off = Model(parameters_mm=OFF, effects=(Placed(carriage, "y", (100.0,)),))
+    scale = Model(parameters_mm=OFF, effects=(Placed(LAWS["actuator_scale"], "y", (-0.6,)),))
+    low = (taken.leg == 1) & (np.abs(taken.displacement_mm) == 60.0)
+    for at in np.flatnonzero(low & (taken.displacement_mm > 0)):
+        # 100 µm · 0.6² = 36 µm at +60 mm, as much as -0.6 mm/m · 60 mm, but the other way
+        first = off.readings(taken)[at] - plain.readings(taken)[at]
+        second = scale.readings(taken)[at] - plain.readings(taken)[at]
+        assert first == pytest.approx(-second, rel=1e-2)
+
+
+def test_laws_that_are_none() -> None:
+    assert empirical_law(()) is None
+    assert empirical_law(("cube_at_100mm", "nonsense")) is None
+    assert empirical_law(("cube_at_100mm", "travel_cube_at_100mm")) is None
+    mixed = empirical_law(("per_hour", "line_at_100mm"))
+    assert mixed is not None
+    assert mixed.bases == ("line_at_100mm", "per_hour")
+    assert {BASES[name].stage for name in mixed.bases} == {Stage.READING}

@@ -150,13 +150,21 @@ def candidates_text(candidates: tuple[Contender, ...]) -> str:
     held = any(one.held_out_gap_rms_mm is not None for one in candidates)
     columns = ["effect", "where", "gap left, mm", *(["held out, mm"] if held else []), ""]
     table = new_table(*columns, left=2)
-    for one in candidates[:SHOWN_CANDIDATES]:
+    for one in _shown(candidates):
         row = [one.id, one.where, f"{one.gap_rms_after_mm:.4f}"]
         if held:
             left = one.held_out_gap_rms_mm
             row.append("" if left is None else f"{left:.4f}")
         table.add_row(*row, one.reason_rejected or "named")
     return table_text(table)
+
+
+def _shown(candidates: tuple[Contender, ...]) -> tuple[Contender, ...]:
+    """The first ones, and the one that does most for readings it never saw."""
+    first, rest = candidates[:SHOWN_CANDIDATES], candidates[SHOWN_CANDIDATES:]
+    held = [one for one in candidates if one.held_out_gap_rms_mm is not None]
+    best = min(held, key=lambda one: one.held_out_gap_rms_mm or 0.0, default=None)
+    return (*first, best) if best in rest and best is not None else first
 
 
 def detectable_text(diagnosed: Diagnosed) -> str:

@@ -13,6 +13,8 @@ import pytest
 
 from tests.conftest import ROOT
 
+pytestmark = pytest.mark.xdist_group("page")  # one worker makes the page, once
+
 PAGE = ROOT / "docs" / "hexaslide.md"
 SCRIPT = ROOT / "docs" / "make_hexaslide.py"
 
@@ -69,7 +71,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> str:
         capture_output=True,
         text=True,
         encoding="utf-8",
-        timeout=110,
+        timeout=300,
         check=False,
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONUTF8": "1"},
     )

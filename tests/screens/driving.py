@@ -29,7 +29,9 @@ def quick_plan(folder: Path) -> Plan:
 
 
 def text(interface: Interface, selector: str) -> str:
-    return str(interface.screen.query_one(selector, Static).content)
+    """The words of a widget, none while the screen is still being composed."""
+    found = interface.screen.query(selector).results(Static)
+    return "".join(str(one.content) for one in found)
 
 
 async def until(pilot: Pilot[str], what: str, condition: object) -> None:

@@ -27,6 +27,7 @@ def on_signals(leave: Callable[[], object]) -> Callable[[], None]:
         try:
             loop.add_signal_handler(number, _receive, number, leave)
         except (NotImplementedError, RuntimeError, ValueError):
+            # Windows, or not the main thread: the terminal's own keys leave as before
             return lambda: None
         taken.append(number)
 

@@ -10,7 +10,7 @@ demo: $(VENV)/runtime.stamp
 	$(BIN)/glidecal demo
 
 test: check
-	$(BIN)/pytest -n 4 --dist loadgroup
+	$(BIN)/pytest -n 4
 
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff check .

@@ -13,8 +13,6 @@ import pytest
 
 from tests.conftest import ROOT
 
-pytestmark = pytest.mark.xdist_group("page")  # one worker makes the page, once
-
 PAGE = ROOT / "docs" / "hexaslide.md"
 SCRIPT = ROOT / "docs" / "make_hexaslide.py"
 

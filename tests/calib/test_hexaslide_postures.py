@@ -20,8 +20,6 @@ from calib.posture_refinement import OF_ENDS
 from tests.calib.hexaslide_draws import jacobian_and_slopes
 from tests.calib.test_hexaslide import H60, random_machine, some
 
-pytestmark = pytest.mark.xdist_group("postures")  # searches that several tests look at
-
 PROCEDURES = {
     "pose-inverse": Procedure.of("pose-inverse"),
     "pose-forward": Procedure.of("pose-forward"),

@@ -10,7 +10,6 @@ from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
-from textual.screen import Screen
 from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
 from textual.worker import get_current_worker
 
@@ -22,6 +21,7 @@ from app.opening import unused_path
 from app.own_effects import known_laws
 from app.screens.dialogs import ChoiceDialog, TextDialog
 from app.screens.interface import Interface
+from app.screens.pages import PagedScreen
 from app.screens.plot import ChartPlot
 from app.wording.diagnose_screen import (
     DIAGNOSE_HELP,
@@ -52,7 +52,7 @@ PAGES = {"verdict": "1 Verdict", "where": "2 Where", "candidates": "3 Candidates
 CHANGE = "change"
 
 
-class DiagnoseScreen(Screen[None]):
+class DiagnoseScreen(PagedScreen):
     """One diagnosis; what was named can be adopted into a model and is then looked for no more."""
 
     app: Interface
@@ -153,14 +153,6 @@ class DiagnoseScreen(Screen[None]):
     def action_page(self, name: str) -> None:
         """One of the four pages."""
         self.query_one(TabbedContent).active = name
-
-    def action_turn_to(self, direction: int) -> None:
-        """The next page, or the one before."""
-        tabs = self.query_one(Tabs)
-        if direction > 0:
-            tabs.action_next_tab()
-        else:
-            tabs.action_previous_tab()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """What cannot be done now is not offered; its key says why."""

@@ -13,7 +13,6 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.events import Resize
 from textual.message import Message
-from textual.screen import Screen
 from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
 
 from app.hexaslide_drawings import drawn_machine, drawn_postures
@@ -22,6 +21,7 @@ from app.planning import Request
 from app.screens.dialogs import TextDialog
 from app.screens.drawing import DrawingPlot
 from app.screens.interface import Interface
+from app.screens.pages import PagedScreen
 from app.wording.hexaslide_screen import (
     HEXASLIDE_HELP,
     LOOKING,
@@ -69,7 +69,7 @@ class Heard(Message):
     problem: GlidecalError | None = None
 
 
-class HexaSlideScreen(Screen[None]):
+class HexaSlideScreen(PagedScreen):
     """Four procedures on one machine; nothing is written."""
 
     app: Interface
@@ -333,14 +333,6 @@ class HexaSlideScreen(Screen[None]):
         if self.view is not None and self.found is not None:
             self._drawn_at = (self._drawn_at + by) % (len(self.found.postures) + 1)
             self._draw_machine(self.view)
-
-    def action_turn_to(self, direction: int) -> None:
-        """The next page, or the one before."""
-        tabs = self.query_one(Tabs)
-        if direction > 0:
-            tabs.action_next_tab()
-        else:
-            tabs.action_previous_tab()
 
     def action_copy(self) -> None:
         """The text of this page to the clipboard of the terminal."""

@@ -10,13 +10,13 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
 from textual.events import Resize
-from textual.screen import Screen
 from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
 
 from app.demo import export_offsets, verification_plan
 from app.opening import Plan
 from app.plots import before_and_after, measured_and_predicted
 from app.screens.interface import Interface
+from app.screens.pages import PagedScreen
 from app.screens.plot import ChartPlot
 from app.solving import Solved, solve_sessions
 from app.wording.result import comparison_text
@@ -43,7 +43,7 @@ WIDE = 110
 RESULT, PLOT, COMPARISON = "tab-result", "tab-plot", "tab-comparison"
 
 
-class ResultScreen(Screen[None]):
+class ResultScreen(PagedScreen):
     """One solution; with the plan of its session it can be verified."""
 
     app: Interface
@@ -109,14 +109,6 @@ class ResultScreen(Screen[None]):
         """Up and down scroll the text of the page that is shown."""
         scrolls = event.pane.query(VerticalScroll)
         self.set_focus(scrolls.first() if scrolls else None)
-
-    def action_turn_to(self, direction: int) -> None:
-        """The next page, or the one before."""
-        tabs = self.query_one(Tabs)
-        if direction > 0:
-            tabs.action_next_tab()
-        else:
-            tabs.action_previous_tab()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Nothing is offered that this program will not do; its key says why."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from app.commands.options import AsJson, finite
+from app.commands.options import AsJson, Known, Measured, finite
 
 if TYPE_CHECKING:
     from app.planning import Request as Asked
@@ -42,15 +42,8 @@ def identifiability(
     ] = None,
     machine_file: MachineFile = None,
     noise: Noise = None,
-    measured: Annotated[
-        str, typer.Option(help="Hexa Slide: what is measured, such as x,y,z,theta.")
-    ] = "",
-    known: Annotated[
-        str | None,
-        typer.Option(
-            help="Constraint link: what is known of c,d,length, or none.", show_default="length"
-        ),
-    ] = None,
+    measured: Measured = "",
+    known: Known = None,
     postures: Annotated[
         int | None, typer.Option(help="Hexa Slide: random postures.", min=1, max=10_000)
     ] = None,

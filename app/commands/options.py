@@ -91,3 +91,12 @@ def need_terminal(what: str, instead: str) -> None:
 
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UsageError(what, "no terminal", f"a terminal, or {instead}")
+
+
+Measured = Annotated[str, typer.Option(help="Hexa Slide: what is measured, such as x,y,z,theta.")]
+Known = Annotated[
+    str | None,
+    typer.Option(
+        help="Constraint link: what is known of c,d,length, or none.", show_default="length"
+    ),
+]

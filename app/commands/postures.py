@@ -15,7 +15,7 @@ from app.commands.identifiability import (
     Noise,
     Procedure,
 )
-from app.commands.options import AsJson, finite, say
+from app.commands.options import AsJson, Known, Measured, finite, say
 
 if TYPE_CHECKING:
     from app.planning import Request as Asked
@@ -60,15 +60,8 @@ def postures(
     common: Annotated[
         bool, typer.Option("--common", help="The same displacements on all legs: one file.")
     ] = False,
-    measured: Annotated[
-        str, typer.Option(help="Hexa Slide: what is measured, such as x,y,z,theta.")
-    ] = "",
-    known: Annotated[
-        str | None,
-        typer.Option(
-            help="Constraint link: what is known of c,d,length, or none.", show_default="length"
-        ),
-    ] = None,
+    measured: Measured = "",
+    known: Known = None,
     posture_file: Annotated[
         Path | None,
         typer.Option(help="Hexa Slide: .csv or .json file to start from.", readable=False),

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calib.diagnosis.blunders import Blunder, Suspicion
-from calib.diagnosis.entries import Entry, entries_of, implausible
+from calib.diagnosis.entries import Entry, chosen, entries_of, implausible
 from calib.diagnosis.problem import Problem, Sitting
 from calib.diagnosis.results import Named
 from calib.diagnosis.selection import union
@@ -41,6 +41,7 @@ class _Field:
     problem: Problem
     entries: Sequence[Entry]
     blocks: Sequence[FloatArray]
+    chosen: FloatArray
     _prices: dict[int, float] = field(default_factory=dict)
 
     @classmethod
@@ -50,7 +51,8 @@ class _Field:
         every = [e for e in entries_of(problem, laws) if e.kind != "blunder"]
         blocks = [problem.block(e.columns) for e in every]
         shown = [k for k, block in enumerate(blocks) if block.shape[1]]
-        return cls(problem, [every[k] for k in shown], [blocks[k] for k in shown])
+        entries = [every[k] for k in shown]
+        return cls(problem, entries, [blocks[k] for k in shown], chosen(entries))
 
     @property
     def freedom(self) -> int:
@@ -65,9 +67,8 @@ class _Field:
     def price(self, member: int) -> float:
         """What it costs to have been chosen, and to be of implausible size."""
         if member not in self._prices:
-            entry = self.entries[member]
-            chosen = entry.causes * math.log(len(self.blocks))
-            self._prices[member] = chosen + implausible(self.problem, entry)
+            size = implausible(self.problem, self.entries[member])
+            self._prices[member] = float(self.chosen[member]) + size
         return self._prices[member]
 
 

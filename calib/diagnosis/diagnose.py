@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calib.diagnosis.cleaning import Case, Mistake, clean
-from calib.diagnosis.entries import Entry, entries_of, implausible
+from calib.diagnosis.entries import Entry, entries_of, prices
 from calib.diagnosis.fitting import Fitting
 from calib.diagnosis.independence import DOUBT, repeats_explain_as_much
 from calib.diagnosis.left_over import left_over
@@ -57,9 +57,9 @@ def diagnose(
     blocks = [problem.block(entry.columns) for entry in every]
     seen = [k for k, block in enumerate(blocks) if _may_run(problem, every[k], block)]
     entries = [every[k] for k in seen]
-    losses = np.array([implausible(problem, entry) for entry in entries])
     causes = tuple(entry.causes for entry in entries)
-    race = Race(problem, tuple(blocks[k] for k in seen), losses, causes, seed)
+    shown = tuple(blocks[k] for k in seen)
+    race = Race(problem, shown, prices(problem, entries), causes, seed)
     outcome = race.run()
     fitting = Fitting(problem, entries, race, ready)
     naming = Naming(problem, entries, race, outcome)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,7 @@ FAR = 30.0
 """A parameter so many times its unremarkable size costs as much as one standard deviation."""
 
 MOST_LOSS = 200.0
+ALL = "all"
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +33,11 @@ class Entry:
     candidate: Candidate | None
     names: tuple[tuple[str, str], ...]
     tolerance: FloatArray
+
+    @property
+    def way(self) -> tuple[str, str, str]:
+        """Name, place and arrangement."""
+        return self.id, self.where, self.candidate.arrangement if self.candidate else "one"
 
     @property
     def causes(self) -> int:
@@ -61,6 +68,29 @@ def entries_of(problem: Problem, laws: Sequence[Law]) -> list[Entry]:
         for candidate in candidates_together(sessions, laws)
     ]
     return [*found, *(_lone_readings(problem) if problem.has_repeats() else ())]
+
+
+def prices(problem: Problem, entries: Sequence[Entry]) -> FloatArray:
+    """What each candidate costs in log weight ``(J,)``: to be chosen, and for its size."""
+    return chosen(entries) + np.array([implausible(problem, entry) for entry in entries])
+
+
+def chosen(entries: Sequence[Entry]) -> FloatArray:
+    """What it costs to choose each ``(J,)``, every cause of it anew, before any reading.
+
+    All effects are equally likely; then whether one part errs or identical parts err alike; then
+    which, and in which arrangement. Variants, such as screws of other leads, count as one.
+    """
+    simple = {entry.way for entry in entries if entry.causes == 1}
+    ways = Counter((name, where == ALL) for name, where, _ in simple)
+    kinds = Counter(name for name, _ in ways)
+    effects = len({entry.id for entry in entries})
+    choices = [
+        effects * max(kinds[entry.id], 1) * max(ways[entry.id, entry.where == ALL], 1)
+        for entry in entries
+    ]
+    causes = [entry.causes for entry in entries]
+    return np.asarray(np.array(causes) * np.log(np.array(choices, dtype=np.float64)))
 
 
 def implausible(problem: Problem, entry: Entry) -> float:

@@ -39,7 +39,8 @@ VISIBLE = 1e-6
 class Sitting:
     """One session ready for diagnosis: its visits, its noise, and the model fitted to it.
 
-    ``left_mm`` ``(n,)`` is measured minus predicted without zeros, ``weight`` ``(n,)`` in 1/mm².
+    ``left_mm`` ``(n,)`` is measured minus predicted without zeros, ``weight`` ``(n,)`` in 1/mm²,
+    ``held_to_mm`` ``(6,)`` the base parameters where the tolerances have their middle.
     """
 
     observed: Observations
@@ -48,6 +49,7 @@ class Sitting:
     weight: FloatArray
     left_mm: FloatArray
     base: FloatArray
+    held_to_mm: FloatArray
 
     @classmethod
     def of(
@@ -85,7 +87,7 @@ class Sitting:
         fitted = model.with_parameters(fit.parameters_mm)
         base = derivatives(model.geometry, fit.parameters_mm, visited, model.effects)
         left = visited.value_mm - fitted.readings(visited)
-        return cls(visited, fitted, noise, weight, left, base)
+        return cls(visited, fitted, noise, weight, left, base, np.array(model.parameters_mm))
 
 
 def _rough_variance(visited: Observations) -> float:

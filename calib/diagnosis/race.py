@@ -41,11 +41,11 @@ class Outcome:
 
 @dataclass(eq=False)
 class Race:
-    """Candidates as blocks ``(n, r)`` over one problem; ``causes`` as in `Entry`."""
+    """Candidates as blocks ``(n, r)`` over one problem; ``prices``, ``causes`` as in `Search`."""
 
     problem: Problem
     blocks: tuple[FloatArray, ...]
-    implausible: FloatArray
+    prices: FloatArray
     causes: tuple[int, ...]
     seed: int
     _nulls: dict[tuple[tuple[int, ...], bool], Null] = field(default_factory=dict)
@@ -53,7 +53,7 @@ class Race:
     def run(self) -> Outcome:
         """Name what can be named."""
         search = Search(
-            self.problem.y, self.blocks, self.problem.spread(), self.implausible, self.causes
+            self.problem.y, self.blocks, self.problem.spread(), self.prices, self.causes
         )
         singles = search.singles()
         before = self.gap(())
@@ -102,12 +102,7 @@ class Race:
             p, _ = self.step(kept, by_cells=True)
             if p > NAMING_LEVEL:
                 break
-            larger = [
-                search.weigh(tuple(sorted((*kept, k))))
-                for k in range(len(self.blocks))
-                if k not in kept
-            ]
-            model = max(larger, key=lambda m: m.log_weight)
+            model = max(search.beside(kept), key=lambda m: m.log_weight)
             kept = model.members
             steps.append(p)
         if not kept:

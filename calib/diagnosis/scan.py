@@ -96,18 +96,23 @@ def null_scores(
     seen = variance > 1e-9 * variance[-1]
     draws = generator.normal(size=(int(seen.sum()), DRAWS))
     parts = (axes[:, seen] * np.sqrt(variance[seen])) @ draws
-    squares = np.empty((len(blocks), DRAWS))
-    start = 0
-    for k, block in enumerate(blocks):
-        width = block.shape[1]
-        squares[k] = (parts[start : start + width] ** 2).sum(axis=0)
-        start += width
+    ranks, squares = _largest(parts, [block.shape[1] for block in blocks])
     rest = max(reference.structure_df - len(draws), 0)
     total = (draws**2).sum(axis=0) + (generator.chisquare(rest, DRAWS) if rest else 0.0)
     if not reference.by_cells and math.isfinite(reference.noise_df):
         squares = squares / (generator.chisquare(reference.noise_df, DRAWS) / reference.noise_df)
-    ranks = [block.shape[1] for block in blocks]
     return Null(scores(squares, ranks, reference, total).min(axis=0))
+
+
+def _largest(parts: FloatArray, widths: Sequence[int]) -> tuple[list[int], FloatArray]:
+    """Ranks, and the largest square sum among the blocks of each ``(ranks, draws)``.
+
+    At one rank the largest has the best score.
+    """
+    starts = np.cumsum([0, *widths[:-1]])
+    squares = np.add.reduceat(parts**2, starts, axis=0)
+    ranks = sorted(set(widths))
+    return ranks, np.array([squares[np.equal(widths, r)].max(axis=0) for r in ranks])
 
 
 def gap_p_value(gap: float, df: int, noise_df: float) -> float:

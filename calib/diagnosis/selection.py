@@ -2,8 +2,8 @@
 
 The weight of a model is a Bayes factor against no effect with a prior width fitted to each model
 (local empirical Bayes, Liang et al. 2008). Every model is judged by the same readings, so what it
-leaves counts as well as what it explains. Every further cause pays for the number of candidates
-it was chosen from, whether it is a further effect or the same one elsewhere with another value.
+leaves counts as well as what it explains. Every further cause pays for what it was chosen
+from, whether it is a further effect or the same one elsewhere with another value.
 """
 
 from __future__ import annotations
@@ -86,8 +86,8 @@ class Search:
     y: FloatArray
     blocks: tuple[FloatArray, ...]
     spread: Spread
-    implausible: FloatArray
-    """Log weight that each candidate loses for the size it would need ``(J,)``."""
+    prices: FloatArray
+    """Log weight that each candidate costs, see `calib.diagnosis.entries.prices` ``(J,)``."""
 
     causes: tuple[int, ...]
     """How many things are wrong at once where a candidate is true."""
@@ -111,39 +111,62 @@ class Search:
     def pairs(self, singles: Sequence[Weighed]) -> list[Weighed]:
         """Every candidate beside each of the most promising ones."""
         first = self._promising(singles, PAIRS_AMONG)
-        found = {tuple(sorted((i, j))) for i in first for j in range(len(self.blocks)) if i != j}
-        return [self.weigh(members) for members in sorted(found)]
+        return self._all_beside([(k,) for k in first])
 
     def triples(self, pairs: Sequence[Weighed]) -> list[Weighed]:
         """Every candidate beside the best pairs."""
         two = [m for m in pairs if len(m.members) == 2]
         best = sorted(two, key=lambda m: -m.log_weight)[:TRIPLES_AMONG]
-        found = {
-            tuple(sorted((*m.members, k)))
-            for m in best
-            for k in range(len(self.blocks))
-            if k not in m.members
-        }
-        return [self.weigh(members) for members in sorted(found)]
+        return self._all_beside([m.members for m in best])
+
+    def _all_beside(self, bases: Sequence[tuple[int, ...]]) -> list[Weighed]:
+        """Every candidate beside each of these, every model once."""
+        found = {model.members: model for base in bases for model in self.beside(base)}
+        return [found[members] for members in sorted(found)]
+
+    def beside(self, base: tuple[int, ...]) -> list[Weighed]:
+        """Every other candidate beside these ones: what `weigh` gives, all at once."""
+        known = union([self.blocks[k] for k in base]) if base else self.y[:, None][:, :0]
+        inside = known.T @ self.y
+        found = []
+        others = [k for k in range(len(self.blocks)) if k not in base]
+        for width in sorted({self.blocks[k].shape[1] for k in others}):
+            alike = [k for k in others if self.blocks[k].shape[1] == width]
+            explained, rank = self._added(alike, known, inside)
+            for k, more, directions in zip(alike, explained, rank, strict=True):
+                total = float(inside @ inside) + float(more)
+                found.append(self._weighed((*base, k), total, known.shape[1] + int(directions)))
+        return found
+
+    def _added(
+        self, alike: Sequence[int], known: FloatArray, inside: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Squares and directions ``(k,)`` that blocks of one width add to a basis ``(n, r)``."""
+        stacked = np.stack([self.blocks[k] for k in alike])
+        shared = known.T @ stacked
+        left = np.eye(stacked.shape[2]) - shared.transpose(0, 2, 1) @ shared
+        size, axes = np.linalg.eigh(left)
+        along = (stacked.transpose(0, 2, 1) @ self.y - shared.transpose(0, 2, 1) @ inside)[:, None]
+        seen = size > RANK_TOLERANCE**2
+        squares = (along @ axes)[:, 0] ** 2 / np.where(seen, size, 1.0)
+        return np.where(seen, squares, 0.0).sum(axis=1), seen.sum(axis=1)
 
     def _promising(self, singles: Sequence[Weighed], count: int) -> list[int]:
         """Best alone, and best beside the best one."""
         alone = sorted(singles, key=lambda m: -m.log_weight)
         lead = alone[0].members[0]
-        beside = sorted(
-            (self.weigh(tuple(sorted((lead, k)))) for k in range(len(self.blocks)) if k != lead),
-            key=lambda m: -m.log_weight,
-        )
+        beside = sorted(self.beside((lead,)), key=lambda m: -m.log_weight)
         others = [next(k for k in m.members if k != lead) for m in beside[: count // 2]]
         return list(dict.fromkeys([m.members[0] for m in alone[:count]] + others))
 
     def weigh(self, members: tuple[int, ...]) -> Weighed:
         """One model of these candidates."""
         basis = union([self.blocks[k] for k in members])
-        explained = float(((basis.T @ self.y) ** 2).sum())
-        rank = basis.shape[1]
-        price = sum(self.causes[k] for k in members) * math.log(max(len(self.blocks), 2))
-        price += float(self.implausible[list(members)].sum())
+        return self._weighed(members, float(((basis.T @ self.y) ** 2).sum()), basis.shape[1])
+
+    def _weighed(self, members: tuple[int, ...], explained: float, rank: int) -> Weighed:
+        members = tuple(sorted(members))
+        price = float(self.prices[list(members)].sum())
         weight = log_bayes_factor(explained, rank, self.spread) - price
         return Weighed(members, explained, rank, weight)
 

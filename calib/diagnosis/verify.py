@@ -96,11 +96,7 @@ def _choose(
     singles = search.singles()
     best = max(singles, key=lambda m: m.log_weight)
     while len(best.members) < size:
-        larger = [
-            search.weigh(tuple(sorted((*best.members, k))))
-            for k in range(len(blocks))
-            if k not in best.members
-        ]
+        larger = search.beside(best.members)
         if not larger:
             break
         best = max(larger, key=lambda m: m.log_weight)
@@ -110,15 +106,20 @@ def _choose(
 def _held_fit(
     design: FloatArray, y: FloatArray, train: IntArray, problem: Problem, tolerance_mm: FloatArray
 ) -> FloatArray:
-    """Least squares on some rows; base parameters held by their tolerances."""
-    hold = np.zeros(design.shape[1])
+    """Least squares on some rows; base parameters held by their tolerances.
+
+    Not to the fit without effects, which a missing effect has pulled away.
+    """
+    hold, middle = np.zeros(design.shape[1]), np.zeros(design.shape[1])
     start = 0
     for one in problem.sittings:
         start += one.observed.mount_count
-        hold[start : start + len(tolerance_mm)] = 1.0 / tolerance_mm
-        start += len(tolerance_mm)
+        here = slice(start, start + len(tolerance_mm))
+        hold[here] = 1.0 / tolerance_mm
+        middle[here] = one.held_to_mm - np.array(one.model.parameters_mm)
+        start = here.stop
     rows = np.vstack([design[train], np.diag(hold)[hold > 0.0]])
-    right = np.concatenate([y[train], np.zeros(int((hold > 0.0).sum()))])
+    right = np.concatenate([y[train], (hold * middle)[hold > 0.0]])
     size = np.maximum(np.sqrt((rows**2).sum(axis=0)), 1e-300)
     found = np.linalg.lstsq(rows / size, right, rcond=1e-10)[0]
     return np.asarray(found / size)
@@ -135,7 +136,7 @@ def on_other_sessions(
     before = Problem.of(others)
     adopted = []
     for one in others:
-        model = one.model.with_parameters(np.zeros(len(tolerance_mm))).with_effects(
+        model = one.model.with_parameters(one.held_to_mm).with_effects(
             (*one.model.effects, *effects)
         )
         try:

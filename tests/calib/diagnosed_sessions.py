@@ -1,0 +1,80 @@
+"""Simulated sessions for the tests of the diagnosis, as its steps take them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.diagnosis.cleaning import Case
+from calib.diagnosis.problem import Problem, Sitting
+from calib.diagnosis.results import Diagnosis
+from calib.noise import IndicatorFigures
+from calib.observations import Observations, observe
+from calib.orthoglide.effects import CATALOGUE
+from calib.orthoglide.effects.law import Placed
+from calib.orthoglide.geometry import Geometry
+from calib.orthoglide.model import Model
+from calib.simulation import measure
+from protocols.events import Opened, Reading
+from protocols.machine import Instrument, Machine
+from protocols.observations import to_observations
+from protocols.procedure import default_mount, load_procedure
+from protocols.session import fold
+
+TOLERANCE_MM = np.array([2.0] * 3 + [0.1] * 3)
+LAWS = {law.id: law for law in reversed(CATALOGUE)}
+
+
+def conditions_of(name: str) -> Observations:
+    procedure = load_procedure(name, Geometry())
+    opened = Opened(
+        program="test",
+        origin="simulated",
+        machine=Machine(),
+        procedure=procedure,
+        instruments=(Instrument(profile="a"), Instrument(profile="b")),
+    )
+    readings = [
+        Reading(
+            reading=k,
+            step=step.number,
+            leg=step.leg,
+            axis=axis,
+            displacement_mm=step.displacement_mm,
+            value_mm=0.0,
+            text="0",
+            cycle=step.cycle,
+            mount=default_mount(step.leg, axis, step.station),
+            station=step.station,
+            time_s=20.0 * step.number,
+        )
+        for k, (step, axis) in enumerate(
+            ((s, a) for s in procedure.steps(Geometry()) for a in s.axes), start=1
+        )
+    ]
+    return to_observations([fold([opened, *readings])])
+
+
+SWEEP, TWO_STATION, SHORT = map(conditions_of, ("sweep", "two-station", "zero-max-min"))
+
+
+def case(
+    taken: Observations,
+    *effects: Placed,
+    seed: int = 0,
+    scatter_mm: float = 0.002,
+    model: Model | None = None,
+) -> Case:
+    generator = np.random.default_rng(seed)
+    offsets = np.concatenate([generator.uniform(-2, 2, 3), generator.normal(0, 0.03, 3)])
+    truth = Model(parameters_mm=tuple(offsets.tolist()), effects=effects)
+    value = measure(truth, taken, scatter_mm=scatter_mm, resolution_mm=0.0, generator=generator)
+    return Case(model or Model(), observe(taken, value), IndicatorFigures(), TOLERANCE_MM)
+
+
+def problem(taken: Observations, seed: int) -> Problem:
+    one = case(taken, seed=seed)
+    return Problem.of([Sitting.of(one.model, one.observed, one.indicator, one.tolerance_mm)])
+
+
+def names(found: Diagnosis) -> list[tuple[str, str]]:
+    return [(one.id, one.where) for one in found.effects]

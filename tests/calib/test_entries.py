@@ -1,0 +1,42 @@
+"""What a candidate costs before any reading was looked at."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from calib.diagnosis.entries import Entry, chosen, entries_of
+from calib.orthoglide.effects import CATALOGUE
+from tests.calib.diagnosed_sessions import TWO_STATION, problem
+
+
+def visible() -> list[Entry]:
+    made = problem(TWO_STATION, 0)
+    return [e for e in entries_of(made, CATALOGUE) if made.block(e.columns).shape[1]]
+
+
+def test_an_effect_then_one_part_or_all_then_which() -> None:
+    entries = visible()
+    cost = {(e.id, e.where): price for e, price in zip(entries, chosen(entries), strict=True)}
+    effects = len({e.id for e in entries})
+    assert cost["gravity_sag", "all"] == pytest.approx(math.log(effects * 2))
+    assert cost["gravity_sag", "x"] == pytest.approx(math.log(effects * 2 * 3))
+    # Three scales that are alike cannot be seen, so only one drive can have a wrong one.
+    assert cost["actuator_scale", "z"] == pytest.approx(math.log(effects * 3))
+    assert cost["actuator_scale", "x,y,z"] == pytest.approx(3 * math.log(effects * 3))
+    # Screws of several leads are one effect.
+    assert cost["actuator_cyclic", "x"] == cost["backlash", "x"]
+
+
+def test_the_effects_share_their_chances_evenly() -> None:
+    """Chances of the simple ways of one effect add up to its own."""
+    entries = visible()
+    effects = {e.id for e in entries}
+    for name in effects:
+        chances = {
+            e.way: math.exp(-price)
+            for e, price in zip(entries, chosen(entries), strict=True)
+            if e.id == name and e.causes == 1
+        }
+        assert sum(chances.values()) == pytest.approx(1.0 / len(effects))

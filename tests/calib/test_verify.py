@@ -1,0 +1,48 @@
+"""The gap on readings that were left out, beside a fit that knows the effect."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.diagnose import diagnose
+from calib.observations import Observations
+from calib.orthoglide.effects import CATALOGUE
+from calib.orthoglide.effects.law import Placed
+from calib.orthoglide.model import Model
+from calib.orthoglide.pipeline import derivatives
+from tests.calib.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case
+
+
+def left_by_the_true_effect_mm(taken: Observations, effect: Placed, value: np.ndarray) -> float:
+    """One side of one leg at a time predicted from the rest: nothing held, the effect known."""
+    model = Model()
+    base = derivatives(model.geometry, model.parameters_mm, taken, (effect,))
+    small = 1e-6
+    bigger = Placed(effect.law, effect.place, tuple(v + small for v in effect.values))
+    readings = [Model(effects=(e,)).readings(taken) for e in (effect, bigger)]
+    column = (readings[1] - readings[0]) / small
+    zeros = np.eye(taken.mount_count)[taken.mount]
+    design = np.column_stack([zeros, base, column])
+    design = design / np.linalg.norm(design, axis=0)
+    left = value - readings[0]
+    missed = []
+    for leg in range(3):
+        for side in (1.0, -1.0):
+            out = (taken.leg == leg) & (np.sign(taken.displacement_mm) == side)
+            x = np.linalg.lstsq(design[~out], left[~out], rcond=1e-12)[0]
+            missed.append(left[out] - design[out] @ x)
+    return float(np.sqrt(np.mean(np.concatenate(missed) ** 2)))
+
+
+@pytest.mark.parametrize("taken", [SWEEP, TWO_STATION])
+def test_readings_left_out_are_predicted_as_well_as_by_the_true_effect(taken: Observations) -> None:
+    """Axes out of square pull the offsets of a fit without them 3 mm away: that must not hold."""
+    effect = Placed(LAWS["axis_squareness"], "xy", (2.0,))
+    made = case(taken, effect, seed=4)
+    found = diagnose([made], CATALOGUE)
+    assert [(one.id, one.where) for one in found.effects] == [("axis_squareness", "xy")]
+    assert found.held_out is not None
+    right = left_by_the_true_effect_mm(taken, effect, made.observed.value_mm)
+    assert found.held_out.after_rms_mm == pytest.approx(right, rel=0.1)
+    assert found.held_out.before_rms_mm > 3.0 * right

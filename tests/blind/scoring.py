@@ -216,6 +216,16 @@ def coverage(chosen: Iterable[Scored]) -> Rate:
     return Rate(sum(found), len(found))
 
 
+def at_best(one: Scored) -> float:
+    """Chance to name every effect right for whoever knows all of the machine but the names.
+
+    Two explanations that were equally likely and are D noise variances apart are told apart with
+    Φ(√D / 2) at best (Neyman and Pearson). Only the nearest rival counts: the truth is lower.
+    """
+    apart = np.array([max(each["rival_ncp"], 0.0) for each in one.hidden])
+    return float(np.prod(stats.norm.cdf(np.sqrt(apart) / 2.0)))
+
+
 def percentiles(values: Sequence[float]) -> tuple[float, float]:
     """Median and 95th percentile; NaN of nothing."""
     if not values:

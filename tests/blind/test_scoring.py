@@ -24,6 +24,7 @@ from tests.blind.parameters import covered
 from tests.blind.scoring import (
     Rate,
     Scored,
+    at_best,
     blunder_named,
     called_explained,
     coverage,
@@ -74,6 +75,16 @@ def effect(name: str, where: str, kind: str = "machine", *also: str) -> Json:
 def scored(made: Made, said: Json) -> Scored:
     row = row_of(lambda *_: said, Path("unused"), ())
     return Scored(made.truth, {"session": "s", **row})
+
+
+def test_the_most_that_any_method_can_reach() -> None:
+    """Noise is drawn and the nearer of two explanations taken."""
+    generator = np.random.default_rng(8)
+    for apart in (0.0, 1.0, 9.0):
+        truth = {"hidden": [{"rival_ncp": apart}, {"rival_ncp": 4.0 * apart}]}
+        noise = generator.standard_normal((2, 40_000))
+        right = (noise < 0.5 * np.sqrt(apart) * np.array([[1.0], [2.0]])).all(axis=0)
+        assert at_best(Scored(truth, {})) == pytest.approx(right.mean(), abs=0.01)
 
 
 @pytest.mark.parametrize("name", EFFECT_IDS)

@@ -72,7 +72,8 @@ def entries_of(problem: Problem, laws: Sequence[Law]) -> list[Entry]:
 
 def prices(problem: Problem, entries: Sequence[Entry]) -> FloatArray:
     """What each candidate costs in log weight ``(J,)``: to be chosen, and for its size."""
-    return chosen(entries) + np.array([implausible(problem, entry) for entry in entries])
+    sizes = [implausible(problem, entry) for entry in entries]
+    return np.asarray(chosen(entries) + np.array(sizes))
 
 
 def chosen(entries: Sequence[Entry]) -> FloatArray:

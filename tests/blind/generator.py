@@ -14,7 +14,15 @@ from tests.blind.cases import Case
 from tests.blind.effects import LARGEST, LETTERS, PAIRS, Candidate, Direction, candidates
 from tests.blind.forward import Entry, FloatArray, Hidden, Rows, readings
 from tests.blind.noise import RESOLUTION_MM, Noise, draw
-from tests.blind.signatures import BASE, Columns, best_rival, contained, left_out_rms, parts
+from tests.blind.signatures import (
+    BASE,
+    Columns,
+    best_rival,
+    contained,
+    left_out_rms,
+    named_by_a_judge,
+    parts,
+)
 from tests.blind.steps import PLANS, Visit, rows_of, rows_of_visits, sorted_by_cycle
 
 Json = dict[str, Any]
@@ -284,6 +292,7 @@ def _described(placed: Placed, case: Case, columns: Columns, noise_mm: float) ->
     others = [*(c for c in others if len(c.directions) <= parameters), *parts(mine)]
     elsewhere = [contained(signal, columns.span(c)) for c in others]
     ncp = float(np.sum((signal / noise_mm) ** 2))
+    every = [c for c in candidates() if c.id not in case.without or c.id == mine.id]
     return {
         "id": mine.id,
         "where": [mine.where, *_also_right(placed)],
@@ -298,6 +307,7 @@ def _described(placed: Placed, case: Case, columns: Columns, noise_mm: float) ->
         "rival": rival,
         "rival_share": share,
         "rival_ncp": (1 - share) * ncp,
+        "named_by_a_judge": named_by_a_judge(columns, placed.signal, mine.id, every, noise_mm),
         "elsewhere_ncp": (1 - max(elsewhere, default=0.0)) * ncp,
     }
 

@@ -217,13 +217,8 @@ def coverage(chosen: Iterable[Scored]) -> Rate:
 
 
 def at_best(one: Scored) -> float:
-    """Chance to name every effect right for whoever knows all of the machine but the names.
-
-    Two explanations that were equally likely and are D noise variances apart are told apart with
-    Φ(√D / 2) at best (Neyman and Pearson). Only the nearest rival counts: the truth is lower.
-    """
-    apart = np.array([max(each["rival_ncp"], 0.0) for each in one.hidden])
-    return float(np.prod(stats.norm.cdf(np.sqrt(apart) / 2.0)))
+    """Chance that an ideal judge names every effect right, see `signatures.named_by_a_judge`."""
+    return float(np.prod([each["named_by_a_judge"] for each in one.hidden]))
 
 
 def percentiles(values: Sequence[float]) -> tuple[float, float]:

@@ -5,6 +5,7 @@ Derivatives are forward differences of the bench's own machine.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
@@ -17,6 +18,7 @@ from tests.blind.forward import Entry, FloatArray, Hidden, Rows, readings
 STEP = {"offset": 1e-3, "length": 1e-3, "lean": 1e-6, "curve": 1e-8, "bow": 1e-8, "drift": 1e-6}
 USUAL_STEP = 1e-5
 RANK_TOLERANCE = 1e-6
+JUDGED = 200
 BASE: tuple[Entry, ...] = tuple((name, (i,)) for name in ("offset", "length") for i in range(3))
 
 
@@ -29,6 +31,7 @@ class Columns:
         self._found: dict[tuple[Entry, float], FloatArray] = {}
         zeros = np.equal.outer(rows.mount, np.arange(rows.mount.max() + 1)).astype(np.float64)
         self._plain: dict[float, FloatArray] = {}
+        self._spans: dict[Candidate, FloatArray] = {}
         base = np.column_stack([self._entry(entry, hidden.lead_mm) for entry in BASE])
         self.base = np.column_stack([base, zeros])
         self.nuisance = np.linalg.qr(self.base)[0]
@@ -38,6 +41,7 @@ class Columns:
         if not others:
             return self
         joint = copy(self)
+        joint._spans = {}
         spans = [self.span(candidate) for candidate in others]
         joint.nuisance = np.linalg.qr(np.column_stack([self.nuisance, *spans]))[0]
         return joint
@@ -69,6 +73,11 @@ class Columns:
 
     def span(self, candidate: Candidate) -> FloatArray:
         """Orthonormal basis of what the candidate leaves, ``(n, rank)``."""
+        if candidate not in self._spans:
+            self._spans[candidate] = self._span(candidate)
+        return self._spans[candidate]
+
+    def _span(self, candidate: Candidate) -> FloatArray:
         raw = self.raw(candidate)
         scale = np.linalg.norm(raw, axis=0)
         left = self.left_over(raw) / np.where(scale > 0, scale, 1.0)
@@ -100,6 +109,29 @@ def best_rival(
     found = [(contained(left, columns.span(c)), c.id) for c in others]
     share, name = max(found, default=(0.0, ""))
     return name, share
+
+
+def named_by_a_judge(
+    columns: Columns, signal: FloatArray, name: str, others: Sequence[Candidate], noise_mm: float
+) -> float:
+    """How often one who knows all but this effect would give it its name, 0 … 1.
+
+    Known are the machine, the noise and what else is hidden. Noise is drawn, and of all candidates
+    the one with the largest Bayes factor wins (Liang et al. 2008, fitted g, known variance); names
+    are equally likely, and so are the places of each.
+    """
+    ways = Counter(c.id for c in others)
+    noise = np.random.default_rng(len(signal)).standard_normal((len(signal), JUDGED))
+    seen = columns.left_over(signal)[:, None] / noise_mm + noise
+    weights = []
+    for candidate in others:
+        span = columns.span(candidate)
+        rank = max(span.shape[1], 1)
+        squares = np.maximum(np.sum((span.T @ seen) ** 2, axis=0), rank)
+        evidence = 0.5 * (squares - rank) - 0.5 * rank * np.log(squares / rank)
+        weights.append(evidence - np.log(ways[candidate.id]))
+    best = np.argmax(weights, axis=0)
+    return float(np.mean([others[k].id == name for k in best]))
 
 
 def left_out_rms(design: FloatArray, values: FloatArray, groups: Sequence[object]) -> float:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from protocols.record import read_record
 from tests.blind.baselines import Problem as Baseline
@@ -38,7 +39,7 @@ from tests.blind.scoring import (
     truth_in_set,
     wrong_confident,
 )
-from tests.blind.signatures import parts
+from tests.blind.signatures import Columns, contained, named_by_a_judge, parts
 from tests.blind.steps import PLANS, rows_of
 from tests.blind.table import Told, page
 
@@ -77,14 +78,19 @@ def scored(made: Made, said: Json) -> Scored:
     return Scored(made.truth, {"session": "s", **row})
 
 
-def test_the_most_that_any_method_can_reach() -> None:
-    """Noise is drawn and the nearer of two explanations taken."""
-    generator = np.random.default_rng(8)
-    for apart in (0.0, 1.0, 9.0):
-        truth = {"hidden": [{"rival_ncp": apart}, {"rival_ncp": 4.0 * apart}]}
-        noise = generator.standard_normal((2, 40_000))
-        right = (noise < 0.5 * np.sqrt(apart) * np.array([[1.0], [2.0]])).all(axis=0)
-        assert at_best(Scored(truth, {})) == pytest.approx(right.mean(), abs=0.01)
+def test_an_ideal_judge_is_as_good_as_the_nearest_rival_allows() -> None:
+    """Of two that are D apart and equally likely the right one wins with Φ(√D / 2)."""
+    made = make(single("actuator_scale"), SEED)
+    columns = Columns(made.rows, made.hidden)
+    scale = next(c for c in candidates() if (c.id, c.where) == ("actuator_scale", "y"))
+    sag = next(c for c in candidates() if (c.id, c.where) == ("gravity_sag", "y"))
+    unit = columns.span(scale)[:, 0]
+    for size in (5.0, 40.0, 160.0):
+        apart = size**2 * (1.0 - contained(unit, columns.span(sag)))
+        share = named_by_a_judge(columns, size * unit, "actuator_scale", [scale, sag], 1.0)
+        assert share == pytest.approx(norm.cdf(np.sqrt(apart) / 2.0), abs=0.1)
+    (hidden,) = made.truth["hidden"]
+    assert at_best(Scored(made.truth, {})) == hidden["named_by_a_judge"] > 0.3
 
 
 @pytest.mark.parametrize("name", EFFECT_IDS)

@@ -8,17 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from app.solving import Solved
+from app.solving import Solved, indicator_figures
 from calib.accuracy import Decision, ToolMap, decide, tool_map
 from calib.monte_carlo import Campaign, MonteCarlo, simulate_and_identify
 from calib.noise import visits
+from calib.rounding import scatter_of_shown
 from calib.solution import SUBSETS
-from calib.subset_choice import full_covariance, spread
+from calib.subset_choice import left_after
 from protocols.errors import UsageError
 from protocols.observations import to_observations
 
 PLANES = ((0, 1), (1, 2), (0, 2))
 POINTS = 5
+
+STEPS_APART = 10.0
+"""Spread of the simulated machines in steps of the display: one machine alone would always meet the
+same rounding."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +36,13 @@ class Judged:
 
 
 def judge(solved: Solved, tolerance_mm: float) -> Judged:
-    """Pass, fail or undecided, now and with the solution entered (ISO 14253-1)."""
-    factor = solved.solution.coverage_factor
+    """Pass, fail or undecided, now and with the solution entered (ISO 14253-1).
+
+    Raises UsageError for a tolerance that is no positive length.
+    """
+    if not tolerance_mm > 0.0:
+        raise UsageError("--tolerance", f"{tolerance_mm:g} mm", "a positive length in mm")
+    factor = solved.tool_factor
     return Judged(
         tolerance_mm,
         decide(solved.tool_before, tolerance_mm, factor),
@@ -42,12 +52,9 @@ def judge(solved: Solved, tolerance_mm: float) -> Judged:
 
 def maps(solved: Solved) -> tuple[ToolMap, ...]:
     """Expected error of the tool with the solution entered, on the three planes through Zero."""
-    solution = solved.solution
-    covariance = spread(solution) * full_covariance(solution)
-    return tuple(
-        tool_map(solution.model.geometry, np.zeros(6), covariance, plane, POINTS)
-        for plane in PLANES
-    )
+    geometry = solved.solution.model.geometry
+    bias, covariance = left_after(solved.choice.solutions, solved.solution.subset)
+    return tuple(tool_map(geometry, bias, covariance, plane, POINTS) for plane in PLANES)
 
 
 def monte_carlo(
@@ -55,24 +62,30 @@ def monte_carlo(
 ) -> MonteCarlo:
     """Sessions like this one on machines like this one, identified as this one was.
 
-    Raises UsageError for a session without repeats, whose noise cannot be simulated from them, and
+    All indicators scatter alike there; with a coarse display the machines differ by some steps. A
+    stated noise is simulated as stated. Raises UsageError where the noise is what the fit left, and
     for the set held by tolerances.
     """
     solution = solved.solution
-    if solution.noise.source != "repeats" or solution.subset == "with-tolerances":
+    if solution.noise.source == "residuals" or solution.subset == "with-tolerances":
         raise UsageError(
             "--monte-carlo",
             f"noise from {solution.noise.source}, set {solution.subset}",
-            "a session with repeats and one of the plain sets",
+            "a session with repeats or a stated indicator, and one of the plain sets",
         )
-    shown = np.mean([one.shown_mm2 for one in solution.noise.indicators])
+    figures = indicator_figures(solved.sessions)
+    shown = float(np.mean([one.shown_mm2 for one in solution.noise.indicators]))
+    rounded = any(one.locked_mm2 > 1e-6 * shown for one in solution.noise.indicators)
+    stated = solution.noise.repeated in ("nothing", "equal")
+    step = max(figures.resolution_mm or 0.0, figures.step_mm or 0.0) if rounded else 0.0
     campaign = Campaign(
         solution.model,
         visits(to_observations(solved.sessions)),
         SUBSETS[solution.subset],
-        float(np.sqrt(shown)),
-        0.0,
-        np.zeros(6),
+        scatter_of_shown(shown, step),
+        step,
+        np.full(6, STEPS_APART * step),
+        noise_known=stated,
     )
     return simulate_and_identify(campaign, sessions, seed, progress)
 

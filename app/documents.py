@@ -55,8 +55,12 @@ def solution_document(solved: Solved) -> dict[str, Any]:
         "tool_error": {
             "before": _tool_error(solved.tool_before),
             "after": _tool_error(solved.tool_after),
+            "coverage_factor": solved.tool_factor,
         },
         "enlarged_by_lack_of_fit": solved.enlarged,
+        "expanded_with_lack_of_fit_mm": dict(
+            zip(solution.names, solution.enlarged_expanded_mm.tolist(), strict=True)
+        ),
         "lack_of_fit": {
             "statistic": fit.statistic if fit else None,
             "p_value": fit.p_value if fit else None,
@@ -115,6 +119,8 @@ def _noise(noise: Noise) -> dict[str, Any]:
         "degrees_of_freedom": None if known else noise.degrees_of_freedom,
         "source": noise.source,
         "pooled": noise.pooled,
+        "repeats_show": noise.repeated,
+        "wander_mm": noise.wander_mm,
         "indicators": [
             {
                 "standard_deviation_mm": math.sqrt(one.variance_mm2),

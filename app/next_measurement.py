@@ -12,10 +12,13 @@ import numpy as np
 
 from app.own_effects import known_laws
 from app.planning_orthoglide import FREE, stated_noise, tool_metric
-from app.solving import load_sessions
+from app.solving import indicator_figures, load_sessions
 from calib.criteria import covariances_after, inverse
-from calib.noise import IndicatorFigures, Noise, reading_noise, reading_weights, visits
-from calib.observations import LEG_NAMES, FloatArray
+from calib.errors import NotIdentifiable
+from calib.identify import identify
+from calib.lack_of_fit import LACK_OF_FIT_LEVEL
+from calib.noise import Noise, reading_noise, reading_weights, visits
+from calib.observations import LEG_NAMES, FloatArray, Observations
 from calib.orthoglide.model import Model
 from calib.orthoglide.pipeline import derivatives
 from calib.orthoglide.pool import PARAMETERS, STATIONS, LegPool, leg_pool, levels_mm
@@ -118,12 +121,14 @@ def _machine_and_model(
 def _measured(
     sessions: Sequence[Session], model: Model, stated: Noise, noise_mm: float | None
 ) -> tuple[FloatArray, Noise, str]:
-    """Information ``(6, 6)`` of the sessions, and the noise that they show themselves."""
+    """Information ``(6, 6)`` of the sessions, and the noise that they show themselves.
+
+    What the model leaves of them beyond chance counts as noise, as ``solve`` tells it.
+    """
     visited = visits(to_observations(sessions))
-    steps = [s.resolution_mm for s in sessions if s.resolution_mm is not None]
-    figures = IndicatorFigures(resolution_mm=max(steps, default=None))
-    shown = None if noise_mm is not None else reading_noise(visited, figures)
-    words = f"{shown.standard_deviation_mm:.4g} mm, from the sessions" if shown else ""
+    shown, words = None, ""
+    if noise_mm is None:
+        shown, words = _noise_of(sessions, visited, model)
     noise = shown or Noise(stated.indicators[:1] * visited.indicator_count, "instrument")
     design = derivatives(model.geometry, model.parameters_mm, visited)
     weight = reading_weights(visited, noise)
@@ -131,6 +136,29 @@ def _measured(
         model.geometry, visited, weight, design, FREE, noise_known=True
     ).jacobian
     return np.asarray(whitened.T @ whitened), noise, words
+
+
+def _noise_of(
+    sessions: Sequence[Session], visited: Observations, model: Model
+) -> tuple[Noise | None, str]:
+    figures = indicator_figures(sessions)
+    noise = reading_noise(visited, figures)
+    if noise is None:
+        return None, ""
+    words = f"{noise.standard_deviation_mm:.4g} mm, from the sessions"
+    tolerance = np.array(sessions[0].opened.machine.tolerances_mm())
+    try:
+        fitted = identify(
+            model, visited, "with-tolerances", indicator=figures, tolerance_mm=tolerance
+        )
+    except NotIdentifiable:  # nothing to compare with the noise
+        return noise, words
+    fit = fitted.lack_of_fit
+    if fit is None or fit.p_value >= LACK_OF_FIT_LEVEL:
+        return noise, words
+    words += f", times {fitted.spread**0.5:.3g} because the model leaves so much: "
+    words += "run glidecal diagnose first"
+    return noise.scaled(fitted.spread), words
 
 
 def _judged(

@@ -11,17 +11,11 @@ import numpy as np
 
 from calib.accuracy import ToolError
 from calib.errors import NotIdentifiable
-from calib.noise import IndicatorFigures, visit_numbers
+from calib.noise import IndicatorFigures, Noise, visit_numbers
 from calib.observations import Observations
 from calib.orthoglide.model import Model
 from calib.solution import Method, Solution, Subset, Weights
-from calib.subset_choice import (
-    SubsetChoice,
-    choose_subset,
-    error_after,
-    error_before,
-    spread,
-)
+from calib.subset_choice import SubsetChoice, choose_subset
 from protocols.errors import RecordError
 from protocols.events import Reading
 from protocols.observations import to_observations
@@ -34,8 +28,10 @@ class Solved:
     """A solution with the choice it was made from.
 
     ``tool_before`` is the tool's error with what the controller holds now, ``tool_after`` what is
-    expected with the solution entered; ``enlarged`` is the factor on every uncertainty if what the
-    model leaves is counted as noise. ``suspects`` do not fit their own repeats; those
+    expected with the solution entered, each with its standard uncertainty, for which
+    ``tool_factor`` is the coverage factor (95 %). ``enlarged`` is the factor on every standard
+    uncertainty if what the model leaves is counted as noise. ``visit_count`` counts readings
+    without a movement between them as one. ``suspects`` do not fit their own repeats; those
     ``alone`` have no other posture to compare with.
     """
 
@@ -46,8 +42,11 @@ class Solved:
     solution: Solution
     tool_before: ToolError
     tool_after: ToolError
+    tool_factor: float
     enlarged: float
+    visit_count: int
     suspects: tuple[Suspect, ...]
+    loud: tuple[Loud, ...]
     alone: tuple[Alone, ...]
 
 
@@ -57,6 +56,20 @@ class Alone:
 
     session: str
     readings: tuple[Reading, ...]
+
+
+@dataclass(frozen=True)
+class Loud:
+    """An indicator that scatters more than the quietest: its first reading and its scatter, mm.
+
+    ``mounting`` is False where it was used in more than one mounting; ``number`` counts from 1.
+    """
+
+    session: str
+    reading: Reading
+    mounting: bool
+    number: int
+    scatter_mm: float
 
 
 @dataclass(frozen=True)
@@ -119,12 +132,23 @@ def solve_sessions(
         reading_count=len(observed),
         choice=choice,
         solution=solution,
-        tool_before=error_before(solution, nominal),
-        tool_after=error_after(solution),
-        enlarged=math.sqrt(spread(solution)),
+        tool_before=choice.error_before(wanted, nominal),
+        tool_after=choice.tool_after[wanted],
+        tool_factor=_tool_factor(choice, wanted),
+        enlarged=solution.spread**0.5,
+        visit_count=int(visit_numbers(observed).max()) + 1,
         suspects=_suspects(names, sessions, observed, solution),
+        loud=_loud(names, sessions, observed, solution.noise),
         alone=_alone(names, sessions),
     )
+
+
+def _tool_factor(choice: SubsetChoice, subset: Subset) -> float:
+    """Coverage factor of what the tool's error is worked out from: of the full set if there is one.
+
+    What the model leaves counts as noise there, with its own degrees of freedom.
+    """
+    return choice.solutions.get("both", choice.solutions[subset]).left_over_factor
 
 
 def _alone(names: Sequence[str], sessions: Sequence[Session]) -> tuple[Alone, ...]:
@@ -140,6 +164,23 @@ def _alone(names: Sequence[str], sessions: Sequence[Session]) -> tuple[Alone, ..
             if len({reading.displacement_mm for reading in readings}) == 1
         ]
     return tuple(found)
+
+
+def _loud(
+    names: Sequence[str], sessions: Sequence[Session], observed: Observations, noise: Noise
+) -> tuple[Loud, ...]:
+    """Indicators with an estimate of their own, the loudest first."""
+    known = [(name, r) for name, one in zip(names, sessions, strict=True) for r in one.readings]
+    quiet = min(one.variance_mm2 for one in noise.indicators)
+    first = np.unique(observed.indicator, return_index=True)[1]
+    found = []
+    for k, one in enumerate(noise.indicators):
+        if one.variance_mm2 > quiet:
+            mounts = np.unique(observed.mount[observed.indicator == k])
+            name, reading = known[int(first[k])]
+            scatter = math.sqrt(one.variance_mm2)
+            found.append(Loud(name, reading, len(mounts) == 1, k + 1, scatter))
+    return tuple(sorted(found, key=lambda one: -one.scatter_mm))
 
 
 def _suspects(

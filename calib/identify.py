@@ -11,6 +11,8 @@ Three ways, told apart by ``method`` and ``weights``:
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from calib.distributions import coverage_factor
@@ -80,6 +82,7 @@ def identify(
         names=tuple(PARAMETER_NAMES[k] for k in free),
         values_mm=fit.parameters_mm[list(free)],
         covariance_mm2=spread.covariance_mm2,
+        held_mm2=spread.held_mm2,
         coverage_factors=_coverage(spread),
         differences=measured,
         difference_uncertainty_mm=uncertainties(measured.combine, visited, noise),
@@ -92,10 +95,15 @@ def identify(
         - len(free),
         noise=noise,
         lack_of_fit=lack_of_fit(
-            visited, visited.value_mm - efficient.predicted_mm, len(free), noise
+            visited,
+            visited.value_mm - efficient.predicted_mm,
+            float(np.trace(efficient.estimator @ efficient.design)),
+            noise,
         ),
         condition_number=float(np.linalg.cond(system)),
-        weak_directions=_seen(model, visited, weight, efficient, free, noise).weak,
+        weak_directions=_seen(
+            model, visited, weight, efficient, free, noise, tolerance_mm if held else None
+        ).weak,
         residual_mm=without_zeros(visited, weight, visited.value_mm - fit.predicted_mm),
     )
 
@@ -131,13 +139,16 @@ def _seen(
     fit: Fit,
     free: tuple[int, ...],
     noise: Noise | None,
+    tolerance_mm: FloatArray | None = None,
 ) -> Identifiability:
-    known = noise is not None
-    return analyse(
-        sensitivity_of_readings(
-            model.geometry, visited, weight, fit.design, free, noise_known=known
-        )
+    """What the readings see; with tolerances ``(k,)`` these count as measurements beside them."""
+    seen = sensitivity_of_readings(
+        model.geometry, visited, weight, fit.design, free, noise_known=noise is not None
     )
+    if tolerance_mm is not None:
+        rows = np.vstack([seen.jacobian, np.diag(1.0 / tolerance_mm)])
+        seen = replace(seen, jacobian=rows)
+    return analyse(seen)
 
 
 def _coverage(spread: Propagated) -> FloatArray:

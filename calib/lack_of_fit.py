@@ -9,18 +9,23 @@ from calib.noise import Noise, cells
 from calib.observations import FloatArray, Observations
 from calib.solution import LackOfFit
 
+LACK_OF_FIT_LEVEL = 0.01
+"""Chance from which down the model is said to leave more than the noise."""
+
 
 def lack_of_fit(
-    visited: Observations, left_mm: FloatArray, parameter_count: int, noise: Noise
+    visited: Observations, left_mm: FloatArray, parameter_count: float, noise: Noise
 ) -> LackOfFit | None:
     """Mean square of what the best fit leaves of the cell means, over their noise variance.
 
-    ``left_mm`` ``(n_readings,)`` is measured minus predicted, zeros not yet taken out. None where
+    ``left_mm`` ``(n_readings,)`` is measured minus predicted, zeros not yet taken out.
+    ``parameter_count`` is the trace of what a fit makes of readings: less than the number of
+    parameters where tolerances hold them (Hastie, Tibshirani, Friedman, section 7.6). None where
     nothing is free or the noise itself came from what the fit leaves.
     """
     grouped = cells(visited)
-    free = grouped.count - visited.mount_count - parameter_count
-    if noise.source == "residuals" or free <= 0:
+    free = round(grouped.count - visited.mount_count - parameter_count, 6)
+    if noise.source == "residuals" or free <= 0.0:
         return None
     together = np.bincount(grouped.index, visited.averaged)
     mean = np.bincount(grouped.index, visited.averaged * left_mm) / together

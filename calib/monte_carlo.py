@@ -33,7 +33,8 @@ class Campaign:
 
     Every session has the postures and repeats of ``observed`` (its values do not matter). Each
     machine departs from ``model`` by normal errors of standard deviation ``spread_mm`` ``(6,)`` in
-    the free parameters.
+    the free parameters. With ``noise_known`` scatter and resolution are stated, not taken from the
+    repeats of each session.
     """
 
     model: Model
@@ -42,6 +43,7 @@ class Campaign:
     scatter_mm: float
     resolution_mm: float
     spread_mm: FloatArray
+    noise_known: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +131,7 @@ class _Kind:
     repeats: Repeats
     count_at_place: FloatArray
     place: FloatArray
+    expected: IndicatorNoise
 
     @classmethod
     def of(cls, campaign: Campaign) -> _Kind:
@@ -136,11 +139,13 @@ class _Kind:
         expected = IndicatorFigures(campaign.resolution_mm, campaign.scatter_mm).noise(
             observed.indicator_count
         )
-        weight = reading_weights(observed, expected or _unit_noise(observed))
+        expected = expected or _unit_noise(observed)
+        weight = reading_weights(observed, expected)
         fit = PlainFit.of(campaign.model, observed, campaign.free, weight)
         place = np.argmax(fit.average > 0.0, axis=0)
         together = np.asarray(np.bincount(place, observed.averaged), dtype=np.float64)
-        return cls(campaign, fit, Repeats.of(observed), together, place)
+        repeats = Repeats.of(observed)
+        return cls(campaign, fit, repeats, together, place, expected.indicators[0])
 
     def draw(self, count: int, generator: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """True free parameters ``(k, count)`` and readings ``(n_readings, count)``, mm."""
@@ -156,10 +161,11 @@ class _Kind:
         return truth[index], round_to(noisy, campaign.resolution_mm)
 
     def intervals(self, optimum: Optimum, values: FloatArray) -> Intervals:
-        """Uncertainty of each session from its own repeats, pooled over the indicators."""
-        free = float(self.repeats.degrees_of_freedom.sum())
-        shown = self.repeats.sums_of_squares(values).sum(axis=0) / free
-        locked = locked_of_shown(shown, self.campaign.resolution_mm, free)
+        """Uncertainty of each session from its own repeats, pooled over the indicators.
+
+        Where the noise is known, from that.
+        """
+        free, shown, locked = self._noise(values)
         normal, _ = normal_equations(optimum.residual, optimum.jacobian)
         maps = np.einsum("kgb,gh->khb", optimum.jacobian, self.fit.whiten)
         estimator = np.stack(
@@ -171,6 +177,15 @@ class _Kind:
         with np.errstate(divide="ignore", invalid="ignore"):
             degrees = np.where(own > 0.0, variance**2 / (own**2 / free), math.inf)
         return Intervals(np.sqrt(variance), coverage_factors(degrees))
+
+    def _noise(self, values: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Degrees of freedom, and the variances shown and locked of each session ``(b,)``, mm²."""
+        if self.campaign.noise_known:
+            ones = np.ones(values.shape[1])
+            return math.inf, self.expected.shown_mm2 * ones, self.expected.locked_mm2 * ones
+        free = float(self.repeats.degrees_of_freedom.sum())
+        shown = self.repeats.sums_of_squares(values).sum(axis=0) / free
+        return free, shown, locked_of_shown(shown, self.campaign.resolution_mm, free)
 
 
 def _unit_noise(observed: Observations) -> Noise:

@@ -8,12 +8,13 @@ from typing import Literal
 
 import numpy as np
 
-from calib.distributions import variance_ratio_p_value
+from calib.distributions import variance_ratio_p_values
 from calib.observations import FloatArray, IntArray, Observations
-from calib.repeats import Repeats, WildReading, wild_readings
+from calib.repeats import Repeats, WildReading, wander, wild_readings
 from calib.rounding import locked_of_shown, locked_variance
 
 NoiseSource = Literal["repeats", "instrument", "residuals"]
+Repeated = Literal["nothing", "equal", "rounding", "scatter"]
 
 ROUNDING = 8 * float(np.finfo(np.float64).eps)
 """Relative scatter that floating point arithmetic alone makes of equal values."""
@@ -26,8 +27,8 @@ POOLING_LEVEL = 0.01
 
 
 BORROWED = 4.0
-"""Degrees of freedom that an indicator kept apart borrows from the middle one: a variance from few
-repeats can be far too small by chance."""
+"""Degrees of freedom that diagnosis lends to a mounting kept apart: a variance from few repeats
+can be far too small by chance."""
 
 
 @dataclass(frozen=True)
@@ -52,15 +53,20 @@ class IndicatorNoise:
 class Noise:
     """Noise of single readings: one entry of ``indicators`` for each indicator.
 
-    They are all the same where ``pooled``. ``wild`` are readings that do not fit their own repeats;
-    they are counted nevertheless. Degrees of freedom are infinite for a stated instrument: taken
-    as known (GUM 4.3, type B).
+    They are all the same where ``pooled``; equal ones share one estimate. ``wild`` are readings
+    that do not fit their own repeats; they are counted nevertheless. Degrees of freedom are
+    infinite for a stated instrument: taken as known (GUM 4.3,
+    type B). ``repeated`` is what repeats show: nothing where there are none, equal readings, less
+    scatter than rounding, or scatter. ``wander_mm`` is how far readings wander from cycle to cycle
+    where that is more than chance; it is not in the variances.
     """
 
     indicators: tuple[IndicatorNoise, ...]
     source: NoiseSource
     pooled: bool = True
     wild: tuple[WildReading, ...] = ()
+    repeated: Repeated = "nothing"
+    wander_mm: float | None = None
 
     @property
     def standard_deviation_mm(self) -> float:
@@ -70,10 +76,21 @@ class Noise:
     @property
     def degrees_of_freedom(self) -> float:
         """Degrees of freedom of that standard deviation (Welch and Satterthwaite, GUM G.4.1)."""
-        used = self.indicators[:1] if self.pooled else self.indicators
-        total = sum(one.variance_mm2 for one in used)
-        spread = sum(one.shown_mm2**2 / one.degrees_of_freedom for one in used)
+        total = sum(one.variance_mm2 for one in self.indicators)
+        shown = np.array([one.shown_mm2 for one in self.indicators])
+        spread = sum(
+            float(shown[self.estimates == number].sum()) ** 2
+            / self.indicators[number].degrees_of_freedom
+            for number in set(self.estimates.tolist())
+        )
         return total**2 / spread if spread > 0.0 else math.inf
+
+    @property
+    def estimates(self) -> IntArray:
+        """For each indicator the first one ``(n_indicators,)`` that shares its estimate."""
+        first: dict[IndicatorNoise, int] = {}
+        numbers = [first.setdefault(one, k) for k, one in enumerate(self.indicators)]
+        return np.array(numbers, dtype=np.intp)
 
     def shown_mm2(self, observed: Observations) -> FloatArray:
         """Variance of each value ``(n_readings,)`` that repeats reduce, mm²."""
@@ -200,8 +217,8 @@ def visit_numbers(observed: Observations) -> IntArray:
 def reading_noise(visited: Observations, indicator: IndicatorFigures) -> Noise | None:
     """Noise from repeats where they tell something, else from the stated instrument, else None.
 
-    The scatter of repeats is taken for each indicator, drift removed, and pooled unless one
-    scatters more than chance allows. Repeats that all agree say nothing: then the resolution
+    The scatter of repeats is taken for each indicator, drift removed, and pooled but for those that
+    scatter more than chance allows. Repeats that all agree say nothing: then the resolution
     rules, stated or seen in the text of the readings.
     """
     repeats = Repeats.of(visited)
@@ -210,13 +227,22 @@ def reading_noise(visited: Observations, indicator: IndicatorFigures) -> Noise |
     squares = repeats.sums_of_squares(visited.value_mm[:, None])[:, 0]
     arithmetic = (ROUNDING * float(np.abs(visited.value_mm).max())) ** 2
     if free.sum() <= 0.0 or float(squares.sum()) <= arithmetic * free.sum():
-        return _stated(indicator, step if free.sum() > 0.0 else 0.0, visited.indicator_count)
-    pooled = may_be_pooled(squares, free, step)
-    ones = _noise_of_indicators(squares, free, step, pooled=pooled)
+        if free.sum() <= 0.0:
+            return indicator.noise(visited.indicator_count)
+        known = _stated(indicator, step, visited.indicator_count)
+        return replace(known, repeated="equal") if known else None
+    ones = _noise_of_indicators(squares, free, step)
     shown, locked = sum(one.shown_mm2 for one in ones), sum(one.locked_mm2 for one in ones)
     floor = step**2 / 12.0
-    wild = wild_readings(repeats, floor)
-    return Noise(ones, "repeats" if shown >= locked else "instrument", pooled, wild)
+    found = Noise(
+        ones,
+        "repeats",
+        len(set(ones)) == 1,
+        wild_readings(repeats, floor),
+        "scatter",
+        wander(repeats, floor),
+    )
+    return found if shown >= locked else replace(found, source="instrument", repeated="rounding")
 
 
 def _stated(indicator: IndicatorFigures, seen_mm: float, indicator_count: int) -> Noise | None:
@@ -227,18 +253,25 @@ def _stated(indicator: IndicatorFigures, seen_mm: float, indicator_count: int) -
 
 
 def _noise_of_indicators(
-    squares: FloatArray, free: FloatArray, step: float, *, pooled: bool
+    squares: FloatArray, free: FloatArray, step: float
 ) -> tuple[IndicatorNoise, ...]:
-    """Variances of each indicator; one without repeats of its own gets the pooled ones."""
-    everybody = _split(float(squares.sum()), float(free.sum()), step)
-    judged = free > 0.0
-    middle = float(np.quantile(squares[judged] / free[judged], 0.5, method="lower"))
-    return tuple(
-        everybody
-        if pooled or not nu > 0.0
-        else _split(float(square) + BORROWED * middle, float(nu) + BORROWED, step)
-        for square, nu in zip(squares, free, strict=True)
-    )
+    """Variances of each indicator: the loud ones their own, all others the pooled ones.
+
+    The loudest is set aside until the rest may be pooled. One without repeats of its own gets what
+    all together show.
+    """
+    judged = np.flatnonzero(free > 0.0)
+    quiet = judged[np.argsort(squares[judged] / free[judged], kind="stable")]
+    while not may_be_pooled(squares[quiet], free[quiet], step):
+        quiet = quiet[:-1]
+    pooled = _split(float(squares[quiet].sum()), float(free[quiet].sum()), step)
+    alone = len(quiet) < len(judged)
+    everybody = _split(float(squares.sum()), float(free.sum()), step) if alone else pooled
+    ones = [everybody] * len(free)
+    for k in judged:
+        own = _split(float(squares[k]), float(free[k]), step)
+        ones[k] = pooled if k in quiet else own
+    return tuple(ones)
 
 
 def _split(square_sum: float, degrees_of_freedom: float, step: float) -> IndicatorNoise:
@@ -252,15 +285,16 @@ def may_be_pooled(squares: FloatArray, free: FloatArray, step: float) -> bool:
 
     ``squares`` and ``free`` ``(k,)`` are square sums and degrees of freedom of what is compared.
     """
-    judged = np.flatnonzero(free > 0.0)
-    for k in judged:
-        rest = judged[judged != k]
-        if not len(rest):
-            break
-        own = _split(float(squares[k]), float(free[k]), step).variance_mm2
-        others = _split(float(squares[rest].sum()), float(free[rest].sum()), step).variance_mm2
-        ratio = own / others if others > 0.0 else math.inf
-        chance = variance_ratio_p_value(ratio, float(free[k]), float(free[rest].sum()))
-        if chance * len(judged) < POOLING_LEVEL:
-            return False
-    return True
+    judged = free > 0.0
+    square, nu = squares[judged], free[judged]
+    if len(nu) < 2:
+        return True
+    rest, nu_rest = square.sum() - square, nu.sum() - nu
+    own, others = _variances(square / nu, step, nu), _variances(rest / nu_rest, step, nu_rest)
+    ratio = np.divide(own, others, out=np.full_like(own, np.inf), where=others > 0.0)
+    return bool((variance_ratio_p_values(ratio, nu, nu_rest) * len(nu) >= POOLING_LEVEL).all())
+
+
+def _variances(shown_mm2: FloatArray, step: float, free: FloatArray) -> FloatArray:
+    shown = np.maximum(shown_mm2, 0.0)
+    return np.asarray(shown + locked_of_shown(shown, step, free))

@@ -14,10 +14,15 @@ from calib.observations import FloatArray, Observations
 
 @dataclass(frozen=True, eq=False)
 class Propagated:
-    """Covariance ``(k, k)`` in mm² and the degrees of freedom ``(k,)`` of each variance."""
+    """Covariance ``(k, k)`` in mm² and the degrees of freedom ``(k,)`` of each variance.
+
+    ``held_mm2`` ``(k, k)`` is the part of the covariance that is not noise of the readings but what
+    the tolerances of a prior leave open.
+    """
 
     covariance_mm2: FloatArray
     degrees_of_freedom: FloatArray
+    held_mm2: FloatArray
 
     @property
     def uncertainty_mm(self) -> FloatArray:
@@ -38,7 +43,8 @@ class Propagated:
         share = self.covariance_mm2.diagonal() / posterior.diagonal()
         with np.errstate(divide="ignore"):
             degrees = np.asarray(self.degrees_of_freedom / share**2)
-        return Propagated(np.asarray(posterior, dtype=np.float64), degrees)
+        held = np.asarray(posterior - self.covariance_mm2, dtype=np.float64)
+        return Propagated(np.asarray(posterior, dtype=np.float64), degrees, held)
 
 
 def propagate(estimator: FloatArray, observed: Observations, noise: Noise) -> Propagated:
@@ -53,7 +59,8 @@ def propagate(estimator: FloatArray, observed: Observations, noise: Noise) -> Pr
     together = np.asarray((_at_places(observed, noise).T @ estimator.T).T)
     covariance = covariance + together @ together.T
     own = estimator**2 * shown
-    return Propagated(covariance, _degrees_of_freedom(covariance.diagonal(), own, observed, noise))
+    degrees = _degrees_of_freedom(covariance.diagonal(), own, observed, noise)
+    return Propagated(covariance, degrees, np.zeros_like(covariance))
 
 
 def uncertainties(combine: csr_array, observed: Observations, noise: Noise) -> FloatArray:
@@ -78,7 +85,7 @@ def _degrees_of_freedom(
     variance: FloatArray, own: FloatArray, observed: Observations, noise: Noise
 ) -> FloatArray:
     known = np.array([one.degrees_of_freedom for one in noise.indicators])
-    group = np.zeros_like(observed.indicator) if noise.pooled else observed.indicator
+    group = noise.estimates[observed.indicator]
     spread = np.zeros_like(variance)
     for number in np.unique(group):
         contribution = own[:, group == number].sum(axis=1)

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from calib.distributions import two_sided_p_value
+from calib.distributions import two_sided_p_value, variance_ratio_p_value
 from calib.observations import FloatArray, IntArray, Observations
 
 WILD_LEVEL = 0.01
 """Chance that one of all readings is called wild although none is (Bonferroni)."""
+
+
+UNEQUAL_LEVEL = 0.02
+"""Chance, on either side, that an indicator like the others is judged by itself alone."""
+
+TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True)
@@ -95,8 +102,10 @@ def _cycles_beside_cells(visited: Observations, rows: IntArray, cell: IntArray) 
 def wild_readings(repeats: Repeats, floor_mm2: float) -> tuple[WildReading, ...]:
     """Readings whose externally studentised residual in their own cell is too large to be chance.
 
-    Student's t with one degree of freedom less, Bonferroni over all readings. ``floor_mm2`` is the
-    least variance that a reading can have: the rounding of its display.
+    Student's t with one degree of freedom less, Bonferroni over all readings. The scatter is that
+    of all repeats where the reading's own indicator, the reading left out, scatters like the
+    others, else that of its own indicator. ``floor_mm2`` is the least variance that a reading can
+    have: the rounding of its display.
     """
     left = repeats.scatter(repeats.observed.value_mm[:, None])[:, 0]
     free = float(repeats.degrees_of_freedom.sum())
@@ -105,11 +114,51 @@ def wild_readings(repeats: Repeats, floor_mm2: float) -> tuple[WildReading, ...]
     if free <= 1.0 or not len(judged):
         return ()
     own = left[judged] ** 2 / open_share[judged]
-    others = np.maximum((float((left**2).sum()) - own) / (free - 1.0), floor_mm2)
-    distance = np.sqrt(own / np.maximum(others, np.finfo(np.float64).tiny))
+    squares = repeats.sums_of_squares(repeats.observed.value_mm[:, None])[:, 0]
     found = []
-    for row, t in zip(judged, np.sign(left[judged]) * distance, strict=True):
-        p = min(1.0, two_sided_p_value(float(t), free - 1.0) * len(judged))
+    for row, square in zip(judged, own, strict=True):
+        one = int(repeats.observed.indicator[row])
+        variance, nu = _others(squares, repeats.degrees_of_freedom, one, float(square))
+        t = float(np.sign(left[row])) * math.sqrt(square / max(variance, floor_mm2, TINY))
+        p = min(1.0, two_sided_p_value(t, nu) * len(judged))
         if p < WILD_LEVEL:
-            found.append(WildReading(int(row), float(t), p))
+            found.append(WildReading(int(row), t, p))
     return tuple(found)
+
+
+def wander(repeats: Repeats, floor_mm2: float) -> float | None:
+    """How far readings wander from cycle to cycle, r.m.s. in mm; None where chance may do that.
+
+    Mean square of the cycles, cells taken out, against that of the repeats (variance ratio). What
+    wanders within a cycle is not seen here and goes into the differences.
+    """
+    observed = repeats.observed
+    left = _without_cells(np.sqrt(observed.averaged), repeats.cell, observed.value_mm[:, None])
+    square = sum(float(((basis.T @ left[rows]) ** 2).sum()) for rows, basis in repeats.cycles)
+    rank = float(sum(basis.shape[1] for _, basis in repeats.cycles))
+    free = float(repeats.degrees_of_freedom.sum())
+    if not rank or free <= 0.0:
+        return None
+    scatter = float(repeats.sums_of_squares(observed.value_mm[:, None]).sum()) / free
+    scatter = max(scatter, floor_mm2, TINY)
+    between = square / rank
+    if variance_ratio_p_value(between / scatter, rank, free) >= WILD_LEVEL:
+        return None
+    share = observed.averaged / np.bincount(repeats.cell, observed.averaged)[repeats.cell]
+    per_cycle = float((observed.averaged * (1.0 - share)).sum()) / rank
+    return math.sqrt((between - scatter) / per_cycle)
+
+
+def _others(
+    squares: FloatArray, free: FloatArray, indicator: int, square: float
+) -> tuple[float, float]:
+    """Variance to judge a reading by, without its own ``square``, and its degrees of freedom."""
+    total, nu_total = float(squares.sum()), float(free.sum())
+    own, nu_own = max(float(squares[indicator]) - square, 0.0), float(free[indicator]) - 1.0
+    others, nu_others = total - float(squares[indicator]), nu_total - float(free[indicator])
+    if nu_own > 0.0 and nu_others > 0.0:
+        ratio = (own / nu_own) / max(others / nu_others, TINY)
+        louder = variance_ratio_p_value(ratio, nu_own, nu_others)
+        if min(louder, 1.0 - louder) < UNEQUAL_LEVEL:
+            return own / nu_own, nu_own
+    return max(total - square, 0.0) / (nu_total - 1.0), nu_total - 1.0

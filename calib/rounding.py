@@ -37,7 +37,17 @@ def locked_variance(scatter_mm: FloatArray, step_mm: float) -> FloatArray:
     return np.asarray(step_mm**2 * np.interp(scatter_mm / step_mm, ratio, locked))
 
 
-def locked_of_shown(shown_mm2: FloatArray, step_mm: float, degrees_of_freedom: float) -> FloatArray:
+def scatter_of_shown(shown_mm2: float, step_mm: float) -> float:
+    """Scatter (mm) of readings before rounding whose repeats show this variance."""
+    if step_mm <= 0.0 or shown_mm2 >= RATIO_LIMIT * step_mm**2:
+        return float(np.sqrt(max(shown_mm2 - step_mm**2 / 12.0 * (step_mm > 0.0), 0.0)))
+    ratio, _, shown = _table()
+    return float(step_mm * np.interp(shown_mm2 / step_mm**2, shown, ratio))
+
+
+def locked_of_shown(
+    shown_mm2: FloatArray, step_mm: float, degrees_of_freedom: float | FloatArray
+) -> FloatArray:
     """Estimate of the locked variance (mm²) from the variance that repeats show; same shape.
 
     B is a convex function of what is shown, so a shown variance that itself scatters would make B

@@ -1,4 +1,4 @@
-"""What identification gives: frozen results, no behaviour."""
+"""What identification gives: frozen results and what follows from them at once."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from calib.distributions import coverage_factor
 from calib.noise import Noise
 from calib.observations import FloatArray
 from calib.orthoglide.differences import Differences
@@ -29,7 +30,7 @@ class LackOfFit:
     """Ratio of what the model leaves to the noise (variances), and the chance of one as large."""
 
     statistic: float
-    degrees_of_freedom: int
+    degrees_of_freedom: float
     p_value: float
 
 
@@ -52,7 +53,8 @@ class Solution:
     """Identified parameters of one subset with everything needed to trust them or not.
 
     ``names``, ``values_mm`` and ``coverage_factors`` (95 %) have k entries, ``covariance_mm2`` is
-    ``(k, k)``. ``predicted_mm`` and ``difference_uncertainty_mm`` belong to ``differences``,
+    ``(k, k)``, of which ``held_mm2`` is what tolerances leave open.
+    ``predicted_mm`` and ``difference_uncertainty_mm`` belong to ``differences``,
     ``(n_differences,)`` each.
     Uncertainties carry the noise of the readings; they do not carry what the model leaves out.
     """
@@ -64,6 +66,7 @@ class Solution:
     names: tuple[str, ...]
     values_mm: FloatArray
     covariance_mm2: FloatArray
+    held_mm2: FloatArray
     coverage_factors: FloatArray
     differences: Differences
     difference_uncertainty_mm: FloatArray
@@ -91,3 +94,25 @@ class Solution:
     def expanded_mm(self) -> FloatArray:
         """Expanded uncertainties for 95 % ``(k,)``, mm."""
         return self.coverage_factors * self.uncertainty_mm
+
+    @property
+    def spread(self) -> float:
+        """Factor on the variance of the noise where the model leaves more than that; at least 1."""
+        return max(1.0, self.lack_of_fit.statistic) if self.lack_of_fit else 1.0
+
+    def enlarged_mm2(self, factor: float) -> FloatArray:
+        """Covariance ``(k, k)`` in mm² with so many times the variance of the noise."""
+        return np.asarray(factor * (self.covariance_mm2 - self.held_mm2) + self.held_mm2)
+
+    @property
+    def left_over_factor(self) -> float:
+        """Coverage factor (95 %) with what the model leaves, and its freedom, as noise."""
+        if not self.lack_of_fit or self.spread == 1.0:
+            return self.coverage_factor
+        return coverage_factor(self.lack_of_fit.degrees_of_freedom)
+
+    @property
+    def enlarged_expanded_mm(self) -> FloatArray:
+        """Expanded uncertainties (95 %) ``(k,)`` with what the model leaves as noise, mm."""
+        enlarged = np.sqrt(self.enlarged_mm2(self.spread).diagonal())
+        return np.maximum(self.expanded_mm, self.left_over_factor * enlarged)

@@ -12,7 +12,7 @@ from calib.errors import NotIdentifiable
 from calib.identify import identify
 from calib.noise import IndicatorFigures
 from calib.observations import FloatArray, Observations
-from calib.orthoglide.geometry import PARAMETER_NAMES, Geometry
+from calib.orthoglide.geometry import PARAMETER_NAMES
 from calib.orthoglide.model import Model
 from calib.orthoglide.workspace import workspace_jacobian
 from calib.solution import SUBSETS, Method, Solution, Subset, Weights
@@ -25,16 +25,34 @@ CLEARLY_BETTER = 0.9
 class SubsetChoice:
     """The recommended subset, why, and the solution of every subset that the data determine.
 
-    ``tool_error_mm`` is the expected r.m.s. error of the tool over the workspace for each, and for
-    ``with-tolerances`` where the tolerances of the parts are stated. ``refused`` holds the reason
-    for every subset that the data do not determine.
+    ``tool_after`` is the error of the tool to expect over the workspace with the values of each
+    entered, and for ``with-tolerances`` where the tolerances of the parts are stated. ``refused``
+    holds the reason for every subset that the data do not determine.
     """
 
     recommended: Subset
     reasons: tuple[str, ...]
     solutions: dict[Subset, Solution]
-    tool_error_mm: dict[Subset, float]
+    tool_after: dict[Subset, ToolError]
     refused: dict[Subset, NotIdentifiable]
+
+    @property
+    def tool_error_mm(self) -> dict[Subset, float]:
+        """The expected r.m.s. error of the tool for each subset, mm."""
+        return {subset: found.rms_mm for subset, found in self.tool_after.items()}
+
+    def error_before(self, subset: Subset, model: Model) -> ToolError:
+        """The tool's error with what the controller holds now, as far as this subset tells.
+
+        The shift itself is known with the covariance, and the tool is off by the shift and by what
+        the subset misses.
+        """
+        solution = self.solutions[subset]
+        bias, covariance = left_after(self.solutions, subset)
+        shift = np.array(solution.model.parameters_mm) - np.array(model.parameters_mm) + bias
+        found = tool_error(solution.model.geometry, shift, covariance)
+        exact = tool_error(solution.model.geometry, shift, np.zeros_like(covariance))
+        return ToolError(exact.rms_mm, found.standard_uncertainty_mm, exact.worst_mm)
 
 
 def choose_subset(
@@ -71,7 +89,11 @@ def choose_subset(
             refused[subset] = problem
     if not solutions:
         raise refused["joint-offsets"]
-    errors = {subset: _expected(solutions, subset) for subset in solutions}
+    after = {
+        subset: tool_error(one.model.geometry, *left_after(solutions, subset))
+        for subset, one in solutions.items()
+    }
+    errors = {subset: found.rms_mm for subset, found in after.items()}
     best = min(errors, key=lambda subset: errors[subset])
     if errors[best] > CLEARLY_BETTER * errors.get("joint-offsets", math.inf):
         best = "joint-offsets"
@@ -79,68 +101,51 @@ def choose_subset(
         best,
         _reasons(best, errors, refused),
         solutions,
-        errors,
+        after,
         refused,
     )
 
 
-def error_before(solution: Solution, model: Model) -> ToolError:
-    """The tool's error with the values that the controller holds, as far as this solution tells."""
-    shift = np.array(solution.model.parameters_mm) - np.array(model.parameters_mm)
-    return _tool_error(solution, shift, fitted=False)
+def left_after(solutions: dict[Subset, Solution], subset: Subset) -> tuple[FloatArray, FloatArray]:
+    """What the parameters are off by with a subset entered: bias ``(6,)``, covariance ``(6, 6)``.
+
+    The bias is what the full set would still change, made smaller until its mean square at the
+    tool is the part that chance does not explain; none where the full set is not determined.
+    """
+    solution, full = solutions[subset], solutions.get("both")
+    factor = noise_factor(solutions, subset)
+    covariance = full_covariance(solution, factor)
+    if full is None or subset == "both":
+        return np.zeros(len(PARAMETER_NAMES)), covariance
+    shift = np.array(full.model.parameters_mm) - np.array(solution.model.parameters_mm)
+    jacobian = workspace_jacobian(solution.model.geometry)
+    moved = float(((jacobian @ shift) ** 2).sum(axis=1).mean())
+    differing = full_covariance(full, factor) - covariance
+    chance = float(np.einsum("pij,jk,pik->p", jacobian, differing, jacobian).mean())
+    real = max(moved - max(chance, 0.0), 0.0)
+    return shift * math.sqrt(real / moved if moved > 0.0 else 0.0), covariance
 
 
-def error_after(solution: Solution) -> ToolError:
-    """The tool's error once the values of this solution are entered: what noise alone leaves."""
-    return _tool_error(solution, np.zeros(len(PARAMETER_NAMES)), fitted=True)
+def noise_factor(solutions: dict[Subset, Solution], subset: Subset) -> float:
+    """Factor on the variance of the noise: of what the full set leaves, else the subset itself."""
+    return solutions.get("both", solutions[subset]).spread
 
 
-def _tool_error(solution: Solution, shift: FloatArray, *, fitted: bool) -> ToolError:
-    """Before, the shift itself is known with the covariance and the tool is off by the shift."""
-    covariance = spread(solution) * full_covariance(solution)
-    found = tool_error(solution.model.geometry, shift, covariance)
-    if fitted:
-        return found
-    exact = tool_error(solution.model.geometry, shift, np.zeros_like(covariance))
-    return ToolError(exact.rms_mm, found.standard_uncertainty_mm, exact.worst_mm)
+def full_covariance(solution: Solution, factor: float = 1.0) -> FloatArray:
+    """Covariance ``(6, 6)`` in mm² with zeros for parameters that were not identified.
 
-
-def full_covariance(solution: Solution) -> FloatArray:
-    """Covariance ``(6, 6)`` in mm² with zeros for parameters that were not identified."""
+    With a factor, the variance of the noise counts so many times.
+    """
     index = list(SUBSETS[solution.subset])
     covariance = np.zeros((len(PARAMETER_NAMES),) * 2)
-    covariance[np.ix_(index, index)] = solution.covariance_mm2
+    covariance[np.ix_(index, index)] = solution.enlarged_mm2(factor)
     return covariance
-
-
-def spread(solution: Solution) -> float:
-    """Factor on the covariance where the model leaves more than the noise."""
-    return max(1.0, solution.lack_of_fit.statistic) if solution.lack_of_fit else 1.0
-
-
-def _expected(solutions: dict[Subset, Solution], subset: Subset) -> float:
-    """Expected r.m.s. tool error of a subset over the workspace, mm."""
-    solution, full = solutions[subset], solutions.get("both")
-    factor = spread(full) if full else max(spread(one) for one in solutions.values())
-    geometry = solution.model.geometry
-    variance = _mean_square(geometry, factor * full_covariance(solution))
-    if full is None or subset in ("both", "with-tolerances"):
-        return math.sqrt(variance)
-    shift = np.array(full.model.parameters_mm) - np.array(solution.model.parameters_mm)
-    moved = float(((workspace_jacobian(geometry) @ shift) ** 2).sum(axis=1).mean())
-    chance = _mean_square(geometry, factor * full.covariance_mm2) - variance
-    return math.sqrt(variance + max(moved - max(chance, 0.0), 0.0))
-
-
-def _mean_square(geometry: Geometry, covariance_mm2: FloatArray) -> float:
-    jacobian = workspace_jacobian(geometry)
-    return float(np.einsum("pij,jk,pik->p", jacobian, covariance_mm2, jacobian).mean())
 
 
 def _reasons(
     best: Subset, errors: dict[Subset, float], refused: dict[Subset, NotIdentifiable]
 ) -> tuple[str, ...]:
-    promised = ", ".join(f"{subset} {error:.3f} mm" for subset, error in errors.items())
+    promised = ", ".join(f"{subset} {error:.3g} mm" for subset, error in errors.items())
     reasons = [f"expected tool error over the workspace: {promised}"]
     if best == "joint-offsets" and min(errors.values()) < errors[best]:
         reasons.append("no other set is clearly better, and any controller can hold joint offsets")

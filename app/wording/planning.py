@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 from app.next_measurement import NextMeasurement, Proposal
 from app.optimum_postures import Chosen, Figures
 from app.planning import Combination, SeenBy
 from app.wording.tables import new_table, table_text, wrapped
 from calib.criteria import Criterion
+from calib.distributions import coverage_factor
 
-COVERAGE = 2.0
-"""Factor from standard to expanded uncertainty with a known noise (about 95 %)."""
+COVERAGE = coverage_factor(math.inf)
+"""Factor from standard to expanded uncertainty (95 %) with a known noise."""
 
 CRITERION_WORDS = {
     Criterion.DETERMINANT: "geometric mean of the singular values (largest is best)",

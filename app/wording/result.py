@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -9,7 +10,9 @@ from rich.table import Table
 
 from app.solving import Solved
 from app.wording.caveats import SUBSET_WORDS, caveats
-from app.wording.tables import new_table, signed, table_text, wrapped
+from app.wording.tables import decimals_for, new_table, signed, table_text, uncertain, wrapped
+from calib.accuracy import ToolError
+from calib.noise import Noise
 from calib.solution import SUBSETS, Solution
 
 
@@ -50,47 +53,65 @@ def method_words(solution: Solution) -> str:
 def verdict(solved: Solved) -> str:
     """The first lines of a result."""
     solution = solved.solution
-    expanded = float(solution.expanded_mm.max())
-    before, after = solved.tool_before, solved.tool_after
+    expanded = uncertain(float(solution.expanded_mm.max()))
     return (
-        f"{SUBSET_WORDS[solution.subset].capitalize()} known to ±{expanded:.3f} mm "
-        "(95 %, reading noise only).\n"
+        f"{SUBSET_WORDS[solution.subset].capitalize()} known to ±{expanded} mm "
+        f"({_held_words(solution)}).\n"
         f"Leg deviations {solution.rms_before_mm:.4f} → {solution.rms_after_mm:.4f} mm r.m.s.\n"
-        f"Tool over the workspace: off by {before.rms_mm:.3f} mm r.m.s. now, "
-        f"{after.rms_mm:.3f} mm expected with these values."
+        f"Tool over the workspace: off by {_tool(solved, solved.tool_before)} mm r.m.s. now, "
+        f"{_tool(solved, solved.tool_after)} mm expected with these values."
     )
+
+
+def _held_words(solution: Solution) -> str:
+    """What the uncertainty in the first line is made of."""
+    if solution.subset == "with-tolerances":
+        return "95 %, reading noise and the parts' tolerances"
+    if solution.noise.source == "residuals":
+        return "95 %, what the model leaves taken for noise"
+    return "95 %, reading noise only"
+
+
+def _tool(solved: Solved, error: ToolError) -> str:
+    half_mm = solved.tool_factor * error.standard_uncertainty_mm
+    return f"{error.rms_mm:.{decimals_for(half_mm)}f} ± {uncertain(half_mm)}"
 
 
 def parameter_table(solution: Solution) -> Table:
     """Identified values with their uncertainties."""
     table = new_table("parameter", "value, mm", "± U (95 %), mm", "u, mm")
     rows = (solution.names, solution.values_mm, solution.expanded_mm, solution.uncertainty_mm)
+    decimals = decimals_for(float(solution.expanded_mm.min()), 4)
     for name, value, expanded, u in zip(*rows, strict=True):
-        table.add_row(name, signed(value, 4), f"{expanded:.4f}", f"{u:.4f}")
+        table.add_row(name, signed(value, decimals), uncertain(expanded, 4), uncertain(u, 4))
     return table
 
 
 def difference_table(solution: Solution) -> Table:
     """The (up to) twelve differences with what the model predicts."""
-    table = new_table("difference", "measured, mm", "predicted, mm", "left, mm")
+    table = new_table("difference", "measured, mm", "u, mm", "predicted, mm", "left, mm")
     measured = solution.differences
     for k in measured.published_rows:
         value, predicted = float(measured.value_mm[k]), float(solution.predicted_mm[k])
         table.add_row(
-            measured.names[k], signed(value), signed(predicted), signed(value - predicted)
+            measured.names[k],
+            signed(value),
+            uncertain(float(solution.difference_uncertainty_mm[k]), 4),
+            signed(predicted),
+            signed(value - predicted),
         )
     return table
 
 
 def subset_table(solved: Solved) -> Table:
     """What each set of parameters would leave, and its expected error at the tool."""
-    table = new_table("set of parameters", "left, r.m.s.", "tool error", "")
+    table = new_table("set of parameters", "left, r.m.s.", "tool, mm", "")
     for subset in SUBSETS:
         if subset in solved.choice.solutions:
             left = f"{solved.choice.solutions[subset].rms_after_mm:.4f}"
-            expected = f"{solved.choice.tool_error_mm[subset]:.3f}"
+            expected = uncertain(solved.choice.tool_error_mm[subset])
         else:
-            left, expected = "not seen", ""
+            left, expected = "left out", ""
         mark = "recommended" if subset == solved.choice.recommended else ""
         table.add_row(SUBSET_WORDS[subset], left, expected, mark)
     return table
@@ -99,16 +120,27 @@ def subset_table(solved: Solved) -> Table:
 def noise_words(solution: Solution) -> str:
     """Where the noise figure comes from."""
     noise = solution.noise
-    source = {
-        "repeats": f"from repeats, {noise.degrees_of_freedom:g} degrees of freedom",
-        "instrument": "from the indicator's stated resolution and repeatability",
-        "residuals": f"from residuals, {noise.degrees_of_freedom:g} degrees of freedom",
-    }[noise.source]
+    mean = "" if noise.pooled else " r.m.s. over the indicators"
     return (
-        f"Noise of a single reading {noise.standard_deviation_mm:.4f} mm, {source}.\n"
+        f"Noise of a single reading {uncertain(noise.standard_deviation_mm, 4)} mm{mean}, "
+        f"{_source_words(noise)}.\n"
         f"Coverage factor {solution.coverage_factor:.3f}; condition number "
         f"{solution.condition_number:.1f}; {correlation_words(solution)}"
     )
+
+
+def _source_words(noise: Noise) -> str:
+    free = noise.degrees_of_freedom
+    degrees = "" if math.isinf(free) else f", {free:.3g} degrees of freedom"
+    if noise.source == "repeats":
+        return f"from repeats{degrees}"
+    if noise.source == "residuals":
+        return f"from what the model leaves{degrees}"
+    if noise.repeated == "rounding":
+        return f"most of it the rounding of the display{degrees}"
+    if noise.repeated == "equal":
+        return "from resolution and repeatability as stated or seen in the digits"
+    return "from the indicator's stated resolution and repeatability"
 
 
 def correlation_words(solution: Solution) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from io import StringIO
 from textwrap import fill
 
@@ -37,6 +38,21 @@ def wrapped(text: str) -> str:
         fill(line, WIDTH, break_long_words=False, break_on_hyphens=False)
         for line in text.splitlines()
     )
+
+
+LEAST_MM = 1e-6
+"""What is less than a millionth of a millimetre is arithmetic."""
+
+
+def decimals_for(uncertainty_mm: float, least: int = 3) -> int:
+    """Decimals that show two digits of an uncertainty (GUM 7.2.6), at least so many."""
+    return max(least, 1 - math.floor(math.log10(max(uncertainty_mm, LEAST_MM))))
+
+
+def uncertain(value_mm: float, least: int = 3) -> str:
+    """How sure something is: never rounded to a bare zero, two digits at least."""
+    size = max(value_mm, LEAST_MM)
+    return f"{size:.{decimals_for(size, least)}f}"
 
 
 def signed(value: float, decimals: int = 3) -> str:

@@ -38,6 +38,49 @@ def test_a_guard_band_leaves_some_undecided(samples: Path) -> None:
     assert "with these values it cannot be decided" in " ".join(run.out.split())
 
 
-def test_no_repeats_to_simulate_from(samples: Path) -> None:
+def test_a_stated_noise_is_simulated_as_stated(samples: Path) -> None:
     session = samples / "experiment_2_twelve.jsonl"
-    assert "noise from instrument" in refused(2, "solve", session, "--monte-carlo", "100")
+    run = glidecal("solve", session, "--json", "--monte-carlo", "4000")
+    found = json.loads(run.out)
+    for name, one in found["monte_carlo"]["parameters"].items():
+        stated = found["parameters"][name]["standard_uncertainty"]
+        assert one["stated_mm"] == pytest.approx(stated, rel=1e-3)
+        assert one["true_mm"] == pytest.approx(stated, rel=0.04)
+        assert 0.935 < one["covered"] < 0.965
+
+
+def test_rounding_is_simulated_too(tmp_path: Path) -> None:
+    """Repeats that agree on a coarse display: their scatter alone would promise far too much."""
+    session = tmp_path / "s.jsonl"
+    asked = ("--protocol", "zero-max-min", "--resolution", "0.01", "--scatter", "0.001")
+    assert glidecal("simulate", *asked, "-o", session).status == 0
+    found = json.loads(glidecal("solve", session, "--json", "--monte-carlo", "4000").out)
+    for name, one in found["monte_carlo"]["parameters"].items():
+        stated = found["parameters"][name]["standard_uncertainty"]
+        assert one["true_mm"] == pytest.approx(stated, rel=0.25)
+
+
+def test_the_certificate_says_one_thing_of_the_tool(samples: Path) -> None:
+    """First lines, recommendation and table promise the same error at the tool, with its ±."""
+    session = samples / "experiment_2_twelve.jsonl"
+    found = json.loads(glidecal("solve", session, "--json").out)["tool_error"]
+    said = " ".join(glidecal("solve", session).out.split())
+    after, half = found["after"]["rms_mm"], found["after"]["standard_uncertainty_mm"]
+    half *= found["coverage_factor"]
+    assert f"{after:.3f} ± {half:.3f} mm expected" in said
+    assert f"joint-offsets {after:.3f}," in said
+    assert f"0.1383 {after:.3f} recommended" in said
+
+
+def test_values_that_help_nobody_are_not_praised(samples: Path) -> None:
+    """Experiment 3 was measured after correction: its offsets are no larger than their worth."""
+    needle = "not expected to make the tool better"
+    for name, told in (("experiment_3_twelve", True), ("experiment_2_twelve", False)):
+        said = " ".join(glidecal("solve", samples / f"{name}.jsonl").out.split())
+        assert (needle in said) is told
+
+
+def test_a_tolerance_is_a_positive_length(samples: Path) -> None:
+    for wrong in ("0", "-1"):
+        said = refused(2, "solve", samples / "experiment_2_twelve.jsonl", f"--tolerance={wrong}")
+        assert f"found {wrong} mm. Allowed: a positive length in mm" in " ".join(said.split())

@@ -96,6 +96,17 @@ def test_weak_direction_is_told_in_the_first_lines(tmp_path: Path) -> None:
     assert "d_rho_x + d_L_x" in refused.err
 
 
+def test_lengths_that_hide_behind_the_noise_are_told_in_the_first_lines(tmp_path: Path) -> None:
+    """Lengths 18 mm off, joint offsets asked for: residual at the noise, tool off by 2 mm."""
+    table = rows((18.0, -18.0, 18.0, 18.0, -18.0, 18.0), scatter_mm=0.3, digits=4, seed=2)
+    found = document(tmp_path, table, "--subset", "joint-offsets")
+    assert found["lack_of_fit"]["p_value"] > 0.01, "the residual says nothing"
+    run = solved(tmp_path, table, "--subset", "joint-offsets")
+    head = " ".join(run.out.split("\n\n")[1].split())
+    assert "LEFT OUT: joint offsets and leg lengths: 3 of 6 combinations not seen" in head
+    assert "All figures hold only if what is outside this set is right" in head
+
+
 def test_one_repeat_only(tmp_path: Path) -> None:
     table = rows(cycles=1)
     bare = document(tmp_path, table)
@@ -160,7 +171,9 @@ def test_an_indicator_with_ten_times_the_noise(tmp_path: Path) -> None:
     found = document(tmp_path, table)
     assert found["noise"]["pooled"] is False
     said = solved(tmp_path, table).out
-    assert "scatter differently" in " ".join(said.split())
+    words = " ".join(said.split())
+    assert "scatter differently: leg X along Y, mounting xy" in words, "the loud one has a name"
+    assert words.count(" mm; ") == 1, "the five quiet ones share one figure"
     truth = dict(zip(found["parameters"], (0.5, -0.8, 0.3), strict=False))
     for name, value in truth.items():
         one = found["parameters"][name]
@@ -219,3 +232,89 @@ def test_a_reading_alone_between_two_breaks_is_said_to_be_lost(tmp_path: Path) -
     said = " ".join(solved(tmp_path, [*kept[:26], lone, *kept[27:]]).out.split())
     assert "LOST: reading 27 of t.jsonl" in said
     assert "it says nothing" in said
+
+
+def test_noise_that_the_fit_left_cannot_be_simulated(tmp_path: Path) -> None:
+    run = solved(tmp_path, rows(cycles=1), "--monte-carlo", "100")
+    assert run.status == 2
+    assert "noise from residuals" in run.err
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        (lambda: rows(cycles=1), "whether the model fits cannot be told"),
+        (lambda: rows(cycles=1), "95 %, what the model leaves taken for noise"),
+        (lambda: rows(scatter_mm=0.0, digits=2), "all repeats agree to the last digit, 0.01 mm"),
+        (lambda: rows(scatter_mm=0.0, digits=2), "as stated or seen in the digits"),
+        (lambda: rows(legs="xy"), "leg Z was not touched"),
+        (lambda: rows(legs="x"), "legs Y, Z were not touched"),
+        (lambda: [one for one in rows() for _ in range(2)], "54 readings follow another one"),
+        (lambda: rows(levels=(60.0, -100.0)), "LEFT OUT: joint offsets and leg lengths: "),
+        (lambda: rows(levels=(60.0, -100.0)), "an error there can hide below the noise"),
+    ],
+)
+def test_what_cannot_be_given_has_a_sentence(
+    tmp_path: Path, table: Callable[[], list[Row]], said: str
+) -> None:
+    run = solved(tmp_path, table(), "--subset", "joint-offsets")
+    assert run.status == 0, run.err
+    assert said in " ".join(run.out.split())
+
+
+def test_a_whole_session_has_none_of_these_sentences(tmp_path: Path) -> None:
+    said = solved(tmp_path, rows()).out
+    assert "NOTE" not in said
+    assert "WARNING" not in said
+    assert "LEFT OUT" not in said
+
+
+def test_no_uncertainty_is_rounded_to_nothing(tmp_path: Path) -> None:
+    """Readings in hundredths of a micrometre: what is uncertain has two digits, not ±0.000."""
+    table = rows(scatter_mm=2e-5, digits=6)
+    said = " ".join(solved(tmp_path, table, "--subset", "both").out.split())
+    assert "±0.00 " not in said
+    assert "±0.000 " not in said
+    found = document(tmp_path, table, "--subset", "both")
+    first = found["parameters"]["d_rho_x"]
+    half = first["expanded_uncertainty"]
+    decimals = max(4, 1 - int(np.floor(np.log10(half))))
+    assert f"{first['value']:+.{decimals}f} {half:.{decimals}f}" in said
+
+
+def test_plan_goes_by_the_noise_of_the_certificate(samples: Path, tmp_path: Path) -> None:
+    """Stated repeatability counts, and so does what the model leaves, as it does for solve."""
+    bad = samples / "experiment_2_twelve.jsonl"
+    plan = json.loads(glidecal("plan", bad, "--json").out)
+    solve = json.loads(glidecal("solve", bad, "--json", "--subset", "with-tolerances").out)
+    noise = solve["noise"]["standard_deviation_mm"]
+    assert plan["noise"].startswith(f"{noise:.4g} mm, from the sessions, times 11.1")
+    assert "glidecal diagnose" in plan["noise"]
+    assert plan["tool_before_mm"] == pytest.approx(solve["tool_error"]["after"]["rms_mm"], rel=0.25)
+    solved(tmp_path, rows())
+    good = json.loads(glidecal("plan", tmp_path / "t.jsonl", "--json").out)
+    assert good["noise"].endswith("from the sessions")
+
+
+def test_drift_is_said_although_it_is_no_noise(tmp_path: Path) -> None:
+    """Steady drift of 0.01 mm a step: residual and noise may look well, the sentence is there."""
+    table = rows()
+    for k, row in enumerate(table):
+        row["value_mm"] = f"{float(row['value_mm']) + 0.01 * (k % 18 // 2):.3f}"
+    found = document(tmp_path, table, "--subset", "both")
+    assert found["noise"]["standard_deviation_mm"] == pytest.approx(0.002, rel=0.5)
+    assert found["noise"]["wander_mm"] == pytest.approx(0.03, rel=0.1)
+    said = " ".join(solved(tmp_path, table, "--subset", "both").out.split())
+    assert f"wander from cycle to cycle by {found['noise']['wander_mm']:.3f} mm r.m.s." in said
+
+
+def test_hundreds_of_suspects_are_counted_not_listed(tmp_path: Path) -> None:
+    table = rows(cycles=60)
+    for row in table[::90]:
+        row["value_mm"] = f"{float(row['value_mm']) + 0.05:.3f}"
+    found = document(tmp_path, table)
+    count = len(found["suspect_readings"])
+    assert count > 8
+    said = " ".join(solved(tmp_path, table).out.split())
+    assert said.count("SUSPECT: reading") == 8
+    assert f"SUSPECT: {count - 8} more; --json names them all." in said

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.noise import IndicatorFigures, reading_noise
+from calib.noise import IndicatorFigures, IndicatorNoise, Noise, reading_noise
 from calib.observations import Observations, observe
 from calib.repeats import Repeats, wild_readings
 from tests.builders import postures
@@ -36,6 +36,20 @@ def test_drift_from_cycle_to_cycle_is_not_noise() -> None:
     assert other is not None
     assert other.standard_deviation_mm == pytest.approx(one.standard_deviation_mm, rel=1e-9)
     assert other.degrees_of_freedom == pytest.approx(6 * (3 - 1) * (3 - 1))
+
+
+def test_wandering_is_told_by_its_size_and_quiet_sessions_have_none() -> None:
+    sizes, quiet = [], 0
+    for seed in range(200):
+        calm = reading_noise(session(0.002, seed=seed), IndicatorFigures())
+        restless = reading_noise(session(0.002, drift_mm=0.05, seed=seed), IndicatorFigures())
+        assert calm is not None
+        assert restless is not None
+        assert restless.wander_mm is not None
+        quiet += calm.wander_mm is None
+        sizes.append(restless.wander_mm)
+    assert quiet >= 192, "1 % of 200 sessions, with room for chance (p < 0.001)"
+    assert np.sqrt(np.mean(np.square(sizes))) == pytest.approx(0.05, rel=0.05)
 
 
 def test_scatter_against_the_two_way_formula() -> None:
@@ -73,6 +87,45 @@ def test_an_indicator_with_ten_times_the_noise_is_kept_apart() -> None:
         assert 3.0 < loud / quiet < 35.0
         shown = noise.shown_mm2(data)
         assert shown[data.indicator == 1].min() > 9.0 * shown[data.indicator == 0].max()
+
+
+def test_those_that_scatter_alike_share_one_estimate_beside_a_loud_one() -> None:
+    """Six mountings as indicators of their own, one ten times as loud: five keep 20 degrees."""
+    honest, named = 0, 0
+    for seed in range(100):
+        data = replace(session(0.002, seed=seed), indicator=session(0.002).mount)
+        generator = np.random.default_rng([seed, 2])
+        louder = np.where(data.mount == 0, generator.normal(scale=0.02, size=len(data)), 0.0)
+        noise = reading_noise(replace(data, value_mm=data.value_mm + louder), IndicatorFigures())
+        assert noise is not None
+        honest += noise.estimates.tolist() == [0, 1, 1, 1, 1, 1]
+        named += bool(noise.wild)
+        if noise.estimates.tolist() == [0, 1, 1, 1, 1, 1]:
+            assert noise.indicators[1].degrees_of_freedom == pytest.approx(20.0)
+            assert noise.indicators[0].degrees_of_freedom == pytest.approx(4.0)
+    assert honest >= 85
+    assert named <= 30, "a loud indicator is not a row of wild readings"
+
+
+def test_a_mounting_without_repeats_does_not_part_the_others() -> None:
+    """A stand moved for the last cycle: its mounting has one reading of each posture."""
+    parted = 0
+    for seed in range(100):
+        data = session(0.003, seed=seed)
+        again = (data.mount == 0) & (data.cycle == 2)
+        mount = np.where(again, data.mount_count, data.mount)
+        noise = reading_noise(replace(data, mount=mount, indicator=mount), IndicatorFigures())
+        assert noise is not None
+        parted += not noise.pooled
+    assert parted <= 5, "1 % of 100 sessions, with room for chance"
+
+
+def test_degrees_of_freedom_of_a_shared_estimate_count_once() -> None:
+    """Welch and Satterthwaite by hand: (v0 + 5 v1)² / (v0²/4 + (5 v1)²/20)."""
+    loud, quiet = IndicatorNoise(4e-4, 0.0, 4.0), IndicatorNoise(4e-6, 0.0, 20.0)
+    noise = Noise((loud, *(quiet,) * 5), "repeats", pooled=False)
+    wanted = (4e-4 + 2e-5) ** 2 / (4e-4**2 / 4.0 + 2e-5**2 / 20.0)
+    assert noise.degrees_of_freedom == pytest.approx(wanted)
 
 
 def test_a_wild_reading_is_flagged_and_still_counts() -> None:

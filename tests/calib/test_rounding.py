@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.rounding import locked_of_shown, locked_variance
+from calib.rounding import locked_of_shown, locked_variance, scatter_of_shown
 
 PLACES = 20_000
 
@@ -49,3 +49,11 @@ def test_no_step_locks_nothing() -> None:
 
 def test_identical_repeats_leave_the_whole_step_locked() -> None:
     assert float(locked_of_shown(np.zeros(1), 0.01, 24.0)[0]) == pytest.approx(0.01**2 / 12)
+
+
+@pytest.mark.parametrize("ratio", [0.2, 0.5, 0.9, 1.5])
+def test_scatter_behind_what_repeats_show(ratio: float) -> None:
+    shown = simulated(ratio, 20)[1] * 0.01**2
+    assert scatter_of_shown(shown, 0.01) == pytest.approx(0.01 * ratio, rel=0.02)
+    assert scatter_of_shown(0.0, 0.01) == 0.0
+    assert scatter_of_shown(0.003**2, 0.0) == pytest.approx(0.003)

@@ -1,0 +1,106 @@
+"""Which set to trust: what it promises at the tool against what it really leaves there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.identify import identify
+from calib.noise import IndicatorFigures
+from calib.observations import FloatArray
+from calib.orthoglide.geometry import Geometry
+from calib.orthoglide.kinematics import direct, inverse
+from calib.orthoglide.model import Model
+from calib.orthoglide.workspace import workspace_points
+from calib.solution import Subset
+from calib.subset_choice import choose_subset
+from protocols.observations import to_observations
+from protocols.record import read_record
+from protocols.session import fold
+from tests.builders import observed, postures
+
+TOLERANCES = np.array([2.0] * 3 + [0.1] * 3)
+LONG = (18.0, -18.0, 18.0, 18.0, -18.0, 18.0)
+MODEL = Model()
+
+
+def tool_rms_mm(truth: FloatArray, entered: FloatArray) -> float:
+    """Where the true machine stands when it is commanded with these values, by exact kinematics."""
+    geometry = Geometry()
+    length = geometry.leg_length_mm
+    wanted = workspace_points(geometry)
+    carriage = inverse(wanted, length + entered[3:]) - entered[:3]
+    moved = direct(carriage + truth[:3], length + truth[3:])
+    return float(np.sqrt(((moved - wanted) ** 2).sum(axis=1).mean()))
+
+
+@pytest.mark.parametrize("subset", ["joint-offsets", "leg-lengths", "with-tolerances"])
+def test_what_a_set_cannot_say_is_in_its_promise(subset: Subset) -> None:
+    """Lengths 18 mm off along the weak direction: sets that cannot follow must not promise."""
+    data = observed(LONG, postures(repeats=3), scatter_mm=0.01, seed=3)
+    choice = choose_subset(MODEL, data, tolerance_mm=TOLERANCES)
+    truth, entered = np.array(LONG), np.array(choice.solutions[subset].model.parameters_mm)
+    real = tool_rms_mm(truth, entered)
+    assert real > 1.0, "far beyond the reading noise"
+    assert choice.tool_error_mm[subset] == pytest.approx(real, rel=0.15)
+    now = choice.error_before(subset, MODEL)
+    assert now.rms_mm == pytest.approx(tool_rms_mm(truth, np.zeros(6)), rel=0.15)
+    assert choice.recommended == "both"
+
+
+def test_a_set_whose_values_hold_promises_little() -> None:
+    data = observed([0.5, -0.8, 0.3, 0.0, 0.0, 0.0], postures(repeats=3), scatter_mm=0.004, seed=1)
+    choice = choose_subset(MODEL, data, tolerance_mm=TOLERANCES)
+    assert choice.tool_error_mm["joint-offsets"] < 0.02
+    assert choice.tool_error_mm["with-tolerances"] < 0.02
+
+
+def test_weak_directions_of_a_set_with_tolerances_are_those_of_its_covariance() -> None:
+    data = observed([0.5, -0.8, 0.3, 0, 0, 0], postures(repeats=3), scatter_mm=0.02, seed=2)
+    solution = identify(MODEL, data, "with-tolerances", tolerance_mm=TOLERANCES)
+    assert solution.weak_directions
+    for direction in solution.weak_directions:
+        wanted = np.array([float(name in direction.combination) for name in solution.names])
+        own = np.sqrt(wanted @ solution.covariance_mm2 @ wanted)
+        assert direction.standard_uncertainty_mm == pytest.approx(float(own), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("subset", "freedom", "factor"), [("joint-offsets", 9, 2.262), ("both", 6, 2.447)]
+)
+def test_what_is_left_counts_with_its_own_degrees_of_freedom(
+    samples: Path, subset: Subset, freedom: int, factor: float
+) -> None:
+    """Stated noise has k = 1.960; noise taken from six degrees of freedom must have 2.447."""
+    session = fold(read_record(samples / "experiment_2_twelve.jsonl").events)
+    stated = IndicatorFigures(resolution_mm=0.01, repeatability_mm=0.02)
+    solution = identify(MODEL, to_observations([session]), subset, indicator=stated)
+    assert solution.lack_of_fit is not None
+    assert solution.lack_of_fit.degrees_of_freedom == freedom
+    assert solution.coverage_factor == pytest.approx(1.960, abs=5e-4)
+    ratio = solution.enlarged_expanded_mm / solution.expanded_mm
+    wanted = np.sqrt(solution.lack_of_fit.statistic) * factor / 1.96
+    np.testing.assert_allclose(ratio, wanted, rtol=1e-3)
+
+
+def test_tolerances_are_no_noise_that_the_left_over_enlarges(samples: Path) -> None:
+    """The enlarged covariance is the error of this estimate under more noise, by simulation."""
+    session = fold(read_record(samples / "experiment_2_twelve.jsonl").events)
+    taken = to_observations([session])
+    stated = IndicatorFigures(resolution_mm=0.01, repeatability_mm=0.02)
+    solution = identify(MODEL, taken, "with-tolerances", indicator=stated, tolerance_mm=TOLERANCES)
+    assert solution.lack_of_fit is not None
+    assert 6.0 < solution.lack_of_fit.degrees_of_freedom < 9.0
+    generator = np.random.default_rng(0)
+    errors = []
+    sigma = 3.0 * solution.noise.standard_deviation_mm / np.sqrt(3.0)
+    for seed in range(300):
+        truth = generator.normal(size=6) * TOLERANCES
+        data = observed(truth.tolist(), postures(), scatter_mm=sigma, seed=seed)
+        data.averaged[:] = 3.0
+        found = identify(MODEL, data, "with-tolerances", indicator=stated, tolerance_mm=TOLERANCES)
+        errors.append(found.values_mm - truth)
+    true = np.sqrt(np.mean(np.square(errors), axis=0))
+    np.testing.assert_allclose(np.sqrt(solution.enlarged_mm2(9.0).diagonal()), true, rtol=0.15)

@@ -193,5 +193,6 @@ def _no_optimum(found: str) -> NotIdentifiable:
         "exact identification",
         found,
         "readings that some machine near the nominal one could give",
-        "Look for a wrong reading or unit; try --subset joint-offsets or --method linear.",
+        "Look for a wrong reading or unit; `glidecal solve` with --subset joint-offsets or"
+        " --method linear may still answer.",
     )

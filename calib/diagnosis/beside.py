@@ -67,7 +67,7 @@ class _Field:
     def price(self, member: int) -> float:
         """What it costs to have been chosen, and to be of implausible size."""
         if member not in self._prices:
-            size = implausible(self.problem, self.entries[member])
+            size = implausible(self.problem, [self.entries[member]])
             self._prices[member] = float(self.chosen[member]) + size
         return self._prices[member]
 

@@ -2,42 +2,28 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
-from calib.diagnosis.cleaning import Case, Mistake, clean
-from calib.diagnosis.entries import Entry, entries_of, prices
+from calib.diagnosis.cleaning import Case, clean
+from calib.diagnosis.entries import Entry, entries_of, implausible, prices
 from calib.diagnosis.fitting import Fitting
 from calib.diagnosis.independence import DOUBT, repeats_explain_as_much
-from calib.diagnosis.left_over import left_over
-from calib.diagnosis.locate import left_over_words, locate
 from calib.diagnosis.naming import Naming
-from calib.diagnosis.problem import Problem, Sitting
-from calib.diagnosis.proposing import propose
-from calib.diagnosis.race import LEVEL, Outcome, Race
-from calib.diagnosis.results import (
-    Contender,
-    Diagnosis,
-    Finding,
-    Gap,
-    HeldOutGap,
-    LeftOver,
-    Verdict,
-)
-from calib.diagnosis.selection import Weighed, union
-from calib.diagnosis.strays import WILD_DISTANCE, belongs_elsewhere
-from calib.diagnosis.verify import left_out_postures, on_other_sessions, structure_rms_mm
-from calib.diagnosis.words import remarks, sentence, smallest_detectable
+from calib.diagnosis.problem import Problem
+from calib.diagnosis.race import Outcome, Race
+from calib.diagnosis.report import Report
+from calib.diagnosis.results import Diagnosis
+from calib.diagnosis.strays import WILD_DISTANCE
 from calib.observations import FloatArray
-from calib.orthoglide.effects.law import Law, Placed
+from calib.orthoglide.effects.law import Law
 
 SEED = 20081
-MOST_CONTENDERS = 20
-WITH_NAMES: tuple[Verdict, ...] = ("explained", "ambiguous", "partly-explained")
-LEAST_LOG = -690.0
+MOST_RACES = 3
+WORTH_ANOTHER_RACE = 9.0
+"""Noise variances that effects do beyond their derivatives before they are looked at again."""
 
 
 def diagnose(
@@ -57,17 +43,50 @@ def diagnose(
     blocks = [problem.block(entry.columns) for entry in every]
     seen = [k for k, block in enumerate(blocks) if _may_run(problem, every[k], block)]
     entries = [every[k] for k in seen]
-    causes = tuple(entry.causes for entry in entries)
-    shown = tuple(blocks[k] for k in seen)
-    race = Race(problem, shown, prices(problem, entries), causes, seed)
-    outcome = race.run()
+    race = _race(problem, entries, tuple(blocks[k] for k in seen), seed)
+    race, outcome = _followed_far_enough(race, entries, ready)
+    problem = race.problem
     fitting = Fitting(problem, entries, race, ready)
     naming = Naming(problem, entries, race, outcome)
     doubts = (DOUBT,) if repeats_explain_as_much(naming) else ()
     if doubts:
         outcome = replace(outcome, kept=None)
         naming = replace(naming, outcome=outcome)
-    return _Report(fitting, naming, outcome, mistakes, held_out, doubts).make()
+    return Report(fitting, naming, outcome, mistakes, held_out, doubts).make()
+
+
+def _race(
+    problem: Problem, entries: Sequence[Entry], blocks: tuple[FloatArray, ...], seed: int
+) -> Race:
+    causes = tuple(entry.causes for entry in entries)
+
+    def loss(members: tuple[int, ...]) -> float:
+        return implausible(problem, [entries[k] for k in members])
+
+    return Race(problem, blocks, prices(problem, entries), causes, seed, loss)
+
+
+def _followed_far_enough(
+    race: Race, entries: Sequence[Entry], ready: Sequence[Case]
+) -> tuple[Race, Outcome]:
+    """The race once more where large effects do more than their derivatives say.
+
+    What they do beyond would be named as something else.
+    """
+    outcome = race.run()
+    for _ in range(MOST_RACES - 1):
+        if outcome.kept is None:
+            break
+        fitting = Fitting(race.problem, entries, race, ready)
+        straight = fitting.as_if_linear(outcome.kept.members)
+        if float(((straight.y - race.problem.y) ** 2).sum()) < WORTH_ANOTHER_RACE:
+            break
+        again = _race(straight, entries, race.blocks, race.seed)
+        found = again.run()
+        if not found.adequate:  # followed the wrong way
+            break
+        race, outcome = again, found
+    return race, outcome
 
 
 def _may_run(problem: Problem, entry: Entry, block: FloatArray) -> bool:
@@ -86,194 +105,3 @@ def _repeated(problem: Problem, row: int) -> bool:
     levels = np.concatenate([one.observed.displacement_mm for one in problem.sittings])
     alike = (problem.mount == problem.mount[row]) & (levels == levels[row])
     return int(alike.sum()) > 1
-
-
-@dataclass(eq=False)
-class _Report:
-    """From the outcome of the race to the answer."""
-
-    fitting: Fitting
-    naming: Naming
-    outcome: Outcome
-    mistakes: Sequence[Mistake]
-    held_out: Sequence[Case]
-    doubts: tuple[str, ...]
-    _others: list[Sitting] = field(default_factory=list)
-
-    @property
-    def problem(self) -> Problem:
-        """What was diagnosed."""
-        return self.fitting.problem
-
-    def make(self) -> Diagnosis:
-        """The whole answer."""
-        kept = self.outcome.kept
-        findings = [_of_mistake(one) for one in self.mistakes]
-        if kept is not None:
-            findings += self._findings(kept)
-        verdict = self._verdict()
-        shares = locate(self.problem)
-        told = bool(self.held_out) or verdict != "cannot-tell"
-        noise = self.problem.sittings[0].noise
-        named = [f for f in findings if f.kind == "blunder" or verdict in WITH_NAMES]
-        left = self._left_over(verdict, findings)
-        return Diagnosis(
-            verdict=verdict,
-            sentence=sentence(verdict, findings, left_over_words(shares, LEVEL)),
-            noise_mm=float(np.sqrt(np.mean(self.problem.root_weight**-2.0))),
-            noise_df=self.problem.noise_df,
-            noise_source=noise.source if noise else "residuals",
-            gap_before=self._gap(()),
-            gap_after=self._gap(kept.members if kept else ()),
-            held_out=self._held_out(findings) if told else None,
-            where=shares[:MOST_CONTENDERS],
-            effects=tuple(named),
-            candidates=self._contenders(kept),
-            next_measurement=propose(verdict, kept, self.naming, self.fitting),
-            smallest_detectable=smallest_detectable(
-                self.problem, self.fitting.entries, self.fitting.race
-            ),
-            remarks=(*remarks(self.problem, verdict, left), *self.doubts),
-            left_over=left,
-        )
-
-    def _left_over(self, verdict: Verdict, findings: Sequence[Finding]) -> LeftOver | None:
-        """The unnamed law of what is left, where something is."""
-        if verdict not in ("partly-explained", "unexplained"):
-            return None
-        members = self.outcome.kept.members if self.outcome.kept else ()
-        placed = tuple(effect for finding in findings for effect in finding.effects)
-        return left_over(self.fitting, members, placed, self.others())
-
-    def _verdict(self) -> Verdict:
-        """A mistake that something else imitates does not explain alone."""
-        verdict = self.naming.verdict(bool(self.mistakes))
-        doubtful = any(one.blunder.or_else for one in self.mistakes)
-        return "ambiguous" if doubtful and verdict == "explained" else verdict
-
-    def _gap(self, members: tuple[int, ...]) -> Gap:
-        square, df, p = self.fitting.race.gap(members)
-        residual = self.problem.y
-        if members:
-            basis = union([self.fitting.race.blocks[k] for k in members])
-            residual = residual - basis @ (basis.T @ residual)
-        return Gap(structure_rms_mm(self.problem, residual), square, df, p)
-
-    def _findings(self, kept: Weighed) -> list[Finding]:
-        values = self.fitting.refined(kept.members)
-        rivals = self.naming.names(kept)
-        before = self._gap(()).rms_mm
-        found = []
-        for place, member in enumerate(self.naming.by_evidence(kept)):
-            entry = self.fitting.entries[member]
-            after = self._gap(self.naming.by_evidence(kept)[: place + 1]).rms_mm
-            p = self.outcome.step_p[min(place, len(self.outcome.step_p) - 1)]
-            name, title = self._label(entry)
-            found.append(
-                Finding(
-                    name,
-                    entry.kind,
-                    title,
-                    entry.where,
-                    values[member][0],
-                    p,
-                    before,
-                    after,
-                    rivals[member],
-                    values[member][1],
-                )
-            )
-            before = after
-        return found
-
-    def _label(self, entry: Entry) -> tuple[str, str]:
-        """A lone wild reading may be one under a wrong label."""
-        if entry.id != "wild_reading":
-            return entry.id, entry.title
-        single = int(entry.columns[:, 0].argmax())
-        observed = self.problem.sittings[0].observed
-        belongs = belongs_elsewhere(observed, single) if single < len(observed) else None
-        if belongs is None:
-            return entry.id, entry.title
-        return "label_error", f"{entry.title}: it belongs to {belongs}"
-
-    def _contenders(self, kept: Weighed | None) -> tuple[Contender, ...]:
-        ordered = sorted(self.outcome.singles, key=lambda m: -m.log_weight)
-        found: dict[tuple[str, str], Contender] = {}
-        for model in ordered:
-            member = model.members[0]
-            entry = self.fitting.entries[member]
-            if (entry.id, entry.where) in found:
-                continue
-            parameters, placed = self.fitting.values((member,))[member]
-            found[entry.id, entry.where] = Contender(
-                entry.id,
-                entry.where,
-                parameters,
-                math.exp(max(float(self.outcome.local_log_p[member]), LEAST_LOG)),
-                self._gap((member,)).rms_mm,
-                self._held_out_of(placed),
-                self._reason(kept, member),
-                placed,
-            )
-            if len(found) == MOST_CONTENDERS:
-                break
-        return tuple(found.values())
-
-    def _held_out_of(self, placed: tuple[Placed, ...]) -> float | None:
-        if not self.held_out or not placed:
-            return None
-        found = on_other_sessions(self.others(), placed, self.held_out[0].tolerance_mm)
-        return found.after_rms_mm if found else None
-
-    def others(self) -> list[Sitting]:
-        """The held-out sessions, fitted once."""
-        if not self._others:
-            self._others = [case.sit() for case in self.held_out]
-        return self._others
-
-    def _reason(self, kept: Weighed | None, member: int) -> str:
-        if kept is None:
-            return "no better than chance among so many candidates"
-        if member in kept.members:
-            told = self.naming.verdict(bool(self.mistakes)) in WITH_NAMES
-            return "" if told else "best guess"
-        if any(member in model.members for model in self.outcome.models):
-            return "fits about as well"
-        if self.fitting.race.gap((member,))[2] <= LEVEL:
-            return "leaves a gap"
-        return "another one explains it with more weight"
-
-    def _held_out(self, findings: Sequence[Finding]) -> HeldOutGap | None:
-        placed = tuple(effect for finding in findings for effect in finding.effects)
-        if self.held_out:
-            return on_other_sessions(self.others(), placed, self.held_out[0].tolerance_mm)
-        if self.outcome.kept is None:
-            return None
-        return left_out_postures(
-            self.problem,
-            self._columns_of_as_many_causes(self.outcome.kept),
-            len(self.outcome.kept.members),
-            self.fitting.cases[0].tolerance_mm,
-        )
-
-    def _columns_of_as_many_causes(self, kept: Weighed) -> list[FloatArray]:
-        """Columns of what could have been kept in place of one of its members."""
-        most = max(self.fitting.entries[k].causes for k in kept.members)
-        return [e.columns for e in self.fitting.entries if e.kind != "blunder" and e.causes <= most]
-
-
-def _of_mistake(mistake: Mistake) -> Finding:
-    blunder = mistake.blunder
-    before, after = mistake.before_rms_mm, mistake.after_rms_mm
-    return Finding(
-        blunder.id,
-        "blunder",
-        blunder.title,
-        blunder.where,
-        (),
-        0.0,
-        before,
-        after,
-        blunder.or_else,
-    )

@@ -72,7 +72,7 @@ def entries_of(problem: Problem, laws: Sequence[Law]) -> list[Entry]:
 
 def prices(problem: Problem, entries: Sequence[Entry]) -> FloatArray:
     """What each candidate costs in log weight ``(J,)``: to be chosen, and for its size."""
-    sizes = [implausible(problem, entry) for entry in entries]
+    sizes = [implausible(problem, [entry]) for entry in entries]
     return np.asarray(chosen(entries) + np.array(sizes))
 
 
@@ -94,13 +94,14 @@ def chosen(entries: Sequence[Entry]) -> FloatArray:
     return np.asarray(np.array(causes) * np.log(np.array(choices, dtype=np.float64)))
 
 
-def implausible(problem: Problem, entry: Entry) -> float:
-    """What a candidate loses for the size that it would need alone, in log weight.
+def implausible(problem: Problem, entries: Sequence[Entry]) -> float:
+    """What candidates lose for the sizes that they would need together, in log weight.
 
     A normal prior on each parameter, thirty times the unremarkable size wide: a fit that needs more
     pays, and directions that hardly show are not blown up.
     """
-    white = problem.root_weight[:, None] * entry.columns * (FAR * entry.tolerance)
+    columns = np.hstack([entry.columns * (FAR * entry.tolerance) for entry in entries])
+    white = problem.root_weight[:, None] * columns
     white = white - problem.nuisance @ (problem.nuisance.T @ white)
     free = problem.y - white @ np.linalg.lstsq(white, problem.y, rcond=1e-6)[0]
     value = held(white, problem.y)[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -31,21 +31,34 @@ class Fitting:
     entries: Sequence[Entry]
     race: Race
     cases: Sequence[Case]
+    _found: dict[tuple[int, ...], tuple[Sizes, FloatArray]] = field(default_factory=dict)
 
     def refined(self, members: tuple[int, ...]) -> Sizes:
         """`values` through the nonlinear simulation: effects in, base fitted anew, corrected."""
-        found = self.values(members, self.problem.y)
+        return self._through_the_simulation(members)[0]
+
+    def as_if_linear(self, members: tuple[int, ...]) -> Problem:
+        """The problem less what these effects do beyond their derivatives."""
+        return self.problem.as_if_linear(self._through_the_simulation(members)[1])
+
+    def _through_the_simulation(self, members: tuple[int, ...]) -> tuple[Sizes, FloatArray]:
+        if members not in self._found:
+            self._found[members] = self._corrected(members)
+        return self._found[members]
+
+    def _corrected(self, members: tuple[int, ...]) -> tuple[Sizes, FloatArray]:
+        """Sizes, and the readings ``(n,)`` as a linear machine would give them."""
+        found, y = self.values(members, self.problem.y), self.problem.y
+        basis = union([self.race.blocks[k] for k in members])
         for _ in range(CORRECTIONS):
             placed = tuple(effect for _, effects in found.values() for effect in effects)
             try:
-                left = self._left_with(placed)
+                y = self._left_with(placed) + self._linear_share(found, members)
             except NotIdentifiable:
-                return found
-            basis = union([self.race.blocks[k] for k in members])
-            explained = self.problem.y - self._linear_share(found, members)
-            correction = basis @ (basis.T @ (left - explained))
-            found = self.values(members, self.problem.y + correction)
-        return found
+                return found, self.problem.y
+            beyond = y - self.problem.y
+            found = self.values(members, self.problem.y + basis @ (basis.T @ beyond))
+        return found, y
 
     def _left_with(self, placed: tuple[Placed, ...]) -> FloatArray:
         """Whitened residual ``(n,)`` with these effects in the model, nuisance projected out."""

@@ -33,7 +33,7 @@ def evidence_of_postures(problem: Problem) -> float:
     """Log Bayes factor for an error of each posture's own against none."""
     block = problem.block(_postures(problem))
     explained = float(((block.T @ problem.y) ** 2).sum())
-    return log_bayes_factor(explained, block.shape[1], problem.spread())
+    return log_bayes_factor(explained, block.shape[1], problem.spread)
 
 
 def _postures(problem: Problem) -> FloatArray:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from calib.diagnosis.entries import Entry
 from calib.diagnosis.problem import Problem
-from calib.diagnosis.race import LEVEL, Outcome, Race
+from calib.diagnosis.race import LEVEL, MOST_EFFECTS, Outcome, Race
 from calib.diagnosis.results import Named, Verdict
 from calib.diagnosis.selection import ALIKE, Weighed, contained, union
 
@@ -17,11 +18,17 @@ LEAST_EVIDENCE = 25.0
 """No single name below this non-centrality (explained squares less their freedom)."""
 
 LEAST_FREEDOM = 10
+SEEN = 1e-6
+"""A reading that the fit follows anyway tells nothing."""
+
 ROOM = 4
 """Degrees of freedom that the whole catalogue must leave, or an unknown effect could not show."""
 
 MOST_NAMES = 2
 """More different names at once are not claimed."""
+
+FAR_TOGETHER = 10.0
+"""Log weight that members may lose for sizes that only each other's sizes call for."""
 
 CANNOT_TELL = 9.0
 """Noise variances that a rival must leave more than the name kept. Two that are apart by D change
@@ -46,10 +53,30 @@ class Naming:
             return "cannot-tell"
         if not self.outcome.adequate:
             return "partly-explained"
-        weak = any(self.evidence(kept, k) < LEAST_EVIDENCE for k in kept.members)
-        if weak or any(self.names(kept).values()) or not self._room() or self._is_series(kept):
-            return "ambiguous"
-        return "explained"
+        return "ambiguous" if any(self.names(kept).values()) or self.doubt else "explained"
+
+    @cached_property
+    def doubt(self) -> str:
+        """Why what was kept is not claimed though no other name fits; empty where it is."""
+        kept = self.outcome.kept
+        if kept is None:
+            return ""
+        effects = [k for k in kept.members if self.entries[k].kind != "blunder"]
+        alone = (self.without_any_one(kept, k) for k in effects)
+        reasons = (
+            (self._is_weak(kept), "the evidence is weak"),
+            (min(alone, default=np.inf) < LEAST_EVIDENCE, "the evidence hangs on a single reading"),
+            (not self._room(), "these postures leave no room to see something unknown"),
+            (self._is_series(kept), "so many terms together fit nearly any shape"),
+            (
+                self.race.far_together(kept.members) > FAR_TOGETHER,
+                "no workshop has such sizes, which cancel each other",
+            ),
+        )
+        return next((words for holds, words in reasons if holds), "")
+
+    def _is_weak(self, kept: Weighed) -> bool:
+        return any(self.evidence(kept, k) < LEAST_EVIDENCE for k in kept.members)
 
     def _verdict_without_names(self, blunders_found: bool) -> Verdict:
         if self.problem.structure_df <= 0 or self.problem.noise_df <= 0.0:
@@ -67,6 +94,21 @@ class Naming:
         explained: float = ((block.T @ y) ** 2).sum()
         return float(explained) - float(block.shape[1])
 
+    def without_any_one(self, kept: Weighed, member: int) -> float:
+        """The least evidence that remains for one member when any one reading is left out."""
+        others = tuple(k for k in kept.members if k != member)
+        blocks, y = self.race.beside(others)
+        block = blocks[member]
+        known = [self.problem.nuisance, *(self.race.blocks[k] for k in others)]
+        free = 1.0 - (union(known) ** 2).sum(axis=1)
+        rows = np.flatnonzero(free > SEEN)
+        own = block[rows] / np.sqrt(free[rows])[:, None]
+        rest = block.T @ y - own * (y[rows] / np.sqrt(free[rows]))[:, None]
+        lost = np.maximum(1.0 - (own**2).sum(axis=1), SEEN)
+        left = (rest**2).sum(axis=1) + (own * rest).sum(axis=1) ** 2 / lost
+        alone = (own**2).sum(axis=1) > 1.0 - SEEN
+        return float(np.where(alone, 0.0, left).min(initial=np.inf)) - float(block.shape[1])
+
     def _room(self) -> bool:
         """Whether the catalogue leaves room for an effect that is not in it to show."""
         inside = [
@@ -83,7 +125,10 @@ class Naming:
         One screw has one lead, and of all triples of the catalogue some fit nearly everything.
         """
         named = [(self.entries[k].id, self.entries[k].where) for k in kept.members]
-        return len(set(named)) < len(named) or len({name for name, _ in named}) > MOST_NAMES
+        names = {name for name, _ in named}
+        causes = sum(self.entries[k].causes for k in kept.members)
+        many = len(names) > MOST_NAMES or (len(names) > 1 and causes > MOST_EFFECTS)
+        return many or len(set(named)) < len(named)
 
     def names(self, kept: Weighed) -> dict[int, tuple[Named, ...]]:
         """For each member of the best model the other names that fit as well in its place."""
@@ -118,14 +163,16 @@ class Naming:
         return nested or self.entries[member].where == self.entries[other].where
 
     def _look_alikes(self, kept: Weighed, member: int) -> list[int]:
-        """Candidates of no higher rank that fit these readings as well, likely or not."""
+        """Candidates of no higher rank that fit these readings as well, likely or not.
+
+        Two indicators that err are two causes, and still what they do may be what one bar does.
+        """
         own = self.race.blocks[member]
         return [
             k
             for k, block in enumerate(self.race.blocks)
             if k not in kept.members
             and block.shape[1] <= own.shape[1]
-            and self.entries[k].causes <= self.entries[member].causes
             and self._lost(kept, member, k) < CANNOT_TELL
             and not self._same_on_other_places(member, k)
         ]
@@ -135,7 +182,7 @@ class Naming:
         members = tuple(other if k == member else k for k in kept.members)
         basis = union([self.race.blocks[k] for k in members])
         explained = float(((basis.T @ self.problem.y) ** 2).sum())
-        return 2.0 * self.problem.spread().log_ratio(kept.explained, explained)
+        return 2.0 * self.problem.spread.log_ratio(kept.explained, explained)
 
     def by_evidence(self, kept: Weighed) -> tuple[int, ...]:
         """Members of the model, the strongest first."""

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -100,13 +101,15 @@ def _rough_variance(visited: Observations) -> float:
 class Problem:
     """Several sittings side by side: effects are shared, base parameters and zeros are not.
 
-    ``y`` ``(n,)`` and everything else is whitened. ``nuisance`` ``(n, q)`` is an orthonormal basis
-    of base parameters and zeros; ``structure`` ``(n, e)`` of all that is not scatter of repeats
-    (cells and cycles of each mounting). ``noise_df`` belongs to the noise the whitening used, 0
-    where none is known.
+    ``left`` ``(n,)`` is what the sittings leave, ``y`` ``(n,)`` the same without base
+    parameters and zeros; they and everything else are whitened. ``nuisance`` ``(n, q)`` is an
+    orthonormal basis of base parameters and zeros; ``structure`` ``(n, e)`` of all that is not
+    scatter of repeats (cells and cycles of each mounting). ``noise_df`` belongs to the noise
+    the whitening used, 0 where none is known.
     """
 
     sittings: tuple[Sitting, ...]
+    left: FloatArray
     y: FloatArray
     root_weight: FloatArray
     nuisance: FloatArray
@@ -130,6 +133,7 @@ class Problem:
             count += one.observed.mount_count
         return cls(
             tuple(sittings),
+            root * left,
             residual,
             root,
             nuisance,
@@ -138,6 +142,10 @@ class Problem:
             _noise_df(sittings),
             np.concatenate(mounts),
         )
+
+    def as_if_linear(self, y: FloatArray) -> Problem:
+        """The same with what a machine leaves ``(n,)`` that follows its derivatives far enough."""
+        return replace(self, y=y, left=self.left + y - self.y)
 
     def block(self, columns_mm: FloatArray) -> FloatArray:
         """Orthonormal basis ``(n, r)`` of columns ``(n, k)`` in mm, nuisance projected out."""
@@ -178,6 +186,7 @@ class Problem:
         variance = (squares + BORROWED * middle) / (free + BORROWED)
         return np.asarray(np.sqrt(variance)[self.mount])
 
+    @cached_property
     def spread(self) -> Spread:
         """What tells the variance of the noise."""
         if math.isinf(self.noise_df):

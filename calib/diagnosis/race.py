@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,6 +19,13 @@ NAMING_LEVEL = 0.005
 """Chance of a name on data with nothing missing; half of the level, for noise is never quite
 normal."""
 MOST_EFFECTS = 3
+MOST_LOOKED_AT = 100
+"""Models of one size whose sizes are judged together, at most."""
+
+OUT_OF_THE_RACE = 10.0
+"""Log weight behind the best from where a model counts for nothing."""
+
+SECOND_LOOK = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,41 +48,45 @@ class Outcome:
 
 @dataclass(eq=False)
 class Race:
-    """Candidates as blocks ``(n, r)`` over one problem; ``prices``, ``causes`` as in `Search`."""
+    """Candidates as blocks ``(n, r)`` over one problem; ``prices``, ``causes`` as in `Search`.
+
+    ``loss`` tells what members together lose for the sizes they need (`entries.implausible`).
+    """
 
     problem: Problem
     blocks: tuple[FloatArray, ...]
     prices: FloatArray
     causes: tuple[int, ...]
     seed: int
-    _nulls: dict[tuple[tuple[int, ...], bool], Null] = field(default_factory=dict)
+    loss: Callable[[tuple[int, ...]], float] = lambda _: 0.0
+    nulls: dict[tuple[tuple[int, ...], bool], Null] = field(default_factory=dict)
 
     def run(self) -> Outcome:
         """Name what can be named."""
-        search = Search(
-            self.problem.y, self.blocks, self.problem.spread(), self.prices, self.causes
-        )
+        search = Search(self.problem.y, self.blocks, self.problem.spread, self.prices, self.causes)
         singles = search.singles()
         before = self.gap(())
         by_cells = self.problem.noise_df <= 0.0
         first_p, local = self.step((), by_cells=by_cells)
         if first_p > NAMING_LEVEL:
             return self._nothing(singles, (first_p,), local, before)
-        chosen, models, steps = self._grow(search, singles, first_p, by_cells)
+        chosen, weighed, steps = self._grow(search, singles, first_p, by_cells)
         after = self.gap(chosen.members)
         adequate = after[2] > LEVEL
         if not adequate and not by_cells:
-            kept, held, p = self._only_what_stands_out(search, singles, chosen)
+            kept, held, p = self._only_what_stands_out(search, singles, chosen, weighed)
             after = self.gap(kept.members) if kept else before
-            return Outcome(kept, tuple(held), tuple(singles), p, local, False, before, after)
-        return Outcome(chosen, tuple(models), tuple(singles), steps, local, adequate, before, after)
+            adequate = after[2] > LEVEL
+            return Outcome(kept, tuple(held), tuple(singles), p, local, adequate, before, after)
+        models = tuple(credible_set(weighed))
+        return Outcome(chosen, models, tuple(singles), steps, local, adequate, before, after)
 
     def _grow(
         self, search: Search, singles: Sequence[Weighed], first_p: float, by_cells: bool
     ) -> tuple[Weighed, list[Weighed], tuple[float, ...]]:
         """The smallest number of causes whose best model leaves nothing that stands out."""
         sizes = search.by_causes(singles, MOST_EFFECTS)
-        everything = next(sizes)
+        everything = self._paid(next(sizes))
         best = foremost(everything or singles)
         steps = [first_p]
         for larger in sizes:
@@ -83,18 +94,55 @@ class Race:
             enough = p > NAMING_LEVEL and (by_cells or self.gap(best.members)[2] > LEVEL)
             if enough or not larger:
                 break
+            larger = self._paid(larger)
             everything = [*everything, *larger]
             best = foremost(larger)
             steps.append(p)
-        return best, credible_set(everything), tuple(steps)
+        return best, everything, tuple(steps)
+
+    def _paid(self, models: Sequence[Weighed]) -> list[Weighed]:
+        """Less what they lose for their sizes together; without those far behind."""
+        found: list[Weighed] = []
+        for model in sorted(models, key=lambda m: -m.log_weight)[:MOST_LOOKED_AT]:
+            best = max((m.log_weight for m in found), default=-np.inf)
+            if model.log_weight < best - OUT_OF_THE_RACE:
+                break
+            weight = model.log_weight - self.far_together(model.members)
+            found.append(replace(model, log_weight=weight))
+        return found
+
+    def far_together(self, members: tuple[int, ...]) -> float:
+        """Log weight lost for sizes that only the sizes of the others call for."""
+        if len(members) < 2:
+            return 0.0
+        return max(self.loss(members) - sum(self.loss((k,)) for k in members), 0.0)
 
     def _only_what_stands_out(
-        self, search: Search, singles: Sequence[Weighed], best: Weighed
+        self,
+        search: Search,
+        singles: Sequence[Weighed],
+        best: Weighed,
+        weighed: Sequence[Weighed],
     ) -> tuple[Weighed | None, list[Weighed], tuple[float, ...]]:
         """Where a gap remains the noise of repeats proves nothing: judge by what the cells leave.
 
         Errors that stay with a posture would otherwise be named after whatever resembles them.
+        One is added after the other; a heavier model of the whole search goes before, if all of
+        it stands out.
         """
+        kept, held, steps = self._one_after_the_other(search, singles, best)
+        for model in sorted(weighed, key=lambda m: -m.log_weight)[:SECOND_LOOK]:
+            if kept and model.log_weight <= kept.log_weight:
+                break
+            others = [tuple(k for k in model.members if k != m) for m in model.members]
+            apart = tuple(self.step(each, by_cells=True)[0] for each in others)
+            if max(apart) <= NAMING_LEVEL:
+                return model, credible_set([model]), apart
+        return kept, held, steps
+
+    def _one_after_the_other(
+        self, search: Search, singles: Sequence[Weighed], best: Weighed
+    ) -> tuple[Weighed | None, list[Weighed], tuple[float, ...]]:
         kept: tuple[int, ...] = ()
         steps: list[float] = []
         model = best
@@ -127,11 +175,11 @@ class Race:
         if not present:
             return 1.0, local
         key = kept, by_cells
-        if key not in self._nulls:
+        if key not in self.nulls:
             deviation = self.problem.unevenness()
             shown = [blocks[k] for k in present]
-            self._nulls[key] = null_scores(shown, reference, self.seed, deviation)
-        return self._nulls[key].p_value(float(local.min())), local
+            self.nulls[key] = null_scores(shown, reference, self.seed, deviation)
+        return self.nulls[key].p_value(float(local.min())), local
 
     def beside(self, kept: tuple[int, ...]) -> tuple[list[FloatArray], FloatArray]:
         """The blocks and the vector with the kept candidates projected out."""
@@ -148,11 +196,12 @@ class Race:
 
     def gap(self, kept: tuple[int, ...]) -> tuple[float, int, float]:
         """What a model leaves beyond the scatter of repeats: square sum, freedom, p-value."""
-        y = self._beside_y(kept)
+        y = self.left(kept)
         gap, df = self.problem.gap(y), self._structure_df(kept)
         return gap, df, gap_p_value(gap, df, self.problem.noise_df)
 
-    def _beside_y(self, kept: tuple[int, ...]) -> FloatArray:
+    def left(self, kept: tuple[int, ...]) -> FloatArray:
+        """What a model leaves ``(n,)``."""
         if not kept:
             return self.problem.y
         basis = union([self.blocks[k] for k in kept])

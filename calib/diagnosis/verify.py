@@ -30,7 +30,7 @@ def left_out_postures(
     """
     nuisance = problem.nuisance_columns()
     white = [problem.root_weight[:, None] * c for c in columns]
-    y = _whitened_left(problem)
+    y = problem.left
     before, after, used = 0.0, 0.0, 0
     for rows in groups or _groups(problem):
         train = np.setdiff1d(np.arange(len(y)), rows)
@@ -64,11 +64,6 @@ def _groups(problem: Problem) -> Iterator[IntArray]:
             rows = np.flatnonzero((leg == k) & (np.sign(displacement) == side))
             if len(rows) and len(rows) < (leg == k).sum():
                 yield rows
-
-
-def _whitened_left(problem: Problem) -> FloatArray:
-    left = np.concatenate([one.left_mm for one in problem.sittings])
-    return np.asarray(problem.root_weight * left)
 
 
 def _choose(

@@ -13,19 +13,25 @@ from calib.diagnosis.race import LEVEL, Race
 from calib.diagnosis.results import Detectable, Finding, LeftOver, Verdict
 
 NO_LAW = "what is left follows no simple law of displacement, approach, time or temperature"
+MOST_RIVALS = 5
 FOUND_9_OF_10 = 1.28
 """Standard normal quantile of 90 %."""
 
 
-def sentence(verdict: Verdict, findings: Sequence[Finding], where: str) -> str:
-    """The verdict in one sentence that a machinist understands."""
+def sentence(verdict: Verdict, findings: Sequence[Finding], where: str, doubt: str) -> str:
+    """The verdict in one sentence that a machinist understands.
+
+    ``where`` tells where something is left, ``doubt`` why names without rivals are not claimed.
+    """
     names = " and ".join(f"{f.title} ({f.where})" for f in findings)
     rivals = sorted({r.id for f in findings for r in f.indistinguishable_from})
+    if len(rivals) > MOST_RIVALS:
+        rivals = [*rivals[: MOST_RIVALS - 1], f"{len(rivals) - MOST_RIVALS + 1} others"]
     return {
         "agrees": "The model explains the readings within their noise; nothing is missing.",
         "explained": f"What was missing is: {names}.",
         "ambiguous": f"Something is missing: {names}"
-        + (f", or else {', '.join(rivals)}; these data cannot tell." if rivals else "; weak."),
+        + (f", or else {', '.join(rivals)}; these data cannot tell." if rivals else f"; {doubt}."),
         "partly-explained": f"Part of what is missing is {names}; more is left, {where}.",
         "unexplained": f"Something real is missing, {where}, and no known effect explains it.",
         "cannot-tell": "The readings are too few to tell what is missing"

@@ -1,0 +1,246 @@
+"""From the outcome of the race to the answer: findings, verdict, gaps, remarks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from calib.diagnosis.cleaning import Case, Mistake
+from calib.diagnosis.entries import Entry
+from calib.diagnosis.fitting import Fitting
+from calib.diagnosis.left_over import left_over
+from calib.diagnosis.locate import left_over_words, locate
+from calib.diagnosis.naming import Naming
+from calib.diagnosis.problem import Problem, Sitting
+from calib.diagnosis.proposing import propose
+from calib.diagnosis.race import LEVEL, Outcome
+from calib.diagnosis.results import (
+    Contender,
+    Diagnosis,
+    Finding,
+    Gap,
+    HeldOutGap,
+    LeftOver,
+    Verdict,
+)
+from calib.diagnosis.selection import Weighed
+from calib.diagnosis.strays import belongs_elsewhere
+from calib.diagnosis.verify import left_out_postures, on_other_sessions, structure_rms_mm
+from calib.diagnosis.words import remarks, sentence, smallest_detectable
+from calib.observations import FloatArray
+from calib.orthoglide.effects.law import Placed
+
+MOST_CONTENDERS = 20
+WITH_NAMES: tuple[Verdict, ...] = ("explained", "ambiguous", "partly-explained")
+LEAST_LOG = -690.0
+
+
+@dataclass(eq=False)
+class Report:
+    """From the outcome of the race to the answer."""
+
+    fitting: Fitting
+    naming: Naming
+    outcome: Outcome
+    mistakes: Sequence[Mistake]
+    held_out: Sequence[Case]
+    doubts: tuple[str, ...]
+    _others: list[Sitting] = field(default_factory=list)
+
+    @property
+    def problem(self) -> Problem:
+        """What was diagnosed."""
+        return self.fitting.problem
+
+    def make(self) -> Diagnosis:
+        """The whole answer."""
+        kept = self.outcome.kept
+        findings = [_of_mistake(one) for one in self.mistakes]
+        if kept is not None:
+            findings += self._findings(kept)
+        verdict = self._verdict
+        shares = locate(self.problem)
+        told = bool(self.held_out) or verdict != "cannot-tell"
+        noise = self.problem.sittings[0].noise
+        named = [f for f in findings if f.kind == "blunder" or verdict in WITH_NAMES]
+        left = self._left_over(verdict, findings)
+        return Diagnosis(
+            verdict=verdict,
+            sentence=sentence(verdict, findings, self._left_where(kept), self.naming.doubt),
+            noise_mm=float(np.sqrt(np.mean(self.problem.root_weight**-2.0))),
+            noise_df=self.problem.noise_df,
+            noise_source=noise.source if noise else "residuals",
+            gap_before=self._gap(()),
+            gap_after=self._gap(kept.members if kept else ()),
+            held_out=self._held_out(findings) if told else None,
+            where=shares[:MOST_CONTENDERS],
+            effects=tuple(named),
+            candidates=self._contenders(kept),
+            next_measurement=propose(verdict, kept, self.naming, self.fitting),
+            smallest_detectable=smallest_detectable(
+                self.problem, self.fitting.entries, self.fitting.race
+            ),
+            remarks=(
+                *remarks(self.problem, verdict, left),
+                *self.doubts,
+                *(self._half_seen(kept) if kept else ()),
+            ),
+            left_over=left,
+        )
+
+    def _half_seen(self, kept: Weighed) -> tuple[str, ...]:
+        """Effects of whose values the readings see combinations only."""
+        seen = [(self.fitting.entries[k], self.fitting.race.blocks[k]) for k in kept.members]
+        return tuple(
+            f"{entry.id} ({entry.where}): the readings see {block.shape[1]} combination(s) of its"
+            f" {entry.columns.shape[1]} values; how the values share that is not known"
+            for entry, block in seen
+            if block.shape[1] < entry.columns.shape[1]
+        )
+
+    def _left_where(self, kept: Weighed | None) -> str:
+        """Where what is left shows, in words."""
+        members = kept.members if kept else ()
+        left = replace(self.problem, y=self.fitting.race.left(members))
+        return left_over_words(locate(left), LEVEL)
+
+    def _left_over(self, verdict: Verdict, findings: Sequence[Finding]) -> LeftOver | None:
+        """The unnamed law of what is left, where something is."""
+        if verdict not in ("partly-explained", "unexplained"):
+            return None
+        members = self.outcome.kept.members if self.outcome.kept else ()
+        placed = tuple(effect for finding in findings for effect in finding.effects)
+        return left_over(self.fitting, members, placed, self.others())
+
+    @cached_property
+    def _verdict(self) -> Verdict:
+        """A mistake that something else imitates does not explain alone."""
+        verdict = self.naming.verdict(bool(self.mistakes))
+        doubtful = any(one.blunder.or_else for one in self.mistakes)
+        return "ambiguous" if doubtful and verdict == "explained" else verdict
+
+    def _gap(self, members: tuple[int, ...]) -> Gap:
+        race = self.fitting.race
+        return Gap(structure_rms_mm(self.problem, race.left(members)), *race.gap(members))
+
+    def _findings(self, kept: Weighed) -> list[Finding]:
+        values = self.fitting.refined(kept.members)
+        rivals = self.naming.names(kept)
+        before = self._gap(()).rms_mm
+        found = []
+        for place, member in enumerate(self.naming.by_evidence(kept)):
+            entry = self.fitting.entries[member]
+            after = self._gap(self.naming.by_evidence(kept)[: place + 1]).rms_mm
+            p = self.outcome.step_p[min(place, len(self.outcome.step_p) - 1)]
+            name, title = self._label(entry)
+            found.append(
+                Finding(
+                    name,
+                    entry.kind,
+                    title,
+                    entry.where,
+                    values[member][0],
+                    p,
+                    before,
+                    after,
+                    rivals[member],
+                    values[member][1],
+                )
+            )
+            before = after
+        return found
+
+    def _label(self, entry: Entry) -> tuple[str, str]:
+        """A lone wild reading may be one under a wrong label."""
+        if entry.id != "wild_reading":
+            return entry.id, entry.title
+        single = int(entry.columns[:, 0].argmax())
+        observed = self.problem.sittings[0].observed
+        belongs = belongs_elsewhere(observed, single) if single < len(observed) else None
+        if belongs is None:
+            return entry.id, entry.title
+        return "label_error", f"{entry.title}: it belongs to {belongs}"
+
+    def _contenders(self, kept: Weighed | None) -> tuple[Contender, ...]:
+        ordered = sorted(self.outcome.singles, key=lambda m: -m.log_weight)
+        found: dict[tuple[str, str], Contender] = {}
+        for model in ordered:
+            member = model.members[0]
+            entry = self.fitting.entries[member]
+            if (entry.id, entry.where) in found:
+                continue
+            parameters, placed = self.fitting.values((member,))[member]
+            found[entry.id, entry.where] = Contender(
+                entry.id,
+                entry.where,
+                parameters,
+                math.exp(max(float(self.outcome.local_log_p[member]), LEAST_LOG)),
+                self._gap((member,)).rms_mm,
+                self._held_out_of(placed),
+                self._reason(kept, member),
+                placed,
+            )
+            if len(found) == MOST_CONTENDERS:
+                break
+        return tuple(found.values())
+
+    def _held_out_of(self, placed: tuple[Placed, ...]) -> float | None:
+        if not self.held_out or not placed:
+            return None
+        found = on_other_sessions(self.others(), placed, self.held_out[0].tolerance_mm)
+        return found.after_rms_mm if found else None
+
+    def others(self) -> list[Sitting]:
+        """The held-out sessions, fitted once."""
+        if not self._others:
+            self._others = [case.sit() for case in self.held_out]
+        return self._others
+
+    def _reason(self, kept: Weighed | None, member: int) -> str:
+        if kept is None:
+            return "no better than chance among so many candidates"
+        if member in kept.members:
+            return "" if self._verdict in WITH_NAMES else "best guess"
+        if any(member in model.members for model in self.outcome.models):
+            return "fits about as well"
+        if self.fitting.race.gap((member,))[2] <= LEVEL:
+            return "leaves a gap"
+        return "another one explains it with more weight"
+
+    def _held_out(self, findings: Sequence[Finding]) -> HeldOutGap | None:
+        placed = tuple(effect for finding in findings for effect in finding.effects)
+        if self.held_out:
+            return on_other_sessions(self.others(), placed, self.held_out[0].tolerance_mm)
+        if self.outcome.kept is None:
+            return None
+        return left_out_postures(
+            self.problem,
+            self._columns_of_as_many_causes(self.outcome.kept),
+            len(self.outcome.kept.members),
+            self.fitting.cases[0].tolerance_mm,
+        )
+
+    def _columns_of_as_many_causes(self, kept: Weighed) -> list[FloatArray]:
+        """Columns of what could have been kept in place of one of its members."""
+        most = max(self.fitting.entries[k].causes for k in kept.members)
+        return [e.columns for e in self.fitting.entries if e.kind != "blunder" and e.causes <= most]
+
+
+def _of_mistake(mistake: Mistake) -> Finding:
+    blunder = mistake.blunder
+    before, after = mistake.before_rms_mm, mistake.after_rms_mm
+    return Finding(
+        blunder.id,
+        "blunder",
+        blunder.title,
+        blunder.where,
+        (),
+        0.0,
+        before,
+        after,
+        blunder.or_else,
+    )

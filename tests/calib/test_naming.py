@@ -1,0 +1,132 @@
+"""What is claimed and what is not: rivals, single readings, monsters, large effects."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.entries import chosen, entries_of, implausible
+from calib.diagnosis.naming import Naming
+from calib.diagnosis.problem import Problem, Sitting
+from calib.diagnosis.race import Race
+from calib.diagnosis.results import Named
+from calib.diagnosis.words import sentence
+from calib.observations import FloatArray
+from calib.orthoglide.effects import CATALOGUE
+from calib.orthoglide.effects.law import Placed
+from tests.calib.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case, names, problem
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_two_indicators_are_a_rival_of_one_bar(seed: int) -> None:
+    """Both indicators of a leg askew do what the shape of one bar does."""
+    tilts = [Placed(LAWS["gauge_tilt"], place, (v,)) for place, v in (("yx", 30.0), ("yz", -40.0))]
+    found = diagnose([case(SWEEP, *tilts, seed=seed)], CATALOGUE)
+    possible = {one.id for one in found.effects}
+    possible |= {rival.id for one in found.effects for rival in one.indistinguishable_from}
+    assert "gauge_tilt" in possible
+
+
+def test_six_indicators_that_all_differ_are_one_name() -> None:
+    gains = (7.0, -2.6, -3.7, -3.6, 3.2, 7.0)
+    places = ("xy", "xz", "yx", "yz", "zx", "zy")
+    effects = [Placed(LAWS["gauge_gain"], p, (g,)) for p, g in zip(places, gains, strict=True)]
+    found = diagnose([case(TWO_STATION, *effects, seed=2, scatter_mm=0.0002)], CATALOGUE)
+    assert found.verdict == "explained"
+    assert names(found) == [("gauge_gain", "x,y,z")]
+    assert found.gap_after.p_value > 0.01
+    # All six together are a longer machine, which the offsets take over.
+    assert any("see 5 combination(s) of its 6 values" in remark for remark in found.remarks)
+
+
+@pytest.mark.parametrize("seed", [5, 6, 7])
+def test_a_large_effect_is_followed_beyond_its_derivatives(seed: int) -> None:
+    """Six milliradians beside 0.2 µm of noise: squares of the lean are many times that."""
+    lean = Placed(LAWS["axis_squareness"], "xz", (6.0,))
+    found = diagnose([case(TWO_STATION, lean, seed=seed, scatter_mm=0.0002)], CATALOGUE)
+    assert names(found) == [("axis_squareness", "xz")]
+    assert found.verdict == "explained"
+    (value,) = found.effects[0].parameters
+    assert abs(value.value - 6.0) < 4.0 * value.standard_uncertainty
+    assert found.gap_after.p_value > 0.01
+
+
+def test_sizes_that_only_each_other_call_for_cost() -> None:
+    """Two columns that nearly cancel: small alone, huge together."""
+    made = problem(TWO_STATION, 0)
+    entries = [e for e in entries_of(made, CATALOGUE) if (e.id, e.where) == ("backlash", "x")]
+    entries = [entries[0], entries[0]]
+    other = np.cos(np.arange(len(made.y)))[:, None]
+    nearly = replace(entries[1], columns=entries[0].columns + 1e-6 * other)
+    pair = [entries[0], nearly]
+    odd = made.root_weight[:, None] * other
+    y = 100.0 * odd[:, 0] / np.linalg.norm(odd)
+    moved = replace(made, y=y - made.nuisance @ (made.nuisance.T @ y))
+
+    def loss(members: tuple[int, ...]) -> float:
+        return implausible(moved, [pair[k] for k in members])
+
+    blocks = tuple(moved.block(e.columns) for e in pair)
+    race = Race(moved, blocks, chosen(pair), (1, 1), 1, loss)
+    assert loss((0,)) < 1.0
+    assert loss((1,)) < 1.0
+    assert race.far_together((0, 1)) > 10.0
+    assert race.far_together((0,)) == 0.0
+
+
+def without_a_row(one: Problem, columns: FloatArray, row: int) -> float:
+    """Squares that columns explain where a row is really taken out, by plain least squares."""
+    keep = np.arange(len(one.y)) != row
+
+    def left(design: FloatArray) -> float:
+        x = np.linalg.lstsq(design[keep], one.y[keep], rcond=1e-10)[0]
+        return float(((one.y[keep] - design[keep] @ x) ** 2).sum())
+
+    base = one.nuisance_columns()
+    base = base / np.linalg.norm(base, axis=0)
+    return left(base) - left(np.hstack([base, columns / np.linalg.norm(columns, axis=0)]))
+
+
+def test_evidence_without_any_one_reading_is_that_of_fits_without_it() -> None:
+    made = case(SWEEP, Placed(LAWS["backlash"], "y", (0.006,)), seed=8)
+    sitting = Sitting.of(made.model, made.observed, made.indicator, made.tolerance_mm)
+    one = Problem.of([sitting])
+    entries = [e for e in entries_of(one, CATALOGUE) if (e.id, e.where) == ("backlash", "y")]
+    race = Race(one, (one.block(entries[0].columns),), np.zeros(1), (1,), 1)
+    naming = Naming(one, entries, race, race.run())
+    kept = naming.outcome.kept
+    assert kept is not None
+    columns = one.root_weight[:, None] * entries[0].columns
+    least = min(without_a_row(one, columns, row) for row in range(len(one.y)))
+    assert naming.without_any_one(kept, 0) == pytest.approx(least - 1.0, rel=1e-6)
+    assert naming.without_any_one(kept, 0) < naming.evidence(kept, 0)
+
+
+def test_one_reading_gives_no_name() -> None:
+    """Evidence of an effect that only one reading shows is gone without it."""
+    one = problem(SWEEP, 3)
+    row = int(np.argmin((one.nuisance**2).sum(axis=1)))
+    spike = np.zeros((len(one.y), 1))
+    spike[row] = 1.0
+    y = 9.0 * spike[:, 0]
+    moved = replace(one, y=one.y + y - one.nuisance @ (one.nuisance.T @ y))
+    entry = replace(entries_of(one, CATALOGUE)[0], columns=spike / one.root_weight[row])
+    race = Race(moved, (moved.block(entry.columns),), np.zeros(1), (1,), 1)
+    naming = Naming(moved, [entry], race, race.run())
+    assert naming.outcome.kept is not None
+    assert naming.evidence(naming.outcome.kept, 0) > 25.0
+    assert naming.without_any_one(naming.outcome.kept, 0) < 0.0
+    assert naming.doubt == "the evidence hangs on a single reading"
+
+
+def test_the_first_sentence_stays_a_sentence() -> None:
+    found = diagnose([case(SWEEP, Placed(LAWS["gauge_tilt"], "xy", (9.0,)), seed=1)], CATALOGUE)
+    many = tuple(Named(f"name_{k}", "x") for k in range(9))
+    finding = replace(found.effects[0], indistinguishable_from=many)
+    said = sentence("ambiguous", [finding], "", "")
+    assert "name_0, name_1, name_2, name_3, 5 others; these data cannot tell." in said
+    plain = replace(finding, indistinguishable_from=())
+    assert sentence("ambiguous", [plain], "", "the evidence is weak").endswith("is weak.")

@@ -5,15 +5,19 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import takewhile
 
 from drivers.line import IndicatorLine
 from drivers.outcome import Asked, Fault, Outcome, Reading
 from drivers.profile import Profile
 
 HISTORY = 120
+TREND = 22
+"""So many of the latest outcomes make the trend."""
+
 STALE_S = 1.0
 READINGS_IN_WINDOW = 2.5
 """A slow indicator must have given at least two readings before it can be called stable."""
@@ -24,9 +28,6 @@ SPACING_S = 0.02
 
 ONE_DIGIT = 1.001
 """A last digit that flickers is not a movement."""
-
-FLICKER_DIGITS = 2.001
-"""One digit up and one down: so far a reading at rest may be from the one that is shown."""
 
 
 class Motion(StrEnum):
@@ -50,7 +51,10 @@ class Live:
 
 
 class Gauge:
-    """One indicator on its line with the history that tells stable from moving."""
+    """One indicator on its line with the history that tells stable from moving.
+
+    ``on_news`` is called in the thread of the line, not for what changes nothing.
+    """
 
     def __init__(
         self,
@@ -73,8 +77,8 @@ class Gauge:
         self._span: tuple[float, float] | None = None
         self._heard: deque[tuple[float, Outcome]] = deque(maxlen=HISTORY)
         self._latest: Outcome | None = None
-        self._pressed = False
-        self._news = False
+        self._pressed = self._rests = False
+        self.on_news: Callable[[], None] = lambda: None
         self._line = IndicatorLine(
             profile,
             port,
@@ -95,6 +99,7 @@ class Gauge:
     def _hear(self, outcome: Outcome) -> None:
         now = time.monotonic()
         with self._lock:
+            changes = not self._rests or outcome != self._latest
             if isinstance(outcome, Reading):
                 self._still_mm = max(self._tolerance_mm, ONE_DIGIT * outcome.resolution_mm)
                 low, high = self._span or (outcome.value_mm, outcome.value_mm)
@@ -105,38 +110,24 @@ class Gauge:
                 self._slot = now
                 self._heard.append((now, outcome))
             self._latest = outcome
-        self._news = True
+        if changes:
+            self.on_news()
 
     def press(self, _: Outcome) -> None:
         """A value came unasked: somebody pressed the button. Called by the line."""
-        self._pressed = self._news = True
+        self._pressed = True
+        self.on_news()
 
     def button_pressed(self) -> bool:
         """Whether the DATA button or a foot switch was pressed since the last call."""
         pressed, self._pressed = self._pressed, False
         return pressed
 
-    def has_news(self, shown: Live | None = None) -> bool:
-        """Whether anything was heard since the last call that cannot wait.
-
-        What can wait: a stable indicator whose last digit flickers around what is ``shown``.
-        """
-        news, self._news = self._news, False
-        if not news or self._pressed or shown is None or shown.motion is not Motion.STABLE:
-            return news
-        with self._lock:
-            now = self._heard[-1][1] if self._heard else None
-        before = shown.outcome
-        if not isinstance(now, Reading) or not isinstance(before, Reading):
-            return True
-        flicker_mm = min(FLICKER_DIGITS * now.resolution_mm, self._still_mm)
-        return abs(now.value_mm - before.value_mm) > flicker_mm
-
     def restart_window(self) -> None:
         """Forget what was stable: the machine is about to move."""
         with self._lock:
             self._heard.clear()
-            self._span = None
+            self._span, self._rests = None, False
 
     def has_moved(self) -> bool:
         """Whether the reading moved since the last `restart_window`."""
@@ -152,8 +143,10 @@ class Gauge:
             age_s = now - self._slot if self._latest else 0.0
             return Live(self._latest, age_s, Motion.WAITING, ())
         at, outcome = heard[-1]
-        trend = tuple(o.value_mm for _, o in heard if isinstance(o, Reading))
-        return Live(outcome, now - at, self._motion(heard, now), trend)
+        trend = tuple(o.value_mm for _, o in heard[-TREND:] if isinstance(o, Reading))
+        motion = self._motion(heard, now)
+        self._rests = motion in (Motion.STABLE, Motion.FAULT)
+        return Live(outcome, now - at, motion, trend)
 
     def _motion(self, heard: Sequence[tuple[float, Outcome]], now: float) -> Motion:
         at, outcome = heard[-1]
@@ -161,9 +154,8 @@ class Gauge:
             return Motion.FAULT
         if now - at > self._stale_s:
             return Motion.STALE
-        recent = [
-            o.value_mm for t, o in heard if now - t <= self._window_s and isinstance(o, Reading)
-        ]
+        within = takewhile(lambda entry: now - entry[0] <= self._window_s, reversed(heard))
+        recent = [o.value_mm for _, o in within if isinstance(o, Reading)]
         covered = now - heard[0][0] >= self._window_s
         still = len(recent) >= 2 and max(recent) - min(recent) <= self._still_mm
         return Motion.STABLE if covered and still else Motion.MOVING

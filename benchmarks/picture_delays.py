@@ -10,12 +10,12 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass, field
 from unittest import mock
 
-from textual.app import RenderResult
 from textual.drivers.headless_driver import HeadlessDriver
-from textual.widgets import Digits
+from textual.strip import Strip
 
 from app.acquisition import Gauge
 from app.screens.measure import MeasureScreen
+from app.screens.widgets import GaugeDisplay
 from app.wording.tables import signed
 from drivers.outcome import Outcome, Reading
 
@@ -86,23 +86,22 @@ class Delays:
 @contextmanager
 def listening(delays: Delays) -> Iterator[None]:
     """Within this, `delays` hears of every reading, every drawing and every flush."""
-    hear, render = Gauge._hear, Digits.render
+    hear, render_line = Gauge._hear, GaugeDisplay.render_line
 
     def heard(gauge: Gauge, outcome: Outcome) -> None:
         if isinstance(outcome, Reading):
             delays.hear(gauge.port, signed(outcome.value_mm, 3))
         hear(gauge, outcome)
 
-    def rendered(digits: Digits) -> RenderResult:
-        screen = digits.screen
-        if isinstance(screen, MeasureScreen) and digits.parent is not None:
-            number = int((digits.parent.id or "").removeprefix("gauge"))
-            delays.draw(screen.guided.gauges[number].port, digits.value)
-        return render(digits)
+    def rendered(display: GaugeDisplay, y: int) -> Strip:
+        if y == 0 and isinstance(display.screen, MeasureScreen):
+            number = int((display.id or "").removeprefix("gauge"))
+            delays.draw(display.screen.guided.gauges[number].port, display.number)
+        return render_line(display, y)
 
     with (
         mock.patch.object(Gauge, "_hear", heard),
-        mock.patch.object(Digits, "render", rendered),
+        mock.patch.object(GaugeDisplay, "render_line", rendered),
         mock.patch.object(Terminal, "on_flush", delays.flush),
     ):
         yield

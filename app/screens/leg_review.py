@@ -57,15 +57,23 @@ class LegReviewScreen(ModalScreen[bool]):
             with VerticalScroll(id="review"):
                 yield Static(text, id="review-text", markup=False)
                 yield Static("Space goes on, P holds the session.", markup=False)
-            yield ChartPlot(readings_by_posture(self._session, self._step), plot_id="review-chart")
+            yield ChartPlot(plot_id="review-chart")
 
     def on_mount(self) -> None:
         self.query_one("#review").focus()
+        self._use_width(self.app.size.width)  # before the first picture, not after it
+        self.call_after_refresh(self._draw_chart)  # a chart takes long; the words come first
         if self._unattended:
             self.set_timer(UNATTENDED_S, self._go_on)
 
     def on_resize(self, event: Resize) -> None:
-        self.set_class(event.size.width >= WIDE, "wide")
+        self._use_width(event.size.width)
+
+    def _use_width(self, columns: int) -> None:
+        self.set_class(columns >= WIDE, "wide")
+
+    def _draw_chart(self) -> None:
+        self.query_one(ChartPlot).show(readings_by_posture(self._session, self._step))
 
     def _go_on(self) -> None:
         if self.is_current:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
 import time
 from collections.abc import Sequence
@@ -12,15 +13,17 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.events import Resize
 from textual.geometry import Size
-from textual.widgets import Footer
 
-from app.acquisition import Gauge, Live, Motion
+from app.acquisition import Live, Motion
 from app.guided import GuidedSession, Taken
 from app.opening import Plan
 from app.screens.corrections import Corrections
 from app.screens.dialogs import ChoiceDialog
+from app.screens.kept import Kept
 from app.screens.leg_review import LegReviewScreen
+from app.screens.news import News
 from app.screens.session_view import SessionView
+from app.screens.widgets import KeyLine
 from app.solving import solve_for_controller
 from app.wording.session import (
     MEASURE_HELP,
@@ -35,14 +38,17 @@ from calib.errors import GlidecalError
 from drivers.outcome import Fault, Reading
 from protocols.procedure import Step
 
-FRAME_S = 1 / 30
-"""News of indicators that move are shown at most so often."""
+GATHER_S = 0.015
+"""One picture shows all that is heard within so long after the first news."""
+
+CALM_GATHER_S = 0.025
+"""The same while nothing moves: half the time between two readings makes one picture of two."""
 
 AGES_S = 0.2
-"""Ages, stale indicators and last digits that flicker are looked at so often."""
+"""Ages and stale indicators are looked at so often."""
 
 CALM_S = 1.0
-"""After so long of standing still a last digit that flickers may wait for `AGES_S`."""
+"""After so long of standing still nothing moves."""
 
 LEAST_SIZE = Size(80, 24)
 HELD_KEY_S = 0.15
@@ -59,7 +65,7 @@ WIDE = 110
 """Columns from which table and plot stand side by side."""
 
 
-class MeasureScreen(Corrections):
+class MeasureScreen(Corrections, Kept):
     """One step after the other; Space takes it."""
 
     HELP = MEASURE_HELP
@@ -80,31 +86,31 @@ class MeasureScreen(Corrections):
     def __init__(self, guided: GuidedSession, plan: Plan) -> None:
         super().__init__(guided)
         self.plan = plan
+        self.view = SessionView(len(guided.gauges))
         self.held = self._narrow = False
         self._lost: set[int] = set()
-        self._shown: Sequence[Live | None] = [None for _ in guided.gauges]
-        self._pressed_at = self._anyway_until = self._moved_at = 0.0
+        self._pressed_at = self._anyway_until = self._moved_at = self._shown_at = 0.0
         self._looked_at = time.time()
 
     def compose(self) -> ComposeResult:
-        yield SessionView(len(self.guided.gauges))
-        yield Footer(compact=True, show_command_palette=False)
-
-    @property
-    def view(self) -> SessionView:
-        """The picture of the session."""
-        return self.query_one(SessionView)
+        yield self.view
+        yield KeyLine(compact=True, show_command_palette=False)
 
     def on_mount(self) -> None:
         gc.freeze()  # a collection through everything imported would stop the screen for 0.1 s
         self.proceed()
-        self.set_interval(FRAME_S, self._show_news)
+        self._follow()
         self.set_interval(AGES_S, self._look)
 
-    def _show_news(self) -> None:
-        calm = time.monotonic() - self._moved_at > CALM_S
-        shown = [live if calm else None for live in self._shown]
-        if any(map(Gauge.has_news, self.guided.gauges, shown)):
+    @work
+    async def _follow(self) -> None:
+        """Show what the indicators tell, in one picture where it comes together."""
+        news = News(asyncio.get_running_loop())
+        for gauge in self.guided.gauges:
+            gauge.on_news = news.tell
+        while True:
+            calm = time.monotonic() - self._moved_at > CALM_S
+            await news.gathered(CALM_GATHER_S if calm else GATHER_S)
             self._show_live()
 
     def _look(self) -> None:
@@ -113,7 +119,8 @@ class MeasureScreen(Corrections):
         if slept_s > SLEPT_S:
             self._set_hold(True, f"the computer slept for {slept_s:.0f} s")
             self.say(slept_text(slept_s))
-        self._show_live()
+        if time.monotonic() - self._shown_at > AGES_S / 2:
+            self._show_live()
 
     def on_resize(self, event: Resize) -> None:
         self.set_class(event.size.width >= WIDE, "wide")
@@ -127,11 +134,12 @@ class MeasureScreen(Corrections):
 
     def proceed(self) -> None:
         """Go to the present step, or finish when there is none."""
-        if self.guided.step() is None:
-            self._begin_finish()
-        else:
+        following = self.guided.step()
+        if following is not None:
             self.guided.go()
-            self._show_step()
+        self._show_step()
+        if following is None:
+            self._begin_finish()
 
     def _show_step(self) -> None:
         session = self.guided.session
@@ -142,13 +150,14 @@ class MeasureScreen(Corrections):
 
     def _draw_live(self) -> Sequence[Live]:
         states = [gauge.live() for gauge in self.guided.gauges]
-        self._shown = states
         if self.busy or any(live.motion is not Motion.STABLE for live in states):
             self._moved_at = time.monotonic()
-        self.view.show_live(states)
+        if not isinstance(self.app.screen, LegReviewScreen):  # it lies over the digits
+            self.view.show_live(states)
         return states
 
     def _show_live(self) -> None:
+        self._shown_at = time.monotonic()
         states = self._draw_live()
         self._tell_lost_and_found(states)
         pressed = [gauge.button_pressed() for gauge in self.guided.gauges]
@@ -252,7 +261,6 @@ class MeasureScreen(Corrections):
         if following is not None and not self.guided.session.is_new_place(following):
             self.proceed()
             return
-        self._show_step()
         unattended = self.automatic and self.plan.simulated
         review = LegReviewScreen(self.guided.session, step, unattended=unattended)
         self.ask(review, self._reviewed)

@@ -64,10 +64,11 @@ class ChartPlot(PlotextPlot):
 
     def render(self) -> RenderResult:
         """The picture of before where chart, size and theme are those of before."""
+        if self._chart is None:
+            return ""
         wanted = (self._chart, self.size)
         if wanted != self._drawn:
-            if self._chart is not None:
-                self._draw(self._chart)
+            self._draw(self._chart)
             self._picture, self._drawn = super().render(), wanted
         return self._picture
 

@@ -11,14 +11,19 @@ from textual.widgets import Static
 from app.acquisition import Live
 from app.leg_table import leg_rows
 from app.plots import readings_by_posture
+from app.screens.kept import Kept
 from app.screens.plot import ChartPlot
-from app.screens.widgets import GaugeDisplay, StepList
+from app.screens.widgets import GaugeDisplay, Line, StepList
 from app.wording.session import leg_table_text, step_text
 from protocols.procedure import Step
 from protocols.session import Session
 
 
-class SessionView(Vertical):
+class Row(Horizontal, Kept):
+    """Side by side."""
+
+
+class SessionView(Vertical, Kept):
     """The same picture whether a session is measured or replayed."""
 
     def __init__(self, gauge_count: int) -> None:
@@ -29,14 +34,14 @@ class SessionView(Vertical):
         )
 
     def compose(self) -> ComposeResult:
-        yield Static("", id="progress", markup=False)
-        with Horizontal(id="upper"):
+        yield Line("", id="progress", markup=False)
+        with Row(id="upper"):
             yield Static("", id="step", markup=False)
             yield StepList()
-        with Horizontal(id="gauges"):
+        with Row(id="gauges"):
             yield from self._displays
-        yield Static("", id="said", markup=False)
-        with Horizontal(id="lower"):
+        yield Line("", id="said", markup=False)
+        with Row(id="lower"):
             yield Static("", id="table", markup=False)
             yield ChartPlot(plot_id="chart")
 
@@ -53,9 +58,12 @@ class SessionView(Vertical):
         self.query_one("#step", Static).update(step_text(step, session), layout=False)
         table = leg_table_text(leg_rows(session, step), geometry)
         self.query_one("#table", Static).update(table, layout=False)
-        self.query_one(ChartPlot).show(readings_by_posture(session, step))
+        self.call_after_refresh(self._show_chart, session, step)  # half of a step's picture
         for display, axis in zip(self._displays, step.axes, strict=False):
             display.border_title = f"along {axis.upper()}, mm"
+
+    def _show_chart(self, session: Session, step: Step) -> None:
+        self.query_one(ChartPlot).show(readings_by_posture(session, step))
 
     def show_live(self, states: Sequence[Live]) -> None:
         """What the indicators tell now."""

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
+from functools import lru_cache
+from itertools import pairwise
+from typing import ClassVar
 
-from textual.app import ComposeResult
-from textual.containers import Vertical
-from textual.widgets import Digits, Sparkline, Static
+from rich.segment import Segment
+from rich.style import Style
+from textual.content import Content
+from textual.renderables.digits import Digits
+from textual.renderables.sparkline import Sparkline
+from textual.selection import Selection
+from textual.strip import Strip
+from textual.widgets import Footer, Static
 
 from app.acquisition import Live, Motion
+from app.screens.kept import Kept, KeptRows
 from app.wording.tables import signed
 from calib.orthoglide.geometry import Geometry
 from drivers.outcome import Fault, Reading
@@ -22,6 +32,11 @@ MARKS = {
     Motion.STALE: "! STALE",
     Motion.FAULT: "! FAULT",
 }
+NO_NUMBER = "------"
+DIGIT_ROWS = 3
+STATE_ROW, TREND_ROW = 3, 4
+"""Rows within the border."""
+
 TREND_POINTS = 22
 TREND_S = 0.3
 """The trend is drawn at most so often: drawing it costs more than the digits."""
@@ -33,51 +48,99 @@ WORDS_FIT = 38
 """Columns that a fault's words need; narrower panels name its kind only."""
 
 
-class GaugeDisplay(Vertical):
-    """One indicator: big digits, unit, a word for its state, age, trend."""
+@lru_cache(maxsize=64)
+def big_digits(number: str) -> tuple[str, ...]:
+    """The rows of a number in large digits."""
+    pieces = (piece for piece in Digits(number).render(Style()) if isinstance(piece, Segment))
+    return tuple(piece.text for piece in pieces if piece.text != "\n")
+
+
+@lru_cache(maxsize=16)
+def decimals_of(resolution_mm: float) -> int:
+    """Digits after the point that show a resolution."""
+    return max(0, len(f"{resolution_mm:.6f}".rstrip("0")) - 2)
+
+
+class GaugeDisplay(KeptRows):
+    """One indicator: big digits, unit, a word for its state, age, trend.
+
+    One widget draws it all: widgets within it would cost more than the drawing.
+    """
+
+    COMPONENT_CLASSES: ClassVar[set[str]] = {"gauge--highest", "gauge--lowest"}
 
     def __init__(self, title: str, gauge_id: str) -> None:
         super().__init__(id=gauge_id, classes="gauge")
         self.border_title = title
-        self._shown: tuple[str, str, Motion, tuple[float, ...]] | None = None
-        self._trend_waits = False
-
-    def compose(self) -> ComposeResult:
-        yield Digits("------")
-        yield Static("", classes="state", markup=False)
-        yield Sparkline([])
+        self.number, self.state = NO_NUMBER, ""
+        self.trend_mm: tuple[float, ...] = ()
+        self._motion: Motion | None = None
+        self._trend_at = 0.0
 
     def show(self, live: Live) -> None:
-        """Show what the indicator tells now; nothing is drawn again that did not change."""
-        shown = (self._number(live), self._state(live), live.motion, live.trend_mm[-TREND_POINTS:])
-        if shown == self._shown:
-            return
-        number, state, motion, trend = shown
-        before = self._shown or ("", "", None, ())
-        self._shown = shown
-        if number != before[0]:
-            self.query_one(Digits).update(number)
-        if state != before[1]:
-            self.query_one(".state", Static).update(state, layout=False)
-        if motion is not before[2]:
-            self.set_classes(f"gauge {motion.value}")
-        if trend != before[3] and not self._trend_waits:
-            self._trend_waits = True
-            self.set_timer(TREND_S, self._draw_trend)
+        """Show what the indicator tells now; only rows that changed are drawn again."""
+        number, state = self._number(live), self._state(live)
+        if number != self.number:
+            self.number = number
+            self.draw_rows(0, DIGIT_ROWS)
+        if state != self.state:
+            self.state = state
+            self.draw_rows(STATE_ROW, 1)
+        if live.motion is not self._motion:
+            self._motion = live.motion
+            self.set_classes(f"gauge {live.motion.value}")
+        trend_mm = live.trend_mm[-TREND_POINTS:]
+        if trend_mm != self.trend_mm and time.monotonic() - self._trend_at > TREND_S:
+            self._draw_trend(trend_mm)
         assumed = isinstance(live.outcome, Reading) and live.outcome.unit_assumed
         if assumed != bool(self.border_subtitle):
             self.border_subtitle = "mm assumed" if assumed else ""
 
-    def _draw_trend(self) -> None:
-        self._trend_waits = False
-        if self._shown is not None:
-            self.query_one(Sparkline).data = list(self._shown[3])
+    def render_line(self, y: int) -> Strip:
+        """One row; the look of border and ground comes from the style sheet."""
+        ground = self.visual_style.rich_style
+        if y < DIGIT_ROWS:
+            row, width = big_digits(self.number)[y], self.size.width
+            left = max(0, width - len(row)) // 2
+            return Strip([Segment((" " * left + row).ljust(width), ground)])
+        if y == STATE_ROW:
+            return Strip([Segment(self._state_fitting(), ground)])
+        return self._trend_strip(ground) if y == TREND_ROW else Strip([])
+
+    def get_selection(self, selection: Selection) -> tuple[str, str] | None:
+        """The number, for the clipboard."""
+        return self.number, "\n"
+
+    def _draw_trend(self, trend_mm: tuple[float, ...]) -> None:
+        self.trend_mm, self._trend_at = trend_mm, time.monotonic()
+        self.draw_rows(TREND_ROW, 1)
+
+    def _trend_strip(self, ground: Style) -> Strip:
+        _, behind = self.background_colors
+        lowest, highest = (
+            (behind + self.get_component_styles(name).color).rich_color
+            for name in ("gauge--lowest", "gauge--highest")
+        )
+        width = self.size.width
+        bars = min(width, len(self.trend_mm)) or 1
+        line = Sparkline(self.trend_mm, width=bars, min_color=lowest, max_color=highest)
+        drawn = list(self.app.console.render(line))
+        ends = [-(-bar * width // bars) for bar in range(bars + 1)]
+        cells = [end - start for start, end in pairwise(ends)]
+        return Strip(
+            Segment(bar.text * count, ground + bar.style)
+            for bar, count in zip(drawn, cells, strict=True)
+        )
+
+    def _state_fitting(self) -> str:
+        """As much of the state as one row holds, cut between words; never control codes."""
+        rows = Content(self.state).wrap(max(1, self.size.width))
+        return "".join(filter(str.isprintable, rows[0].plain)) if rows else ""
 
     def _number(self, live: Live) -> str:
         if not isinstance(live.outcome, Reading):
-            return "------"
-        decimals = max(0, len(f"{live.outcome.resolution_mm:.6f}".rstrip("0")) - 2)
-        return signed(live.outcome.value_mm, decimals)
+            return NO_NUMBER
+        return signed(live.outcome.value_mm, decimals_of(live.outcome.resolution_mm))
 
     def _state(self, live: Live) -> str:
         state = MARKS[live.motion]
@@ -85,6 +148,14 @@ class GaugeDisplay(Vertical):
             roomy = self.size.width >= WORDS_FIT
             return f"{state}  {live.outcome.words if roomy else live.outcome.kind}"
         return f"{state}  {live.age_s:.0f} s old" if live.age_s >= OLD_S else state
+
+
+class Line(Static, Kept):
+    """Words that seldom change, on a screen of which something else changes often."""
+
+
+class KeyLine(Footer, Kept):
+    """The keys of a screen."""
 
 
 class StepList(Static):

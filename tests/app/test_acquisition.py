@@ -1,64 +1,116 @@
-"""What an indicator has to tell a screen at once, and what can wait."""
+"""What an indicator tells a screen, and what changes nothing there."""
 
 from __future__ import annotations
 
-from app.acquisition import Gauge, Live, Motion
+from types import SimpleNamespace
+
+import pytest
+
+from app.acquisition import TREND, Gauge, Motion
 from drivers.outcome import Asked, Fault, FaultKind, Outcome, Reading
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 
 TOLERANCE_MM = 0.004
+INTERVAL_S = 0.05
+WINDOW_S = 0.3
 
 
-def gauge() -> Gauge:
-    """An indicator whose port is never opened; `tell` speaks in its place."""
-    asked = Asked()
-    return Gauge(MITUTOYO_01A, "nowhere", asked, window_s=0.3, tolerance_mm=TOLERANCE_MM)
+def reading(value_mm: float) -> Reading:
+    return Reading(f"{value_mm}", value_mm, 0.001, False)
 
 
-def reading(value_mm: float, resolution_mm: float = 0.001) -> Reading:
-    return Reading(f"{value_mm}", value_mm, resolution_mm, False)
+class Told:
+    """An indicator whose port is never opened: `hear` speaks in its place and counts the news."""
+
+    def __init__(self) -> None:
+        self.gauge = Gauge(
+            MITUTOYO_01A,
+            "nowhere",
+            Asked(),
+            interval_s=INTERVAL_S,
+            window_s=WINDOW_S,
+            tolerance_mm=TOLERANCE_MM,
+        )
+        self.now_s = 100.0
+        self.news = 0
+        self.gauge.on_news = self._count
+
+    def _count(self) -> None:
+        self.news += 1
+
+    def hear(self, *outcomes: Outcome) -> int:
+        """How often these outcomes were told, one after the other."""
+        before = self.news
+        for outcome in outcomes:
+            self.now_s += INTERVAL_S
+            self.gauge._hear(outcome)
+        return self.news - before
+
+    def motion(self) -> Motion:
+        return self.gauge.live().motion
 
 
-def urgent(shown: Live | None, outcome: Outcome) -> bool:
-    """Whether this outcome must be shown at once beside what is shown."""
-    one = gauge()
-    one._hear(outcome)
-    return one.has_news(shown)
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> Told:
+    """In a time that passes with what is heard."""
+    one = Told()
+    clock = SimpleNamespace(monotonic=lambda: one.now_s)
+    monkeypatch.setattr("app.acquisition.time", clock)
+    return one
 
 
-def stable(outcome: Outcome) -> Live:
-    return Live(outcome, 0.0, Motion.STABLE, ())
+@pytest.fixture
+def at_rest(told: Told) -> Told:
+    told.hear(*[reading(0.5)] * 10)
+    assert told.motion() is Motion.STABLE
+    return told
 
 
-def test_a_flickering_last_digit_of_a_stable_indicator_can_wait() -> None:
-    assert not urgent(stable(reading(0.5)), reading(0.501))
-    assert not urgent(stable(reading(0.5)), reading(0.498))
-    assert not urgent(stable(reading(0.5)), reading(0.5))
+def test_every_other_digit_is_told_at_once(at_rest: Told) -> None:
+    assert at_rest.hear(reading(0.501), reading(0.5), reading(0.501)) == 3
 
 
-def test_more_than_a_flicker_cannot_wait() -> None:
-    assert urgent(stable(reading(0.5)), reading(0.503))
-    assert urgent(stable(reading(0.5, 0.01)), reading(0.52, 0.01)), "further than standing still"
+def test_what_stands_still_is_told_no_more(at_rest: Told) -> None:
+    assert at_rest.hear(reading(0.5), reading(0.5)) == 0
+    at_rest.gauge.restart_window()
+    assert at_rest.hear(reading(0.5)) == 1, "when it is stable again is news"
 
 
-def test_nothing_waits_while_an_indicator_is_not_stable() -> None:
-    for motion in (Motion.MOVING, Motion.WAITING, Motion.STALE, Motion.FAULT):
-        assert urgent(Live(reading(0.5), 0.0, motion, ()), reading(0.5))
-    assert urgent(None, reading(0.5))
+def test_everything_is_told_until_it_is_seen_to_be_stable(told: Told) -> None:
+    assert told.hear(*[reading(0.5)] * 10) == 10
+    assert told.motion() is Motion.STABLE
+    assert told.hear(reading(0.5)) == 0
 
 
-def test_a_fault_and_the_end_of_one_cannot_wait() -> None:
-    silent = Fault(FaultKind.NO_ANSWER, "", "no answer")
-    assert urgent(stable(reading(0.5)), silent)
-    assert urgent(stable(silent), reading(0.5))
+def test_what_was_silent_is_told(at_rest: Told) -> None:
+    at_rest.now_s += 2.0
+    assert at_rest.motion() is Motion.STALE
+    assert at_rest.hear(reading(0.5)) == 1
 
 
-def test_a_button_cannot_wait_and_news_are_told_once() -> None:
-    one = gauge()
-    shown = stable(reading(0.5))
-    assert not one.has_news(shown), "nothing was heard"
-    one._hear(reading(0.5))
-    one.press(reading(0.5))
-    assert one.has_news(shown)
-    assert one.button_pressed()
-    assert not one.has_news(None)
+def test_a_fault_another_one_and_its_end_are_told(at_rest: Told) -> None:
+    silent, gone = Fault(FaultKind.NO_ANSWER, "", "no"), Fault(FaultKind.DISCONNECTED, "", "gone")
+    assert at_rest.hear(silent) == 1
+    assert at_rest.motion() is Motion.FAULT
+    assert at_rest.hear(silent) == 0
+    assert at_rest.hear(gone, reading(0.5)) == 2
+
+
+def test_a_button_is_told_and_remembered_once(at_rest: Told) -> None:
+    before = at_rest.news
+    at_rest.gauge.press(reading(0.5))
+    assert at_rest.news == before + 1
+    assert at_rest.gauge.button_pressed()
+    assert not at_rest.gauge.button_pressed()
+
+
+def test_only_the_window_tells_stable_from_moving(told: Told) -> None:
+    told.hear(reading(0.9), *[reading(0.5)] * 5)
+    assert told.motion() is Motion.MOVING
+    told.hear(reading(0.502), reading(0.5), reading(0.502))
+    assert told.motion() is Motion.STABLE
+
+
+def test_the_trend_holds_the_latest_readings(told: Told) -> None:
+    told.hear(*(reading(float(k)) for k in range(50)))
+    assert told.gauge.live().trend_mm == tuple(float(k) for k in range(50 - TREND, 50))

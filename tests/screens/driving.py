@@ -4,27 +4,32 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, TypeVar
 
 import pytest
 from textual.pilot import Pilot
+from textual.screen import Screen
 from textual.widgets import Static
 
 from app.bench import BenchSettings
 from app.demo import demo_plan
 from app.opening import Plan
+from app.screens.diagnose import DiagnoseScreen
+from app.screens.hexaslide import HexaSlideScreen
 from app.screens.interface import Interface
 from app.screens.leg_review import LegReviewScreen
 from app.screens.measure import MeasureScreen
+from app.screens.widgets import GaugeDisplay
 
 SIZE = (80, 24)
-
-
 PATIENCE = 1500
+Looking = TypeVar("Looking", DiagnoseScreen, HexaSlideScreen)
 
 
 def quick_plan(folder: Path) -> Plan:
+    """Compressed time, but unhurried indicators: a pilot waits until the program is idle."""
     return replace(
-        demo_plan(folder, "zero-max-min", 1, BenchSettings()), interval_s=0.01, window_s=0.15
+        demo_plan(folder, "zero-max-min", 1, BenchSettings()), interval_s=0.03, window_s=0.15
     )
 
 
@@ -32,6 +37,16 @@ def text(interface: Interface, selector: str) -> str:
     """The words of a widget, none while the screen is still being composed."""
     found = interface.screen.query(selector).results(Static)
     return "".join(str(one.content) for one in found)
+
+
+def said(interface: Interface) -> str:
+    """What notifications say."""
+    return "\n".join(note.message for note in interface._notifications)
+
+
+def numbers(screen: Screen[Any]) -> list[str]:
+    """What the big digits of each indicator say."""
+    return [display.number for display in screen.query(GaugeDisplay)]
 
 
 async def until(pilot: Pilot[str], what: str, condition: object) -> None:
@@ -42,6 +57,16 @@ async def until(pilot: Pilot[str], what: str, condition: object) -> None:
             return
         await pilot.pause(0.02)
     pytest.fail(f"did not happen: {what}")
+
+
+async def looked(pilot: Pilot[str], interface: Interface, kind: type[Looking]) -> Looking:
+    """A screen of this kind once it has found what it looks for, or that there is nothing."""
+    await until(pilot, "the screen", lambda: isinstance(interface.screen, kind))
+    screen = interface.screen
+    assert isinstance(screen, kind)
+    await until(pilot, "the end of looking", lambda: screen.is_mounted and not screen.looking)
+    await pilot.pause()
+    return screen
 
 
 async def to_measuring(pilot: Pilot[str], interface: Interface) -> MeasureScreen:

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 from textual.pilot import Pilot
 from textual.screen import Screen
-from textual.widgets import Input, OptionList, Sparkline, Static, TabbedContent
+from textual.widgets import Input, OptionList, Static, TabbedContent
 
 from app.bench import BenchSettings
 from app.demo import demo_plan
@@ -29,6 +29,7 @@ from app.screens.plot import ChartPlot
 from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
+from app.screens.widgets import GaugeDisplay
 from app.solving import solve_files
 from app.wording.session import QUESTION_CHOICES
 from protocols.record import read_record
@@ -193,8 +194,8 @@ async def test_replay(samples: Path, tmp_path: Path) -> None:
         await until(pilot, "a replay", lambda: isinstance(interface.screen, ReplayScreen))
         await pilot.press("j", *"8", "enter")
         await until(pilot, "step 8", lambda: "step 8 of" in text(interface, "#progress"))
-        trends = interface.screen.query(Sparkline)
-        await until(pilot, "trends", lambda: all(trend.data for trend in trends))
+        displays = interface.screen.query(GaugeDisplay)
+        await until(pilot, "trends", lambda: all(display.trend_mm for display in displays))
         assert "simulated_zero-max-min.jsonl" in text(interface, "#progress")
         assert "along Y" in str(interface.screen.query_one(ChartPlot).render())
         await compare(pilot, interface, "replay", tmp_path)
@@ -210,5 +211,7 @@ async def test_review(samples: Path, tmp_path: Path, size: tuple[int, int]) -> N
         await until(pilot, "a review", lambda: bool(interface.screen.query("#review-text")))
         assert "Leg X is done." in text(interface, "#review-text")
         await pilot.pause()
-        assert interface.screen.query_one(ChartPlot).display == (size == WIDE)
+        chart = interface.screen.query_one(ChartPlot)
+        assert chart.display == (size == WIDE)
+        await until(pilot, "chart", lambda: size == NARROW or "along Y" in str(chart.render()))
         await compare(pilot, interface, f"review_{size[0]}", tmp_path)

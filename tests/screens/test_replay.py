@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from textual.pilot import Pilot
-from textual.widgets import Digits, Log
+from textual.widgets import Log
 
 from app.replaying import State
 from app.screens.dialogs import HelpDialog, TextDialog
@@ -19,7 +19,7 @@ from app.wording.replay import reading_lines
 from protocols.record import read_record
 from protocols.session import fold
 from tests.recorded import REASON, story, write
-from tests.screens.driving import SIZE, text, until
+from tests.screens.driving import SIZE, numbers, text, until
 
 
 @pytest.fixture
@@ -45,11 +45,11 @@ async def test_the_picture_of_measuring_moves_by_keys(told: Path) -> None:
         assert text(interface, "#progress") == "replay · told.jsonl   step 1 of 30 · ×5 · PAUSED"
         assert text(interface, "#said") == "Begun 2026-03-01 08:00 UTC by Ida, measured."
         assert "First, at Zero: indicators on leg X along Y and Z" in text(interface, "#step")
-        assert [d.value for d in interface.screen.query(Digits)] == ["------", "------"]
+        assert numbers(interface.screen) == ["------", "------"]
         await pilot.press("right", "right", "right")
         assert "LEG X   MAX   cycle 1 of 3" in text(interface, "#step")
         assert "G53 G0 X60.000 Y0.000 Z0.000" in text(interface, "#step")
-        assert [d.value for d in interface.screen.query(Digits)] == ["+0.200", "-0.200"]
+        assert numbers(interface.screen) == ["+0.200", "-0.200"]
         titles = [display.border_title for display in interface.screen.query(GaugeDisplay)]
         assert titles == ["along Y, mm", "along Z, mm"]
         assert text(interface, "#steps").splitlines()[:2] == ["+   1 X ZERO 1", ">   2 X MAX 1"]
@@ -59,7 +59,7 @@ async def test_the_picture_of_measuring_moves_by_keys(told: Path) -> None:
         assert text(interface, "#said") == "Note: the stand slipped [red]here[/]"
         await pilot.press("right", "right")
         assert "no answer (received 'E[1]')" in text(interface, "#said")
-        assert [d.value for d in interface.screen.query(Digits)] == ["+0.200", "------"]
+        assert numbers(interface.screen) == ["+0.200", "------"]
         await pilot.press("left")
         assert text(interface, "#said") == f"Superseded readings 3, 4: {REASON}"
         await pilot.press("end")
@@ -226,7 +226,7 @@ async def test_a_table_is_replayed_reading_by_reading(samples: Path) -> None:
         assert "reading 2 of 18" in text(interface, "#progress")
         assert "LEG X   MAX   cycle 1 of 1" in text(interface, "#step")
         assert text(interface, "#steps").splitlines()[:2] == ["+   1 X ZERO 1", ">   2 X MAX 1"]
-        assert [d.value for d in interface.screen.query(Digits)] == ["+0.08"]
+        assert numbers(interface.screen) == ["+0.08"]
         assert text(interface, "#said") == "Reading 2, leg X at +60.00 mm: Y +0.0800 mm"
         await pilot.press("end")
         assert "reading 18 of 18" in text(interface, "#progress")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from textual.pilot import Pilot
-from textual.widgets import Digits, Input, Static
+from textual.widgets import Input, Static
 
 from app.acquisition import Gauge
 from app.screens.check import CheckScreen
@@ -21,7 +21,7 @@ from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.twin_port import TwinPort
 from protocols.record import read_record
 from protocols.session import fold
-from tests.screens.driving import SIZE, quick_plan, take, text, to_measuring, until
+from tests.screens.driving import SIZE, numbers, quick_plan, take, text, to_measuring, until
 
 
 async def test_instrument_check_shows_live_values(tmp_path: Path) -> None:
@@ -31,7 +31,7 @@ async def test_instrument_check_shows_live_values(tmp_path: Path) -> None:
         await until(
             pilot,
             "digits",
-            lambda: all(d.value == "+0.000" for d in interface.screen.query(Digits)),
+            lambda: numbers(interface.screen) == ["+0.000", "+0.000"],
         )
         assert "Enter begins the session" in text(interface, "#words")
         await pilot.press("f10")

@@ -1,0 +1,170 @@
+"""The panels of the indicators, and how the screen is told that there is something to show."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from pathlib import Path
+
+from textual.app import App, ComposeResult
+from textual.containers import Horizontal
+from textual.pilot import Pilot
+from textual.widget import Widget
+
+from app.acquisition import Live, Motion
+from app.screens import interface
+from app.screens.news import News
+from app.screens.widgets import GaugeDisplay, Line, big_digits
+from drivers.outcome import Fault, FaultKind, Outcome, Reading
+
+SIZE = (80, 24)
+GATHER_S = 0.05
+
+
+def live(outcome: Outcome, motion: Motion) -> Live:
+    return Live(outcome, 0.0, motion, (0.0, 0.5))
+
+
+def shown(value_mm: float, motion: Motion = Motion.STABLE, *, age_s: float = 0.0) -> Live:
+    return Live(Reading(f"{value_mm}", value_mm, 0.001, False), age_s, motion, (0.0, 0.5))
+
+
+class Panels(App[None]):
+    """Two indicators beside each other and a line, in the looks of the program."""
+
+    CSS_PATH = Path(interface.__file__).with_name("glidecal.tcss")
+
+    def compose(self) -> ComposeResult:
+        with Horizontal(id="gauges"):
+            yield GaugeDisplay("left", "gauge0")
+            yield GaugeDisplay("right", "gauge1")
+        yield Line("", id="said", markup=False)
+
+    @property
+    def panels(self) -> tuple[GaugeDisplay, GaugeDisplay]:
+        left, right = self.query(GaugeDisplay)
+        return left, right
+
+
+def picture(app: App[None]) -> list[str]:
+    """The rows of the screen as the compositor has them."""
+    return [strip.text for strip in app.screen._compositor.render_strips()]
+
+
+def rows_of(app: App[None], widget: Widget) -> list[str]:
+    region = widget.region
+    rows = picture(app)[region.y : region.bottom]
+    return [row[region.x : region.right] for row in rows]
+
+
+async def test_a_panel_shows_digits_state_and_trend_within_its_border() -> None:
+    app = Panels()
+    async with app.run_test(size=SIZE) as pilot:
+        left, right = app.panels
+        left.show(shown(-12.345))
+        await pilot.pause()
+        rows = rows_of(app, left)
+        assert len({len(row) for row in rows}) == 1
+        assert "left" in rows[0]
+        for row, digits in zip(rows[1:4], big_digits("-12.345"), strict=True):
+            assert row[2:-2].strip() == digits.strip()
+        assert rows[4][2:-2].rstrip() == "= STABLE"
+        half = (left.size.width + 1) // 2
+        assert rows[5][2:-2] == "▁" * half + "█" * (left.size.width - half)
+        assert rows_of(app, right)[4][2:-2].strip() == "", "the other has nothing to show"
+        assert await as_drawn_anew(pilot, app) == picture(app)
+
+
+async def as_drawn_anew(pilot: Pilot[None], app: App[None]) -> list[str]:
+    """The picture when nothing is kept of what was drawn."""
+    for widget in app.screen.walk_children(Widget):
+        widget.refresh()
+    await pilot.pause()
+    return picture(app)
+
+
+async def test_every_change_is_drawn_and_nothing_old_stays() -> None:
+    app = Panels()
+    async with app.run_test(size=SIZE) as pilot:
+        left, right = app.panels
+        gone = live(Fault(FaultKind.NO_ANSWER, "", "E[1] \x1b[2J is gone"), Motion.FAULT)
+        changes = (shown(0.5), shown(0.501), shown(12.5, Motion.MOVING), shown(1.0, age_s=3.0))
+        for change in (*changes, gone, shown(-0.001)):
+            left.show(change)
+            right.show(shown(0.25))
+            await pilot.pause()
+            kept = picture(app)
+            assert await as_drawn_anew(pilot, app) == kept
+            digits = rows_of(app, left)[1][2:-2].strip()
+            assert digits == big_digits(left.number)[0].strip()
+            assert left.has_class(change.motion.value)
+        assert left.number == "-0.001"
+
+
+async def test_faults_are_words_without_control_codes() -> None:
+    app = Panels()
+    async with app.run_test(size=(160, 24)) as pilot:
+        left, _ = app.panels
+        left.show(live(Fault(FaultKind.NO_ANSWER, "", "[red]E1 \x1b[2J gone"), Motion.FAULT))
+        await pilot.pause()
+        assert left.number == "------"
+        row = rows_of(app, left)[4]
+        assert "! FAULT  [red]E1 [2J gone" in row
+        assert "\x1b" not in row
+
+
+async def test_another_theme_and_another_size_leave_nothing_kept() -> None:
+    app = Panels()
+    async with app.run_test(size=SIZE) as pilot:
+        left, _ = app.panels
+        left.show(shown(0.5))
+        await pilot.pause()
+        before = grounds(app, left)
+        app.theme = "textual-light"
+        await pilot.pause()
+        assert before.isdisjoint(grounds(app, left))
+        await pilot.resize_terminal(120, 30)
+        await pilot.pause()
+        assert {len(row) for row in rows_of(app, left)} == {60}
+        assert await as_drawn_anew(pilot, app) == picture(app)
+
+
+def grounds(app: App[None], widget: Widget) -> set[object]:
+    """Colours behind the digits."""
+    strips = app.screen._compositor.render_strips()[widget.region.y + 1 : widget.region.y + 4]
+    return {segment.style.bgcolor for strip in strips for segment in strip if segment.style}
+
+
+async def test_a_kept_line_shows_every_text() -> None:
+    app = Panels()
+    async with app.run_test(size=SIZE) as pilot:
+        line = app.query_one(Line)
+        for words in ("Taken [1]", "Noted"):
+            line.update(words, layout=False)
+            await pilot.pause()
+            assert [row.strip() for row in rows_of(app, line)] == [words]
+
+
+async def test_news_of_threads_are_gathered_and_none_is_lost() -> None:
+    news = News(asyncio.get_running_loop())
+    threads = [threading.Thread(target=news.tell) for _ in range(5)]
+    begun = time.monotonic()
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    await asyncio.wait_for(news.gathered(GATHER_S), 5.0)
+    assert time.monotonic() - begun >= GATHER_S
+    waiting = asyncio.create_task(news.gathered(0.0))
+    await asyncio.sleep(0)
+    assert not waiting.done(), "all of it was gathered"
+    news.tell()
+    await asyncio.wait_for(waiting, 5.0)
+
+
+def test_news_after_the_end_are_for_nobody() -> None:
+    loop = asyncio.new_event_loop()
+    news = News(loop)
+    loop.close()
+    news.tell()

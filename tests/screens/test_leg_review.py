@@ -1,0 +1,52 @@
+"""The review after a leg: whole in every size, over a session whose indicators go on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from textual.widgets import Static
+
+from app.acquisition import Gauge, Live, Motion
+from app.screens.check import CheckScreen
+from app.screens.interface import Interface
+from app.screens.leg_review import LegReviewScreen
+from app.screens.plot import ChartPlot
+from drivers.outcome import Reading
+from tests.screens.driving import numbers, quick_plan, take, text, to_measuring, until
+
+STEPS_OF_A_LEG = 10
+ELSEWHERE = Live(Reading("7.777", 7.777, 0.001, False), 0.0, Motion.STABLE, (7.777,))
+
+
+def charted(interface: Interface) -> str:
+    return str(interface.screen.query_one(ChartPlot).render())
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+async def test_the_review_is_whole_and_gives_the_session_back(
+    tmp_path: Path, size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interface = Interface(CheckScreen(quick_plan(tmp_path)))
+    async with interface.run_test(size=size) as pilot:
+        screen = await to_measuring(pilot, interface)
+        for _ in range(STEPS_OF_A_LEG - 1):
+            await take(pilot, screen)
+        await until(pilot, "stillness", screen.ready_by_hand)
+        await pilot.press("space")
+        await until(pilot, "review", lambda: isinstance(interface.screen, LegReviewScreen))
+        await until(pilot, "words", lambda: "Leg X is done." in text(interface, "#review-text"))
+        wide = size[0] > 80
+        assert interface.screen.query_one(ChartPlot).display == wide
+        await until(pilot, "chart", lambda: not wide or "along Y" in charted(interface))
+        before = numbers(screen)
+        with monkeypatch.context() as patched:
+            patched.setattr(Gauge, "live", lambda _: ELSEWHERE)
+            screen._show_live()
+            assert numbers(screen) == before, "drawn in vain behind the review"
+            await pilot.press("space")
+            await until(pilot, "digits", lambda: numbers(screen) == ["+7.777", "+7.777"])
+        assert interface.screen is screen
+        assert "LEG Y   ZERO" in text(interface, "#step")
+        assert "Taken and on the disk, step 10" in str(screen.query_one("#said", Static).content)
+        await pilot.press("f10")

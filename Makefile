@@ -9,8 +9,9 @@ PIP := $(BIN)/pip --disable-pip-version-check install --quiet
 demo: $(VENV)/runtime.stamp
 	$(BIN)/glidecal demo
 
+# worksteal: neighbours, and with them what a costly fixture made, stay in one process
 test: check
-	$(BIN)/pytest -n 4
+	$(BIN)/pytest -n 4 --dist worksteal
 
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff check .

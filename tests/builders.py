@@ -1,4 +1,4 @@
-"""Observations of standard postures for tests."""
+"""Observations of standard postures and of whole procedures for tests."""
 
 from __future__ import annotations
 
@@ -7,7 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.observations import Conditions, FloatArray, Observations, conditions, observe
+from calib.orthoglide.geometry import Geometry
 from calib.orthoglide.model import Model
+from protocols.events import Opened, Reading
+from protocols.machine import Instrument, Machine
+from protocols.observations import to_observations
+from protocols.procedure import default_mount, load_procedure
+from protocols.session import fold
 
 ZERO_MAX_MIN = (0.0, 60.0, -100.0)
 
@@ -42,3 +48,34 @@ def observed(
     return observe(
         taken, values + zeros[taken.mount] + generator.normal(size=len(taken)) * scatter_mm
     )
+
+
+def conditions_of(name: str) -> Observations:
+    """Everything a procedure reads, every value zero, a step every 20 s."""
+    procedure = load_procedure(name, Geometry())
+    opened = Opened(
+        program="test",
+        origin="simulated",
+        machine=Machine(),
+        procedure=procedure,
+        instruments=(Instrument(profile="a"), Instrument(profile="b")),
+    )
+    readings = [
+        Reading(
+            reading=k,
+            step=step.number,
+            leg=step.leg,
+            axis=axis,
+            displacement_mm=step.displacement_mm,
+            value_mm=0.0,
+            text="0",
+            cycle=step.cycle,
+            mount=default_mount(step.leg, axis, step.station),
+            station=step.station,
+            time_s=20.0 * step.number,
+        )
+        for k, (step, axis) in enumerate(
+            ((s, a) for s in procedure.steps(Geometry()) for a in s.axes), start=1
+        )
+    ]
+    return to_observations([fold([opened, *readings])])

@@ -1,12 +1,28 @@
-"""Run the program as a person would: as a process, with its streams and its exit status."""
+"""Run the program as a person would: as a process, with its streams and its exit status.
+
+Its processes are forked from one that holds the heavy libraries already: to start Python and load
+scipy takes longer than most commands. `tests/end_to_end` starts Python itself.
+"""
 
 from __future__ import annotations
 
+import multiprocessing
 import os
-import subprocess
+import runpy
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
+
+PATIENCE_S = 90.0
+
+if sys.platform == "win32":
+    PROCESSES = multiprocessing.get_context("spawn")
+else:
+    PROCESSES = multiprocessing.get_context("forkserver")
+    PROCESSES.set_forkserver_preload(
+        ["__main__", "tests.app.cli", "app.diagnosing", "app.demo", "scipy.stats"]
+    )
 
 
 @dataclass(frozen=True)
@@ -20,18 +36,40 @@ class Run:
 
 def glidecal(*arguments: str | Path, cwd: Path | None = None) -> Run:
     """``glidecal`` with these arguments; no terminal, no input."""
-    done = subprocess.run(
-        [sys.executable, "-m", "app", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        encoding="utf-8",
-        cwd=cwd,
-        stdin=subprocess.DEVNULL,
-        timeout=90,
-        check=False,
-        env={**os.environ, "COLUMNS": "80", "PYTHONUTF8": "1"},
-    )
-    return Run(done.returncode, done.stdout, done.stderr)
+    with TemporaryDirectory() as folder:
+        out, err = Path(folder, "out"), Path(folder, "err")
+        surroundings = {**os.environ, "COLUMNS": "80"}
+        started = ([*map(str, arguments)], cwd or Path.cwd(), surroundings, out, err)
+        process = PROCESSES.Process(target=_as_program, args=started)
+        process.start()
+        process.join(PATIENCE_S)
+        if process.exitcode is None:
+            process.kill()
+            process.join()
+        assert process.exitcode is not None
+        return Run(process.exitcode, *(p.read_text(encoding="utf-8") for p in (out, err)))
+
+
+def _as_program(
+    arguments: list[str], cwd: Path, surroundings: dict[str, str], out: Path, err: Path
+) -> None:
+    """``python -m app`` in this process."""
+    os.environ.clear()
+    os.environ.update(surroundings)
+    os.chdir(cwd)
+    _connect(0, os.devnull, os.O_RDONLY)
+    _connect(1, out, os.O_WRONLY | os.O_CREAT)
+    _connect(2, err, os.O_WRONLY | os.O_CREAT)
+    sys.stdout = os.fdopen(1, "w", encoding="utf-8", closefd=False)
+    sys.stderr = os.fdopen(2, "w", encoding="utf-8", errors="backslashreplace", closefd=False)
+    sys.argv[1:] = arguments
+    runpy.run_module("app", run_name="__main__", alter_sys=True)
+
+
+def _connect(number: int, path: str | Path, flags: int) -> None:
+    opened = os.open(path, flags, 0o600)
+    os.dup2(opened, number)
+    os.close(opened)
 
 
 def refused(status: int, *arguments: str | Path, cwd: Path | None = None) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,33 @@ import pytest
 from tests.app.cli import glidecal, refused
 
 LINEAR = ("--method", "linear")
+
+
+OFFSETS = ("--subset", "joint-offsets")
+
+
+def csv_rows(path: Path) -> list[dict[str, str]]:
+    lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
+    return list(csv.DictReader(lines))
+
+
+def said_by_solve(session: Path, *options: str) -> list[str]:
+    """The cautions between the first lines and the tables, each as one line."""
+    text = glidecal("solve", session, *options).out.split("\n\n")[1]
+    lines = re.split(r"\n(?=(?:[A-Z]{4,}[: ]|Recommended set|What to|All figures))", text)
+    return [" ".join(line.split()) for line in lines[1:]]
+
+
+def in_file(path: Path, kind: str) -> str:
+    """Everything in a file that is there for people to read, as one line."""
+    if kind in ("json", "model"):
+        return " ".join(json.loads(path.read_text())["cautions"])
+    return comments(path)
+
+
+def comments(path: Path) -> str:
+    lines = path.read_text().splitlines()
+    return " ".join(line.removeprefix("# ") for line in lines if line.startswith("# "))
 
 
 @pytest.fixture
@@ -24,7 +52,7 @@ def test_linuxcnc_includes_as_golden_text(session: Path, tmp_path: Path) -> None
         "export", session, "--format", "linuxcnc", *LINEAR, "--home-offset", "10,-2.5,0", "-o", out
     )
     assert run.status == 0, run.err
-    assert "WARNING" not in run.err
+    assert "HOME_OFFSET" not in run.err
     golden = Path(__file__).parent.parent / "golden" / "linuxcnc"
     names = sorted(p.name for p in out.iterdir())
     assert names == ["calib_joint0.inc", "calib_joint1.inc", "calib_joint2.inc"]
@@ -81,15 +109,17 @@ def test_json_and_csv_agree(session: Path, tmp_path: Path) -> None:
         assert glidecal("export", session, "--format", kind, "-o", tmp_path / kind).status == 0
     document = json.loads((tmp_path / "json").read_text(encoding="utf-8"))
     assert document["schema"] == "glidecal.offsets/1"
-    with (tmp_path / "csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = csv_rows(tmp_path / "csv")
     assert [row["parameter"] for row in rows] == list(document["parameters"])
     for row in rows:
         entry = document["parameters"][row["parameter"]]
         assert float(row["value_mm"]) == pytest.approx(entry["value"], abs=1e-6)
-        assert float(row["standard_uncertainty_mm"]) == pytest.approx(
-            entry["standard_uncertainty"], abs=1e-6
-        )
+        for column, key in (
+            ("standard_uncertainty_mm", "standard_uncertainty"),
+            ("expanded_uncertainty_mm", "expanded_uncertainty"),
+            ("expanded_with_lack_of_fit_mm", "expanded_with_lack_of_fit"),
+        ):
+            assert float(row[column]) == pytest.approx(entry[key], abs=1e-6)
 
 
 def test_export_of_a_model(tmp_path: Path) -> None:
@@ -178,3 +208,97 @@ def test_a_session_becomes_a_model_that_simulates_it(samples: Path, tmp_path: Pa
     )
     for name, parameter in first.items():
         assert second[name]["value"] == pytest.approx(parameter["value"], abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["json", "csv", "model", "linuxcnc"])
+@pytest.mark.parametrize(
+    ("name", "kinds"),
+    [
+        ("experiment_2_twelve.jsonl", {"WARNING", "Recommended set"}),
+        ("experiment_1_six.jsonl", {"WARNING", "LEFT OUT", "Recommended set"}),
+        ("simulated_zero-max-min.jsonl", {"Recommended set"}),
+    ],
+)
+def test_every_file_says_what_solve_says(
+    samples: Path, tmp_path: Path, kind: str, name: str, kinds: set[str]
+) -> None:
+    cautions = said_by_solve(samples / name, *OFFSETS)
+    assert kinds <= {line.split(":")[0] for line in cautions}
+    out = tmp_path / kind
+    run = glidecal("export", samples / name, "--format", kind, "-o", out)
+    assert run.status == 0, run.err
+    files = sorted(out.iterdir()) if kind == "linuxcnc" else [out]
+    assert len(files) == (3 if kind == "linuxcnc" else 1)
+    for path in files:
+        for caution in cautions:
+            assert caution in in_file(path, kind)
+    for caution in cautions:
+        assert caution in run.err
+
+
+def test_weak_combinations_are_said_of_the_full_set(session: Path, tmp_path: Path) -> None:
+    both = ("--subset", "both")
+    cautions = said_by_solve(session, *both)
+    assert sum(line.startswith("WEAK") for line in cautions) == 3
+    assert any(line.startswith("RECOMMENDED instead") for line in cautions)
+    out = tmp_path / "o.json"
+    assert glidecal("export", session, "--format", "json", *both, "-o", out).status == 0
+    assert json.loads(out.read_text())["cautions"] == cautions
+
+
+def test_uncertainties_are_those_of_solve(session: Path, tmp_path: Path) -> None:
+    solved = json.loads(glidecal("solve", session, *OFFSETS, "--json").out)
+    for kind in ("json", "linuxcnc"):
+        assert glidecal("export", session, "--format", kind, "-o", tmp_path / kind).status == 0
+    document = json.loads((tmp_path / "json").read_text())
+    for number, (name, entry) in enumerate(solved["parameters"].items()):
+        written = document["parameters"][name]
+        for key in ("value", "standard_uncertainty", "expanded_uncertainty", "coverage_factor"):
+            assert written[key] == entry[key]
+        larger = solved["expanded_with_lack_of_fit_mm"][name]
+        assert written["expanded_with_lack_of_fit"] == larger > 10 * entry["expanded_uncertainty"]
+        said = comments(tmp_path / "linuxcnc" / f"calib_joint{number}.inc")
+        assert f"{name} is known to ±{larger:.3f} mm (95 %, what the model leaves" in said
+
+
+def test_without_lack_of_fit_the_include_tells_the_plain_figure(
+    samples: Path, tmp_path: Path
+) -> None:
+    session = samples / "simulated_zero-max-min.jsonl"
+    solved = json.loads(glidecal("solve", session, *OFFSETS, "--json").out)
+    assert glidecal("export", session, "--format", "linuxcnc", "-o", tmp_path).status == 0
+    half = solved["parameters"]["d_rho_x"]["expanded_uncertainty"]
+    said = comments(tmp_path / "calib_joint0.inc")
+    assert f"d_rho_x is known to ±{half:.4f} mm (95 %), u = " in said
+
+
+def test_cautions_go_through_a_model_file(session: Path, tmp_path: Path) -> None:
+    model, inc = tmp_path / "model.json", tmp_path / "inc"
+    assert glidecal("export", session, "--format", "model", "-o", model).status == 0
+    assert glidecal("export", model, "--format", "linuxcnc", "-o", inc).status == 0
+    said = comments(inc / "calib_joint1.inc")
+    assert "it does not hold how well they are known" in said
+    assert "WARNING: what the model leaves is 11.1 times the noise" in said
+    assert " is known to ±" not in said
+    assert glidecal("export", model, "--format", "csv", "-o", tmp_path / "c").status == 0
+    rows = csv_rows(tmp_path / "c")
+    assert {row["standard_uncertainty_mm"] for row in rows} == {""}
+
+
+def test_an_unfinished_session_is_a_caution(session: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.jsonl"
+    cut.write_text("".join(session.read_text().splitlines(keepends=True)[:-1]))
+    assert glidecal("export", cut, "--format", "json", "-o", tmp_path / "o").status == 0
+    first = json.loads((tmp_path / "o").read_text())["cautions"][0]
+    assert "the session is not finished" in first
+
+
+def test_lines_of_an_include_are_short_and_hold_one_number(session: Path, tmp_path: Path) -> None:
+    """LinuxCNC reads lines of 255 characters at most; a name cannot break out of its comment."""
+    named = tmp_path / "a\nHOME_OFFSET = 9.jsonl"
+    named.write_bytes(session.read_bytes())
+    assert glidecal("export", named, "--format", "linuxcnc", "-o", tmp_path / "i").status == 0
+    for path in (tmp_path / "i").iterdir():
+        lines = path.read_text().splitlines()
+        assert max(map(len, lines)) < 120
+        assert sum(not line.startswith("# ") for line in lines) == 1

@@ -223,13 +223,19 @@ def test_a_step_of_a_leg_that_was_left_out_brings_the_zeros_of_its_cycle(tmp_pat
         assert take(guided, len(wanted)) == sorted(wanted)
 
 
-def test_a_step_that_is_skipped_has_no_readings_that_count(tmp_path: Path) -> None:
-    """One of two readings was on the disk when the program was killed; then it is left out."""
-    plan = quick(tmp_path)
+def killed_in_step_2(folder: Path) -> Plan:
+    """One of its two readings is on the disk."""
+    plan = quick(folder)
     with start_session(plan) as guided:
         take(guided, 2)
     lines = plan.path.read_bytes().splitlines(keepends=True)
     plan.path.write_bytes(b"".join(lines[:-1]))
+    return plan
+
+
+def test_a_step_that_is_skipped_has_no_readings_that_count(tmp_path: Path) -> None:
+    """One of two readings was on the disk when the program was killed; then it is left out."""
+    plan = killed_in_step_2(tmp_path)
     with continue_session(plan) as guided:
         assert counting(guided) == {1: [1, 2], 2: [3]}
         guided.skip([2], "no time")
@@ -248,11 +254,7 @@ def test_a_skipped_step_whose_readings_are_restored_is_skipped_no_more(tmp_path:
 
 
 def test_an_interrupted_step_is_measured_again_as_a_whole(tmp_path: Path) -> None:
-    plan = quick(tmp_path)
-    with start_session(plan) as guided:
-        take(guided, 2)
-    lines = plan.path.read_bytes().splitlines(keepends=True)
-    plan.path.write_bytes(b"".join(lines[:-1]))
+    plan = killed_in_step_2(tmp_path)
     with continue_session(plan) as guided:
         assert take(guided, 1) == [2]
         assert counting(guided) == {1: [1, 2], 2: [4, 5]}

@@ -60,12 +60,10 @@ def posture_sets(page: str) -> dict[str, list[list[float]]]:
     return found
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The page as the script makes it now, with little effort."""
-    path = tmp_path_factory.mktemp("page") / "made [x].md"
-    done = subprocess.run(
-        [sys.executable, str(SCRIPT), "--quick", "--output", str(path)],
+def page_made(option: str, path: Path) -> subprocess.CompletedProcess[str]:
+    """The script with little effort."""
+    return subprocess.run(
+        [sys.executable, str(SCRIPT), "--quick", option, str(path)],
         capture_output=True,
         text=True,
         encoding="utf-8",
@@ -73,6 +71,13 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> str:
         check=False,
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONUTF8": "1"},
     )
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The page as the script makes it now, with little effort."""
+    path = tmp_path_factory.mktemp("page") / "made [x].md"
+    done = page_made("--output", path)
     assert done.returncode == 0, done.stderr
     return path.read_text(encoding="utf-8")
 
@@ -165,14 +170,7 @@ def test_random_medians_are_of_the_papers_size() -> None:
 
 def test_a_missing_machine_file_is_told(tmp_path: Path) -> None:
     path = tmp_path / "none.toml"
-    done = subprocess.run(
-        [sys.executable, str(SCRIPT), "--quick", "--machine-file", str(path)],
-        capture_output=True,
-        text=True,
-        encoding="utf-8",
-        timeout=60,
-        check=False,
-    )
+    done = page_made("--machine-file", path)
     assert done.returncode != 0
     assert "none.toml" in done.stderr
     assert "Traceback" not in done.stderr

@@ -11,47 +11,12 @@ from calib.noise import IndicatorFigures
 from calib.observations import Observations, observe
 from calib.orthoglide.effects import CATALOGUE
 from calib.orthoglide.effects.law import Placed
-from calib.orthoglide.geometry import Geometry
 from calib.orthoglide.model import Model
 from calib.simulation import measure
-from protocols.events import Opened, Reading
-from protocols.machine import Instrument, Machine
-from protocols.observations import to_observations
-from protocols.procedure import default_mount, load_procedure
-from protocols.session import fold
+from tests.builders import conditions_of
 
 TOLERANCE_MM = np.array([2.0] * 3 + [0.1] * 3)
 LAWS = {law.id: law for law in reversed(CATALOGUE)}
-
-
-def conditions_of(name: str) -> Observations:
-    procedure = load_procedure(name, Geometry())
-    opened = Opened(
-        program="test",
-        origin="simulated",
-        machine=Machine(),
-        procedure=procedure,
-        instruments=(Instrument(profile="a"), Instrument(profile="b")),
-    )
-    readings = [
-        Reading(
-            reading=k,
-            step=step.number,
-            leg=step.leg,
-            axis=axis,
-            displacement_mm=step.displacement_mm,
-            value_mm=0.0,
-            text="0",
-            cycle=step.cycle,
-            mount=default_mount(step.leg, axis, step.station),
-            station=step.station,
-            time_s=20.0 * step.number,
-        )
-        for k, (step, axis) in enumerate(
-            ((s, a) for s in procedure.steps(Geometry()) for a in s.axes), start=1
-        )
-    ]
-    return to_observations([fold([opened, *readings])])
 
 
 SWEEP, TWO_STATION, SHORT = map(conditions_of, ("sweep", "two-station", "zero-max-min"))

@@ -19,7 +19,7 @@ from calib.orthoglide.geometry import Geometry
 from calib.orthoglide.model import Model
 from calib.orthoglide.pipeline import derivatives
 from calib.simulation import measure
-from tests.calib.test_diagnosis import LAWS, SHORT, TOLERANCE_MM
+from tests.calib.diagnosed_sessions import LAWS, SHORT, TOLERANCE_MM
 
 NOISE_MM = 0.002
 OFF = (1.2, -0.9, 0.6, 0.03, -0.02, 0.01)

@@ -13,7 +13,7 @@ from calib.orthoglide.effects.empirical import BASES, Empirical, empirical_law
 from calib.orthoglide.effects.law import Placed
 from calib.orthoglide.model import Model
 from calib.orthoglide.pipeline import Stage
-from tests.calib.test_diagnosis import LAWS, SWEEP, TWO_STATION, case
+from tests.calib.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case
 
 OFF = (1.2, -0.9, 0.6, 0.03, -0.02, 0.01)
 

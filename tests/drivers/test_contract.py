@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
@@ -22,26 +24,39 @@ QUICK_S = 0.4
 
 
 @contextmanager
-def asked(
+def plugged(
     profile: Profile, transport: Transport, position_mm: float, fault: str | None = None
-) -> Iterator[IndicatorLine]:
-    """A line to the twin of a profile, in compressed time."""
-    quick = replace(profile, timeout_s=QUICK_S)
-    spindle = Spindle(lambda: position_mm, 0.001)
-    with TwinPort(twin_of(profile, spindle, fault), transport, stream_s=profile.stream_s) as twin:
-        line = IndicatorLine(quick, twin.url, interval_s=0.0)
-        line.start()
+) -> Iterator[TwinPort]:
+    """The twin of a profile; the number of its pty goes to nobody else when it is pulled."""
+    twin = twin_of(profile, Spindle(lambda: position_mm, 0.001), fault)
+    with TwinPort(twin, transport, stream_s=profile.stream_s) as port:
+        held = os.open(port.url, os.O_RDWR | os.O_NOCTTY) if transport == "pty" else None
         try:
-            yield line
+            yield port
         finally:
-            line.close()
+            if held is not None:
+                os.close(held)
 
 
-def outcome(
-    profile: Profile, transport: Transport, position_mm: float = 1.234, fault: str | None = None
-) -> Outcome:
-    with asked(profile, transport, position_mm, fault) as line:
+def answer(profile: Profile, port: TwinPort) -> Outcome:
+    """One question on a line of its own, in compressed time."""
+    line = IndicatorLine(profile, port.url, interval_s=0.0)
+    line.start()
+    try:
         return line.ask().result(timeout=20)
+    finally:
+        line.close()
+
+
+def outcomes(
+    profile: Profile, ports: Iterable[AbstractContextManager[TwinPort]], timeout_s: float = QUICK_S
+) -> list[Outcome]:
+    """Of all at once: lines wait for devices far longer than they work."""
+    quick = replace(profile, timeout_s=timeout_s)
+    with ExitStack() as stack:
+        open_ports = [stack.enter_context(port) for port in ports]
+        with ThreadPoolExecutor(len(open_ports)) as threads:
+            return list(threads.map(partial(answer, quick), open_ports))
 
 
 every_profile = pytest.mark.parametrize("profile", PROFILES.values(), ids=list(PROFILES))
@@ -51,8 +66,9 @@ every_transport = pytest.mark.parametrize("transport", TRANSPORTS)
 @every_profile
 @every_transport
 def test_values(profile: Profile, transport: Transport) -> None:
-    for position in (1.234, -0.567, 0.0):
-        found = outcome(profile, transport, position)
+    positions = (1.234, -0.567, 0.0)
+    ports = (plugged(profile, transport, position) for position in positions)
+    for position, found in zip(positions, outcomes(profile, ports), strict=True):
         assert isinstance(found, Reading), found
         assert found.value_mm == pytest.approx(position, abs=0.0005 + found.resolution_mm / 2)
 
@@ -61,49 +77,46 @@ def test_values(profile: Profile, transport: Transport) -> None:
 @every_transport
 def test_own_faults(profile: Profile, transport: Transport) -> None:
     assert profile.bad_replies, "a profile names at least one fault of its device"
-    for name, bad in profile.bad_replies.items():
-        found = outcome(replace(profile, busy_retries=0), transport, fault=name)
+    hasty = replace(profile, busy_retries=0)
+    ports = (plugged(profile, transport, 1.234, name) for name in profile.bad_replies)
+    tried = zip(profile.bad_replies.items(), outcomes(hasty, ports), strict=True)
+    for (name, bad), found in tried:
         assert isinstance(found, Fault), (name, found)
         assert found.kind is bad.kind, (name, found)
         assert found.words
 
 
-@every_profile
-@every_transport
-@pytest.mark.parametrize(
-    ("trouble", "kinds"),
-    [
-        (Trouble.SILENCE, {FaultKind.NO_ANSWER}),
-        (Trouble.SPLIT, {FaultKind.PARTIAL_LINE, FaultKind.NOT_UNDERSTOOD, FaultKind.NO_ANSWER}),
-        (Trouble.NOISE, {FaultKind.NOT_UNDERSTOOD}),
-        (
-            Trouble.PARITY,
-            {FaultKind.WRONG_PARITY, FaultKind.PARTIAL_LINE, FaultKind.NOT_UNDERSTOOD},
-        ),
-        (Trouble.DISCONNECT, {FaultKind.DISCONNECTED, FaultKind.NO_ANSWER}),
-    ],
-)
-def test_troubles_never_give_a_value(
-    profile: Profile, transport: Transport, trouble: Trouble, kinds: set[FaultKind]
-) -> None:
-    found = outcome(profile, transport, fault=trouble)
-    assert isinstance(found, Fault), found
-    assert found.kind in kinds
+NO_VALUE = {
+    Trouble.SILENCE: {FaultKind.NO_ANSWER},
+    Trouble.SPLIT: {FaultKind.PARTIAL_LINE, FaultKind.NOT_UNDERSTOOD, FaultKind.NO_ANSWER},
+    Trouble.NOISE: {FaultKind.NOT_UNDERSTOOD},
+    Trouble.PARITY: {FaultKind.WRONG_PARITY, FaultKind.PARTIAL_LINE, FaultKind.NOT_UNDERSTOOD},
+    Trouble.DISCONNECT: {FaultKind.DISCONNECTED, FaultKind.NO_ANSWER},
+}
 
 
 @every_profile
 @every_transport
-@pytest.mark.parametrize("trouble", [Trouble.ECHO, Trouble.SLOW])
-def test_troubles_that_a_reader_must_stand(
-    profile: Profile, transport: Transport, trouble: Trouble
-) -> None:
+def test_troubles_never_give_a_value(profile: Profile, transport: Transport) -> None:
+    ports = (plugged(profile, transport, 1.234, trouble) for trouble in NO_VALUE)
+    tried = zip(NO_VALUE.items(), outcomes(profile, ports), strict=True)
+    for (trouble, kinds), found in tried:
+        assert isinstance(found, Fault), (trouble, found)
+        assert found.kind in kinds, (trouble, found)
+
+
+@every_profile
+@every_transport
+def test_troubles_that_a_reader_must_stand(profile: Profile, transport: Transport) -> None:
     """An echo is passed over; a late answer is no value, or the right one."""
-    found = outcome(replace(profile, timeout_s=2.0), transport, -0.321, trouble)
-    if trouble is Trouble.ECHO and profile.request is not None:
-        ended = profile.request(Asked()).endswith((b"\r", b"\n"))
-        assert isinstance(found, Reading) or not ended
-    if isinstance(found, Reading):
-        assert found.value_mm == pytest.approx(-0.321, abs=0.001)
+    troubles = (Trouble.ECHO, Trouble.SLOW)
+    ports = (plugged(profile, transport, -0.321, trouble) for trouble in troubles)
+    for trouble, found in zip(troubles, outcomes(profile, ports, timeout_s=2.0), strict=True):
+        if trouble is Trouble.ECHO and profile.request is not None:
+            ended = profile.request(Asked()).endswith((b"\r", b"\n"))
+            assert isinstance(found, Reading) or not ended
+        if isinstance(found, Reading):
+            assert found.value_mm == pytest.approx(-0.321, abs=0.001), trouble
 
 
 @every_profile

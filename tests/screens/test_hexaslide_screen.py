@@ -26,7 +26,7 @@ from app.screens.home import HomeScreen
 from app.screens.interface import Interface
 from calib.criteria import Criterion
 from calib.hexaslide.procedures import jacobian
-from tests.screens.driving import SIZE, text, until
+from tests.screens.driving import SIZE, looked, said, text, until
 
 BRAILLE = range(0x2801, 0x2900)
 RANKS = {
@@ -36,10 +36,6 @@ RANKS = {
     "4": ("constraint-link", 48, 55, 46, 48),
 }
 """Key: procedure, rank, parameters, the paper's rank, fewest postures."""
-
-
-def said(interface: Interface) -> str:
-    return "\n".join(note.message for note in interface._notifications)
 
 
 def drawn(interface: Interface, name: str) -> str:
@@ -59,16 +55,6 @@ def number_colours(interface: Interface, name: str) -> tuple[object, object]:
 
 def page(interface: Interface) -> str:
     return interface.screen.query_one(TabbedContent).active
-
-
-async def looked(pilot: Pilot[str], interface: Interface) -> HexaSlideScreen:
-    """The screen once it knows what is seen, or that nothing can be."""
-    await until(pilot, "the screen", lambda: isinstance(interface.screen, HexaSlideScreen))
-    screen = interface.screen
-    assert isinstance(screen, HexaSlideScreen)
-    await until(pilot, "a look", lambda: screen.is_mounted and not screen.looking)
-    await pilot.pause()
-    return screen
 
 
 async def enter(pilot: Pilot[str], interface: Interface, words: str) -> None:
@@ -124,7 +110,7 @@ async def test_procedures_by_keys_with_the_papers_ranks_beside() -> None:
     async with interface.run_test(size=SIZE) as pilot:
         for key, (name, rank, count, published, fewest) in RANKS.items():
             await pilot.press(key)
-            screen = await looked(pilot, interface)
+            screen = await looked(pilot, interface, HexaSlideScreen)
             assert text(interface, "#hexaslide") == f"example H60   {key} of 4: {name}"
             seen = text(interface, "#sees-text")
             assert f"SEEN: {rank} of {count} combinations" in seen
@@ -139,7 +125,7 @@ async def test_procedures_by_keys_with_the_papers_ranks_beside() -> None:
 async def test_what_is_lost_known_and_how_units_change_the_condition_number() -> None:
     interface = Interface(HexaSlideScreen(Request("position")))
     async with interface.run_test(size=SIZE) as pilot:
-        screen = await looked(pilot, interface)
+        screen = await looked(pilot, interface, HexaSlideScreen)
         seen = text(interface, "#sees-text")
         assert "platform frame turned about its X, Y, Z." in seen
         assert "KNOWN ONE BY ONE (31): ax1, ay1, l1" in seen
@@ -154,7 +140,7 @@ async def test_what_is_lost_known_and_how_units_change_the_condition_number() ->
 async def test_the_machine_is_drawn_from_two_sides() -> None:
     interface = Interface(HexaSlideScreen())
     async with interface.run_test(size=SIZE) as pilot:
-        screen = await looked(pilot, interface)
+        screen = await looked(pilot, interface, HexaSlideScreen)
         await pilot.press("tab")
         await until(pilot, "the page", lambda: page(interface) == "machine")
         await pilot.pause()
@@ -184,7 +170,7 @@ async def test_the_machine_is_drawn_from_two_sides() -> None:
 async def test_search_shows_start_and_optimum_and_stops(gate: Gate) -> None:
     interface = Interface(HexaSlideScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
-        screen = await looked(pilot, interface)
+        screen = await looked(pilot, interface, HexaSlideScreen)
         assert "No postures yet" in text(interface, "#search-text")
         await pilot.press("o")
         await until(pilot, "the page", lambda: page(interface) == "places")
@@ -255,13 +241,13 @@ async def test_leaving_while_it_searches(gate: Gate) -> None:
         await until(pilot, "choices", lambda: choices.option_count > 0)
         choices.highlighted = choices.get_option_index("hexaslide")
         await pilot.press("enter")
-        screen = await looked(pilot, interface)
+        screen = await looked(pilot, interface, HexaSlideScreen)
         gate.first.set()
         await pilot.press("o")
         await until(pilot, "a second start", lambda: len(gate.counts) == 2)
         await pilot.press("3")
         await until(pilot, "the end of the search", lambda: gate.left == 1)
-        await looked(pilot, interface)
+        await looked(pilot, interface, HexaSlideScreen)
         assert not screen.searching
         assert screen.found is None
         await pilot.press("escape")
@@ -274,7 +260,7 @@ async def test_leaving_while_it_searches(gate: Gate) -> None:
 async def test_quitting_while_it_searches(gate: Gate) -> None:
     interface = Interface(HexaSlideScreen())
     async with interface.run_test(size=SIZE) as pilot:
-        await looked(pilot, interface)
+        await looked(pilot, interface, HexaSlideScreen)
         gate.first.set()
         await pilot.press("o")
         await until(pilot, "a second start", lambda: len(gate.counts) == 2)
@@ -287,7 +273,7 @@ async def test_quitting_while_it_searches(gate: Gate) -> None:
 async def test_count_of_postures(gate: Gate) -> None:
     interface = Interface(HexaSlideScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
-        screen = await looked(pilot, interface)
+        screen = await looked(pilot, interface, HexaSlideScreen)
         for wrong in ("8", "x [y]", "201"):
             await pilot.press("c")
             await enter(pilot, interface, wrong)
@@ -308,17 +294,17 @@ async def test_count_of_postures(gate: Gate) -> None:
 async def test_measured_components_of_ones_own() -> None:
     interface = Interface(HexaSlideScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
-        await looked(pilot, interface)
+        await looked(pilot, interface, HexaSlideScreen)
         await pilot.press("m")
         await enter(pilot, interface, "x, y, z, theta")
-        await looked(pilot, interface)
+        await looked(pilot, interface, HexaSlideScreen)
         assert text(interface, "#hexaslide").endswith("your own: pose-forward")
         seen = text(interface, "#sees-text")
         assert "SEEN: 48 of 49 combinations" in seen
         assert "papers/001" not in seen
         await pilot.press("m")
         await enter(pilot, interface, "x,roll [deg]")
-        await looked(pilot, interface)
+        await looked(pilot, interface, HexaSlideScreen)
         assert "roll [deg]" in text(interface, "#sees-text")
         await pilot.press("o")
         assert "nothing to search" in said(interface)
@@ -332,7 +318,7 @@ async def test_a_broken_machine_file_then_a_good_one(tmp_path: Path) -> None:
     linkless.write_text(good[: good.index("[constraint_link]")], encoding="utf-8")
     interface = Interface(HexaSlideScreen(Request("pose-inverse", broken)))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
-        screen = await looked(pilot, interface)
+        screen = await looked(pilot, interface, HexaSlideScreen)
         assert text(interface, "#hexaslide") == "own [m].toml"
         assert "does not reach its rail" in text(interface, "#sees-text")
         assert not any(plot.display for plot in screen.query(DrawingPlot))
@@ -340,11 +326,11 @@ async def test_a_broken_machine_file_then_a_good_one(tmp_path: Path) -> None:
         assert "nothing to search" in said(interface)
         await pilot.press("f")
         await enter(pilot, interface, str(linkless))
-        await looked(pilot, interface)
+        await looked(pilot, interface, HexaSlideScreen)
         assert text(interface, "#hexaslide") == "linkless.toml   1 of 4: pose-inverse"
         assert all(plot.display for plot in screen.query(DrawingPlot))
         await pilot.press("4")
-        await looked(pilot, interface)
+        await looked(pilot, interface, HexaSlideScreen)
         assert "no [constraint_link]" in text(interface, "#sees-text")
         await pilot.press("f1")
         await until(pilot, "help", lambda: isinstance(interface.screen, HelpDialog))

@@ -21,7 +21,7 @@ from app.screens.pick import PickScreen
 from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
-from tests.screens.driving import SIZE, quick_plan, text, until
+from tests.screens.driving import SIZE, quick_plan, said, text, until
 
 BEFORE, AFTER = "before [mm].jsonl", "after [ttyUSB0].jsonl"
 
@@ -55,10 +55,6 @@ async def choose(pilot: Pilot[str], interface: Interface, beginning: str) -> Non
 async def shown(pilot: Pilot[str], interface: Interface, screen: type[object]) -> None:
     await until(pilot, screen.__name__, lambda: isinstance(interface.screen, screen))
     await pilot.pause()
-
-
-def said(interface: Interface) -> str:
-    return "\n".join(note.message for note in interface._notifications)
 
 
 async def test_list_of_what_can_be_done(folder: Path) -> None:

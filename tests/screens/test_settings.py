@@ -15,7 +15,7 @@ from app.screens.home import HomeScreen
 from app.screens.interface import Interface
 from app.settings import Settings, read_settings
 from protocols.record import read_record
-from tests.screens.driving import SIZE, quick_plan, take, to_measuring, until
+from tests.screens.driving import SIZE, quick_plan, said, take, to_measuring, until
 
 
 @pytest.fixture
@@ -49,10 +49,6 @@ async def pick(pilot: Pilot[str], interface: Interface, command: str) -> None:
     await until(pilot, f"answer {command}", found)
     await pilot.press("enter")
     await until(pilot, "palette closed", lambda: interface.screen is not palette)
-
-
-def said(interface: Interface) -> str:
-    return "\n".join(note.message for note in interface._notifications)
 
 
 async def test_own_keys_take_the_place_of_the_usual_ones(tmp_path: Path) -> None:

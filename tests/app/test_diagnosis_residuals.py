@@ -1,0 +1,50 @@
+"""The gap in cells before and after adopting: figures, chart and map."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.diagnosing import diagnose_files
+from app.diagnosis_plots import residuals_before_and_after
+from app.diagnosis_residuals import explained_share, residual_cells, rms_um
+from app.wording.diagnose_screen import where_text
+from tests.hidden_sessions import bowed_session
+
+
+def test_residuals_against_the_readings_themselves(tmp_path: Path) -> None:
+    """Adopted, each cell is within five of its standard deviations; before, many are not."""
+    cells = residual_cells(diagnose_files([bowed_session(tmp_path)]))
+    assert max(abs(cell.strength) for cell in cells) > 10.0
+    for cell in cells:
+        assert cell.after_mm is not None
+        assert abs(cell.after_mm) < 5.0 * cell.noise_mm
+    before, after, noise = rms_um(cells)
+    assert before == pytest.approx(1e3 * np.std([c.before_mm for c in cells], mean=0.0))
+    assert after is not None
+    assert after < 1.5 * noise < before / 3
+    chart = residuals_before_and_after(cells)
+    held = {series.name: series for series in chart.series}
+    assert list(held) == ["noise", "before", "after adopting"]
+    assert max(map(abs, held["before"].y)) == max(abs(1000.0 * c.before_mm) for c in cells)
+    assert {round(x) for x in held["before"].x} == set(range(1, len(chart.x_names) + 1))
+
+
+def test_the_map_marks_what_is_more_than_noise(tmp_path: Path) -> None:
+    found = diagnose_files([bowed_session(tmp_path)])
+    cells = residual_cells(found)
+    shown = where_text(found, cells)
+    strong = [cell for cell in cells if abs(cell.strength) > 5.0]
+    table = shown.split("▲ ▼ more")[0]
+    assert strong
+    assert len(re.findall("▲▲|▼▼", table)) == len(strong)
+    assert len(re.findall(r"[+-]\d+\.\d", table)) == len(cells)
+
+
+def test_explained_share() -> None:
+    assert explained_share(2.0, 1.0) == 0.75
+    assert explained_share(1.0, 2.0) == 0.0
+    assert explained_share(0.0, 0.0) == 0.0

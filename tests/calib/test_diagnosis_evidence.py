@@ -1,0 +1,114 @@
+"""How explanations are weighed: evidence, rivals, causes, place, aliases."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.aliases import alias_map
+from calib.diagnosis.entries import entries_of
+from calib.diagnosis.locate import locate
+from calib.diagnosis.problem import Problem, Sitting
+from calib.diagnosis.race import Race
+from calib.diagnosis.selection import (
+    KNOWN,
+    Search,
+    Spread,
+    contained,
+    credible_set,
+    log_bayes_factor,
+    union,
+)
+from calib.orthoglide.effects import CATALOGUE
+from calib.orthoglide.effects.law import Placed
+from calib.orthoglide.model import Model
+from tests.calib.diagnosed_sessions import LAWS, SHORT, TWO_STATION, case, problem
+
+
+def test_evidence_and_sets() -> None:
+    assert log_bayes_factor(3.0, 4, KNOWN) == 0.0
+    assert log_bayes_factor(40.0, 1, KNOWN) == pytest.approx(0.5 * 39.0 - 0.5 * math.log(40.0))
+    assert log_bayes_factor(40.0, 1, Spread(92.0, 52.0)) < log_bayes_factor(40.0, 1, KNOWN)
+    assert log_bayes_factor(3.0, 4, Spread(52.0, 52.0)) == 0.0
+    assert log_bayes_factor(3.0, 4, Spread(3.0, 4.0)) == 0.0
+    generator = np.random.default_rng(1)
+    blocks = tuple(np.linalg.qr(generator.normal(size=(50, 1)))[0] for _ in range(5))
+    search = Search(20.0 * blocks[2][:, 0], blocks, KNOWN, np.zeros(5), (1,) * 5)
+    best = credible_set(search.singles())
+    assert best[0].members == (2,)
+    assert sum(m.share for m in best) >= 0.95
+    twins = Search(20.0 * blocks[2][:, 0], (*blocks, -blocks[2]), KNOWN, np.zeros(6), (1,) * 6)
+    assert {m.members for m in credible_set(twins.singles())} == {(2,), (5,)}
+    assert contained(blocks[2], -blocks[2]) == pytest.approx(1.0)
+    assert union([blocks[0], blocks[0]]).shape[1] == 1
+
+
+@pytest.mark.parametrize(("explained", "rank"), [(30.0, 1), (500.0, 2), (2000.0, 6)])
+def test_evidence_with_unknown_noise_is_the_best_over_all_prior_widths(
+    explained: float, rank: int
+) -> None:
+    """Zellner's g-prior integrated over the variance, g tried on a grid (Liang et al. 2008)."""
+    spread = Spread(explained + 120.0, 126.0)
+    width = np.geomspace(1e-3, 1e5, 200_001)
+    free = spread.freedom - rank
+    tried = 0.5 * free * np.log1p(width) - 0.5 * spread.freedom * np.log1p(
+        width * 120.0 / spread.total
+    )
+    assert log_bayes_factor(explained, rank, spread) == pytest.approx(tried.max(), abs=1e-6)
+
+
+def test_a_rival_pays_for_what_it_leaves_however_large_the_effect() -> None:
+    """What counts is how much more is left, not its share of what is explained."""
+    for explained in (100.0, 1000.0, 10000.0):
+        spread = Spread(explained + 120.0, 126.0)
+        less, more = (log_bayes_factor(s, 1, spread) for s in (explained - 30.0, explained))
+        assert more - less == pytest.approx(spread.log_ratio(explained, explained - 30.0), abs=0.5)
+        assert more - less > 10.0
+
+
+def test_the_fewest_causes_are_kept() -> None:
+    """One place before three with values of their own, whichever fits better by chance."""
+    made = problem(TWO_STATION, 0)
+    entries = {(e.id, e.where): e for e in entries_of(made, CATALOGUE)}
+    one, every = (entries["axis_offset", where] for where in ("x", "x,y,z"))
+    few, many = made.block(one.columns), made.block(every.columns)
+    further = many @ np.linalg.svd(few.T @ many)[2][-1]
+    assert np.abs(few.T @ further).max() < 1e-6
+    moved = replace(made, y=made.y + 30.0 * few[:, 0] + (3.2 - further @ made.y) * further)
+    kept = [
+        Race(moved, (few, many), np.zeros(2), causes, 1).run().kept
+        for causes in ((one.causes, every.causes), (1, 1))
+    ]
+    assert [model.members for model in kept if model] == [(0,), (1,)]
+
+
+def test_causes_of_an_entry() -> None:
+    made = problem(TWO_STATION, 0)
+    causes = {(e.id, e.where): e.causes for e in entries_of(made, CATALOGUE)}
+    assert causes["gauge_gain", "x"] == 2
+    assert causes["gauge_gain", "x,y,z"] == 6
+    assert causes["leg_taper", "x,y,z"] == causes["axis_squareness", "xy,yz,xz"] == 3
+    assert causes["gauge_gain", "xy"] == causes["leg_taper", "x"] == 1
+    assert causes["thermal_drift", "x,y,z"] == causes["leg_taper", "all"] == 1
+
+
+def test_where_points_at_the_leg_and_the_direction() -> None:
+    made = case(TWO_STATION, Placed(LAWS["leg_bow"], "xy", (0.15,)), seed=6)
+    shares = locate(
+        Problem.of([Sitting.of(made.model, made.observed, made.indicator, made.tolerance_mm)])
+    )
+    first = next(s for s in shares if s.leg and s.axis)
+    assert (first.leg, first.axis) == ("x", "y")
+    assert sum(s.share for s in shares if s.leg and s.axis) == pytest.approx(1.0)
+
+
+def test_aliases_need_no_data() -> None:
+    short, long = (
+        alias_map(Model(parameters_mm=(1.0, -0.8, 0.6, 0.03, -0.02, 0.01)), taken, CATALOGUE)
+        for taken in (SHORT, TWO_STATION)
+    )
+    assert len(short.imitations) > len(long.imitations)
+    assert any(one.distinguishable < 9.0 for one in short.imitations)

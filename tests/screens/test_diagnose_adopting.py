@@ -1,0 +1,154 @@
+"""Adopting what a diagnosis names, and diagnosing again; the next measurement as a procedure."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+from textual.widgets import Input, OptionList
+
+from app.screens.diagnose import DiagnoseScreen
+from app.screens.dialogs import ChoiceDialog, TextDialog
+from app.screens.interface import Interface
+from protocols.machine import load_machine
+from protocols.model_file import read_model_file
+from protocols.procedure import load_procedure
+from tests.hidden_sessions import write_session
+from tests.screens.diagnosing import diagnosed, offered, verdict
+from tests.screens.driving import SIZE, said, text, until
+
+
+async def test_adopt_writes_a_model_and_the_second_gap_is_smaller(bowed: Path) -> None:
+    interface = Interface(DiagnoseScreen([bowed]))
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        screen = await diagnosed(pilot, interface)
+        assert screen.diagnosed is not None
+        before = screen.diagnosed.diagnosis.gap_before.rms_mm
+        await pilot.press("a")
+        await until(pilot, "choice", lambda: isinstance(interface.screen, ChoiceDialog))
+        listed = interface.screen.query_one(OptionList).options
+        assert [str(one.prompt) for one in listed] == ["1  what was named: leg_bow (xy)"]
+        await pilot.press("1")
+        await until(pilot, "file name", lambda: isinstance(interface.screen, TextDialog))
+        model = bowed.with_name("bow [x]_model.json")
+        assert interface.screen.query_one(Input).value == str(model)
+        await pilot.press("enter")
+        await until(pilot, "again", lambda: screen.model == model and not screen.looking)
+        assert [(e.id, e.where) for e in read_model_file(model).effects] == [("leg_bow", "xy")]
+        assert screen.diagnosed is not None
+        again = screen.diagnosed.diagnosis
+        assert again.verdict == "agrees"
+        assert again.gap_before.rms_mm < before / 3
+        assert verdict(interface).startswith("AGREES.")
+        words = f"bow [x]_model.json: gap {before:.4f} → {again.gap_before.rms_mm:.4f} mm."
+        assert words in verdict(interface).replace("\n", " ")
+        assert text(interface, "#diagnosed").endswith("model bow [x]_model.json")
+        assert f"Model written: {model}" in said(interface)
+        await pilot.press("a")
+        await until(pilot, "nothing", lambda: "Nothing to adopt" in said(interface))
+        await pilot.press("f10")
+
+
+async def test_another_effect_of_an_ambiguous_set_is_adopted(doubtful: Path) -> None:
+    taken = doubtful.with_name("taken.toml")
+    taken.write_text("mine", encoding="utf-8")
+    target = doubtful.with_name("other.json")
+    interface = Interface(DiagnoseScreen([doubtful]))
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        screen = await diagnosed(pilot, interface)
+        assert verdict(interface).startswith("AMBIGUOUS.")
+        alike = text(interface, "#candidates-text").replace("\n", " ")
+        assert "cannot tell actuator_scale (y) from: " in alike
+        for path in (taken, target):
+            await pilot.press("a")
+            await until(pilot, "choice", lambda: isinstance(interface.screen, ChoiceDialog))
+            listed = [str(o.prompt) for o in interface.screen.query_one(OptionList).options]
+            assert "what was named: actuator_scale (y)" in listed[0]
+            rival = re.fullmatch(r"2  instead (\w+) \((\w+)\)", listed[1])
+            assert rival is not None
+            assert f"{rival[1]} ({rival[2]})" in alike
+            await pilot.press("2")
+            await until(pilot, "file name", lambda: isinstance(interface.screen, TextDialog))
+            interface.screen.query_one(Input).value = str(path)
+            await pilot.press("enter")
+            await pilot.pause()
+        assert f"{taken} is there already" in said(interface)
+        assert taken.read_text(encoding="utf-8") == "mine"
+        await until(pilot, "again", lambda: screen.model == target and not screen.looking)
+        assert rival is not None
+        assert [(e.id, e.where) for e in read_model_file(target).effects] == [rival.groups()]
+        await pilot.press("f10")
+
+
+async def test_a_law_without_a_name_is_adopted(nameless: Path) -> None:
+    interface = Interface(DiagnoseScreen([nameless]))
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        screen = await diagnosed(pilot, interface)
+        words = " ".join(verdict(interface).split())
+        assert "law without a name" in words or "has no name, but follows a law" in words
+        assert "with the cube of travel of carriage X" in words
+        assert "Held out (one displacement of one leg left out" in words
+        assert "a" in offered(interface)
+        await pilot.press("a")
+        await until(pilot, "choice", lambda: isinstance(interface.screen, ChoiceDialog))
+        listed = [str(o.prompt) for o in interface.screen.query_one(OptionList).options]
+        (number,) = [line[0] for line in listed if "a law without a name (x)" in line]
+        await pilot.press(number)
+        await until(pilot, "file name", lambda: isinstance(interface.screen, TextDialog))
+        await pilot.press("enter")
+        model = nameless.with_name("cube_model.json")
+        await until(pilot, "again", lambda: screen.model == model and not screen.looking)
+        (entry,) = read_model_file(model).effects
+        assert (entry.id, entry.where) == ("empirical", "x")
+        assert list(entry.parameters) == ["travel_cube_at_100mm"]
+        assert verdict(interface).startswith("AGREES.")
+        await pilot.pause()
+        assert not offered(interface) & {"a", "n"}
+        await pilot.press("f10")
+
+
+async def test_the_next_measurement_becomes_a_procedure(doubtful: Path) -> None:
+    interface = Interface(DiagnoseScreen([doubtful]))
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        await diagnosed(pilot, interface)
+        assert "Next measurement: " in verdict(interface)
+        assert "it settles it between actuator_scale (y)" in " ".join(verdict(interface).split())
+        await pilot.press("n")
+        written = doubtful.with_name("doubt_next.toml")
+        await until(pilot, "words", lambda: f"--protocol {written}" in said(interface))
+        assert tomllib.loads(written.read_text(encoding="utf-8"))["cycles"] == 3
+        load_procedure(str(written), load_machine(None).geometry())
+        await pilot.press("f10")
+
+
+async def test_a_session_that_agrees(tmp_path: Path) -> None:
+    path = write_session(tmp_path / "plain.jsonl", "zero-max-min", 4)
+    interface = Interface(DiagnoseScreen([path]))
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        await diagnosed(pilot, interface)
+        assert verdict(interface).startswith("AGREES.")
+        assert "would have been found" in verdict(interface)
+        assert "names nothing to adopt" in " ".join(text(interface, "#change-text").split())
+        assert "▲▲ ▼▼ more than 5" in text(interface, "#where-text")
+        assert not offered(interface) & {"a", "n"}
+        await pilot.press("a", "n")
+        await pilot.pause()
+        assert "Nothing to adopt" in said(interface)
+        assert "No measurement is proposed" in said(interface)
+        assert not isinstance(interface.screen, ChoiceDialog)
+        await pilot.press("f10")
+    assert [one.name for one in tmp_path.iterdir()] == ["plain.jsonl"]
+
+
+async def test_where_nothing_may_be_written(doubtful: Path) -> None:
+    interface = Interface(DiagnoseScreen([doubtful]), read_only=True)
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        await diagnosed(pilot, interface)
+        assert not offered(interface) & {"a", "n"}
+        await pilot.press("a", "n")
+        await pilot.pause()
+        assert said(interface).count("This program only shows") == 2
+        assert isinstance(interface.screen, DiagnoseScreen)
+        await pilot.press("f10")
+    assert [one.name for one in doubtful.parent.iterdir()] == ["doubt.jsonl"]

@@ -20,6 +20,8 @@ from calib.diagnosis.results import (
 SHOWN_CANDIDATES = 8
 SHOWN_SHARES = 6
 BAR = 20
+SHOWN_MM = 0.00005
+"""A gap below this is shown as nothing."""
 
 
 def diagnosis_text(diagnosed: Diagnosed) -> str:
@@ -122,7 +124,9 @@ def held_out_words(held: HeldOutGap) -> str:
         f"Held out ({held.how}): {held.before_rms_mm:.4f} → {held.after_rms_mm:.4f} mm, "
         f"noise {held.noise_rms_mm:.4f} mm."
     )
-    if held.after_rms_mm >= held.before_rms_mm > 0.0:
+    if held.before_rms_mm < SHOWN_MM:
+        return said + " There is no gap that could shrink."
+    if held.after_rms_mm >= held.before_rms_mm:
         said += " The gap shrinks only on the readings that were used."
     return said
 

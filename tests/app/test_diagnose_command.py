@@ -114,6 +114,14 @@ def test_published_experiments_claim_no_single_name(samples: Path) -> None:
     assert any(value is not None for value in held)
 
 
+def test_no_gap_is_not_said_to_shrink(samples: Path) -> None:
+    """Six differences are met exactly by six parameters, held out or not."""
+    held = samples / "experiment_3_six.jsonl"
+    run = glidecal("diagnose", samples / "experiment_2_six.jsonl", "--held-out", held)
+    text = " ".join(run.out.split())
+    assert "0.0000 → 0.0000 mm, noise 0.0034 mm. There is no gap that could shrink." in text
+
+
 def test_several_sessions_keep_their_own_offsets(samples: Path) -> None:
     found = diagnosed(samples / "experiment_2_twelve.jsonl", samples / "experiment_3_twelve.jsonl")
     assert found["gap_before"]["degrees_of_freedom"] == 12

@@ -167,11 +167,9 @@ def place_of(observed: Observations, rows: IntArray) -> str:
 
 def _swaps(observed: Observations) -> Iterator[_Hypothesis]:
     """The two indicators of a leg exchanged: their readings change places, row by row."""
-    for leg in range(3):
+    for leg, there, words in _where_two_stand(observed):
         axes = [axis for axis in range(3) if axis != leg]
-        first, second = (
-            np.flatnonzero((observed.leg == leg) & (observed.axis == axis)) for axis in axes
-        )
+        first, second = (there[observed.axis[there] == axis] for axis in axes)
         if len(first) != len(second) or not len(first):
             continue
         if not np.array_equal(observed.displacement_mm[first], observed.displacement_mm[second]):
@@ -179,7 +177,18 @@ def _swaps(observed: Observations) -> Iterator[_Hypothesis]:
         value = observed.value_mm.copy()
         value[first], value[second] = observed.value_mm[second], observed.value_mm[first]
         rows = np.concatenate([first, second])
-        yield _Hypothesis("gauge_swap", LEG_NAMES[leg], "indicators exchanged", rows, value, 1, 0.0)
+        yield _Hypothesis("gauge_swap", LEG_NAMES[leg], words, rows, value, 1, 0.0)
+
+
+def _where_two_stand(observed: Observations) -> Iterator[tuple[int, IntArray, str]]:
+    """Each leg, and each of its stations where there are several: rows, and the title."""
+    for leg in range(3):
+        of_leg = np.flatnonzero(observed.leg == leg)
+        yield leg, of_leg, "indicators exchanged"
+        stations = np.unique(observed.station[of_leg]).tolist()
+        for station in stations if len(stations) > 1 else ():
+            at_station = of_leg[observed.station[of_leg] == station]
+            yield leg, at_station, f"indicators exchanged at station {station:g}"
 
 
 class _BaseFit:

@@ -7,16 +7,22 @@ the reading fits the repeats in another posture, or on another leg.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from calib.diagnosis.blunders import Blunder, place_of
+from calib.diagnosis.labels import (
+    evened,
+    labels_within_reach,
+    nearer_labels,
+    odds_of_label,
+    relabelled,
+)
 from calib.diagnosis.results import Named
 from calib.diagnosis.slips import cell_basis, level_basis, posture_basis
-from calib.observations import LEG_NAMES, FloatArray, IntArray, Observations
+from calib.observations import FloatArray, IntArray, Observations
 
 WILD_DISTANCE = 17.0
 """In standard deviations of a reading; far beyond what heavy tails of honest readings reach."""
@@ -30,6 +36,10 @@ where it is ``NEARER`` times as far off where it is written down. Tails may be h
 
 NEARER = 12.0
 
+CERTAIN = 10.0
+"""Odds of a wrong label against an accident beyond which it is named alone; turned round, below
+which it is not named."""
+
 LEAST_SHARE = 0.15
 """A reading that its own cell follows more closely cannot be judged by it."""
 
@@ -41,6 +51,12 @@ MOST_SUSPECTS = 6
 MOST_STRAYS = 4
 LEAST_FREE = 4.0
 LEAST_VARIANCE_MM2 = 1e-8
+
+UNEQUAL = 9.0
+"""No mounting without mistakes has more than so many times the middle variance of all."""
+
+LEAST_FREE_OF_MOUNTING = 1.5
+LEAST_MOUNTINGS = 3
 
 
 Basis = Callable[[Observations, IntArray], FloatArray]
@@ -91,9 +107,33 @@ class _Judged:
         pooled = np.maximum((left.sum() - own) / (free - 1.0), least_mm2)
         near = np.bincount(observed.mount, left)[observed.mount] - own
         near = near / np.maximum(np.bincount(observed.mount, share)[observed.mount] - 1.0, 1.0)
+        limited = _limited_variance(observed, left, own, share)
+        if limited is not None:
+            limited = np.maximum(np.maximum(limited, near), least_mm2)
+            known = observed.approach != 0.0  # else it may be off by a play
+            pooled = np.where(known, np.minimum(pooled, limited), pooled)
         distance = np.sqrt(own / pooled / np.maximum(share, LEAST_SHARE))
         fit = np.sqrt(own / np.maximum(pooled, near))
         return cls(distance, fit, float(left.sum()), float(pooled.min()))
+
+
+def _limited_variance(
+    observed: Observations, left: FloatArray, own: FloatArray, share: FloatArray
+) -> FloatArray | None:
+    """Variance ``(n,)`` in mm² without each reading, no mounting far above the middle one.
+
+    A mistake in one mounting, however large, must not hide one in another. None if too few
+    mountings have repeats.
+    """
+    squares, free = np.bincount(observed.mount, left), np.bincount(observed.mount, share)
+    judging = free > LEAST_FREE_OF_MOUNTING
+    if np.count_nonzero(judging) < LEAST_MOUNTINGS:
+        return None
+    most = UNEQUAL * np.median(squares[judging] / free[judging]) * free
+    limited = np.minimum(squares, most)
+    here = np.minimum(squares[observed.mount] - own, most[observed.mount])
+    others = limited.sum() - limited[observed.mount]
+    return np.asarray((others + here) / (free.sum() - 1.0))
 
 
 def _scatter(observed: Observations, basis: Basis) -> tuple[FloatArray, FloatArray]:
@@ -132,114 +172,97 @@ def _worst(observed: Observations, least_mm2: float) -> Blunder | None:
     worst = float(judged.distance.max(initial=0.0))
     if worst < MISLABELLED_DISTANCE:
         return None
-    order = np.argsort(-judged.distance)[:MOST_SUSPECTS]
-    suspects = order[judged.distance[order] >= SUSPECT * worst]
-    mislabelled = _mislabelled(observed, suspects, worst, least_mm2)
-    if mislabelled is not None or worst < WILD_DISTANCE:
-        return mislabelled
-    return _wild(observed, suspects, least_mm2)
+    order = np.argsort(-judged.distance)
+    suspects = order[observed.mount[order] == observed.mount[order[0]]][:MOST_SUSPECTS]
+    suspects = suspects[judged.distance[suspects] >= SUSPECT * worst]
+    wild = _wild(observed, suspects, least_mm2)
+    fits = _fits(observed, wild.rows, judged.distance, least_mm2)
+    places = _likeliest(fits) if fits else []
+    odds = places[0].odds if places else 0.0
+    if odds >= CERTAIN:
+        return _mislabelled(observed, places)
+    if worst < WILD_DISTANCE and odds < 1.0:
+        return None
+    return _mislabelled_or_wild(observed, places, wild) if odds > 1.0 / CERTAIN else wild
 
 
 @dataclass(frozen=True, eq=False)
-class _Move:
-    """One row under another label, what that leaves, and the place in words."""
+class _Fit:
+    """One row under another label that it fits: what that leaves, and what speaks for it.
+
+    ``odds`` are those of a wrong label against a wild reading that fits there by accident.
+    """
 
     row: int
-    left_mm2: float
     words: str
     observed: Observations
+    left_mm2: float
+    variance_mm2: float
+    odds: float
 
 
-def _mislabelled(
-    observed: Observations, suspects: IntArray, far: float, least_mm2: float
-) -> Blunder | None:
-    """The wrong label that explains most; places that fit as well are told, too."""
-    fits = [
-        _Move(row, judged.left_mm2, words, moved)
-        for row in suspects.tolist()
-        for words, moved in _moves(observed, row)
-        if (judged := _Judged.of(moved, least_mm2)).holds(row, far)
-    ]
-    if not fits:
-        return None
-    best = min(fits, key=lambda one: one.left_mm2)
-    bar = best.left_mm2 + ALIKE * _Judged.of(best.observed, least_mm2).variance_mm2
-    alike = [one for one in fits if one.row == best.row and one.left_mm2 < bar]
-    places = " or ".join(one.words for one in alike)
-    title = f"the reading {_posture(observed, best.row)} belongs to {places}"
-    corrected = best.observed if len(alike) == 1 else _without(observed, [best.row])
+def _fits(
+    observed: Observations, suspects: IntArray, distance: FloatArray, least_mm2: float
+) -> list[_Fit]:
+    """All other labels that one of the suspects fits."""
+    far = float(distance[suspects].max())
+    found = []
+    for row in suspects.tolist():
+        chances = labels_within_reach(observed, row) * len(suspects)
+        for label in nearer_labels(observed, row):
+            moved = relabelled(observed, row, label)
+            judged = _Judged.of(moved, least_mm2)
+            if not judged.holds(row, far):
+                continue
+            even = evened(observed, moved)
+            odds = odds_of_label(float(distance[row]), float(judged.fit[row]), chances, even)
+            left, variance = judged.left_mm2, judged.variance_mm2
+            found.append(_Fit(row, label.words, moved, left, variance, odds))
+    return found
+
+
+def _likeliest(fits: list[_Fit]) -> list[_Fit]:
+    """Of those that explain most the likeliest, then others of its row that nearly are."""
+    first = min(fits, key=lambda one: one.left_mm2)
+    bar = first.left_mm2 + ALIKE * first.variance_mm2
+    alike = sorted((one for one in fits if one.left_mm2 <= bar), key=lambda one: -one.odds)
+    best = alike[0]
+    return [one for one in alike if one.row == best.row and one.odds * CERTAIN > best.odds]
+
+
+def _mislabelled(observed: Observations, places: list[_Fit]) -> Blunder:
+    """It is put where it belongs; where several places fit as well, it is left out."""
+    best = places[0]
+    title = f"the reading {_posture(observed, best.row)} belongs to "
+    title += " or ".join(one.words for one in places)
+    corrected = best.observed if len(places) == 1 else _without(observed, [best.row])
     rows = np.array([best.row], dtype=np.intp)
     return Blunder("label_error", place_of(observed, rows), title, rows, corrected)
 
 
+def _mislabelled_or_wild(observed: Observations, places: list[_Fit], wild: Blunder) -> Blunder:
+    """Nothing tells which; the likelier name goes first, and the reading is not used."""
+    label = _mislabelled(observed, places)
+    names = [(label, label.title), (wild, _wild_in_words(observed, wild.rows)[0])]
+    (first, words), (second, other) = names if places[0].odds >= 1.0 else reversed(names)
+    rows = np.union1d(wild.rows, label.rows)
+    return Blunder(
+        first.id,
+        first.where,
+        f"{words}, or {other}; {_unused(rows)}",
+        rows,
+        _without(observed, rows),
+        (Named(second.id, second.where), *wild.or_else),
+    )
+
+
 def belongs_elsewhere(observed: Observations, row: int) -> str | None:
     """The posture of the same mounting, or the other leg, whose repeats this reading fits."""
-    for words, moved in _moves(observed, row):
+    for label in nearer_labels(observed, row):
+        moved = relabelled(observed, row, label)
         if _Judged.of(moved, LEAST_VARIANCE_MM2).holds(row, WILD_DISTANCE):
-            return words
+            return label.words
     return None
-
-
-def _moves(observed: Observations, row: int) -> Iterator[tuple[str, Observations]]:
-    """The session with this row under each other label that is nearer to its value."""
-    mount = int(observed.mount[row])
-    own = _far(observed, row, mount, float(observed.displacement_mm[row]))
-    for level in np.unique(observed.displacement_mm[observed.mount == mount]).tolist():
-        if level != observed.displacement_mm[row] and _far(observed, row, mount, level) < own / 2:
-            yield f"{level:+g} mm", relabelled(observed, row, mount, level)
-    level = float(observed.displacement_mm[row])
-    for other in _mounts_of_other_leg(observed, row):
-        if _far(observed, row, other, level) < own / 2:
-            leg = LEG_NAMES[observed.leg[observed.mount == other][0]].upper()
-            yield f"leg {leg}", relabelled(observed, row, other, level)
-
-
-def _far(observed: Observations, row: int, mount: int, level_mm: float) -> float:
-    """How far the reading is from the middle of others, mm; without others endless."""
-    there = (observed.mount == mount) & (observed.displacement_mm == level_mm)
-    there[row] = False
-    if not there.any():
-        return math.inf
-    return abs(float(observed.value_mm[row] - np.median(observed.value_mm[there])))
-
-
-def _mounts_of_other_leg(observed: Observations, row: int) -> list[int]:
-    """Mountings of the other leg that is measured along the same axis, at the same station."""
-    there = (observed.axis == observed.axis[row]) & (observed.leg != observed.leg[row])
-    there &= observed.station == observed.station[row]
-    return [int(mount) for mount in np.unique(observed.mount[there])]
-
-
-def relabelled(observed: Observations, row: int, mount: int, level_mm: float) -> Observations:
-    """The session with one row under another label, and the approaches that this makes."""
-    model = int(np.flatnonzero(observed.mount == mount)[0])
-    arrays = {
-        name: getattr(observed, name).copy() for name in ("leg", "station", "indicator", "mount")
-    }
-    for array in arrays.values():
-        array[row] = array[model]
-    levels = observed.displacement_mm.copy()
-    levels[row] = level_mm
-    moved = replace(observed, **arrays, displacement_mm=levels)
-    return _retraced(observed, moved)
-
-
-def _retraced(before: Observations, after: Observations) -> Observations:
-    """Approaches are changed only where the labels make them different."""
-    old, new = _traced(before), _traced(after)
-    return replace(after, approach=np.where(new != old, new, before.approach))
-
-
-def _traced(observed: Observations) -> FloatArray:
-    """Sign of the last movement before each reading ``(n,)`` of a mounting, 0 where unknown."""
-    found = np.zeros(len(observed))
-    for mount in range(observed.mount_count):
-        rows = np.flatnonzero(observed.mount == mount)
-        moved = np.sign(np.diff(observed.displacement_mm[rows], prepend=np.nan))
-        moved[:1] = 0.0
-        last = np.maximum.accumulate(np.where(moved != 0.0, np.arange(len(rows)), 0))
-        found[rows] = moved[last]
-    return found
 
 
 def _wild(observed: Observations, suspects: IntArray, least_mm2: float) -> Blunder:
@@ -252,6 +275,7 @@ def _wild(observed: Observations, suspects: IntArray, least_mm2: float) -> Blund
         [row for row, one in zip(suspects.tolist(), left, strict=True) if one <= bar], dtype=np.intp
     )
     title, at_the_end = _wild_in_words(observed, rows)
+    title = f"{title}; {_unused(rows)}" if len(rows) > 1 else title
     where = place_of(observed, rows)
     instead = (Named("stand_slip", where),) if at_the_end else ()
     return Blunder("wild_reading", where, title, rows, _without(observed, rows), instead)
@@ -261,7 +285,7 @@ def _wild_in_words(observed: Observations, rows: IntArray) -> tuple[str, bool]:
     """The title, and whether a slip of the stand would leave the very same readings."""
     if len(rows) > 1:
         postures = " or ".join(_posture(observed, row) for row in sorted(rows.tolist()))
-        return f"one reading is wild, {postures}; none of them is used", False
+        return f"one reading is wild, {postures}", False
     row = int(rows[0])
     mounted = np.flatnonzero(observed.mount == observed.mount[row])
     title = f"one wild reading {_posture(observed, row)}"
@@ -270,6 +294,10 @@ def _wild_in_words(observed: Observations, rows: IntArray) -> tuple[str, bool]:
     if row == mounted[-1]:
         return f"{title}, or the stand moved before it", True
     return title, False
+
+
+def _unused(rows: IntArray) -> str:
+    return "none of them is used" if len(rows) > 1 else "it is not used"
 
 
 def _posture(observed: Observations, row: int) -> str:

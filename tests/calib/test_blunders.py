@@ -10,12 +10,13 @@ import pytest
 from calib.diagnosis.cleaning import Case, Mistake, clean
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.independence import DOUBT
+from calib.diagnosis.labels import Label, relabelled
 from calib.diagnosis.slips import find_slip
-from calib.diagnosis.strays import belongs_elsewhere, relabelled, set_strays_right
+from calib.diagnosis.strays import belongs_elsewhere, set_strays_right
 from calib.observations import IntArray, Observations
 from calib.orthoglide.effects import CATALOGUE
 from calib.orthoglide.effects.law import Placed
-from tests.calib.test_diagnosis import LAWS, SHORT, SWEEP, TWO_STATION, case
+from tests.calib.diagnosed_sessions import LAWS, SHORT, SWEEP, TWO_STATION, case
 
 SCATTER_MM = 0.002
 
@@ -112,7 +113,7 @@ def test_a_reading_under_the_other_leg(taken: Observations) -> None:
     row = int(rows_of(one.observed, 0)[2])
     other = int(one.observed.mount[(one.observed.leg == 2) & (one.observed.axis == 1)][0])
     level = float(one.observed.displacement_mm[row])
-    wrong = approached(relabelled(one.observed, row, other, level))
+    wrong = approached(relabelled(one.observed, row, Label(other, level, "")))
     (found,) = set_strays_right(wrong)
     assert (found.id, found.where) == ("label_error", "zy")
     assert found.title.endswith("belongs to leg X")
@@ -176,6 +177,39 @@ def test_readings_in_inches_bring_their_scatter_with_them(factor: float) -> None
     place = "xyz"[one.observed.leg[rows[0]]] + "xyz"[one.observed.axis[rows[0]]]
     assert [(each.blunder.id, each.blunder.where) for each in found] == [("unit_mixup", place)]
     assert np.allclose(found[0].blunder.corrected.value_mm, one.observed.value_mm)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_indicators_swapped_at_one_station_only(seed: int) -> None:
+    one = case(TWO_STATION, seed=seed)
+    station = float(np.unique(one.observed.station)[seed % 2])
+    first, second = (
+        np.flatnonzero(
+            (one.observed.leg == 1)
+            & (one.observed.axis == axis)
+            & (one.observed.station == station)
+        )
+        for axis in (0, 2)
+    )
+    value = one.observed.value_mm.copy()
+    value[first], value[second] = value[second], value[first].copy()
+    found = diagnose([one.with_readings(replace(one.observed, value_mm=value))], CATALOGUE)
+    assert [(each.id, each.where) for each in found.effects] == [("gauge_swap", "y")]
+    assert found.effects[0].title.endswith(f"at station {station:g}")
+    assert found.verdict == "explained"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_indicators_swapped_at_all_stations_are_one_mistake(seed: int) -> None:
+    one = case(TWO_STATION, seed=seed)
+    first, second = (
+        np.flatnonzero((one.observed.leg == 2) & (one.observed.axis == axis)) for axis in (0, 1)
+    )
+    value = one.observed.value_mm.copy()
+    value[first], value[second] = value[second], value[first].copy()
+    (found,) = mistakes(one, replace(one.observed, value_mm=value))
+    assert (found.blunder.id, found.blunder.where) == ("gauge_swap", "z")
+    assert found.blunder.title == "indicators exchanged"
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -1,0 +1,136 @@
+"""One reading under another label: which labels there are, and what fitting one of them proves.
+
+A reading that is off lands among the repeats of some other posture by accident, too, the more
+easily the more postures there are. Two things tell an accident from a wrong label: how closely it
+fits, and whether every posture has been read as often as elsewhere once the label is changed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.observations import LEG_NAMES, FloatArray, Observations
+
+REACH = 1.5
+"""A wild reading may lie anywhere, up to so many times as far from its place as it does."""
+
+EVEN = 10.0
+"""So much likelier is a wrong label where it makes an even session uneven, and so much less likely
+where the session is even as it stands: a table of ten may be uneven by itself, and one wrong label
+of ten (the machine sent to another posture) leaves it even."""
+
+
+@dataclass(frozen=True)
+class Label:
+    """A posture of a mounting."""
+
+    mount: int
+    level_mm: float
+    words: str
+
+
+def own_label(observed: Observations, row: int) -> Label:
+    """Where this reading is written down."""
+    return Label(int(observed.mount[row]), float(observed.displacement_mm[row]), "")
+
+
+def other_labels(observed: Observations, row: int) -> Iterator[Label]:
+    """The other postures of its mounting, and the same posture under the other leg."""
+    own = own_label(observed, row)
+    for level in np.unique(observed.displacement_mm[observed.mount == own.mount]).tolist():
+        if level != own.level_mm:
+            yield Label(own.mount, level, f"{level:+g} mm")
+    there = (observed.axis == observed.axis[row]) & (observed.leg != observed.leg[row])
+    there &= observed.station == observed.station[row]
+    for mount in np.unique(observed.mount[there]).tolist():
+        leg = LEG_NAMES[observed.leg[observed.mount == mount][0]].upper()
+        yield Label(mount, own.level_mm, f"leg {leg}")
+
+
+def nearer_labels(observed: Observations, row: int) -> list[Label]:
+    """Those whose other readings are less than half as far from this one as its own are."""
+    half = _off(observed, row, own_label(observed, row)) / 2.0
+    return [one for one in other_labels(observed, row) if _off(observed, row, one) < half]
+
+
+def labels_within_reach(observed: Observations, row: int) -> int:
+    """How many a wild reading might have landed at by accident; at least one."""
+    home = _middle(observed, row, own_label(observed, row))
+    reach = REACH * abs(float(observed.value_mm[row]) - home)
+    middles = [_middle(observed, row, one) for one in other_labels(observed, row)]
+    if math.isinf(reach):
+        return max(sum(math.isfinite(middle) for middle in middles), 1)
+    return max(sum(abs(middle - home) < reach for middle in middles), 1)
+
+
+def odds_of_label(far: float, fit: float, labels: int, evened: float) -> float:
+    """Odds of a wrong label against a wild reading that fits by accident.
+
+    ``far`` is its distance from where it is written down, ``fit`` from the new place, both in
+    standard deviations; ``labels`` how many such fits there might be; ``evened`` is +1, 0
+    or -1, see there. The tails of honest readings are Student's, 4 degrees of freedom.
+    """
+    there = 0.375 * math.pow(1.0 + fit**2 / 4.0, -2.5)
+    return 2.0 * REACH * far * there / labels * math.pow(EVEN, evened)
+
+
+def evened(before: Observations, after: Observations) -> float:
+    """1 where a changed label makes the session more even in both postures, -1 less, else 0."""
+    change = _unevenness(after) - _unevenness(before)
+    return -float(np.sign(change)) if abs(change) > 1.5 else 0.0
+
+
+def _unevenness(observed: Observations) -> float:
+    """By how many readings the postures of mountings differ from what most mountings have."""
+    levels = np.unique(observed.displacement_mm, return_inverse=True)[1].ravel()
+    count = np.zeros((observed.mount_count, int(levels.max()) + 1))
+    np.add.at(count, (observed.mount, levels), 1.0)
+    return float(np.abs(count - np.median(count, axis=0)).sum())
+
+
+def _off(observed: Observations, row: int, label: Label) -> float:
+    """How far the reading is from the middle of others there, mm; without others endless."""
+    return abs(float(observed.value_mm[row]) - _middle(observed, row, label))
+
+
+def _middle(observed: Observations, row: int, label: Label) -> float:
+    """Median of the other readings under this label, mm; endless where there is none."""
+    there = (observed.mount == label.mount) & (observed.displacement_mm == label.level_mm)
+    there[row] = False
+    return float(np.median(observed.value_mm[there])) if there.any() else math.inf
+
+
+def relabelled(observed: Observations, row: int, label: Label) -> Observations:
+    """The session with one row under another label, and the approaches that this makes."""
+    model = int(np.flatnonzero(observed.mount == label.mount)[0])
+    arrays = {
+        name: getattr(observed, name).copy() for name in ("leg", "station", "indicator", "mount")
+    }
+    for array in arrays.values():
+        array[row] = array[model]
+    levels = observed.displacement_mm.copy()
+    levels[row] = label.level_mm
+    moved = replace(observed, **arrays, displacement_mm=levels)
+    return _retraced(observed, moved)
+
+
+def _retraced(before: Observations, after: Observations) -> Observations:
+    """Approaches are changed only where the labels make them different."""
+    old, new = _traced(before), _traced(after)
+    return replace(after, approach=np.where(new != old, new, before.approach))
+
+
+def _traced(observed: Observations) -> FloatArray:
+    """Sign of the last movement before each reading ``(n,)`` of a mounting, 0 where unknown."""
+    found = np.zeros(len(observed))
+    for mount in range(observed.mount_count):
+        rows = np.flatnonzero(observed.mount == mount)
+        moved = np.sign(np.diff(observed.displacement_mm[rows], prepend=np.nan))
+        moved[:1] = 0.0
+        last = np.maximum.accumulate(np.where(moved != 0.0, np.arange(len(rows)), 0))
+        found[rows] = moved[last]
+    return found

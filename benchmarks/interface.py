@@ -156,7 +156,7 @@ def is_taken(screen: MeasureScreen, number: int) -> bool:
     return number in screen.guided.session.done() and not screen.busy
 
 
-async def take_every_step(pilot: Pilot[str], screen: MeasureScreen, delays: Delays) -> None:
+async def take_every_step(pilot: Pilot[str], screen: MeasureScreen) -> None:
     """By hand: Space, and Space for the review of each leg; all but the last step."""
     for number in range(1, len(screen.guided.steps)):
         await until(lambda: not screen.busy and screen.ready_by_hand())
@@ -165,7 +165,6 @@ async def take_every_step(pilot: Pilot[str], screen: MeasureScreen, delays: Dela
         if isinstance(screen.app.screen, LegReviewScreen):
             await pilot.press("space")
             await until(lambda: screen.app.screen is screen)
-            delays.give_up()  # what came while the review lay over the digits
 
 
 async def operate(
@@ -188,7 +187,7 @@ async def operate(
         await asyncio.sleep(SETTLING_S)
         delays.taken()
         async with blocked.watched():
-            await take_every_step(pilot, screen, delays)
+            await take_every_step(pilot, screen)
         figures.taking_s = delays.taken()
         async with closing.watched():
             await until(screen.ready_by_hand)

@@ -87,6 +87,7 @@ class Delays:
 def listening(delays: Delays) -> Iterator[None]:
     """Within this, `delays` hears of every reading, every drawing and every flush."""
     hear, render_line = Gauge._hear, GaugeDisplay.render_line
+    reviewed = MeasureScreen._reviewed
 
     def heard(gauge: Gauge, outcome: Outcome) -> None:
         if isinstance(outcome, Reading):
@@ -99,8 +100,13 @@ def listening(delays: Delays) -> Iterator[None]:
             delays.draw(display.screen.guided.gauges[number].port, display.number)
         return render_line(display, y)
 
+    def uncovered(screen: MeasureScreen, hold: bool | None) -> None:
+        delays.give_up()  # what came while the review lay over the digits
+        reviewed(screen, hold)
+
     with (
         mock.patch.object(Gauge, "_hear", heard),
+        mock.patch.object(MeasureScreen, "_reviewed", uncovered),
         mock.patch.object(GaugeDisplay, "render_line", rendered),
         mock.patch.object(Terminal, "on_flush", delays.flush),
     ):

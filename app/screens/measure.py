@@ -57,6 +57,9 @@ HELD_KEY_S = 0.15
 ANYWAY_S = 4.0
 """How long a second press takes readings that still move."""
 
+COLLECT_SELDOM = 5_000, 20, 100
+"""Thresholds of the garbage collector: a whole collection takes 40 ms."""
+
 SLEPT_S = 5.0
 """The wall clock between two looks: after so long the computer slept."""
 
@@ -91,6 +94,7 @@ class MeasureScreen(Corrections, Kept):
         self._lost: set[int] = set()
         self._pressed_at = self._anyway_until = self._moved_at = self._shown_at = 0.0
         self._looked_at = time.time()
+        self._collected = gc.get_threshold()
 
     def compose(self) -> ComposeResult:
         yield self.view
@@ -98,9 +102,13 @@ class MeasureScreen(Corrections, Kept):
 
     def on_mount(self) -> None:
         gc.freeze()  # a collection through everything imported would stop the screen for 0.1 s
+        gc.set_threshold(*COLLECT_SELDOM)
         self.proceed()
         self._follow()
         self.set_interval(AGES_S, self._look)
+
+    def on_unmount(self) -> None:
+        gc.set_threshold(*self._collected)
 
     @work
     async def _follow(self) -> None:

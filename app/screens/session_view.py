@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
@@ -17,6 +18,9 @@ from app.screens.widgets import GaugeDisplay, Line, StepList
 from app.wording.session import leg_table_text, step_text
 from protocols.procedure import Step
 from protocols.session import Session
+
+CHART_S = 0.06
+"""The chart is half of a step's picture; it comes later, so that readings need not wait for it."""
 
 
 class Row(Horizontal, Kept):
@@ -58,7 +62,7 @@ class SessionView(Vertical, Kept):
         self.query_one("#step", Static).update(step_text(step, session), layout=False)
         table = leg_table_text(leg_rows(session, step), geometry)
         self.query_one("#table", Static).update(table, layout=False)
-        self.call_after_refresh(self._show_chart, session, step)  # half of a step's picture
+        self.set_timer(CHART_S, partial(self._show_chart, session, step))
         for display, axis in zip(self._displays, step.axes, strict=False):
             display.border_title = f"along {axis.upper()}, mm"
 

@@ -19,8 +19,8 @@ check: $(VENV)/dev.stamp
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: $(VENV)/dev.stamp
-	$(BIN)/python -m benchmarks.run
+bench: $(VENV)/bench.stamp
+	$(BIN)/python -m benchmarks.run -o docs/benchmarks.md
 
 blind: $(VENV)/dev.stamp
 	$(BIN)/python -m tests.blind.run -o docs/blind.md
@@ -30,6 +30,11 @@ fuzz: $(VENV)/dev.stamp
 
 samples: $(VENV)/runtime.stamp
 	$(BIN)/python sample_sessions/make.py
+
+# beside what: lmfit and iminuit; figaroh where FIGAROH_PYTHON names a Python that has it
+$(VENV)/bench.stamp: $(VENV)/dev.stamp
+	$(PIP) -c constraints.txt -e '.[dev,bench]'
+	@touch $@
 
 clean:
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

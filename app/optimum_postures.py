@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,13 +32,18 @@ class Figures:
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """Optimum postures beside the procedure that they were asked for."""
+    """Optimum postures beside the procedure that they were asked for.
+
+    ``grid_value`` is the criterion before the postures were moved off the grid; None where they
+    were not to be moved.
+    """
 
     machine: str
     procedure: str
     criterion: Criterion
     before: Figures
     after: Figures
+    grid_value: float | None
     start_condition_number: float | None
     postures: tuple[Coordinates, ...]
     coordinates_on_bound: int
@@ -60,10 +66,12 @@ def optimum_postures(
     starts: int = 8,
     repeats: bool = False,
     common: bool = False,
+    refine: bool = True,
 ) -> Chosen:
     """The best set of ``count`` postures that fits into the budget.
 
     ``common`` allows only sets that treat equal parts of the machine alike: one procedure file.
+    With ``refine`` the chosen ones are then moved off the grid, as far as they stay distinct.
 
     Raises UsageError for an impossible count or budget, NotIdentifiable where so few postures
     cannot determine the parameters.
@@ -75,9 +83,12 @@ def optimum_postures(
     begin = time.perf_counter()
     search = _Search(count, aim, seed, starts, repeats=repeats, common=common)
     pool, found = _within_budget(pool, search, budget_min)
+    chosen = found.chosen
+    if refine:
+        pool, chosen = _moved(pool, chosen, aim, budget_min)
     seconds = time.perf_counter() - begin
     whitened = examined.sensitivity.jacobian
-    information = pool.candidates.information(np.array(found.chosen, dtype=np.intp))
+    information = pool.candidates.information(np.array(chosen, dtype=np.intp))
     left = wanted_information(information, aim)
     plain = Aim(criterion, None, metric)
     return Chosen(
@@ -85,16 +96,17 @@ def optimum_postures(
         procedure=examined.procedure,
         criterion=criterion,
         before=_figures(whitened.T @ whitened, plain, examined.minutes, examined.posture_count),
-        after=_figures(left, plain, pool.minutes(found.chosen), count),
+        after=_figures(left, plain, pool.minutes(chosen), count),
+        grid_value=found.value if refine else None,
         start_condition_number=found.start_condition_number,
-        postures=pool.coordinates(found.chosen),
-        coordinates_on_bound=pool.on_bound(found.chosen),
+        postures=pool.coordinates(chosen),
+        coordinates_on_bound=pool.on_bound(chosen),
         seconds=seconds,
         starts=starts,
         seed=seed,
         exchanges=found.exchanges,
         noise_words=examined.noise_words,
-        files=pool.files(found.chosen),
+        files=pool.files(chosen),
     )
 
 
@@ -145,6 +157,17 @@ def _within_budget(pool: Pool, search: _Search, budget_min: float | None) -> tup
         except NotIdentifiable as problem:
             raise _too_little_time(budget_min, needed, search.count) from problem
     return pool, found
+
+
+def _moved(
+    pool: Pool, chosen: Sequence[int], aim: Aim, budget_min: float | None
+) -> tuple[Pool, tuple[int, ...]]:
+    """Off the grid, unless the way there would turn more often than there is time for."""
+    moved = pool.moved(chosen, aim)
+    every = tuple(range(len(chosen)))
+    if budget_min is not None and moved.minutes(every) > budget_min:
+        return pool, tuple(chosen)
+    return moved, every
 
 
 def _too_little_time(budget_min: float, needed_min: float, count: int) -> UsageError:

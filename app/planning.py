@@ -100,6 +100,9 @@ class Pool(Protocol):
     def take(self, kept: IntArray) -> Pool:
         """Only these candidates."""
 
+    def moved(self, chosen: Sequence[int], aim: Aim) -> Pool:
+        """The chosen postures alone, moved off the grid where that is better, in their order."""
+
     def files(self, chosen: Sequence[int]) -> dict[str, str]:
         """Runnable procedures as texts, by what is put before the suffix of the file's name."""
 

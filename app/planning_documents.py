@@ -62,6 +62,7 @@ def postures_document(chosen: Chosen) -> dict[str, Any]:
         "criterion": chosen.criterion.value,
         "value": chosen.after.value,
         "procedure_value": chosen.before.value,
+        "grid_value": chosen.grid_value,
         "condition_number": chosen.after.condition_number,
         "start_condition_number": chosen.start_condition_number,
         "procedure_condition_number": chosen.before.condition_number,

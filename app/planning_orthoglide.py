@@ -13,6 +13,7 @@ from app.simulated_session import simulated_session
 from calib.criteria import Aim, covariances_after, inverse
 from calib.errors import NotIdentifiable
 from calib.fit import without_zeros
+from calib.leg_refinement import move_off_grid
 from calib.noise import IndicatorFigures, Noise, reading_weights, same_place, visits
 from calib.observations import LEG_NAMES, FloatArray, IntArray, Observations
 from calib.orthoglide.geometry import TOLERANCE_MM, Geometry
@@ -251,6 +252,12 @@ class OrthoglidePool:
         ends = (min(STATIONS), max(STATIONS))
         moved = np.isin(self.pool.displacement_mm[picked], limits).sum()
         return int(moved + np.isin(self.pool.station[picked], ends).sum())
+
+    def moved(self, chosen: Sequence[int], aim: Aim) -> OrthoglidePool:
+        """The chosen ones alone, at displacements and stations that can be dialled."""
+        noise_mm = self.planning.noise.standard_deviation_mm
+        found = move_off_grid(self.geometry, self.pool, chosen, noise_mm, aim)
+        return OrthoglidePool(self.planning, found.pool)
 
     def orders(self, chosen: Sequence[int]) -> dict[tuple[int, float], list[float]]:
         """Displacements to visit for each mounting (leg, station)."""

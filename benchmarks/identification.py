@@ -67,6 +67,7 @@ def one_session() -> list[str]:
     for name, solve in peers.items():
         rows.append((name, _median(solve), solve()[:6]))
     best = rows[0][1]
+    missing = [f"| {name} | not installed | | |" for name in _not_installed()]
     return [
         "| one session: 60 raw readings, 6 zeros, 6 parameters | ms | ratio | off by, mm |",
         "|---|---|---|---|",
@@ -74,7 +75,12 @@ def one_session() -> list[str]:
             f"| {name} | {1e3 * taken:.3f} | {taken / best:.1f} | {np.abs(x - ours).max():.1e} |"
             for name, taken, x in rows
         ),
+        *missing,
     ]
+
+
+def _not_installed() -> list[str]:
+    return [name for name in ("lmfit", "iminuit") if not importlib.util.find_spec(name)]
 
 
 def _ours(optimum: Optimum) -> FloatArray:

@@ -1,17 +1,22 @@
 """Choosing 12 of 1000 candidates with 6 parameters, beside other ways, as Markdown.
 
-``python -m benchmarks.postures``. With ``FIGAROH_PYTHON`` naming an interpreter of a scratch
-environment that has figaroh and picos, their determinant exchange runs on the same pools.
+``python -m benchmarks.postures``. figaroh's determinant exchange runs on the same pools where this
+Python has figaroh and picos, or where ``FIGAROH_PYTHON`` names the interpreter of an environment
+of its own that has them: ``python -m venv E && E/bin/pip install figaroh picos``.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
+import shutil
 import statistics
 import subprocess
+import sys
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -26,7 +31,7 @@ STARTS = 64
 RIDGE = 1e-9
 
 FIGAROH = """
-import contextlib, io, json, random, sys, time
+import contextlib, importlib.metadata, io, json, random, sys, time
 import numpy as np, picos
 from figaroh.optimal.base_optimal_calibration import Detmax
 class Kept(Detmax):  # the class itself gives away no set, only its determinant
@@ -45,7 +50,7 @@ for number, rows in enumerate(np.load(sys.argv[1])):
     taken = time.perf_counter() - begin
     chosen = rows[search.members]
     found.append([float(np.linalg.slogdet(chosen.T @ chosen)[1]), taken, len(set(search.members))])
-print(json.dumps(found))
+print(json.dumps([importlib.metadata.version("figaroh"), found]))
 """
 
 
@@ -111,10 +116,39 @@ def timed(work: Callable[[FloatArray], FloatArray]) -> tuple[list[float], list[f
     return logs, taken
 
 
-def figaroh() -> tuple[list[float], list[float]] | None:
-    """Its Detmax class on plain matrices, where an interpreter with it is named."""
-    python = os.environ.get("FIGAROH_PYTHON")
-    if not python:
+@dataclass(frozen=True)
+class Way:
+    """Logarithms of determinants and seconds, one for each pool."""
+
+    name: str
+    logs: list[float]
+    seconds: list[float]
+
+    def row(self, best: FloatArray, beside: Way) -> str:
+        """A line of the table."""
+        taken, first = statistics.median(self.seconds), statistics.median(beside.seconds)
+        off = np.array(self.logs) - best
+        return (
+            f"| {self.name} | {taken * 1e3:.1f} | {taken / first:.2f} | "
+            f"{np.exp(np.median(off)):.3f} | {np.exp(off.min()):.3f} |"
+        )
+
+
+def figaroh_python() -> str | None:
+    """The interpreter that has figaroh and picos, if there is one."""
+    if all(importlib.util.find_spec(name) for name in ("figaroh", "picos")):
+        return sys.executable
+    named = os.environ.get("FIGAROH_PYTHON")
+    found = shutil.which(named) if named else None
+    if named and not found:
+        print(f"FIGAROH_PYTHON: {named} is no program", file=sys.stderr)
+    return found
+
+
+def figaroh() -> Way | None:
+    """Its Detmax class on plain matrices; the name tells how many different ones it takes."""
+    python = figaroh_python()
+    if python is None:
         return None
     with TemporaryDirectory() as folder:
         path = Path(folder) / "pools.npy"
@@ -123,36 +157,43 @@ def figaroh() -> tuple[list[float], list[float]] | None:
             [python, "-c", FIGAROH, str(path), str(COUNT)],
             capture_output=True,
             text=True,
-            check=True,
+            check=False,
         )
-    found = json.loads(done.stdout.splitlines()[-1])
-    print("figaroh: different candidates in each set:", [one[2] for one in found])
-    return [one[0] for one in found], [one[1] for one in found]
+    if done.returncode:
+        print(f"figaroh: {done.stderr.strip().splitlines()[-1]}", file=sys.stderr)
+        return None
+    version, found = json.loads(done.stdout.splitlines()[-1])
+    different = sorted(one[2] for one in found)
+    name = (
+        f"figaroh {version}, Detmax, one start, repeats ({different[0]} to {different[-1]} "
+        "different ones)"
+    )
+    return Way(name, [one[0] for one in found], [one[1] for one in found])
 
 
 def postures() -> list[str]:
     """The table: medians of time, ratio of determinants to the best of all ways."""
-    ways = {
-        f"glidecal, {STARTS} starts": timed(lambda rows: ours(rows, STARTS)),
-        "glidecal, 8 starts (default)": timed(lambda rows: ours(rows, 8)),
-        f"glidecal, {STARTS} starts, repeats": timed(lambda rows: ours(rows, STARTS, repeats=True)),
-        "plain Fedorov exchange, one start": timed(plain_fedorov),
-    }
-    budget = statistics.median(ways[f"glidecal, {STARTS} starts"][1])
-    ways["best of random sets, same time"] = timed(lambda rows: random_best(rows, budget))
-    other = figaroh()
-    if other:
-        ways["figaroh 1.0.2, Detmax, one start, repeats"] = other
-    best = np.max([logs for logs, _ in ways.values()], axis=0)
-    return [
-        f"| {COUNT} of {POOL} candidates, {PARAMETERS} parameters | ms | determinant / best, median"
-        " | worst |",
-        "|---|---|---|---|",
-        *(
-            f"| {name} | {statistics.median(taken) * 1e3:.1f} | "
-            f"{np.exp(np.median(logs - best)):.3f} | {np.exp(np.min(logs - best)):.3f} |"
-            for name, (logs, taken) in ways.items()
+    first = Way(f"glidecal, {STARTS} starts", *timed(lambda rows: ours(rows, STARTS)))
+    budget = statistics.median(first.seconds)
+    ways = [
+        first,
+        Way("glidecal, 8 starts (default)", *timed(lambda rows: ours(rows, 8))),
+        Way(
+            f"glidecal, {STARTS} starts, repeats",
+            *timed(lambda rows: ours(rows, STARTS, repeats=True)),
         ),
+        Way("plain Fedorov exchange, one start", *timed(plain_fedorov)),
+        Way("best of random sets, same time", *timed(lambda rows: random_best(rows, budget))),
+    ]
+    other = figaroh()
+    ways += [other] if other else []
+    best = np.max([way.logs for way in ways], axis=0)
+    return [
+        f"| {COUNT} of {POOL} candidates, {PARAMETERS} parameters | ms | ratio "
+        "| determinant / best, median | worst |",
+        "|---|---|---|---|---|",
+        *(way.row(best, first) for way in ways),
+        *([] if other else ["| figaroh, Detmax | not installed | | | |"]),
     ]
 
 

@@ -1,10 +1,12 @@
-"""Speed as ratios in one run, printed as Markdown: ``make bench``.
+"""Speed as ratios in one run, as Markdown and pictures: ``make bench``.
 
-Nothing here is a test: machines are noisy. Every figure stands beside another one of the same run.
+``python -m benchmarks.run [PART ...] [-o docs/benchmarks.md]``. Nothing here is a test: machines
+are noisy. Every figure stands beside another one of the same run.
 """
 
 from __future__ import annotations
 
+import argparse
 import platform
 import statistics
 import subprocess
@@ -19,6 +21,8 @@ from scipy.optimize import root
 from benchmarks.hexaslide import hexaslide
 from benchmarks.identification import table as identification
 from benchmarks.interface import interface
+from benchmarks.page import Table, tables_of, with_tables, with_versions
+from benchmarks.pictures import write_pictures
 from benchmarks.postures import postures
 from calib.identify import identify
 from calib.observations import FloatArray
@@ -149,21 +153,42 @@ def demo() -> None:
         run("-m", "app", "demo", "--headless", "--folder", folder)
 
 
+PARTS: dict[str, Callable[[], list[str]]] = {
+    "kinematics": direct_kinematics,
+    "identification": identification,
+    "whole": whole_identification,
+    "indicators": indicators,
+    "processes": processes,
+    "postures": postures,
+    "hexaslide": hexaslide,
+    "interface": interface,
+}
+
+
 def main() -> None:
-    """Print every table."""
-    print(f"Python {platform.python_version()}, numpy {np.__version__}, {platform.machine()}\n")
-    tables = (
-        direct_kinematics,
-        identification,
-        whole_identification,
-        indicators,
-        processes,
-        postures,
-        hexaslide,
-        interface,
-    )
-    for table in tables:
-        print("\n".join(table()), end="\n\n", flush=True)
+    """Print every table; with a page, put tables and pictures there."""
+    asked = argparse.ArgumentParser(description=main.__doc__)
+    asked.add_argument("parts", nargs="*", metavar="PART", help=f"some of {', '.join(PARTS)}")
+    asked.add_argument("-o", "--output", type=Path, metavar="PAGE", help="docs/benchmarks.md")
+    given = asked.parse_args()
+    if strangers := set(given.parts) - set(PARTS):
+        asked.error(f"{', '.join(sorted(strangers))}: not among {', '.join(PARTS)}")
+    versions = f"Python {platform.python_version()}, numpy {np.__version__}, {platform.machine()}"
+    print(versions, end="\n\n", flush=True)
+    for part in given.parts or PARTS:
+        lines = PARTS[part]()
+        print("\n".join(lines), end="\n\n", flush=True)
+        if given.output:
+            put(given.output, tables_of(lines), versions)
+
+
+def put(page: Path, tables: list[Table], versions: str) -> None:
+    """Replace the tables of the page and draw pictures beside it."""
+    text, strangers = with_tables(page.read_text(encoding="utf-8"), tables)
+    page.write_text(with_versions(text, versions), encoding="utf-8", newline="\n")
+    for name in strangers:
+        print(f"not on {page}, put it there by hand: {name}", file=sys.stderr)
+    write_pictures(tables, page.parent / "pictures")
 
 
 if __name__ == "__main__":

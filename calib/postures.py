@@ -102,9 +102,10 @@ def choose(
 ) -> Choice:
     """The best ``count`` candidates that exchange finds; each at most once without ``repeats``.
 
-    ``begin_with`` are starts of the caller's own, tried before the random ones. Equal arguments
-    give equal results. Raises CalibrationError for impossible counts and
-    NotIdentifiable where no set of this size sees all wanted parameters.
+    ``begin_with`` are starts of the caller's own, tried before the random ones; criteria other than
+    the determinant start from its choice, too. Equal arguments give equal results. Raises
+    CalibrationError for impossible counts and NotIdentifiable where no set of this size sees all
+    wanted parameters.
     """
     aim = aim or Aim()
     size = len(candidates.rows)
@@ -116,13 +117,21 @@ def choose(
         )
     search = _Search(candidates, aim, repeats=repeats)
     runs = []
-    drawn = (
+    drawn = [
         generator.choice(size, count, replace=repeats)
         for generator in np.random.default_rng(seed).spawn(starts)
-    )
+    ]
+    if aim.criterion is not Criterion.DETERMINANT:
+        # among sets that do not see everything only the determinant knows the way
+        leading = _Search(
+            candidates, replace(aim, criterion=Criterion.DETERMINANT), repeats=repeats
+        )
+        drawn.append(leading.improve(drawn[0])[0])
     for start in (*begin_with, *drawn):
         chosen, exchanges = search.improve(start)
-        runs.append((search.score(chosen), chosen, start, exchanges))
+        # sets that see next to nothing can have the best of condition numbers
+        sees = _value_or_none(candidates.information(chosen), aim) is not None
+        runs.append(((sees, search.score(chosen)), chosen, start, exchanges))
     _, chosen, start, exchanges = max(runs, key=lambda run: run[0])
     return Choice(
         chosen=tuple(sorted(int(k) for k in chosen)),

@@ -30,13 +30,17 @@ class HistoryEntry(Document):
 
 
 class ModelFile(Document):
-    """A machine with identified parameters in mm, adopted effects, and how they came and went."""
+    """A machine with identified parameters in mm, adopted effects, and how they came and went.
+
+    ``cautions`` are those of the result that the parameters are from.
+    """
 
     schema_id: Literal["glidecal.model/1"] = Field(alias="schema", default="glidecal.model/1")
     machine: Machine = Machine()
     parameters_mm: dict[str, float] = Field(default_factory=dict)
     effects: tuple[EffectEntry, ...] = ()
     history: tuple[HistoryEntry, ...] = ()
+    cautions: tuple[str, ...] | None = None
 
     def text(self) -> str:
         """The file's content."""
@@ -62,9 +66,10 @@ def model_file(model: Model, machine: Machine) -> ModelFile:
     )
 
 
-def model_to_json(model: Model, machine: Machine) -> str:
+def model_to_json(model: Model, machine: Machine, cautions: Sequence[str] = ()) -> str:
     """The model as JSON text. Raises RecordError as `model_file` does."""
-    return model_file(model, machine).text()
+    held = {"cautions": tuple(cautions) or None}
+    return model_file(model, machine).model_copy(update=held).text()
 
 
 def with_effect(

@@ -44,12 +44,12 @@ def export(
 
     if home_offset is not None and ini:
         raise UsageError("--home-offset and --ini", "both", "one of them")
-    offsets, warnings = offsets_from_file(source, subset.value, method.value)
+    offsets = offsets_from_file(source, subset.value, method.value)
     if home_offset is not None:
         offsets = with_home_offset(offsets, _triple(home_offset))
     if ini:
         offsets = with_home_offset(offsets, read_home_offsets(ini))
-    for text in [*warnings, *offsets.remarks]:
+    for text in offsets.cautions:
         say(f"glidecal: {text}")
     if format_name is Format.LINUXCNC and offsets.home_offset_mm is None:
         say(f"glidecal: WARNING: {UNKNOWN_HOME_OFFSET}")

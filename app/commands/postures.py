@@ -60,6 +60,12 @@ def postures(
     common: Annotated[
         bool, typer.Option("--common", help="The same displacements on all legs: one file.")
     ] = False,
+    refine: Annotated[
+        bool,
+        typer.Option(
+            "--refine/--no-refine", help="Move the chosen postures off the grid, or keep to it."
+        ),
+    ] = True,
     measured: Measured = "",
     known: Known = None,
     posture_file: Annotated[
@@ -101,6 +107,7 @@ def postures(
     wanted = None if criterion is None else Criterion(criterion.value)
     if machine == "hexaslide":
         _refuse("--budget, --repeats and --common", repeats or common or budget is not None)
+        _refuse("--no-refine", not refine)
         _boxed(request, count, wanted, starts, output, as_is=as_is, as_json=as_json)
         return
     _refuse("--as-is", as_is, machine, "hexaslide")
@@ -114,6 +121,7 @@ def postures(
         starts=starts,
         repeats=repeats,
         common=common,
+        refine=refine,
     )
     if output:
         for path in write_procedures(chosen, output):

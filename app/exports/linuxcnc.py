@@ -11,7 +11,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from app.exports.offsets import Offsets, Written
+from app.exports.offsets import Offsets, Uncertainty, Written
+from app.wording.tables import uncertain, wrapped
 from calib.observations import LEG_NAMES
 from protocols.documents import read_text
 from protocols.errors import RecordError, UsageError
@@ -45,16 +46,34 @@ def joint_includes(offsets: Offsets) -> Written:
 
 def _include(offsets: Offsets, joint: int, old_mm: float, offset_mm: float) -> str:
     name = f"d_rho_{LEG_NAMES[joint]}"
-    u = offsets.standard_uncertainty_mm.get(name)
-    known = "" if u is None else f", standard uncertainty {u:.6f} mm"
+    said = [
+        f"glidecal: joint {joint} ({LEG_NAMES[joint]}) of {_one_line(offsets.machine.name)}, "
+        f"from {_one_line(offsets.source)}",
+        f"old HOME_OFFSET {old_mm:.6f} mm + {name} {offset_mm:+.6f} mm",
+    ]
+    if name in offsets.uncertainty:
+        said.append(_known(name, offsets.uncertainty[name], lacks_fit=offsets.lacks_fit))
+    put = f"# put '#INCLUDE calib_joint{joint}.inc' directly under [JOINT_{joint}]; "
     return (
-        f"# glidecal: joint {joint} ({LEG_NAMES[joint]}) of {_one_line(offsets.machine.name)}, "
-        f"from {_one_line(offsets.source)}\n"
-        f"# old HOME_OFFSET {old_mm:.6f} mm + {name} {offset_mm:+.6f} mm{known}\n"
-        f"# put '#INCLUDE calib_joint{joint}.inc' directly under [JOINT_{joint}]; "
-        "LINEAR_UNITS = mm\n"
-        f"HOME_OFFSET = {old_mm + offset_mm:.6f}\n"
+        "".join(f"# {line}\n" for text in [*said, *offsets.cautions] for line in _lines(text))
+        + f"{put}LINEAR_UNITS = mm\nHOME_OFFSET = {old_mm + offset_mm:.6f}\n"
     )
+
+
+def _known(name: str, u: Uncertainty, *, lacks_fit: bool) -> str:
+    """The figures of the result: the larger one first where it warns of what the model leaves."""
+    noise = f"u = {uncertain(u.standard_mm, 4)} mm"
+    if lacks_fit:
+        return (
+            f"{name} is known to ±{uncertain(u.enlarged_mm)} mm (95 %, what the model leaves "
+            f"counted as noise); with reading noise only ±{uncertain(u.expanded_mm, 4)} mm, {noise}"
+        )
+    return f"{name} is known to ±{uncertain(u.expanded_mm, 4)} mm (95 %), {noise}"
+
+
+def _lines(text: str) -> list[str]:
+    """Short lines: the controller refuses long ones."""
+    return wrapped(_one_line(text)).splitlines()
 
 
 def _one_line(text: str) -> str:

@@ -7,28 +7,50 @@ from pathlib import Path
 
 from app.own_effects import known_laws
 from app.solving import Solved, solve_files
+from app.wording.caveats import caveats
+from calib.lack_of_fit import LACK_OF_FIT_LEVEL
 from calib.orthoglide.geometry import PARAMETER_NAMES
-from calib.solution import Method, Subset
+from calib.solution import Method, Solution, Subset
 from protocols.documents import read_text
 from protocols.machine import Machine
-from protocols.model_file import is_model, read_model
+from protocols.model_file import is_model, read_model_file, to_model
 
 Written = dict[str, str]
+
+NOT_KNOWN = "NOTE: the values are of a model file: it does not hold how well they are known."
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """How well one parameter is known, as the result states it, mm.
+
+    ``expanded_mm`` (95 %) is of the reading noise, ``enlarged_mm`` (95 %) counts what the model
+    leaves as noise, too.
+    """
+
+    standard_mm: float
+    coverage_factor: float
+    expanded_mm: float
+    enlarged_mm: float
 
 
 @dataclass(frozen=True)
 class Offsets:
-    """Parameters in mm with standard uncertainties (None where the source has none).
+    """Parameters in mm with their uncertainties (none where the source has none).
 
-    ``home_offset_mm`` are the controller's present values, None where nobody stated them.
+    ``cautions`` are what stands in the first lines of the result; with ``lacks_fit`` its
+    warning counts what the model leaves as noise. ``home_offset_mm`` are the controller's present
+    values, None where nobody stated them.
     """
 
     source: str
     machine: Machine
     values_mm: dict[str, float]
-    standard_uncertainty_mm: dict[str, float | None]
+    uncertainty: dict[str, Uncertainty]
     home_offset_mm: tuple[float, float, float] | None
     remarks: tuple[str, ...] = ()
+    cautions: tuple[str, ...] = ()
+    lacks_fit: bool = False
 
     @property
     def joint_offsets_mm(self) -> tuple[float, float, float]:
@@ -47,7 +69,7 @@ def offsets_from_solved(solved: Solved) -> Offsets:
     """Offsets of a solution."""
     solution = solved.solution
     machine = solved.sessions[0].opened.machine
-    uncertainty = solution.uncertainty_mm
+    fit = solution.lack_of_fit
     remarks = []
     if solution.subset != solved.choice.recommended:
         remarks.append(
@@ -58,24 +80,49 @@ def offsets_from_solved(solved: Solved) -> Offsets:
         source=", ".join(solved.names),
         machine=machine,
         values_mm=dict(zip(solution.names, map(float, solution.values_mm), strict=True)),
-        standard_uncertainty_mm=dict(zip(solution.names, map(float, uncertainty), strict=True)),
+        uncertainty=_uncertainty(solution),
         home_offset_mm=machine.home_offset_mm,
         remarks=tuple(remarks),
+        cautions=tuple(" ".join(line.split()) for line in caveats(solved)),
+        lacks_fit=fit is not None and fit.p_value < LACK_OF_FIT_LEVEL,
     )
 
 
-def offsets_from_file(path: Path, subset: Subset, method: Method) -> tuple[Offsets, list[str]]:
-    """Offsets of a session or a model file, with warnings.
+def _uncertainty(solution: Solution) -> dict[str, Uncertainty]:
+    rows = zip(
+        solution.uncertainty_mm,
+        solution.coverage_factors,
+        solution.expanded_mm,
+        solution.enlarged_expanded_mm,
+        strict=True,
+    )
+    known = [Uncertainty(*map(float, row)) for row in rows]
+    return dict(zip(solution.names, known, strict=True))
+
+
+def offsets_from_file(path: Path, subset: Subset, method: Method) -> Offsets:
+    """Offsets of a session or a model file; an unfinished session is a caution, too.
 
     Raises RecordError where the file is neither, NotIdentifiable where it gives no result.
     """
     if is_model(read_text(path, "file")):
-        model, machine = read_model(path, known_laws())
-        values = dict(zip(PARAMETER_NAMES, model.parameters_mm, strict=True))
-        none: dict[str, float | None] = dict.fromkeys(values)
-        return Offsets(path.name, machine, values, none, machine.home_offset_mm), []
+        return _offsets_from_model(path)
     solved, warnings = solve_files([path], subset=subset, method=method)
-    return offsets_from_solved(solved), warnings
+    offsets = offsets_from_solved(solved)
+    return replace(offsets, cautions=(*warnings, *offsets.cautions))
+
+
+def _offsets_from_model(path: Path) -> Offsets:
+    found = read_model_file(path)
+    model = to_model(found, f"model {path}", known_laws())
+    return Offsets(
+        source=path.name,
+        machine=found.machine,
+        values_mm=dict(zip(PARAMETER_NAMES, model.parameters_mm, strict=True)),
+        uncertainty={},
+        home_offset_mm=found.machine.home_offset_mm,
+        cautions=tuple(dict.fromkeys([NOT_KNOWN, *(found.cautions or ())])),
+    )
 
 
 def with_home_offset(offsets: Offsets, home_offset_mm: tuple[float, float, float]) -> Offsets:

@@ -125,7 +125,20 @@ def postures_text(chosen: Chosen) -> str:
         f"{chosen.starts} starts, seed {chosen.seed}, {chosen.exchanges} exchanges, "
         f"{chosen.seconds:.2f} s."
     )
-    return "\n\n".join([words, table_text(figures), table_text(table), last])
+    return "\n\n".join([words, table_text(figures), table_text(table), _moved(chosen), last])
+
+
+def _moved(chosen: Chosen) -> str:
+    """What it helped to leave the grid; a file holds just what is judged here."""
+    grid, value = chosen.grid_value, chosen.after.value
+    if grid is None:
+        return wrapped("The postures keep to the grid: --no-refine.")
+    if value is None or value == grid:
+        return wrapped("Moving them off the grid makes nothing better.")
+    return wrapped(
+        f"Moved off the grid: criterion {grid:.4g} → {value:.4g}. Displacements are whole tenths "
+        "of a millimetre, stations whole hundredths; --no-refine keeps round ones."
+    )
 
 
 def _figure(figures: Figures, kind: str) -> str:

@@ -8,7 +8,7 @@ and two indicators on that leg, at one station, are read along both other axes. 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -58,6 +58,30 @@ class LegPool:
             rows=self.rows[kept],
         )
 
+    def moved(
+        self, geometry: Geometry, displacement_mm: FloatArray, station: FloatArray
+    ) -> LegPool:
+        """The same candidates elsewhere ``(n,)``; those of one mounting keep a common station."""
+        places = list(self.places)
+        for place, leg, value in zip(self.place, self.leg, station, strict=True):
+            places[place] = int(leg), float(value)
+        rows = _rows(
+            geometry,
+            self.leg,
+            displacement_mm,
+            station,
+            self.place,
+            len(places),
+            (0.0,) * PARAMETERS,
+        )
+        return replace(
+            self,
+            displacement_mm=displacement_mm,
+            station=station,
+            places=tuple(places),
+            rows=rows,
+        )
+
     def index(self, leg: int, displacement_mm: float, station: float) -> int:
         """The first candidate there."""
         found = (
@@ -71,7 +95,8 @@ class LegPool:
 def levels_mm(geometry: Geometry) -> tuple[float, ...]:
     """Displacements between the joint limits on a grid, Zero among them, mm."""
     grid = np.linspace(geometry.travel_min_mm, geometry.travel_max_mm, LEVEL_COUNT)
-    inner = [round(float(level), 3) for level in grid[1:-1]]
+    near = 0.5 * float(grid[1] - grid[0])  # of Zero, which takes the place of what is next to it
+    inner = [round(float(level), 3) for level in grid[1:-1] if abs(level) >= near]
     ends = [geometry.travel_min_mm, geometry.travel_max_mm]
     return tuple(sorted({*inner, *ends, 0.0}))
 

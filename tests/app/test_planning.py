@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -193,6 +194,58 @@ def test_a_budget_is_kept() -> None:
     assert len(tight["postures"]) == 13
 
 
+TWELVE = ("postures", "orthoglide", "--procedure", "zero-max-min", "--count", "12")
+
+
+def test_postures_are_moved_off_the_grid_unless_it_is_to_be_kept() -> None:
+    free, kept = document(*TWELVE), document(*TWELVE, "--no-refine")
+    assert kept["grid_value"] is None
+    assert all(posture["displacement_mm"] % 10.0 == 0.0 for posture in kept["postures"])
+    assert free["grid_value"] == pytest.approx(kept["value"], rel=1e-9)
+    assert 1.004 < free["value"] / kept["value"] < 1.1
+    assert any(posture["displacement_mm"] % 10.0 for posture in free["postures"])
+    moved, still = glidecal(*TWELVE).out, glidecal(*TWELVE, "--no-refine").out
+    assert "Moved off the grid: criterion 6.762 → 6.805." in moved
+    assert "The postures keep to the grid: --no-refine." in still
+
+
+def test_the_figure_is_of_the_postures_that_are_printed() -> None:
+    found = document(*TWELVE, "--noise", "0.02")
+    taken = [
+        ("xyz".index(one["leg"]), axis, one["displacement_mm"], one["station"])
+        for one in found["postures"]
+        for axis in range(3)
+        if axis != "xyz".index(one["leg"])
+    ]
+    legs, axes, levels, stations = (list(column) for column in zip(*taken, strict=True))
+    read = conditions(legs, axes, levels, station=stations)
+    rows = derivatives(Geometry(), np.zeros(6), read) / 0.02
+    for mount in range(read.mount_count):
+        rows[read.mount == mount] -= rows[read.mount == mount].mean(axis=0)
+    value = np.prod(np.linalg.svd(rows, compute_uv=False)) ** (1 / 6)
+    assert found["value"] == pytest.approx(value, rel=1e-7)
+
+
+def test_moved_postures_are_those_of_the_written_procedure(tmp_path: Path) -> None:
+    path = tmp_path / "p.toml"
+    found = document(*TWELVE, "--common", "--criterion", "condition", "-o", path)
+    levels = tomllib.loads(path.read_text())["levels"]
+    assert {one["displacement_mm"] for one in found["postures"]} <= set(levels)
+    assert any(level % 10.0 for level in levels)
+
+
+@pytest.mark.parametrize("criterion", list(Criterion))
+def test_nine_postures_do_for_every_criterion(criterion: Criterion) -> None:
+    """Sets of nine that see next to nothing have fine condition numbers."""
+    found = optimum_postures(
+        "orthoglide", Request("zero-max-min", noise_mm=0.02), 9, criterion=criterion
+    )
+    assert found.after.value is not None
+    assert found.grid_value is not None
+    assert found.after.condition_number is not None
+    assert found.after.condition_number < 200.0
+
+
 def test_one_seed_gives_one_choice() -> None:
     request = Request("sweep", noise_mm=0.01)
     first, second = (optimum_postures("orthoglide", request, 9, seed=4) for _ in range(2))
@@ -211,6 +264,11 @@ ORTHOGLIDE = ("postures", "orthoglide", "--procedure", "sweep")
         (2, ("identifiability", "orthoglide", "--procedure", "sweep", "--noise", "0"), "--noise"),
         (2, ("postures", "delta", "--procedure", "sweep", "--count", "9"), "hexaslide, orthoglide"),
         (2, (*ORTHOGLIDE, "--count", "0"), "--count"),
+        (
+            2,
+            ("postures", "hexaslide", "--procedure", "position", "--count", "16", "--no-refine"),
+            "--no-refine",
+        ),
         (2, (*ORTHOGLIDE, "--count", "100000"), "--repeats"),
         (2, (*ORTHOGLIDE, "--count", "13", "--common"), "multiple of the number of legs"),
         (2, (*ORTHOGLIDE, "--count", "12", "--budget", "2"), "--budget"),

@@ -55,10 +55,10 @@ class Noise:
 
     They are all the same where ``pooled``; equal ones share one estimate. ``wild`` are readings
     that do not fit their own repeats; they are counted nevertheless. Degrees of freedom are
-    infinite for a stated instrument: taken as known (GUM 4.3,
-    type B). ``repeated`` is what repeats show: nothing where there are none, equal readings, less
-    scatter than rounding, or scatter. ``wander_mm`` is how far readings wander from cycle to cycle
-    where that is more than chance; it is not in the variances.
+    infinite for a stated instrument: taken as known (GUM 4.3, type B).
+    ``repeated`` is what repeats show: nothing where there are none, equal readings, less scatter
+    than rounding, or scatter. ``wander_mm`` is how far readings wander from cycle to cycle where
+    that is more than chance; it is not in the variances.
     """
 
     indicators: tuple[IndicatorNoise, ...]

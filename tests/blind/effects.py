@@ -56,6 +56,16 @@ def candidates() -> tuple[Candidate, ...]:
     return (*_squareness(), *_lateral(), *_axial(), *_gauge(), *_environment())
 
 
+def rivals() -> tuple[Candidate, ...]:
+    """What a diagnosis has to choose from: both indicators of a leg can err at once, too."""
+    both = []
+    for name, entry in GAUGE.items():
+        for leg in range(3):
+            sides = tuple(_one(entry, leg, side) for side in range(3) if side != leg)
+            both.append(Candidate(name, LETTERS[leg], sides))
+    return (*candidates(), *both)
+
+
 def _one(name: str, *index: int) -> Direction:
     return (((name, index), 1.0),)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from tests.blind import blunders
 from tests.blind.cases import Case
-from tests.blind.effects import LARGEST, LETTERS, PAIRS, Candidate, Direction, candidates
+from tests.blind.effects import LARGEST, LETTERS, PAIRS, Candidate, Direction, candidates, rivals
 from tests.blind.forward import Entry, FloatArray, Hidden, Rows, readings
 from tests.blind.noise import RESOLUTION_MM, Noise, draw
 from tests.blind.signatures import (
@@ -284,7 +284,7 @@ def _beside(one: Placed, placed: list[Placed], columns: Columns) -> Columns:
 def _described(placed: Placed, case: Case, columns: Columns, noise_mm: float) -> Json:
     mine = placed.candidate
     # With no blunder tested the whole catalogue competes, but for what was left out of it.
-    others = [c for c in candidates() if c.id != mine.id and c.id not in case.without]
+    others = [c for c in rivals() if c.id != mine.id and c.id not in case.without]
     rival, share = best_rival(columns, placed.signal, others)
     parameters = len(mine.directions)
     signal = columns.left_over(placed.signal)

@@ -6,13 +6,16 @@ change takes as long as to draw a row.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from typing import Self
 
 from textual.color import TRANSPARENT
-from textual.geometry import Region
+from textual.geometry import Offset, Region
 from textual.strip import Strip
 from textual.widget import Widget
+
+MOST_ROWS_KEPT = 96
+"""A last digit that flickers comes back to the same few rows."""
 
 
 class Kept(Widget):
@@ -57,6 +60,12 @@ class KeptRows(Kept):
 
     _stale: frozenset[int] = frozenset()
     _edges: Sequence[tuple[Strip, Strip]]
+    _place = Offset()
+    _rows_before: dict[tuple[int, Hashable], Strip]
+
+    def row_key(self, y: int) -> Hashable:
+        """What a row of the content shows; rows of equal keys are drawn once. None: every time."""
+        return None
 
     def render_lines(self, crop: Region) -> list[Strip]:
         """The rows of before but for those that `draw_rows` named."""
@@ -67,10 +76,12 @@ class KeptRows(Kept):
     def draw_all(self, whole: Region) -> list[Strip]:
         """Every row; what Textual kept of the content may be older than ours."""
         strips = super().draw_all(whole)
+        if isinstance(self.parent, Widget):
+            self._place = self.content_region.offset - self.parent.content_region.offset
         left, top, (width, height) = self.gutter.left, self.gutter.top, self.size
         rows = strips[top : top + height]
         self._edges = [(row.crop(0, left), row.crop(left + width)) for row in rows]
-        self._stale = frozenset(range(height))
+        self._stale, self._rows_before = frozenset(range(height)), {}
         self._renew(strips)
         return strips
 
@@ -82,17 +93,27 @@ class KeptRows(Kept):
         self._stale = self._stale.union(range(first, first + rows))
         parent = self.parent
         if isinstance(parent, Widget):
-            place = self.content_region.offset - parent.content_region.offset
+            place = self._place
             Widget.refresh(parent, Region(place.x, place.y + first, self.size.width, rows))
 
     def _renew(self, strips: list[Strip]) -> None:
-        width, ground = self.size.width, self.visual_style
-        behind, filters = ground.background or TRANSPARENT, self.get_line_filters()
+        before = self._rows_before
+        if len(before) > MOST_ROWS_KEPT:
+            before.clear()
         for y in self._stale:
-            content = self.render_line(y).adjust_cell_length(width, ground.rich_style)
-            left, right = self._edges[y]
-            strip = Strip([*left, *content, *right], self.outer_size.width)
-            for line_filter in filters:
-                strip = strip.apply_filter(line_filter, behind)
+            key = self.row_key(y)
+            strip = before.get((y, key)) or self._drawn(y)
             strips[self.gutter.top + y] = strip
+            if key is not None:
+                before[y, key] = strip
         self._stale = frozenset()
+
+    def _drawn(self, y: int) -> Strip:
+        """One whole row, in the colours of the terminal."""
+        width, ground = self.size.width, self.visual_style
+        content = self.render_line(y).adjust_cell_length(width, ground.rich_style)
+        left, right = self._edges[y]
+        strip = Strip([*left, *content, *right], self.outer_size.width)
+        for line_filter in self.get_line_filters():
+            strip = strip.apply_filter(line_filter, ground.background or TRANSPARENT)
+        return strip

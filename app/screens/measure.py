@@ -44,6 +44,10 @@ GATHER_S = 0.015
 CALM_GATHER_S = 0.025
 """The same while nothing moves: half the time between two readings makes one picture of two."""
 
+IDLE_S = 5.0
+IDLE_GATHER_S = 0.09
+"""After so long of standing still only a last digit flickers: ten pictures a second are enough."""
+
 AGES_S = 0.2
 """Ages and stale indicators are looked at so often."""
 
@@ -117,9 +121,14 @@ class MeasureScreen(Corrections, Kept):
         for gauge in self.guided.gauges:
             gauge.on_news = news.tell
         while True:
-            calm = time.monotonic() - self._moved_at > CALM_S
-            await news.gathered(CALM_GATHER_S if calm else GATHER_S)
+            await news.gathered(self._gather_s())
             self._show_live()
+
+    def _gather_s(self) -> float:
+        still_s = time.monotonic() - self._moved_at
+        if still_s > IDLE_S:
+            return IDLE_GATHER_S
+        return CALM_GATHER_S if still_s > CALM_S else GATHER_S
 
     def _look(self) -> None:
         now = time.time()

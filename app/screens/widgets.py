@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from functools import lru_cache
 from itertools import pairwise
 from typing import ClassVar
@@ -38,7 +38,7 @@ STATE_ROW, TREND_ROW = 3, 4
 """Rows within the border."""
 
 TREND_POINTS = 22
-TREND_S = 0.3
+TREND_S = 0.5
 """The trend is drawn at most so often: drawing it costs more than the digits."""
 
 OLD_S = 1.0
@@ -95,6 +95,10 @@ class GaugeDisplay(KeptRows):
         assumed = isinstance(live.outcome, Reading) and live.outcome.unit_assumed
         if assumed != bool(self.border_subtitle):
             self.border_subtitle = "mm assumed" if assumed else ""
+
+    def row_key(self, y: int) -> Hashable:
+        """The number, the words of the state; the trend never looks the same."""
+        return self.number if y < DIGIT_ROWS else self.state if y == STATE_ROW else None
 
     def render_line(self, y: int) -> Strip:
         """One row; the look of border and ground comes from the style sheet."""

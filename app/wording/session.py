@@ -161,14 +161,17 @@ def step_text(step: Step, session: Session) -> str:
 
 
 def leg_table_text(rows: Sequence[LegRow], geometry: Geometry) -> str:
-    """The present leg so far: readings minus the Zero of their cycle, in mm."""
+    """The present leg so far: readings minus the Zero of their cycle, in mm.
+
+    Six levels, as many as the program's own procedures have, fit in 80 columns.
+    """
     levels = list(dict.fromkeys(level for row in rows for level in row.minus_zero_mm))
-    heading = f"{'minus Zero':<12}" + "".join(f"{posture_name(v, geometry):>9}" for v in levels)
-    lines = [heading + f"{'back at Zero':>14}"]
+    heading = f"{'minus Zero':<11}" + "".join(f"{posture_name(v, geometry):>8}" for v in levels)
+    lines = [heading + f"{'back at Zero':>13}"]
     for row in rows:
-        cells = "".join(_cell(row.minus_zero_mm.get(level), 9) for level in levels)
+        cells = "".join(_cell(row.minus_zero_mm.get(level), 8) for level in levels)
         lines.append(
-            f"{row.axis.upper()}  cycle {row.cycle:<3}" + cells + _cell(row.back_at_zero_mm, 14)
+            f"{row.axis.upper()}  cycle {row.cycle:<2}" + cells + _cell(row.back_at_zero_mm, 13)
         )
     return "\n".join(lines)
 

@@ -27,12 +27,12 @@ from protocols.session import Session, fold
 class Solved:
     """A solution with the choice it was made from.
 
-    ``tool_before`` is the tool's error with what the controller holds now, ``tool_after`` what is
-    expected with the solution entered, each with its standard uncertainty, for which
-    ``tool_factor`` is the coverage factor (95 %). ``enlarged`` is the factor on every standard
-    uncertainty if what the model leaves is counted as noise. ``visit_count`` counts readings
-    without a movement between them as one. ``suspects`` do not fit their own repeats; those
-    ``alone`` have no other posture to compare with.
+    ``tool_before`` is the tool's error with what the controller holds now, ``tool_after`` what
+    is expected with the solution entered, each with its standard uncertainty, for which
+    ``tool_factor`` is the coverage factor (95 %). ``enlarged`` is the factor on the standard
+    deviation of the noise if what the model leaves is counted as noise. ``visit_count`` counts
+    readings without a movement between them as one. ``suspects`` do not fit their own repeats;
+    those ``alone`` have no other posture to compare with.
     """
 
     names: tuple[str, ...]
@@ -96,8 +96,8 @@ def end_warning(record: Record) -> str:
     """One sentence about a record that was cut or is still open."""
     lines = len(record.events)
     if record.end == "torn":
-        return f"{record.path}: cut inside line {lines + 1}; used up to line {lines}."
-    return f"{record.path}: not closed after line {lines}; the session is not finished."
+        return f"{record.path.name}: cut inside line {lines + 1}; used up to line {lines}."
+    return f"{record.path.name}: not closed after line {lines}; the session is not finished."
 
 
 def solve_sessions(

@@ -92,8 +92,9 @@ class _Moves:
         level, visit_first = _numbered(visits)
         stand, stand_first = _numbered(list(zip(legs, postures.station, strict=True)))
         levels, stations = postures.displacement_mm[visit_first], postures.station[stand_first]
-        level_cells = _cells(np.unique(grid.displacement_mm), levels)
-        cells = np.vstack([level_cells, _cells(np.unique(grid.station), stations)])
+        level_cells = _cells(np.unique(grid.displacement_mm), levels, DIAL_DECIMALS)
+        station_cells = _cells(np.unique(grid.station), stations, STATION_DECIMALS)
+        cells = np.vstack([level_cells, station_cells])
         return _Moves(
             geometry=geometry,
             postures=postures,
@@ -161,8 +162,13 @@ def _different(postures: LegPool) -> int:
     return len(set(zip(*arrays, strict=True)))
 
 
-def _cells(grid: FloatArray, values: FloatArray) -> FloatArray:
-    """Lower and upper end ``(n, 2)`` of the way each grid point has to itself."""
+def _cells(grid: FloatArray, values: FloatArray, decimals: int) -> FloatArray:
+    """Lower and upper end ``(n, 2)`` of the way each grid point has to itself.
+
+    A single one stays: its cell is what is rounded to it.
+    """
+    if len(grid) < 2:
+        return np.stack([values - 0.4 * 10.0**-decimals, values + 0.4 * 10.0**-decimals], axis=1)
     gaps = np.diff(grid)
     reach = (0.5 - LEAST_APART / 2.0) * gaps
     place = np.searchsorted(grid, values)

@@ -10,9 +10,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from textwrap import wrap
 
-from app.exports.offsets import Offsets, Uncertainty, Written
-from app.wording.tables import uncertain, wrapped
+from app.exports.offsets import Offsets, Uncertainty, Written, one_line
+from app.wording.tables import WIDTH, uncertain
 from calib.observations import LEG_NAMES
 from protocols.documents import read_text
 from protocols.errors import RecordError, UsageError
@@ -47,8 +48,8 @@ def joint_includes(offsets: Offsets) -> Written:
 def _include(offsets: Offsets, joint: int, old_mm: float, offset_mm: float) -> str:
     name = f"d_rho_{LEG_NAMES[joint]}"
     said = [
-        f"glidecal: joint {joint} ({LEG_NAMES[joint]}) of {_one_line(offsets.machine.name)}, "
-        f"from {_one_line(offsets.source)}",
+        f"glidecal: joint {joint} ({LEG_NAMES[joint]}) of {one_line(offsets.machine.name)}, "
+        f"from {one_line(offsets.source)}",
         f"old HOME_OFFSET {old_mm:.6f} mm + {name} {offset_mm:+.6f} mm",
     ]
     if name in offsets.uncertainty:
@@ -73,11 +74,7 @@ def _known(name: str, u: Uncertainty, *, lacks_fit: bool) -> str:
 
 def _lines(text: str) -> list[str]:
     """Short lines: the controller refuses long ones."""
-    return wrapped(_one_line(text)).splitlines()
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())
+    return wrap(one_line(text), WIDTH, break_on_hyphens=False)
 
 
 def read_home_offsets(path: Path) -> tuple[float, float, float]:

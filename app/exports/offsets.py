@@ -38,9 +38,10 @@ class Uncertainty:
 class Offsets:
     """Parameters in mm with their uncertainties (none where the source has none).
 
-    ``cautions`` are what stands in the first lines of the result; with ``lacks_fit`` its
-    warning counts what the model leaves as noise. ``home_offset_mm`` are the controller's present
-    values, None where nobody stated them.
+    ``cautions`` are what stands below the first lines of the result, and that a session is
+    unfinished, one line each; with ``lacks_fit`` its warning counts what the model leaves as
+    noise. ``home_offset_mm`` are the controller's present values, None where nobody stated
+    them.
     """
 
     source: str
@@ -83,9 +84,14 @@ def offsets_from_solved(solved: Solved) -> Offsets:
         uncertainty=_uncertainty(solution),
         home_offset_mm=machine.home_offset_mm,
         remarks=tuple(remarks),
-        cautions=tuple(" ".join(line.split()) for line in caveats(solved)),
+        cautions=tuple(map(one_line, caveats(solved))),
         lacks_fit=fit is not None and fit.p_value < LACK_OF_FIT_LEVEL,
     )
+
+
+def one_line(text: str) -> str:
+    """Whatever line breaks a name or a sentence has: a file of lines must not break there."""
+    return " ".join(text.split())
 
 
 def _uncertainty(solution: Solution) -> dict[str, Uncertainty]:
@@ -109,7 +115,7 @@ def offsets_from_file(path: Path, subset: Subset, method: Method) -> Offsets:
         return _offsets_from_model(path)
     solved, warnings = solve_files([path], subset=subset, method=method)
     offsets = offsets_from_solved(solved)
-    return replace(offsets, cautions=(*warnings, *offsets.cautions))
+    return replace(offsets, cautions=(*map(one_line, warnings), *offsets.cautions))
 
 
 def _offsets_from_model(path: Path) -> Offsets:

@@ -37,7 +37,6 @@ DIGIT_ROWS = 3
 STATE_ROW, TREND_ROW = 3, 4
 """Rows within the border."""
 
-TREND_POINTS = 22
 TREND_S = 0.5
 """The trend is drawn at most so often: drawing it costs more than the digits."""
 
@@ -89,7 +88,7 @@ class GaugeDisplay(KeptRows):
         if live.motion is not self._motion:
             self._motion = live.motion
             self.set_classes(f"gauge {live.motion.value}")
-        trend_mm = live.trend_mm[-TREND_POINTS:]
+        trend_mm = live.trend_mm
         if trend_mm != self.trend_mm and time.monotonic() - self._trend_at > TREND_S:
             self._draw_trend(trend_mm)
         assumed = isinstance(live.outcome, Reading) and live.outcome.unit_assumed

@@ -134,10 +134,10 @@ def _moved(chosen: Chosen) -> str:
     if grid is None:
         return wrapped("The postures keep to the grid: --no-refine.")
     if value is None or value == grid:
-        return wrapped("Moving them off the grid makes nothing better.")
+        return wrapped("The grid is kept: off it nothing is better within the time.")
     return wrapped(
         f"Moved off the grid: criterion {grid:.4g} → {value:.4g}. Displacements are whole tenths "
-        "of a millimetre, stations whole hundredths; --no-refine keeps round ones."
+        "of a millimetre or a joint limit, stations whole hundredths; --no-refine keeps round ones."
     )
 
 

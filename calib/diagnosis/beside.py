@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calib.diagnosis.blunders import Blunder, Suspicion
-from calib.diagnosis.entries import Entry, chosen, entries_of, implausible
+from calib.diagnosis.entries import MOST_LOSS, Entry, chosen, entries_of, implausible
 from calib.diagnosis.problem import Problem, Sitting
 from calib.diagnosis.results import Named
 from calib.diagnosis.selection import union
@@ -67,7 +67,7 @@ class _Field:
     def price(self, member: int) -> float:
         """What it costs to have been chosen, and to be of implausible size."""
         if member not in self._prices:
-            size = implausible(self.problem, [self.entries[member]])
+            size = min(implausible(self.problem, [self.entries[member]]), MOST_LOSS)
             self._prices[member] = float(self.chosen[member]) + size
         return self._prices[member]
 

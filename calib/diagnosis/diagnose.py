@@ -83,7 +83,7 @@ def _followed_far_enough(
             break
         again = _race(straight, entries, race.blocks, race.seed)
         found = again.run()
-        if not found.adequate:  # followed the wrong way
+        if found.kept is None or not found.adequate:  # followed the wrong way
             break
         race, outcome = again, found
     return race, outcome

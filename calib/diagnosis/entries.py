@@ -18,12 +18,14 @@ FAR = 30.0
 """A parameter so many times its unremarkable size costs as much as one standard deviation."""
 
 MOST_LOSS = 200.0
+"""What a candidate's own size may cost; a model's sizes together cost without limit."""
+
 ALL = "all"
 
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """A runner in the race: a candidate of the catalogue or a slip of a stand."""
+    """A runner in the race: a candidate of the catalogue or a lone wild reading."""
 
     id: str
     kind: str
@@ -72,7 +74,7 @@ def entries_of(problem: Problem, laws: Sequence[Law]) -> list[Entry]:
 
 def prices(problem: Problem, entries: Sequence[Entry]) -> FloatArray:
     """What each candidate costs in log weight ``(J,)``: to be chosen, and for its size."""
-    sizes = [implausible(problem, [entry]) for entry in entries]
+    sizes = [min(implausible(problem, [entry]), MOST_LOSS) for entry in entries]
     return np.asarray(chosen(entries) + np.array(sizes))
 
 
@@ -107,7 +109,7 @@ def implausible(problem: Problem, entries: Sequence[Entry]) -> float:
     value = held(white, problem.y)[0]
     left = problem.y - white @ value
     loss = 0.5 * (float(left @ left) - float(free @ free) + float(value @ value))
-    return float(min(max(loss, 0.0), MOST_LOSS))
+    return float(max(loss, 0.0))
 
 
 def held(white: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:

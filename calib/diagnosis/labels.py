@@ -19,9 +19,9 @@ REACH = 1.5
 """A wild reading may lie anywhere, up to so many times as far from its place as it does."""
 
 EVEN = 10.0
-"""So much likelier is a wrong label where it makes an even session uneven, and so much less likely
-where the session is even as it stands: a table of ten may be uneven by itself, and one wrong label
-of ten (the machine sent to another posture) leaves it even."""
+"""So much likelier is a wrong label where changing it makes an uneven session even, and so much
+less likely where that makes an even one uneven. One table of ten may be uneven by itself, and one
+wrong label of ten (the machine sent to another posture) leaves it even."""
 
 
 @dataclass(frozen=True)

@@ -106,8 +106,7 @@ class Naming:
         rest = block.T @ y - own * (y[rows] / np.sqrt(free[rows]))[:, None]
         lost = np.maximum(1.0 - (own**2).sum(axis=1), SEEN)
         left = (rest**2).sum(axis=1) + (own * rest).sum(axis=1) ** 2 / lost
-        alone = (own**2).sum(axis=1) > 1.0 - SEEN
-        return float(np.where(alone, 0.0, left).min(initial=np.inf)) - float(block.shape[1])
+        return float(left.min(initial=np.inf)) - float(block.shape[1])
 
     def _room(self) -> bool:
         """Whether the catalogue leaves room for an effect that is not in it to show."""
@@ -116,6 +115,8 @@ class Naming:
             for e, b in zip(self.entries, self.race.blocks, strict=True)
             if e.kind != "blunder"
         ]
+        if not inside:
+            return self.problem.structure_df >= ROOM
         rank = int((np.linalg.svd(np.hstack(inside), compute_uv=False) > 1e-3).sum())
         return self.problem.structure_df - rank >= ROOM
 

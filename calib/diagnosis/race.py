@@ -137,7 +137,7 @@ class Race:
             others = [tuple(k for k in model.members if k != m) for m in model.members]
             apart = tuple(self.step(each, by_cells=True)[0] for each in others)
             if max(apart) <= NAMING_LEVEL:
-                return model, credible_set([model]), apart
+                return model, credible_set([model]), tuple(sorted(apart))
         return kept, held, steps
 
     def _one_after_the_other(
@@ -150,7 +150,7 @@ class Race:
             p, _ = self.step(kept, by_cells=True)
             if p > NAMING_LEVEL:
                 break
-            model = max(search.beside(kept), key=lambda m: m.log_weight)
+            model = max(self._paid(search.beside(kept)), key=lambda m: m.log_weight)
             kept = model.members
             steps.append(p)
         if not kept:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
@@ -207,8 +206,3 @@ def contained(inner: FloatArray, outer: FloatArray) -> float:
     if not inner.shape[1]:
         return 1.0
     return float(((outer.T @ inner) ** 2).sum() / inner.shape[1])
-
-
-def pairs_of(count: int) -> list[tuple[int, int]]:
-    """All pairs of indices."""
-    return list(combinations(range(count), 2))

@@ -290,7 +290,19 @@ def test_an_unfinished_session_is_a_caution(session: Path, tmp_path: Path) -> No
     cut.write_text("".join(session.read_text().splitlines(keepends=True)[:-1]))
     assert glidecal("export", cut, "--format", "json", "-o", tmp_path / "o").status == 0
     first = json.loads((tmp_path / "o").read_text())["cautions"][0]
-    assert "the session is not finished" in first
+    assert first.startswith("cut.jsonl: not closed after line")  # no folder of this machine
+    assert first.endswith("the session is not finished.")
+
+
+def test_a_name_of_two_lines_breaks_no_file(session: Path, tmp_path: Path) -> None:
+    whole = session.read_text().splitlines(keepends=True)
+    cut = tmp_path / f"a\n{'b' * 200}.jsonl"
+    cut.write_text("".join(whole[:-1]))
+    assert glidecal("export", cut, "--format", "csv", "-o", tmp_path / "o.csv").status == 0
+    assert {"d_rho_x", "d_rho_y"} <= {next(iter(r.values())) for r in csv_rows(tmp_path / "o.csv")}
+    assert glidecal("export", cut, "--format", "linuxcnc", "-o", tmp_path / "i").status == 0
+    for path in (tmp_path / "i").iterdir():
+        assert max(map(len, path.read_text().splitlines())) < 120
 
 
 def test_lines_of_an_include_are_short_and_hold_one_number(session: Path, tmp_path: Path) -> None:

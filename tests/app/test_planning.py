@@ -194,6 +194,15 @@ def test_a_budget_is_kept() -> None:
     assert len(tight["postures"]) == 13
 
 
+def test_a_budget_that_leaves_one_station() -> None:
+    """What has no neighbour on the grid stays where it is; the rest is refined."""
+    asked = ("postures", "orthoglide", "--procedure", "zero-max-min", "--count", "9")
+    found = document(*asked, "--budget", "8", "--starts", "2")
+    assert len({one["station"] for one in found["postures"]}) == 1
+    assert found["minutes"] <= 8.0
+    assert found["grid_value"] is not None
+
+
 TWELVE = ("postures", "orthoglide", "--procedure", "zero-max-min", "--count", "12")
 
 

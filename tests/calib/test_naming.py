@@ -130,3 +130,22 @@ def test_the_first_sentence_stays_a_sentence() -> None:
     assert "name_0, name_1, name_2, name_3, 5 others; these data cannot tell." in said
     plain = replace(finding, indistinguishable_from=())
     assert sentence("ambiguous", [plain], "", "the evidence is weak").endswith("is weak.")
+
+
+def test_one_direction_that_one_reading_carries_is_not_the_whole_evidence() -> None:
+    """Of two directions one stands on a single reading, the other on all of them."""
+    one = problem(SWEEP, 3)
+    row = int(np.argmin((one.nuisance**2).sum(axis=1)))
+    columns = np.zeros((len(one.y), 2))
+    columns[row, 0] = 1.0
+    columns[:, 1] = np.cos(1.7 * np.arange(len(one.y)))
+    white = columns @ np.array([3.0, 2.5])
+    moved = replace(one, y=one.y + white - one.nuisance @ (one.nuisance.T @ white))
+    entry = replace(entries_of(one, CATALOGUE)[0], columns=columns / one.root_weight[:, None])
+    race = Race(moved, (moved.block(entry.columns),), np.zeros(1), (1,), 1)
+    naming = Naming(moved, [entry], race, race.run())
+    kept = naming.outcome.kept
+    assert kept is not None
+    least = min(without_a_row(moved, columns, k) for k in range(len(one.y)))
+    assert least > 100.0
+    assert naming.without_any_one(kept, 0) == pytest.approx(least - 2.0, rel=1e-4)

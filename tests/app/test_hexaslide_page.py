@@ -14,7 +14,6 @@ import pytest
 from tests.conftest import ROOT
 
 PAGE = ROOT / "docs" / "hexaslide.md"
-SCRIPT = ROOT / "docs" / "make_hexaslide.py"
 
 RANKS = {
     "I, pose-inverse": (49, 49, 49, 9),
@@ -63,7 +62,8 @@ def posture_sets(page: str) -> dict[str, list[list[float]]]:
 def page_made(option: str, path: Path) -> subprocess.CompletedProcess[str]:
     """The script with little effort."""
     return subprocess.run(
-        [sys.executable, str(SCRIPT), "--quick", option, str(path)],
+        [sys.executable, "-m", "studies.hexaslide", "--quick", option, str(path)],
+        cwd=ROOT,
         capture_output=True,
         text=True,
         encoding="utf-8",

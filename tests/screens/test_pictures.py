@@ -40,7 +40,7 @@ from tests.screens.driving import text, until
 PICTURES = Path(__file__).parent / "pictures"
 NARROW, WIDE = (80, 24), (120, 40)
 FONTS = re.compile(r"@font-face \{.*?\}", re.DOTALL)
-"""Addresses of the web; docs/make_pictures.py takes them out too."""
+"""Addresses of the web; studies/pictures.py takes them out too."""
 
 DRAWING = ("textual", "rich", "plotext", "textual-plotext")
 

@@ -1,4 +1,4 @@
-"""Make the pictures of the documentation from the running program: python docs/make_pictures.py."""
+"""Make the pictures of the documentation from the running program: python -m studies.pictures."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from app.screens.result import ResultScreen
 from app.screens.widgets import GaugeDisplay
 from drivers.outcome import Outcome, Reading
 
-PICTURES = Path(__file__).parent / "pictures"
+PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
 NARROW, WIDE = (80, 24), (120, 40)
 PATIENCE_S = 20.0
 MIDDLE_OF_LEG = 8

@@ -1,20 +1,39 @@
-"""What the page on the Hexa Slide tells of each procedure: computed once, shown in many tables."""
+"""docs/hexaslide.md: the tables of papers/001 beside what the program finds.
+
+python -m studies.hexaslide          some minutes on one core
+python -m studies.hexaslide --quick  seconds: few random sets, one start, no page of record
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import argparse
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
 
+import jinja2
 import numpy as np
 
 from app.hexaslide_views import KINDS, PUBLISHED_SETS, View, conditions_by_units, look_at
 from app.planning import Request
 from app.planning_hexaslide import BoxedPostures, boxed_postures
+from app.wording.hexaslide_screen import postures_table
 from calib.criteria import Criterion
+from calib.errors import GlidecalError
 from calib.hexaslide.procedures import Kind
 from calib.hexaslide_planning import sensitivity
 from calib.observations import FloatArray
 from protocols.hexaslide_machine import load_hexaslide
+from studies import THREADS, tables
 
+PAGE = Path(__file__).parents[1] / "docs" / "hexaslide.md"
+TEMPLATES = jinja2.Environment(
+    loader=jinja2.FileSystemLoader(Path(__file__).parent),
+    undefined=jinja2.StrictUndefined,
+    autoescape=False,  # the page is Markdown
+    trim_blocks=True,
+    keep_trailing_newline=True,
+)
 SEED = 0
 
 MORE_POSTURES = {
@@ -95,3 +114,56 @@ def random_conditions(view: View, count: int, sets: int) -> dict[str, FloatArray
         rank = min(view.seen.found.rank, len(rows))
         found.append(conditions_by_units(view.procedure, rows, rank))
     return {units: np.array([one[units] for one in found]) for units in found[0]}
+
+
+def page(asked: Request, effort: Effort) -> str:
+    """The page: every table, put into its sentences."""
+    begin = time.perf_counter()
+    kinds = kinds_of(asked)
+    studies = [study(replace(asked, procedure=kind.value), effort) for kind in kinds]
+    linked = studies[-1] if studies[-1].kind is Kind.CONSTRAINT_LINK else None
+    found = {
+        "ranks": tables.ranks(studies),
+        "row_counts": tables.row_counts(asked, kinds),
+        "recipe": tables.recipe(studies, SEED),
+        "box": tables.box(studies[0].view),
+        "conditions": tables.conditions(studies),
+        "of_link": tables.random_words(linked) if linked else "",
+        "bounds": tables.bounds(studies),
+        "units": tables.units(studies),
+        "more": tables.more(studies),
+        "subsets": tables.subsets(asked),
+        "simulated": tables.simulated(kinds, asked.machine_file),
+    }
+    return TEMPLATES.get_template("hexaslide.md.jinja").render(
+        **found,
+        studies=studies,
+        effort=effort,
+        seed=SEED,
+        threads=THREADS,
+        postures_table=postures_table,
+        seconds=round(time.perf_counter() - begin),
+    )
+
+
+def main() -> None:
+    """Write the page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--starts", type=int)
+    parser.add_argument("--machine-file", type=Path)
+    parser.add_argument("--output", type=Path, default=PAGE)
+    asked = parser.parse_args()
+    effort = QUICK if asked.quick else FULL
+    if asked.starts:
+        effort = Effort(effort.random_sets, asked.starts, min(asked.starts, effort.more_starts))
+    request = Request(Kind.POSE_INVERSE.value, asked.machine_file, seed=SEED)
+    try:
+        text = page(request, effort)
+    except GlidecalError as problem:
+        parser.exit(1, f"studies.hexaslide: {problem}\n")
+    asked.output.write_text(text, encoding="utf-8", newline="\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
+import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from hexaslide_page import filled, number, table
-from hexaslide_study import SEED, Studied, kinds_of
 
 from app.hexaslide_views import PUBLISHED_SETS, View, conditions_at, look_at
 from app.planning import Request
@@ -18,6 +23,11 @@ from calib.hexaslide.procedures import Kind
 from calib.observations import FloatArray
 from calib.posture_refinement import ON_BOUND
 
+if TYPE_CHECKING:
+    from studies.hexaslide import Studied
+
+WIDTH = 98
+SIMULATED_POSTURES = "80"
 SHOWN_SUBSETS = (
     "x,y,z",
     "x,y,z,theta",
@@ -40,7 +50,7 @@ ROW_COUNT_SETS = {
 }
 
 
-def ranks_table(studies: Sequence[Studied]) -> str:
+def ranks(studies: Sequence[Studied]) -> str:
     """Table 1, corrected."""
     rows = []
     for one in studies:
@@ -63,7 +73,7 @@ def ranks_table(studies: Sequence[Studied]) -> str:
     return table((headings + "postures|paper's postures").split("|"), rows)
 
 
-def box_table(view: View) -> str:
+def box(view: View) -> str:
     """Table 2."""
     rows = []
     for words, bounds in (("from", view.machine.box.lower), ("to", view.machine.box.upper)):
@@ -72,11 +82,11 @@ def box_table(view: View) -> str:
     return table(["", "x, m", "y, m", "z, m", "theta, °", "psi, °", "phi, °"], rows)
 
 
-def row_count_table(asked: Request) -> str:
+def row_counts(asked: Request, kinds: Sequence[Kind]) -> str:
     """Rank and rows for several numbers of postures."""
     rows = []
     for kind, counts in ROW_COUNT_SETS.items():
-        if kind not in kinds_of(asked):
+        if kind not in kinds:
             continue
         said = []
         for count in counts:
@@ -87,14 +97,14 @@ def row_count_table(asked: Request) -> str:
     return table(["procedure", "random postures: rows and rank"], rows)
 
 
-def recipe_table(studies: Sequence[Studied]) -> str:
+def recipe(studies: Sequence[Studied], seed: int) -> str:
     """The paper's own recipe, differences and tolerance, at its number of postures and at many."""
     rows = []
     for one in studies:
         if one.kind is Kind.POSE_INVERSE:
             continue  # the paper has its derivatives in closed form
         paper = PUBLISHED_SETS[one.kind].count
-        generator = np.random.default_rng(SEED)
+        generator = np.random.default_rng(seed)
         found = {
             count: recipe_rank(one.view, one.view.machine.box.random(count, generator))
             for count in (paper, 4 * paper)
@@ -121,7 +131,7 @@ def recipe_rank(view: View, postures: FloatArray) -> int:
     return len(names) - len(classical_qr(rows.reshape(-1, len(names)), names).flagged)
 
 
-def conditions_table(studies: Sequence[Studied]) -> str:
+def conditions(studies: Sequence[Studied]) -> str:
     """Tables 3 to 6."""
     rows = []
     for one in studies:
@@ -142,7 +152,7 @@ def conditions_table(studies: Sequence[Studied]) -> str:
     return table((headings + "all starts, median|random by best").split("|"), rows)
 
 
-def bounds_table(studies: Sequence[Studied]) -> str:
+def bounds(studies: Sequence[Studied]) -> str:
     """Where the optimum postures stand."""
     rows = []
     for one in studies:
@@ -161,7 +171,7 @@ def bounds_table(studies: Sequence[Studied]) -> str:
     return table(headings.split("|"), rows)
 
 
-def units_table(studies: Sequence[Studied]) -> str:
+def units(studies: Sequence[Studied]) -> str:
     """The same sets in other units."""
     rows = []
     for one in studies:
@@ -178,7 +188,7 @@ def units_table(studies: Sequence[Studied]) -> str:
     return table(["procedure, random median → best", *studies[0].random], rows)
 
 
-def more_table(studies: Sequence[Studied]) -> str:
+def more(studies: Sequence[Studied]) -> str:
     """What more postures give."""
     rows = []
     for one in studies:
@@ -188,7 +198,7 @@ def more_table(studies: Sequence[Studied]) -> str:
     return table(["procedure", "postures: best condition number"], rows)
 
 
-def subsets_table(asked: Request) -> str:
+def subsets(asked: Request) -> str:
     """Ranks for any measured components."""
     rows = []
     for measured in SHOWN_SUBSETS:
@@ -216,3 +226,91 @@ def random_words(link: Studied) -> str:
         f"those, random sets of 46 have the median {middle} ({low} … {high}); the search refuses "
         "so few."
     )
+
+
+def simulated(kinds: Sequence[Kind], machine_file: Path | None) -> str:
+    """Simulate and solve once for each procedure."""
+    own = () if machine_file is None else ("--machine-file", str(machine_file.absolute()))
+    headings = [
+        "procedure",
+        "combinations",
+        "residual, mm",
+        "position at postures kept out, mm",
+        "angle there, mrad",
+        "constant motion left",
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        return table(headings, [_row(kind, Path(folder), own) for kind in kinds])
+
+
+def _row(kind: Kind, folder: Path, own: Sequence[str]) -> list[str]:
+    measured, true = f"{kind.value}.json", f"{kind.value}-true.json"
+    wanted = (
+        "--procedure",
+        kind.value,
+        "--postures",
+        SIMULATED_POSTURES,
+        "--truth",
+        true,
+        "--seed",
+        "1",
+    )
+    _glidecal(folder, "simulate", "-o", measured, "--machine", "hexaslide", *wanted, *own)
+    found = json.loads(_glidecal(folder, "solve", measured, "--truth", true, "--json"))
+    before, after = found["truth"]["before"], found["truth"]["after"]
+    residuals = (found[when]["length_mm"] for when in ("rms_before", "rms_after"))
+    return [
+        kind.value,
+        f"{found['rank']} of {found['parameter_count']}",
+        " → ".join(_figure(value) for value in residuals),
+        f"{before['position_rms_mm']:.3f} → {after['position_rms_mm']:.4f}",
+        f"{before['angle_rms_mrad']:.3f} → {after['angle_rms_mrad']:.4f}",
+        _motions(after) if found["lost_count"] else "none",
+    ]
+
+
+def _figure(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4f}"
+
+
+def _motions(apart: dict[str, Any]) -> str:
+    said = (
+        ("platform turned {:.2f} mrad", apart["platform_frame_turned_mrad"]),
+        ("shifted {:.2f} mm", apart["platform_frame_shifted_mm"]),
+        ("base turned {:.2f} mrad", apart["base_turned_mrad"]),
+    )
+    return ", ".join(words.format(size) for words, size in said if size > 0.0)
+
+
+def _glidecal(folder: Path, *arguments: str) -> str:
+    """Raises RuntimeError with its own words where the program refuses."""
+    done = subprocess.run(
+        [sys.executable, "-m", "app", *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        check=False,
+        timeout=120,
+    )
+    if done.returncode:
+        raise RuntimeError(done.stderr)
+    return done.stdout
+
+
+def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown."""
+    lines = [headings, ["---"] * len(headings), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def filled(text: str) -> str:
+    """One paragraph in lines."""
+    return fill(text, WIDTH, break_on_hyphens=False, break_long_words=False)
+
+
+def number(value: float) -> str:
+    """About four digits."""
+    if value < 1000.0:
+        return f"{value:.1f}"
+    return f"{value:.0f}" if value < 10_000.0 else f"{value:.3e}".replace("e+0", "e")

@@ -47,7 +47,7 @@ def known_laws() -> tuple[Law, ...]:
     """
     laws = list(CATALOGUE)
     for source, given in (*_from_files(), *_from_entry_points()):
-        for law in given if isinstance(given, tuple | list) else (given,):
+        for law in _run(source, partial(_laws_in, given)):
             checked = _checked(source, law)
             if checked.id in {known.id for known in laws}:
                 raise _broken(source, f"the id '{checked.id}'", "an id that is not taken")
@@ -81,11 +81,17 @@ def _from_entry_points() -> Iterator[tuple[str, object]]:
 
 
 def _run(source: str, load: Callable[[], T]) -> T:
-    """Somebody else's code: whatever it raises is a fault of the file."""
+    """Somebody else's code: whatever it raises is a fault of the file, all but a Ctrl-C itself."""
     try:
         return load()
-    except (Exception, SystemExit) as problem:
+    except BaseException as problem:
+        if type(problem) is KeyboardInterrupt:
+            raise
         raise _broken(source, _said(problem)) from problem
+
+
+def _laws_in(given: object) -> tuple[object, ...]:
+    return tuple(given) if isinstance(given, tuple | list) else (given,)
 
 
 def _checked(source: str, given: object) -> Law:
@@ -161,9 +167,12 @@ def _fault_at(trial: _Trial) -> str:
 def _said(problem: BaseException) -> str:
     line = getattr(problem, "lineno", None)
     where = f", line {line}" if isinstance(problem, SyntaxError) and line else ""
-    if isinstance(problem, GlidecalError):
-        return str(problem)
-    return f"{type(problem).__name__}: {problem}{where}"
+    name = type(problem).__name__
+    try:
+        words = " ".join(str(problem).split())
+    except BaseException as worse:  # whose words are the file's code too
+        return f"{name}, whose words raise {type(worse).__name__}"
+    return words if isinstance(problem, GlidecalError) else f"{name}: {words:.300}{where}"
 
 
 def _broken(source: str, found: str, allowed: str = "") -> RecordError:

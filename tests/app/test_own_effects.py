@@ -91,6 +91,22 @@ def test_the_documented_effect_in_the_demonstration(folder: Path, tmp_path: Path
         ("def (", "SyntaxError"),
         ("import no_such_module_here\nEFFECTS = ()", "no_such_module_here"),
         ("raise SystemExit(7)", "SystemExit: 7"),
+        ("class Stop(KeyboardInterrupt): pass\nraise Stop('now')", "Stop: now"),
+        ("class Worst(BaseException): pass\nraise Worst('a\\nb')", "Worst: a b"),
+        ("raise GeneratorExit", "GeneratorExit"),
+        (
+            "class Mute(BaseException):\n    def __str__(self): raise Mute\nraise Mute",
+            "Mute, whose words raise Mute",
+        ),
+        (
+            "class Laws(tuple):\n    def __iter__(self): raise SystemExit\nEFFECTS = Laws()",
+            "SystemExit",
+        ),
+        (
+            "class Law:\n    @property\n    def id(self): raise BaseException('no id')\n"
+            "EFFECTS = (Law(),)",
+            "BaseException: no id",
+        ),
         ("EFFECT = ()", "no EFFECTS"),
         ("EFFECTS = (3,)", "which lacks one of the texts"),
         (documented().replace("bent_arm", "Bent Arm"), "the id 'Bent Arm'"),
@@ -116,6 +132,16 @@ def test_a_broken_effect_ends_with_status_3(folder: Path, tmp_path: Path) -> Non
     said = refused(3, "demo", "--headless", "--effect", "backlash", cwd=tmp_path)
     assert "mine.py" in said
     assert "ZeroDivisionError: division by zero" in said
+
+
+def test_whatever_a_broken_effect_raises_the_status_is_3(folder: Path, tmp_path: Path) -> None:
+    write(folder, "class Worst(BaseException): pass\nraise Worst('out')")
+    said = refused(3, "demo", "--headless", "--effect", "backlash", cwd=tmp_path)
+    assert "Worst: out" in said
+    write(folder, "raise KeyboardInterrupt")  # as a Ctrl-C while it loads
+    run = glidecal("demo", "--headless", "--effect", "backlash", cwd=tmp_path)
+    assert run.status == 130
+    assert "Traceback" not in run.err
 
 
 def test_an_installed_package_gives_effects(

@@ -1,11 +1,14 @@
 """The web server of ``glidecal serve``: loopback only, replay only, nothing left behind.
 
-textual-serve starts one process of this program for each browser tab. Five things are added:
+textual-serve starts one process of this program for each browser tab. Added to it:
 
 - the port is bound before anything is said, on 127.0.0.1 and nowhere else;
 - requests must name this address and, from a browser, come from its own pages. Otherwise any web
   page that is open in a browser of this computer could start processes and read the sessions;
 - pages load styles and fonts from here only, nothing from the internet;
+- a tab is started without a shell and without the current folder on its path: a stranger's
+  folder beside a session runs nothing. There are so many tabs and no more, none of them larger
+  than any screen, and a process ends with its tab, if need be by force;
 - tabs are closed when the server ends: aiohttp alone would wait a minute for them;
 - what the library logs becomes one line on standard error.
 """
@@ -13,22 +16,33 @@ textual-serve starts one process of this program for each browser tab. Five thin
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
-import shlex
 import socket
-import subprocess
 import sys
+from asyncio.subprocess import PIPE, Process
 from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 
 from aiohttp import web
-from textual_serve.server import Server
+from textual_serve.app_service import AppService
+from textual_serve.download_manager import DownloadManager
+from textual_serve.server import Server, to_int
 
 from protocols.errors import UsageError
 
 HOST = "127.0.0.1"
 CLOSING_S = 3.0
 """How long tabs may take to close when the server ends."""
+
+ENDING_S = 2.0
+"""How long the process of a tab may take to end by itself."""
+
+MOST_TABS = 8
+"""Each is a process of about 90 MB."""
+
+MOST_CELLS = (500, 200)
+"""Columns and rows of the largest screen that a tab draws."""
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -55,9 +69,11 @@ class Pages(Server):
     def __init__(self, sessions: Sequence[Path], listening: socket.socket) -> None:
         self._listening = listening
         self._answering: set[asyncio.Task[object]] = set()
+        self._tabs = 0
+        self._words = replay_command(sessions)
         port: int = listening.getsockname()[1]
         super().__init__(
-            replay_command(sessions),
+            "glidecal replay",
             host=HOST,
             port=port,
             title="glidecal",
@@ -83,6 +99,7 @@ class Pages(Server):
             sock=self._listening,
             print=None,
             access_log=None,
+            handler_cancellation=True,  # a page that is gone takes its tab with it
             shutdown_timeout=CLOSING_S,
         )
 
@@ -117,6 +134,42 @@ class Pages(Server):
             raise web.HTTPForbidden(text="Only pages of this server may ask.")
         return await self._answer(request, handler)
 
+    async def handle_index(self, request: web.Request) -> web.StreamResponse:
+        """The page of one tab, or why there is none."""
+        self._refuse_too_many()
+        return await super().handle_index(request)
+
+    def _refuse_too_many(self) -> None:
+        if self._tabs >= MOST_TABS:
+            text = f"{MOST_TABS} tabs are open. Close one of them, then load this page again."
+            raise web.HTTPServiceUnavailable(text=text)
+
+    async def handle_websocket(self, request: web.Request) -> web.WebSocketResponse:
+        """One tab: its process, until either of them goes.
+
+        The library's own handler answers a plain request with a traceback.
+        """
+        websocket = web.WebSocketResponse(heartbeat=15)
+        if not websocket.can_prepare(request).ok:
+            upgrade = {"Upgrade": "websocket"}
+            raise web.HTTPUpgradeRequired(text=f"Pages are at {self.public_url}.", headers=upgrade)
+        self._refuse_too_many()
+        self._tabs += 1
+        tab = Tab(self._words, websocket, self.download_manager)
+        try:
+            await websocket.prepare(request)
+            width, height = (to_int(request.query.get(side, ""), 0) for side in ("width", "height"))
+            await tab.start(width or 80, height or 24)
+            await self._process_messages(websocket, tab)
+        except Exception:  # what a page sends is the page's: whatever it breaks, its tab ends
+            await websocket.close(message=b"not understood")
+        finally:
+            try:
+                await tab.stop()
+            finally:
+                self._tabs -= 1
+        return websocket
+
     async def _answer(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Answer, known to `on_shutdown`: a tab is one answer that goes on until it is closed."""
         task = asyncio.current_task()
@@ -128,11 +181,63 @@ class Pages(Server):
             self._answering.discard(task)
 
 
-def replay_command(sessions: Sequence[Path]) -> str:
-    """The command line of one tab, quoted for the shell: a file name is never a command."""
-    words = [sys.executable, "-m", "app", "replay", "--served", "--"]
-    words += [str(path.absolute()) for path in sessions]
-    return subprocess.list2cmdline(words) if sys.platform == "win32" else shlex.join(words)
+class Tab(AppService):
+    """The process behind one page."""
+
+    def __init__(
+        self, words: Sequence[str], websocket: web.WebSocketResponse, downloads: DownloadManager
+    ) -> None:
+
+        async def close() -> None:
+            await websocket.close()
+
+        super().__init__(
+            "",
+            write_bytes=websocket.send_bytes,
+            write_str=websocket.send_str,
+            close=close,
+            download_manager=downloads,
+        )
+        self._words = words
+
+    async def _open_app_process(self, width: int = 80, height: int = 24) -> Process:
+        """As the library does, without a shell: a file name is never a command."""
+        self._process = await asyncio.create_subprocess_exec(
+            *self._words,
+            stdin=PIPE,
+            stdout=PIPE,
+            stderr=PIPE,
+            env=self._build_environment(*_shown(width, height)),
+        )
+        self._stdin = self._process.stdin
+        return self._process
+
+    async def set_terminal_size(self, width: int, height: int) -> None:
+        """Tell the process the new size, within bounds."""
+        await super().set_terminal_size(*_shown(width, height))
+
+    async def stop(self) -> None:
+        """End the process: politely, then by force."""
+        try:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(ENDING_S):
+                    await super().stop()
+        finally:
+            if self._process is not None and self._process.returncode is None:
+                self._process.kill()
+
+
+def _shown(width: int, height: int) -> tuple[int, int]:
+    """Columns and rows as a screen may have them."""
+    return min(max(1, int(width)), MOST_CELLS[0]), min(max(1, int(height)), MOST_CELLS[1])
+
+
+def replay_command(sessions: Sequence[Path]) -> list[str]:
+    """The words that start one tab; ``-P`` keeps the current folder off Python's path."""
+    return [
+        *(sys.executable, "-P", "-m", "app", "replay", "--served", "--"),
+        *(str(path.absolute()) for path in sessions),
+    ]
 
 
 class _OneLine(logging.Handler):

@@ -8,12 +8,13 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Vertical, VerticalScroll
-from textual.screen import ModalScreen
 from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
+from app.screens.hasty import Choices, Dialog
 
-class TextDialog(ModalScreen[str]):
+
+class TextDialog(Dialog[str]):
     """One line of text: a note, a reason."""
 
     BINDINGS: ClassVar[list[BindingType]] = [("escape", "dismiss('')", "Cancel")]
@@ -33,7 +34,7 @@ class TextDialog(ModalScreen[str]):
         self.dismiss(event.value.strip())
 
 
-class ChoiceDialog(ModalScreen[str]):
+class ChoiceDialog(Dialog[str]):
     """One of several answers, by arrow keys and Enter, by its number, or none by Escape.
 
     ``choices`` are pairs of an answer and the words that stand for it.
@@ -55,7 +56,7 @@ class ChoiceDialog(ModalScreen[str]):
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog"):
             yield Static(self._question, markup=False)
-            yield OptionList(*(Option(words) for _, words in self._choices), markup=False)
+            yield Choices(*(Option(words) for _, words in self._choices), markup=False)
             yield Static("Arrow keys and Enter, or the number. Escape leaves.", markup=False)
 
     def on_mount(self) -> None:
@@ -72,7 +73,7 @@ class ChoiceDialog(ModalScreen[str]):
             self.dismiss(self._choices[number - 1][0])
 
 
-class HelpDialog(ModalScreen[None]):
+class HelpDialog(Dialog[None]):
     """Words about the present screen and the panel that has the focus."""
 
     BINDINGS: ClassVar[list[BindingType]] = [

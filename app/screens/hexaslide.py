@@ -347,7 +347,7 @@ class HexaSlideScreen(PagedScreen):
             self._end_search()
             self.app.notify(STOPPED, markup=False)
             self._show_search()
-        elif self.app.screen_stack.index(self) > 1:
+        elif self in self.app.screen_stack[2:]:
             self.app.pop_screen()
         else:
             self._home()

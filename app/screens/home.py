@@ -23,6 +23,7 @@ from app.recent import Recent, follow_up, recent_sessions
 from app.screens.check import CheckScreen
 from app.screens.compare import CompareScreen
 from app.screens.dialogs import ChoiceDialog
+from app.screens.hasty import Choices
 from app.screens.interface import Interface
 from app.screens.pick import PickScreen
 from app.screens.prepare import PrepareScreen
@@ -58,7 +59,7 @@ class HomeScreen(Screen[None]):
     def compose(self) -> ComposeResult:
         yield Header()
         yield Static("What do you want to do? Arrow keys and Enter.", markup=False, id="question")
-        yield OptionList(id="choices", markup=False)
+        yield Choices(id="choices", markup=False)
         yield Footer()
 
     def on_mount(self) -> None:

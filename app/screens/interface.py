@@ -10,13 +10,16 @@ from typing import Any, ClassVar
 
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
+from textual.command import CommandPalette
 from textual.screen import Screen
+from textual.theme import ThemeProvider
 from textual.widget import Widget
 
 from app.exit_codes import Exit
 from app.guided import GuidedSession
 from app.opening import Indicators, unused_path
 from app.screens.dialogs import HelpDialog
+from app.screens.hasty import Palette
 from app.screens.leaving import on_signals
 from app.settings import Settings, save_theme, settings_path
 from app.wording.settings import key_list_text
@@ -68,6 +71,15 @@ class Interface(App[str]):
             self.theme = self._settings.theme
         self.set_keymap(self._settings.keys)
         self.push_screen(self._first)
+
+    def action_command_palette(self) -> None:
+        """The palette, unless one is open, be it under a screen that came while it was."""
+        if not any(isinstance(screen, CommandPalette) for screen in self.screen_stack):
+            self.push_screen(Palette())
+
+    def search_themes(self) -> None:
+        """The themes, in a palette of our own."""
+        self.push_screen(Palette(providers=[ThemeProvider], placeholder="Search for themes…"))
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
         """The palette offers what an operator can use, no tools of the developer."""

@@ -8,11 +8,11 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
 from textual.events import Resize
-from textual.screen import ModalScreen
 from textual.widgets import Static
 
 from app.leg_review import review_leg
 from app.plots import readings_by_posture
+from app.screens.hasty import Dialog
 from app.screens.plot import ChartPlot
 from app.wording.session import review_text
 from calib.errors import GlidecalError
@@ -26,7 +26,7 @@ UNATTENDED_S = 1.0
 """How long an unattended demonstration shows the review."""
 
 
-class LegReviewScreen(ModalScreen[bool]):
+class LegReviewScreen(Dialog[bool]):
     """Look, then go on to the next leg; dismissed with whether the session shall be on hold."""
 
     HELP = (
@@ -76,5 +76,4 @@ class LegReviewScreen(ModalScreen[bool]):
         self.query_one(ChartPlot).show(readings_by_posture(self._session, self._step))
 
     def _go_on(self) -> None:
-        if self.is_current:
-            self.dismiss(False)
+        self.dismiss(False)

@@ -8,17 +8,17 @@ from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.screen import Screen
 from textual.widgets import Footer, Header, OptionList, Static
 from textual.widgets.option_list import Option
 
 from app.recent import Recent, look_at
 from app.screens.dialogs import TextDialog
+from app.screens.hasty import Choices, Leaving
 from app.screens.interface import Interface
 from app.wording.home import ELSEWHERE, NO_SESSIONS, PICK_KEYS, session_label
 
 
-class PickScreen(Screen[Recent]):
+class PickScreen(Leaving[Recent]):
     """A list of sessions with their state. The result is the one chosen; none by Escape."""
 
     app: Interface
@@ -45,7 +45,7 @@ class PickScreen(Screen[Recent]):
         words = self._question if self._sessions else f"{self._question}\n{NO_SESSIONS}"
         yield Static(f"{words}\n{PICK_KEYS}", markup=False, id="question")
         labels = [Option(session_label(session)) for session in self._sessions]
-        yield OptionList(*labels, Option(ELSEWHERE), id="choices", markup=False)
+        yield Choices(*labels, Option(ELSEWHERE), id="choices", markup=False)
         yield Footer()
 
     def on_mount(self) -> None:

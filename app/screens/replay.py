@@ -226,7 +226,7 @@ class ReplayScreen(Screen[None]):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """There is a way back where this is not the first screen; below it is the empty one."""
-        return action != "back" or self.app.screen_stack.index(self) > 1
+        return action != "back" or self in self.app.screen_stack[2:]
 
     def action_result(self) -> None:
         """Solve the whole session in the background and show the result."""

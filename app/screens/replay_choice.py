@@ -13,6 +13,7 @@ from textual.widgets import Footer, Header, OptionList, Static
 from textual.widgets.option_list import Option
 
 from app.recent import look_at
+from app.screens.hasty import Choices
 from app.screens.interface import Interface
 from app.screens.replay import ReplayScreen
 from app.wording.home import session_label
@@ -37,7 +38,7 @@ class ReplayChoiceScreen(Screen[None]):
         yield Header()
         yield Static(REPLAY_QUESTION, markup=False, id="question")
         labels = (Option(session_label(look_at(path))) for path in self._paths)
-        yield OptionList(*labels, id="choices", markup=False)
+        yield Choices(*labels, id="choices", markup=False)
         yield Footer()
 
     def on_mount(self) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
-import shlex
+import shutil
 import signal
 import socket
 import subprocess
@@ -12,12 +13,13 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from pathlib import Path
 
 import aiohttp
 import pytest
 
+from app.serving import MOST_TABS, replay_command
 from tests.app.cli import glidecal, refused
 from tests.conftest import SAMPLES
 
@@ -30,11 +32,20 @@ PATIENCE_S = 30.0
 class Served:
     """A running server; its address is what it says itself."""
 
-    def __init__(self, *sessions: Path) -> None:
-        words = [sys.executable, "-m", "app", "serve", "--port", "0", *map(str, sessions)]
+    def __init__(
+        self,
+        *sessions: Path,
+        program: Sequence[str | Path] = (sys.executable, "-m", "app"),
+        cwd: Path | None = None,
+    ) -> None:
         self.process = subprocess.Popen(
-            words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+            [*program, "serve", "--port", "0", *sessions],
+            cwd=cwd,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
         )
+        self._left = ""
         try:
             self.said = " ".join(self._line() for _ in range(3))
             self.address = self.said.split(" at ")[1].split()[0]
@@ -52,8 +63,13 @@ class Served:
         status = self.process.wait(PATIENCE_S)
         for stream in (self.process.stdout, self.process.stderr):
             assert stream is not None
-            stream.close()
+            with stream:
+                self._left += stream.read().decode()
         return status
+
+    def left(self) -> str:
+        """What it said after its first lines, once it is stopped."""
+        return self._left
 
 
 @pytest.fixture
@@ -223,10 +239,99 @@ def test_without_the_extra_the_way_to_it_is_said(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
-def test_a_file_name_is_never_a_command(tmp_path: Path) -> None:
-    from app.serving import replay_command
+def test_a_file_name_is_never_a_command_or_an_option(tmp_path: Path) -> None:
+    evil = tmp_path / "a; touch b $(c) 'd' & e.jsonl"
+    words = replay_command([evil, Path("--json")])
+    assert words[1:6] == ["-P", "-m", "app", "replay", "--served"]
+    assert words[6:] == ["--", str(evil), str(Path("--json").absolute())]
 
-    evil = tmp_path / "a; touch b $(c) 'd'.jsonl"
-    words = shlex.split(replay_command([evil, Path("--json")]))
-    assert words[1:5] == ["-m", "app", "replay", "--served"]
-    assert words[5:] == ["--", str(evil), str(Path("--json").absolute())]
+
+async def test_a_strangers_folder_runs_nothing(tmp_path: Path) -> None:
+    """The program as installed, begun in a folder with Python files of the names it imports."""
+    names = ("app", "calib", "drivers", "protocols", "textual", "aiohttp", "numpy")
+    files = [tmp_path / name / "__init__.py" for name in names] + [tmp_path / "app" / "__main__.py"]
+    for file in (*files, tmp_path / "typer.py", tmp_path / "sitecustomize.py"):
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(f"open({str(tmp_path / 'ran')!r}, 'a').write(__file__)\n")
+    session = tmp_path / "$(touch ran) & touch ran.jsonl"
+    shutil.copy(SAMPLE, session)
+    served = Served(session, program=[Path(sys.executable).with_name("glidecal")], cwd=tmp_path)
+    try:
+        await in_a_tab(served, lambda tab: shown(tab, "PAUSED"))
+    finally:
+        served.stop()
+    assert not (tmp_path / "ran").exists()
+
+
+def test_a_plain_request_for_the_socket_is_told_to_upgrade(served: Served) -> None:
+    status, words = fetch(served.address + "/ws")
+    assert status == 426
+    assert served.address in words
+    assert served.stop() == 0
+    assert served.left() == ""
+
+
+async def test_so_many_tabs_and_no_more(served: Served) -> None:
+    async with aiohttp.ClientSession() as session, contextlib.AsyncExitStack() as tabs:
+
+        async def opened() -> aiohttp.ClientWebSocketResponse:
+            return await session.ws_connect(f"{served.address}/ws")
+
+        for _ in range(MOST_TABS):
+            await tabs.enter_async_context(await opened())
+        with pytest.raises(aiohttp.WSServerHandshakeError, match="503"):
+            await opened()
+        status, words = await asyncio.to_thread(fetch, served.address)
+        assert status == 503
+        assert f"{MOST_TABS} tabs are open" in words
+        assert len(children(served.process.pid)) == MOST_TABS
+    assert await asyncio.to_thread(all_gone, children(served.process.pid))
+    assert (await asyncio.to_thread(fetch, served.address))[0] == 200
+
+
+async def test_no_tab_is_larger_than_any_screen(served: Served) -> None:
+    """Twice too large: as it begins, and by a message."""
+    async with (
+        aiohttp.ClientSession() as session,
+        session.ws_connect(f"{served.address}/ws?width=20000&height=20000") as tab,
+    ):
+        await shown(tab, "PAUSED")
+        (process,) = children(served.process.pid)
+        started = Path(f"/proc/{process}/environ").read_text().split("\0")
+        assert {"COLUMNS=500", "ROWS=200"} <= set(started)
+        await tab.send_json(["resize", {"width": 10**9, "height": -5}])
+        await tab.send_json(["resize", {"width": 80, "height": 24}])
+        await tab.send_json(["stdin", "\x1b[C\x1b[C"])
+        await shown(tab, "Taken, step 2")
+        memory = Path(f"/proc/{process}/status").read_text().partition("VmHWM:")[2].split()[0]
+        assert int(memory) < 400_000  # kB
+    assert await asyncio.to_thread(all_gone, {process})
+
+
+@pytest.mark.parametrize(
+    "message",
+    ["", "[]", "3", "[" * 100_000, '["resize", {"width": Infinity, "height": 1}]', '["stdin", 7]'],
+)
+async def test_what_no_page_sends_ends_its_tab_only(served: Served, message: str) -> None:
+    async with (
+        aiohttp.ClientSession() as session,
+        session.ws_connect(f"{served.address}/ws") as tab,
+    ):
+        await tab.send_str(message)
+        async with asyncio.timeout(PATIENCE_S):
+            async for _ in tab:
+                pass
+    assert await asyncio.to_thread(all_gone, children(served.process.pid))
+    assert served.stop() == 0
+    assert served.left() == ""
+
+
+async def test_a_process_that_does_not_listen_ends_with_its_tab(served: Served) -> None:
+    async with (
+        aiohttp.ClientSession() as session,
+        session.ws_connect(f"{served.address}/ws") as tab,
+    ):
+        await shown(tab, "PAUSED")
+        (process,) = children(served.process.pid)
+        os.kill(process, signal.SIGSTOP)
+    assert await asyncio.to_thread(all_gone, {process})

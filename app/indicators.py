@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import math
+import platform
 import re
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from calib.errors import GlidecalError
 from drivers.outcome import Asked, Unit
+from drivers.port import check_port
 from drivers.profile import Profile
 from drivers.profiles import profile_named
 from drivers.profiles.ascii_line import ascii_line
@@ -20,6 +25,17 @@ SIMULATED = "simulated"
 DEFAULT_PROFILE = "mitutoyo-01a"
 SPEC = re.compile(r"(?P<profile>[\w-]+):(?P<port>.+?)(?:@(?P<axes>[^@/\\]*))?")
 FORM = "PROFILE:PORT or PROFILE:PORT@AXES, as in mitutoyo-01a:/dev/ttyUSB0@yx"
+
+OF_A_FILE = re.compile(
+    r"/dev/(?!.*\.\.)[ -~]+"
+    r"|(?:\\\\\.\\)?(?:COM|CNC[AB])\d{1,3}"
+    r"|socket://(?:127\.\d{1,3}\.\d{1,3}\.\d{1,3}|localhost|\[::1\]):\d{1,5}",
+    re.ASCII | re.IGNORECASE,
+)
+"""Ports that a file may name: what is plugged into this computer, or listens on it."""
+
+OWN_REQUEST = re.compile(r"(?:[ -~]{1,32}(?:\r\n|\r|\n)?)?")
+"""One short line, or nothing. It stands in a file, and whoever reads the port would obey more."""
 
 
 def parse_indicator(text: str) -> Instrument:
@@ -40,8 +56,10 @@ def check_indicators(instruments: Sequence[Instrument]) -> None:
     for instrument in instruments:
         try:
             profile_of(instrument)
+            check_port(instrument.port)
         except GlidecalError as problem:
             faults.append(f"{problem.thing} {problem.found}")
+        faults += _request_faults(instrument)
     ports = [i.port for i in instruments if i.port != SIMULATED]
     faults += [f"port {port} twice" for port in dict.fromkeys(ports) if ports.count(port) > 1]
     if not 1 <= len(instruments) <= 2:
@@ -54,6 +72,44 @@ def check_indicators(instruments: Sequence[Instrument]) -> None:
             "; ".join(faults),
             "one or two different ports, known profiles, and axes that fit every leg",
         )
+
+
+def _request_faults(instrument: Instrument) -> list[str]:
+    """What is wrong with a request of one's own: a socket may be any service of this computer."""
+    request = instrument.request or ""
+    if request and "://" in instrument.port:
+        return [f"request {request!r:.60} to {instrument.port!r}, which is no serial port"]
+    if not OWN_REQUEST.fullmatch(request):
+        return [f"request {request!r:.60}, not one line of at most 32 plain characters"]
+    return []
+
+
+def from_file(instruments: Sequence[Instrument], source: str) -> tuple[Instrument, ...]:
+    """The indicators that a file names. Raises UsageError for a port that only a person may name.
+
+    A file may come from a stranger: it must not make this computer talk to another one, nor open
+    what is no port.
+    """
+    for port in (instrument.port for instrument in instruments):
+        if port != SIMULATED and not OF_A_FILE.fullmatch(port):
+            raise UsageError(
+                f"port in {source}",
+                f"{port!r:.80}",
+                "a serial port as /dev/ttyUSB0 or COM5, or a socket of this computer",
+                "If it is meant, name it yourself: --indicator PROFILE:PORT@AXES.",
+            )
+    return tuple(instruments)
+
+
+def this_computer() -> str:
+    """A digest that tells computers apart; their names cannot be read from it.
+
+    Where there is no machine-id it is the name alone that counts. It is no signature.
+    """
+    known = [platform.node()]
+    with contextlib.suppress(OSError):
+        known.append(Path("/etc/machine-id").read_text(encoding="ascii", errors="replace"))
+    return hashlib.sha256("\n".join(["glidecal computer", *known]).encode()).hexdigest()[:16]
 
 
 def choose_indicators(
@@ -74,7 +130,7 @@ def choose_indicators(
         raise UsageError("--simulated and a port", "both", "one of them")
     if simulated:
         return simulated_indicators([profile])
-    instruments = tuple(chosen) or machine.indicator
+    instruments = tuple(chosen) or from_file(machine.indicator, "the machine file")
     if instruments:
         check_indicators(instruments)
     return instruments

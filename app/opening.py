@@ -13,7 +13,14 @@ from pathlib import Path
 from app.acquisition import Gauge
 from app.bench import BenchSettings, SimulatedBench, hidden_machine
 from app.guided import GuidedSession
-from app.indicators import SIMULATED, asked_of, check_indicators, profile_of
+from app.indicators import (
+    SIMULATED,
+    asked_of,
+    check_indicators,
+    from_file,
+    profile_of,
+    this_computer,
+)
 from app.solving import Solved, solve_for_controller
 from calib.errors import GlidecalError
 from drivers.twin_port import Transport, default_transport
@@ -82,7 +89,12 @@ def opened_event(plan: Plan) -> Opened:
         operator=plan.operator,
         temperature_c=plan.temperature_c,
         verifies=plan.verifies,
+        computer=None if plan.simulated else this_computer(),
     )
+
+
+class PortsUnknown(UsageError):
+    """The ports of a record are those of another computer."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +172,8 @@ def continue_session(plan: Plan) -> GuidedSession:
 def plan_to_continue(path: Path, instruments: tuple[Instrument, ...] = ()) -> Plan:
     """The plan of an interrupted session, on the same indicators unless others are named.
 
-    Raises RecordError where the record is altered, closed or was imported.
+    Raises RecordError where the record is altered, closed or was imported, PortsUnknown where it
+    was begun on another computer and no indicators are named.
     """
     record = read_record(path)
     opened = record.opened
@@ -174,13 +187,28 @@ def plan_to_continue(path: Path, instruments: tuple[Instrument, ...] = ()) -> Pl
         path=path,
         machine=opened.machine,
         procedure=opened.procedure,
-        instruments=instruments or opened.instruments,
+        instruments=instruments or _known_here(path, opened),
         operator=opened.operator,
         temperature_c=opened.temperature_c,
         seed=opened.seed or 0,
         before=_verified(path, opened.verifies),
         verifies=opened.verifies,
     )
+
+
+def _known_here(path: Path, opened: Opened) -> tuple[Instrument, ...]:
+    """The indicators of a record, if its ports mean anything here."""
+    instruments = from_file(opened.instruments, f"session {path}")
+    simulated = all(instrument.port == SIMULATED for instrument in instruments)
+    if not simulated and opened.computer != this_computer():
+        anew = " ".join(f"--indicator PROFILE:PORT@{i.axes}" for i in instruments)
+        raise PortsUnknown(
+            f"session {path}",
+            "ports that were not named on this computer",
+            f"its indicators named anew: {anew}",
+            "A machine file with [[indicator]] does it too: --machine FILE.",
+        )
+    return instruments
 
 
 def _verified(path: Path, verifies: str | None) -> Solved | None:

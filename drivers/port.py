@@ -26,11 +26,15 @@ except ImportError:  # Windows has no termios
 SLICE_S = 0.05
 """How long a read waits before its caller looks up whether it is to stop."""
 
+OVER_A_NETWORK = ("socket", "rfc2217")
+"""The URLs of pyserial that lead to a device; its others write files, log, or search."""
+
 PSEUDO_TERMINALS = ("/dev/pts/", "/dev/ttys00")
 
 
 def open_port(profile: Profile, port: str) -> serial.Serial:
     """The open port with the profile's settings. Raises IndicatorError in plain words."""
+    check_port(port)
     settings = _as_the_port_allows(profile.line, port)
     try:
         opened = serial.serial_for_url(
@@ -50,6 +54,14 @@ def open_port(profile: Profile, port: str) -> serial.Serial:
     except PORT_ERRORS as problem:
         raise cannot_open(port, problem) from problem
     return opened
+
+
+def check_port(port: str) -> None:
+    """Raises IndicatorError for a URL that is no way to a device, such as ``spy://``."""
+    scheme, url, _ = port.partition("://")
+    if url and scheme.lower() not in OVER_A_NETWORK:
+        allowed = " or ".join(f"{known}://HOST:PORT" for known in OVER_A_NETWORK)
+        raise IndicatorError(f"port {port!r}", f"{scheme[:20]!r}", f"a serial port, {allowed}")
 
 
 def _as_the_port_allows(line: LineSettings, port: str) -> LineSettings:

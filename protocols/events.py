@@ -27,6 +27,7 @@ class Opened(Line):
     """First line: the schema and everything known before measuring.
 
     ``seed`` is set for simulated machines only, so that an interrupted simulation can go on;
+    ``computer`` tells the computers apart on which ports were named;
     ``verifies`` names the session whose offsets were entered before this one.
     """
 
@@ -41,6 +42,7 @@ class Opened(Line):
     operator: str = ""
     temperature_c: float | None = None
     verifies: str | None = None
+    computer: str | None = None
     remarks: tuple[str, ...] = ()
 
 

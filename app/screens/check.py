@@ -10,11 +10,12 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.screen import Screen
-from textual.widgets import Footer, Header, Static
+from textual.widgets import Footer, Static
 
 from app.exit_codes import exit_code
 from app.guided import GuidedSession
 from app.opening import Indicators, Plan, begin, open_indicators, resume
+from app.screens.hasty import Title
 from app.screens.interface import Interface
 from app.screens.measure import MeasureScreen
 from app.screens.widgets import GaugeDisplay
@@ -46,7 +47,7 @@ class CheckScreen(Screen[None]):
         self._problem: GlidecalError | None = None
 
     def compose(self) -> ComposeResult:
-        yield Header()
+        yield Title()
         yield Static(OPENING, id="words", markup=False)
         with Horizontal(id="gauges"):
             for number in range(len(self._plan.axes)):
@@ -66,11 +67,16 @@ class CheckScreen(Screen[None]):
             self.app.call_from_thread(self._opened, indicators)
 
     def _refused(self, problem: GlidecalError) -> None:
+        if self not in self.app.screen_stack:
+            return
         self._problem = problem
         self.query_one("#words", Static).update(f"{problem}\n\nR tries again, Escape goes back.")
         self.refresh_bindings()
 
     def _opened(self, indicators: Indicators) -> None:
+        if self not in self.app.screen_stack:  # left meanwhile: nobody else would close them
+            indicators.close()
+            return
         self.app.indicators = indicators
         self.refresh_bindings()
         self.query_one("#words", Static).update(check_text(self._plan, continued=self._continued))

@@ -9,10 +9,11 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
 from textual.events import Resize
 from textual.screen import Screen
-from textual.widgets import Footer, Header, Static
+from textual.widgets import Footer, Static
 
 from app.comparing import Comparison
 from app.plots import before_and_after
+from app.screens.hasty import Title
 from app.screens.interface import Interface
 from app.screens.plot import ChartPlot
 from app.wording.comparison import COMPARISON_HELP, comparison_report
@@ -40,7 +41,7 @@ class CompareScreen(Screen[None]):
         self._text = comparison_report(comparison)
 
     def compose(self) -> ComposeResult:
-        yield Header()
+        yield Title()
         before, after = self._comparison.before.solution, self._comparison.after.solution
         with Horizontal(id="compare"):
             with VerticalScroll(id="compare-words"):

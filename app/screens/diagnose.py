@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -126,10 +127,14 @@ class DiagnoseScreen(PagedScreen):
             cells = residual_cells(found)
         except GlidecalError as problem:
             if not worker.is_cancelled:
-                self.app.call_from_thread(self._fail, problem)
+                self.app.call_from_thread(self._found, partial(self._fail, problem))
         else:
             if not worker.is_cancelled:
-                self.app.call_from_thread(self._show, found, cells)
+                self.app.call_from_thread(self._found, partial(self._show, found, cells))
+
+    def _found(self, show: Callable[[], None]) -> None:
+        if self in self.app.screen_stack:  # nobody left it meanwhile
+            show()
 
     def _fail(self, problem: GlidecalError) -> None:
         self.looking = False

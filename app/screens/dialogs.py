@@ -11,7 +11,7 @@ from textual.containers import Vertical, VerticalScroll
 from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
-from app.screens.hasty import Choices, Dialog
+from app.screens.hasty import Dialog
 
 
 class TextDialog(Dialog[str]):
@@ -56,7 +56,7 @@ class ChoiceDialog(Dialog[str]):
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog"):
             yield Static(self._question, markup=False)
-            yield Choices(*(Option(words) for _, words in self._choices), markup=False)
+            yield OptionList(*(Option(words) for _, words in self._choices), markup=False)
             yield Static("Arrow keys and Enter, or the number. Escape leaves.", markup=False)
 
     def on_mount(self) -> None:

@@ -8,7 +8,9 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
 from textual.screen import Screen
-from textual.widgets import Footer, Header, Static
+from textual.widgets import Footer, Static
+
+from app.screens.hasty import Title
 
 
 class DryRunScreen(Screen[None]):
@@ -28,7 +30,7 @@ class DryRunScreen(Screen[None]):
         self._text = text
 
     def compose(self) -> ComposeResult:
-        yield Header()
+        yield Title()
         with VerticalScroll(id="dry-run"):
             yield Static(self._text, id="dry-run-text", markup=False)
         yield Footer()

@@ -1,4 +1,4 @@
-"""Screens and lists that bear keys coming faster than Textual handles them (8.2.8).
+"""Actions, screens and a palette that bear keys coming faster than Textual handles them (8.2.8).
 
 A pasted text, a bouncing foot switch and a cat on the keyboard are such keys.
 """
@@ -11,11 +11,27 @@ from typing import Any
 
 from textual.await_complete import AwaitComplete
 from textual.command import CommandPalette
+from textual.dom import DOMNode
+from textual.events import Mount
 from textual.screen import ModalScreen, Screen, ScreenResultType
-from textual.widgets import OptionList
+from textual.widget import Widget
+from textual.widgets import Header, OptionList, Static
 from textual.worker import Worker
 
 PAGES = ("page_up", "page_down")
+
+
+def ready(node: DOMNode | None) -> bool:
+    """Whether a key may act on this part: its screen is whole and on top.
+
+    Textual acts on a screen that is gone or half made, whose parts are missing, and turns the pages
+    of a list that was not laid out: NoMatches, KeyError.
+    """
+    if not isinstance(node, Widget):
+        return True
+    if isinstance(node, OptionList) and not node.scrollable_content_region:
+        return False
+    return node.is_attached and node.screen.is_active and node.screen.is_mounted
 
 
 def once(screen: Screen[Any], dismiss: Callable[[], AwaitComplete]) -> AwaitComplete:
@@ -37,15 +53,8 @@ class Dialog(ModalScreen[ScreenResultType]):
         return once(self, partial(super().dismiss, result))
 
 
-class Choices(OptionList):
-    """A list that ignores Page keys until it has been laid out: Textual raises KeyError."""
-
-    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        return action not in PAGES or bool(self.scrollable_content_region)
-
-
 class Palette(CommandPalette):
-    """The command palette, which hands Page keys on to such a list.
+    """The command palette, which hands Page keys on to a list only once it is laid out.
 
     Without an id: Textual gives its own one, and a palette that is still going clashes with it.
     """
@@ -65,3 +74,12 @@ class Palette(CommandPalette):
     ) -> Worker[Any]:
         """A search; a key that comes while the palette goes starts one that finds no list."""
         return super().run_worker(*arguments, **(options | {"exit_on_error": False}))
+
+
+class Title(Header):
+    """Textual's header with a title that stays: the watcher of its own outlives its parts."""
+
+    def on_mount(self, event: Mount) -> None:
+        event.prevent_default()
+        for title in self.query("HeaderTitle").results(Static):
+            title.update(self.format_title())

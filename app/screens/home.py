@@ -11,19 +11,20 @@ from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
-from textual.widgets import Footer, Header, OptionList, Static
+from textual.widgets import Footer, OptionList, Static
 from textual.widgets.option_list import Option
 
 from app.bench import BenchSettings
 from app.comparing import compare_files, partner_of
 from app.demo import DEMO_MOTION_S, demo_plan, export_offsets
 from app.folders import writable_folder
-from app.opening import plan_to_continue
+from app.indicators import parse_indicator
+from app.opening import PortsUnknown, plan_to_continue
 from app.recent import Recent, follow_up, recent_sessions
 from app.screens.check import CheckScreen
 from app.screens.compare import CompareScreen
-from app.screens.dialogs import ChoiceDialog
-from app.screens.hasty import Choices
+from app.screens.dialogs import ChoiceDialog, TextDialog
+from app.screens.hasty import Title
 from app.screens.interface import Interface
 from app.screens.pick import PickScreen
 from app.screens.prepare import PrepareScreen
@@ -32,6 +33,8 @@ from app.wording.home import (
     HOME_CHOICES,
     HOME_HELP,
     PARTNER_CHOICES,
+    PORTS_HINT,
+    PORTS_QUESTION,
     READING_ONLY,
     WHICH,
     partner_question,
@@ -57,9 +60,9 @@ class HomeScreen(Screen[None]):
         self._working = False
 
     def compose(self) -> ComposeResult:
-        yield Header()
+        yield Title()
         yield Static("What do you want to do? Arrow keys and Enter.", markup=False, id="question")
-        yield Choices(id="choices", markup=False)
+        yield OptionList(id="choices", markup=False)
         yield Footer()
 
     def on_mount(self) -> None:
@@ -121,14 +124,30 @@ class HomeScreen(Screen[None]):
             elif session is None:
                 self._pick(WHICH[what], partial(self._do, what))
             elif what == "continue":
-                plan = plan_to_continue(session.path)
-                self.app.push_screen(CheckScreen(plan, continued=True))
+                self._continue(session.path)
             elif what == "replay":
                 self._replay(session.path)
             elif what == "diagnose":
                 self._diagnose(session.path)
             else:
                 self._start(partial(JOBS[what], self, session.path))
+        except GlidecalError as problem:
+            self.app.complain(problem)
+
+    def _continue(self, path: Path, typed: str = "") -> None:
+        """The instrument check, after asking for the ports of a record of another computer."""
+        try:
+            plan = plan_to_continue(path, tuple(map(parse_indicator, typed.split())))
+        except PortsUnknown as problem:
+            dialog = TextDialog(PORTS_QUESTION.format(problem.thing), PORTS_HINT)
+            self.app.push_screen(dialog, partial(self._continue_with, path))
+        else:
+            self.app.push_screen(CheckScreen(plan, continued=True))
+
+    def _continue_with(self, path: Path, typed: str | None) -> None:
+        try:
+            if typed:
+                self._continue(path, typed)
         except GlidecalError as problem:
             self.app.complain(problem)
 

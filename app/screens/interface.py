@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Any, ClassVar
 
+from textual.actions import ActionParseResult
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.command import CommandPalette
+from textual.dom import DOMNode
+from textual.events import Event, InputEvent
 from textual.screen import Screen
 from textual.theme import ThemeProvider
 from textual.widget import Widget
@@ -19,7 +22,7 @@ from app.exit_codes import Exit
 from app.guided import GuidedSession
 from app.opening import Indicators, unused_path
 from app.screens.dialogs import HelpDialog
-from app.screens.hasty import Palette
+from app.screens.hasty import Palette, ready
 from app.screens.leaving import on_signals
 from app.settings import Settings, save_theme, settings_path
 from app.wording.settings import key_list_text
@@ -71,6 +74,22 @@ class Interface(App[str]):
             self.theme = self._settings.theme
         self.set_keymap(self._settings.keys)
         self.push_screen(self._first)
+
+    async def on_event(self, event: Event) -> None:
+        """Input that comes when the last screen is gone is nobody's."""
+        if self.screen_stack or not isinstance(event, InputEvent):
+            await super().on_event(event)
+
+    async def run_action(
+        self,
+        action: str | ActionParseResult,
+        default_namespace: DOMNode | None = None,
+        namespaces: Mapping[str, DOMNode] | None = None,
+    ) -> bool:
+        """What a key does; nothing where it comes before its screen is ready, or too late."""
+        if not ready(default_namespace):
+            return False
+        return await super().run_action(action, default_namespace, namespaces)
 
     def action_command_palette(self) -> None:
         """The palette, unless one is open, be it under a screen that came while it was."""

@@ -8,12 +8,12 @@ from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.widgets import Footer, Header, OptionList, Static
+from textual.widgets import Footer, OptionList, Static
 from textual.widgets.option_list import Option
 
 from app.recent import Recent, look_at
 from app.screens.dialogs import TextDialog
-from app.screens.hasty import Choices, Leaving
+from app.screens.hasty import Leaving, Title
 from app.screens.interface import Interface
 from app.wording.home import ELSEWHERE, NO_SESSIONS, PICK_KEYS, session_label
 
@@ -41,11 +41,11 @@ class PickScreen(Leaving[Recent]):
         self._proposed = proposed
 
     def compose(self) -> ComposeResult:
-        yield Header()
+        yield Title()
         words = self._question if self._sessions else f"{self._question}\n{NO_SESSIONS}"
         yield Static(f"{words}\n{PICK_KEYS}", markup=False, id="question")
         labels = [Option(session_label(session)) for session in self._sessions]
-        yield Choices(*labels, Option(ELSEWHERE), id="choices", markup=False)
+        yield OptionList(*labels, Option(ELSEWHERE), id="choices", markup=False)
         yield Footer()
 
     def on_mount(self) -> None:

@@ -11,17 +11,19 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
 from textual.content import Content
 from textual.screen import Screen
-from textual.widgets import Footer, Header, Input, Label, Select, Static
+from textual.widgets import Footer, Input, Label, Select, Static
 
 from app.indicators import (
     DEFAULT_PROFILE,
     check_indicators,
+    from_file,
     parse_indicator,
     some_indicators,
 )
 from app.opening import Plan, session_name
 from app.screens.check import CheckScreen
 from app.screens.dry_run import DryRunScreen
+from app.screens.hasty import Title
 from app.screens.interface import Interface
 from app.wording.home import FIELD_HELP, PREPARE_HELP
 from app.wording.session import dry_run_text, procedure_sentence
@@ -59,7 +61,7 @@ class PrepareScreen(Screen[None]):
     ]
 
     def compose(self) -> ComposeResult:
-        yield Header()
+        yield Title()
         with VerticalScroll(id="form"):
             with Horizontal(classes="field"):
                 yield Label("Procedure", markup=False)
@@ -134,7 +136,8 @@ class PrepareScreen(Screen[None]):
 
     def _instruments(self, machine: Machine) -> tuple[Instrument, ...]:
         named = [value for value in map(self._value, ("indicator1", "indicator2")) if value]
-        instruments = tuple(map(parse_indicator, named)) or machine.indicator
+        instruments = tuple(map(parse_indicator, named))
+        instruments = instruments or from_file(machine.indicator, "the machine file")
         if instruments:
             check_indicators(instruments)
         return instruments

@@ -9,11 +9,11 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
-from textual.widgets import Footer, Header, OptionList, Static
+from textual.widgets import Footer, OptionList, Static
 from textual.widgets.option_list import Option
 
 from app.recent import look_at
-from app.screens.hasty import Choices
+from app.screens.hasty import Title
 from app.screens.interface import Interface
 from app.screens.replay import ReplayScreen
 from app.wording.home import session_label
@@ -35,10 +35,10 @@ class ReplayChoiceScreen(Screen[None]):
         self._paths = tuple(paths)
 
     def compose(self) -> ComposeResult:
-        yield Header()
+        yield Title()
         yield Static(REPLAY_QUESTION, markup=False, id="question")
         labels = (Option(session_label(look_at(path))) for path in self._paths)
-        yield Choices(*labels, id="choices", markup=False)
+        yield OptionList(*labels, id="choices", markup=False)
         yield Footer()
 
     def on_mount(self) -> None:

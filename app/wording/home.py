@@ -74,6 +74,9 @@ def partner_question(after: Path, before: Path) -> str:
     return f"{after.name}\nwas measured to verify\n{before.name}"
 
 
+PORTS_QUESTION = "The ports of {} are those of another computer. Which are they here?"
+PORTS_HINT = "mitutoyo-01a:COM5@yx sylvac:COM6@zy, with the axes as before"
+
 PARTNER_CHOICES = (
     ("both", "1  Compare these two"),
     ("other", "2  Another session after this one"),

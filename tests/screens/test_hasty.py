@@ -1,0 +1,116 @@
+"""Keys faster than the screens: none of them crashes, none leaves the screen below."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import random
+import shutil
+import string
+from pathlib import Path
+
+import pytest
+from textual import events
+from textual.pilot import Pilot
+from textual.screen import Screen
+
+from app.screens.dialogs import ChoiceDialog, HelpDialog, TextDialog
+from app.screens.hasty import Palette
+from app.screens.home import HomeScreen
+from app.screens.interface import Interface
+from app.screens.replay import ReplayScreen
+from tests.conftest import SAMPLES
+from tests.screens.driving import SIZE, until
+
+SAMPLE = SAMPLES / "simulated_zero-max-min.jsonl"
+KEYS = [
+    *("ctrl+p", "enter", "escape") * 3,
+    *("up", "down", "left", "right", "tab", "shift+tab", "space", "backspace"),
+    *("f1", "f2", "f5", "pageup", "pagedown", "home", "end"),
+    *(string.ascii_lowercase + string.digits),
+]
+MASHED = int(os.environ.get("GLIDECAL_FUZZ", "200"))
+"""Keys of one seed; a run that quits by them begins again."""
+
+
+def strike(interface: Interface, key: str) -> None:
+    """A key as a terminal sends it: nobody waits for what it does."""
+    character = {"space": " "}.get(key, key if len(key) == 1 else None)
+    interface.post_message(events.Key(key, character))
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("GLIDECAL_SETTINGS", str(tmp_path / "settings.toml"))
+    shutil.copy(SAMPLE, tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(("served", "seed"), [(True, 12), (True, 4), (False, 100)])
+async def test_mashed_keys(folder: Path, served: bool, seed: int) -> None:
+    """The crashes that were found: palette, lists, screens left twice or before they were there."""
+    drawn = random.Random(seed)
+    left = MASHED
+    while left > 0:
+        first: Screen[None] = ReplayScreen(SAMPLE) if served else HomeScreen()
+        interface = Interface(first, read_only=served)
+        async with interface.run_test(size=SIZE):  # raises what the screens raise
+            while left > 0 and interface.is_running and interface.return_value is None:
+                left -= 1
+                strike(interface, drawn.choice(KEYS))
+                if drawn.random() < 0.3:
+                    await asyncio.sleep(0.02 * drawn.random())
+        assert not interface.return_code
+
+
+async def struck(pilot: Pilot[str], interface: Interface, *keys: str) -> None:
+    for key in keys:
+        strike(interface, key)
+    await pilot.pause()
+    await pilot.pause(0.1)
+
+
+async def test_page_keys_before_a_list_is_laid_out(folder: Path) -> None:
+    interface = Interface(HomeScreen())
+    async with interface.run_test(size=SIZE) as pilot:
+        await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
+        for _ in range(3):
+            await struck(pilot, interface, "ctrl+p", "down", "pagedown", "pageup", "pagedown")
+            await until(pilot, "palette", lambda: isinstance(interface.screen, Palette))
+            await struck(pilot, interface, "escape", "pagedown", "pageup")
+            await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
+
+
+@pytest.mark.parametrize(
+    "dialog", [TextDialog("Why?", ""), ChoiceDialog("Which?", [("a", "a")]), HelpDialog("So.")]
+)
+async def test_a_screen_that_is_left_twice_takes_no_other_with_it(
+    folder: Path, dialog: Screen[str] | Screen[None]
+) -> None:
+    interface = Interface(ReplayScreen(SAMPLE))
+    async with interface.run_test(size=SIZE) as pilot:
+        await until(pilot, "replay", lambda: isinstance(interface.screen, ReplayScreen))
+        await interface.push_screen(dialog)
+        await struck(pilot, interface, *["enter"] * 5)
+        assert isinstance(interface.screen, ReplayScreen)
+        dialog.dismiss(None)
+        await pilot.pause()
+        assert isinstance(interface.screen, ReplayScreen)
+
+
+async def test_one_palette_at_a_time(folder: Path) -> None:
+    """Also where a result came over it, and one after the other."""
+    interface = Interface(ReplayScreen(SAMPLE))
+    async with interface.run_test(size=SIZE) as pilot:
+        await until(pilot, "replay", lambda: isinstance(interface.screen, ReplayScreen))
+        await struck(pilot, interface, *["ctrl+p"] * 3)
+        await until(pilot, "palette", lambda: isinstance(interface.screen, Palette))
+        await interface.push_screen(HelpDialog("over it"))
+        await struck(pilot, interface, "ctrl+p")
+        palettes = [screen for screen in interface.screen_stack if isinstance(screen, Palette)]
+        assert len(palettes) == 1
+        await struck(pilot, interface, "escape", "escape", "ctrl+p", "escape")
+        await pilot.pause(0.2)
+        await pilot.press("ctrl+p")
+        await until(pilot, "palette", lambda: isinstance(interface.screen, Palette))

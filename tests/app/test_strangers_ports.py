@@ -8,9 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from textual.widgets import Input
 
 from app.indicators import check_indicators, from_file, parse_indicator, this_computer
 from app.opening import PortsUnknown, opened_event, plan_to_continue
+from app.screens.check import CheckScreen
+from app.screens.dialogs import TextDialog
+from app.screens.home import HomeScreen
+from app.screens.interface import Interface
 from drivers.errors import IndicatorError
 from drivers.port import open_port
 from drivers.profiles import profile_named
@@ -18,7 +23,7 @@ from protocols.errors import UsageError
 from protocols.journal import Journal
 from protocols.machine import Instrument
 from tests.app.cli import refused
-from tests.screens.driving import quick_plan
+from tests.screens.driving import SIZE, quick_plan, said, text, until
 
 HOSTILE = (
     "spy:///dev/ttyUSB0?file=victim",
@@ -193,3 +198,28 @@ def test_the_digest_of_a_computer_does_not_name_it() -> None:
     assert this_computer() == this_computer()
     assert len(this_computer()) == 16
     assert platform.node() not in this_computer()
+
+
+async def test_the_screen_asks_for_the_ports(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = begun(tmp_path, ["/dev/ttyUSB0", "/dev/ttyUSB1"], None)
+    monkeypatch.chdir(tmp_path)
+    interface = Interface(HomeScreen())
+    async with interface.run_test(size=SIZE) as pilot:
+        await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
+        await pilot.pause()
+        await pilot.press("enter")  # interrupted sessions come first
+        await until(pilot, "the question", lambda: isinstance(interface.screen, TextDialog))
+        assert "another computer" in text(interface, "Static")
+        nobody = "socket://127.0.0.1:1"
+        interface.screen.query_one(Input).value = f"sylvac:{nobody}@x sylvac:{nobody}@y"
+        await pilot.press("enter")
+        await until(pilot, "a refusal", lambda: "other axes" in said(interface))
+        await pilot.press("enter")
+        await until(pilot, "the question", lambda: isinstance(interface.screen, TextDialog))
+        interface.screen.query_one(Input).value = f"sylvac:{nobody} sylvac:socket://127.0.0.1:2"
+        await pilot.press("enter")
+        await until(pilot, "the check", lambda: isinstance(interface.screen, CheckScreen))
+        await until(pilot, "no port", lambda: "nobody listens" in text(interface, "#words"))
+    assert len(path.read_bytes().splitlines()) == 1

@@ -29,7 +29,7 @@ KEYS = [
     *("f1", "f2", "f5", "pageup", "pagedown", "home", "end"),
     *(string.ascii_lowercase + string.digits),
 ]
-MASHED = int(os.environ.get("GLIDECAL_FUZZ", "200"))
+MASHED = min(5000, int(os.environ.get("GLIDECAL_FUZZ", "200")))
 """Keys of one seed; a run that quits by them begins again."""
 
 

@@ -1,7 +1,8 @@
 """Home-made bridges that print one number a line, read with a pattern of the user's own.
 
 The pattern must match the whole line. Its group ``number`` is the value, a group ``unit`` (if there
-is one) the unit. No number is ever searched for inside a line: time stamps are numbers too.
+is one) the unit. No number is ever searched for inside a line: time stamps are numbers too. The
+pattern is read by RE2, whose time grows with the length of the line only, whatever the pattern.
 """
 
 from __future__ import annotations
@@ -9,6 +10,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from itertools import product
+
+import re2
 
 from drivers.errors import IndicatorError
 from drivers.outcome import Asked, FaultKind, Outcome, Unit, not_understood, reading
@@ -24,14 +27,21 @@ UNITS = dict.fromkeys(("inches", "inch", "in", "IN", "I", '"'), Unit.INCH)
 UNITS |= dict.fromkeys(("mm", "MM", "M"), Unit.MM) | dict.fromkeys(("um", "µm"), Unit.MICROMETRE)
 
 
-def checked(pattern: str) -> re.Pattern[str]:
+def checked(pattern: str) -> re2._Regexp:
     """The compiled pattern. Raises IndicatorError if it cannot give a number."""
-    allowed = f"a regular expression with a group named number, such as {EXAMPLE}"
+    allowed = (
+        f"a regular expression with a group named number, such as {EXAMPLE}, "
+        "without look-around and back-references"
+    )
+    quiet = re2.Options()
+    quiet.log_errors = False
     try:
-        compiled = re.compile(pattern, re.ASCII)
-        number = re.compile(source_of_number(pattern), re.ASCII)
-    except (re.error, ValueError, OverflowError, RecursionError) as problem:
-        found = f"{pattern!r} ({problem})"
+        compiled = re2.compile(pattern, quiet)
+        number = re2.compile(source_of_number(pattern), quiet)
+    except (re2.error, UnicodeError) as problem:
+        said = problem.args[0]
+        why = said.decode("utf-8", "replace") if isinstance(said, bytes) else str(problem)
+        found = f"{pattern!r} ({why})"
         raise IndicatorError("pattern of ascii-line", found, allowed) from problem
     if "number" not in compiled.groupindex:
         raise IndicatorError("pattern of ascii-line", f"{pattern!r} without that group", allowed)

@@ -341,9 +341,12 @@ def test_no_value_from_outside_the_grammar(name: str, text: str) -> None:
 @pytest.mark.parametrize(
     ("pattern", "words"),
     [
-        ("(?P<number>[0-9", "unterminated"),
+        ("(?P<number>[0-9", "missing ]"),
         ("(?P<number>a{99999999999999999999})", "pattern of ascii-line"),
-        ("(?u)(?P<number>1)", "incompatible"),
+        ("(?u)(?P<number>1)", "invalid perl operator"),
+        (r"(?P<number>\d+)(?=x)", "look-around"),
+        (r"(\d)\1(?P<number>\d)", "back-references"),
+        ("\ud800", "surrogates not allowed"),
         (r"-?\d+\.\d+", "without that group"),
         ("", "without that group"),
         (r"(?P<number>)\d+", "no number fits"),

@@ -26,7 +26,7 @@ blind: $(VENV)/dev.stamp
 	$(BIN)/python -m tests.blind.run -o docs/blind.md
 
 fuzz: $(VENV)/dev.stamp
-	GLIDECAL_FUZZ=1000000 $(BIN)/pytest -n auto tests/drivers/test_fuzz.py
+	GLIDECAL_FUZZ=1000000 $(BIN)/pytest -n auto tests/drivers/test_fuzz.py tests/drivers/test_exchange.py
 
 samples: $(VENV)/runtime.stamp
 	$(BIN)/python sample_sessions/make.py

@@ -114,7 +114,7 @@ class Gauge:
             self.on_news()
 
     def press(self, _: Outcome) -> None:
-        """A value came unasked: somebody pressed the button. Called by the line."""
+        """Somebody pressed the DATA button. Called by the line, which knows what is a press."""
         self._pressed = True
         self.on_news()
 
@@ -124,10 +124,11 @@ class Gauge:
         return pressed
 
     def restart_window(self) -> None:
-        """Forget what was stable: the machine is about to move."""
+        """Forget what was stable and what was pressed: the machine is about to move."""
         with self._lock:
             self._heard.clear()
             self._span, self._rests = None, False
+            self._pressed = False
 
     def has_moved(self) -> bool:
         """Whether the reading moved since the last `restart_window`."""

@@ -27,6 +27,8 @@ NEXT_STEPS = {
     FaultKind.WRONG_CHANNEL: "Give the channel the indicator is plugged into.",
     FaultKind.WRONG_UNIT: "Set the display to the unit expected, or state its unit.",
     FaultKind.WRONG_PARITY: "Choose a profile with 7 data bits and even parity, as sylvac.",
+    FaultKind.TOO_SLOW: "Find what makes it slow: radio link, hub, another program that asks it.",
+    FaultKind.SENDS_UNASKED: "Switch its continuous output off: it must send on request only.",
     FaultKind.DISCONNECTED: "Plug the cable in again.",
 }
 

@@ -15,6 +15,9 @@ class Unit(StrEnum):
     MICROMETRE = "µm"
 
 
+LONGEST_NUMBER = 18
+"""More digits than this no indicator shows."""
+
 MILLIMETRES = {Unit.MM: Decimal(1), Unit.INCH: Decimal("25.4"), Unit.MICROMETRE: Decimal("0.001")}
 """Exact by definition."""
 
@@ -50,6 +53,8 @@ class FaultKind(StrEnum):
     WRONG_UNIT = "wrong unit"
     WRONG_PARITY = "wrong parity"
     DISCONNECTED = "disconnected"
+    TOO_SLOW = "too slow"
+    SENDS_UNASKED = "sends unasked"
 
 
 @dataclass(frozen=True)
@@ -85,6 +90,8 @@ def reading(
             text,
             f"the indicator reads in {unit}, {asked.unit} is expected: change its unit",
         )
+    if sum(map(str.isdigit, number)) > LONGEST_NUMBER:
+        return not_understood(text)
     value = Decimal(number.replace(" ", ""))
     factor = MILLIMETRES[asked.unit]
     step = Decimal(1).scaleb(int(value.as_tuple().exponent)) * factor

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import socket
-import time
+from collections.abc import Callable
 
 import serial
 
@@ -29,6 +29,9 @@ SLICE_S = 0.05
 OVER_A_NETWORK = ("socket", "rfc2217")
 """The URLs of pyserial that lead to a device; its others write files, log, or search."""
 
+WRITE_S = 0.5
+"""A request is a few bytes: a port that does not take them is blocked."""
+
 PSEUDO_TERMINALS = ("/dev/pts/", "/dev/ttys00")
 
 
@@ -44,7 +47,7 @@ def open_port(profile: Profile, port: str) -> serial.Serial:
             parity=settings.parity,
             stopbits=settings.stop_bits,
             timeout=SLICE_S,
-            write_timeout=profile.timeout_s,
+            write_timeout=WRITE_S,
             do_not_open=True,
             **({} if "://" in port else {"exclusive": True}),
         )
@@ -71,12 +74,12 @@ def _as_the_port_allows(line: LineSettings, port: str) -> LineSettings:
     return line
 
 
-def ask_by_pulse(port: serial.Serial, line: LineSettings) -> None:
+def ask_by_pulse(port: serial.Serial, line: LineSettings, wait: Callable[[float], object]) -> None:
     """Drop DTR for a while where the device is asked like that; virtual ports have no DTR."""
     if line.dtr_pulse_s:
         with contextlib.suppress(OSError):
             port.dtr = not line.dtr
-            time.sleep(line.dtr_pulse_s)
+            wait(line.dtr_pulse_s)
             port.dtr = line.dtr
 
 

@@ -76,7 +76,8 @@ class Profile:
     ``request`` gives the bytes to send (None: the device streams by itself); ``parse`` turns a line
     without its terminator into an outcome, or None for a line to pass over, such as an echo or an
     identification. It is anchored: a whole line of the grammar or no value. ``bad_replies`` are the
-    device's own faults by name; the twin shows them on demand.
+    device's own faults by name; the twin shows them on demand. ``button`` tells that a DATA button
+    or foot switch of the device sends the frame of an answer unasked; without, nothing is a press.
     """
 
     name: str
@@ -93,4 +94,5 @@ class Profile:
     busy_retries: int = 0
     busy_wait_s: float = 0.05
     stream_s: float = 0.0
+    button: bool = False
     hint: str = ""

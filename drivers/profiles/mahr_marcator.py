@@ -16,5 +16,6 @@ MAHR_MARCATOR = replace(
     title="Mahr MarCator 1075R, 1086, 1087 (opto RS-232)",
     verified=Verified.UNVERIFIED,
     source="from memory, supposed to be alike Sylvac opto-RS duplex; no vendor document found",
+    button=False,
     hint="Unverified: compare some readings with the display, in mm, before you trust it.",
 )

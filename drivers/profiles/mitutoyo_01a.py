@@ -69,6 +69,7 @@ MITUTOYO_01A = Profile(
         "footswitch": BadReply(b"0001,FOOTSWITCH, ,01\r\n", FaultKind.NOT_UNDERSTOOD),
     },
     busy_retries=5,
+    button=True,
     hint="Without the VCP driver the tool is a keyboard and has no port (USB 0FE7:4001).",
 )
 
@@ -96,5 +97,6 @@ MITUTOYO_MUX = replace(
     request=lambda asked: f"{asked.channel}".encode(),
     make_twin=MITUTOYO_IT007R.make_twin,
     timeout_s=2.0,
+    button=False,
     hint="Speed is set by DIP switches; the frame's second character is the channel.",
 )

@@ -63,6 +63,7 @@ SYLVAC = Profile(
         "bad-command": BadReply(b"ERR1\r", FaultKind.DEVICE_FAULT),
         "over-range": BadReply(b"ERR3\r", FaultKind.OVER_RANGE),
     },
+    button=True,
     hint="The duplex cable takes its power from DTR; RTS must be low.",
 )
 

@@ -104,6 +104,12 @@ def test_a_button_is_told_and_remembered_once(at_rest: Told) -> None:
     assert not at_rest.gauge.button_pressed()
 
 
+def test_a_press_is_of_the_step_that_it_was_meant_for(at_rest: Told) -> None:
+    at_rest.gauge.press(reading(0.5))
+    at_rest.gauge.restart_window()
+    assert not at_rest.gauge.button_pressed()
+
+
 def test_only_the_window_tells_stable_from_moving(told: Told) -> None:
     told.hear(reading(0.9), *[reading(0.5)] * 5)
     assert told.motion() is Motion.MOVING

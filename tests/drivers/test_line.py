@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import socket
 import sys
+import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 import pytest
@@ -190,6 +192,30 @@ def test_asking_a_closed_line_gives_a_fault() -> None:
         opened.close()
         outcome = opened.ask().result(timeout=1)
     assert isinstance(outcome, Fault)
+
+
+@pytest.mark.parametrize("poured", [b"01A+0000.100\r", b"x"])
+def test_a_flood_on_a_socket_ends_with_an_outcome_and_a_closed_port(poured: bytes) -> None:
+    """As fast as the socket takes it; the times are held in `test_exchange` in simulated time."""
+    done = threading.Event()
+
+    def pour(client: socket.socket) -> None:
+        with suppress(OSError):
+            while not done.is_set():
+                client.sendall(poured * 1000)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        url = f"socket://127.0.0.1:{server.getsockname()[1]}"
+        with line(url, replace(QUICK, interval_s=0.05)) as opened:
+            client, _ = server.accept()
+            pouring = threading.Thread(target=pour, args=(client,), daemon=True)
+            pouring.start()
+            outcomes = [opened.ask().result(timeout=5) for _ in range(3)]
+        done.set()
+        client.close()
+        pouring.join()
+    assert isinstance(outcomes[-1], Fault)
+    assert outcomes[-1].kind is FaultKind.SENDS_UNASKED
 
 
 def test_settings_of_the_profile_reach_the_port(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -28,6 +28,8 @@ ASKED = [profile for profile in PROFILES.values() if profile.request]
 BUTTONS = [profile for profile in ASKED if profile.button]
 SYLVAC = PROFILES["sylvac"]
 
+pytestmark = pytest.mark.timeout(1200)
+
 at_once = always(0.002)
 
 

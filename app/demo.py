@@ -14,13 +14,14 @@ from app.exports.writing import write_files
 from app.guided import GuidedSession, Taken
 from app.hidden_effect import hidden_effect
 from app.indicators import DEFAULT_PROFILE, simulated_indicators
-from app.opening import Plan, session_name, start_session, unused_path
+from app.opening import Plan, session_name, start_session
 from app.own_effects import known_laws
 from app.planning_orthoglide import planned_readings
 from app.solving import Solved, solve_for_controller
 from calib.errors import CalibrationError
 from drivers.errors import IndicatorError
 from protocols.machine import Machine, load_machine
+from protocols.own_files import unused_path
 from protocols.procedure import load_procedure
 
 DEMO_MOTION_S = 0.6

@@ -247,13 +247,18 @@ class GuidedSession:
                 self._release()
 
     def leave(self) -> None:
-        """Stop for now; a take under way is given up, the session can be continued."""
+        """Stop for now; a take under way is given up, the session can be continued.
+
+        Raises RecordError where another program removed or changed the record.
+        """
         for gauge in self.gauges:
             gauge.close()
         with self._lock:
             if not self._closed:
-                self._journal.close()
-                self._release()
+                try:
+                    self._journal.close()
+                finally:
+                    self._release()
 
     def _release(self) -> None:
         self._closed = True

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import datetime
-from itertools import chain, count
 from pathlib import Path
 
 from app.acquisition import Gauge
@@ -28,6 +27,7 @@ from protocols.errors import RecordError, UsageError
 from protocols.events import Opened
 from protocols.journal import Journal
 from protocols.machine import Instrument, Machine
+from protocols.own_files import unused_path
 from protocols.procedure import Procedure, Step
 from protocols.record import read_record
 
@@ -246,9 +246,3 @@ def session_name(folder: Path, word: str) -> Path:
     """A new file name with date and time."""
     plain = re.sub(r"[^\w-]+", "-", word)[:40]
     return unused_path(folder / f"{datetime.now():%Y-%m-%d_%H%M%S}_{plain}.jsonl")
-
-
-def unused_path(path: Path) -> Path:
-    """The path, or the first numbered variant of it that does not exist yet."""
-    candidates = (path.with_stem(f"{path.stem}-{number}") for number in count(2))
-    return next(p for p in chain([path], candidates) if not p.exists())

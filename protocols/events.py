@@ -16,11 +16,16 @@ FIRST_DIGEST = "0" * 64
 
 
 class Line(Document):
-    """What every line carries: its number, the digest of the line before it, the time."""
+    """What every line carries: its number, the digest of the line before it, the wall clock.
+
+    ``seal`` is the digest of this line with an empty seal: no later line vouches for the last one.
+    Lines of older programs have none, but for the closing one.
+    """
 
     line: int = 0
     previous: str = FIRST_DIGEST
     at: AwareDatetime = Field(default_factory=lambda: datetime.now(UTC))
+    seal: str = ""
 
 
 class Opened(Line):
@@ -56,7 +61,10 @@ class Mounted(Line):
 
 
 class Reading(Line):
-    """One value of one indicator, with the text that the device or the table gave."""
+    """One value of one indicator, with the text that the device or the table gave.
+
+    ``time_s`` counts from the beginning of the session by a clock that nobody sets.
+    """
 
     event: Literal["reading"] = "reading"
     reading: Annotated[int, Field(ge=1)]
@@ -126,23 +134,24 @@ class Noted(Line):
 
 
 class Continued(Line):
-    """The session goes on after an interruption; bytes of a torn last line were set aside."""
+    """The session goes on after an interruption; bytes of a torn last line were set aside.
+
+    ``paused_s`` is the time since the line before, known by the wall clock only: ``time_s`` of the
+    readings goes on by so much, or by nothing where the clock was set back.
+    """
 
     event: Literal["continued"] = "continued"
     program: str
     torn_bytes: int = 0
+    paused_s: float | None = None
 
 
 class Closed(Line):
-    """Last line: how many readings the session holds, superseded ones included.
-
-    ``seal`` is the digest of this line with an empty seal, since no later line vouches for it.
-    """
+    """Last line: how many readings the session holds, superseded ones included."""
 
     event: Literal["closed"] = "closed"
     readings: int
     complete: bool
-    seal: str = ""
 
 
 Event = Annotated[

@@ -2,56 +2,57 @@
 
 from __future__ import annotations
 
-import contextlib
-import errno
+import io
 import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import NoReturn
 
-import filelock
 from pydantic_core import PydanticSerializationError
 
+from protocols import own_files
 from protocols.errors import RecordError
 from protocols.events import EVENT, FIRST_DIGEST, Closed, Continued, Event, Line, Opened
-from protocols.record import Record, count_readings, digest_of, read_record
+from protocols.record import check_record, check_size, count_readings, digest_of, unreadable
+
+TAIL_BYTES = 4096
+"""So much of the end of the file is looked at before it grows."""
 
 
 class Journal:
-    """The one writer of a session file. `append` returns only when the line is on the disk."""
+    """The one writer of a session file. `append` returns only when the line is on the disk.
 
-    def __init__(self, path: Path, file: BinaryIO, lock: filelock.BaseFileLock) -> None:
+    Everything acknowledged stays in memory too: should the file be removed, replaced or changed
+    by another program, it is written again, under its name or beside it.
+    """
+
+    def __init__(self, path: Path, file: io.FileIO) -> None:
         self.path = path
         self._file = file
-        self._lock = lock
         self._events: list[Event] = []
         self._digest = FIRST_DIGEST
-        self._size = 0
-        self._dirty = False
+        self._content = bytearray()
+        self._unsure = b""
+        self._stopped: RecordError | None = None
 
     @classmethod
     def create(cls, path: Path, opened: Opened) -> Journal:
-        """Start a new record. Raises RecordError where the file exists or cannot be written."""
-        lock = _lock(path)
-        try:
-            file = path.open("x+b", buffering=0)
-        except FileExistsError as problem:
-            _unlock(lock)
-            raise RecordError(
-                f"session {path}",
-                "a file that exists already",
-                "a new file: a record is never overwritten",
-                "Choose another name, or continue it with: glidecal run --continue SESSION.",
-            ) from problem
-        except OSError as problem:
-            _unlock(lock)
-            raise _cannot_write(path, problem) from problem
-        journal = cls(path, file, lock)
+        """Start a new record, also in an empty file that a killed program left.
+
+        Raises RecordError where the file exists or cannot be written.
+        """
+        file = _open_new(path)
+        journal = cls(path, file)
         try:
             journal.append(opened)
-            _sync_folder(path.parent)
+            own_files.sync_folder(path.parent)
+        except OSError as problem:
+            journal.discard()
+            raise _cannot_write(path, problem) from problem
         except BaseException:
-            journal.close()
-            path.unlink(missing_ok=True)
+            journal.discard()
             raise
         return journal
 
@@ -59,28 +60,44 @@ class Journal:
     def resume(cls, path: Path, program: str) -> Journal:
         """Go on with an interrupted record; a torn last line is set aside in ``*.torn``.
 
-        Raises RecordError where the record is closed, altered or in use.
+        Raises RecordError where the record is closed, altered, a link or in use.
         """
-        lock = _lock(path)
         try:
-            record = _read_interrupted(path)
-            file = path.open("r+b", buffering=0)
-            if record.torn_bytes:
-                _set_torn_aside(file, path, record.whole_bytes)
-        except OSError as problem:
-            _unlock(lock)
+            file = own_files.open_to_write(path, "r+b")
+        except PermissionError as problem:
             raise _cannot_write(path, problem) from problem
-        except RecordError:
-            _unlock(lock)
-            raise
-        journal = cls(path, file, lock)
-        journal._events = list(record.events)
-        journal._digest, journal._size = record.digest, record.whole_bytes
+        except OSError as problem:
+            raise unreadable(path, problem) from problem
         try:
-            journal.append(Continued(program=program, torn_bytes=record.torn_bytes))
+            _lock(path, file)
+            return cls._resumed(path, file, program)
+        except OSError as problem:
+            own_files.close(file)
+            raise _cannot_write(path, problem) from problem
         except BaseException:
-            journal.close()
+            own_files.close(file)
             raise
+
+    @classmethod
+    def _resumed(cls, path: Path, file: io.FileIO, program: str) -> Journal:
+        check_size(path, os.fstat(file.fileno()).st_size)
+        file.seek(0)
+        content = file.readall()
+        record = check_record(path, content)
+        if record.end == "closed":
+            wanted = "an interrupted one to continue"
+            raise RecordError(f"session {path}", "a closed session", wanted)
+        journal = cls(path, file)
+        journal._events = list(record.events)
+        journal._digest = record.digest
+        journal._content = bytearray(content[: record.whole_bytes])
+        if record.torn_bytes:
+            journal._unsure = content[record.whole_bytes :]
+            aside = own_files.unused_path(path.with_name(f"{path.name}.torn"))
+            own_files.close(own_files.write_new(aside, journal._unsure))
+        continued = Continued(program=program, torn_bytes=record.torn_bytes)
+        paused_s = (continued.at - record.events[-1].at).total_seconds()
+        journal.append(continued.model_copy(update={"paused_s": round(paused_s, 3)}))
         return journal
 
     @property
@@ -91,77 +108,125 @@ class Journal:
     def append(self, *events: Line) -> None:
         """Write events and wait until they are on the disk: all of them or none.
 
-        Raises RecordError where the disk refuses; the file then ends where it ended before.
+        Raises RecordError where the disk refuses; the file then ends where it ended before. The
+        same where the file is no longer as it was left: then for every call from now on.
         """
-        digest, number = self._digest, len(self._events)
-        lines: list[bytes] = []
-        placed: list[Event] = []
-        for event in events:
-            number += 1
-            whole = event.model_copy(update={"line": number, "previous": digest})
-            line = _encoded(whole)
-            if isinstance(whole, Closed):
-                line = _encoded(whole.model_copy(update={"seal": digest_of(line)}))
-            digest = digest_of(line)
-            lines.append(line + b"\n")
-            placed.append(EVENT.validate_json(line))
-        content = b"".join(lines)
+        if self._stopped:
+            raise self._stopped
+        lines, placed, digest = self._placed(events)
+        check_size(self.path, len(self._content) + len(lines))
         try:
-            self._write(content)
+            self._check()
+            self._cut_off()
+            self._write(lines)
         except OSError as problem:
-            self._take_back()
             raise _cannot_write(self.path, problem) from problem
         self._events += placed
-        self._digest, self._size = digest, self._size + len(content)
+        self._digest = digest
+        self._content += lines
 
-    def _write(self, content: bytes) -> None:
-        if self._dirty:
-            self._cut_off()
-        if not self._still_there():
-            self._restore()
-        self._file.seek(self._size)
-        left = memoryview(content)
-        while left:
-            left = left[self._file.write(left) :]
-        os.fsync(self._file.fileno())
+    def _placed(self, events: tuple[Line, ...]) -> tuple[bytes, list[Event], str]:
+        """The lines of these events, the events as they will be read, the last digest."""
+        digest = self._digest
+        lines: list[bytes] = []
+        for number, event in enumerate(events, start=len(self._events) + 1):
+            whole = event.model_copy(update={"line": number, "previous": digest, "seal": ""})
+            seal = digest_of(_encoded(whole))
+            lines.append(_encoded(whole.model_copy(update={"seal": seal})))
+            digest = digest_of(lines[-1])
+        placed = [EVENT.validate_json(line) for line in lines]
+        return b"".join(line + b"\n" for line in lines), placed, digest
 
-    def _still_there(self) -> bool:
-        """Whether the name still leads to the open file; somebody may have deleted it."""
+    def _write(self, lines: bytes) -> None:
+        self._file.seek(len(self._content))
+        self._unsure = lines
         try:
-            return os.path.samestat(self.path.stat(), os.fstat(self._file.fileno()))
-        except FileNotFoundError:
-            return False
+            own_files.write_all(self._file, lines)
+        except OSError:
+            with suppress(OSError):  # else before the next line is written
+                self._cut_off()
+            raise
+        self._unsure = b""
+
+    def _check(self) -> None:
+        """The file has its name and ends as it was left. Raises OSError; RecordError if not."""
+        if not own_files.leads_to(self.path, self._file):
+            self._restore()
+        tail = self._content[-TAIL_BYTES:]
+        self._file.seek(len(self._content) - len(tail))
+        found = self._file.readall()
+        if not (found.startswith(tail) and self._unsure.startswith(found[len(tail) :])):
+            self._changed()
 
     def _restore(self) -> None:
-        """Write everything that is on the disk without a name to a new file of this name."""
-        self._file.seek(0)
-        content = self._file.read(self._size)
-        fresh = self.path.open("x+b", buffering=0)
-        fresh.write(content)
-        os.fsync(fresh.fileno())
-        self._file.close()
-        self._file = fresh
+        """Write the record again under its name, or else beside it."""
+        try:
+            fresh = own_files.write_new(self.path, bytes(self._content))
+        except OSError as problem:
+            self._stop(f"removed or replaced; writing it again: {problem.strerror or problem}")
+        own_files.close(self._file)
+        self._file, self._unsure = fresh, b""
 
-    def _take_back(self) -> None:
-        """Cut a half-written line off; where even that fails, before the next line is written."""
-        with contextlib.suppress(OSError):
-            self._cut_off()
+    def _changed(self) -> NoReturn:
+        """Another program wrote into the file: what was acknowledged is kept, and no more taken."""
+        self._file.seek(0)
+        if self._file.readall().startswith(self._content):
+            self._stopped = RecordError(
+                f"session {self.path}",
+                "lines of another program",
+                "one writer at a time",
+                "What was acknowledged here is still in it. Leave, and look what else writes.",
+            )
+            raise self._stopped
+        self._stop("changed by another program")
+
+    def _stop(self, found: str) -> NoReturn:
+        """Put what was acknowledged in a second place and take no more. Raises RecordError."""
+        wanted = "a record that this program alone changes"
+        for place in _second_places(self.path):
+            with suppress(OSError):
+                own_files.close(own_files.write_new(place, bytes(self._content)))
+                said = f"Every reading taken is in {place}: go on with that file."
+                self._stopped = RecordError(f"session {self.path}", found, wanted, said)
+                raise self._stopped
+        held = "Nothing could be written beside it either: make room, then try again; do not leave."
+        raise RecordError(f"session {self.path}", found, wanted, held)
 
     def _cut_off(self) -> None:
-        self._dirty = True
-        self._file.truncate(self._size)
-        self._dirty = False
+        """Take back what a failed write, or a torn line, left behind the last acknowledged one."""
+        if not self._unsure:
+            return
+        self._file.truncate(len(self._content))
+        self._unsure = b""
         os.fsync(self._file.fileno())
 
     def finish(self, complete: bool) -> None:
         """Write the closing event and let go of the file."""
         self.append(Closed(readings=count_readings(self.events), complete=complete))
-        self.close()
+        own_files.close(self._file)
 
     def close(self) -> None:
-        """Let go of the file without closing the session: it can be continued."""
-        self._file.close()
-        _unlock(self._lock)
+        """Let go of the file without closing the session: it can be continued.
+
+        Raises RecordError where the file is not as it was left or cannot be looked at; it names
+        the place of what was acknowledged.
+        """
+        if self._file.closed:
+            return
+        try:
+            if not self._stopped:
+                self._check()
+                with suppress(OSError):  # a torn line is set aside later
+                    self._cut_off()
+        except OSError as problem:
+            self._stop(f"a disk that does not answer: {problem.strerror or problem}")
+        finally:
+            own_files.close(self._file)
+
+    def discard(self) -> None:
+        """Let go of the file and remove it: nobody was told of anything in it."""
+        if not self._file.closed:
+            own_files.remove_own(self.path, self._file)
 
 
 def _encoded(event: Line) -> bytes:
@@ -181,66 +246,71 @@ def write_whole(path: Path, opened: Opened, events: list[Line], complete: bool =
         journal.append(*events)
         journal.finish(complete)
     except BaseException:
-        journal.close()
-        path.unlink(missing_ok=True)
+        journal.discard()
         raise
 
 
-def _lock(path: Path) -> filelock.BaseFileLock:
-    """One writer at a time. Raises RecordError where another program has the session open."""
+def check_new(path: Path) -> None:
+    """Whether a session may begin under this name; an empty file is none yet.
+
+    Raises RecordError.
+    """
     if not path.name:
         raise RecordError("session", f"'{path}', a folder", "the name of a file")
-    if not path.parent.is_dir():  # the lock would make the folder
-        raise _cannot_write(path, OSError(errno.ENOENT, "no such folder"))
-    if not os.access(path.parent, os.W_OK):  # the lock would look taken
-        raise _cannot_write(path, OSError(errno.EACCES, "no permission"))
-    lock = filelock.FileLock(path.with_name(path.name + ".lock"), timeout=0)
+    if os.path.lexists(path) and not _is_empty(path):
+        raise RecordError(
+            f"session {path}",
+            "a file that exists already",
+            "a new file: a record is never overwritten",
+            "Choose another name, or continue it with: glidecal run --continue SESSION.",
+        )
+
+
+def _is_empty(path: Path) -> bool:
+    """A regular file without a byte, as a program leaves it that was killed as it began."""
+    return path.is_file() and not path.is_symlink() and path.stat().st_size == 0
+
+
+def _open_new(path: Path) -> io.FileIO:
+    """A locked file without a byte. Raises RecordError."""
     try:
-        lock.acquire()
-    except filelock.Timeout as problem:
+        check_new(path)
+        file = own_files.open_to_write(path, "r+b" if os.path.lexists(path) else "x+b")
+        try:
+            _lock(path, file)
+            check_new(path)
+        except BaseException:
+            own_files.close(file)
+            raise
+    except OSError as problem:
+        raise _cannot_write(path, problem) from problem
+    return file
+
+
+def _lock(path: Path, file: io.FileIO) -> None:
+    """One writer at a time. Raises RecordError where another program has the session open."""
+    try:
+        own_files.lock(file)
+    except BlockingIOError as problem:
         raise RecordError(
             f"session {path}", "in use by another glidecal", "one writer at a time"
         ) from problem
     except OSError as problem:
-        raise _cannot_write(path, problem) from problem
-    return lock
+        raise RecordError(
+            f"session {path}",
+            f"a file that cannot be locked: {problem.strerror or problem}",
+            "a folder whose file system has locks",
+            "Record on a disk of this computer and copy the closed session.",
+        ) from problem
 
 
-def _read_interrupted(path: Path) -> Record:
-    record = read_record(path)
-    if record.end == "closed":
-        raise RecordError(f"session {path}", "a closed session", "an interrupted one to continue")
-    return record
-
-
-def _unlock(lock: filelock.BaseFileLock) -> None:
-    """Remove the lock file while it is still held, then let go (Windows keeps an empty file)."""
-    with contextlib.suppress(OSError):
-        Path(lock.lock_file).unlink(missing_ok=True)
-    lock.release()
-
-
-def _set_torn_aside(file: BinaryIO, path: Path, whole_bytes: int) -> None:
-    file.seek(whole_bytes)
-    torn = file.read()
-    with path.with_name(path.name + ".torn").open("ab") as aside:
-        aside.write(torn + b"\n")
-        aside.flush()
-        os.fsync(aside.fileno())
-    file.truncate(whole_bytes)
-    os.fsync(file.fileno())
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make the new name itself durable where the system can (not on Windows)."""
-    if os.name != "posix":
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        with contextlib.suppress(OSError):  # some network file systems refuse
-            os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+def _second_places(path: Path) -> Iterator[Path]:
+    """New names for a record that lost its own: beside it, then where another disk may be."""
+    folders = [path.parent]
+    with suppress(RuntimeError):  # nobody's home
+        folders.append(Path.home())
+    for folder in (*folders, Path(tempfile.gettempdir())):
+        yield own_files.unused_path(folder / f"{path.stem}-kept{path.suffix}")
 
 
 def _cannot_write(path: Path, problem: OSError) -> RecordError:

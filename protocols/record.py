@@ -1,13 +1,15 @@
 """Reading and checking the record of a session.
 
-Each line carries its number and the SHA-256 digest of the line before it, so a changed, missing
-or doubled line is found and named. A file cut anywhere opens up to its last whole line.
+Each line carries its number, the SHA-256 digest of the line before it and one of itself, so a
+changed, missing or doubled line is found and named. A file cut anywhere opens up to its last whole
+line. The digests have no key: they show accidents, not a forger.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +30,13 @@ from protocols.events import (
     Restored,
     Superseded,
 )
+from protocols.own_files import open_to_read
+
+MOST_BYTES = 64_000_000
+"""More than 80 000 readings."""
+
+END_BYTES = 131_072
+"""So much of the beginning and of the end of a large record tells what it is."""
 
 
 @dataclass(frozen=True)
@@ -56,14 +65,20 @@ class Record:
 def read_record(path: Path) -> Record:
     """Read and check a session file.
 
-    Raises RecordError naming the first line that is altered, out of order or not an event.
+    Raises RecordError naming the first line that is altered, out of order or not an event, and
+    for what is no regular file or too large to be a session.
     """
     try:
-        content = path.read_bytes()
+        with open_to_read(path) as file:
+            check_size(path, os.fstat(file.fileno()).st_size)
+            content = file.readall()
     except OSError as problem:
-        raise RecordError(
-            f"session {path}", problem.strerror or str(problem), "a readable session file"
-        ) from problem
+        raise unreadable(path, problem) from problem
+    return check_record(path, content)
+
+
+def check_record(path: Path, content: bytes) -> Record:
+    """The record with this content. Raises RecordError as `read_record` does."""
     lines = content.split(b"\n")
     torn = lines.pop()
     events: list[Event] = []
@@ -79,8 +94,9 @@ def read_record(path: Path) -> Record:
     if not events:
         raise RecordError(
             f"session {path}",
-            "no whole line" if content else "an empty file",
+            "no whole line" if content else "an empty file: a program was stopped as it began",
             f"a session whose first line names the schema {SCHEMA}",
+            "" if content else "Nothing was measured. Begin again under this name, or remove it.",
         )
     closed = isinstance(events[-1], Closed)
     return Record(
@@ -93,14 +109,51 @@ def read_record(path: Path) -> Record:
     )
 
 
+def check_size(path: Path, size_bytes: int) -> None:
+    """Raises RecordError for a file that is too large to be a session."""
+    if size_bytes > MOST_BYTES:
+        found = f"{size_bytes / 1e6:,.1f} MB"
+        raise RecordError(f"session {path}", found, f"up to {MOST_BYTES / 1e6:.0f} MB")
+
+
+def unreadable(path: Path, problem: OSError) -> RecordError:
+    """The error for a file that the system does not give."""
+    reason = problem.strerror or str(problem)
+    return RecordError(f"session {path}", reason, "a readable session file")
+
+
+def read_ends(path: Path) -> tuple[Opened, list[Event]]:
+    """First line and last whole lines of a record of any size, not checked against each other.
+
+    Raises RecordError where they are no lines of a session.
+    """
+    try:
+        with open_to_read(path) as file:
+            size_bytes = os.fstat(file.fileno()).st_size
+            check_size(path, size_bytes)
+            first = file.read(END_BYTES).partition(b"\n")[0]
+            file.seek(max(len(first), size_bytes - END_BYTES))
+            last = file.read(END_BYTES).split(b"\n")[1:-1]
+    except OSError as problem:
+        raise unreadable(path, problem) from problem
+    opened = _parse_line(path, 1, first)
+    if not isinstance(opened, Opened):
+        raise RecordError(f"session {path}", f"first event '{opened.event}'", "'opened'")
+    return opened, [_parse_line(path, 0, line) for line in last]
+
+
 def digest_of(line: bytes) -> str:
     """Digest of a line without its newline."""
     return hashlib.sha256(line).hexdigest()
 
 
 def _parse_line(path: Path, number: int, line: bytes) -> Event:
-    """One line as an event. Raises RecordError with the line number."""
-    thing = f"session {path}, line {number}"
+    """One line as an event; number 0 is somewhere in the file. Raises RecordError."""
+    thing = f"session {path}, line {number}" if number else f"session {path}"
+    try:
+        return EVENT.validate_json(line)
+    except ValidationError as problem:
+        found = describe(problem)
     try:
         plain = json.loads(line)
     except (ValueError, RecursionError) as problem:
@@ -109,10 +162,7 @@ def _parse_line(path: Path, number: int, line: bytes) -> Event:
         raise RecordError(thing, _shown(line), f"an event of schema {SCHEMA}")
     if number == 1:
         _check_schema(path, plain)
-    try:
-        return EVENT.validate_json(line)
-    except ValidationError as problem:
-        raise RecordError(thing, describe(problem), f"an event of schema {SCHEMA}") from problem
+    raise RecordError(thing, found, f"an event of schema {SCHEMA}")
 
 
 def _check_order(path: Path, number: int, event: Event, before: list[Event]) -> None:
@@ -164,29 +214,25 @@ class _Meaning:
 
 
 def _check_chain(path: Path, number: int, lines: list[bytes], digest: str, event: Event) -> None:
-    """Each line vouches for the one before it, the closing line for itself.
+    """Each line vouches for the one before it and, by its seal, for itself.
 
     Where two neighbours disagree, the later one is at fault if it fails its own digest too.
     """
-    own_fits = _fits_own_digest(number, lines, event)
-    if event.previous == digest and (own_fits or not isinstance(event, Closed)):
-        return
-    broken = number - 1 if own_fits and number > 1 else number
-    raise RecordError(
-        f"session {path}, line {broken}",
-        "a content that does not fit its digest: it was changed",
-        "an unaltered record",
-        "Use an unaltered copy.",
-    )
-
-
-def _fits_own_digest(number: int, lines: list[bytes], event: Event) -> bool:
-    """Whether the next line, or the seal of a closing line, confirms this line."""
     line = lines[number - 1]
-    if isinstance(event, Closed):
-        return event.seal == digest_of(_unsealed(line, event.seal))
-    following = lines[number] if number < len(lines) else b""
-    return f'"previous":"{digest_of(line)}"'.encode() in following
+    if event.seal or isinstance(event, Closed):
+        own_fits = event.seal == digest_of(_unsealed(line, event.seal))
+        fits = own_fits and event.previous == digest
+    else:  # of an older program: the line after it tells
+        fits = event.previous == digest
+        following = lines[number] if number < len(lines) else b""
+        own_fits = fits or f'"previous":"{digest_of(line)}"'.encode() in following
+    if not fits:
+        raise RecordError(
+            f"session {path}, line {number - 1 if own_fits and number > 1 else number}",
+            "a content that does not fit its digest: it was changed",
+            "an unaltered record",
+            "Use an unaltered copy.",
+        )
 
 
 def _unsealed(line: bytes, seal: str) -> bytes:

@@ -89,12 +89,11 @@ def _measure(plan: Plan, *, continued: bool, headless: bool) -> None:
     """On the screen, or unattended for a simulated machine."""
     from app.demo import measure_all
     from app.opening import continue_session, start_session
-    from protocols.errors import RecordError, UsageError
+    from protocols.errors import UsageError
+    from protocols.journal import check_new
 
-    if not continued and plan.path.exists():
-        raise RecordError(
-            f"session {plan.path}", "a file that exists already", "a new file, or --continue"
-        )
+    if not continued:
+        check_new(plan.path)
     if not headless:
         need_terminal("guided session", "--headless with --simulated")
         from app.screens.start import open_session

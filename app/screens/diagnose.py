@@ -18,7 +18,6 @@ from app.adopting import adopt, write_procedure
 from app.diagnosing import Diagnosed, diagnose_files
 from app.diagnosis_plots import residuals_before_and_after
 from app.diagnosis_residuals import Cell, residual_cells
-from app.opening import unused_path
 from app.own_effects import known_laws
 from app.screens.dialogs import ChoiceDialog, TextDialog
 from app.screens.interface import Interface
@@ -48,6 +47,7 @@ from app.wording.diagnose_screen import (
 )
 from app.wording.result_screen import ONLY_SHOWN, copied_text
 from calib.errors import GlidecalError
+from protocols.own_files import unused_path
 
 PAGES = {"verdict": "1 Verdict", "where": "2 Where", "candidates": "3 Candidates"}
 CHANGE = "change"

@@ -20,13 +20,14 @@ from textual.widget import Widget
 
 from app.exit_codes import Exit
 from app.guided import GuidedSession
-from app.opening import Indicators, unused_path
+from app.opening import Indicators
 from app.screens.dialogs import HelpDialog
 from app.screens.hasty import Palette, ready
 from app.screens.leaving import on_signals
 from app.settings import Settings, save_theme, settings_path
 from app.wording.settings import key_list_text
 from calib.errors import GlidecalError
+from protocols.own_files import unused_path
 
 PALETTE = (
     ("Theme", "Choose the colours; kept in the settings"),
@@ -185,7 +186,10 @@ class Interface(App[str]):
         if guided is not None and guided.closed:
             return f"The session is complete: {guided.path}"
         if guided is not None:
-            await asyncio.to_thread(guided.leave)
+            try:
+                await asyncio.to_thread(guided.leave)
+            except GlidecalError as problem:
+                return str(problem)
             done, steps = len(guided.session.done()), len(guided.steps)
             return (
                 f"Session paused after {done} of {steps} steps; every reading taken is on the "

@@ -33,7 +33,7 @@ def modules(room: str) -> str:
     [
         (
             "calib",
-            {"pydantic", "serial", "textual", "typer", "rich", "filelock", *ROOMS} - {"calib"},
+            {"pydantic", "serial", "textual", "typer", "rich", *ROOMS} - {"calib"},
         ),
         ("drivers", {"pydantic", "numpy", "textual", "typer", "rich", "app", "protocols"}),
         ("protocols", {"serial", "textual", "typer", "rich", "app", "drivers"}),

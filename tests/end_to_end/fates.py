@@ -7,8 +7,10 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Protocol
+from typing import IO, Literal, Protocol
 from unittest import mock
+
+from protocols import own_files
 
 PAUSE = 60
 """Weight of a moment between two writes, beside a weight of one for each byte."""
@@ -98,23 +100,14 @@ class DoomedFile:
     def __getattr__(self, name: str) -> object:
         return getattr(self._file, name)
 
-    def __enter__(self) -> DoomedFile:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
-
 
 @contextmanager
 def doomed(fate: Fate) -> Iterator[None]:
     """Within this, the process dies as its fate wills: in a write, or around a sync."""
-    real_open, real_sync = Path.open, os.fsync
+    real_open, real_sync = own_files.open_to_write, os.fsync
 
-    def opened(
-        path: Path, mode: str = "r", buffering: int = -1, encoding: str | None = None
-    ) -> object:
-        file = real_open(path, mode, buffering, encoding)
-        return file if mode in {"r", "rb"} else DoomedFile(file, fate)
+    def opened(path: Path, mode: Literal["x+b", "r+b"]) -> object:
+        return DoomedFile(real_open(path, mode), fate)
 
     def sync(descriptor: int) -> None:
         if fate.pause():
@@ -123,5 +116,8 @@ def doomed(fate: Fate) -> Iterator[None]:
         if fate.pause():
             die()
 
-    with mock.patch.object(Path, "open", opened), mock.patch.object(os, "fsync", sync):
+    with (
+        mock.patch.object(own_files, "open_to_write", opened),
+        mock.patch.object(os, "fsync", sync),
+    ):
         yield

@@ -10,12 +10,14 @@ from pathlib import Path
 
 import pytest
 
+from protocols import own_files
 from protocols.errors import RecordError
 from protocols.events import Line, Noted, Opened, Reading, Restored, Superseded
 from protocols.journal import Journal, write_whole
 from protocols.machine import Machine
-from protocols.record import read_record
+from protocols.record import MOST_BYTES, check_record, read_record
 from protocols.session import fold
+from tests.conftest import SAMPLES
 
 
 def opened() -> Opened:
@@ -32,6 +34,9 @@ def reading(number: int) -> Reading:
         text=f"01A+0000.{125 * number}",
         mount="xy",
     )
+
+
+needs_links = pytest.mark.skipif(sys.platform == "win32", reason="links need a privilege there")
 
 
 @pytest.fixture
@@ -52,15 +57,14 @@ def test_events_come_back_as_written(path: Path) -> None:
         0.125 * n for n in range(1, 6)
     ]
     assert [e.line for e in record.events] == list(range(1, 8))
-    assert not path.with_name("s.jsonl.lock").exists()
+    assert list(path.parent.iterdir()) == [path]
 
 
 def test_cut_anywhere_opens_up_to_the_last_whole_line(path: Path) -> None:
     content = finished(path)
     first = content.index(b"\n") + 1
     for cut in range(first, len(content)):
-        path.write_bytes(content[:cut])
-        record = read_record(path)
+        record = check_record(path, content[:cut])
         whole = content[:cut].count(b"\n")
         assert len(record.events) == whole
         assert record.end == ("open" if content[cut - 1 : cut] == b"\n" else "torn")
@@ -130,7 +134,7 @@ def test_continuing_after_a_cut_loses_nothing_and_doubles_nothing(path: Path) ->
     assert record.end == "closed"
     assert [r.reading for r in fold(record.events).readings] == [1, 2, 3, 4]
     torn = path.with_name("s.jsonl.torn").read_bytes()
-    assert torn.rstrip(b"\n") == content[:cut].rsplit(b"\n", 1)[1]
+    assert torn == content[:cut].rsplit(b"\n", 1)[1]
 
 
 def test_a_closed_session_is_not_continued(path: Path) -> None:
@@ -152,6 +156,187 @@ def test_one_writer_at_a_time(path: Path) -> None:
         Journal.resume(path, "second")
     journal.close()
     Journal.resume(path, "third").close()
+
+
+@needs_links
+@pytest.mark.parametrize("way", ["symbolic", "hard"])
+def test_one_writer_at_a_time_by_whatever_name(path: Path, way: str) -> None:
+    other = path.with_name("other.jsonl")
+    journal = Journal.create(path, opened())
+    if way == "hard":
+        other.hardlink_to(path)
+    else:
+        other.symlink_to(path)
+    with pytest.raises(RecordError, match="in use" if way == "hard" else "a link to"):
+        Journal.resume(other, "second")
+    journal.append(reading(1))
+    journal.close()
+    assert read_record(other).end == "open"
+
+
+def test_without_locks_nothing_is_recorded(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(own_files, "lock", refuse)
+        with pytest.raises(RecordError, match="cannot be locked: No locks available"):
+            Journal.create(path, opened())
+        assert path.read_bytes() == b""
+    Journal.create(path, opened()).close()
+
+
+def test_locks_that_lie_are_found_out_before_a_second_append(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a network share without locks: both believe that they are alone."""
+    monkeypatch.setattr(own_files, "lock", lambda _: None)
+    first = Journal.create(path, opened())
+    first.append(reading(1))
+    second = Journal.resume(path, "second")
+    for _ in range(2):
+        with pytest.raises(RecordError, match=r"lines of another program.*still in it"):
+            first.append(reading(2))
+    first.close()
+    second.append(reading(2))
+    second.finish(complete=True)
+    assert [r.reading for r in fold(read_record(path).events).readings] == [1, 2]
+
+
+def test_a_record_changed_by_another_program_is_kept_beside_it(path: Path) -> None:
+    journal = Journal.create(path, opened())
+    journal.append(reading(1), reading(2))
+    path.write_bytes(path.read_bytes().replace(b"0.125", b"0.126"))
+    for _ in range(2):
+        with pytest.raises(RecordError, match=r"changed by another program.*s-kept\.jsonl"):
+            journal.append(reading(3))
+    journal.close()
+    again = Journal.resume(path.with_name("s-kept.jsonl"), "again")
+    assert [r.value_mm for r in fold(again.events).readings] == [0.125, 0.25]
+    again.close()
+
+
+def test_what_took_the_place_of_a_record_is_left_alone(path: Path) -> None:
+    journal = Journal.create(path, opened())
+    journal.append(reading(1))
+    path.rename(path.with_name("moved.jsonl"))
+    path.write_text("something else")
+    with pytest.raises(RecordError, match=r"removed or replaced.*s-kept\.jsonl"):
+        journal.close()
+    assert path.read_text() == "something else"
+    assert len(read_record(path.with_name("s-kept.jsonl")).events) == 2
+
+
+@needs_links
+def test_no_file_is_written_through_a_link(path: Path, tmp_path: Path) -> None:
+    victim = tmp_path / "victim"
+    victim.write_text("untouched")
+    path.symlink_to(tmp_path / "nowhere")
+    with pytest.raises(RecordError, match="exists already"):
+        Journal.create(path, opened())
+    path.unlink()
+    content = finished(path)
+    path.write_bytes(content[: content.index(b'"reading":4')])
+    path.with_name("s.jsonl.torn").symlink_to(victim)
+    path.with_name("s.jsonl-2.torn").symlink_to(tmp_path / "nowhere")
+    Journal.resume(path, "test").close()
+    assert victim.read_text() == "untouched"
+    assert not (tmp_path / "nowhere").exists()
+    assert path.with_name("s.jsonl-3.torn").read_bytes().startswith(b'{"line":5')
+
+
+def test_an_empty_file_of_a_killed_program_is_begun_again(path: Path) -> None:
+    path.touch()
+    for read in (read_record, lambda path: Journal.resume(path, "test")):
+        with pytest.raises(RecordError, match=r"Nothing was measured\. Begin again"):
+            read(path)
+    Journal.create(path, opened()).close()
+    assert read_record(path).end == "open"
+    with pytest.raises(RecordError, match="exists already"):
+        Journal.create(path, opened())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX pipes")
+def test_only_regular_files_of_a_sensible_size_are_read(path: Path, tmp_path: Path) -> None:
+    os.mkfifo(path)
+    for thing, said in ((path, "a pipe or a device"), (tmp_path, "a folder")):
+        with pytest.raises(RecordError, match=said):
+            read_record(thing)
+        with pytest.raises(RecordError, match=said):
+            Journal.resume(thing, "test")
+    with pytest.raises(RecordError, match="a pipe or a device"):
+        read_record(Path("/dev/zero"))
+    path.unlink()
+    with path.open("wb") as sparse:
+        sparse.truncate(8_000_000_000)
+    for read in (read_record, lambda path: Journal.resume(path, "test")):
+        with pytest.raises(RecordError, match=r"8,000\.0 MB\. Allowed: up to 64 MB"):
+            read(path)
+
+
+def test_a_record_does_not_grow_beyond_what_can_be_read(path: Path) -> None:
+    journal = Journal.create(path, opened())
+    with pytest.raises(RecordError, match="up to 64 MB"):
+        journal.append(Noted(text="x" * MOST_BYTES))
+    journal.append(reading(1))
+    journal.finish(complete=True)
+    assert read_record(path).end == "closed"
+
+
+@pytest.mark.parametrize("brackets", ["[", '{"a":'])
+def test_a_hundred_thousand_levels_are_no_event(path: Path, brackets: str) -> None:
+    path.write_text(brackets * 100_000 + "\n")
+    with pytest.raises(RecordError, match="line 1"):
+        read_record(path)
+
+
+def test_the_last_line_of_an_open_record_vouches_for_itself(path: Path) -> None:
+    journal = Journal.create(path, opened())
+    journal.append(reading(1), reading(2))
+    journal.close()
+    path.write_bytes(path.read_bytes().replace(b'"value_mm":0.25', b'"value_mm":0.26'))
+    for read in (read_record, lambda path: Journal.resume(path, "test")):
+        with pytest.raises(RecordError, match="line 3: found a content that does not fit"):
+            read(path)
+
+
+def test_records_without_seals_are_read(path: Path) -> None:
+    """As older programs wrote them; there the next line alone vouches for a line."""
+    content = (SAMPLES / "simulated_zero-max-min.jsonl").read_bytes()
+    assert content.count(b'"seal"') == 1
+    assert check_record(path, content).end == "closed"
+    lines = content.splitlines(keepends=True)[:3]
+    path.write_bytes(b"".join(lines))
+    journal = Journal.resume(path, "test")
+    journal.close()
+    path.write_bytes(path.read_bytes().replace(b'"value_mm":0.412', b'"value_mm":0.413'))
+    with pytest.raises(RecordError, match="line 3: found a content"):
+        read_record(path)
+
+
+def test_windows_locks_one_byte_behind_every_record(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken: set[int] = set()
+
+    class Msvcrt:
+        LK_NBLCK = 2
+
+        @staticmethod
+        def locking(descriptor: int, mode: int, count: int) -> None:
+            place = os.lseek(descriptor, 0, os.SEEK_CUR)
+            assert (mode, count) == (2, 1)
+            if place in taken:
+                raise PermissionError(errno.EACCES, "Permission denied")
+            taken.add(place)
+
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setitem(sys.modules, "msvcrt", Msvcrt)
+    journal = Journal.create(path, opened())
+    with pytest.raises(RecordError, match="in use"):
+        Journal.resume(path, "second")
+    journal.finish(complete=True)
+    assert MOST_BYTES < min(taken) < 2**31
 
 
 def test_full_disk_loses_nothing_acknowledged(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -304,22 +489,13 @@ def test_superseded_and_restored_readings_fold_to_what_counts(path: Path) -> Non
 
 
 def test_every_interruption_keeps_its_own_torn_bytes(path: Path) -> None:
-    """Also where the program was killed before it could cut them off."""
     whole = b"".join(finished(path).splitlines(keepends=True)[:3])
     for torn in (b'{"event":"rea', b'{"event":"not'):
         path.write_bytes(whole + torn)
         Journal.resume(path, "test").close()
         whole = path.read_bytes()
-    assert path.with_name("s.jsonl.torn").read_bytes().split() == [
-        b'{"event":"rea',
-        b'{"event":"not',
-    ]
+    kept = sorted(path.parent.glob("*.torn"), key=lambda one: len(one.name))
+    assert [one.name for one in kept] == ["s.jsonl.torn", "s.jsonl-2.torn"]
+    assert [one.read_bytes() for one in kept] == [b'{"event":"rea', b'{"event":"not']
     continued = [e for e in read_record(path).events if e.event == "continued"]
     assert [e.torn_bytes for e in continued] == [13, 13]
-
-
-def test_a_killed_writers_lock_does_not_keep_the_next_one_out(path: Path) -> None:
-    path.write_bytes(b"".join(finished(path).splitlines(keepends=True)[:3]))
-    path.with_name("s.jsonl.lock").touch()
-    Journal.resume(path, "test").close()
-    assert read_record(path).end == "open"

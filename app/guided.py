@@ -6,7 +6,6 @@ import threading
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
 from app.acquisition import Gauge
@@ -26,6 +25,7 @@ from protocols.journal import Journal
 from protocols.procedure import Leg, Step, default_mount
 from protocols.repeats import Disagreement, disagreements
 from protocols.session import Session, fold
+from protocols.session_clock import SessionClock
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,7 @@ class GuidedSession:
 
     ``go`` is called with each step before it is measured; a simulated machine moves then, with a
     real one it does nothing and the operator moves the machine. ``on_close`` frees the ports.
+    ``clock`` gives ``time_s`` of the readings; by default it goes on from the record.
     """
 
     def __init__(
@@ -65,6 +66,7 @@ class GuidedSession:
         gauges: Sequence[Gauge],
         go: Callable[[Step], None],
         on_close: Callable[[], None],
+        clock: SessionClock | None = None,
     ) -> None:
         self._journal = journal
         self.gauges = tuple(gauges)
@@ -74,6 +76,8 @@ class GuidedSession:
         self.steps = self.session.steps()
         self._closed = False
         self._lock = threading.RLock()
+        self._clock = clock or SessionClock(journal.events)
+        self._untold_jump_s = 0.0
 
     @property
     def path(self) -> Path:
@@ -107,7 +111,27 @@ class GuidedSession:
             step = self.step()
             return None if step is None or self._closed else self._take(step)
 
+    def look_at_clock(self) -> float:
+        """Seconds by which the computer's clock was set since the last call, 0 where it was not.
+
+        It is noted in the record. Raises RecordError.
+        """
+        with self._lock:
+            if not self._closed:
+                self._mark_jump()
+            jump_s, self._untold_jump_s = self._untold_jump_s, 0.0
+            return jump_s
+
+    def _mark_jump(self) -> None:
+        jump_s = self._clock.jump_s()
+        if jump_s:
+            self._untold_jump_s += jump_s
+            way = "forward" if jump_s > 0.0 else "back"
+            said = f"the computer's clock was set {way} by {abs(jump_s):.0f} s; time_s goes on"
+            self._append([Noted(text=said)])
+
     def _take(self, step: Step) -> Taken:
+        self._mark_jump()
         with ThreadPoolExecutor(len(step.axes)) as pool:
             asked = list(pool.map(Gauge.ask, self.gauges[: len(step.axes)]))
         outcomes = [_plausible(outcome) for outcome in asked]
@@ -301,7 +325,7 @@ class GuidedSession:
         self, step: Step, outcomes: Sequence[Outcome], mounts: dict[Leg, str]
     ) -> tuple[Reading, ...]:
         opened = self.session.opened
-        elapsed = (datetime.now(UTC) - opened.at).total_seconds()
+        time_s = round(self._clock.time_s(), 3)
         first = len(self.session.all_readings) + 1
         return tuple(
             Reading(
@@ -315,7 +339,7 @@ class GuidedSession:
                 cycle=step.cycle,
                 mount=mounts[axis],
                 station=step.station,
-                time_s=round(elapsed, 3),
+                time_s=time_s,
                 temperature_c=opened.temperature_c,
                 resolution_mm=outcome.resolution_mm,
                 unit_assumed=outcome.unit_assumed,

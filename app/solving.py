@@ -82,14 +82,25 @@ class Suspect:
 
 
 def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
-    """Sessions and warnings about records that have no proper end. Raises RecordError."""
+    """Sessions, and warnings about records without a proper end or with times that go back.
+
+    Raises RecordError.
+    """
     records = [read_record(path) for path in paths]
     digests = [record.digest for record in records]
     for number, record in enumerate(records):
         if record.digest in digests[:number]:
             raise RecordError(f"session {record.path}", "the same session twice", "each one once")
     warnings = [end_warning(record) for record in records if record.end != "closed"]
-    return [fold(record.events) for record in records], warnings
+    sessions = [fold(record.events) for record in records]
+    for path, session in zip(paths, sessions, strict=True):
+        back = session.time_goes_back()
+        if back:
+            warnings.append(
+                f"{path.name}: time_s goes back at reading {back.reading}: the clock was set. Its "
+                "times are not used, so drift with time cannot be told."
+            )
+    return sessions, warnings
 
 
 def end_warning(record: Record) -> str:

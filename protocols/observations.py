@@ -24,11 +24,13 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
     _check_same_machine(sessions)
     rows: list[tuple[str, Reading, float]] = []
     indicators: list[str] = []
+    times_s: list[float] = []
     for number, session in enumerate(sessions):
         rows += [
             (f"{number}/{reading.mount}", reading, approach)
             for reading, approach in zip(session.readings, _approaches(session), strict=True)
         ]
+        times_s += _times_s(session)
         indicators += [f"{number}/{name}" for name in _indicators(session)]
     if not rows:
         raise NotIdentifiable("readings", "none", "a session with readings in two postures")
@@ -42,7 +44,7 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
         station=np.array([r.station for r in readings]),
         approach=np.array([approach for _, _, approach in rows]),
         cycle=np.array([r.cycle for r in readings], dtype=np.intp),
-        time_s=np.array([np.nan if r.time_s is None else r.time_s for r in readings]),
+        time_s=np.array(times_s),
         temperature_c=np.array(
             [np.nan if r.temperature_c is None else r.temperature_c for r in readings]
         ),
@@ -51,6 +53,13 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
         value_mm=np.array([r.value_mm for r in readings]),
         averaged=np.array([float(r.averaged) for r in readings]),
     )
+
+
+def _times_s(session: Session) -> list[float]:
+    """NaN where no time is known, and for a whole session whose times go back somewhere."""
+    if session.time_goes_back():
+        return [np.nan] * len(session.readings)
+    return [np.nan if r.time_s is None else r.time_s for r in session.readings]
 
 
 def _indicators(session: Session) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 
 from protocols.events import (
     Continued,
@@ -76,6 +77,11 @@ class Session:
     def complete(self) -> bool:
         """Whether every step of the procedure has readings that count; none was skipped."""
         return self.done() >= {step.number for step in self.steps()}
+
+    def time_goes_back(self) -> Reading | None:
+        """The first reading with an earlier ``time_s`` than the one before: the clock was set."""
+        timed = [(r.time_s, r) for r in self.all_readings if r.time_s is not None]
+        return next((r for (a, _), (b, r) in pairwise(timed) if b < a), None)
 
     @property
     def resolution_mm(self) -> float | None:

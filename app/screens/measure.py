@@ -28,6 +28,7 @@ from app.solving import solve_for_controller
 from app.wording.session import (
     MEASURE_HELP,
     QUESTION_CHOICES,
+    clock_set_text,
     progress_text,
     question_text,
     repeat_reason,
@@ -37,6 +38,7 @@ from app.wording.session import (
 from calib.errors import GlidecalError
 from drivers.outcome import Fault, Reading
 from protocols.procedure import Step
+from protocols.session_clock import steady_s
 
 GATHER_S = 0.015
 """One picture shows all that is heard within so long after the first news."""
@@ -65,7 +67,7 @@ COLLECT_SELDOM = 5_000, 20, 100
 """Thresholds of the garbage collector: a whole collection takes 40 ms."""
 
 SLEPT_S = 5.0
-"""The wall clock between two looks: after so long the computer slept."""
+"""Between two looks: after so long the computer slept."""
 
 
 WIDE = 110
@@ -97,7 +99,7 @@ class MeasureScreen(Corrections, Kept):
         self.held = self._narrow = False
         self._lost: set[int] = set()
         self._pressed_at = self._anyway_until = self._moved_at = self._shown_at = 0.0
-        self._looked_at = time.time()
+        self._looked_at = steady_s()
         self._collected = gc.get_threshold()
 
     def compose(self) -> ComposeResult:
@@ -131,13 +133,20 @@ class MeasureScreen(Corrections, Kept):
         return CALM_GATHER_S if still_s > CALM_S else GATHER_S
 
     def _look(self) -> None:
-        now = time.time()
+        now = steady_s()
         slept_s, self._looked_at = now - self._looked_at, now
         if slept_s > SLEPT_S:
             self._set_hold(True, f"the computer slept for {slept_s:.0f} s")
             self.say(slept_text(slept_s))
+        if not self.busy:  # a take holds the record, and looks itself
+            self.write(self._look_at_clock)
         if time.monotonic() - self._shown_at > AGES_S / 2:
             self._show_live()
+
+    def _look_at_clock(self) -> None:
+        jump_s = self.guided.look_at_clock()
+        if jump_s:
+            self.say(clock_set_text(jump_s))
 
     def on_resize(self, event: Resize) -> None:
         self.set_class(event.size.width >= WIDE, "wide")

@@ -278,6 +278,15 @@ def _or_none(value: float | None, words: str) -> str:
     return words if value is None else f"{value:.4f}"
 
 
+def clock_set_text(jump_s: float) -> str:
+    """The clock of the computer was set while the session was open."""
+    way = "forward" if jump_s > 0.0 else "back"
+    return (
+        f"The computer's clock was set {way} by {abs(jump_s):.0f} s. It is noted in the record; "
+        "times and drift of this session go by another clock."
+    )
+
+
 def slept_text(seconds: float) -> str:
     """The computer was suspended while the session was open."""
     return (

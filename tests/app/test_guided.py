@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from contextlib import ExitStack
 from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -276,3 +278,38 @@ def test_a_reading_that_disagrees_is_questioned_and_kept(tmp_path: Path) -> None
     assert questioned
     assert min(number for number, _ in questioned) >= 4
     assert max(count for _, count in questioned) == 3
+
+
+def test_the_time_of_readings_does_not_follow_the_wall_clock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Set back an hour between two steps: told, noted, and the times go on."""
+    with start_session(quick(tmp_path)) as guided:
+        take(guided, 2)
+        clock = guided._clock
+        shown = clock._wall
+        monkeypatch.setattr(clock, "_wall", lambda: shown() - timedelta(hours=1))
+        take(guided, 2)
+        assert guided.look_at_clock() == pytest.approx(-3600.0, abs=5.0)
+        assert guided.look_at_clock() == 0.0
+        times_s = [r.time_s for r in guided.session.readings if r.time_s is not None]
+    assert len(times_s) == 8
+    assert times_s == sorted(times_s)
+    assert times_s[-1] < 600.0
+    notes = [e.text for e in read_record(guided.path).events if e.event == "noted"]
+    assert len(notes) == 1
+    assert re.fullmatch(r"the computer's clock was set back by 3600 s; time_s goes on", notes[0])
+
+
+def test_a_break_is_told_by_the_record(tmp_path: Path) -> None:
+    plan = quick(tmp_path)
+    with start_session(plan) as guided:
+        take(guided, 1)
+    with continue_session(plan) as guided:
+        take(guided, 1)
+        times_s = [r.time_s for r in guided.session.readings if r.time_s is not None]
+    assert times_s == sorted(times_s)
+    pauses = [e.paused_s for e in read_record(guided.path).events if e.event == "continued"]
+    assert len(pauses) == 1
+    assert pauses[0] is not None
+    assert 0.0 <= pauses[0] < 600.0

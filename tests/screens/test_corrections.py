@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -171,16 +171,25 @@ async def test_hold_while_an_unattended_review_is_shown(tmp_path: Path) -> None:
         assert notes(screen) == ["on hold"]
 
 
-async def test_a_computer_that_slept_holds_the_session(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_computer_that_slept_holds_the_session(tmp_path: Path) -> None:
     async with measuring(tmp_path) as (pilot, _, screen):
-        wall = time.time
-        monkeypatch.setattr("app.screens.measure.time.time", lambda: wall() + 720.0)
+        screen._looked_at -= 720.0
         await until(pilot, "hold", lambda: screen.held)
         assert "slept for 12 min" in on(screen, "#said")
         assert "P goes on" in on(screen, "#said")
         assert notes(screen) == ["the computer slept for 720 s"]
+
+
+async def test_a_clock_that_is_set_is_told_and_noted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with measuring(tmp_path) as (pilot, _, screen):
+        clock = screen.guided._clock
+        shown = clock._wall
+        monkeypatch.setattr(clock, "_wall", lambda: shown() + timedelta(hours=1))
+        await until(pilot, "words", lambda: "set forward by 3600 s" in on(screen, "#said"))
+        assert not screen.held
+        assert notes(screen) == ["the computer's clock was set forward by 3600 s; time_s goes on"]
 
 
 async def test_review_after_each_leg(tmp_path: Path) -> None:

@@ -1,0 +1,95 @@
+"""The time of a session: by a clock that nobody sets, whatever the computer's clock is set to."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.solving import load_sessions
+from protocols.events import Continued, Event, Noted
+from protocols.journal import write_whole
+from protocols.observations import to_observations
+from protocols.session import fold
+from protocols.session_clock import SessionClock
+from tests.protocols.test_journal import opened, reading
+
+BEGIN = datetime(2026, 3, 1, 8, 0, tzinfo=UTC)
+
+
+class Clocks:
+    """A steady clock and a wall clock, both moved by hand."""
+
+    def __init__(self) -> None:
+        self.now_s = 5000.0
+        self.set_s = 0.0
+
+    def steady_s(self) -> float:
+        return self.now_s
+
+    def wall(self) -> datetime:
+        return BEGIN + timedelta(seconds=self.now_s - 5000.0 + self.set_s)
+
+    def of(self, *events: Event) -> SessionClock:
+        return SessionClock(events, self.steady_s, self.wall)
+
+
+def begun() -> Event:
+    return opened().model_copy(update={"at": BEGIN})
+
+
+@pytest.mark.parametrize("set_s", [-3600.0, 3600.0, -86400.0])
+def test_setting_the_clock_changes_no_interval_and_is_told_once(set_s: float) -> None:
+    clocks = Clocks()
+    clock = clocks.of(begun())
+    clocks.now_s += 100.0
+    assert (clock.time_s(), clock.jump_s()) == (100.0, 0.0)
+    clocks.set_s = set_s
+    clocks.now_s += 20.0
+    assert clock.time_s() == 120.0
+    assert clock.jump_s() == pytest.approx(set_s)
+    assert clock.jump_s() == 0.0
+
+
+def test_a_clock_that_follows_a_time_server_is_not_set() -> None:
+    """500 ppm, the most that it is moved, for a day with a look every half hour."""
+    clocks = Clocks()
+    clock = clocks.of(begun())
+    for _ in range(48):
+        clocks.now_s += 1800.0
+        clocks.set_s += 1800.0 * 500e-6
+        assert clock.jump_s() == 0.0
+    assert clock.time_s() == 86400.0
+
+
+@pytest.mark.parametrize(("paused_s", "counted_s"), [(600.0, 600.0), (-3000.0, 0.0)])
+def test_a_break_counts_as_the_wall_clock_says_and_never_back(
+    paused_s: float, counted_s: float
+) -> None:
+    taken = reading(1).model_copy(update={"at": BEGIN + timedelta(seconds=90), "time_s": 80.0})
+    noted = Noted(text="before", at=taken.at + timedelta(seconds=10))
+    again = Continued(program="test", at=noted.at + timedelta(seconds=paused_s))
+    clocks = Clocks()
+    clock = clocks.of(begun(), taken, noted, again)
+    clocks.now_s += 5.0
+    assert clock.time_s() == pytest.approx(80.0 + 10.0 + counted_s + 5.0)
+
+
+def test_times_that_go_back_are_told_and_not_used(tmp_path: Path) -> None:
+    """As an older program, or a table, wrote them."""
+    taken = [
+        reading(n).model_copy(update={"time_s": time_s})
+        for n, time_s in enumerate((10.0, 20.0, -3570.0, -3560.0), start=1)
+    ]
+    path = tmp_path / "s.jsonl"
+    write_whole(path, opened(), [*taken])
+    sessions, warnings = load_sessions([path])
+    assert warnings == [
+        "s.jsonl: time_s goes back at reading 3: the clock was set. Its times are not used, so "
+        "drift with time cannot be told."
+    ]
+    assert np.isnan(to_observations(sessions).time_s).all()
+    whole = fold([opened(), *taken[:2]])
+    assert to_observations([whole]).time_s.tolist() == [10.0, 20.0]

@@ -6,10 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.errors import GlidecalError
-from protocols.record import Record, read_record
+from protocols.events import Closed, Reading
+from protocols.record import END_BYTES, Record, read_ends, read_record
 from protocols.session import fold
 
 MOST = 12
+
+SMALL_BYTES = 2 * END_BYTES
+"""Up to here, 400 readings, a record is read whole and checked; of others both ends."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +53,28 @@ def _changed_at(path: Path) -> float:
 def look_at(path: Path) -> Recent:
     """The state of one session file."""
     try:
-        return _state(read_record(path))
+        large = _size_bytes(path) > SMALL_BYTES
+        return _state_by_ends(path) if large else _state(read_record(path))
     except GlidecalError as problem:
         return Recent(path, "unreadable", problem=str(problem))
+
+
+def _size_bytes(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:  # reading it tells why
+        return 0
+
+
+def _state_by_ends(path: Path) -> Recent:
+    """The state of a large record: superseded readings count here, and no line is checked."""
+    opened, last = read_ends(path)
+    end = next((event for event in reversed(last) if isinstance(event, Closed | Reading)), None)
+    if isinstance(end, Closed):
+        return Recent(path, f"{end.readings} readings, closed", verifies=opened.verifies)
+    state = f"{end.reading} readings, not closed" if end else "not closed"
+    can_go_on = opened.procedure is not None
+    return Recent(path, state, interrupted=can_go_on, verifies=opened.verifies)
 
 
 def _state(record: Record) -> Recent:

@@ -22,6 +22,9 @@ Leg = Literal["x", "y", "z"]
 Level = Literal["zero", "max", "min"] | float
 
 
+MOST_STEPS = 20_000
+"""Four days of measuring at 20 s a step."""
+
 ALL_AXES: tuple[Leg, ...] = ("x", "y", "z")
 BOTH = ("xyz", "xyz")
 """Two indicators that may measure along any axis."""
@@ -58,6 +61,9 @@ class Procedure(Document):
         levels = [0.0 if level == "zero" else level for level in self.levels]
         if len(set(levels)) < 2:
             raise ValueError("levels: one posture only; at least two different ones are needed")
+        steps = len(self.legs) * len(self.stations) * self.cycles * len(self.levels)
+        if steps > MOST_STEPS:
+            raise ValueError(f"{steps} steps; up to {MOST_STEPS} can be measured")
         if len(set(self.legs)) < len(self.legs) or len(set(self.stations)) < len(self.stations):
             raise ValueError("legs and stations: one of them twice; each may be named once")
         if self.order == "free" and len(set(levels)) < len(levels):

@@ -9,8 +9,12 @@ from app.exit_codes import Exit, exit_code
 
 
 def validate(sessions: Sessions) -> None:
-    """Check records: complete, unbroken, unaltered; names the first broken line."""
+    """Check records: complete, unbroken, unaltered; names the first broken line.
+
+    What it proves holds against accidents and careless edits: the digests have no key.
+    """
     from app.solving import end_warning
+    from app.value_check import check_values
     from calib.errors import GlidecalError
     from protocols.record import read_record
     from protocols.session import fold
@@ -19,6 +23,7 @@ def validate(sessions: Sessions) -> None:
     for path in sessions:
         try:
             record = read_record(path)
+            check_values(record)
         except GlidecalError as problem:
             say(f"glidecal: {problem}")
             status = exit_code(problem)

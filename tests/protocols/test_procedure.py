@@ -149,6 +149,7 @@ def test_both_axes_of_one_indicator_see_the_same_shuffled_order() -> None:
         ({"legs": ("x", "y", "x")}, "one of them twice"),
         ({"stations": (0.5, 0.5)}, "one of them twice"),
         ({"random_seed": -1}, "random_seed"),
+        ({"stations": tuple(k / 1000 for k in range(1, 1000))}, "steps; up to 20000"),
         ({"window_s": 0.0}, "window_s"),
         ({"tolerance_mm": 0.0}, "tolerance_mm"),
         ({"repeat_limit_mm": 0.0}, "repeat_limit_mm"),

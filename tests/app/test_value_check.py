@@ -1,0 +1,61 @@
+"""Values and the texts beside them: read again by the profile, as they were when taken."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from app.bench import BenchSettings
+from app.demo import demo_plan
+from app.opening import begin, open_indicators
+from app.value_check import check_values
+from protocols.errors import RecordError
+from protocols.events import Continued, Reading
+from protocols.journal import Journal
+from protocols.record import Record, check_record, read_record
+from tests.app.cli import refused
+
+
+@pytest.mark.parametrize("profile", ["mitutoyo-01a", "sylvac", "heidenhain-nd28x"])
+def test_a_measured_session_says_what_its_texts_say(tmp_path: Path, profile: str) -> None:
+    plan = demo_plan(tmp_path, "zero-max-min", 1, BenchSettings(), profiles=(profile,))
+    with begin(plan, open_indicators(plan)) as guided:
+        for _ in range(2):
+            guided.go()
+            guided.take()
+    record = read_record(plan.path)
+    assert sum(isinstance(event, Reading) for event in record.events) == 4
+    check_values(record)
+    with pytest.raises(RecordError, match=r"line 4: found value_mm .* beside the text"):
+        check_values(changed(record, 3))
+
+
+def changed(record: Record, index: int) -> Record:
+    """The record with another value on one line."""
+    events = list(record.events)
+    reading = events[index]
+    assert isinstance(reading, Reading)
+    events[index] = reading.model_copy(update={"value_mm": reading.value_mm + 0.001})
+    return Record(record.path, tuple(events), record.end, 0, 0, "")
+
+
+def test_the_last_line_altered_before_a_continuation_is_found(
+    tmp_path: Path, samples: Path
+) -> None:
+    """In a record without seals, where no digest shows it."""
+    lines = (samples / "simulated_zero-max-min.jsonl").read_bytes().splitlines(keepends=True)[:20]
+    plain = json.loads(lines[-1])
+    lines[-1] = lines[-1].replace(f'"value_mm":{plain["value_mm"]}'.encode(), b'"value_mm":0.999')
+    path = tmp_path / "s.jsonl"
+    path.write_bytes(b"".join(lines))
+    Journal.resume(path, "test").finish(complete=False)
+    assert check_record(path, path.read_bytes()).end == "closed"
+    assert "line 20: found value_mm 0.999" in refused(3, "validate", path)
+
+
+def test_texts_after_a_break_may_be_of_another_indicator(samples: Path) -> None:
+    record = read_record(samples / "simulated_zero-max-min.jsonl")
+    events = (record.events[0], Continued(program="test"), *changed(record, 3).events[1:])
+    check_values(Record(record.path, events, record.end, 0, 0, ""))

@@ -214,10 +214,11 @@ class Journal:
         if self._file.closed:
             return
         try:
-            if not self._stopped:
-                self._check()
-                with suppress(OSError):  # a torn line is set aside later
-                    self._cut_off()
+            if self._stopped:
+                raise self._stopped
+            self._check()
+            with suppress(OSError):  # a torn line is set aside later
+                self._cut_off()
         except OSError as problem:
             self._stop(f"a disk that does not answer: {problem.strerror or problem}")
         finally:

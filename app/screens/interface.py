@@ -68,6 +68,7 @@ class Interface(App[str]):
             self.animation_level = "none"
         self.indicators: Indicators | None = None
         self.guided: GuidedSession | None = None
+        self._status = Exit.DONE
 
     def on_mount(self) -> None:
         self._forget_signals = on_signals(lambda: self.run_worker(self._hang_up()))
@@ -164,7 +165,8 @@ class Interface(App[str]):
     async def action_quit(self) -> None:
         """Quit; an open session is paused and can be continued."""
         self.notify("Finishing …", markup=False)
-        self.exit(await self._leave())
+        said = await self._leave()
+        self.exit(said, return_code=self._status)
 
     async def action_interrupt(self) -> None:
         """Ctrl-C: as quit, with the exit status of an interruption."""
@@ -189,6 +191,7 @@ class Interface(App[str]):
             try:
                 await asyncio.to_thread(guided.leave)
             except GlidecalError as problem:
+                self._status = Exit.RECORD
                 return str(problem)
             done, steps = len(guided.session.done()), len(guided.steps)
             return (

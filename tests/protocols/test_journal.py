@@ -197,6 +197,8 @@ def test_locks_that_lie_are_found_out_before_a_second_append(
     for _ in range(2):
         with pytest.raises(RecordError, match=r"lines of another program.*still in it"):
             first.append(reading(2))
+    with pytest.raises(RecordError, match="lines of another program"):
+        first.close()
     first.close()
     second.append(reading(2))
     second.finish(complete=True)
@@ -210,7 +212,8 @@ def test_a_record_changed_by_another_program_is_kept_beside_it(path: Path) -> No
     for _ in range(2):
         with pytest.raises(RecordError, match=r"changed by another program.*s-kept\.jsonl"):
             journal.append(reading(3))
-    journal.close()
+    with pytest.raises(RecordError, match=r"s-kept\.jsonl"):
+        journal.close()
     again = Journal.resume(path.with_name("s-kept.jsonl"), "again")
     assert [r.value_mm for r in fold(again.events).readings] == [0.125, 0.25]
     again.close()

@@ -123,6 +123,27 @@ async def test_disk_full_is_said_and_the_session_goes_on(
         await pilot.press("f10")
 
 
+@pytest.mark.skipif(os.name != "posix", reason="an open file cannot be replaced there")
+async def test_a_record_that_is_replaced_ends_measuring_and_its_copy_is_named(
+    tmp_path: Path,
+) -> None:
+    interface = Interface(CheckScreen(quick_plan(tmp_path)))
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        screen = await to_measuring(pilot, interface)
+        await take(pilot, screen)
+        path = screen.guided.path
+        path.unlink()
+        path.write_text("something else")
+        await until(pilot, "stillness", screen.ready_by_hand)
+        await pilot.press("space")
+        await until(pilot, "words", lambda: "removed or replaced" in text(interface, "#said"))
+        await pilot.press("f10")
+    kept = path.with_stem(f"{path.stem}-kept")
+    assert f"Every reading taken is in {kept}" in str(interface.return_value)
+    assert interface.return_code == 3
+    assert len(fold(read_record(kept).events).readings) == 2
+
+
 async def test_home_offers_an_interrupted_session_first(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -121,9 +121,9 @@ class Journal:
             self._write(lines)
         except OSError as problem:
             raise _cannot_write(self.path, problem) from problem
+        self._content += lines  # first: an interruption must not leave lines of nobody
+        self._unsure, self._digest = b"", digest
         self._events += placed
-        self._digest = digest
-        self._content += lines
 
     def _placed(self, events: tuple[Line, ...]) -> tuple[bytes, list[Event], str]:
         """The lines of these events, the events as they will be read, the last digest."""
@@ -146,7 +146,6 @@ class Journal:
             with suppress(OSError):  # else before the next line is written
                 self._cut_off()
             raise
-        self._unsure = b""
 
     def _check(self) -> None:
         """The file has its name and ends as it was left. Raises OSError; RecordError if not."""

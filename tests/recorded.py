@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from protocols.events import (
+    FIRST_DIGEST,
     Continued,
     Event,
     Faulted,
@@ -19,6 +21,7 @@ from protocols.events import (
 from protocols.journal import Journal
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Leg, load_procedure
+from protocols.record import digest_of
 
 BEGIN = datetime(2026, 3, 1, 8, 0, tzinfo=UTC)
 NOTE = "the stand slipped [red]here[/]"
@@ -80,6 +83,24 @@ def story() -> list[Event]:
         Mounted(at=at(3680), leg="x", station=0.5, mounts={"y": "xy#2", "z": "xz#2"}),
         *pair(7, 4, 0.0, 3680, mount="#2"),
     ]
+
+
+def unsealed(path: Path) -> bytes:
+    """A closed record as older programs wrote it: only its last line has a seal."""
+    lines: list[bytes] = []
+    previous = FIRST_DIGEST
+    for line in path.read_bytes().splitlines():
+        plain = json.loads(line) | {"previous": previous}
+        plain.pop("seal", None)
+        if plain["event"] == "closed":
+            plain["seal"] = digest_of(compact(plain | {"seal": ""}))
+        lines.append(compact(plain))
+        previous = digest_of(lines[-1])
+    return b"\n".join([*lines, b""])
+
+
+def compact(plain: dict[str, object]) -> bytes:
+    return json.dumps(plain, separators=(",", ":"), ensure_ascii=False).encode()
 
 
 def write(path: Path, events: list[Event], *, close: bool) -> Path:

@@ -16,6 +16,7 @@ from protocols.events import Continued, Reading
 from protocols.journal import Journal
 from protocols.record import Record, check_record, read_record
 from tests.app.cli import refused
+from tests.recorded import unsealed
 
 
 @pytest.mark.parametrize("profile", ["mitutoyo-01a", "sylvac", "heidenhain-nd28x"])
@@ -45,7 +46,7 @@ def test_the_last_line_altered_before_a_continuation_is_found(
     tmp_path: Path, samples: Path
 ) -> None:
     """In a record without seals, where no digest shows it."""
-    lines = (samples / "simulated_zero-max-min.jsonl").read_bytes().splitlines(keepends=True)[:20]
+    lines = unsealed(samples / "simulated_zero-max-min.jsonl").splitlines(keepends=True)[:20]
     plain = json.loads(lines[-1])
     lines[-1] = lines[-1].replace(f'"value_mm":{plain["value_mm"]}'.encode(), b'"value_mm":0.999')
     path = tmp_path / "s.jsonl"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from protocols.machine import Machine
 from protocols.record import MOST_BYTES, check_record, read_record
 from protocols.session import fold
 from tests.conftest import SAMPLES
+from tests.recorded import unsealed
 
 
 def opened() -> Opened:
@@ -152,6 +154,7 @@ def test_a_record_is_never_overwritten(path: Path) -> None:
 
 def test_one_writer_at_a_time(path: Path) -> None:
     journal = Journal.create(path, opened())
+    assert list(path.parent.iterdir()) == [path], "no file beside it that somebody could remove"
     with pytest.raises(RecordError, match="in use"):
         Journal.resume(path, "second")
     journal.close()
@@ -305,7 +308,7 @@ def test_the_last_line_of_an_open_record_vouches_for_itself(path: Path) -> None:
 
 def test_records_without_seals_are_read(path: Path) -> None:
     """As older programs wrote them; there the next line alone vouches for a line."""
-    content = (SAMPLES / "simulated_zero-max-min.jsonl").read_bytes()
+    content = unsealed(SAMPLES / "simulated_zero-max-min.jsonl")
     assert content.count(b'"seal"') == 1
     assert check_record(path, content).end == "closed"
     lines = content.splitlines(keepends=True)[:3]
@@ -340,6 +343,25 @@ def test_windows_locks_one_byte_behind_every_record(
         Journal.resume(path, "second")
     journal.finish(complete=True)
     assert MOST_BYTES < min(taken) < 2**31
+
+
+def test_an_interruption_behind_a_write_takes_the_lines_back(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C before anyone was told."""
+    journal = Journal.create(path, opened())
+    journal.append(reading(1))
+    acknowledged = path.read_bytes()
+
+    def interrupted(file: io.FileIO, content: bytes) -> None:
+        file.write(content)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(own_files, "write_all", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        journal.append(reading(2))
+    journal.close()
+    assert path.read_bytes() == acknowledged
 
 
 def test_full_disk_loses_nothing_acknowledged(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

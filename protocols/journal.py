@@ -169,7 +169,8 @@ class Journal:
     def _changed(self) -> NoReturn:
         """Another program wrote into the file: what was acknowledged is kept, and no more taken."""
         self._file.seek(0)
-        if self._file.readall().startswith(self._content):
+        found = self._file.readall()
+        if found.startswith(self._content) and _is_record(self.path, found):
             self._stopped = RecordError(
                 f"session {self.path}",
                 "lines of another program",
@@ -227,6 +228,12 @@ class Journal:
         """Let go of the file and remove it: nobody was told of anything in it."""
         if not self._file.closed:
             own_files.remove_own(self.path, self._file)
+
+
+def _is_record(path: Path, content: bytes) -> bool:
+    with suppress(RecordError):
+        return bool(check_record(path, content))
+    return False
 
 
 def _encoded(event: Line) -> bytes:

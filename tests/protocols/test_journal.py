@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -206,6 +207,26 @@ def test_locks_that_lie_are_found_out_before_a_second_append(
     second.append(reading(2))
     second.finish(complete=True)
     assert [r.reading for r in fold(read_record(path).events).readings] == [1, 2]
+
+
+def test_two_who_write_at_the_same_moment_lose_nothing(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both looked before either wrote: one line lies over the other, and the record is broken."""
+    monkeypatch.setattr(own_files, "lock", lambda _: None)
+    first = Journal.create(path, opened())
+    first.append(reading(1))
+    second = Journal.resume(path, "second" * 100)
+    with monkeypatch.context() as patched:
+        patched.setattr(first, "_check", lambda: None)
+        first.append(reading(2))
+    for journal, place in ((first, "s-kept.jsonl"), (second, "s-kept-2.jsonl")):
+        with pytest.raises(RecordError, match=re.escape(place)):
+            journal.append(reading(3))
+        taken = list(fold(journal.events).readings)
+        assert list(fold(read_record(path.with_name(place)).events).readings) == taken
+        with pytest.raises(RecordError):
+            journal.close()
 
 
 def test_a_record_changed_by_another_program_is_kept_beside_it(path: Path) -> None:

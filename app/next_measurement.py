@@ -23,6 +23,7 @@ from calib.orthoglide.model import Model
 from calib.orthoglide.pipeline import derivatives
 from calib.orthoglide.pool import PARAMETERS, STATIONS, LegPool, leg_pool, levels_mm
 from calib.sensitivity import sensitivity_of_readings
+from calib.ties import descending, largest
 from protocols.errors import UsageError
 from protocols.machine import Machine, load_machine
 from protocols.model_file import read_model
@@ -179,7 +180,7 @@ def _judged(
                 covariance, rows / noise_mm, np.ones(rows.shape[1]), list(FREE)
             )
             variance = np.einsum("ij,bji->b", metric, after)
-            k = int(variance.argmin())
+            k = largest(-variance)
             proposal = Proposal(
                 leg=LEG_NAMES[leg],
                 station=station,
@@ -191,7 +192,7 @@ def _judged(
             held = best.get((leg, station))
             if held is None or _gain(proposal) > _gain(held):
                 best[leg, station] = proposal
-    return sorted(best.values(), key=_gain, reverse=True)[: RUNNERS_UP + 1]
+    return descending(best.values(), _gain)[: RUNNERS_UP + 1]
 
 
 def _gain(proposal: Proposal) -> float:

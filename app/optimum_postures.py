@@ -15,6 +15,7 @@ from calib.criteria import Aim, Criterion, value_of, wanted_information
 from calib.errors import NotIdentifiable
 from calib.observations import FloatArray
 from calib.postures import Choice, choose
+from calib.ties import descending
 from protocols.errors import UsageError
 
 
@@ -141,7 +142,7 @@ class _Search:
                 "a multiple of the number of legs that determines the parameters",
             )
         sign = 1.0 if self.aim.criterion.larger_is_better else -1.0
-        return max(symmetric, key=lambda one: sign * one.value)
+        return descending(symmetric, lambda one: sign * one.value)[0]
 
 
 def _within_budget(pool: Pool, search: _Search, budget_min: float | None) -> tuple[Pool, Choice]:

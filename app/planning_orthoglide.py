@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -30,6 +31,7 @@ from calib.orthoglide.pool import (
 from calib.orthoglide.workspace import workspace_jacobian
 from calib.postures import Candidates, Choice, choose
 from calib.sensitivity import sensitivity_of_readings
+from calib.ties import largest
 from protocols.errors import UsageError
 from protocols.machine import Machine, load_machine
 from protocols.observations import to_observations
@@ -155,16 +157,17 @@ class OrthoglidePlanning:
         zero = np.array(
             [pool.index(int(i), 0.0, float(s)) for i, s in zip(pool.leg, pool.station, strict=True)]
         )
-        partner = np.where(mounted[:, None, None], 0.0, pool.rows[zero])
-        rows = np.hstack([pool.rows, partner]) / self.noise.standard_deviation_mm
-        after = covariances_after(covariance, rows, np.ones(4), list(FREE))
+        # two readings of a new mounting, its own zero fitted: their difference
+        alone = (pool.rows - pool.rows[zero]) / math.sqrt(2.0)
+        rows = np.where(mounted[:, None, None], pool.rows, alone) / self.noise.standard_deviation_mm
+        after = covariances_after(covariance, rows, np.ones(2), list(FREE))
         return tuple(self._cure(pool, mounted, after, vector) for vector in vectors)
 
     def _cure(
         self, pool: LegPool, mounted: NDArray[np.bool_], after: FloatArray, vector: FloatArray
     ) -> Cure:
         variance = np.einsum("i,bij,j->b", vector, after, vector)
-        best = int(variance.argmin())
+        best = largest(-variance)
         where = f"leg {LEG_NAMES[pool.leg[best]]} at {pool.displacement_mm[best]:+g} mm"
         station = f"station {pool.station[best]:g}"
         if not mounted[best]:

@@ -16,6 +16,7 @@ from calib.observations import Observations
 from calib.orthoglide.model import Model
 from calib.solution import Method, Solution, Subset, Weights
 from calib.subset_choice import SubsetChoice, choose_subset
+from calib.ties import descending
 from protocols.errors import RecordError
 from protocols.events import Reading
 from protocols.observations import to_observations
@@ -191,7 +192,7 @@ def _loud(
             name, reading = known[int(first[k])]
             scatter = math.sqrt(one.variance_mm2)
             found.append(Loud(name, reading, len(mounts) == 1, k + 1, scatter))
-    return tuple(sorted(found, key=lambda one: -one.scatter_mm))
+    return tuple(descending(found, lambda one: one.scatter_mm))
 
 
 def _suspects(

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from calib.errors import NotIdentifiable
 from calib.observations import FloatArray
 from calib.solution import Direction
+from calib.ties import largest
 
 UNSEEN = 1.0
 """Standard uncertainty, in tolerances, from which on a combination is not seen."""
@@ -222,7 +223,7 @@ def _echelon(rows: FloatArray) -> FloatArray:
     used = np.zeros(matrix.shape[1], dtype=np.bool_)
     for k in range(len(matrix)):
         size = np.where(used, 0.0, np.abs(matrix[k:]))
-        row, pivot = divmod(int(size.argmax()), matrix.shape[1])
+        row, pivot = divmod(largest(size), matrix.shape[1])
         matrix[[k, k + row]] = matrix[[k + row, k]]
         used[pivot] = True
         matrix[k] /= matrix[k, pivot]

@@ -12,6 +12,7 @@ from calib.distributions import variance_ratio_p_values
 from calib.observations import FloatArray, IntArray, Observations
 from calib.repeats import Repeats, WildReading, wander, wild_readings
 from calib.rounding import locked_of_shown, locked_variance
+from calib.ties import ranks
 
 NoiseSource = Literal["repeats", "instrument", "residuals"]
 Repeated = Literal["nothing", "equal", "rounding", "scatter"]
@@ -261,7 +262,7 @@ def _noise_of_indicators(
     all together show.
     """
     judged = np.flatnonzero(free > 0.0)
-    quiet = judged[np.argsort(squares[judged] / free[judged], kind="stable")]
+    quiet = judged[np.argsort(-ranks(squares[judged] / free[judged]), kind="stable")]
     while not may_be_pooled(squares[quiet], free[quiet], step):
         quiet = quiet[:-1]
     pooled = _split(float(squares[quiet].sum()), float(free[quiet].sum()), step)

@@ -27,6 +27,7 @@ from calib.criteria import (
 )
 from calib.errors import CalibrationError, NotIdentifiable
 from calib.observations import FloatArray, IntArray
+from calib.ties import descending, largest
 
 LEAST_GAIN = 1e-9
 """Relative improvement below which a swap is rounding."""
@@ -103,7 +104,8 @@ def choose(
     """The best ``count`` candidates that exchange finds; each at most once without ``repeats``.
 
     ``begin_with`` are starts of the caller's own, tried before the random ones; criteria other than
-    the determinant start from its choice, too. Equal arguments give equal results. Raises
+    the determinant start from its choice, too. Equal arguments give equal results on
+    one processor; on another, other criteria than the determinant may end at another set. Raises
     CalibrationError for impossible counts and NotIdentifiable where no set of this size sees all
     wanted parameters.
     """
@@ -131,8 +133,9 @@ def choose(
         chosen, exchanges = search.improve(start)
         # sets that see next to nothing can have the best of condition numbers
         sees = _value_or_none(candidates.information(chosen), aim) is not None
-        runs.append(((sees, search.score(chosen)), chosen, start, exchanges))
-    _, chosen, start, exchanges = max(runs, key=lambda run: run[0])
+        runs.append((sees, search.score(chosen), chosen, start, exchanges))
+    seeing = [run for run in runs if run[0]] or runs
+    _, _, chosen, start, exchanges = descending(seeing, lambda run: run[1], 1.0)[0]
     return Choice(
         chosen=tuple(sorted(int(k) for k in chosen)),
         criterion=aim.criterion,
@@ -210,7 +213,7 @@ class _Search:
             gain = self._determinant_gains(chosen)
             if not self.repeats:
                 gain[chosen] = -math.inf
-            incoming, place = divmod(int(gain.argmax()), len(chosen))
+            incoming, place = divmod(largest(gain), len(chosen))
             if not gain[incoming, place] > 1.0 + LEAST_GAIN:
                 return chosen, exchanges
             chosen[place] = incoming
@@ -232,7 +235,7 @@ class _Search:
         score = self.score(chosen)
         while unhelpful < len(chosen) and exchanges < MOST_EXCHANGES:
             after = self._scores_without(chosen, place)
-            incoming = int(after.argmax())
+            incoming = largest(after, 1.0)
             changed = chosen.copy()
             changed[place] = incoming
             found = self.score(changed) if after[incoming] > score + LEAST_GAIN else score

@@ -16,6 +16,7 @@ from calib.diagnosis.results import (
     Share,
     Value,
 )
+from calib.ties import descending
 
 SHOWN_CANDIDATES = 8
 SHOWN_SHARES = 6
@@ -167,8 +168,8 @@ def _shown(candidates: tuple[Contender, ...]) -> tuple[Contender, ...]:
     """The first ones, and the one that does most for readings it never saw."""
     first, rest = candidates[:SHOWN_CANDIDATES], candidates[SHOWN_CANDIDATES:]
     held = [one for one in candidates if one.held_out_gap_rms_mm is not None]
-    best = min(held, key=lambda one: one.held_out_gap_rms_mm or 0.0, default=None)
-    return (*first, best) if best in rest and best is not None else first
+    best = descending(held, lambda one: -(one.held_out_gap_rms_mm or 0.0))[:1]
+    return (*first, *(one for one in best if one in rest))
 
 
 def detectable_text(diagnosed: Diagnosed) -> str:

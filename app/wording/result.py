@@ -14,6 +14,7 @@ from app.wording.tables import decimals_for, new_table, signed, table_text, unce
 from calib.accuracy import ToolError
 from calib.noise import Noise
 from calib.solution import SUBSETS, Solution
+from calib.ties import largest
 
 
 def solution_text(solved: Solved) -> str:
@@ -148,12 +149,15 @@ def correlation_words(solution: Solution) -> str:
     u = solution.uncertainty_mm
     if len(u) < 2 or not u.all():
         return "no correlation to state."
-    correlation = solution.covariance_mm2 / np.outer(u, u)
-    np.fill_diagonal(correlation, 0.0)
-    first, second = divmod(int(np.abs(correlation).argmax()), len(u))
-    value = float(correlation[first, second])
+    first, second = np.triu_indices(len(u), 1)
+    pairs = (solution.covariance_mm2 / np.outer(u, u))[first, second]
+    at = largest(np.abs(pairs))
+    shown = signed(float(pairs[at]), 2)
+    if float(shown) == 0.0:
+        return "no correlation to state."
     return (
-        f"strongest correlation {value:+.2f}, {solution.names[first]} and {solution.names[second]}."
+        f"strongest correlation {shown}, {solution.names[first[at]]} and"
+        f" {solution.names[second[at]]}."
     )
 
 

@@ -9,7 +9,7 @@ taken from what is left and the scatter of repeats (Student's likelihood).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,10 +18,11 @@ from calib.diagnosis.blunders import Blunder, Suspicion
 from calib.diagnosis.entries import MOST_LOSS, Entry, chosen, entries_of, implausible
 from calib.diagnosis.problem import Problem, Sitting
 from calib.diagnosis.results import Named
-from calib.diagnosis.selection import union
+from calib.diagnosis.selection import LOG_UNIT, union
 from calib.distributions import variance_ratio_p_value
 from calib.observations import FloatArray
 from calib.orthoglide.effects.law import Law
+from calib.ties import descending
 
 MOST_EFFECTS = 3
 BEAM = 4
@@ -97,7 +98,7 @@ def needed_beside_effects(
     for one, sitting in sorted(suspicions, key=lambda each: not each[0].clear):
         corrected = _Field.of(sitting, laws)
         account = _best(corrected, MOST_EFFECTS if one.clear else MOST_EFFECTS - 1)
-        without = max(without, _same(corrected, account, alone), key=lambda a: a.log_weight)
+        without = _heaviest_first([without, _same(corrected, account, alone)])[0]
         likelier = account.log_weight - without.log_weight
         if likelier > one.log_odds and (one.clear or _closes(corrected.problem, account)):
             return one.blunder
@@ -134,10 +135,10 @@ def _best(among: _Field, most: int) -> _Account:
     best, beam = start, [start]
     for _ in range(most):
         found = {a.members: a for one in beam for a in _extended(among, one)}
-        beam = sorted(found.values(), key=lambda a: -a.log_weight)[:BEAM]
+        beam = _heaviest_first(found.values())[:BEAM]
         if not beam:
             break
-        best = max(best, beam[0], key=lambda a: a.log_weight)
+        best = _heaviest_first([best, beam[0]])[0]
     return _exchanged(among, best)
 
 
@@ -146,10 +147,14 @@ def _exchanged(among: _Field, best: _Account) -> _Account:
     while True:
         fewer = [_weighed(among, tuple(k for k in best.members if k != m)) for m in best.members]
         others = [a for one in fewer for a in (one, *_extended(among, one))]
-        better = max(others, key=lambda a: a.log_weight, default=best)
+        better = _heaviest_first([best, *others])[0]
         if better.log_weight <= best.log_weight + LEAST_GAIN:
             return best
         best = better
+
+
+def _heaviest_first(accounts: Iterable[_Account]) -> list[_Account]:
+    return descending(accounts, lambda one: one.log_weight, LOG_UNIT)
 
 
 def _extended(among: _Field, one: _Account) -> list[_Account]:
@@ -161,7 +166,9 @@ def _extended(among: _Field, one: _Account) -> list[_Account]:
         explained = float(((block.T @ left) ** 2).sum())
         rest = max(total - explained, 1e-9 * total)
         promise.append(0.5 * among.freedom * math.log(total / rest) - among.width(explained, block))
-    order = [k for k in np.argsort(promise)[::-1].tolist() if k not in one.members]
+    order = descending(
+        (k for k in range(len(promise)) if k not in one.members), promise.__getitem__
+    )
     return [_weighed(among, (*one.members, k), one) for k in order[:WEIGHED]]
 
 

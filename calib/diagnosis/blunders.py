@@ -15,11 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.diagnosis.results import Named
+from calib.diagnosis.selection import LOG_UNIT
 from calib.fit import without_zeros
 from calib.observations import LEG_NAMES, FloatArray, IntArray, Observations
 from calib.orthoglide.linear import reading_matrix
 from calib.orthoglide.model import Model
 from calib.repeats import Repeats
+from calib.ties import descending
 
 INCH_MM = 25.4
 LEAST_RATIO = 4.0
@@ -112,7 +114,7 @@ def suspect_blunders(
         suspicion = Suspicion(_named(observed, one), clear, log_tried)
         if gain > suspicion.log_odds:
             found.append((gain, suspicion))
-    ordered = [one for _, one in sorted(found, key=lambda each: -each[0])]
+    ordered = [one for _, one in descending(found, lambda each: each[0], LOG_UNIT)]
     if ordered and ordered[0].proven:
         return (ordered[0],)
     return tuple(one for one in ordered if one.blunder.id in KEEP_SCALE)[:MOST_SUSPECTED]

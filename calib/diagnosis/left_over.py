@@ -20,13 +20,14 @@ from calib.diagnosis.fitting import Fitting
 from calib.diagnosis.problem import Problem, Sitting
 from calib.diagnosis.results import Finding, HeldOutGap, LeftOver, Value
 from calib.diagnosis.scan import gap_p_value
-from calib.diagnosis.selection import union
+from calib.diagnosis.selection import LOG_UNIT, union
 from calib.diagnosis.verify import left_out_postures, on_other_sessions, structure_rms_mm
 from calib.observations import LEG_NAMES, FloatArray, IntArray
 from calib.orthoglide.effects.candidates import stacked_columns
 from calib.orthoglide.effects.empirical import BASES, Empirical, law_words
 from calib.orthoglide.effects.law import Placed
 from calib.orthoglide.pipeline import Stage
+from calib.ties import descending
 
 MOST_BASES = 3
 LEVEL = 0.005
@@ -147,7 +148,7 @@ def _describe(
     out at a time.
     """
     rest = _Rest.of(fitting, members)
-    laws = sorted(_laws(rest), key=lambda law: _criterion(rest, law))
+    laws = descending(_laws(rest), lambda law: -_criterion(rest, law), LOG_UNIT)
     p = min(rest.chance(laws[0]) * len(laws), 1.0) if laws else 1.0
     if p > LEVEL:
         return None

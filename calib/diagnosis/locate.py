@@ -11,6 +11,7 @@ from calib.diagnosis.problem import Problem
 from calib.diagnosis.results import Share
 from calib.diagnosis.scan import gap_p_value
 from calib.observations import LEG_NAMES, FloatArray
+from calib.ties import descending
 
 Mask = NDArray[np.bool_]
 
@@ -22,13 +23,15 @@ def locate(problem: Problem) -> tuple[Share, ...]:
     as much of it as the squares there; patterns hold what they explain.
     """
     explained = problem.structure @ (problem.structure.T @ problem.y)
+    if not problem.structure_df:
+        explained = np.zeros_like(explained)  # nothing is left but rounding
     total = float((explained**2).sum())
     shares = [
         _share(problem, explained, total, mask, leg, axis, pattern)
         for leg, axis, pattern, mask in _parts(problem)
     ]
     shares += [_of_pattern(problem, total, name, columns) for name, columns in _patterns(problem)]
-    return tuple(sorted(shares, key=lambda s: (s.p_value, -s.share)))
+    return tuple(descending(descending(shares, lambda s: s.share), lambda s: -s.p_value))
 
 
 def _share(
@@ -110,6 +113,6 @@ def left_over_words(shares: tuple[Share, ...], level: float) -> str:
     elif legs:
         parts.append("on all legs")
     if patterns:
-        strongest = max(patterns, key=lambda s: s.share)
+        strongest = descending(patterns, lambda s: s.share)[0]
         parts.append(f"mostly with {strongest.pattern} ({strongest.share:.0%})")
     return ", ".join(parts) or f"most on {significant[0].leg}{significant[0].axis}"

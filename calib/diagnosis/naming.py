@@ -13,6 +13,7 @@ from calib.diagnosis.problem import Problem
 from calib.diagnosis.race import LEVEL, MOST_EFFECTS, Outcome, Race
 from calib.diagnosis.results import Named, Verdict
 from calib.diagnosis.selection import ALIKE, Weighed, contained, union
+from calib.ties import descending
 
 LEAST_EVIDENCE = 25.0
 """No single name below this non-centrality (explained squares less their freedom)."""
@@ -187,4 +188,4 @@ class Naming:
 
     def by_evidence(self, kept: Weighed) -> tuple[int, ...]:
         """Members of the model, the strongest first."""
-        return tuple(sorted(kept.members, key=lambda k: -self.evidence(kept, k)))
+        return tuple(descending(kept.members, lambda k: self.evidence(kept, k)))

@@ -13,9 +13,10 @@ from calib.diagnosis.fitting import Fitting
 from calib.diagnosis.following import ENOUGH, best_addition
 from calib.diagnosis.naming import Naming
 from calib.diagnosis.results import Named, NextMeasurement, Verdict
-from calib.diagnosis.selection import Weighed
+from calib.diagnosis.selection import LOG_UNIT, Weighed
 from calib.diagnosis.separating import Explanation
 from calib.observations import FloatArray
+from calib.ties import descending
 
 REPEATS_FIRST = NextMeasurement(
     "without repeats and without a stated noise nothing can be judged: measure every posture at "
@@ -105,7 +106,7 @@ class _Pairing:
     def _likeliest(self) -> list[Named]:
         """Rivals, the best first."""
         best = {name: max(self._weight(k) for k in self._entries(name)) for name in self.rivals}
-        return sorted(self.rivals, key=lambda name: -best[name])[: MOST_NAMES - 1]
+        return descending(self.rivals, best.__getitem__, LOG_UNIT)[: MOST_NAMES - 1]
 
     def _entries(self, name: Named) -> list[int]:
         return [k for k in range(len(self.fitting.entries)) if self._named(k) == name]
@@ -117,7 +118,7 @@ class _Pairing:
             for k in self._entries(name)
             if self.fitting.entries[k].candidate and k not in self._beside()
         ]
-        found.sort(key=lambda k: (k != self.member, -self._weight(k)))
+        found = sorted(descending(found, self._weight, LOG_UNIT), key=lambda k: k != self.member)
         best = max(map(self._weight, found), default=0.0)
         near = [k for k in found if k == self.member or self._weight(k) > best - LIKELY]
         return near[:MOST_VARIANTS]

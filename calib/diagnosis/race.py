@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.scan import Null, Reference, gap_p_value, null_scores, scores
-from calib.diagnosis.selection import Search, Weighed, credible_set, foremost, union
+from calib.diagnosis.selection import Search, Weighed, credible_set, foremost, heaviest_first, union
 from calib.observations import FloatArray
 
 LEVEL = 0.01
@@ -103,7 +103,7 @@ class Race:
     def _paid(self, models: Sequence[Weighed]) -> list[Weighed]:
         """Less what they lose for their sizes together; without those far behind."""
         found: list[Weighed] = []
-        for model in sorted(models, key=lambda m: -m.log_weight)[:MOST_LOOKED_AT]:
+        for model in heaviest_first(models)[:MOST_LOOKED_AT]:
             best = max((m.log_weight for m in found), default=-np.inf)
             if model.log_weight < best - OUT_OF_THE_RACE:
                 break
@@ -131,8 +131,8 @@ class Race:
         it stands out.
         """
         kept, held, steps = self._one_after_the_other(search, singles, best)
-        for model in sorted(weighed, key=lambda m: -m.log_weight)[:SECOND_LOOK]:
-            if kept and model.log_weight <= kept.log_weight:
+        for model in heaviest_first(weighed)[:SECOND_LOOK]:
+            if kept and heaviest_first([kept, model])[0] is kept:
                 break
             others = [tuple(k for k in model.members if k != m) for m in model.members]
             apart = tuple(self.step(each, by_cells=True)[0] for each in others)
@@ -150,7 +150,7 @@ class Race:
             p, _ = self.step(kept, by_cells=True)
             if p > NAMING_LEVEL:
                 break
-            model = max(self._paid(search.beside(kept)), key=lambda m: m.log_weight)
+            model = heaviest_first(self._paid(search.beside(kept)))[0]
             kept = model.members
             steps.append(p)
         if not kept:

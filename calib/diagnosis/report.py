@@ -27,7 +27,7 @@ from calib.diagnosis.results import (
     LeftOver,
     Verdict,
 )
-from calib.diagnosis.selection import Weighed
+from calib.diagnosis.selection import Weighed, heaviest_first
 from calib.diagnosis.strays import belongs_elsewhere
 from calib.diagnosis.verify import left_out_postures, on_other_sessions, structure_rms_mm
 from calib.diagnosis.words import remarks, sentence, smallest_detectable
@@ -166,9 +166,8 @@ class Report:
         return "label_error", f"{entry.title}: it belongs to {belongs}"
 
     def _contenders(self, kept: Weighed | None) -> tuple[Contender, ...]:
-        ordered = sorted(self.outcome.singles, key=lambda m: -m.log_weight)
         found: dict[tuple[str, str], Contender] = {}
-        for model in ordered:
+        for model in heaviest_first(self.outcome.singles):
             member = model.members[0]
             entry = self.fitting.entries[member]
             if (entry.id, entry.where) in found:

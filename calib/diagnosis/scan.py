@@ -87,15 +87,15 @@ def null_scores(
 ) -> Null:
     """Draw the best score of pure noise for these orthonormal blocks ``(n, r)``.
 
-    What noise puts into all blocks together is normal with their Gram matrix as covariance, each
-    row with the standard deviation ``(n,)`` of its noise.
+    ``deviation`` ``(n,)`` is the standard deviation of the noise of each row. Readings are drawn,
+    not what noise puts into the blocks: which axes these have is up to rounding.
     """
     generator = np.random.default_rng(seed)
     together = deviation[:, None] * np.hstack(blocks)
     variance, axes = np.linalg.eigh(together.T @ together)
     seen = variance > 1e-9 * variance[-1]
-    draws = generator.normal(size=(int(seen.sum()), DRAWS))
-    parts = (axes[:, seen] * np.sqrt(variance[seen])) @ draws
+    parts = together.T @ generator.normal(size=(len(together), DRAWS))
+    draws = (axes[:, seen] / np.sqrt(variance[seen])).T @ parts
     ranks, squares = _largest(parts, [block.shape[1] for block in blocks])
     rest = max(reference.structure_df - len(draws), 0)
     total = (draws**2).sum(axis=0) + (generator.chisquare(rest, DRAWS) if rest else 0.0)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.observations import FloatArray
+from calib.ties import descending
 
 SET_SHARE = 0.95
 PAIRS_AMONG = 24
@@ -22,6 +23,8 @@ TRIPLES_AMONG = 10
 RANK_TOLERANCE = 1e-3
 LEAST_LEFT = 1e-9
 ALIKE = 0.98
+LOG_UNIT = 1e3
+"""Log weights are differences of numbers so large, or more; see `calib.ties`."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +118,7 @@ class Search:
     def triples(self, pairs: Sequence[Weighed]) -> list[Weighed]:
         """Every candidate beside the best pairs."""
         two = [m for m in pairs if len(m.members) == 2]
-        best = sorted(two, key=lambda m: -m.log_weight)[:TRIPLES_AMONG]
+        best = heaviest_first(two)[:TRIPLES_AMONG]
         return self._all_beside([m.members for m in best])
 
     def _all_beside(self, bases: Sequence[tuple[int, ...]]) -> list[Weighed]:
@@ -152,9 +155,9 @@ class Search:
 
     def _promising(self, singles: Sequence[Weighed], count: int) -> list[int]:
         """Best alone, and best beside the best one."""
-        alone = sorted(singles, key=lambda m: -m.log_weight)
+        alone = heaviest_first(singles)
         lead = alone[0].members[0]
-        beside = sorted(self.beside((lead,)), key=lambda m: -m.log_weight)
+        beside = heaviest_first(self.beside((lead,)))
         others = [next(k for k in m.members if k != lead) for m in beside[: count // 2]]
         return list(dict.fromkeys([m.members[0] for m in alone[:count]] + others))
 
@@ -182,12 +185,17 @@ def union(blocks: Sequence[FloatArray]) -> FloatArray:
 
 def foremost(models: Sequence[Weighed]) -> Weighed:
     """The model of most weight; of those that are one and the same, that with fewest members."""
-    return max(models, key=lambda m: (round(m.log_weight, 6), -len(m.members)))
+    return heaviest_first(sorted(models, key=lambda m: len(m.members)))[0]
+
+
+def heaviest_first(models: Sequence[Weighed]) -> list[Weighed]:
+    """Models by their weight; of those that are one and the same the earlier candidate first."""
+    return descending(models, lambda m: m.log_weight, LOG_UNIT)
 
 
 def credible_set(models: Sequence[Weighed]) -> list[Weighed]:
     """The smallest set of models that holds 95 % of the weight, best first, with their shares."""
-    ordered = sorted(models, key=lambda m: -m.log_weight)
+    ordered = heaviest_first(models)
     top = ordered[0].log_weight
     weights = [math.exp(max(m.log_weight - top, -700.0)) for m in ordered]
     total = sum(weights)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.observations import FloatArray, IntArray, Observations
+from calib.ties import descending
 
 CLEAR = 60.0
 """The square sum must fall by so many noise variances."""
@@ -82,7 +83,7 @@ def _step(observed: Observations, rows: IntArray, basis: FloatArray, noise: floa
     ]
     if not steps:
         return None
-    k, gain, shift, share = max(steps, key=lambda one: one[1])
+    k, gain, shift, share = descending(steps, lambda one: one[1])[0]
     drift = _explained(value, basis, order.astype(np.float64))[0]
     wild = max(_explained(value, basis, np.where(order == j, 1.0, 0.0))[0] for j in order)
     left = max(total - gain, noise)

@@ -23,6 +23,7 @@ from calib.diagnosis.labels import (
 from calib.diagnosis.results import Named
 from calib.diagnosis.slips import cell_basis, level_basis, posture_basis
 from calib.observations import FloatArray, IntArray, Observations
+from calib.ties import descending, largest, ranks
 
 WILD_DISTANCE = 17.0
 """In standard deviations of a reading; far beyond what heavy tails of honest readings reach."""
@@ -172,7 +173,7 @@ def _worst(observed: Observations, least_mm2: float) -> Blunder | None:
     worst = float(judged.distance.max(initial=0.0))
     if worst < MISLABELLED_DISTANCE:
         return None
-    order = np.argsort(-judged.distance)
+    order = np.argsort(ranks(judged.distance), kind="stable")
     suspects = order[observed.mount[order] == observed.mount[order[0]]][:MOST_SUSPECTS]
     suspects = suspects[judged.distance[suspects] >= SUSPECT * worst]
     wild = _wild(observed, suspects, least_mm2)
@@ -225,7 +226,7 @@ def _likeliest(fits: list[_Fit]) -> list[_Fit]:
     """Of those that explain most the likeliest, then others of its row that nearly are."""
     first = min(fits, key=lambda one: one.left_mm2)
     bar = first.left_mm2 + ALIKE * first.variance_mm2
-    alike = sorted((one for one in fits if one.left_mm2 <= bar), key=lambda one: -one.odds)
+    alike = descending((one for one in fits if one.left_mm2 <= bar), lambda one: one.odds)
     best = alike[0]
     return [one for one in alike if one.row == best.row and one.odds * CERTAIN > best.odds]
 
@@ -268,7 +269,7 @@ def belongs_elsewhere(observed: Observations, row: int) -> str | None:
 def _wild(observed: Observations, suspects: IntArray, least_mm2: float) -> Blunder:
     """The reading without which the repeats agree best; all where several do as well."""
     left = [_Judged.of(_without(observed, [row]), least_mm2).left_mm2 for row in suspects.tolist()]
-    best = int(np.argmin(left))
+    best = largest(-np.array(left), least_mm2)
     rest = _Judged.of(_without(observed, [int(suspects[best])]), least_mm2)
     bar = rest.left_mm2 + ALIKE * rest.variance_mm2
     rows = np.array(

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.diagnosis.problem import Problem, Sitting
 from calib.diagnosis.results import HeldOutGap
-from calib.diagnosis.selection import KNOWN, Search, Spread
+from calib.diagnosis.selection import KNOWN, Search, Spread, heaviest_first
 from calib.errors import NotIdentifiable
 from calib.observations import LEG_NAMES, FloatArray, IntArray
 from calib.orthoglide.effects.law import Placed
@@ -89,12 +89,12 @@ def _choose(
         blocks.append(left[:, shown > 1e-3])
     search = Search(rest, tuple(blocks), spread, np.zeros(len(blocks)), (1,) * len(blocks))
     singles = search.singles()
-    best = max(singles, key=lambda m: m.log_weight)
+    best = heaviest_first(singles)[0]
     while len(best.members) < size:
         larger = search.beside(best.members)
         if not larger:
             break
-        best = max(larger, key=lambda m: m.log_weight)
+        best = heaviest_first(larger)[0]
     return best.members
 
 

@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip --disable-pip-version-check install --quiet
 
-.PHONY: demo test check bench blind fuzz samples clean
+.PHONY: demo test check processors bench blind fuzz samples clean
 
 demo: $(VENV)/runtime.stamp
 	$(BIN)/glidecal demo
@@ -18,6 +18,10 @@ check: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# the kernels of OpenBLAS and numpy that other processors take
+processors: $(VENV)/dev.stamp
+	$(BIN)/python -m tests.processors
 
 bench: $(VENV)/bench.stamp
 	$(BIN)/python -m benchmarks.run -o docs/benchmarks.md

@@ -1,0 +1,182 @@
+"""``make processors``: one machine stands for many.
+
+The kernels of OpenBLAS and numpy that other processors would take, as far as this one can run them:
+golden texts, more texts that name the largest of something, and a part of the blind bench must
+come out the same to the letter. Exit status 1 where anything differs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from difflib import unified_diff
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_info
+
+from tests.app.cli import glidecal
+from tests.app.test_golden import GOLDEN, TEXTS
+from tests.blind.bench_files import write_session
+from tests.blind.cases import Case, plan
+from tests.blind.documents import of_the_program, row_of
+from tests.blind.generator import make
+
+Json = dict[str, Any]
+ROOT = Path(__file__).parents[1]
+SEED, EVERY = 11, 8
+SIMULATED = "sample_sessions/simulated_sweep.jsonl"
+MORE_TEXTS: dict[str, tuple[str, ...]] = {
+    "solve, joint offsets": ("solve", SIMULATED, "--subset", "joint-offsets"),
+    "solve, leg lengths": ("solve", SIMULATED, "--method", "linear", "--subset", "leg-lengths"),
+    "diagnose, no freedom": ("diagnose", "sample_sessions/experiment_1_six.jsonl"),
+    "diagnose, published": ("diagnose", "sample_sessions/experiment_2_twelve.jsonl"),
+    "diagnose, simulated": ("diagnose", "sample_sessions/simulated_zero-max-min.jsonl"),
+    "plan, nothing": ("plan",),
+    "plan, published": ("plan", "sample_sessions/experiment_3_twelve.jsonl"),
+    "plan, simulated": ("plan", SIMULATED),
+    "identifiability": ("identifiability", "orthoglide", "--procedure", "sweep"),
+    "identifiability, noise": (
+        *("identifiability", "orthoglide", "--procedure", "zero-max-min"),
+        *("--noise", "0.002"),
+    ),
+    "aliases": ("diagnose", "--aliases", "--procedure", "zero-max-min"),
+}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of processor: OpenBLAS's name, what numpy calls its instructions, threads.
+
+    ``without`` are groups of instructions that numpy leaves alone.
+    """
+
+    core: str
+    needs: str
+    without: tuple[str, ...]
+    threads: int
+
+    @property
+    def surroundings(self) -> dict[str, str]:
+        """The environment in which a process computes like one."""
+        known = np._core._multiarray_umath.__cpu_dispatch__
+        return {
+            **os.environ,
+            "OPENBLAS_CORETYPE": self.core,
+            "OPENBLAS_NUM_THREADS": str(self.threads),
+            "NPY_DISABLE_CPU_FEATURES": " ".join(name for name in self.without if name in known),
+        }
+
+
+WIDE = ("X86_V4", "AVX512F", "AVX512CD", "AVX512_SKX", "AVX512_CLX", "AVX512_CNL")
+WIDE = (*WIDE, "AVX512_ICL", "AVX512_SPR")
+AVX2 = ("X86_V3", "AVX2", "FMA3", "F16C", "AVX")
+KINDS = (
+    Kind("SkylakeX", "AVX512_SKX", (), 2),
+    Kind("Haswell", "AVX2", WIDE, 2),
+    Kind("Sandybridge", "AVX", (*WIDE, *AVX2), 1),
+    Kind("Nehalem", "SSE42", (*WIDE, *AVX2), 2),
+    Kind("Prescott", "SSE3", (*WIDE, *AVX2), 1),
+)
+SAME_AS = {"Katmai": "Prescott", "Zen": "Haswell", "Cooperlake": "SkylakeX"}
+
+
+def cases() -> list[Case]:
+    """A part of the quick blind bench, some of each cell."""
+    return plan(0.04)[::EVERY]
+
+
+def look(folder: Path) -> Json:
+    """What this process computes with, every text, and what each diagnosis says."""
+    features = np._core._multiarray_umath.__cpu_features__
+    blas = [one for one in threadpool_info() if one["internal_api"] == "openblas"]
+    said = {}
+    for name, arguments in {**TEXTS, **MORE_TEXTS}.items():
+        run = glidecal(*arguments, cwd=ROOT)
+        said[name] = f"exit {run.status}\n{run.out}{run.err}"
+    for case in cases():
+        row = row_of(of_the_program, folder / f"{case.session}.jsonl", case.without)
+        names = [(e["id"], e["where"], sorted(e["also"])) for e in row["effects"]]
+        rivals = [(c["id"], c["where"]) for c in row.get("candidates", ())]
+        lines = [row["verdict"], *map(str, names), *map(str, rivals), str(row.get("error", ""))]
+        said[case.key] = "\n".join(lines)
+    return {
+        "cores": sorted({SAME_AS.get(one["architecture"], one["architecture"]) for one in blas}),
+        "copies": len(blas),
+        "threads": sorted({one["num_threads"] for one in blas}),
+        "dispatched": [n for n in np._core._multiarray_umath.__cpu_dispatch__ if features[n]],
+        "said": said,
+    }
+
+
+def asked(kind: Kind, folder: Path) -> Json:
+    """The same from a process of its own."""
+    path = folder / f"{kind.core}.json"
+    command = [sys.executable, "-m", "tests.processors", "--look", str(folder), "-o", str(path)]
+    subprocess.run(command, cwd=ROOT, env=kind.surroundings, check=True)
+    found: Json = json.loads(path.read_text(encoding="utf-8"))
+    return found
+
+
+def wrong(kind: Kind, found: Json, wanted: dict[str, str]) -> list[str]:
+    """What differs from the first kind, and settings that took no effect."""
+    problems = []
+    threads = min(kind.threads, os.cpu_count() or 1)
+    if found["cores"] != [kind.core] or found["threads"] != [threads]:
+        problems.append(f"asked for {kind.core}, {threads} threads; in use: {found['cores']}")
+    if set(found["dispatched"]) & set(kind.without):
+        problems.append(f"numpy still uses {found['dispatched']}")
+    for name, text in wanted.items():
+        lines = unified_diff(text.splitlines(), found["said"][name].splitlines(), lineterm="", n=0)
+        problems += [f"{name}: {line}" for line in lines if line[:3] not in ("---", "+++")]
+    return problems
+
+
+def main() -> int:
+    """Entry of ``python -m tests.processors``."""
+    parser = argparse.ArgumentParser(prog="python -m tests.processors", description=__doc__)
+    parser.add_argument("--look", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("-o", "--output", type=Path, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.look:
+        options.output.write_text(json.dumps(look(options.look)), encoding="utf-8")
+        return 0
+    features = np._core._multiarray_umath.__cpu_features__
+    kinds = [kind for kind in KINDS if features.get(kind.needs)]
+    if len(kinds) < 2:
+        print("processors: this one has a single kind of kernels; nothing compared")
+        return 0
+    with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(2) as pool:
+        folder = Path(name)
+        for case in cases():
+            write_session(make(case, SEED), folder / f"{case.session}.jsonl")
+        everything = list(pool.map(asked, kinds, [folder] * len(kinds)))
+    wanted = dict(everything[0]["said"])
+    for name in TEXTS:
+        golden = (GOLDEN / f"{name}.txt").read_text(encoding="utf-8")
+        wanted[name] = f"exit 0\n{golden}"
+    failed = False
+    for kind, found in zip(kinds, everything, strict=True):
+        problems = wrong(kind, found, wanted)
+        using = " ".join(found["dispatched"]) or "its baseline"
+        print(
+            f"{kind.core}: {found['copies']} copies of OpenBLAS, {found['threads']} threads, numpy"
+            f" {using}: {len(wanted)} texts and diagnoses, {len(problems)} lines wrong"
+        )
+        print("".join(f"    {line}\n" for line in problems), end="")
+        failed = failed or bool(problems)
+    left_out = [kind.core for kind in KINDS if kind not in kinds]
+    if left_out:
+        print(f"not run, this processor cannot: {', '.join(left_out)}")
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

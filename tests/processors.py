@@ -16,11 +16,11 @@ import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from difflib import unified_diff
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from threadpoolctl import threadpool_info
+from threadpoolctl import threadpool_info  # type: ignore[import-untyped]  # it has no types
 
 from tests.app.cli import glidecal
 from tests.app.test_golden import GOLDEN, TEXTS
@@ -30,6 +30,9 @@ from tests.blind.documents import of_the_program, row_of
 from tests.blind.generator import make
 
 Json = dict[str, Any]
+NUMPY: Any = import_module(
+    "numpy._core._multiarray_umath"
+)  # untyped, its kernels are told here only
 ROOT = Path(__file__).parents[1]
 SEED, EVERY = 11, 8
 SIMULATED = "sample_sessions/simulated_sweep.jsonl"
@@ -66,7 +69,7 @@ class Kind:
     @property
     def surroundings(self) -> dict[str, str]:
         """The environment in which a process computes like one."""
-        known = np._core._multiarray_umath.__cpu_dispatch__
+        known = NUMPY.__cpu_dispatch__
         return {
             **os.environ,
             "OPENBLAS_CORETYPE": self.core,
@@ -75,8 +78,10 @@ class Kind:
         }
 
 
-WIDE = ("X86_V4", "AVX512F", "AVX512CD", "AVX512_SKX", "AVX512_CLX", "AVX512_CNL")
-WIDE = (*WIDE, "AVX512_ICL", "AVX512_SPR")
+WIDE = (
+    *("X86_V4", "AVX512F", "AVX512CD", "AVX512_SKX"),
+    *("AVX512_CLX", "AVX512_CNL", "AVX512_ICL", "AVX512_SPR"),
+)
 AVX2 = ("X86_V3", "AVX2", "FMA3", "F16C", "AVX")
 KINDS = (
     Kind("SkylakeX", "AVX512_SKX", (), 2),
@@ -95,7 +100,7 @@ def cases() -> list[Case]:
 
 def look(folder: Path) -> Json:
     """What this process computes with, every text, and what each diagnosis says."""
-    features = np._core._multiarray_umath.__cpu_features__
+    features = NUMPY.__cpu_features__
     blas = [one for one in threadpool_info() if one["internal_api"] == "openblas"]
     said = {}
     for name, arguments in {**TEXTS, **MORE_TEXTS}.items():
@@ -111,7 +116,7 @@ def look(folder: Path) -> Json:
         "cores": sorted({SAME_AS.get(one["architecture"], one["architecture"]) for one in blas}),
         "copies": len(blas),
         "threads": sorted({one["num_threads"] for one in blas}),
-        "dispatched": [n for n in np._core._multiarray_umath.__cpu_dispatch__ if features[n]],
+        "dispatched": [n for n in NUMPY.__cpu_dispatch__ if features[n]],
         "said": said,
     }
 
@@ -148,7 +153,7 @@ def main() -> int:
     if options.look:
         options.output.write_text(json.dumps(look(options.look)), encoding="utf-8")
         return 0
-    features = np._core._multiarray_umath.__cpu_features__
+    features = NUMPY.__cpu_features__
     kinds = [kind for kind in KINDS if features.get(kind.needs)]
     if len(kinds) < 2:
         print("processors: this one has a single kind of kernels; nothing compared")

@@ -31,6 +31,7 @@ from app.commands import (
     validate,
 )
 from app.exit_codes import Exit, exit_code
+from app.streams import guard_standard_streams
 from calib.errors import GlidecalError
 
 VERSION = "0.1.0"
@@ -94,9 +95,7 @@ def main() -> None:
     """Run the program; every error meant for a person becomes one paragraph and a status."""
     # numpy reads it once; for matrices as small as ours, waiting threads cost more than they help
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):  # a console without UTF-8 gets "?" and no traceback
-            stream.reconfigure(errors="replace")
+    guard_standard_streams()
     status = _run()
     try:
         sys.stdout.flush()

@@ -22,6 +22,10 @@ MILLIMETRES = {Unit.MM: Decimal(1), Unit.INCH: Decimal("25.4"), Unit.MICROMETRE:
 """Exact by definition."""
 
 
+LARGEST_MM = 100_000.0
+"""No indicator measures further; records allow no more."""
+
+
 @dataclass(frozen=True)
 class Reading:
     """A value with the text it came from.
@@ -94,6 +98,8 @@ def reading(
         return not_understood(text)
     value = Decimal(number.replace(" ", ""))
     factor = MILLIMETRES[asked.unit]
+    if abs(value) * factor > LARGEST_MM:
+        return not_understood(text)
     step = Decimal(1).scaleb(int(value.as_tuple().exponent)) * factor
     return Reading(
         text=text,

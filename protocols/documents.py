@@ -2,15 +2,32 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import stat
 import tomllib
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, BinaryIO, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
+from calib.printable import printable
 from protocols.errors import RecordError
-from protocols.toml_lines import line_of
+from protocols.toml_lines import is_deep, line_of
+
+Name = Annotated[str, AfterValidator(printable)]
+"""One line: line breaks and other hidden characters are shown, nothing is obeyed."""
+
+LengthMm = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
+FigureMm = Annotated[float, Field(ge=0.0, le=100.0)]
+"""What is stated of an indicator; one that shows whole inches resolves 25.4 mm."""
+
+Tolerance = Annotated[float, Field(ge=1e-9, le=100.0)]
+Seconds = Annotated[float, Field(ge=-1e9, le=1e9)]
+Celsius = Annotated[float, Field(ge=-300.0, le=2000.0)]
+Count = Annotated[int, Field(ge=1, le=1_000_000)]
+Seed = Annotated[int, Field(ge=0)]
 
 
 class Document(BaseModel):
@@ -22,33 +39,61 @@ class Document(BaseModel):
 
 
 MOST_FAULTS = 3
+MOST_BYTES = 16_000_000
+MOST_TOML_BYTES = 1_000_000
 
 D = TypeVar("D", bound=BaseModel)
 
 
 def read_toml(path: Path, kind: type[D], what: str) -> D:
     """The document in a TOML file. Raises RecordError naming the file, the key and the value."""
-    text = read_text(path, what)
+    text = read_text(path, what, MOST_TOML_BYTES)
+    if is_deep(text):
+        raise RecordError(f"{what} {path}", "a key of very many parts", "TOML text")
     try:
-        content = tomllib.loads(text)
+        # strict validation takes lists for tuples only from JSON, and TOML has no tuples
+        content = json.dumps(tomllib.loads(text), default=str)
     except (ValueError, RecursionError) as problem:
         raise RecordError(f"{what} {path}", str(problem), "TOML text") from problem
     try:
-        # strict validation takes lists for tuples only from JSON, and TOML has no tuples
-        return kind.model_validate_json(json.dumps(content, default=str))
+        return kind.model_validate_json(content)
     except ValidationError as problem:
         raise RecordError(
             f"{what} {path}", describe(problem, text), next_step=_keys(kind)
         ) from problem
 
 
-def read_text(path: Path, what: str) -> str:
-    """The text of a file as UTF-8. Raises RecordError where it cannot be read."""
+def read_text(path: Path, what: str, most_bytes: int = MOST_BYTES) -> str:
+    """The text of a file as UTF-8, line breaks as ``\\n``.
+
+    The one door for files of a user. Raises RecordError where it cannot be read, is no ordinary
+    file or larger than ``most_bytes``.
+    """
     try:
-        return path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as problem:
-        reason = problem.strerror if isinstance(problem, OSError) else "not UTF-8 text"
-        raise RecordError(f"{what} {path}", str(reason), "a readable UTF-8 file") from problem
+        with open_ordinary(path) as file:
+            content = file.read(most_bytes + 1)
+        if len(content) <= most_bytes:
+            text = content.decode("utf-8-sig")
+            return text.replace("\r\n", "\n").replace("\r", "\n")
+        reason = f"more than {most_bytes:,} bytes"
+        allowed = f"a file up to {most_bytes:,} bytes"
+    except OSError as problem:
+        reason, allowed = problem.strerror or str(problem), "a readable UTF-8 file"
+    except ValueError:  # also a name with a zero byte
+        reason, allowed = "not UTF-8 text", "a readable UTF-8 file"
+    raise RecordError(f"{what} {path}", reason, allowed)
+
+
+def open_ordinary(path: Path) -> BinaryIO:
+    """Open a file to read; a pipe, a device or a folder raises OSError and is not waited for."""
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise OSError(errno.EINVAL, "not an ordinary file")
+    flags = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0)
+    file = os.fdopen(os.open(path, flags), "rb")
+    if stat.S_ISREG(os.fstat(file.fileno()).st_mode):  # another one may have come in between
+        return file
+    file.close()
+    raise OSError(errno.EINVAL, "not an ordinary file")
 
 
 def describe(problem: ValidationError, text: str | None = None) -> str:

@@ -14,8 +14,10 @@ from calib.orthoglide.effects.empirical import BASES, EMPIRICAL, empirical_law
 from calib.orthoglide.effects.kinds import EffectParameter
 from calib.orthoglide.effects.law import Law, Placed
 from calib.orthoglide.geometry import Geometry
-from protocols.documents import Document
+from protocols.documents import Document, Name
 from protocols.errors import RecordError
+
+Value = Annotated[float, Field(ge=-1e9, le=1e9)]
 
 
 class ParameterEntry(Document):
@@ -25,29 +27,29 @@ class ParameterEntry(Document):
     ``places`` it acts where the effect does, with ``where = "all"`` at every place.
     """
 
-    value: float
-    unit: str
-    standard_uncertainty: Annotated[float, Field(ge=0.0)] | None = None
-    of: str | None = None
-    places: tuple[str, ...] = ()
+    value: Value
+    unit: Name
+    standard_uncertainty: Annotated[Value, Field(ge=0.0)] | None = None
+    of: Name | None = None
+    places: tuple[Name, ...] = ()
 
 
 class Provenance(Document):
     """Which sessions an effect was found in: names, digests, when, and the verdict."""
 
-    sessions: tuple[str, ...]
-    digests: tuple[str, ...] = ()
+    sessions: tuple[Name, ...]
+    digests: tuple[Name, ...] = ()
     found: AwareDatetime | None = None
-    verdict: str = ""
+    verdict: Name = ""
 
 
 class EffectEntry(Document):
     """One adopted effect: its name in the catalogue, where it acts, its parameters."""
 
-    id: str
-    where: str
-    title: str = ""
-    parameters: dict[str, ParameterEntry]
+    id: Name
+    where: Name
+    title: Name = ""
+    parameters: dict[Name, ParameterEntry]
     provenance: Provenance | None = None
 
 

@@ -5,11 +5,21 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Annotated, Literal
 
-from pydantic import AwareDatetime, Field, TypeAdapter, model_validator
+from pydantic import AfterValidator, AwareDatetime, Field, TypeAdapter, model_validator
 
-from protocols.documents import Document
+from calib.errors import GlidecalError
+from protocols.documents import (
+    Celsius,
+    Count,
+    Document,
+    FigureMm,
+    LengthMm,
+    Name,
+    Seconds,
+    Seed,
+)
 from protocols.machine import Instrument, Machine
-from protocols.procedure import Leg, Procedure
+from protocols.procedure import Leg, Procedure, Step
 
 SCHEMA = "glidecal.session/1"
 FIRST_DIGEST = "0" * 64
@@ -28,6 +38,15 @@ class Line(Document):
     seal: str = ""
 
 
+def _beside(name: str) -> str:
+    if name in {"", ".", ".."} or any(mark in name for mark in "/\\\0"):
+        raise ValueError("the name of a session in the same folder, without a path")
+    return name
+
+
+FileName = Annotated[Name, AfterValidator(_beside)]
+
+
 class Opened(Line):
     """First line: the schema and everything known before measuring.
 
@@ -38,17 +57,32 @@ class Opened(Line):
 
     event: Literal["opened"] = "opened"
     schema_id: Literal["glidecal.session/1"] = Field(alias="schema", default="glidecal.session/1")
-    program: str
+    program: Name
     origin: Literal["measured", "simulated", "imported"]
     machine: Machine
     procedure: Procedure | None = None
-    instruments: tuple[Instrument, ...] = ()
-    seed: int | None = None
-    operator: str = ""
-    temperature_c: float | None = None
-    verifies: str | None = None
-    computer: str | None = None
-    remarks: tuple[str, ...] = ()
+    instruments: Annotated[tuple[Instrument, ...], Field(max_length=2)] = ()
+    seed: Seed | None = None
+    operator: Name = ""
+    temperature_c: Celsius | None = None
+    verifies: FileName | None = None
+    computer: Name | None = None
+    remarks: tuple[Name, ...] = ()
+
+    @model_validator(mode="after")
+    def _measurable(self) -> Opened:
+        try:
+            self.steps()
+        except GlidecalError as problem:
+            raise ValueError(str(problem)) from problem
+        return self
+
+    def steps(self) -> tuple[Step, ...]:
+        """The steps of the procedure on these instruments; none for an imported table."""
+        if self.procedure is None or not self.instruments:
+            return ()
+        axes = tuple(instrument.axes for instrument in self.instruments)
+        return self.procedure.steps(self.machine.geometry(), axes)
 
 
 class Mounted(Line):
@@ -56,8 +90,8 @@ class Mounted(Line):
 
     event: Literal["mounted"] = "mounted"
     leg: Leg
-    station: float
-    mounts: dict[Leg, str]
+    station: Annotated[float, Field(ge=0.0, le=1.0)]
+    mounts: dict[Leg, Name]
 
 
 class Reading(Line):
@@ -68,21 +102,21 @@ class Reading(Line):
 
     event: Literal["reading"] = "reading"
     reading: Annotated[int, Field(ge=1)]
-    step: int | None = None
+    step: Count | None = None
     leg: Leg
     axis: Leg
-    displacement_mm: float
-    value_mm: float
+    displacement_mm: LengthMm
+    value_mm: LengthMm
     text: str
-    cycle: int = 1
-    mount: str
+    cycle: Count = 1
+    mount: Name
     station: Annotated[float, Field(ge=0.0, le=1.0)] = 0.5
-    time_s: float | None = None
-    temperature_c: float | None = None
-    averaged: Annotated[int, Field(ge=1)] = 1
-    resolution_mm: float | None = None
+    time_s: Seconds | None = None
+    temperature_c: Celsius | None = None
+    averaged: Count = 1
+    resolution_mm: FigureMm | None = None
     unit_assumed: bool = False
-    extra: dict[str, str] = Field(default_factory=dict)
+    extra: dict[Name, Name] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _across_the_leg(self) -> Reading:
@@ -96,7 +130,7 @@ class Superseded(Line):
 
     event: Literal["superseded"] = "superseded"
     readings: tuple[int, ...]
-    reason: str
+    reason: Name
 
 
 class Skipped(Line):
@@ -104,7 +138,7 @@ class Skipped(Line):
 
     event: Literal["skipped"] = "skipped"
     steps: tuple[int, ...]
-    reason: str
+    reason: Name
 
 
 class Restored(Line):
@@ -113,16 +147,16 @@ class Restored(Line):
     event: Literal["restored"] = "restored"
     readings: tuple[int, ...] = ()
     steps: tuple[int, ...] = ()
-    reason: str
+    reason: Name
 
 
 class Faulted(Line):
     """An indicator gave a fault instead of a value."""
 
     event: Literal["faulted"] = "faulted"
-    step: int | None = None
+    step: Count | None = None
     axis: Leg
-    kind: str
+    kind: Name
     text: str
 
 
@@ -130,7 +164,7 @@ class Noted(Line):
     """A remark of the operator."""
 
     event: Literal["noted"] = "noted"
-    text: str
+    text: Name
 
 
 class Continued(Line):
@@ -141,7 +175,7 @@ class Continued(Line):
     """
 
     event: Literal["continued"] = "continued"
-    program: str
+    program: Name
     torn_bytes: int = 0
     paused_s: float | None = None
 

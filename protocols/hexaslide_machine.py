@@ -12,11 +12,11 @@ from pydantic import Field, ValidationInfo, field_validator
 from calib.errors import CalibrationError
 from calib.hexaslide.geometry import CHAINS, LEVEL, NOT_UNIT, Box, ConstraintLink, Geometry
 from calib.hexaslide.kinematics import inverse
-from protocols.documents import Document, read_toml
+from protocols.documents import Document, Name, read_toml
 
 Coordinate = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Point = tuple[Coordinate, Coordinate, Coordinate]
-Length = Annotated[float, Field(gt=0.0, le=1000.0)]
+Length = Annotated[float, Field(ge=1e-6, le=1000.0)]
 Range = tuple[Coordinate, Coordinate]
 
 
@@ -78,7 +78,7 @@ class HexaSlideMachine(Document):
     schema_id: Literal["glidecal.hexaslide/1"] = Field(
         alias="schema", default="glidecal.hexaslide/1"
     )
-    name: str
+    name: Name
     chain: tuple[Chain, ...]
     box: PostureBox
     constraint_link: LinkEnds | None = None

@@ -15,7 +15,7 @@ from calib.errors import CalibrationError
 from calib.hexaslide.geometry import ConstraintLink, Geometry, Numbers
 from calib.hexaslide.procedures import Kind, Procedure
 from calib.hexaslide.residuals import Readings, measured_names
-from protocols.documents import Document, describe, read_text
+from protocols.documents import Document, Name, describe, open_ordinary, read_text
 from protocols.errors import RecordError
 from protocols.hexaslide_machine import Chain, HexaSlideMachine, LinkEnds, Point
 
@@ -68,14 +68,14 @@ class HexaSlideMeasurements(Document):
     """Everything that a calibration needs; nothing of what it is to find."""
 
     schema_id: MeasurementsSchema = Field(alias="schema")
-    program: str = ""
+    program: Name = ""
     origin: Literal["measured", "simulated"]
     seed: int | None = None
     procedure: Kind = Field(strict=False)
-    measured: tuple[str, ...]
+    measured: tuple[Name, ...]
     units: Units
     noise: MeasuringNoise
-    machine_file: str
+    machine_file: Name
     machine: HexaSlideMachine
     postures: Annotated[tuple[MeasuredPosture, ...], Field(min_length=1, max_length=MOST_POSTURES)]
 
@@ -150,7 +150,7 @@ def _lines(header: dict[str, object]) -> str:
 def is_measurements(path: Path) -> bool:
     """Whether the file begins as one; False where it cannot be read."""
     try:
-        with path.open("rb") as file:
+        with open_ordinary(path) as file:
             return MARK in file.read(BEGINNING_BYTES)
     except OSError:
         return False

@@ -11,11 +11,10 @@ from pydantic import Field, field_validator, model_validator
 
 from calib.errors import CalibrationError
 from calib.orthoglide.geometry import Geometry
-from protocols.documents import Document, read_toml
+from protocols.documents import Document, FigureMm, LengthMm, Name, Tolerance, read_toml
 
-Length = Annotated[float, Field(gt=0.0, le=100_000.0)]
-Position = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
-Triple = tuple[Position, Position, Position]
+Length = Annotated[float, Field(ge=0.001, le=100_000.0)]
+Triple = tuple[LengthMm, LengthMm, LengthMm]
 
 LEAST_GRAVITY = 1e-6
 """A shorter vector tells no direction."""
@@ -28,13 +27,13 @@ class Instrument(Document):
     interfaces with several inputs, ``pattern`` and ``request`` to the profile ``ascii-line``.
     """
 
-    profile: str
-    port: str = ""
+    profile: Name
+    port: Name = ""
     axes: Annotated[str, Field(pattern="^[xyz]{1,3}$")] = "xyz"
     unit: Literal["mm", "inch", "µm"] = "mm"
     channel: Annotated[int, Field(ge=1, le=99)] = 1
-    resolution_mm: Annotated[float, Field(ge=0.0)] | None = None
-    repeatability_mm: Annotated[float, Field(ge=0.0)] | None = None
+    resolution_mm: FigureMm | None = None
+    repeatability_mm: FigureMm | None = None
     pattern: str | None = None
     request: str | None = None
 
@@ -54,19 +53,19 @@ class Machine(Document):
     """
 
     schema_id: Literal["glidecal.machine/1"] = Field(alias="schema", default="glidecal.machine/1")
-    name: str = "orthoglide"
+    name: Name = "orthoglide"
     leg_length_mm: Length = 310.25
-    travel_max_mm: float = 60.0
-    travel_min_mm: float = -100.0
+    travel_max_mm: LengthMm = 60.0
+    travel_min_mm: LengthMm = -100.0
     parallelogram_width_mm: Length = 80.0
     tool_radius_mm: Length = 31.0
     home_offset_mm: Triple | None = None
     entered_offsets_mm: Triple = (0.0, 0.0, 0.0)
-    offset_tolerance_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 2.0
-    length_tolerance_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 0.1
+    offset_tolerance_mm: Tolerance = 2.0
+    length_tolerance_mm: Tolerance = 0.1
     gravity: Triple = (0.0, 0.0, -1.0)
-    load: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
-    screw_lead_mm: Annotated[float, Field(gt=0.0, le=1000.0)] | None = None
+    load: Annotated[float, Field(ge=0.001, le=1000.0)] = 1.0
+    screw_lead_mm: Annotated[float, Field(ge=0.001, le=1000.0)] | None = None
     mdi: Literal["tool", "joint"] = "tool"
     indicator: tuple[Instrument, ...] = ()
 

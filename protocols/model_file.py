@@ -14,7 +14,7 @@ from calib.orthoglide.effects import CATALOGUE
 from calib.orthoglide.effects.law import Law, Placed
 from calib.orthoglide.geometry import PARAMETER_NAMES
 from calib.orthoglide.model import Model
-from protocols.documents import Document, describe, read_text
+from protocols.documents import Document, LengthMm, Name, describe, read_text
 from protocols.effect_entries import EffectEntry, effect_entry, placed_effects
 from protocols.errors import RecordError, UsageError
 from protocols.machine import Machine
@@ -25,7 +25,7 @@ class HistoryEntry(Document):
 
     action: Literal["added", "removed"]
     at: AwareDatetime
-    why: str
+    why: Name
     effect: EffectEntry
 
 
@@ -37,10 +37,10 @@ class ModelFile(Document):
 
     schema_id: Literal["glidecal.model/1"] = Field(alias="schema", default="glidecal.model/1")
     machine: Machine = Machine()
-    parameters_mm: dict[str, float] = Field(default_factory=dict)
+    parameters_mm: dict[Name, LengthMm] = Field(default_factory=dict)
     effects: tuple[EffectEntry, ...] = ()
     history: tuple[HistoryEntry, ...] = ()
-    cautions: tuple[str, ...] | None = None
+    cautions: tuple[Name, ...] | None = None
 
     def text(self) -> str:
         """The file's content."""

@@ -14,12 +14,22 @@ from pydantic import Field, ValidationError, model_validator
 
 from calib.observations import LEG_NAMES
 from calib.orthoglide.geometry import Geometry
-from protocols.documents import Document, read_text, read_toml
+from protocols.documents import (
+    Document,
+    LengthMm,
+    Name,
+    Seconds,
+    Seed,
+    Tolerance,
+    read_text,
+    read_toml,
+)
 from protocols.errors import RecordError, UsageError
 from protocols.toml_lines import line_of
 
 Leg = Literal["x", "y", "z"]
-Level = Literal["zero", "max", "min"] | float
+Level = Literal["zero", "max", "min"] | LengthMm
+MOST_STEPS = 20_000
 
 
 MOST_STEPS = 20_000
@@ -39,9 +49,9 @@ class Procedure(Document):
     """
 
     schema_id: Literal["glidecal.procedure/1"] = Field(alias="schema")
-    name: str
-    title: str
-    description: str = ""
+    name: Name
+    title: Name
+    description: Name = ""
     legs: Annotated[tuple[Leg, ...], Field(min_length=1)] = ("x", "y", "z")
     stations: Annotated[
         tuple[Annotated[float, Field(gt=0.0, lt=1.0)], ...], Field(min_length=1)
@@ -49,15 +59,18 @@ class Procedure(Document):
     cycles: Annotated[int, Field(ge=1, le=100)]
     levels: Annotated[tuple[Level, ...], Field(min_length=2)]
     return_to_zero: bool = True
-    seconds_per_step: Annotated[float, Field(gt=0.0)] = 20.0
+    seconds_per_step: Annotated[Seconds, Field(gt=0.0)] = 20.0
     order: Literal["fixed", "free"] = "fixed"
-    random_seed: Annotated[int, Field(ge=0)] | None = None
-    window_s: Annotated[float, Field(gt=0.0, le=60.0)] = 1.0
-    tolerance_mm: Annotated[float, Field(gt=0.0, le=1.0)] = 0.004
-    repeat_limit_mm: Annotated[float, Field(gt=0.0)] = 0.05
+    random_seed: Seed | None = None
+    window_s: Annotated[float, Field(ge=1e-3, le=60.0)] = 1.0
+    tolerance_mm: Annotated[Tolerance, Field(le=1.0)] = 0.004
+    repeat_limit_mm: Tolerance = 0.05
 
     @model_validator(mode="after")
     def _sensible(self) -> Procedure:
+        visits = len(self.legs) * len(self.stations) * self.cycles * len(self.levels)
+        if visits > MOST_STEPS:
+            raise ValueError(f"{visits:,} steps on all legs; up to {MOST_STEPS:,} are measured")
         levels = [0.0 if level == "zero" else level for level in self.levels]
         if len(set(levels)) < 2:
             raise ValueError("levels: one posture only; at least two different ones are needed")

@@ -31,6 +31,7 @@ from protocols.events import (
     Superseded,
 )
 from protocols.own_files import open_to_read
+from protocols.procedure import Step
 
 MOST_BYTES = 64_000_000
 """More than 80 000 readings."""
@@ -188,12 +189,20 @@ class _Meaning:
         self._readings = 0
         self._places: dict[str, tuple[str, str, float]] = {}
         self._superseded: set[int] = set()
+        self._steps: dict[int, Step] = {}
 
     def check(self, number: int, event: Event) -> None:
         """Raises RecordError with the line number."""
         thing = f"session {self._path}, line {number}"
-        if isinstance(event, Reading):
+        if isinstance(event, Opened):
+            self._steps = {step.number: step for step in event.steps()}
+        elif isinstance(event, Reading):
             self._readings += 1
+            step = self._steps.get(event.step or 0)
+            if step and (event.leg != step.leg or event.axis not in step.axes):
+                found = f"leg {event.leg}, axis {event.axis} in step {step.number}"
+                allowed = f"leg {step.leg}, axis {' or '.join(step.axes)}, as in the procedure"
+                raise RecordError(thing, found, allowed)
             if event.reading != self._readings:
                 raise RecordError(thing, f"reading {event.reading}", f"reading {self._readings}")
             place = (event.leg, event.axis, event.station)

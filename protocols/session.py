@@ -40,11 +40,7 @@ class Session:
 
     def steps(self) -> tuple[Step, ...]:
         """The steps of the session's procedure; none for an imported table."""
-        if self.opened.procedure is None:
-            return ()
-        geometry = self.opened.machine.geometry()
-        axes = tuple(instrument.axes for instrument in self.opened.instruments)
-        return self.opened.procedure.steps(geometry, axes)
+        return self.opened.steps()
 
     def is_new_place(self, step: Step) -> bool:
         """Whether the stand must be set up for a step: another leg, station or axis."""

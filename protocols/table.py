@@ -10,8 +10,10 @@ from io import StringIO
 from pathlib import Path
 from typing import TypeVar
 
+from pydantic import ValidationError
+
 from calib.orthoglide.geometry import Geometry
-from protocols.documents import read_text
+from protocols.documents import describe, read_text
 from protocols.errors import RecordError
 from protocols.events import Reading
 from protocols.procedure import Leg, default_mount
@@ -21,6 +23,7 @@ OPTIONAL = ("cycle", "time_s", "mount", "station", "temperature_c", "averaged", 
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 LARGEST_COUNT = 1_000_000
+MOST_ROWS = 100_000
 LARGEST_NUMBER = 1e9
 LARGEST_READING_MM = 10_000.0
 
@@ -109,8 +112,9 @@ def _rows(path: Path) -> tuple[list[Row], tuple[str, ...]]:
         raise RecordError(
             f"table {path}, line {lines.line_num}", str(problem), "comma separated values"
         ) from problem
-    if not rows:
-        raise RecordError(f"table {path}", "no row of readings", "one row for each reading")
+    if not 1 <= len(rows) <= MOST_ROWS:
+        found = f"{len(rows):,} rows" if rows else "no row of readings"
+        raise RecordError(f"table {path}", found, f"a row for each reading, up to {MOST_ROWS:,}")
     known = REQUIRED + OPTIONAL
     return rows, tuple(name for name in header if name not in known)
 
@@ -144,6 +148,15 @@ def _fields(path: Path, line: int, header: list[str], values: list[str]) -> dict
 
 
 def _reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geometry) -> Reading:
+    try:
+        return _as_reading(row, number, unknown, geometry)
+    except ValidationError as problem:
+        raise RecordError(
+            f"table {row.path}, line {row.line}", describe(problem), "readings of sensible size"
+        ) from problem
+
+
+def _as_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geometry) -> Reading:
     leg, axis = row.letter("leg"), row.letter("axis")
     if leg == axis:
         raise row.fault("axis", f"an axis across the leg, not {leg} itself")

@@ -1,4 +1,7 @@
-"""Where in a TOML text a value stands: tomllib tells values, not lines."""
+"""Where in a TOML text a value stands, and what tomllib should not be given.
+
+tomllib tells values, not lines, and its time grows with the square of the parts of a key.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ LONG_STRING = r'"""(?:\\.|[^\\])*?"{3,5}|\'\'\'.*?\'{3,5}'
 COMMENT = r"#[^\n]*"
 TOKEN = re.compile(rf"""{STRING}|{COMMENT}|[\[\]{{}},]|\n|[^\s"'#\[\]{{}},]+""")
 TEXTS = re.compile(rf"{LONG_STRING}|{STRING}|{COMMENT}", re.DOTALL)
+DEEP_KEY = re.compile(r"""(?<![\w-])(?:(?:"[^"\n]*"|'[^'\n]*'|[\w-]++)[ \t]*+\.[ \t]*+){32}""")
 HEADER = re.compile(r"^\s*\[\[?\s*([^\]]+?)\s*\]\]?\s*(#.*)?$")
 
 
@@ -32,6 +36,16 @@ def line_of(text: str, location: Sequence[str | int]) -> int | None:
     if at is None:
         return None
     return at + 1 + (_entry_offset(lines[at:], numbers[0]) if numbers else 0)
+
+
+def is_deep(text: str) -> bool:
+    """Whether a key has so many parts that reading it would take very long."""
+    return DEEP_KEY.search(TEXTS.sub(_key_or_nothing, text)) is not None
+
+
+def _key_or_nothing(found: re.Match[str]) -> str:
+    """A string that could be a part of a key in short; without what it says, and no comment."""
+    return '""' if found[0][0] != "#" else ""
 
 
 def _shortened(found: re.Match[str]) -> str:

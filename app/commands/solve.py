@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -131,6 +132,7 @@ def _simulate(solved: Solved, count: int, seed: int) -> MonteCarlo:
 
     from app.assessing import monte_carlo
 
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    # a bar needs the terminal's own codes, and shows no text of a file
+    with Progress(console=Console(file=sys.__stderr__), transient=True) as bar:
         task = bar.add_task("sessions", total=count)
         return monte_carlo(solved, count, seed, lambda done: bar.update(task, completed=done))

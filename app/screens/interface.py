@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any, ClassVar
 
+from rich.cells import cell_len
+from rich.segment import Segment
 from textual.actions import ActionParseResult
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
+from textual.color import Color
 from textual.command import CommandPalette
 from textual.dom import DOMNode
 from textual.events import Event, InputEvent
+from textual.filter import LineFilter
 from textual.screen import Screen
 from textual.theme import ThemeProvider
 from textual.widget import Widget
@@ -27,6 +31,7 @@ from app.screens.leaving import on_signals
 from app.settings import Settings, save_theme, settings_path
 from app.wording.settings import key_list_text
 from calib.errors import GlidecalError
+from calib.printable import HIDDEN
 from protocols.own_files import unused_path
 
 PALETTE = (
@@ -37,6 +42,24 @@ PALETTE = (
     ("Quit", "Leave; an open session is paused and can be continued"),
 )
 NO_HELP = "The keys of this screen stand in its last line."
+
+
+class PrintableRows(LineFilter):
+    """Every row of every widget passes here last: nothing hidden reaches the terminal.
+
+    What takes room there is replaced, what takes none is left out: the row keeps its width.
+    """
+
+    def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
+        if all(segment.text.isprintable() for segment in segments):
+            return segments
+        return [
+            Segment(HIDDEN.sub(lambda found: "�" * cell_len(found[0]), segment.text), segment.style)
+            for segment in segments
+        ]
+
+
+PRINTABLE_ROWS = PrintableRows()
 
 
 class Interface(App[str]):
@@ -101,6 +124,9 @@ class Interface(App[str]):
     def search_themes(self) -> None:
         """The themes, in a palette of our own."""
         self.push_screen(Palette(providers=[ThemeProvider], placeholder="Search for themes…"))
+
+    def get_line_filters(self) -> Sequence[LineFilter]:
+        return [*super().get_line_filters(), PRINTABLE_ROWS]
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
         """The palette offers what an operator can use, no tools of the developer."""

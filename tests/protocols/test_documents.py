@@ -22,7 +22,7 @@ def test_default_machine_is_the_prototype() -> None:
     [
         ("leg_length = 300\n", "leg_length: Extra inputs"),
         ('leg_length_mm = "300"\n', "leg_length_mm"),
-        ("leg_length_mm = -3.0\n", "greater than 0"),
+        ("leg_length_mm = -3.0\n", "greater than or equal to 0.001"),
         ("leg_length_mm = nan\n", "leg_length_mm"),
         ("leg_length_mm = inf\n", "leg_length_mm"),
         ("travel_max_mm = -1.0\n", "joint limits"),

@@ -1,0 +1,24 @@
+"""Text of strangers in a form that no terminal obeys."""
+
+from __future__ import annotations
+
+import re
+
+HIDDEN = re.compile(
+    "[\x00-\x1f\x7f-\x9f\u00ad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
+    "\ufff9-\ufffb\ud800-\udfff\U000e0000-\U000e007f]"
+)
+"""Controls (C0, C1), marks without width, and those that turn the order of reading round."""
+
+
+def printable(text: str, keep: str = "") -> str:
+    r"""The text with every hidden character but those of ``keep`` shown as ``\u001b``.
+
+    That is the notation of JSON: within a string of a JSON document the value stays the same.
+    """
+    return HIDDEN.sub(lambda found: found[0] if found[0] in keep else _escaped(found[0]), text)
+
+
+def _escaped(character: str) -> str:
+    units = character.encode("utf-16-be", "surrogatepass").hex()
+    return "".join(f"\\u{units[k : k + 4]}" for k in range(0, len(units), 4))

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from app.exports.table import csv_text
 from app.exports.writing import write_files
 from app.planning import Cure, Examined, Pool, Request
 from calib.criteria import Criterion
@@ -253,9 +254,9 @@ def _check_output(output: Path | None) -> None:
 def write_postures(found: BoxedPostures, path: Path) -> Path:
     """A table that ``--posture-file`` reads, units in its header line. Raises RecordError."""
     _check_output(path)
-    rows = [_coordinates(posture).values() for posture in found.best.refined.coordinates]
-    lines = [",".join(COORDINATES), *(",".join(f"{value:.12g}" for value in row) for row in rows)]
-    write_files(path, {"": "\n".join(lines) + "\n"})
+    postures = [_coordinates(posture).values() for posture in found.best.refined.coordinates]
+    rows = [[f"{value:.12g}" for value in values] for values in postures]
+    write_files(path, {"": csv_text([COORDINATES, *rows])})
     return path
 
 

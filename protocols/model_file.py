@@ -14,7 +14,15 @@ from calib.orthoglide.effects import CATALOGUE
 from calib.orthoglide.effects.law import Law, Placed
 from calib.orthoglide.geometry import PARAMETER_NAMES
 from calib.orthoglide.model import Model
-from protocols.documents import Document, LengthMm, Name, describe, read_text
+from protocols.documents import (
+    MOST_BYTES,
+    Document,
+    LengthMm,
+    Name,
+    describe,
+    open_ordinary,
+    read_text,
+)
 from protocols.effect_entries import EffectEntry, effect_entry, placed_effects
 from protocols.errors import RecordError, UsageError
 from protocols.machine import Machine
@@ -117,10 +125,18 @@ def _noted(
     return HistoryEntry(action=action, at=at or datetime.now(UTC), why=why, effect=entry)
 
 
-def is_model(text: str) -> bool:
-    """Whether a JSON text is a model rather than a session or something else."""
+def is_model(path: Path) -> bool:
+    """Whether a file is a model rather than a session or something else.
+
+    False for what is too large for a model. Raises RecordError where it cannot be read.
+    """
     try:
-        content = json.loads(text)
+        with open_ordinary(path) as file:
+            content = json.loads(file.read(MOST_BYTES))
+    except OSError as problem:
+        raise RecordError(
+            f"file {path}", problem.strerror or str(problem), "a session or model file"
+        ) from problem
     except (ValueError, RecursionError):
         return False
     return isinstance(content, dict) and "event" not in content

@@ -58,11 +58,13 @@ def export(
 
 
 def _triple(text: str) -> tuple[float, float, float]:
+    from app.exports.linuxcnc import LARGEST_MM
     from protocols.errors import UsageError
     from protocols.table import NUMBER
 
     parts = text.split(",")
-    if len(parts) != 3 or not all(NUMBER.fullmatch(part.strip()) for part in parts):
-        raise UsageError("--home-offset", repr(text), "three numbers in mm: '1.5,0,-2'")
-    x, y, z = (float(part) for part in parts)
-    return x, y, z
+    if len(parts) == 3 and all(NUMBER.fullmatch(part.strip()) for part in parts):
+        x, y, z = (float(part) for part in parts)
+        if max(abs(x), abs(y), abs(z)) <= LARGEST_MM:
+            return x, y, z
+    raise UsageError("--home-offset", repr(text), "three numbers in mm: '1.5,0,-2'")

@@ -68,8 +68,8 @@ Method = Annotated[
 
 
 def finite(value: float | None) -> float | None:
-    """Refuse NaN, which no range excludes."""
-    if value is not None and math.isnan(value):
+    """Refuse NaN, which no range excludes, and infinity."""
+    if value is not None and not math.isfinite(value):
         raise typer.BadParameter("a finite number is needed")
     return value
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,12 +11,14 @@ from app.solving import Solved, solve_files
 from app.wording.caveats import caveats
 from calib.lack_of_fit import LACK_OF_FIT_LEVEL
 from calib.orthoglide.geometry import PARAMETER_NAMES
+from calib.printable import printable
 from calib.solution import Method, Solution, Subset
-from protocols.documents import read_text
+from protocols.errors import RecordError
 from protocols.machine import Machine
 from protocols.model_file import is_model, read_model_file, to_model
 
 Written = dict[str, str]
+JOINT_OFFSETS = PARAMETER_NAMES[:3]
 
 NOT_KNOWN = "NOTE: the values are of a model file: it does not hold how well they are known."
 
@@ -55,8 +58,14 @@ class Offsets:
 
     @property
     def joint_offsets_mm(self) -> tuple[float, float, float]:
-        """d_rho of joints x, y, z: true position = believed position + offset."""
-        x, y, z = (self.values_mm.get(name, 0.0) for name in PARAMETER_NAMES[:3])
+        """d_rho of joints x, y, z: true position = believed position + offset.
+
+        Raises RecordError where one is not stated.
+        """
+        missing = [name for name in JOINT_OFFSETS if name not in self.values_mm]
+        if missing:
+            raise _not_stated(f"offsets of {self.source}", missing)
+        x, y, z = (self.values_mm[name] for name in JOINT_OFFSETS)
         return x, y, z
 
     @property
@@ -91,7 +100,7 @@ def offsets_from_solved(solved: Solved) -> Offsets:
 
 def one_line(text: str) -> str:
     """Whatever line breaks a name or a sentence has: a file of lines must not break there."""
-    return " ".join(text.split())
+    return printable(" ".join(text.split()))
 
 
 def _uncertainty(solution: Solution) -> dict[str, Uncertainty]:
@@ -111,7 +120,7 @@ def offsets_from_file(path: Path, subset: Subset, method: Method) -> Offsets:
 
     Raises RecordError where the file is neither, NotIdentifiable where it gives no result.
     """
-    if is_model(read_text(path, "file")):
+    if is_model(path):
         return _offsets_from_model(path)
     solved, warnings = solve_files([path], subset=subset, method=method)
     offsets = offsets_from_solved(solved)
@@ -120,14 +129,29 @@ def offsets_from_file(path: Path, subset: Subset, method: Method) -> Offsets:
 
 def _offsets_from_model(path: Path) -> Offsets:
     found = read_model_file(path)
-    model = to_model(found, f"model {path}", known_laws())
+    to_model(found, f"model {path}", known_laws())
+    stated = {
+        name: v for name in PARAMETER_NAMES if (v := found.parameters_mm.get(name)) is not None
+    }
+    missing = [name for name in JOINT_OFFSETS if name not in stated]
+    if missing:
+        raise _not_stated(f"model {path}, parameters_mm", missing)
     return Offsets(
         source=path.name,
         machine=found.machine,
-        values_mm=dict(zip(PARAMETER_NAMES, model.parameters_mm, strict=True)),
+        values_mm=stated,
         uncertainty={},
         home_offset_mm=found.machine.home_offset_mm,
         cautions=tuple(dict.fromkeys([NOT_KNOWN, *(found.cautions or ())])),
+    )
+
+
+def _not_stated(thing: str, missing: Sequence[str]) -> RecordError:
+    return RecordError(
+        thing,
+        f"no {' and no '.join(missing)}",
+        ", ".join(JOINT_OFFSETS) + ": an offset that nobody stated is not 0",
+        "Identify the joint offsets, or state every one of them.",
     )
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-from io import StringIO
+from collections.abc import Sequence
 
 from app.documents import to_json
 from app.exports.offsets import Offsets, Uncertainty, Written
+from app.exports.table import csv_text
 from calib.orthoglide.geometry import PARAMETER_NAMES
 from calib.orthoglide.model import Model
 from protocols.model_file import model_to_json
@@ -52,21 +52,18 @@ def as_csv(offsets: Offsets) -> Written:
 
     An unknown uncertainty stays empty.
     """
-    out = StringIO()
-    out.writelines(f"# {line}\n" for line in offsets.cautions)
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(
-        [
+    rows: list[Sequence[str]] = [
+        (
             "parameter",
             "value_mm",
             "standard_uncertainty_mm",
             "expanded_uncertainty_mm",
             "expanded_with_lack_of_fit_mm",
-        ]
-    )
+        )
+    ]
     for name, value in offsets.values_mm.items():
         u = offsets.uncertainty.get(name)
         known = (u.standard_mm, u.expanded_mm, u.enlarged_mm) if u else ()
         shown = [f"{mm:.6f}" for mm in known] or ["", "", ""]
-        writer.writerow([name, f"{value:.6f}", *shown])
-    return {"": out.getvalue()}
+        rows.append((name, f"{value:.6f}", *shown))
+    return {"": csv_text(rows, offsets.cautions)}

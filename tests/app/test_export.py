@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
 import re
+from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 
 import pytest
 
+from app.exports.table import csv_text
+from app.exports.writing import write_files
+from protocols.errors import RecordError
 from tests.app.cli import glidecal, refused
 
 LINEAR = ("--method", "linear")
@@ -124,7 +130,8 @@ def test_json_and_csv_agree(session: Path, tmp_path: Path) -> None:
 
 def test_export_of_a_model(tmp_path: Path) -> None:
     model = tmp_path / "model.json"
-    text = '{"schema": "glidecal.model/1", "parameters_mm": {"d_rho_y": 0.5}}'
+    offsets = {"d_rho_x": 0.0, "d_rho_y": 0.5, "d_rho_z": 0.0}
+    text = json.dumps({"schema": "glidecal.model/1", "parameters_mm": offsets})
     model.write_text(text)
     run = glidecal(
         "export", model, "--format", "linuxcnc", "--home-offset", "1,1,1", "-o", tmp_path
@@ -314,3 +321,122 @@ def test_lines_of_an_include_are_short_and_hold_one_number(session: Path, tmp_pa
         lines = path.read_text().splitlines()
         assert max(map(len, lines)) < 120
         assert sum(not line.startswith("# ") for line in lines) == 1
+
+
+# strangers' models, and disks that refuse
+
+
+def model_of(session: Path, folder: Path, **changed: object) -> Path:
+    """A model file of this session with other keys."""
+    path = folder / "m.json"
+    if not path.exists():
+        run = glidecal("export", session, "--format", "model", *OFFSETS, *LINEAR, "-o", path)
+        assert run.status == 0, run.err
+    path.write_text(json.dumps(json.loads(path.read_text()) | changed))
+    return path
+
+
+def test_a_newline_in_a_caution_writes_no_row_and_no_formula(session: Path, tmp_path: Path) -> None:
+    hostile = "x\n=1+1,2\r\nd_rho_x,9.9\u2028y, =cmd|' /C calc'!A0; \"@SUM(A1)\t\x1b]0;t\x07"
+    model = model_of(session, tmp_path, cautions=[hostile])
+    assert glidecal("export", model, "--format", "csv", "-o", tmp_path / "o.csv").status == 0
+    *notes, heading, first = (tmp_path / "o.csv").read_text().splitlines()[:4]
+    assert heading.startswith("parameter,")
+    assert first.startswith("d_rho_x,")
+    assert all(line.startswith("# ") for line in notes)
+    assert "\x1b" not in notes[-1]
+    cells = [cell.strip().strip("\"'") for cell in re.split("[,;]", notes[-1].replace("'", "!"))]
+    assert not [cell for cell in cells if cell.startswith(("=", "@", "+", "-"))]
+    out = tmp_path / "inc"
+    assert glidecal("export", model, "--format", "linuxcnc", "-o", out).status == 0
+    for path in out.iterdir():
+        assert {line[:1] for line in path.read_text().splitlines()} == {"#", "H"}
+
+
+def test_cells_that_look_like_formulas_are_text() -> None:
+    rows = [["=1+1", "-0.5", "+1e-3", "-1+cmd|' /C calc'!A0", "@A1", "a\nb", "\t=2"]]
+    (read,) = csv.reader(csv_text(rows).splitlines())
+    assert read == [
+        "'=1+1",
+        "-0.5",
+        "+1e-3",
+        "'-1+cmd|' /C calc'!A0",
+        "'@A1",
+        r"a\u000ab",
+        "\\u0009=2",
+    ]
+
+
+@pytest.mark.parametrize("kind", ["json", "csv", "model", "linuxcnc"])
+def test_an_offset_that_nobody_stated_is_not_zero(session: Path, tmp_path: Path, kind: str) -> None:
+    model = model_of(session, tmp_path, parameters_mm={"d_rho_y": 0.1, "d_rho_z": 0.2})
+    said = refused(3, "export", model, "--format", kind, "-o", tmp_path / "out")
+    assert "no d_rho_x" in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_home_offset_of_any_size_is_refused(session: Path, tmp_path: Path) -> None:
+    export = ("export", session, "--format", "linuxcnc", "-o", tmp_path / "out")
+    refused(2, *export, "--home-offset", "1e300,0,0")
+    refused(2, *export, "--home-offset", "0,1e400,0")
+
+
+@pytest.mark.parametrize("before", ["nothing", "old files"])
+@pytest.mark.parametrize("failing", range(1, 7))
+def test_includes_all_or_none_whichever_rename_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: int, before: str
+) -> None:
+    names = [f"calib_joint{n}.inc" for n in range(3)]
+    if before == "old files":
+        for name in names:
+            (tmp_path / name).write_text("old")
+    (tmp_path / "other.ini").write_text("mine")
+    stood = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    monkeypatch.setattr(Path, "replace", failing_replace({failing}))
+    if before == "nothing" and failing > len(names):
+        write_files(tmp_path, dict.fromkeys(names, "new"))
+        return
+    with pytest.raises(RecordError, match="Input/output"):
+        write_files(tmp_path, dict.fromkeys(names, "new"))
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == stood
+
+
+@pytest.mark.parametrize("killed", range(1, 7))
+def test_a_kill_leaves_old_includes_or_new_ones_never_both(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, killed: int
+) -> None:
+    """The controller does not start without an include; with a mixture it would."""
+    names = [f"calib_joint{n}.inc" for n in range(3)]
+    for name in names:
+        (tmp_path / name).write_text("old")
+    monkeypatch.setattr(Path, "replace", failing_replace({killed}, KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        write_files(tmp_path, dict.fromkeys(names, "new"))
+    assert len({(tmp_path / n).read_text() for n in names if (tmp_path / n).exists()}) <= 1
+
+
+def test_what_cannot_be_put_back_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = [f"calib_joint{n}.inc" for n in range(3)]
+    for name in names:
+        (tmp_path / name).write_text("old")
+    monkeypatch.setattr(Path, "replace", failing_replace(set(range(5, 99))))
+    with pytest.raises(RecordError) as found:
+        write_files(tmp_path, dict.fromkeys(names, "new"))
+    assert "New: calib_joint0.inc. Old, under another name: calib_joint0.inc" in str(found.value)
+    assert (tmp_path / names[0]).read_text() == "new"
+    assert [path.read_text() for path in tmp_path.glob("*.old")] == ["old"] * 3
+
+
+def failing_replace(
+    failing: set[int], fault: type[BaseException] = OSError
+) -> Callable[[Path, Path], Path]:
+    """`Path.replace` whose calls of these numbers fail."""
+    calls = count(1)
+    plain = Path.replace
+
+    def replace(self: Path, target: Path) -> Path:
+        if next(calls) in failing:
+            raise fault(errno.EIO, "Input/output error")
+        return plain(self, target)
+
+    return replace

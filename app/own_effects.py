@@ -22,6 +22,7 @@ from calib.orthoglide.effects.kinds import EffectParameter, Kind
 from calib.orthoglide.effects.law import Law, Placed
 from calib.orthoglide.geometry import Geometry
 from calib.orthoglide.pipeline import Stage, simulate
+from protocols.documents import MOST_WRITTEN_BYTES, read_text
 from protocols.errors import RecordError
 
 FOLDER_VARIABLE = "GLIDECAL_EFFECTS"
@@ -36,6 +37,8 @@ WORDS = ("id", "title", "controller")
 
 TRIED_MM = (1.0, -0.7, 0.5, 0.1, -0.1, 0.05)
 """Offsets and lengths of the machine on which a law is tried: its indicators show something."""
+
+LEAST_TOLERANCE, MOST_TOLERANCE = 1e-9, 1e9
 
 T = TypeVar("T")
 
@@ -68,6 +71,7 @@ def effects_folder() -> Path:
 def _from_files() -> Iterator[tuple[str, object]]:
     for path in sorted(effects_folder().glob("*.py")):
         source = f"effect file {path}"
+        read_text(path, "effect file", MOST_WRITTEN_BYTES)  # no pipe, no device, nothing huge
         content = _run(source, partial(runpy.run_path, str(path)))
         if NAME not in content:
             raise _broken(source, f"no {NAME}", f"{NAME} = (a law, …)")
@@ -118,11 +122,12 @@ def _fault_of(given: object) -> str:
     parameters = law.parameters
     if not parameters or not all(isinstance(p, EffectParameter) for p in parameters):
         return f"{law.id}: parameters that are no EffectParameter"
-    if not all(0.0 < p.tolerance < np.inf for p in parameters):
-        return f"{law.id}: a tolerance that is not positive"
+    if not all(LEAST_TOLERANCE <= p.tolerance <= MOST_TOLERANCE for p in parameters):
+        return f"{law.id}: a tolerance outside {LEAST_TOLERANCE:g} … {MOST_TOLERANCE:g}"
     return ""
 
 
+@np.errstate(all="ignore")  # what is not finite is told below
 def _fault_of_change(law: Law) -> str:
     """What is wrong with the readings that it makes; empty if nothing."""
     legs, axes = [0, 0, 1, 1, 2, 2] * 3, [1, 2, 0, 2, 0, 1] * 3

@@ -13,6 +13,8 @@ An error says four things: the thing, the value found, what is allowed, and what
 
 from __future__ import annotations
 
+from calib.printable import printable
+
 LONGEST_FOUND = 300
 
 
@@ -37,7 +39,7 @@ class GlidecalError(Exception):
             f"Allowed: {self.allowed}" if self.allowed else "",
             self.next_step,
         ]
-        return " ".join(part.rstrip(".") + "." for part in parts if part)
+        return printable(" ".join(part.rstrip(".") + "." for part in parts if part))
 
 
 def _short(text: str) -> str:

@@ -40,14 +40,15 @@ class Document(BaseModel):
 
 MOST_FAULTS = 3
 MOST_BYTES = 16_000_000
-MOST_TOML_BYTES = 1_000_000
+MOST_WRITTEN_BYTES = 1_000_000
+"""Of a file that a person writes."""
 
 D = TypeVar("D", bound=BaseModel)
 
 
 def read_toml(path: Path, kind: type[D], what: str) -> D:
     """The document in a TOML file. Raises RecordError naming the file, the key and the value."""
-    text = read_text(path, what, MOST_TOML_BYTES)
+    text = read_text(path, what, MOST_WRITTEN_BYTES)
     if is_deep(text):
         raise RecordError(f"{what} {path}", "a key of very many parts", "TOML text")
     try:

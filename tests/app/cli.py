@@ -6,13 +6,19 @@ scipy takes longer than most commands. `tests/end_to_end` starts Python itself.
 
 from __future__ import annotations
 
+import io
 import multiprocessing
 import os
 import runpy
 import sys
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+
+import pytest
+
+from app.cli import main
 
 PATIENCE_S = 90.0
 
@@ -81,3 +87,17 @@ def refused(status: int, *arguments: str | Path, cwd: Path | None = None) -> str
     last = run.err.strip().splitlines()[-1]
     assert last.startswith("glidecal: ")
     return last
+
+
+def run_here(*arguments: str) -> tuple[int, str, str]:
+    """The program in this process, for very many runs: status, standard output, standard error."""
+    taken = io.BytesIO(), io.BytesIO()
+    out, err = (io.TextIOWrapper(one, encoding="utf-8") for one in taken)
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.setattr(sys, "argv", ["glidecal", *arguments])
+        with pytest.raises(SystemExit) as left:
+            main()
+        sys.stderr.flush()
+    status = left.value.code
+    assert isinstance(status, int)
+    return status, taken[0].getvalue().decode(), taken[1].getvalue().decode()

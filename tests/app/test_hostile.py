@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from tests.app.cli import glidecal, refused
+from calib.printable import HIDDEN, printable
+from protocols.toml_lines import is_deep
+from tests.app.cli import glidecal, refused, run_here
+from tests.app.hostile_files import chained
 from tests.conftest import ROOT
 
 EXPERIMENT = ROOT / "sample_sessions" / "experiment_2_twelve.jsonl"
@@ -144,3 +149,236 @@ def test_thousands_of_readings_stay_cheap(tmp_path: Path) -> None:
     assert glidecal("import", table, "-o", made).status == 0
     run = glidecal("solve", made, "--method", "linear")
     assert run.status == 0, run.err
+
+
+# records, machines and procedures of strangers
+
+
+def record_with(folder: Path, line: int, **changed: object) -> Path:
+    """An open simulated record with other keys in one line, its digests right."""
+    source = ROOT / "sample_sessions" / "simulated_zero-max-min.jsonl"
+    events = [json.loads(text) for text in source.read_text().splitlines()][:-1]
+    events[line] |= changed
+    path = folder / "s.jsonl"
+    path.write_bytes(chained(events))
+    return path
+
+
+@pytest.mark.parametrize("name", ["/", ".", "..", "", "/etc/passwd", "../other.jsonl", "a\\b"])
+def test_what_a_record_verifies_is_a_name_beside_it(name: str, tmp_path: Path) -> None:
+    said = refused(3, "run", "--continue", record_with(tmp_path, 0, verifies=name), "--headless")
+    assert "in the same folder" in said
+
+
+@pytest.mark.parametrize(
+    ("line", "changed"),
+    [
+        (2, {"value_mm": 1e300}),
+        (2, {"displacement_mm": -1e300}),
+        (2, {"resolution_mm": 1e300}),
+        (2, {"time_s": 1e308}),
+        (2, {"temperature_c": 1e9}),
+        (2, {"leg": "z", "axis": "x", "mount": "other"}),
+        (0, {"seed": -1}),
+        (1, {"station": 1e300}),
+    ],
+)
+def test_numbers_of_a_record_that_no_machine_gives(
+    line: int, changed: dict[str, object], tmp_path: Path
+) -> None:
+    assert f"line {line + 1}" in refused(3, "solve", record_with(tmp_path, line, **changed))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "offset_tolerance_mm = 1e-300",
+        "length_tolerance_mm = 5e-324",
+        "travel_min_mm = -1e300",
+        "load = 1e-300",
+        "[[indicator]]\nprofile = 'table'\nresolution_mm = 1e300",
+        "x = 0x" + "f" * 5000,
+    ],
+)
+def test_numbers_of_a_machine_file_out_of_all_bounds(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "m.toml"
+    path.write_text(text + "\n")
+    refused(3, "simulate", "--machine", path, "-o", tmp_path / "s.jsonl")
+    assert not (tmp_path / "s.jsonl").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("seconds_per_step = ", "seconds_per_step = 1e308 # "),
+        ("cycles = ", "tolerance_mm = 1e-300\ncycles = "),
+        ("levels = ", "levels = [" + "0.5, " * 100_000 + "] # "),
+        ("cycles = ", "window_s = 1e-300\ncycles = "),
+    ],
+)
+def test_numbers_of_a_procedure_out_of_all_bounds(old: str, new: str, tmp_path: Path) -> None:
+    text = (ROOT / "protocols" / "procedures" / "zero-max-min.toml").read_text()
+    assert old in text
+    path = tmp_path / "p.toml"
+    path.write_text(text.replace(old, new, 1))
+    refused(3, "run", "--dry-run", "--protocol", path)
+
+
+@pytest.mark.parametrize(
+    "key",
+    ["a" + ".a" * 3000, "a" + ".a" * 300_000, '"a b"' + ' . "a b"' * 3000, "'a'" + ".'a'" * 40],
+)
+@pytest.mark.parametrize("form", ["{} = 1", "[{}]", "x = {{ {} = 1 }}"])
+def test_keys_of_very_many_parts(key: str, form: str, tmp_path: Path) -> None:
+    """The time of tomllib grows with the square of the parts: it is not asked."""
+    path = tmp_path / "m.toml"
+    path.write_text(form.format(key) + "\n")
+    assert "very many parts" in refused(3, "run", "--dry-run", "--machine", path)
+
+
+def test_full_stops_are_not_parts_of_a_key() -> None:
+    assert not is_deep('d = "' + "a." * 99 + '" # ' + "b." * 99 + "\nx = [" + "0.5, " * 99 + "]\n")
+
+
+READERS = [
+    ("machine file", ("run", "--dry-run", "--machine", "{}")),
+    ("procedure file", ("run", "--dry-run", "--protocol", "{}")),
+    ("model", ("model", "{}")),
+    ("model", ("simulate", "--model", "{}", "-o", "out.jsonl")),
+    ("table", ("import", "{}", "-o", "out.jsonl")),
+    ("INI file", ("export", str(EXPERIMENT), "--format", "linuxcnc", "--ini", "{}", "-o", "out")),
+    (
+        "posture file",
+        (
+            "simulate",
+            "--machine",
+            "hexaslide",
+            "--procedure",
+            "position",
+            "--posture-file",
+            "{}",
+            "-o",
+            "out.json",
+        ),
+    ),
+    (
+        "machine file",
+        (
+            "identifiability",
+            "hexaslide",
+            "--procedure",
+            "position",
+            "--postures",
+            "9",
+            "--machine-file",
+            "{}",
+        ),
+    ),
+    ("truth file", ("solve", "--machine", "hexaslide", "{}")),
+    ("effect file", ("diagnose", "--aliases")),
+    ("settings file", ("settings",)),
+]
+
+
+@pytest.mark.parametrize("kind", ["pipe", "8 GB", "folder", "100,000 levels"])
+@pytest.mark.parametrize(("what", "arguments"), READERS)
+def test_only_ordinary_files_of_a_sensible_size_are_read(
+    what: str,
+    arguments: tuple[str, ...],
+    kind: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    path = tmp_path / "file.toml"
+    if what == "effect file":
+        path = tmp_path / "file.py"
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("GLIDECAL_EFFECTS", str(tmp_path))
+    monkeypatch.setenv(
+        "GLIDECAL_SETTINGS", str(path if what == "settings file" else tmp_path / "-")
+    )
+    if kind == "pipe":
+        if not hasattr(os, "mkfifo"):
+            pytest.skip("needs a POSIX pipe")
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    elif kind == "8 GB":
+        with path.open("wb") as file:
+            file.truncate(8 << 30)
+    else:
+        path.write_text("[" * 100_000)
+    status, out, err = run_here(*(part.format(path) for part in arguments))
+    assert (status, out) == (3, "")
+    assert err.startswith("glidecal: ")
+    if kind == "pipe":
+        assert "not an ordinary file" in err
+    if kind == "8 GB":
+        assert "bytes" in err
+    assert [found.name for found in tmp_path.iterdir()] == [path.name]
+
+
+# terminal escapes
+
+ESCAPES = "\x1b]0;owned\x07\x1b]52;c;cm0=\x07\x9b31m\u202e\u200b\x7f\nverdict: fine\r\n"
+
+
+def test_no_verb_prints_a_control_character(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "m.toml").write_text(f"name = {json.dumps(ESCAPES)}\n")
+    procedure = (ROOT / "protocols" / "procedures" / "zero-max-min.toml").read_text()
+    named = re.compile(r"(?m)^(name|title|description) = .*")
+    spoilt = named.sub(lambda found: f"{found[1]} = {json.dumps(ESCAPES)}", procedure)
+    (tmp_path / "p.toml").write_text(spoilt)
+    evil = f"s{ESCAPES.splitlines()[0]}.jsonl"
+    machine = json.loads(EXPERIMENT.read_text().splitlines()[0])["machine"] | {"name": ESCAPES}
+    hostile = {"operator": ESCAPES, "remarks": [ESCAPES], "machine": machine}
+    made = record_with(tmp_path, 0, **hostile)
+    (tmp_path / evil).write_bytes(made.read_bytes())
+    made.unlink()
+    runs = [
+        ("run", "--dry-run", "--machine", "m.toml", "--protocol", "p.toml"),
+        ("simulate", "--machine", "m.toml", "--protocol", "p.toml", "-o", f"t{evil}"),
+        *((verb, f"t{evil}") for verb in ("solve", "validate", "plan")),
+        *((verb, evil) for verb in ("solve", "validate", "plan", "diagnose")),
+        *((verb, evil, "--json") for verb in ("solve", "replay", "plan")),
+        ("replay", "--headless", evil),
+        ("replay", "--headless", f"none{evil}"),
+        ("compare", evil, f"t{evil}"),
+        ("export", f"t{evil}", "--format", "model", "-o", f"m{evil}"),
+        ("model", f"m{evil}"),
+        ("model", f"m{evil}", "--json"),
+        ("export", f"m{evil}", "--format", "linuxcnc", "-o", f"inc{evil}"),
+        (
+            "simulate",
+            "--machine",
+            "hexaslide",
+            "--procedure",
+            ESCAPES,
+            "--postures",
+            "9",
+            "-o",
+            "h",
+        ),
+        ("identifiability", ESCAPES),
+        ("run", "--protocol", ESCAPES),
+        ("no-such-verb" + ESCAPES,),
+        ("solve", "--no-such-option" + ESCAPES),
+    ]
+    for arguments in runs:
+        _, out, err = run_here(*arguments)
+        assert set(HIDDEN.findall(out + err)) <= {"\n"}, arguments
+        assert not re.search("(?m)^verdict: fine", out), arguments
+        if "--json" in arguments:
+            json.loads(out)
+    for include in (tmp_path / f"inc{evil}").iterdir():
+        assert set(HIDDEN.findall(include.read_text())) == {"\n"}
+
+
+def test_json_keeps_its_values_where_text_is_made_printable() -> None:
+    assert json.loads(printable(json.dumps([ESCAPES, "\U000e0041"], ensure_ascii=False))) == [
+        ESCAPES,
+        "\U000e0041",
+    ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 from textual.pilot import Pilot
 from textual.screen import Screen
 from textual.widgets import DataTable, Label, Static
@@ -24,7 +25,9 @@ def hostile_record(folder: Path) -> Path:
     events = [json.loads(line) for line in source.splitlines()]
     opened = events[0] | {"operator": ESCAPES, "remarks": [ESCAPES]}
     opened["machine"]["name"] = opened["procedure"]["title"] = ESCAPES
-    events[1]["mounts"] = {axis: ESCAPES + axis for axis in events[1]["mounts"]}
+    for event in events:
+        if event["event"] == "reading":
+            event["mount"] += ESCAPES
     path = folder / f"s{ESCAPES}.jsonl"
     path.write_bytes(chained([opened, *events[1:]]))
     return path
@@ -54,10 +57,14 @@ async def test_a_hostile_record_is_replayed(tmp_path: Path) -> None:
             await assert_clean(pilot, interface)
 
 
-async def test_a_hostile_record_is_listed_at_home(tmp_path: Path, monkeypatch: object) -> None:
+async def test_a_hostile_record_is_listed_at_home(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     hostile_record(tmp_path)
-    interface = Interface(HomeScreen(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    interface = Interface(HomeScreen())
     async with interface.run_test(size=SIZE) as pilot:
+        await until(pilot, "the list", lambda: "owned" in shown(interface.screen))
         await assert_clean(pilot, interface)
 
 

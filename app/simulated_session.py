@@ -10,6 +10,8 @@ from app.indicators import SIMULATED
 from app.opening import program
 from calib.orthoglide.model import Model
 from calib.simulation import measure
+from drivers.outcome import LARGEST_MM
+from protocols.errors import RecordError
 from protocols.events import Opened, Reading
 from protocols.machine import Instrument, Machine
 from protocols.observations import to_observations
@@ -30,7 +32,8 @@ def simulated_session(
 ) -> tuple[Opened, tuple[Reading, ...]]:
     """First line and readings of a session that the simulation measured.
 
-    The record names the seed but not the model: nothing in it tells what is to be found.
+    The record names the seed but not the model: nothing in it tells what is to be found. Raises
+    RecordError for readings beyond what any indicator shows.
     """
     opened = Opened(
         program=program(),
@@ -48,6 +51,13 @@ def simulated_session(
         resolution_mm=resolution_mm,
         generator=np.random.default_rng(seed),
     )
+    if not np.all(np.abs(values) <= LARGEST_MM):  # nor anything that is no number
+        raise RecordError(
+            "simulated readings",
+            f"{np.abs(values).max():g} mm",
+            f"up to {LARGEST_MM:g} mm, what a record holds",
+            "The model has an effect of impossible size.",
+        )
     decimals = max(0, -math.floor(math.log10(resolution_mm))) if resolution_mm else EXACT_DECIMALS
     texts = [f"{value:.{decimals}f}" for value in values]
     return opened, tuple(

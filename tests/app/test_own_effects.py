@@ -112,7 +112,7 @@ def test_the_documented_effect_in_the_demonstration(folder: Path, tmp_path: Path
         (documented().replace("bent_arm", "Bent Arm"), "the id 'Bent Arm'"),
         (documented().replace("bent_arm", "backlash"), "the id 'backlash'"),
         (documented().replace("Stage.READING", '"reading"'), "no Stage"),
-        (documented().replace("50.0)", "0.0)"), "a tolerance that is not positive"),
+        (documented().replace("50.0)", "0.0)"), "a tolerance outside 1e-09"),
         (documented().replace("passing**2", "abs(passing)"), "complex values do not pass"),
         (documented().replace("values[0]", "(1 + values[0])"), "a value of 0 changes readings"),
         (documented().replace("values[0]", "values[7]"), "IndexError"),

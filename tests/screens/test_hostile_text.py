@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from textual.pilot import Pilot
@@ -33,7 +34,7 @@ def hostile_record(folder: Path) -> Path:
     return path
 
 
-def shown(screen: Screen[object]) -> str:
+def shown(screen: Screen[Any]) -> str:
     """Everything that is sent to the terminal of this screen, without its styles."""
     strips = screen._compositor.render_strips()
     assert all(strip.cell_length == SIZE[0] for strip in strips)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import errno
 import json
-import os
-import stat
 import tomllib
 from pathlib import Path
-from typing import Annotated, BinaryIO, TypeVar
+from typing import Annotated, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from calib.printable import printable
 from protocols.errors import RecordError
+from protocols.own_files import open_to_read
 from protocols.toml_lines import is_deep, line_of
 
 Name = Annotated[str, AfterValidator(printable)]
@@ -71,7 +69,7 @@ def read_text(path: Path, what: str, most_bytes: int = MOST_BYTES) -> str:
     file or larger than ``most_bytes``.
     """
     try:
-        with open_ordinary(path) as file:
+        with open_to_read(path) as file:
             content = file.read(most_bytes + 1)
         if len(content) <= most_bytes:
             text = content.decode("utf-8-sig")
@@ -83,18 +81,6 @@ def read_text(path: Path, what: str, most_bytes: int = MOST_BYTES) -> str:
     except ValueError:  # also a name with a zero byte
         reason, allowed = "not UTF-8 text", "a readable UTF-8 file"
     raise RecordError(f"{what} {path}", reason, allowed)
-
-
-def open_ordinary(path: Path) -> BinaryIO:
-    """Open a file to read; a pipe, a device or a folder raises OSError and is not waited for."""
-    if not stat.S_ISREG(path.stat().st_mode):
-        raise OSError(errno.EINVAL, "not an ordinary file")
-    flags = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0)
-    file = os.fdopen(os.open(path, flags), "rb")
-    if stat.S_ISREG(os.fstat(file.fileno()).st_mode):  # another one may have come in between
-        return file
-    file.close()
-    raise OSError(errno.EINVAL, "not an ordinary file")
 
 
 def describe(problem: ValidationError, text: str | None = None) -> str:

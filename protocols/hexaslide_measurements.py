@@ -15,9 +15,10 @@ from calib.errors import CalibrationError
 from calib.hexaslide.geometry import ConstraintLink, Geometry, Numbers
 from calib.hexaslide.procedures import Kind, Procedure
 from calib.hexaslide.residuals import Readings, measured_names
-from protocols.documents import Document, Name, describe, open_ordinary, read_text
+from protocols.documents import Document, Name, describe, read_text
 from protocols.errors import RecordError
 from protocols.hexaslide_machine import Chain, HexaSlideMachine, LinkEnds, Point
+from protocols.own_files import open_to_read
 
 MeasurementsSchema = Literal["glidecal.hexaslide-measurements/1"]
 TruthSchema = Literal["glidecal.hexaslide-truth/1"]
@@ -150,7 +151,7 @@ def _lines(header: dict[str, object]) -> str:
 def is_measurements(path: Path) -> bool:
     """Whether the file begins as one; False where it cannot be read."""
     try:
-        with open_ordinary(path) as file:
+        with open_to_read(path) as file:
             return MARK in file.read(BEGINNING_BYTES)
     except OSError:
         return False

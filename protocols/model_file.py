@@ -20,12 +20,12 @@ from protocols.documents import (
     LengthMm,
     Name,
     describe,
-    open_ordinary,
     read_text,
 )
 from protocols.effect_entries import EffectEntry, effect_entry, placed_effects
 from protocols.errors import RecordError, UsageError
 from protocols.machine import Machine
+from protocols.own_files import open_to_read
 
 
 class HistoryEntry(Document):
@@ -131,7 +131,7 @@ def is_model(path: Path) -> bool:
     False for what is too large for a model. Raises RecordError where it cannot be read.
     """
     try:
-        with open_ordinary(path) as file:
+        with open_to_read(path) as file:
             content = json.loads(file.read(MOST_BYTES))
     except OSError as problem:
         raise RecordError(

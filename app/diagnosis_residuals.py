@@ -11,7 +11,7 @@ from app.diagnosing import Diagnosed, cases
 from calib.diagnosis.cleaning import Case, cleaned
 from calib.diagnosis.problem import Problem, Sitting
 from calib.errors import NotIdentifiable
-from calib.observations import LEG_NAMES, FloatArray
+from calib.observations import LEG_NAMES, FloatArray, numbered, rows_of
 from calib.orthoglide.effects.law import Placed
 
 SEEN = 2.0
@@ -74,16 +74,11 @@ def _left_with(
 
 def _cells(problem: Problem, after_mm: FloatArray | None) -> tuple[Cell, ...]:
     before_mm = problem.y / problem.root_weight
-    observed = [one.observed for one in problem.sittings]
-    columns = [
-        np.concatenate([getattr(one, name) for one in observed])
-        for name in ("leg", "axis", "station", "displacement_mm", "approach")
-    ]
-    keys = np.stack([column.astype(np.float64).round(4) for column in columns], axis=1)
-    places, place = np.unique(keys, axis=0, return_inverse=True)
+    names = ("leg", "axis", "station", "displacement_mm", "approach")
+    keys = [problem.conditions(name).astype(np.float64).round(4) for name in names]
     found = []
-    for number, (leg, axis, station, displacement, approach) in enumerate(places.tolist()):
-        rows = np.flatnonzero(place.ravel() == number)
+    for rows in rows_of(numbered(*keys)):
+        leg, axis, station, displacement, approach = (float(key[rows[0]]) for key in keys)
         found.append(
             Cell(
                 leg=LEG_NAMES[int(leg)],

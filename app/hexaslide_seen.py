@@ -14,9 +14,10 @@ from calib.classical_qr import ClassicalQr, classical_qr
 from calib.errors import CalibrationError
 from calib.hexaslide.differences import STEP, differenced
 from calib.hexaslide.procedures import Kind, Procedure
-from calib.hexaslide.scaling import ALL_UNITS, condition_of_seen, in_units
+from calib.hexaslide.scaling import ALL_UNITS, in_units
 from calib.hexaslide_planning import reachable, sensitivity
-from calib.identifiability import BLIND, analyse
+from calib.identifiability import analyse
+from calib.linalg import BLIND, EXACT_BLIND, basis_of, condition, without
 from calib.observations import FloatArray
 
 PUBLISHED_COUNTS = {
@@ -80,10 +81,10 @@ def hexaslide_seen(request: Request) -> HexaSlideSeen:
     seen = seen_by("hexaslide", request)
     planned = HexaSlidePlanning.of(request)
     all_seen = reachable(planned.procedure, planned.machine)
-    never = np.linalg.qr(all_seen.unseen_vectors.T)[0]
+    never = basis_of(all_seen.unseen_vectors.T, EXACT_BLIND)
     rows = seen.examined.bare
     conditions = {
-        units.words: condition_of_seen(in_units(planned.procedure, rows, units), seen.found.rank)
+        units.words: condition(in_units(planned.procedure, rows, units), seen.found.rank)
         for units in ALL_UNITS
     }
     always = tuple(one.name for one in seen.lost if _lies_in(never, one, seen.found.names))
@@ -92,7 +93,7 @@ def hexaslide_seen(request: Request) -> HexaSlideSeen:
 
 def _lies_in(space: FloatArray, one: Combination, names: tuple[str, ...]) -> bool:
     vector = np.array([one.shares.get(name, 0.0) for name in names])
-    return bool(np.linalg.norm(vector - space @ (space.T @ vector)) < BLIND)
+    return bool(np.linalg.norm(without(space, vector)) < BLIND)
 
 
 def _rules(planned: HexaSlidePlanning, rank: int, all_seen: int) -> tuple[PaperRule, ...]:

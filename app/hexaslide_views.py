@@ -12,8 +12,9 @@ from app.planning_hexaslide import BoxedPostures, HexaSlidePlanning, boxed_postu
 from calib.criteria import Criterion
 from calib.hexaslide.geometry import Box
 from calib.hexaslide.procedures import Kind, Procedure
-from calib.hexaslide.scaling import ALL_UNITS, condition_of_seen, in_units
+from calib.hexaslide.scaling import ALL_UNITS, in_units
 from calib.hexaslide_planning import HexaSlide, sensitivity
+from calib.linalg import condition
 from calib.observations import FloatArray
 
 KINDS = tuple(Kind)
@@ -72,10 +73,7 @@ def look_at(request: Request) -> View:
 
 def conditions_by_units(procedure: Procedure, rows: FloatArray, rank: int) -> dict[str, float]:
     """Condition number of what is seen in each unit, from rows ``(n, k)``, metres and radians."""
-    return {
-        units.words: condition_of_seen(in_units(procedure, rows, units), rank)
-        for units in ALL_UNITS
-    }
+    return {units.words: condition(in_units(procedure, rows, units), rank) for units in ALL_UNITS}
 
 
 def conditions_at(view: View, postures: FloatArray) -> dict[str, float]:

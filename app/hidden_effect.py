@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.linalg import DEPENDENT, basis_of, incidence, without
 from calib.observations import Conditions, FloatArray
 from calib.orthoglide.effects.candidates import Candidate, candidates
 from calib.orthoglide.effects.law import Law, Placed
@@ -108,17 +109,15 @@ def _choices(
         places = ", ".join(dict.fromkeys(c.where for c in of_it))
         raise UsageError(f"place of effect {effect_id}", repr(where), places)
     basis = _not_effects(truth, taken)
-    found = [_Choice(c, c.columns - basis @ (basis.T @ c.columns)) for c in here]
+    found = [_Choice(c, without(basis, c.columns)) for c in here]
     best = max(choice.plain_mm for choice in found)
     return tuple(choice for choice in found if choice.plain_mm >= NEARLY_AS_PLAIN * best)
 
 
 def _not_effects(truth: Model, taken: Conditions) -> FloatArray:
     """Orthonormal basis of zeros, joint offsets and leg lengths ``(n_readings, k)``."""
-    zeros = np.eye(taken.mount_count)[taken.mount]
     base = derivatives(truth.geometry, truth.parameters_mm, taken)
-    left, singular, _ = np.linalg.svd(np.hstack([zeros, base]), full_matrices=False)
-    return np.asarray(left[:, singular > 1e-9 * singular[0]])
+    return basis_of(np.hstack([incidence(taken.mount), base]), DEPENDENT)
 
 
 def _not_seen(effect: str) -> UsageError:

@@ -15,7 +15,7 @@ from calib.criteria import Aim, covariances_after, inverse
 from calib.errors import NotIdentifiable
 from calib.fit import without_zeros
 from calib.leg_refinement import move_off_grid
-from calib.noise import IndicatorFigures, Noise, reading_weights, same_place, visits
+from calib.noise import IndicatorFigures, Noise, reading_weights, visits
 from calib.observations import LEG_NAMES, FloatArray, IntArray, Observations
 from calib.orthoglide.geometry import TOLERANCE_MM, Geometry
 from calib.orthoglide.model import Model
@@ -122,7 +122,7 @@ class OrthoglidePlanning:
             bare=without_zeros(visited, np.ones(len(visited)), design),
             measured=tuple(dict.fromkeys(names)),
             posture_count=len(steps),
-            independent_count=int(same_place(visited).max()) + 1 - visited.mount_count,
+            independent_count=int(visited.posture.max()) + 1 - visited.mount_count,
             minutes=minutes + mountings * self.minutes_per_mounting,
             units="readings and parameters in mm",
             noise_words=self.noise_words,

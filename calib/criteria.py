@@ -29,10 +29,8 @@ from enum import StrEnum
 import numpy as np
 
 from calib.errors import CalibrationError, NotIdentifiable
+from calib.linalg import BLIND, BLIND_IN_SQUARES
 from calib.observations import FloatArray
-
-BLIND = 1e-7
-"""Relative singular value of the scaled information below which a combination is not seen."""
 
 RIDGE = 1e-9
 """Information, relative to the best single candidate, that stands in where there is none."""
@@ -138,7 +136,7 @@ def wanted_information(information: FloatArray, aim: Aim) -> FloatArray:
     if not drop:
         return np.asarray(wanted)
     mixed = information[..., drop, :][..., keep]
-    solved = np.linalg.pinv(information[..., drop, :][..., drop], rcond=1e-12, hermitian=True)
+    solved = np.linalg.pinv(information[..., drop, :][..., drop], rcond=BLIND**2, hermitian=True)
     return np.asarray(wanted - np.swapaxes(mixed, -1, -2) @ solved @ mixed)
 
 
@@ -156,7 +154,7 @@ def _refuse_blind(left: FloatArray, count: int) -> None:
     size = np.sqrt(np.clip(left.diagonal(), 0.0, None))
     scale = np.where(size > 0.0, size, 1.0)
     singular = np.sqrt(np.clip(np.linalg.eigvalsh(left / scale / scale[:, None]), 0.0, None))
-    seen = int((singular > BLIND * max(float(singular[-1]), 1.0)).sum())
+    seen = int((singular > BLIND_IN_SQUARES * max(float(singular[-1]), 1.0)).sum())
     if seen < count:
         raise NotIdentifiable(
             "a set of measurements",

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import NotIdentifiable, UnreachablePosture
+from calib.linalg import EXACT_BLIND, without_means
 from calib.observations import FloatArray, Observations
 from calib.orthoglide.differences import Differences
 from calib.orthoglide.linear import reading_matrix
@@ -41,13 +42,7 @@ def without_zeros(observed: Observations, weight: FloatArray, rows: FloatArray) 
     The best zero of a mounting is the weighted mean of what the model leaves, so removing the mean
     from residuals and design fits all zeros at once.
     """
-    total = np.bincount(observed.mount, weight)
-    flat = rows.reshape(len(rows), -1)
-    means = np.stack(
-        [np.bincount(observed.mount, weight * column) / total for column in flat.T],
-        axis=1,
-    )
-    return (flat - means[observed.mount]).reshape(rows.shape)
+    return without_means(observed.mount, weight, rows)
 
 
 def papers_fit(
@@ -86,7 +81,7 @@ def _estimator(observed: Observations, weight: FloatArray, design: FloatArray) -
     """The weighted least squares estimate as a linear map of the readings ``(k, n_readings)``."""
     centred = without_zeros(observed, weight, design)
     root = np.sqrt(weight)
-    return np.asarray(np.linalg.pinv(root[:, None] * centred, rcond=1e-12) * root)
+    return np.asarray(np.linalg.pinv(root[:, None] * centred, rcond=EXACT_BLIND) * root)
 
 
 def exact_fit(

@@ -14,11 +14,9 @@ from calib.hexaslide.parameters import motions, unit_of
 from calib.hexaslide.procedures import Procedure, held_postures, jacobian
 from calib.hexaslide.pulled_rows import RowMaker
 from calib.identifiability import Identifiability, Sensitivity, analyse
+from calib.linalg import EXACT_BLIND, null_space, rank_of
 from calib.observations import FloatArray
 from calib.posture_refinement import Pull, Refined, count_on_bound, judged, refine
-
-EXACT_BLIND = 1e-10
-"""Relative singular value below which exact derivatives show nothing; gaps found are 1e9."""
 
 PLENTY = 100
 """So many random postures reach the rank that the procedure can reach; twice for one row each."""
@@ -65,17 +63,13 @@ def reachable(procedure: Procedure, machine: HexaSlide) -> Identifiability:
 def fewest_postures(procedure: Procedure, machine: HexaSlide) -> int:
     """How many random postures are needed to see what the procedure can see at all."""
     full = sensitivity(procedure, machine, enough_postures(procedure, machine)).jacobian
-    each, wanted = len(procedure.read), _rank(full)
+    each, wanted = len(procedure.read), rank_of(full, EXACT_BLIND)
     low, high = 1, len(full) // each
     while low < high:
         middle = (low + high) // 2
-        low, high = (low, middle) if _rank(full[: middle * each]) == wanted else (middle + 1, high)
+        rank = rank_of(full[: middle * each], EXACT_BLIND)
+        low, high = (low, middle) if rank == wanted else (middle + 1, high)
     return low
-
-
-def _rank(rows: FloatArray) -> int:
-    singular = np.linalg.svd(rows, compute_uv=False)
-    return int((singular > EXACT_BLIND * singular[0]).sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,6 +196,4 @@ def _seen_basis(found: Identifiability) -> FloatArray:
 
     What is lost with postures enough is a motion of a frame, the same at every posture.
     """
-    count = len(found.names)
-    lost = found.unseen_vectors.reshape(-1, count)
-    return np.asarray(np.linalg.qr(lost.T, mode="complete")[0][:, len(lost) :])
+    return null_space(found.unseen_vectors.reshape(-1, len(found.names)))

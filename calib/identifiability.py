@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import NotIdentifiable
+from calib.linalg import BLIND, condition, named_inside, names_outside, svd_of_all
 from calib.observations import FloatArray
 from calib.solution import Direction
 from calib.ties import largest
@@ -28,10 +29,6 @@ WEAK = 0.1
 
 WEAK_RATIO = 10.0
 """A combination is weak, too, when it is known so many times worse than the best known one."""
-
-BLIND = 1e-6
-"""Relative singular value below which nothing is seen, whatever the noise: ten times what
-derivatives wrong by 1e-7 can feign."""
 
 SMALL_SHARE = 0.25
 """Parameters with a smaller share of a combination are left out of its name."""
@@ -86,11 +83,8 @@ class Identifiability:
 
 def analyse(sensitivity: Sensitivity) -> Identifiability:
     """Singular values against noise and tolerance, and names for what they tell."""
-    count = len(sensitivity.names)
     scaled = sensitivity.jacobian * sensitivity.tolerance
-    rows = max(count - len(scaled), 0)
-    padded = np.vstack([scaled, np.zeros((rows, count))])
-    _, singular, turned = np.linalg.svd(padded, full_matrices=False)
+    _, singular, turned = svd_of_all(scaled)
     uncertainty = _uncertainties(singular, sensitivity)
     unseen = uncertainty > UNSEEN
     best = float(uncertainty.min())
@@ -104,10 +98,10 @@ def analyse(sensitivity: Sensitivity) -> Identifiability:
         row_count=len(scaled),
         singular_values=singular,
         condition_number=float(seen[0] / seen[-1]) if len(seen) else np.inf,
-        unscaled_condition=_condition(sensitivity.jacobian, int((~unseen).sum())),
+        unscaled_condition=condition(sensitivity.jacobian, int((~unseen).sum())),
         weak=_named(turned[weak] * sensitivity.tolerance, sensitivity, covariance),
         unseen=_named(lost, sensitivity, None),
-        individually_known=_individually_known(turned[unseen], sensitivity.names),
+        individually_known=names_outside(turned[unseen].T, sensitivity.names),
         unseen_vectors=lost,
         weak_vectors=turned[weak] * sensitivity.tolerance,
     )
@@ -131,16 +125,6 @@ def _covariance(
     """Covariance ``(k, k)`` from the seen directions."""
     rows = turned[seen] * uncertainty[seen, None] * tolerance
     return np.asarray(rows.T @ rows)
-
-
-def _condition(jacobian: FloatArray, rank: int) -> float:
-    singular = np.linalg.svd(jacobian, compute_uv=False)
-    return float(singular[0] / singular[rank - 1]) if rank else np.inf
-
-
-def _individually_known(unseen: FloatArray, names: Sequence[str]) -> tuple[str, ...]:
-    share = np.sqrt((unseen**2).sum(axis=0))
-    return tuple(name for name, s in zip(names, share, strict=True) if s < BLIND)
 
 
 def _named(
@@ -187,15 +171,7 @@ def combinations(vectors: FloatArray, sensitivity: Sensitivity) -> list[tuple[Fl
     """
     if not len(vectors):
         return []
-    whole = basis = np.linalg.qr(vectors.T)[0]
-    found: list[tuple[FloatArray, str]] = []
-    for name, motion in sensitivity.motions:
-        unit = motion / np.linalg.norm(motion)
-        outside = unit - whole @ (whole.T @ unit)
-        inside = basis @ (basis.T @ unit)
-        if np.linalg.norm(outside) < BLIND < np.linalg.norm(inside):
-            found.append((unit, name))
-            basis = _without(basis, inside)
+    found, basis = named_inside(np.linalg.qr(vectors.T)[0], sensitivity.motions)
     return found + [_short(row, sensitivity) for row in _echelon(basis.T)]
 
 
@@ -208,13 +184,6 @@ def _short(row: FloatArray, sensitivity: Sensitivity) -> tuple[FloatArray, str]:
     whole = np.where(np.abs(row) > sensitivity.blind, row, 0.0) * np.sign(row @ short)
     smaller = int(np.count_nonzero(whole) - np.count_nonzero(short))
     return whole, f"{name}, and smaller shares of {smaller} others" if smaller else name
-
-
-def _without(basis: FloatArray, vector: FloatArray) -> FloatArray:
-    """Orthonormal basis ``(k, r - 1)`` of what is orthogonal to a vector of the space."""
-    rest = basis - np.outer(vector, vector @ basis) / float(vector @ vector)
-    left, singular, _ = np.linalg.svd(rest, full_matrices=False)
-    return np.asarray(left[:, singular > 0.5])
 
 
 def _echelon(rows: FloatArray) -> FloatArray:

@@ -26,7 +26,6 @@ from calib.noise import (
     Noise,
     reading_noise,
     reading_weights,
-    same_place,
     visits,
 )
 from calib.observations import FloatArray, Observations
@@ -170,7 +169,7 @@ def _refuse_impossible(model: Model, fit: Fit) -> None:
 
 def _noise_from_residuals(visited: Observations, efficient: Fit) -> Noise:
     """The noise that explains what the model leaves of the means of the postures."""
-    places = int(same_place(visited).max()) + 1
+    places = int(visited.posture.max()) + 1
     remaining = len(visited) - visited.mount_count - efficient.design.shape[1]
     if remaining <= 0 or places - visited.mount_count < efficient.design.shape[1]:
         raise NotIdentifiable(

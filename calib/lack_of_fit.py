@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from calib.distributions import variance_ratio_p_value
-from calib.noise import Noise, cells
+from calib.linalg import without_means
+from calib.noise import Noise
 from calib.observations import FloatArray, Observations
 from calib.solution import LackOfFit
 
@@ -23,18 +24,16 @@ def lack_of_fit(
     parameters where tolerances hold them (Hastie, Tibshirani, Friedman, section 7.6). None where
     nothing is free or the noise itself came from what the fit leaves.
     """
-    grouped = cells(visited)
-    free = round(grouped.count - visited.mount_count - parameter_count, 6)
+    first, cell = np.unique(visited.cell, return_index=True, return_inverse=True)[1:]
+    free = round(len(first) - visited.mount_count - parameter_count, 6)
     if noise.source == "residuals" or free <= 0.0:
         return None
-    together = np.bincount(grouped.index, visited.averaged)
-    mean = np.bincount(grouped.index, visited.averaged * left_mm) / together
-    first = np.unique(grouped.index, return_index=True)[1]
+    together = np.bincount(cell, visited.averaged)
+    mean = np.bincount(cell, visited.averaged * left_mm) / together
     mount, indicator = visited.mount[first], visited.indicator[first]
     shown = np.array([one.shown_mm2 for one in noise.indicators])[indicator]
     locked = np.array([one.locked_mm2 for one in noise.indicators])[indicator]
     weight = 1.0 / (shown / together + locked)
-    zero = np.bincount(mount, weight * mean) / np.bincount(mount, weight)
-    statistic = float((weight * (mean - zero[mount]) ** 2).sum()) / free
+    statistic = float((weight * without_means(mount, weight, mean) ** 2).sum()) / free
     p_value = variance_ratio_p_value(statistic, free, noise.degrees_of_freedom)
     return LackOfFit(statistic, free, p_value)

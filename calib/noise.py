@@ -122,18 +122,12 @@ def reading_weights(observed: Observations, noise: Noise | None) -> FloatArray:
     """
     if noise is None:
         return observed.averaged
-    place = same_place(observed)
+    place = observed.posture
     together = np.bincount(place, observed.averaged)[place]
     shown = np.array([one.shown_mm2 for one in noise.indicators])[observed.indicator]
     return np.asarray(
         observed.averaged / together / (shown / together + noise.locked_mm2(observed))
     )
-
-
-def same_place(observed: Observations) -> IntArray:
-    """Numbers ``(n_readings,)`` of the groups of one mounting in one posture."""
-    keys = np.stack([observed.mount.astype(np.float64), observed.displacement_mm])
-    return np.unique(keys, axis=1, return_inverse=True)[1].ravel().astype(np.intp)
 
 
 @dataclass(frozen=True)
@@ -160,26 +154,6 @@ class IndicatorFigures:
             return None
         one = IndicatorNoise(max(shown, 0.0), locked, math.inf)
         return Noise((one,) * indicator_count, "instrument")
-
-
-@dataclass(frozen=True, eq=False)
-class Cells:
-    """Readings of one mounting in one posture, approached from one side, form a cell.
-
-    ``index`` ``(n_readings,)`` numbers the ``count`` cells.
-    """
-
-    index: IntArray
-    count: int
-
-
-def cells(observed: Observations) -> Cells:
-    """Group the readings by mounting, displacement and direction of approach."""
-    keys = np.stack(
-        [observed.mount.astype(np.float64), observed.displacement_mm, observed.approach]
-    )
-    index = np.unique(keys, axis=1, return_inverse=True)[1].ravel().astype(np.intp)
-    return Cells(index, int(index.max()) + 1 if len(index) else 0)
 
 
 def visits(observed: Observations) -> Observations:

@@ -46,9 +46,24 @@ class Conditions:
         """The same kind of object with only these rows (indices or a mask), numbered anew."""
         picked = np.asarray(rows)
         arrays = {f.name: getattr(self, f.name)[picked] for f in fields(self)}
-        for numbered in ("mount", "indicator"):
-            arrays[numbered] = np.unique(arrays[numbered], return_inverse=True)[1].ravel()
+        for name in ("mount", "indicator"):
+            arrays[name] = numbered(arrays[name])
         return replace(self, **arrays)
+
+    @property
+    def posture(self) -> IntArray:
+        """Numbers ``(n_readings,)`` of the groups of one mounting in one posture."""
+        return numbered(self.mount, self.displacement_mm)
+
+    @property
+    def cell(self) -> IntArray:
+        """Numbers ``(n_readings,)`` of the groups of a posture approached from one side."""
+        return numbered(self.mount, self.displacement_mm, self.approach)
+
+    @property
+    def mountings(self) -> list[IntArray]:
+        """Rows of each mounting."""
+        return rows_of(self.mount)
 
     @property
     def mount_count(self) -> int:
@@ -71,6 +86,23 @@ class Observations(Conditions):
 
     value_mm: FloatArray
     averaged: FloatArray
+
+
+def numbered(*keys: NDArray[Any]) -> IntArray:
+    """Number the groups ``(n,)`` of rows that agree in all keys ``(n,)``, in the keys' order."""
+    order = np.lexsort(keys[::-1])
+    group = np.zeros(len(order), dtype=np.intp)
+    for key in keys:
+        ordered = key[order]
+        group[1:] |= ordered[1:] != ordered[:-1]
+    group[order] = np.cumsum(group)
+    return group
+
+
+def rows_of(group: IntArray) -> list[IntArray]:
+    """Rows of each group, ``(n,)`` numbers without gaps."""
+    order = np.argsort(group, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(group[order])) + 1) if len(group) else []
 
 
 def conditions(

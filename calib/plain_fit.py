@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.linalg import EXACT_BLIND, without_means
 from calib.newton import Evaluate, Optimum, minimise
-from calib.noise import same_place
 from calib.observations import FloatArray, IntArray, Observations
 from calib.orthoglide.model import Model
 from calib.orthoglide.plain import PlainDesign
@@ -43,21 +43,22 @@ class PlainFit:
         cls, model: Model, observed: Observations, free: tuple[int, ...], weight: FloatArray
     ) -> PlainFit:
         """Prepare for readings taken like these, with weights ``(n_readings,)``."""
-        place = same_place(observed)
+        place = observed.posture
         first = np.unique(place, return_index=True)[1]
         total = np.asarray(np.bincount(place, weight), dtype=np.float64)
         average = np.zeros((len(first), len(observed)))
         average[place, np.arange(len(observed))] = weight / total[place]
         places = observed.take(first)
         design = PlainDesign.of(model.geometry, places)
-        whiten = _whitening(places.mount, total)
+        centred = without_means(places.mount, total, np.eye(len(total)))
+        whiten = np.asarray(np.sqrt(total)[:, None] * centred)
         base = np.array(model.parameters_mm)[:, None]
         index = np.array(free, dtype=np.intp)
         predicted, slope = design.readings_and_derivatives(base)
         steps = base + 1j * COMPLEX_STEP_MM * np.eye(6)[:, index]
         bend = design.readings_and_derivatives(steps)[1][index].imag / COMPLEX_STEP_MM
         curvature = np.einsum("mn,inj->mij", whiten, bend)
-        inverse = np.linalg.pinv(whiten @ slope[index, :, 0].T, rcond=1e-10)
+        inverse = np.linalg.pinv(whiten @ slope[index, :, 0].T, rcond=EXACT_BLIND)
         first_step = np.asarray(inverse, dtype=np.float64)
         return cls(design, base, index, average, whiten, curvature, first_step, whiten @ predicted)
 
@@ -90,11 +91,3 @@ class PlainFit:
             return measured[:, problem] - self.whiten @ predicted, np.matmul(self.whiten, slope)
 
         return evaluate
-
-
-def _whitening(mount: IntArray, weight: FloatArray) -> FloatArray:
-    """Square roots of the weights times 'minus the weighted mean of the mounting'."""
-    same = mount[:, None] == mount[None, :]
-    total = np.bincount(mount, weight)
-    centred = np.eye(len(mount)) - same * (weight / total[mount])[None, :]
-    return np.asarray(np.sqrt(weight)[:, None] * centred)

@@ -10,6 +10,7 @@ import numpy as np
 
 from calib.criteria import Aim, Criterion, value_of, values_of
 from calib.errors import CalibrationError
+from calib.linalg import BLIND, ROUNDING, svd_of_all
 from calib.observations import FloatArray
 
 Pull = Callable[[FloatArray], FloatArray]
@@ -30,16 +31,10 @@ OF_ENDS = (
 )
 """Criteria of the largest and the smallest singular value alone."""
 
-LEAST_SINGULAR = 1e-13
-"""Relative singular value below which rows are blind but for rounding."""
-
 FAINT = 1e-9
 """Relative eigenvalue of the information above which it has digits enough; it is quicker to take
 apart than the rows.
 """
-
-REGULAR = 1e-13
-"""Relative information that keeps a search regular on its way through blind sets."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,10 +152,8 @@ def _variances(rows: FloatArray, information: FloatArray) -> tuple[FloatArray, F
     if found[0] > FAINT * found[-1]:
         return 1.0 / found[::-1], np.asarray(turned[:, ::-1])
     flat = rows.reshape(-1, rows.shape[-1])
-    missing = max(flat.shape[1] - len(flat), 0)
-    padded = np.vstack([flat, np.zeros((missing, flat.shape[1]))])
-    _, singular, vectors = np.linalg.svd(padded, full_matrices=False)
-    least = LEAST_SINGULAR * max(float(singular[0]), 1e-150)
+    _, singular, vectors = svd_of_all(flat)
+    least = ROUNDING * max(float(singular[0]), 1e-150)
     return np.maximum(singular, least) ** -2, np.asarray(vectors.T)
 
 
@@ -178,7 +171,7 @@ def judged(rows: FloatArray, aim: Aim, fixed: FloatArray | None = None) -> float
     flat = rows.reshape(-1, rows.shape[-1])
     size = np.linalg.norm(flat, axis=0)
     scaled = np.linalg.svd(flat / np.where(size > 0.0, size, 1.0), compute_uv=False)
-    if len(flat) < flat.shape[1] or scaled[-1] <= LEAST_SINGULAR * scaled[0]:
+    if len(flat) < flat.shape[1] or scaled[-1] <= ROUNDING * scaled[0]:
         return value_of(_information(rows, fixed), aim)
     singular = np.linalg.svd(flat, compute_uv=False)
     return float(values_of(np.diag(singular**-2)[None], aim)[0])
@@ -201,7 +194,7 @@ def cost_and_slope(
     count = len(information)
     keep, drop = aim.columns(count), aim.nuisance(count)
     largest = max(float(information.diagonal().max()), 1e-300)
-    regular = information + REGULAR * largest * np.eye(count)
+    regular = information + ROUNDING * largest * np.eye(count)
     lift = _lift(regular, keep, drop)
     left = lift.T @ regular @ lift
     variance, turned = np.linalg.eigh(np.linalg.inv(left))
@@ -237,7 +230,7 @@ def _lift(information: FloatArray, keep: list[int], drop: list[int]) -> FloatArr
     lift = np.zeros((len(information), len(keep)))
     lift[keep, np.arange(len(keep))] = 1.0
     if drop:
-        inverse = np.linalg.pinv(information[np.ix_(drop, drop)], rcond=1e-12, hermitian=True)
+        inverse = np.linalg.pinv(information[np.ix_(drop, drop)], rcond=BLIND**2, hermitian=True)
         lift[drop] = -inverse @ information[np.ix_(drop, keep)]
     return lift
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from calib.fit import without_zeros
-from calib.noise import Noise, same_place
+from calib.noise import Noise
 from calib.observations import FloatArray, Observations
 
 
@@ -73,7 +73,7 @@ def uncertainties(combine: csr_array, observed: Observations, noise: Noise) -> F
 
 def _at_places(observed: Observations, noise: Noise) -> csr_array:
     """What each reading shares with its posture ``(n_readings, n_places)``, mm."""
-    place = same_place(observed)
+    place = observed.posture
     rows = np.arange(len(place))
     return csr_array(
         (np.sqrt(noise.locked_mm2(observed)), (rows, place)),

@@ -8,7 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.distributions import two_sided_p_value, variance_ratio_p_value
-from calib.observations import FloatArray, IntArray, Observations
+from calib.linalg import (
+    NEW_DIRECTION,
+    basis_by_products,
+    incidence,
+    squares_in,
+    without,
+    without_means,
+)
+from calib.observations import FloatArray, IntArray, Observations, numbered
 
 WILD_LEVEL = 0.01
 """Chance that one of all readings is called wild although none is (Bonferroni)."""
@@ -49,14 +57,10 @@ class Repeats:
     @classmethod
     def of(cls, visited: Observations) -> Repeats:
         """The repeats among readings of `calib.noise.visits`."""
-        keys = np.stack(
-            [visited.mount.astype(np.float64), visited.displacement_mm, visited.approach]
-        )
-        cell = np.unique(keys, axis=1, return_inverse=True)[1].ravel().astype(np.intp)
+        cell = visited.cell
         leverage = visited.averaged / np.bincount(cell, visited.averaged)[cell]
         cycles: list[tuple[IntArray, FloatArray]] = []
-        order = np.argsort(visited.mount, kind="stable")
-        for rows in np.split(order, np.flatnonzero(np.diff(visited.mount[order])) + 1):
+        for rows in visited.mountings:
             basis = _cycles_beside_cells(visited, rows, cell[rows])
             cycles.append((rows, basis))
             leverage[rows] += (basis * basis).sum(axis=1)
@@ -67,7 +71,7 @@ class Repeats:
         """What repeats leave of values ``(n_readings, b)``, weighted; same shape, mm."""
         left = _without_cells(np.sqrt(self.observed.averaged), self.cell, value_mm)
         for rows, basis in self.cycles:
-            left[rows] -= basis @ (basis.T @ left[rows])
+            left[rows] = without(basis, left[rows])
         return left
 
     def sums_of_squares(self, value_mm: FloatArray) -> FloatArray:
@@ -80,23 +84,16 @@ class Repeats:
 
 def _without_cells(root: FloatArray, cell: IntArray, value: FloatArray) -> FloatArray:
     """Values ``(n, b)`` minus the weighted means of their cells, times the root of the weight."""
-    weight = root**2
-    total = np.bincount(cell, weight)
-    means = np.stack([np.bincount(cell, weight * column) / total for column in value.T], axis=1)
-    return np.asarray(root[:, None] * (value - means[cell]))
+    return root[:, None] * without_means(cell, root**2, value)
 
 
 def _cycles_beside_cells(visited: Observations, rows: IntArray, cell: IntArray) -> FloatArray:
     """Orthonormal basis ``(n_rows, rank)`` of the cycles of a mounting, cell means taken out."""
-    cycle = np.unique(visited.cycle[rows], return_inverse=True)[1]
+    cycle = numbered(visited.cycle[rows])
     if not cycle.any():
         return np.zeros((len(rows), 0))
-    local = np.unique(cell, return_inverse=True)[1]
-    columns = np.eye(int(cycle.max()) + 1)[cycle][:, 1:]
-    beside = _without_cells(np.sqrt(visited.averaged[rows]), local, columns)
-    variance, axes = np.linalg.eigh(beside.T @ beside)
-    seen = variance > 1e-9 * max(float(variance[-1]), 1e-9)
-    return np.asarray(beside @ (axes[:, seen] / np.sqrt(variance[seen])))
+    root, columns = np.sqrt(visited.averaged[rows]), incidence(cycle)[:, 1:]
+    return basis_by_products(_without_cells(root, numbered(cell), columns))
 
 
 def wild_readings(repeats: Repeats, floor_mm2: float) -> tuple[WildReading, ...]:
@@ -110,7 +107,7 @@ def wild_readings(repeats: Repeats, floor_mm2: float) -> tuple[WildReading, ...]
     left = repeats.scatter(repeats.observed.value_mm[:, None])[:, 0]
     free = float(repeats.degrees_of_freedom.sum())
     open_share = 1.0 - repeats.leverage
-    judged = np.flatnonzero(open_share > 1e-6)
+    judged = np.flatnonzero(open_share > NEW_DIRECTION**2)
     if free <= 1.0 or not len(judged):
         return ()
     own = left[judged] ** 2 / open_share[judged]
@@ -134,7 +131,7 @@ def wander(repeats: Repeats, floor_mm2: float) -> float | None:
     """
     observed = repeats.observed
     left = _without_cells(np.sqrt(observed.averaged), repeats.cell, observed.value_mm[:, None])
-    square = sum(float(((basis.T @ left[rows]) ** 2).sum()) for rows, basis in repeats.cycles)
+    square = sum(squares_in(basis, left[rows]) for rows, basis in repeats.cycles)
     rank = float(sum(basis.shape[1] for _, basis in repeats.cycles))
     free = float(repeats.degrees_of_freedom.sum())
     if not rank or free <= 0.0:

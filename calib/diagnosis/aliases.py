@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.diagnosis.problem import Problem, Sitting
 from calib.diagnosis.selection import ALIKE, contained
+from calib.linalg import without
 from calib.noise import IndicatorFigures
 from calib.observations import FloatArray, Observations
 from calib.orthoglide.effects.candidates import Candidate, candidates, invisible
@@ -75,7 +76,5 @@ def alias_map(
 def _left(problem: Problem, candidate: Candidate, other: FloatArray) -> float:
     """What another block leaves of this candidate at an unremarkable size, in noise variances."""
     size = np.array([p.tolerance for p in candidate.parameters])
-    white = problem.root_weight * (candidate.columns @ size)
-    white = white - problem.nuisance @ (problem.nuisance.T @ white)
-    rest = white - other @ (other.T @ white)
+    rest = without(other, problem.free(candidate.columns @ size))
     return float((rest**2).sum())

@@ -18,8 +18,9 @@ from calib.diagnosis.blunders import Blunder, Suspicion
 from calib.diagnosis.entries import MOST_LOSS, Entry, chosen, entries_of, implausible
 from calib.diagnosis.problem import Problem, Sitting
 from calib.diagnosis.results import Named
-from calib.diagnosis.selection import LOG_UNIT, union
+from calib.diagnosis.selection import LOG_UNIT
 from calib.distributions import variance_ratio_p_value
+from calib.linalg import squares_in, union, without
 from calib.observations import FloatArray
 from calib.orthoglide.effects.law import Law
 from calib.ties import descending
@@ -122,7 +123,7 @@ def _same(there: _Field, account: _Account, here: _Field) -> _Account:
 
 def _closes(problem: Problem, account: _Account) -> bool:
     """Whether no gap is left beyond chance."""
-    left = problem.y - account.basis @ (account.basis.T @ problem.y)
+    left = without(account.basis, problem.y)
     df = problem.structure_df - account.basis.shape[1]
     return df > 0 and (
         variance_ratio_p_value(problem.gap(left) / df, df, problem.noise_df) > CLOSED
@@ -159,11 +160,11 @@ def _heaviest_first(accounts: Iterable[_Account]) -> list[_Account]:
 
 def _extended(among: _Field, one: _Account) -> list[_Account]:
     """One effect more than this account; only the most promising."""
-    left = among.problem.y - one.basis @ (one.basis.T @ among.problem.y)
+    left = without(one.basis, among.problem.y)
     total = float(left @ left)
     promise = []
     for block in among.blocks:
-        explained = float(((block.T @ left) ** 2).sum())
+        explained = squares_in(block, left)
         rest = max(total - explained, 1e-9 * total)
         promise.append(0.5 * among.freedom * math.log(total / rest) - among.width(explained, block))
     order = descending(
@@ -180,8 +181,8 @@ def _weighed(among: _Field, members: tuple[int, ...], upon: _Account | None = No
     before = upon or _weighed(among, members[:-1])
     basis = union([before.basis, among.blocks[members[-1]]])
     more = basis[:, before.basis.shape[1] :]
-    explained = float(((more.T @ y) ** 2).sum())
+    explained = squares_in(more, y)
     price = before.price + among.width(explained, more) + among.price(members[-1])
-    left = y - basis @ (basis.T @ y)
+    left = without(basis, y)
     weight = -0.5 * among.freedom * math.log(left @ left) - price
     return _Account(tuple(sorted(members)), basis, price, weight)

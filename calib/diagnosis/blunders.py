@@ -143,8 +143,7 @@ def _groups(observed: Observations) -> Iterator[tuple[str, IntArray]]:
     """Rows that one mistake may touch: a mounting, an indicator, everything."""
     everything = np.arange(len(observed))
     seen: set[tuple[int, ...]] = set()
-    for mount in range(observed.mount_count):
-        rows = np.flatnonzero(observed.mount == mount)
+    for rows in observed.mountings:
         yield place_of(observed, rows), rows
         seen.add(tuple(rows))
     for leg in range(3):

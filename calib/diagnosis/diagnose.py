@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from calib.diagnosis.cleaning import Case, clean
 from calib.diagnosis.entries import Entry, entries_of, implausible, prices
 from calib.diagnosis.fitting import Fitting
@@ -17,6 +15,7 @@ from calib.diagnosis.race import Outcome, Race
 from calib.diagnosis.report import Report
 from calib.diagnosis.results import Diagnosis
 from calib.diagnosis.strays import WILD_DISTANCE
+from calib.linalg import squares_in
 from calib.observations import FloatArray
 from calib.orthoglide.effects.law import Law
 
@@ -96,12 +95,12 @@ def _may_run(problem: Problem, entry: Entry, block: FloatArray) -> bool:
     """
     if not block.shape[1] or entry.id != "wild_reading":
         return bool(block.shape[1])
-    far = float(((block.T @ problem.y) ** 2).sum()) > WILD_DISTANCE**2
+    far = squares_in(block, problem.y) > WILD_DISTANCE**2
     return far and not _repeated(problem, int(entry.columns[:, 0].argmax()))
 
 
 def _repeated(problem: Problem, row: int) -> bool:
     """Whether the posture of this row was read in the same mounting again."""
-    levels = np.concatenate([one.observed.displacement_mm for one in problem.sittings])
+    levels = problem.conditions("displacement_mm")
     alike = (problem.mount == problem.mount[row]) & (levels == levels[row])
     return int(alike.sum()) > 1

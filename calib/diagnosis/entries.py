@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.diagnosis.problem import Problem
-from calib.observations import LEG_NAMES, FloatArray
+from calib.linalg import BLIND
+from calib.observations import LEG_NAMES, FloatArray, rows_of
 from calib.orthoglide.effects.candidates import Candidate, candidates_together
 from calib.orthoglide.effects.kinds import Kind
 from calib.orthoglide.effects.law import Law
@@ -103,9 +104,8 @@ def implausible(problem: Problem, entries: Sequence[Entry]) -> float:
     pays, and directions that hardly show are not blown up.
     """
     columns = np.hstack([entry.columns * (FAR * entry.tolerance) for entry in entries])
-    white = problem.root_weight[:, None] * columns
-    white = white - problem.nuisance @ (problem.nuisance.T @ white)
-    free = problem.y - white @ np.linalg.lstsq(white, problem.y, rcond=1e-6)[0]
+    white = problem.free(columns)
+    free = problem.y - white @ np.linalg.lstsq(white, problem.y, rcond=BLIND)[0]
     value = held(white, problem.y)[0]
     left = problem.y - white @ value
     loss = 0.5 * (float(left @ left) - float(free @ free) + float(value @ value))
@@ -121,10 +121,8 @@ def held(white: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _lone_readings(problem: Problem) -> list[Entry]:
     """The first and the last reading of each mounting, which repeats alone cannot judge."""
     found = []
-    leg = np.concatenate([one.observed.leg for one in problem.sittings])
-    axis = np.concatenate([one.observed.axis for one in problem.sittings])
-    for mount in range(int(problem.mount.max()) + 1):
-        rows = np.flatnonzero(problem.mount == mount)
+    leg, axis = problem.conditions("leg"), problem.conditions("axis")
+    for rows in rows_of(problem.mount):
         where = LEG_NAMES[leg[rows[0]]] + LEG_NAMES[axis[rows[0]]]
         for row, word in ((rows[0], "first"), (rows[-1], "last")):
             columns = np.zeros((len(problem.y), 1))

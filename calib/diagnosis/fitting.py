@@ -12,8 +12,8 @@ from calib.diagnosis.entries import FAR, Entry, held
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.race import Race
 from calib.diagnosis.results import Value
-from calib.diagnosis.selection import union
 from calib.errors import NotIdentifiable
+from calib.linalg import onto
 from calib.observations import FloatArray
 from calib.orthoglide.effects.law import Placed
 
@@ -49,7 +49,7 @@ class Fitting:
     def _corrected(self, members: tuple[int, ...]) -> tuple[Sizes, FloatArray]:
         """Sizes, and the readings ``(n,)`` as a linear machine would give them."""
         found, y = self.values(members, self.problem.y), self.problem.y
-        basis = union([self.race.blocks[k] for k in members])
+        basis = self.race.basis(members)
         for _ in range(CORRECTIONS):
             placed = tuple(effect for _, effects in found.values() for effect in effects)
             try:
@@ -57,7 +57,7 @@ class Fitting:
             except NotIdentifiable:
                 return found, self.problem.y
             beyond = y - self.problem.y
-            found = self.values(members, self.problem.y + basis @ (basis.T @ beyond))
+            found = self.values(members, self.problem.y + onto(basis, beyond))
         return found, y
 
     def _left_with(self, placed: tuple[Placed, ...]) -> FloatArray:
@@ -74,21 +74,19 @@ class Fitting:
         members: tuple[int, ...],
     ) -> FloatArray:
         """What the columns of the members with these values explain ``(n,)``, whitened."""
-        total = np.zeros_like(self.problem.y)
+        total_mm = np.zeros_like(self.problem.y)
         for k in members:
             value = np.array([v.value for v in found[k][0]])
             if found[k][1]:
-                total += self.problem.root_weight * (self.entries[k].columns @ value)
-        return total - self.problem.nuisance @ (self.problem.nuisance.T @ total)
+                total_mm += self.entries[k].columns @ value
+        return self.problem.free(total_mm)
 
     def values(self, members: tuple[int, ...], y: FloatArray | None = None) -> Sizes:
         """Parameters of these entries fitted together, base parameters and zeros free."""
         y = self.problem.y if y is None else y
-        root = self.problem.root_weight[:, None]
-        design = np.hstack([root * self.entries[k].columns for k in members])
+        columns = np.hstack([self.entries[k].columns for k in members])
         size = FAR * np.concatenate([self.entries[k].tolerance for k in members])
-        free = design * size
-        free = free - self.problem.nuisance @ (self.problem.nuisance.T @ free)
+        free = self.problem.free(columns * size)
         best, _ = held(free, y)
         value = best * size
         spread = np.sqrt(np.linalg.inv(free.T @ free + np.eye(len(size))).diagonal()) * size

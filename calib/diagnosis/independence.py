@@ -7,12 +7,11 @@ for all postures. It has the evidence of a fitted prior on all of them (`selecti
 
 from __future__ import annotations
 
-import numpy as np
-
 from calib.diagnosis.naming import LEAST_EVIDENCE, Naming
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.selection import log_bayes_factor
-from calib.observations import FloatArray
+from calib.linalg import incidence, squares_in
+from calib.observations import FloatArray, numbered
 
 DOUBT = (
     "repeats read without driving away would explain as much as any name: drive away before each, "
@@ -32,17 +31,10 @@ def repeats_explain_as_much(naming: Naming) -> bool:
 def evidence_of_postures(problem: Problem) -> float:
     """Log Bayes factor for an error of each posture's own against none."""
     block = problem.block(_postures(problem))
-    explained = float(((block.T @ problem.y) ** 2).sum())
+    explained = squares_in(block, problem.y)
     return log_bayes_factor(explained, block.shape[1], problem.spread)
 
 
 def _postures(problem: Problem) -> FloatArray:
     """One column for each posture and approach of each mounting."""
-    observed = [one.observed for one in problem.sittings]
-    keys = [
-        problem.mount.astype(np.float64),
-        np.concatenate([one.displacement_mm for one in observed]),
-        np.concatenate([one.approach for one in observed]),
-    ]
-    cell = np.unique(np.stack(keys), axis=1, return_inverse=True)[1].ravel()
-    return np.asarray(np.eye(int(cell.max()) + 1)[cell])
+    return incidence(numbered(problem.mount, problem.conditions("cell")))

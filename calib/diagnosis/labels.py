@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.observations import LEG_NAMES, FloatArray, Observations
+from calib.observations import LEG_NAMES, FloatArray, Observations, numbered
 
 REACH = 1.5
 """A wild reading may lie anywhere, up to so many times as far from its place as it does."""
@@ -86,7 +86,7 @@ def evened(before: Observations, after: Observations) -> float:
 
 def _unevenness(observed: Observations) -> float:
     """By how many readings the postures of mountings differ from what most mountings have."""
-    levels = np.unique(observed.displacement_mm, return_inverse=True)[1].ravel()
+    levels = numbered(observed.displacement_mm)
     count = np.zeros((observed.mount_count, int(levels.max()) + 1))
     np.add.at(count, (observed.mount, levels), 1.0)
     return float(np.abs(count - np.median(count, axis=0)).sum())
@@ -127,8 +127,7 @@ def _retraced(before: Observations, after: Observations) -> Observations:
 def _traced(observed: Observations) -> FloatArray:
     """Sign of the last movement before each reading ``(n,)`` of a mounting, 0 where unknown."""
     found = np.zeros(len(observed))
-    for mount in range(observed.mount_count):
-        rows = np.flatnonzero(observed.mount == mount)
+    for rows in observed.mountings:
         moved = np.sign(np.diff(observed.displacement_mm[rows], prepend=np.nan))
         moved[:1] = 0.0
         last = np.maximum.accumulate(np.where(moved != 0.0, np.arange(len(rows)), 0))

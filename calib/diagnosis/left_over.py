@@ -20,8 +20,9 @@ from calib.diagnosis.fitting import Fitting
 from calib.diagnosis.problem import Problem, Sitting
 from calib.diagnosis.results import Finding, HeldOutGap, LeftOver, Value
 from calib.diagnosis.scan import gap_p_value
-from calib.diagnosis.selection import LOG_UNIT, union
+from calib.diagnosis.selection import LOG_UNIT
 from calib.diagnosis.verify import left_out_postures, on_other_sessions, structure_rms_mm
+from calib.linalg import NEW_DIRECTION, lengths
 from calib.observations import LEG_NAMES, FloatArray, IntArray
 from calib.orthoglide.effects.candidates import stacked_columns
 from calib.orthoglide.effects.empirical import BASES, Empirical, law_words
@@ -34,8 +35,6 @@ LEVEL = 0.005
 GAP_LEVEL = 0.01
 NOT_WITH = 0.05
 """Chance above which something is said not to matter."""
-SINGULAR = 1e-6
-"""Relative size of squares below which a direction counts as not there."""
 LEAST_LEFT = 4
 """Degrees of freedom that a law must leave."""
 HELD_OUT_AMONG = 30
@@ -79,14 +78,11 @@ class _Rest:
     def of(cls, fitting: Fitting, members: tuple[int, ...]) -> _Rest:
         """After these members."""
         problem = fitting.problem
-        kept = _basis(fitting, members)
-        y = problem.y - kept @ (kept.T @ problem.y)
+        y = fitting.race.left(members)
         gap, freedom, _ = fitting.race.gap(members)
         terms, columns = _terms(problem)
-        white = problem.root_weight[:, None] * columns
-        size = np.maximum(np.sqrt((white**2).sum(axis=0)), 1e-300)
-        free = white / size
-        free = free - problem.nuisance @ (problem.nuisance.T @ free)
+        size = lengths(problem.root_weight[:, None] * columns)
+        free = problem.free(columns / size)
         products, across = free.T @ free, free.T @ y
         return cls(problem, y, gap, freedom, terms, columns, size, free, products, across)
 
@@ -94,7 +90,7 @@ class _Rest:
         """What these terms explain of the gap, and in how many directions."""
         some = list(terms)
         size, axes = np.linalg.eigh(self.products[np.ix_(some, some)])
-        seen = size > SINGULAR
+        seen = size > NEW_DIRECTION**2
         parts = (axes[:, seen].T @ self.across[some]) ** 2 / size[seen]
         return min(float(parts.sum()), self.gap), int(seen.sum())
 
@@ -162,12 +158,6 @@ def _describe(
     return _Described(finding, held, after > GAP_LEVEL)
 
 
-def _basis(fitting: Fitting, members: tuple[int, ...]) -> FloatArray:
-    if not members:
-        return np.zeros((len(fitting.problem.y), 0))
-    return union([fitting.race.blocks[k] for k in members])
-
-
 def _terms(problem: Problem) -> tuple[dict[tuple[str, str], int], FloatArray]:
     """Every basis that varies at every place (place, basis), and its columns in mm per unit."""
     laws = [Empirical((name,)) for name in BASES]
@@ -222,7 +212,7 @@ def _finding(rest: _Rest, law: _Law, p: float) -> Finding:
     """The law with its values, fitted to what the kept effects leave."""
     terms = list(law.terms)
     free = rest.free[:, terms]
-    inverse = np.linalg.pinv(free, rcond=math.sqrt(SINGULAR))
+    inverse = np.linalg.pinv(free, rcond=NEW_DIRECTION)
     scaled = inverse @ rest.y
     enlarged = math.sqrt(max(rest.left(law.explained) / (rest.freedom - law.rank), 1.0))
     values = scaled / rest.size[terms]
@@ -312,9 +302,6 @@ def _held_out(
 
 def _one_displacement(problem: Problem) -> list[IntArray]:
     """Rows of each displacement of each leg but Zero: a law may be asked between what it saw."""
-    leg, displacement = (
-        np.concatenate([getattr(one.observed, name) for one in problem.sittings])
-        for name in ("leg", "displacement_mm")
-    )
+    leg, displacement = problem.conditions("leg"), problem.conditions("displacement_mm")
     places = dict.fromkeys(zip(leg.tolist(), displacement.tolist(), strict=True))
     return [np.flatnonzero((leg == k) & (displacement == s)) for k, s in places if s]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.results import Share
 from calib.diagnosis.scan import gap_p_value
+from calib.linalg import incidence, onto, squares_in
 from calib.observations import LEG_NAMES, FloatArray
 from calib.ties import descending
 
@@ -22,7 +23,7 @@ def locate(problem: Problem) -> tuple[Share, ...]:
     The gap is the structure that the model leaves (cells and cycles). A part of the readings holds
     as much of it as the squares there; patterns hold what they explain.
     """
-    explained = problem.structure @ (problem.structure.T @ problem.y)
+    explained = onto(problem.structure, problem.y)
     if not problem.structure_df:
         explained = np.zeros_like(explained)  # nothing is left but rounding
     total = float((explained**2).sum())
@@ -53,17 +54,13 @@ def _share(
 
 def _of_pattern(problem: Problem, total: float, name: str, columns: FloatArray) -> Share:
     block = problem.block(columns)
-    inside = float(((block.T @ problem.y) ** 2).sum())
+    inside = squares_in(block, problem.y)
     chance = gap_p_value(inside, block.shape[1], problem.noise_df)
     return Share("", "", name, min(inside / total, 1.0) if total else 0.0, chance)
 
 
-def _observed(problem: Problem, name: str) -> FloatArray:
-    return np.concatenate([getattr(one.observed, name) for one in problem.sittings])
-
-
 def _parts(problem: Problem) -> Iterator[tuple[str, str, str, Mask]]:
-    leg, axis = _observed(problem, "leg"), _observed(problem, "axis")
+    leg, axis = problem.conditions("leg"), problem.conditions("axis")
     for k, name in enumerate(LEG_NAMES):
         if (leg == k).any():
             yield name, "", "leg", leg == k
@@ -78,9 +75,9 @@ def _parts(problem: Problem) -> Iterator[tuple[str, str, str, Mask]]:
 
 def _patterns(problem: Problem) -> Iterator[tuple[str, FloatArray]]:
     """What may differ within a mounting, one column for each mounting and power."""
-    displacement = _observed(problem, "displacement_mm") / 100.0
-    approach, time = _observed(problem, "approach"), _observed(problem, "time_s")
-    temperature = _observed(problem, "temperature_c")
+    displacement = problem.conditions("displacement_mm") / 100.0
+    approach, time = problem.conditions("approach"), problem.conditions("time_s")
+    temperature = problem.conditions("temperature_c")
     moves: list[tuple[str, FloatArray]] = [
         ("odd in displacement", np.stack([displacement, displacement**3], axis=1)),
         ("even in displacement", np.stack([displacement**2, displacement**4], axis=1)),
@@ -96,7 +93,7 @@ def _patterns(problem: Problem) -> Iterator[tuple[str, FloatArray]]:
 
 def each_mounting(problem: Problem, columns: FloatArray) -> FloatArray:
     """The columns ``(n, k)`` once for each mounting, zero elsewhere ``(n, k * mounts)``."""
-    mounts = np.eye(int(problem.mount.max()) + 1)[problem.mount]
+    mounts = incidence(problem.mount)
     return np.asarray((mounts[:, :, None] * columns[:, None, :]).reshape(len(columns), -1))
 
 

@@ -12,14 +12,15 @@ from calib.diagnosis.entries import Entry
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.race import LEVEL, MOST_EFFECTS, Outcome, Race
 from calib.diagnosis.results import Named, Verdict
-from calib.diagnosis.selection import ALIKE, Weighed, contained, union
+from calib.diagnosis.selection import ALIKE, Weighed, contained
+from calib.linalg import NEW_DIRECTION, rank_of, squares_in, union
 from calib.ties import descending
 
 LEAST_EVIDENCE = 25.0
 """No single name below this non-centrality (explained squares less their freedom)."""
 
 LEAST_FREEDOM = 10
-SEEN = 1e-6
+SEEN = NEW_DIRECTION**2
 """A reading that the fit follows anyway tells nothing."""
 
 ROOM = 4
@@ -92,8 +93,7 @@ class Naming:
         others = tuple(k for k in kept.members if k != member)
         blocks, y = self.race.beside(others)
         block = blocks[member]
-        explained: float = ((block.T @ y) ** 2).sum()
-        return float(explained) - float(block.shape[1])
+        return squares_in(block, y) - float(block.shape[1])
 
     def without_any_one(self, kept: Weighed, member: int) -> float:
         """The least evidence that remains for one member when any one reading is left out."""
@@ -118,7 +118,7 @@ class Naming:
         ]
         if not inside:
             return self.problem.structure_df >= ROOM
-        rank = int((np.linalg.svd(np.hstack(inside), compute_uv=False) > 1e-3).sum())
+        rank = rank_of(np.hstack(inside), NEW_DIRECTION, 1.0)
         return self.problem.structure_df - rank >= ROOM
 
     def _is_series(self, kept: Weighed) -> bool:
@@ -182,8 +182,7 @@ class Naming:
     def _lost(self, kept: Weighed, member: int, other: int) -> float:
         """Noise variances that are left more with another candidate in its place."""
         members = tuple(other if k == member else k for k in kept.members)
-        basis = union([self.race.blocks[k] for k in members])
-        explained = float(((basis.T @ self.problem.y) ** 2).sum())
+        explained = squares_in(self.race.basis(members), self.problem.y)
         return 2.0 * self.problem.spread.log_ratio(kept.explained, explained)
 
     def by_evidence(self, kept: Weighed) -> tuple[int, ...]:

@@ -11,11 +11,23 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from calib.diagnosis.selection import KNOWN, Spread
 from calib.fit import prior_fit, without_zeros
+from calib.linalg import (
+    DEPENDENT,
+    basis_of,
+    incidence,
+    lengths,
+    new_directions,
+    squares_in,
+    without,
+)
 from calib.noise import (
     BORROWED,
     IndicatorFigures,
@@ -25,12 +37,9 @@ from calib.noise import (
     reading_weights,
     visits,
 )
-from calib.observations import FloatArray, IntArray, Observations
+from calib.observations import FloatArray, IntArray, Observations, numbered
 from calib.orthoglide.model import Model
 from calib.orthoglide.pipeline import derivatives
-
-RANK_TOLERANCE = 1e-3
-"""Relative singular value below which a direction of a candidate counts as not there."""
 
 VISIBLE = 1e-6
 """Least size of a candidate's column, in noise units for an unremarkable parameter."""
@@ -123,9 +132,10 @@ class Problem:
         """Stack the sittings."""
         root = np.concatenate([np.sqrt(one.weight) for one in sittings])
         left = np.concatenate([one.left_mm for one in sittings])
-        nuisance = _side_by_side([_nuisance(one) for one in sittings])
-        structure = _side_by_side([_structure(one) for one in sittings])
-        residual = _without(root * left, nuisance)
+        columns = [_zeros_and_base(one) for one in sittings]
+        nuisance = block_diag(*(basis_of(c / lengths(c), DEPENDENT) for c in columns))
+        structure = block_diag(*(_structure(one) for one in sittings))
+        residual = without(nuisance, root * left)
         df = structure.shape[1] - nuisance.shape[1]
         mounts, count = [], 0
         for one in sittings:
@@ -150,22 +160,20 @@ class Problem:
     def block(self, columns_mm: FloatArray) -> FloatArray:
         """Orthonormal basis ``(n, r)`` of columns ``(n, k)`` in mm, nuisance projected out."""
         white = self.root_weight[:, None] * columns_mm
-        size = np.sqrt((white**2).sum(axis=0))
-        kept = white[:, size > VISIBLE] / size[size > VISIBLE]
-        rest = _without(kept, self.nuisance)
-        left, singular, _ = np.linalg.svd(rest, full_matrices=False)
-        return np.asarray(left[:, singular > RANK_TOLERANCE])
+        size = lengths(white)
+        return new_directions(self.nuisance, white[:, size > VISIBLE] / size[size > VISIBLE])
+
+    def free(self, columns_mm: FloatArray) -> FloatArray:
+        """Columns ``(n,)`` or ``(n, k)`` in mm, whitened, nuisance projected out."""
+        return without(self.nuisance, (self.root_weight * columns_mm.T).T)
 
     def nuisance_columns(self) -> FloatArray:
         """Zeros and base columns of every session, whitened ``(n, q)``; its base comes last."""
-        parts, row = [], 0
-        for one in self.sittings:
-            columns = np.hstack([np.eye(one.observed.mount_count)[one.observed.mount], one.base])
-            part = np.zeros((len(self.y), columns.shape[1]))
-            part[row : row + len(columns)] = np.sqrt(one.weight)[:, None] * columns
-            parts.append(part)
-            row += len(columns)
-        return np.hstack(parts)
+        return np.asarray(block_diag(*(_zeros_and_base(one) for one in self.sittings)))
+
+    def conditions(self, name: str) -> NDArray[Any]:
+        """One array of the conditions of all sittings ``(n,)``."""
+        return np.concatenate([getattr(one.observed, name) for one in self.sittings])
 
     def has_repeats(self) -> bool:
         """Whether there is scatter of repeats: readings beyond cells and cycles."""
@@ -176,7 +184,7 @@ class Problem:
 
         Indicators differ, and one may scatter more on one stand than on the next.
         """
-        scatter = self.y - self.structure @ (self.structure.T @ self.y)
+        scatter = without(self.structure, self.y)
         squares = np.bincount(self.mount, scatter * scatter).astype(np.float64)
         taken = np.bincount(self.mount, (self.structure * self.structure).sum(axis=1))
         free = (np.bincount(self.mount) - taken).astype(np.float64)
@@ -195,7 +203,7 @@ class Problem:
 
     def gap(self, residual: FloatArray) -> float:
         """Square sum of a residual ``(n,)`` that is not scatter of repeats."""
-        return float(((self.structure.T @ residual) ** 2).sum())
+        return squares_in(self.structure, residual)
 
 
 def _noise_df(sittings: Sequence[Sitting]) -> float:
@@ -205,12 +213,9 @@ def _noise_df(sittings: Sequence[Sitting]) -> float:
     return float(sum(one.noise.degrees_of_freedom for one in sittings if one.noise))
 
 
-def _nuisance(one: Sitting) -> FloatArray:
-    zeros = np.eye(one.observed.mount_count)[one.observed.mount]
-    columns = np.sqrt(one.weight)[:, None] * np.hstack([zeros, one.base])
-    columns = columns / np.maximum(np.sqrt((columns**2).sum(axis=0)), 1e-300)
-    left, singular, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(left[:, singular > 1e-9 * singular[0]])
+def _zeros_and_base(one: Sitting) -> FloatArray:
+    columns = np.hstack([incidence(one.observed.mount), one.base])
+    return np.asarray(np.sqrt(one.weight)[:, None] * columns)
 
 
 def _structure(one: Sitting) -> FloatArray:
@@ -218,28 +223,10 @@ def _structure(one: Sitting) -> FloatArray:
     observed = one.observed
     root = np.sqrt(one.weight)
     parts = []
-    for mount in range(observed.mount_count):
-        rows = np.flatnonzero(observed.mount == mount)
-        keys = np.stack([observed.displacement_mm[rows], observed.approach[rows]])
-        cell = np.unique(keys, axis=1, return_inverse=True)[1].ravel()
-        cycle = np.unique(observed.cycle[rows], return_inverse=True)[1]
-        columns = np.hstack([np.eye(cell.max() + 1)[cell], np.eye(cycle.max() + 1)[cycle][:, 1:]])
-        left, singular, _ = np.linalg.svd(root[rows, None] * columns, full_matrices=False)
-        part = np.zeros((len(observed), int((singular > 1e-9 * singular[0]).sum())))
-        part[rows] = left[:, singular > 1e-9 * singular[0]]
-        parts.append(part)
+    cell = observed.cell
+    for rows in observed.mountings:
+        cells, cycles = (incidence(numbered(of[rows])) for of in (cell, observed.cycle))
+        basis = basis_of(root[rows, None] * np.hstack([cells, cycles[:, 1:]]), DEPENDENT)
+        parts.append(np.zeros((len(observed), basis.shape[1])))
+        parts[-1][rows] = basis
     return np.hstack(parts)
-
-
-def _side_by_side(parts: Sequence[FloatArray]) -> FloatArray:
-    """Block diagonal."""
-    whole = np.zeros((sum(len(p) for p in parts), sum(p.shape[1] for p in parts)))
-    row = column = 0
-    for part in parts:
-        whole[row : row + len(part), column : column + part.shape[1]] = part
-        row, column = row + len(part), column + part.shape[1]
-    return whole
-
-
-def _without(rows: FloatArray, basis: FloatArray) -> FloatArray:
-    return np.asarray(rows - basis @ (basis.T @ rows))

@@ -9,7 +9,8 @@ import numpy as np
 
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.scan import Null, Reference, gap_p_value, null_scores, scores
-from calib.diagnosis.selection import Search, Weighed, credible_set, foremost, heaviest_first, union
+from calib.diagnosis.selection import Search, Weighed, credible_set, foremost, heaviest_first
+from calib.linalg import NEW_DIRECTION, new_directions, rank_of, squares_in, union, without
 from calib.observations import FloatArray
 
 LEVEL = 0.01
@@ -163,7 +164,7 @@ class Race:
         blocks, y = self.beside(kept)
         reference = Reference(self._noise_df(), self._structure_df(kept), by_cells=by_cells)
         width = [block.shape[1] for block in blocks]
-        squares = np.array([((b.T @ y) ** 2).sum() for b in blocks])[:, None]
+        squares = np.array([squares_in(b, y) for b in blocks])[:, None]
         total = np.array([self.problem.gap(y)])
         if by_cells:
             squares = np.minimum(squares, total)
@@ -185,14 +186,17 @@ class Race:
         """The blocks and the vector with the kept candidates projected out."""
         if not kept:
             return list(self.blocks), self.problem.y
-        basis = union([self.blocks[k] for k in kept])
-        y = self.problem.y - basis @ (basis.T @ self.problem.y)
-        blocks = []
-        for k, block in enumerate(self.blocks):
-            rest = block - basis @ (basis.T @ block)
-            left, singular, _ = np.linalg.svd(rest, full_matrices=False)
-            blocks.append(left[:, singular > 1e-3] if k not in kept else left[:, :0])
-        return blocks, y
+        basis = self.basis(kept)
+        blocks = [
+            new_directions(basis, block) if k not in kept else block[:, :0]
+            for k, block in enumerate(self.blocks)
+        ]
+        return blocks, without(basis, self.problem.y)
+
+    def basis(self, members: tuple[int, ...]) -> FloatArray:
+        """Orthonormal basis ``(n, r)`` of candidates together."""
+        nothing = np.zeros((len(self.problem.y), 0))
+        return union([self.blocks[k] for k in members]) if members else nothing
 
     def gap(self, kept: tuple[int, ...]) -> tuple[float, int, float]:
         """What a model leaves beyond the scatter of repeats: square sum, freedom, p-value."""
@@ -202,17 +206,11 @@ class Race:
 
     def left(self, kept: tuple[int, ...]) -> FloatArray:
         """What a model leaves ``(n,)``."""
-        if not kept:
-            return self.problem.y
-        basis = union([self.blocks[k] for k in kept])
-        return np.asarray(self.problem.y - basis @ (basis.T @ self.problem.y))
+        return without(self.basis(kept), self.problem.y)
 
     def _structure_df(self, kept: tuple[int, ...]) -> int:
-        if not kept:
-            return self.problem.structure_df
-        basis = union([self.blocks[k] for k in kept])
-        inside = np.linalg.svd(self.problem.structure.T @ basis, compute_uv=False)
-        return max(self.problem.structure_df - int((inside > 1e-3).sum()), 0)
+        inside = self.problem.structure.T @ self.basis(kept)
+        return max(self.problem.structure_df - rank_of(inside, NEW_DIRECTION, 1.0), 0)
 
     def _noise_df(self) -> float:
         return self.problem.noise_df if self.problem.noise_df > 0.0 else float("inf")

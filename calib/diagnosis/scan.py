@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
+from calib.linalg import DEPENDENT
 from calib.observations import FloatArray
 
 DRAWS = 1999
@@ -93,7 +94,7 @@ def null_scores(
     generator = np.random.default_rng(seed)
     together = deviation[:, None] * np.hstack(blocks)
     variance, axes = np.linalg.eigh(together.T @ together)
-    seen = variance > 1e-9 * variance[-1]
+    seen = variance > DEPENDENT * variance[-1]
     parts = together.T @ generator.normal(size=(len(together), DRAWS))
     draws = (axes[:, seen] / np.sqrt(variance[seen])).T @ parts
     ranks, squares = _largest(parts, [block.shape[1] for block in blocks])

@@ -14,13 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.linalg import NEW_DIRECTION, squares_in, union
 from calib.observations import FloatArray
 from calib.ties import descending
 
 SET_SHARE = 0.95
 PAIRS_AMONG = 24
 TRIPLES_AMONG = 10
-RANK_TOLERANCE = 1e-3
 LEAST_LEFT = 1e-9
 ALIKE = 0.98
 LOG_UNIT = 1e3
@@ -149,7 +149,7 @@ class Search:
         left = np.eye(stacked.shape[2]) - shared.transpose(0, 2, 1) @ shared
         size, axes = np.linalg.eigh(left)
         along = (stacked.transpose(0, 2, 1) @ self.y - shared.transpose(0, 2, 1) @ inside)[:, None]
-        seen = size > RANK_TOLERANCE**2
+        seen = size > NEW_DIRECTION**2
         squares = (along @ axes)[:, 0] ** 2 / np.where(seen, size, 1.0)
         return np.where(seen, squares, 0.0).sum(axis=1), seen.sum(axis=1)
 
@@ -164,23 +164,13 @@ class Search:
     def weigh(self, members: tuple[int, ...]) -> Weighed:
         """One model of these candidates."""
         basis = union([self.blocks[k] for k in members])
-        return self._weighed(members, float(((basis.T @ self.y) ** 2).sum()), basis.shape[1])
+        return self._weighed(members, squares_in(basis, self.y), basis.shape[1])
 
     def _weighed(self, members: tuple[int, ...], explained: float, rank: int) -> Weighed:
         members = tuple(sorted(members))
         price = float(self.prices[list(members)].sum())
         weight = log_bayes_factor(explained, rank, self.spread) - price
         return Weighed(members, explained, rank, weight)
-
-
-def union(blocks: Sequence[FloatArray]) -> FloatArray:
-    """Orthonormal basis ``(n, r)`` of all blocks together."""
-    basis = blocks[0]
-    for block in blocks[1:]:
-        rest = block - basis @ (basis.T @ block)
-        left, singular, _ = np.linalg.svd(rest, full_matrices=False)
-        basis = np.hstack([basis, left[:, singular > RANK_TOLERANCE]])
-    return basis
 
 
 def foremost(models: Sequence[Weighed]) -> Weighed:
@@ -213,4 +203,4 @@ def contained(inner: FloatArray, outer: FloatArray) -> float:
     """Share of one block's directions that another can imitate: 1 is never to be told apart."""
     if not inner.shape[1]:
         return 1.0
-    return float(((outer.T @ inner) ** 2).sum() / inner.shape[1])
+    return squares_in(outer, inner) / int(inner.shape[1])

@@ -15,15 +15,12 @@ import numpy as np
 
 from calib.diagnosis.additions import Added, added_conditions
 from calib.diagnosis.problem import Problem
+from calib.linalg import BASE_SQUARES, NEW_DIRECTION, TINY, without
 from calib.observations import LEG_NAMES, Conditions, FloatArray
 from calib.orthoglide.effects.candidates import Candidate, candidates
 from calib.orthoglide.effects.kinds import EffectParameter
 from calib.orthoglide.model import Model
 from calib.orthoglide.pipeline import derivatives
-
-SINGULAR = 1e-6
-"""Relative size of squares below which a direction of an effect counts as not there."""
-BASE_SINGULAR = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +59,7 @@ class Judge:
         ]
         rows = [self._columns(one.model, one.observed) for one in self.problem.sittings]
         old = self.problem.root_weight[:, None] * np.vstack(rows)
-        nuisance = self.problem.nuisance
-        rest = old - nuisance @ (nuisance.T @ old)
+        rest = without(self.problem.nuisance, old)
         self._noise_mm = float(np.sqrt(np.mean(self.problem.root_weight**-2.0)))
         self._raw = (old**2).sum(axis=0)
         self._old = rest.T @ rest
@@ -82,11 +78,11 @@ class Judge:
         whole = np.stack([sum(parts[p] for p in _places(one)) for one in options])
         width = len(self._raw)
         across, base = whole[:, :width, width:], whole[:, width:, width:]
-        scale = np.sqrt(np.maximum(np.einsum("okk->ok", base), 1e-300))
+        scale = np.sqrt(np.maximum(np.einsum("okk->ok", base), TINY))
         across, base = across / scale[:, None], base / (scale[:, :, None] * scale[:, None])
-        inside = np.linalg.pinv(base, rcond=BASE_SINGULAR, hermitian=True)
+        inside = np.linalg.pinv(base, rcond=BASE_SQUARES, hermitian=True)
         added = whole[:, :width, :width] - across @ inside @ np.swapaxes(across, 1, 2)
-        size = np.sqrt(np.maximum(self._raw + np.einsum("okk->ok", whole)[:, :width], 1e-300))
+        size = np.sqrt(np.maximum(self._raw + np.einsum("okk->ok", whole)[:, :width], TINY))
         products = (self._old + added) / (size[:, :, None] * size[:, None])
         left = self._left(products, size)
         found = np.zeros((len(options), len(self.names), len(self.names)))
@@ -109,7 +105,7 @@ class Judge:
         for k, span in enumerate(self._spans):
             hidden = np.concatenate([span, *kept])
             block = products[:, hidden][:, :, hidden]
-            inside = np.linalg.pinv(block, rcond=SINGULAR, hermitian=True)
+            inside = np.linalg.pinv(block, rcond=NEW_DIRECTION**2, hermitian=True)
             explained = np.einsum("ohe,ohg,oge->oe", seen[:, hidden], inside, seen[:, hidden])
             left[:, k] = np.maximum(whole - explained, 0.0)
         return left

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.observations import FloatArray, IntArray, Observations
+from calib.linalg import DEPENDENT, NEW_DIRECTION, basis_of, incidence, lengths, onto, without
+from calib.observations import FloatArray, IntArray, Observations, numbered
 from calib.ties import descending
 
 CLEAR = 60.0
@@ -36,8 +37,7 @@ def find_slip(observed: Observations) -> Slip | None:
     if noise is None:
         return None
     best: tuple[float, Slip] | None = None
-    for mount in range(observed.mount_count):
-        rows = np.flatnonzero(observed.mount == mount)
+    for rows in observed.mountings:
         found = _in_mounting(observed, rows, noise)
         if found and (best is None or found[0] > best[0]):
             best = found
@@ -74,7 +74,7 @@ class _Step:
 
 
 def _step(observed: Observations, rows: IntArray, basis: FloatArray, noise: float) -> _Step | None:
-    value = observed.value_mm[rows] - basis @ (basis.T @ observed.value_mm[rows])
+    value = without(basis, observed.value_mm[rows])
     total = float(value @ value)
     order = np.arange(len(rows))
     steps = [
@@ -92,18 +92,17 @@ def _step(observed: Observations, rows: IntArray, basis: FloatArray, noise: floa
 
 def level_basis(observed: Observations, rows: IntArray) -> FloatArray:
     """Orthonormal: one column for each posture, whatever the approach."""
-    level = np.unique(observed.displacement_mm[rows], return_inverse=True)[1].ravel()
-    levels = np.eye(level.max() + 1)[level]
-    return np.asarray(levels / np.sqrt(levels.sum(axis=0)))
+    levels = incidence(numbered(observed.displacement_mm[rows]))
+    return levels / lengths(levels)
 
 
 def _explained(
     value: FloatArray, cells: FloatArray, column: FloatArray
 ) -> tuple[float, float, float]:
     """What a column explains beside the cells, its coefficient, its square sum beside them."""
-    rest = column - cells @ (cells.T @ column)
+    rest = without(cells, column)
     share = float(rest @ rest)
-    if share < 1e-9:
+    if share < NEW_DIRECTION**2:
         return 0.0, 0.0, 1.0
     slope = float(rest @ value) / share
     return slope**2 * share, slope, share
@@ -111,10 +110,8 @@ def _explained(
 
 def cell_basis(observed: Observations, rows: IntArray) -> FloatArray:
     """Orthonormal: one column for each posture and approach."""
-    keys = np.stack([observed.displacement_mm[rows], observed.approach[rows]])
-    cell = np.unique(keys, axis=1, return_inverse=True)[1].ravel()
-    columns = np.eye(cell.max() + 1)[cell]
-    return np.asarray(columns / np.sqrt(columns.sum(axis=0)))
+    cells = incidence(numbered(observed.displacement_mm[rows], observed.approach[rows]))
+    return cells / lengths(cells)
 
 
 def posture_basis(observed: Observations, rows: IntArray) -> FloatArray:
@@ -124,20 +121,18 @@ def posture_basis(observed: Observations, rows: IntArray) -> FloatArray:
     """
     levels = level_basis(observed, rows)
     approach = observed.approach[rows]
-    usual = np.sign((levels @ (levels.T @ approach)).round(9))
+    usual = np.sign(onto(levels, approach).round(9))
     play = np.where(approach == 0.0, usual, approach)
-    left, singular, _ = np.linalg.svd(np.column_stack([levels, play]), full_matrices=False)
-    return np.asarray(left[:, singular > 1e-9 * singular[0]])
+    return basis_of(np.column_stack([levels, play]), DEPENDENT)
 
 
 def _robust_variance(observed: Observations) -> float | None:
     """Median over the mountings of the variance within cells, mm²; None without repeats."""
     found = []
-    for mount in range(observed.mount_count):
-        rows = np.flatnonzero(observed.mount == mount)
+    for rows in observed.mountings:
         cells = cell_basis(observed, rows)
         free = len(rows) - cells.shape[1]
         if free > 0:
-            left = observed.value_mm[rows] - cells @ (cells.T @ observed.value_mm[rows])
+            left = without(cells, observed.value_mm[rows])
             found.append(float(left @ left) / free)
     return max(float(np.median(found)), 1e-8) if found else None

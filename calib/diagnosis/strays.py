@@ -22,6 +22,7 @@ from calib.diagnosis.labels import (
 )
 from calib.diagnosis.results import Named
 from calib.diagnosis.slips import cell_basis, level_basis, posture_basis
+from calib.linalg import DEPENDENT, basis_of, without
 from calib.observations import FloatArray, IntArray, Observations
 from calib.ties import descending, largest, ranks
 
@@ -141,14 +142,11 @@ def _scatter(observed: Observations, basis: Basis) -> tuple[FloatArray, FloatArr
     """Squares ``(n,)`` in mm² beside repeats and a drift of each mounting, and their freedom."""
     left, share = np.zeros(len(observed)), np.zeros(len(observed))
     root = np.sqrt(observed.averaged)
-    for mount in range(observed.mount_count):
-        rows = np.flatnonzero(observed.mount == mount)
+    for rows in observed.mountings:
         order = np.linspace(-1.0, 1.0, len(rows))  # the time of a row from elsewhere misleads
         columns = np.column_stack([basis(observed, rows), order, order**2])
-        vectors, singular, _ = np.linalg.svd(root[rows, None] * columns, full_matrices=False)
-        beside = vectors[:, singular > 1e-9 * singular[0]]
-        value = root[rows] * observed.value_mm[rows]
-        left[rows] = (value - beside @ (beside.T @ value)) ** 2
+        beside = basis_of(root[rows, None] * columns, DEPENDENT)
+        left[rows] = without(beside, root[rows] * observed.value_mm[rows]) ** 2
         share[rows] = np.maximum(1.0 - (beside * beside).sum(axis=1), 0.0)
     return left, share
 

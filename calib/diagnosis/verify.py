@@ -11,6 +11,7 @@ from calib.diagnosis.problem import Problem, Sitting
 from calib.diagnosis.results import HeldOutGap
 from calib.diagnosis.selection import KNOWN, Search, Spread, heaviest_first
 from calib.errors import NotIdentifiable
+from calib.linalg import DEPENDENT, EXACT_BLIND, basis_of, lengths, new_directions, onto, without
 from calib.observations import LEG_NAMES, FloatArray, IntArray
 from calib.orthoglide.effects.law import Placed
 
@@ -57,8 +58,7 @@ def left_out_postures(
 
 def _groups(problem: Problem) -> Iterator[IntArray]:
     """Rows of one leg on one side of Zero, in all sessions."""
-    leg = np.concatenate([one.observed.leg for one in problem.sittings])
-    displacement = np.concatenate([one.observed.displacement_mm for one in problem.sittings])
+    leg, displacement = problem.conditions("leg"), problem.conditions("displacement_mm")
     for k in range(len(LEG_NAMES)):
         for side in (1.0, -1.0):
             rows = np.flatnonzero((leg == k) & (np.sign(displacement) == side))
@@ -75,18 +75,12 @@ def _choose(
     size: int,
 ) -> tuple[int, ...]:
     """The best model of this size on these rows alone."""
-    basis, singular, _ = np.linalg.svd(nuisance[train], full_matrices=False)
-    basis = basis[:, singular > 1e-9 * singular[0]]
-    rest = y[train] - basis @ (basis.T @ y[train])
+    basis = basis_of(nuisance[train], DEPENDENT)
+    rest = without(basis, y[train])
     spread = KNOWN
     if math.isfinite(problem.noise_df):
         spread = Spread(float(rest @ rest), float(len(train) - basis.shape[1]))
-    blocks = []
-    for column in white:
-        part = column[train] / np.maximum(np.sqrt((column**2).sum(axis=0)), 1e-300)
-        part = part - basis @ (basis.T @ part)
-        left, shown, _ = np.linalg.svd(part, full_matrices=False)
-        blocks.append(left[:, shown > 1e-3])
+    blocks = [new_directions(basis, column[train] / lengths(column)) for column in white]
     search = Search(rest, tuple(blocks), spread, np.zeros(len(blocks)), (1,) * len(blocks))
     singles = search.singles()
     best = heaviest_first(singles)[0]
@@ -115,8 +109,8 @@ def _held_fit(
         start = here.stop
     rows = np.vstack([design[train], np.diag(hold)[hold > 0.0]])
     right = np.concatenate([y[train], (hold * middle)[hold > 0.0]])
-    size = np.maximum(np.sqrt((rows**2).sum(axis=0)), 1e-300)
-    found = np.linalg.lstsq(rows / size, right, rcond=1e-10)[0]
+    size = lengths(rows)
+    found = np.linalg.lstsq(rows / size, right, rcond=EXACT_BLIND)[0]
     return np.asarray(found / size)
 
 
@@ -152,5 +146,5 @@ def on_other_sessions(
 def structure_rms_mm(problem: Problem, residual: FloatArray | None = None) -> float:
     """R.m.s. over the readings of what is left beyond the scatter of repeats, mm."""
     left = problem.y if residual is None else residual
-    inside = problem.structure @ (problem.structure.T @ left)
+    inside = onto(problem.structure, left)
     return math.sqrt(float(((inside / problem.root_weight) ** 2).mean()))

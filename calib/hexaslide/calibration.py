@@ -14,13 +14,11 @@ from calib.errors import CalibrationError, NotIdentifiable
 from calib.hexaslide.geometry import Box, ConstraintLink, Geometry
 from calib.hexaslide.parameters import END_NAMES, LENGTH_NAME, NAMES, motions, values, with_values
 from calib.hexaslide.residuals import Left, Readings, postures_of, residuals, whitening
+from calib.linalg import EXACT_BLIND, condition, named_inside, names_outside, svd_of_all
 from calib.observations import FloatArray
 
 MOST_STEPS = 12
 MOST_HALVINGS = 12
-
-BLIND = 1e-10
-"""Relative singular value below which exact derivatives show nothing."""
 
 SETTLED = 1e-5
 """A step that moves the prediction by less than this share of what is left is the last."""
@@ -30,11 +28,6 @@ NO_WORSE = 1e-9
 
 ROUNDING_M = 1e-14
 """So small a movement of the prediction is arithmetic only."""
-
-NO_SHARE = 1e-8
-"""Of a parameter in what is lost, each combination of unit length."""
-
-SAME_MOTION = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,12 +117,9 @@ class _Seen:
 
     @staticmethod
     def of(design: FloatArray) -> _Seen:
-        missing = max(design.shape[1] - len(design), 0)
-        padded = np.vstack([design, np.zeros((missing, design.shape[1]))])
-        left, singular, turned = np.linalg.svd(padded, full_matrices=False)
-        rank = int((singular > BLIND * singular[0]).sum())
-        left = left[: len(design), :rank]
-        return _Seen(left, singular[:rank], turned[:rank], turned[rank:].T)
+        left, singular, turned = svd_of_all(design)
+        rank = int((singular > EXACT_BLIND * singular[0]).sum())
+        return _Seen(left[:, :rank], singular[:rank], turned[:rank], turned[rank:].T)
 
     def step(self, residual: FloatArray) -> FloatArray:
         """The shortest change ``(k,)`` that takes out most of a residual ``(n,)``."""
@@ -216,7 +206,7 @@ def _result(readings: Readings, first: _Point, point: _Point, steps: int) -> Cal
         names=names,
         parameters=point.machine.parameters(names),
         covariance=None if variance is None else np.asarray(variance * (inverse @ inverse.T)),
-        known=_known(seen.null, names),
+        known=names_outside(seen.null, names),
         lost=_lost(point.machine, seen.null, names),
         lost_count=len(names) - rank,
         null=seen.null,
@@ -237,28 +227,13 @@ def _condition(readings: Readings, point: _Point, rank: int) -> float:
     """Of the bare derivatives, metres and radians, as papers/001 has it."""
     machine = point.machine
     bare = residuals(readings, machine.geometry, machine.link, point.left.postures)[1]
-    singular = np.linalg.svd(bare.reshape(point.residual.size, -1), compute_uv=False)
-    return float(singular[0] / singular[rank - 1])
-
-
-def _known(null: FloatArray, names: tuple[str, ...]) -> tuple[str, ...]:
-    share = np.sqrt((null**2).sum(axis=1))
-    return tuple(name for name, part in zip(names, share, strict=True) if part < NO_SHARE)
+    return condition(bare.reshape(point.residual.size, -1), rank)
 
 
 def _lost(machine: Machine, null: FloatArray, names: tuple[str, ...]) -> tuple[str, ...]:
     """Names of motions of frames that lie in the space of what is lost, each a new one."""
-    found, rest = [], null
-    for name, vector in motions(machine.geometry, machine.link, names):
-        outside = vector - null @ (null.T @ vector)
-        inside = rest @ (rest.T @ vector)
-        if np.linalg.norm(outside) < SAME_MOTION < np.linalg.norm(inside):
-            found.append(name)
-            left, size, _ = np.linalg.svd(
-                rest - np.outer(inside, inside @ rest) / (inside @ inside)
-            )
-            rest = left[:, : len(size)][:, size > 0.5]
-    return tuple(found)
+    found, _ = named_inside(null, motions(machine.geometry, machine.link, names))
+    return tuple(name for _, name in found)
 
 
 def _rms(values_m: FloatArray) -> float:

@@ -14,6 +14,7 @@ from calib.hexaslide.geometry import Geometry, Numbers
 from calib.hexaslide.kinematics import rotation
 from calib.hexaslide.parameters import values, with_values
 from calib.hexaslide.procedures import STEP
+from calib.linalg import EXACT_BLIND
 from calib.observations import FloatArray
 
 MOTIONS = (
@@ -59,7 +60,7 @@ def frames_apart(found: FloatArray, true: FloatArray, free: tuple[str, ...]) -> 
         miss = np.concatenate([true[:, :3] - places, _vectors(true_turns, turns)], axis=1)
         design = _design(places, turns)[..., columns].reshape(miss.size, -1)
         change = np.zeros(7)
-        change[columns] = np.linalg.lstsq(design, miss.ravel(), rcond=1e-12)[0]
+        change[columns] = np.linalg.lstsq(design, miss.ravel(), rcond=EXACT_BLIND)[0]
         base = _about(np.array([change[6], 0.0, 0.0]))
         places = (places + turns @ change[3:6]) @ base.T
         turns = base @ turns @ _about(change[:3])

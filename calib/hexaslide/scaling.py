@@ -35,9 +35,3 @@ def in_units(procedure: Procedure, rows: FloatArray, units: Units) -> FloatArray
     lengths = [unit_of(name) == "m" for name in procedure.parameters]
     own = np.where(lengths, units.length_m, 1.0)
     return np.asarray(rows * own / each[:, None])
-
-
-def condition_of_seen(rows: FloatArray, rank: int) -> float:
-    """Largest by smallest of the singular values that count, columns not scaled."""
-    singular = np.linalg.svd(rows, compute_uv=False)
-    return float(singular[0] / singular[rank - 1])

@@ -13,8 +13,9 @@ from app.hexaslide_drawings import drawn_machine, drawn_postures
 from app.hexaslide_views import KINDS, look_at
 from app.planning import Request
 from calib.hexaslide.procedures import jacobian
-from calib.hexaslide.scaling import DEGREES, MILLIMETRES, condition_of_seen, in_units
+from calib.hexaslide.scaling import DEGREES, MILLIMETRES, in_units
 from calib.hexaslide_planning import HexaSlide
+from calib.linalg import condition
 from protocols.hexaslide_machine import load_hexaslide
 from tests.app.cli import refused
 
@@ -117,7 +118,7 @@ def test_millimetres_as_if_the_machine_were_written_in_them(kind: str) -> None:
     converted = in_units(view.procedure, rows, MILLIMETRES)
     assert converted == pytest.approx(other, rel=1e-9, abs=1e-9 * np.abs(other).max())
     rank = view.seen.found.rank
-    assert view.conditions["mm, rad"] == pytest.approx(condition_of_seen(other, rank), rel=1e-6)
+    assert view.conditions["mm, rad"] == pytest.approx(condition(other, rank), rel=1e-6)
 
 
 def test_degrees_change_the_rows_of_angles_alone() -> None:

@@ -20,8 +20,8 @@ from calib.diagnosis.selection import (
     contained,
     credible_set,
     log_bayes_factor,
-    union,
 )
+from calib.linalg import union
 from calib.orthoglide.effects import CATALOGUE
 from calib.orthoglide.effects.law import Placed
 from calib.orthoglide.model import Model

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calib.distributions import coverage_factor, variance_ratio_p_value
-from calib.noise import IndicatorFigures, cells, reading_noise, visits
+from calib.noise import IndicatorFigures, reading_noise, visits
 from calib.observations import observe
 from calib.repeats import Repeats
 from calib.simulation import round_to
@@ -52,7 +52,7 @@ def test_nothing_known() -> None:
 
 def test_cells_pool_what_ought_to_be_equal() -> None:
     data = observed(TRUTH, postures(repeats=3), scatter_mm=0.01)
-    assert cells(data).count == 18
+    assert data.cell.max() + 1 == 18
     assert Repeats.of(data).degrees_of_freedom.tolist() == [36.0]
 
 

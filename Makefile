@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip --disable-pip-version-check install --quiet
 
-.PHONY: demo test check processors bench blind fuzz samples clean
+.PHONY: demo test check processors bench blind fuzz samples schemas clean
 
 demo: $(VENV)/runtime.stamp
 	$(BIN)/glidecal demo
@@ -34,6 +34,9 @@ fuzz: $(VENV)/dev.stamp
 
 samples: $(VENV)/runtime.stamp
 	$(BIN)/python sample_sessions/make.py
+
+schemas: $(VENV)/dev.stamp
+	$(BIN)/python -m app.report.schemas docs/schemas
 
 # beside what: lmfit and iminuit; figaroh where FIGAROH_PYTHON names a Python that has it
 $(VENV)/bench.stamp: $(VENV)/dev.stamp

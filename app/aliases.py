@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from app.simulated_session import simulated_session
 from calib.diagnosis.aliases import AliasMap
@@ -32,21 +31,3 @@ def alias_map(procedure: str, laws: Sequence[Law]) -> AliasMap:
         resolution_mm=0.0,
     )
     return compare(model, to_observations([fold([opened, *readings])]), laws)
-
-
-def alias_document(found: AliasMap) -> dict[str, Any]:
-    """Schema ``glidecal.aliases/1``."""
-    return {
-        "schema": "glidecal.aliases/1",
-        "effects": [{"id": name, "where": where} for name, where in found.effects],
-        "imitations": [
-            {
-                "effect": {"id": one.effect[0], "where": one.effect[1]},
-                "by": {"id": one.by[0], "where": one.by[1]},
-                "contained": one.contained,
-                "left_in_noise_variances": one.distinguishable,
-            }
-            for one in found.imitations
-        ],
-        "invisible": [{"id": name, "where": where} for name, where in found.invisible],
-    }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -88,17 +87,3 @@ def monte_carlo(
         noise_known=stated,
     )
     return simulate_and_identify(campaign, sessions, seed, progress)
-
-
-def monte_carlo_document(found: MonteCarlo) -> dict[str, Any]:
-    """Shares of 95 % intervals that held the truth, and true against stated uncertainty."""
-    true = np.sqrt(found.error_covariance_mm2.diagonal())
-    stated = np.sqrt(found.predicted_mm2)
-    return {
-        "sessions": found.sessions,
-        "failed": found.failed,
-        "parameters": {
-            name: {"covered": float(c), "true_mm": float(t), "stated_mm": float(s)}
-            for name, c, t, s in zip(found.names, found.covered, true, stated, strict=True)
-        },
-    }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from app.solving import Solved, end_warning, solve_sessions
 from calib.errors import CalibrationError
@@ -97,28 +96,3 @@ def partner_of(path: Path, verifies: str | None) -> Path | None:
     """The session that another one verifies, where its file is still beside it."""
     beside = path.with_name(Path(verifies).name) if verifies else None
     return beside if beside is not None and beside.is_file() else None
-
-
-def comparison_document(comparison: Comparison) -> dict[str, Any]:
-    """Schema ``glidecal.comparison/1``."""
-    before, after = comparison.before.solution, comparison.after.solution
-    later = _values(after)
-    return {
-        "schema": "glidecal.comparison/1",
-        "before": comparison.before.names[0],
-        "after": comparison.after.names[0],
-        "differences": {
-            name: {"before": value, "after": later.get(name)}
-            for name, value in _values(before).items()
-        },
-        "rms_before_mm": before.rms_before_mm,
-        "rms_after_mm": after.rms_before_mm,
-        "rms_expected_mm": before.rms_after_mm,
-        "unit": "mm",
-        "remarks": list(comparison.remarks),
-    }
-
-
-def _values(solution: Solution) -> dict[str, float]:
-    measured = solution.differences
-    return {measured.names[k]: float(measured.value_mm[k]) for k in measured.published_rows}

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from app.planning import Combination, Request, SeenBy, seen_by
-from app.planning_documents import identifiability_document
 from app.planning_hexaslide import HexaSlidePlanning
 from calib.classical_qr import ClassicalQr, classical_qr
 from calib.errors import CalibrationError
-from calib.hexaslide.differences import STEP, differenced
+from calib.hexaslide.differences import differenced
 from calib.hexaslide.procedures import Kind, Procedure
 from calib.hexaslide.scaling import ALL_UNITS, in_units
 from calib.hexaslide_planning import reachable, sensitivity
@@ -122,29 +120,3 @@ def _rule(rows: FloatArray, names: tuple[str, ...], rank: int, all_seen: int) ->
     feigned = np.linalg.svd(flat, compute_uv=False)[rank:] / qr.tolerance
     errors = (float(feigned.min()), float(feigned.max())) if len(feigned) else None
     return PaperRule(len(rows), len(flat), len(names), rank, all_seen, qr, errors)
-
-
-def hexaslide_document(found: HexaSlideSeen) -> dict[str, Any]:
-    """Schema ``glidecal.identifiability/1`` with what only a Hexa Slide has."""
-    document = identifiability_document(found.seen)
-    for one in document["lost_directions"]:
-        one["at_every_posture"] = one["name"] in found.always
-    document["reachable_rank"] = found.seen.examined.reachable_rank
-    document["condition_numbers"] = found.conditions
-    document["classical_qr"]["rank"] = len(document["parameters"]) - len(found.seen.qr.flagged)
-    document["classical_qr"]["forward_differences"] = [_rule_document(one) for one in found.rules]
-    return document
-
-
-def _rule_document(rule: PaperRule) -> dict[str, Any]:
-    return {
-        "step_m": STEP,
-        "postures": rule.posture_count,
-        "row_count": rule.row_count,
-        "rank": rule.counted,
-        "true_rank": rule.rank,
-        "decided_by": rule.decided_by,
-        "tolerance": rule.qr.tolerance,
-        "flagged": list(rule.qr.flagged),
-        "errors_in_tolerances": rule.errors and list(rule.errors),
-    }

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from calib.noise import Noise, reading_noise, reading_weights, visits
 from calib.observations import LEG_NAMES, FloatArray, Observations
 from calib.orthoglide.model import Model
 from calib.orthoglide.pipeline import derivatives
-from calib.orthoglide.pool import PARAMETERS, STATIONS, LegPool, leg_pool, levels_mm
+from calib.orthoglide.pool import PARAMETERS, LegPool, leg_pool, levels_mm
 from calib.sensitivity import sensitivity_of_readings
 from calib.ties import descending, largest
 from protocols.errors import UsageError
@@ -217,28 +216,3 @@ def _mountings(
         centred = rows - rows.mean(axis=1, keepdims=True)
         found.append((leg, station, sets, centred.reshape(len(sets), -1, PARAMETERS)))
     return found
-
-
-def plan_document(plan: NextMeasurement) -> dict[str, Any]:
-    """Schema ``glidecal.plan/1``."""
-    return {
-        "schema": "glidecal.plan/1",
-        "sessions": list(plan.sessions),
-        "machine": plan.machine,
-        "noise": plan.noise_words,
-        "tool_before_mm": plan.tool_before_mm,
-        "next": _proposal(plan.best),
-        "runners_up": [_proposal(one) for one in plan.proposals[1:]],
-        "stations": list(STATIONS),
-    }
-
-
-def _proposal(one: Proposal) -> dict[str, Any]:
-    return {
-        "leg": one.leg,
-        "station": one.station,
-        "displacements_mm": list(one.displacements_mm),
-        "minutes": one.minutes,
-        "tool_mm": one.tool_mm,
-        "variance_per_minute_mm2": one.variance_per_minute_mm2,
-    }

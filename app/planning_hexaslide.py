@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -152,6 +151,11 @@ class BoxedPostures:
     seconds: float
     source: str = "random"
 
+    @property
+    def postures(self) -> tuple[dict[str, float], ...]:
+        """The postures found: coordinates by name, in metres and degrees."""
+        return tuple(_coordinates(posture) for posture in self.best.refined.coordinates)
+
 
 def asked_postures(
     request: Request,
@@ -254,39 +258,9 @@ def _check_output(output: Path | None) -> None:
 def write_postures(found: BoxedPostures, path: Path) -> Path:
     """A table that ``--posture-file`` reads, units in its header line. Raises RecordError."""
     _check_output(path)
-    postures = [_coordinates(posture).values() for posture in found.best.refined.coordinates]
-    rows = [[f"{value:.12g}" for value in values] for values in postures]
+    rows = [[f"{value:.12g}" for value in row.values()] for row in found.postures]
     write_files(path, {"": csv_text([COORDINATES, *rows])})
     return path
-
-
-def boxed_document(found: BoxedPostures) -> dict[str, Any]:
-    """Schema ``glidecal.postures/1``."""
-    best = found.best
-    return {
-        "schema": "glidecal.postures/1",
-        "machine": "hexaslide",
-        "procedure": found.procedure.kind.value,
-        "measured": list(found.procedure.read),
-        "count": len(best.refined.coordinates),
-        "criterion": best.criterion.value,
-        "value": best.refined.value,
-        "start_value": best.refined.start_value,
-        "rank": best.rank,
-        "condition_number": best.condition_number,
-        "start_condition_number": best.start_condition_number,
-        "published_criteria": asdict(best.found),
-        "start_published_criteria": asdict(best.start),
-        "units": UNITS,
-        "postures": [_coordinates(posture) for posture in best.refined.coordinates],
-        "coordinates_on_bound": best.refined.on_bound,
-        "start_coordinates_on_bound": best.start_on_bound,
-        "source": found.source,
-        "seconds": found.seconds,
-        "starts": len(best.values),
-        "values_of_starts": list(best.values),
-        "seed": found.seed,
-    }
 
 
 def _coordinates(posture: FloatArray) -> dict[str, float]:

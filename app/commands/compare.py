@@ -20,10 +20,15 @@ def compare(
     as_json: AsJson = False,
 ) -> None:
     """The differences before and after the offsets were entered in the controller."""
-    from app.comparing import compare_files, comparison_document
-    from app.documents import to_json
-    from app.wording.comparison import comparison_report
+    from app.comparing import compare_files
 
-    comparison = compare_files(before, after)
-    document = comparison_document(comparison)
-    typer.echo(to_json(document) if as_json else comparison_report(comparison))
+    found = compare_files(before, after)
+    if as_json:
+        from app.documents import to_json
+        from app.report.solution import ComparisonReport
+
+        typer.echo(to_json(ComparisonReport.of(found=found)))
+    else:
+        from app.wording.comparison import comparison_report
+
+        typer.echo(comparison_report(found))

@@ -68,9 +68,10 @@ def _diagnose(
 ) -> None:
     from app.adopting import adopt as adopt_effects
     from app.adopting import left_behind, write_procedure
-    from app.diagnosing import diagnose_files, diagnosis_document
+    from app.diagnosing import diagnose_files
     from app.documents import to_json
     from app.own_effects import known_laws
+    from app.report.diagnosis import DiagnosisReport
     from app.wording.diagnosis import diagnosis_text
 
     found = diagnose_files(sessions, model=model, held_out=held_out, laws=known_laws())
@@ -84,14 +85,15 @@ def _diagnose(
         say(f"model written: {adopt}")
         if left_behind(found, candidate):
             say("there is an unnamed law, too: --candidate empirical")
-    typer.echo(to_json(diagnosis_document(found)) if as_json else diagnosis_text(found))
+    typer.echo(to_json(DiagnosisReport.of(found=found)) if as_json else diagnosis_text(found))
 
 
 def _show_aliases(name: str, *, as_json: bool) -> None:
-    from app.aliases import alias_document, alias_map
+    from app.aliases import alias_map
     from app.documents import to_json
     from app.own_effects import known_laws
+    from app.report.diagnosis import AliasReport
     from app.wording.aliases import alias_text
 
     found = alias_map(name, known_laws())
-    typer.echo(to_json(alias_document(found)) if as_json else alias_text(found))
+    typer.echo(to_json(AliasReport.of(found=found)) if as_json else alias_text(found))

@@ -122,8 +122,10 @@ def solve_hexaslide(
         raise UsageError("measured postures of a hexaslide", f"{len(paths)} files", "one file")
     from app.documents import to_json
     from app.hexaslide_calibration import calibrate_file
-    from app.hexaslide_documents import calibration_document
+    from app.report.hexaslide import CalibrationReport
     from app.wording.hexaslide_calibration import calibration_text
 
     solved = calibrate_file(paths[0], truth, DEFAULT_SHARE if held_out is None else held_out)
-    typer.echo(to_json(calibration_document(solved)) if as_json else calibration_text(solved))
+    typer.echo(
+        to_json(CalibrationReport.of(solved=solved)) if as_json else calibration_text(solved)
+    )

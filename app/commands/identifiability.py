@@ -96,17 +96,20 @@ def _told(machine: str, request: Asked, *, as_json: bool) -> str:
     from app.documents import to_json
 
     if machine == "hexaslide":
-        from app.hexaslide_seen import hexaslide_document, hexaslide_seen
+        from app.hexaslide_seen import hexaslide_seen
+        from app.report.hexaslide import HexaSlideIdentifiabilityReport
         from app.wording.hexaslide_seen import seen_text
 
         found = hexaslide_seen(request)
-        return to_json(hexaslide_document(found)) if as_json else seen_text(found)
+        if not as_json:
+            return seen_text(found)
+        return to_json(HexaSlideIdentifiabilityReport.of(seen=found.seen, found=found))
     from app.planning import seen_by
-    from app.planning_documents import identifiability_document
+    from app.report.planning import IdentifiabilityReport
     from app.wording.planning import identifiability_text
 
     seen = seen_by(machine, request)
-    return to_json(identifiability_document(seen)) if as_json else identifiability_text(seen)
+    return to_json(IdentifiabilityReport.of(seen=seen)) if as_json else identifiability_text(seen)
 
 
 def _show(machine: str, request: Asked) -> NoReturn:

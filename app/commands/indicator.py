@@ -24,8 +24,9 @@ def read(
     as_json: AsJson = False,
 ) -> None:
     """One reading, or one after the other."""
-    from app.documents import reading_document, to_json
+    from app.documents import to_json
     from app.indicators import asked_for
+    from app.report.readings import outcome_report
     from app.wording.indicator import outcome_text
     from drivers.errors import IndicatorError
     from drivers.line import IndicatorLine
@@ -42,7 +43,7 @@ def read(
         while True:
             outcome = line.ask().result()
             if as_json:
-                typer.echo(to_json(reading_document(known.name, outcome)))
+                typer.echo(to_json(outcome_report(known.name, outcome)))
             elif watch or not isinstance(outcome, Fault):
                 typer.echo(outcome_text(outcome))
             if not watch:

@@ -26,7 +26,8 @@ def plan(
 ) -> None:
     """The one added mounting that lowers the expected tool error most per minute."""
     from app.documents import to_json
-    from app.next_measurement import next_measurement, plan_document
+    from app.next_measurement import next_measurement
+    from app.report.planning import PlanReport
     from app.wording.planning import plan_text
 
     found = next_measurement(
@@ -38,4 +39,4 @@ def plan(
     )
     for warning in found.warnings:
         say(f"glidecal: {warning}")
-    typer.echo(to_json(plan_document(found)) if as_json else plan_text(found))
+    typer.echo(to_json(PlanReport.of(plan=found)) if as_json else plan_text(found))

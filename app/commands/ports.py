@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import typer
 
 from app.commands.options import AsJson
@@ -14,25 +12,20 @@ def ports(as_json: AsJson = False) -> None:
     from serial.tools import list_ports
 
     from app.documents import to_json
+    from app.report.readings import PortsReport
     from drivers.profiles import PROFILES
 
-    found = [
-        {"port": port.device, "description": port.description, "hardware": port.hwid}
-        for port in sorted(list_ports.comports())
-    ]
-    profiles = [
-        {"name": p.name, "title": p.title, "verified": p.verified, "source": p.source}
-        for p in PROFILES.values()
-    ]
+    found = PortsReport.of(
+        ports=tuple(sorted(list_ports.comports())), profiles=tuple(PROFILES.values())
+    )
     if as_json:
-        document: dict[str, Any] = {"schema": "glidecal.ports/1", "ports": found}
-        typer.echo(to_json(document | {"profiles": profiles}))
+        typer.echo(to_json(found))
         return
     typer.echo("Serial ports:")
-    for entry in found:
-        typer.echo(f"  {entry['port']}  {entry['description']}  {entry['hardware']}")
-    if not found:
+    for one in found.ports:
+        typer.echo(f"  {one.port}  {one.description}  {one.hardware}")
+    if not found.ports:
         typer.echo("  none; plug the indicator in and try again")
     typer.echo("Indicator profiles:")
-    for profile in profiles:
-        typer.echo(f"  {profile['name']}  {profile['title']}  ({profile['verified']})")
+    for profile in found.profiles:
+        typer.echo(f"  {profile.name}  {profile.title}  ({profile.verified})")

@@ -90,7 +90,7 @@ def postures(
     from app.documents import to_json
     from app.optimum_postures import optimum_postures, write_procedures
     from app.planning import Request
-    from app.planning_documents import postures_document
+    from app.report.planning import PosturesReport
     from app.wording.planning import postures_text
     from calib.criteria import Criterion
 
@@ -126,7 +126,7 @@ def postures(
     if output:
         for path in write_procedures(chosen, output):
             say(f"procedure written to {path}")
-    typer.echo(to_json(postures_document(chosen)) if as_json else postures_text(chosen))
+    typer.echo(to_json(PosturesReport.of(chosen=chosen)) if as_json else postures_text(chosen))
 
 
 def _parts(listed: str) -> tuple[str, ...]:
@@ -163,10 +163,11 @@ def _boxed(
 ) -> None:
     """Postures anywhere in the box of a Hexa Slide."""
     from app.documents import to_json
-    from app.planning_hexaslide import asked_postures, boxed_document, write_postures
+    from app.planning_hexaslide import asked_postures, write_postures
+    from app.report.hexaslide import HexaSlidePosturesReport
     from app.wording.hexaslide import boxed_text
 
     found = asked_postures(request, count, criterion, starts=starts, as_is=as_is, output=output)
     if output:
         say(f"postures written to {write_postures(found, output)}")
-    typer.echo(to_json(boxed_document(found)) if as_json else boxed_text(found))
+    typer.echo(to_json(HexaSlidePosturesReport.of(boxed=found)) if as_json else boxed_text(found))

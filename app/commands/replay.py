@@ -31,7 +31,8 @@ def replay(
         from app.screens.start import open_replay
 
         raise typer.Exit(open_replay(session, read_only=served))
-    from app.documents import replay_document, to_json
+    from app.documents import to_json
+    from app.report.readings import ReplayReport
     from app.solving import end_warning
     from app.wording.session import replay_text
     from protocols.errors import UsageError
@@ -43,8 +44,8 @@ def replay(
     record = read_record(session[0])
     if record.end != "closed":
         say(f"glidecal: {end_warning(record)}")
-    document = replay_document(session[0].name, fold(record.events), record.end)
-    typer.echo(to_json(document) if as_json else replay_text(document))
+    report = ReplayReport.of(name=session[0].name, session=fold(record.events), end=record.end)
+    typer.echo(to_json(report) if as_json else replay_text(report))
 
 
 def _end_with_the_server() -> None:

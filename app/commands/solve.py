@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -22,7 +23,9 @@ from app.commands.options import (
 )
 
 if TYPE_CHECKING:  # heavy: imported where used
+    from app.assessing import Judged
     from app.solving import Solved
+    from calib.accuracy import ToolMap
     from calib.monte_carlo import MonteCarlo
 
 
@@ -70,9 +73,7 @@ def solve(
         solve_hexaslide(sessions, truth, held_out, foreign=foreign, as_json=as_json)
         return
     refuse_checks(truth, held_out)
-    from app.documents import solution_document, to_json
     from app.solving import solve_files
-    from app.wording.result import solution_text
 
     solved, warnings = solve_files(
         sessions,
@@ -82,47 +83,51 @@ def solve(
     )
     for warning in warnings:
         say(f"glidecal: {warning}")
-    document, texts = _assessed(solved, tolerance, monte_carlo, seed, show_map=show_map)
-    if as_json:
-        typer.echo(to_json(solution_document(solved) | document))
-    else:
-        typer.echo("\n\n".join([solution_text(solved), *texts]))
+    asked = _Asked.of(solved, tolerance, monte_carlo, seed, show_map=show_map)
+    typer.echo(_document(solved, asked) if as_json else _text(solved, asked))
 
 
-def _assessed(
-    solved: Solved, tolerance: float | None, count: int, seed: int, *, show_map: bool
-) -> tuple[dict[str, Any], list[str]]:
-    """What was asked for beyond the solution: for JSON, and as text."""
-    from app.assessing import judge, maps, monte_carlo_document
+@dataclass(frozen=True)
+class _Asked:
+    """What was asked for beyond the solution."""
+
+    judged: Judged | None = None
+    maps: tuple[ToolMap, ...] | None = None
+    simulated: MonteCarlo | None = None
+
+    @staticmethod
+    def of(
+        solved: Solved, tolerance: float | None, count: int, seed: int, *, show_map: bool
+    ) -> _Asked:
+        """Raises UsageError for a tolerance or a session that does not allow it."""
+        from app.assessing import judge, maps
+
+        return _Asked(
+            None if tolerance is None else judge(solved, tolerance),
+            maps(solved) if show_map else None,
+            _simulate(solved, count, seed) if count else None,
+        )
+
+
+def _document(solved: Solved, asked: _Asked) -> str:
+    from app.documents import to_json
+    from app.report.solution import SolutionReport
+
+    return to_json(SolutionReport.of(solved=solved, **vars(asked)))
+
+
+def _text(solved: Solved, asked: _Asked) -> str:
     from app.wording.assessing import judged_text, maps_text, monte_carlo_text
+    from app.wording.result import solution_text
 
-    document: dict[str, Any] = {}
-    texts = []
-    if tolerance is not None:
-        judged = judge(solved, tolerance)
-        document["tolerance"] = {
-            "tolerance_mm": tolerance,
-            "before": judged.before,
-            "after": judged.after,
-        }
-        texts.append(judged_text(judged))
-    if show_map:
-        drawn = maps(solved)
-        document["tool_maps"] = [
-            {
-                "across": one.across,
-                "up": one.up,
-                "coordinate_mm": one.coordinate_mm.tolist(),
-                "error_mm": one.error_mm.tolist(),
-            }
-            for one in drawn
-        ]
-        texts.append(maps_text(drawn))
-    if count:
-        found = _simulate(solved, count, seed)
-        document["monte_carlo"] = monte_carlo_document(found)
-        texts.append(monte_carlo_text(found))
-    return document, texts
+    texts = [solution_text(solved)]
+    if asked.judged:
+        texts.append(judged_text(asked.judged))
+    if asked.maps:
+        texts.append(maps_text(asked.maps))
+    if asked.simulated:
+        texts.append(monte_carlo_text(asked.simulated))
+    return "\n\n".join(texts)
 
 
 def _simulate(solved: Solved, count: int, seed: int) -> MonteCarlo:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from app.documents import to_json
-from app.exports.offsets import Offsets, Uncertainty, Written
+from app.exports.offsets import Offsets, Written
 from app.exports.table import csv_text
+from app.report.solution import OffsetsReport
 from calib.orthoglide.geometry import PARAMETER_NAMES
 from calib.orthoglide.model import Model
 from protocols.model_file import model_to_json
@@ -14,30 +15,7 @@ from protocols.model_file import model_to_json
 
 def as_json(offsets: Offsets) -> Written:
     """Schema ``glidecal.offsets/1``."""
-    document = {
-        "schema": "glidecal.offsets/1",
-        "source": offsets.source,
-        "machine": offsets.machine.name,
-        "convention": "true position = believed position + d_rho; true length = nominal + d_L",
-        "unit": "mm",
-        "cautions": list(offsets.cautions),
-        "parameters": {
-            name: {"value": value, **_known(offsets.uncertainty.get(name))}
-            for name, value in offsets.values_mm.items()
-        },
-        "remarks": list(offsets.remarks),
-    }
-    return {"": to_json(document) + "\n"}
-
-
-def _known(u: Uncertainty | None) -> dict[str, float | None]:
-    """The keys of ``solve --json``, and the half width with what the model leaves."""
-    return {
-        "standard_uncertainty": None if u is None else u.standard_mm,
-        "expanded_uncertainty": None if u is None else u.expanded_mm,
-        "coverage_factor": None if u is None else u.coverage_factor,
-        "expanded_with_lack_of_fit": None if u is None else u.enlarged_mm,
-    }
+    return {"": to_json(OffsetsReport.of(offsets=offsets)) + "\n"}
 
 
 def as_model(offsets: Offsets) -> Written:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from statistics import median
 
-from app.planning_hexaslide import BoxedPostures, boxed_document
+from app.planning_hexaslide import UNITS, BoxedPostures
 from app.wording.tables import new_table, table_text, wrapped
 
 PUBLISHED_WORDS = {
@@ -19,21 +19,21 @@ PUBLISHED_WORDS = {
 
 def boxed_text(found: BoxedPostures) -> str:
     """Before and after, then the postures and how they were found."""
-    said = boxed_document(found)
-    parts = [wrapped(_sentence(found)), _criteria(found), _postures(said["postures"])]
+    parts = [wrapped(_sentence(found)), _criteria(found), _postures(found.postures)]
     return "\n\n".join([*parts, wrapped(_search(found))])
 
 
 def _sentence(found: BoxedPostures) -> str:
-    said, best = boxed_document(found), found.best
+    best, procedure = found.best, found.procedure
     moved = bool(best.values)
     before = f" (start {best.refined.start_value:.4g})" if moved else ""
     condition = f"{best.condition_number:.4g}"
     condition += f", at the start {best.start_condition_number:.4g}" if moved else ""
     return (
-        f"hexaslide, {said['procedure']}, reading {', '.join(said['measured'])}: {said['count']} "
-        f"postures for the {said['criterion']} criterion, {best.refined.value:.5g}{before}. "
-        f"Condition number {condition} ({said['units']}; of the {best.rank} combinations that are "
+        f"hexaslide, {procedure.kind.value}, reading {', '.join(procedure.read)}: "
+        f"{len(found.postures)} postures for the {best.criterion.value} criterion, "
+        f"{best.refined.value:.5g}{before}. "
+        f"Condition number {condition} ({UNITS}; of the {best.rank} combinations that are "
         "seen)."
     )
 
@@ -47,7 +47,7 @@ def _criteria(found: BoxedPostures) -> str:
     return table_text(table)
 
 
-def _postures(postures: list[dict[str, float]]) -> str:
+def _postures(postures: tuple[dict[str, float], ...]) -> str:
     table = new_table(*postures[0], left=0)
     for posture in postures:
         table.add_row(*(f"{value + 0.0:.4f}" for value in posture.values()))

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from app.hexaslide_calibration import Calibrated
-from app.hexaslide_documents import INNER_NAMES, calibration_document
+from app.report.hexaslide import INNER_NAMES, CalibrationReport, Rms
 from app.wording.tables import new_table, signed, table_text, wrapped
 from calib.hexaslide.parameters import unit_of
 from calib.hexaslide.procedures import Kind
@@ -15,10 +13,6 @@ from protocols.hexaslide_measurements import HexaSlideMeasurements
 
 LACK_OF_FIT_LEVEL = 0.01
 MOST_POSTURES = 5
-
-Rms = dict[str, float | None]
-Said = dict[str, Any]
-"""The JSON document: what is said in words are its numbers."""
 
 
 def simulated_text(measured: HexaSlideMeasurements) -> str:
@@ -31,7 +25,7 @@ def simulated_text(measured: HexaSlideMeasurements) -> str:
 
 def calibration_text(solved: Calibrated) -> str:
     """The sentences that matter, parameters, what is left, then the checks."""
-    said = calibration_document(solved)
+    said = CalibrationReport.of(solved=solved)  # words and JSON tell the same numbers
     parts = [
         wrapped(_heading(solved)),
         wrapped("\n".join([*_verdict(solved, said), *_warnings(solved), *_lost(solved)])),
@@ -53,13 +47,13 @@ def _heading(solved: Calibrated) -> str:
     )
 
 
-def _verdict(solved: Calibrated, said: Said) -> list[str]:
+def _verdict(solved: Calibrated, said: CalibrationReport) -> list[str]:
     found = solved.found
     return [
         f"{found.rank} of {len(found.names)} combinations of the parameters identified from "
         f"{len(solved.numbers)} postures in {found.steps} steps.",
         f"{_what(solved)}, r.m.s.: "
-        + "; ".join(_both(said["rms_before"], said["rms_after"], " → "))
+        + "; ".join(_both(said.rms_before, said.rms_after, " → "))
         + ".",
     ]
 
@@ -78,8 +72,8 @@ def _what(solved: Calibrated) -> str:
 def _both(before: Rms, after: Rms, between: str) -> list[str]:
     """One phrase for lengths and one for angles, where there are any."""
     parts = []
-    for key, unit in (("length_mm", "mm"), ("angle_mrad", "mrad")):
-        first, second = before[key], after[key]
+    lengths, angles = (before.length_mm, after.length_mm), (before.angle_mrad, after.angle_mrad)
+    for (first, second), unit in ((lengths, "mm"), (angles, "mrad")):
         if first is not None and second is not None:
             parts.append(f"{first:.4g}{between}{second:.4g} {unit}")
     return parts
@@ -132,7 +126,7 @@ def _parameters(solved: Calibrated) -> str:
     return table_text(table)
 
 
-def _figures(solved: Calibrated, said: Said) -> list[str]:
+def _figures(solved: Calibrated, said: CalibrationReport) -> list[str]:
     lines = []
     others = [name for name in solved.found.names if name not in solved.found.known]
     if others:
@@ -142,24 +136,22 @@ def _figures(solved: Calibrated, said: Said) -> list[str]:
         )
         lines += _inner(solved)
     lines += _noise(solved, said)
-    lines.append(
-        f"Condition number {said['condition_number']:.4g} of what is seen ({said['units']})."
-    )
+    lines.append(f"Condition number {said.condition_number:.4g} of what is seen ({said.units}).")
     return lines
 
 
-def _noise(solved: Calibrated, said: Said) -> list[str]:
-    noise, source = said["noise"], solved.source
-    if noise["length_mm"] is None:
+def _noise(solved: Calibrated, said: CalibrationReport) -> list[str]:
+    noise, source = said.noise, solved.source
+    if noise.length_mm is None:
         return []
     link = source.procedure is Kind.CONSTRAINT_LINK
-    words = f"{'Play of the link' if link else 'Noise of a length'} {noise['length_mm']:.4g} mm"
-    if noise["angle_mrad"] is not None:
-        words += f", of an angle {noise['angle_mrad']:.4g} mrad"
-    if noise["source"] == "stated":
+    words = f"{'Play of the link' if link else 'Noise of a length'} {noise.length_mm:.4g} mm"
+    if noise.angle_mrad is not None:
+        words += f", of an angle {noise.angle_mrad:.4g} mrad"
+    if noise.source == "stated":
         words += ", as stated"
     else:
-        words += f", from what is left with {noise['degrees_of_freedom']:g} degrees of freedom"
+        words += f", from what is left with {noise.degrees_of_freedom:g} degrees of freedom"
     return [f"{words}; coverage factor {solved.factor:.3f}."]
 
 
@@ -175,67 +167,65 @@ def _inner(solved: Calibrated) -> list[str]:
     ]
 
 
-def _left(solved: Calibrated, said: Said) -> str:
-    left = said["residuals"]
+def _left(solved: Calibrated, said: CalibrationReport) -> str:
+    left = said.residuals
     heading = "chain" if solved.source.procedure is Kind.POSE_INVERSE else "measured"
     table = new_table(heading, "left, r.m.s.", "unit", "share")
-    for row in left["by_component"]:
-        table.add_row(
-            row["component"], f"{row['rms']:.4g}", row["unit"], f"{100.0 * row['share']:.0f} %"
-        )
-    worst = sorted(left["by_posture"], key=lambda one: -one["share"])[:MOST_POSTURES]
-    words = ", ".join(f"{one['posture']} ({100.0 * one['share']:.0f} %)" for one in worst)
-    even = 100.0 / len(left["by_posture"])
+    for row in left.by_component:
+        table.add_row(row.component, f"{row.rms:.4g}", row.unit, f"{100.0 * row.share:.0f} %")
+    worst = sorted(left.by_posture, key=lambda one: -one.share)[:MOST_POSTURES]
+    words = ", ".join(f"{one.posture} ({100.0 * one.share:.0f} %)" for one in worst)
+    even = 100.0 / len(left.by_posture)
     return "\n".join(
         [
             table_text(table),
             "",
             wrapped(
                 f"Postures with the largest shares: {words}; even would be {even:.0f} % each. "
-                f"{left['remark']}"
+                f"{left.remark}"
             ),
         ]
     )
 
 
-def _held_out(solved: Calibrated, said: Said) -> str:
-    held = said["held_out"]
+def _held_out(solved: Calibrated, said: CalibrationReport) -> str:
+    held = said.held_out
     if solved.held_out is None or held is None:
         return "No posture was kept out of the fit as a check."
     count, total = len(solved.held_out.numbers), len(solved.source.postures)
-    both = "; ".join(_both(held["rms_before"], held["rms_after"], " → "))
+    both = "; ".join(_both(held.rms_before, held.rms_after, " → "))
     return (
         f"Check on {count} of {total} postures ({100.0 * count / total:.0f} %), kept out of the "
         f"fit: {both} r.m.s., noise of measuring included."
     )
 
 
-def _truth(document: Said) -> list[str]:
-    said = document["truth"]
+def _truth(document: CalibrationReport) -> list[str]:
+    said = document.truth
     if said is None:
         return []
-    before, after = said["before"], said["after"]
-    where = "the postures kept out" if said["postures"] == "held out" else "all postures"
+    before, after = said.before, said.after
+    where = "the postures kept out" if said.postures == "held out" else "all postures"
     moved = [
-        f"{name} {after[key]:.3g} {unit}"
-        for key, name, unit in (
-            ("platform_frame_turned_mrad", "platform frame turned by", "mrad"),
-            ("platform_frame_shifted_mm", "platform frame shifted by", "mm"),
-            ("base_turned_mrad", "base turned by", "mrad"),
+        f"{name} {size:.3g} {unit}"
+        for name, size, unit in (
+            ("platform frame turned by", after.platform_frame_turned_mrad, "mrad"),
+            ("platform frame shifted by", after.platform_frame_shifted_mm, "mm"),
+            ("base turned by", after.base_turned_mrad, "mrad"),
         )
-        if after[key] > 0.0
+        if size > 0.0
     ]
     lines = [
-        f"Against the truth at {where}: position {before['position_rms_mm']:.4g} → "
-        f"{after['position_rms_mm']:.4g} mm r.m.s. (worst {after['position_worst_mm']:.4g}), "
-        f"angle {before['angle_rms_mrad']:.4g} → {after['angle_rms_mrad']:.4g} mrad."
+        f"Against the truth at {where}: position {before.position_rms_mm:.4g} → "
+        f"{after.position_rms_mm:.4g} mm r.m.s. (worst {after.position_worst_mm:.4g}), "
+        f"angle {before.angle_rms_mrad:.4g} → {after.angle_rms_mrad:.4g} mrad."
     ]
     if moved:
         lines.append(f"Apart from constant motions that nothing shows: {', '.join(moved)}.")
-    if said["individually_known_within_95_percent"] is not None:
+    if said.individually_known_within_95_percent is not None:
         lines.append(
-            f"{said['individually_known_within_95_percent']} of "
-            f"{said['individually_known_count']} individually known parameters lie within their "
+            f"{said.individually_known_within_95_percent} of "
+            f"{said.individually_known_count} individually known parameters lie within their "
             "95 % interval."
         )
     return lines

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from app.guided import Taken
 from app.indicators import profile_of
 from app.leg_review import LegReview
 from app.leg_table import LegRow
 from app.opening import Plan
+from app.report.readings import ReplayReport
 from app.wording.tables import new_table, signed, table_text, wrapped
 from calib.observations import LEG_NAMES, conditions
 from calib.orthoglide.geometry import Geometry
@@ -180,19 +180,19 @@ def _cell(value: float | None, width: int) -> str:
     return f"{'' if value is None else signed(value):>{width}}"
 
 
-def replay_text(document: dict[str, Any]) -> str:
+def replay_text(report: ReplayReport) -> str:
     """The readings of a session in the order taken, then the averages of those that count."""
     readings = new_table("no", "leg", "axis", "at, mm", "cycle", "mount", "value, mm", "", left=3)
-    for r in document["readings"]:
-        state = f"superseded: {r['superseded']}" if r["superseded"] else ""
-        place = (str(r["reading"]), r["leg"], r["axis"], f"{r['displacement_mm']:+.2f}")
-        readings.add_row(*place, str(r["cycle"]), r["mount"], signed(r["value_mm"], 4), state)
+    for r in report.readings:
+        state = f"superseded: {r.superseded}" if r.superseded else ""
+        place = (str(r.reading), r.leg, r.axis, f"{r.displacement_mm:+.2f}")
+        readings.add_row(*place, str(r.cycle), r.mount, signed(r.value_mm, 4), state)
     averages = new_table("leg", "axis", "station", "at, mm", "mean, mm", "readings", left=2)
-    for a in document["averages"]:
-        place = (a["leg"], a["axis"], f"{a['station']:g}", f"{a['displacement_mm']:+.2f}")
-        averages.add_row(*place, signed(a["mean_mm"], 4), str(a["readings"]))
-    title = f"{document['session']}: {len(document['readings'])} readings ({document['end']})"
-    remarks = [wrapped(f"Remark: {remark}") for remark in document["remarks"]]
+    for a in report.averages:
+        place = (a.leg, a.axis, f"{a.station:g}", f"{a.displacement_mm:+.2f}")
+        averages.add_row(*place, signed(a.mean_mm, 4), str(a.readings))
+    title = f"{report.session}: {len(report.readings)} readings ({report.end})"
+    remarks = [wrapped(f"Remark: {remark}") for remark in report.remarks]
     return "\n\n".join([title, *remarks, table_text(readings), "Averages", table_text(averages)])
 
 

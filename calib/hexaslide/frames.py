@@ -49,6 +49,21 @@ class FramesApart:
     places_m: FloatArray
     angles_rad: FloatArray
 
+    @property
+    def places_rms_m(self) -> float:
+        """Root mean square of the distances."""
+        return float(np.sqrt((self.places_m**2).mean()))
+
+    @property
+    def places_worst_m(self) -> float:
+        """The largest distance."""
+        return float(self.places_m.max())
+
+    @property
+    def angles_rms_rad(self) -> float:
+        """Root mean square of the angles."""
+        return float(np.sqrt((self.angles_rad**2).mean()))
+
 
 def frames_apart(found: FloatArray, true: FloatArray, free: tuple[str, ...]) -> FramesApart:
     """Compare postures ``(p, 6)`` of two machines at the same sliders; ``free`` of `MOTIONS`."""

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from app.comparing import compare_files, comparison_document, partner_of
+from app.comparing import compare_files, partner_of
+from app.report.solution import ComparisonReport
 from calib.errors import CalibrationError
 from protocols.errors import RecordError
 from tests.app.cli import glidecal, refused
@@ -32,9 +33,10 @@ PUBLISHED = {
 
 
 def test_the_published_pair(samples: Path) -> None:
-    document = comparison_document(
-        compare_files(samples / "experiment_2_twelve.jsonl", samples / "experiment_3_twelve.jsonl")
+    found = compare_files(
+        samples / "experiment_2_twelve.jsonl", samples / "experiment_3_twelve.jsonl"
     )
+    document = ComparisonReport.of(found=found).model_dump(mode="json")
     assert document["schema"] == "glidecal.comparison/1"
     assert document["before"] == "experiment_2_twelve.jsonl"
     for name, pair in PUBLISHED.items():

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from app.exit_codes import Exit, exit_code
-from app.hexaslide_seen import hexaslide_document, hexaslide_seen
+from app.hexaslide_seen import hexaslide_seen
 from app.planning import Request
+from app.report.hexaslide import HexaSlideIdentifiabilityReport, PaperRules
 from app.wording.hexaslide_seen import seen_text
 from calib.hexaslide.procedures import Procedure, held_postures, jacobian
 from protocols.errors import RecordError
@@ -92,12 +93,13 @@ def test_the_rule_of_the_paper_is_told_beside_with_what_decides_it() -> None:
     assert "at 16 postures it counts 48. WARNING: that is the number of rows" in said
     assert "at 100 postures it counts 49. WARNING: that is the number of parameters" in said
     assert "orders of magnitude too tight" in said
-    rules = hexaslide_document(hexaslide_seen(Request("constraint-link")))["classical_qr"]
-    whole, few = rules["forward_differences"]
-    assert rules["rank"] == 48
-    assert (whole["rank"], whole["true_rank"], whole["decided_by"]) == (55, 48, "parameters")
-    assert (few["postures"], few["rank"], few["decided_by"]) == (46, 46, "rows")
-    assert 1e4 < min(whole["errors_in_tolerances"]) < max(whole["errors_in_tolerances"]) < 1e9
+    rules = PaperRules.model_validate(hexaslide_seen(Request("constraint-link")))
+    whole, few = rules.forward_differences
+    assert rules.rank == 48
+    assert (whole.rank, whole.true_rank, whole.decided_by) == (55, 48, "parameters")
+    assert (few.postures, few.rank, few.decided_by) == (46, 46, "rows")
+    least, largest = whole.errors_in_tolerances or (0.0, 0.0)
+    assert 1e4 < least < largest < 1e9
     said = told(Request("pose-inverse"))
     assert "WARNING" not in said
     assert "at 9 postures it counts 49." in said
@@ -107,10 +109,11 @@ def test_the_rule_of_the_paper_is_told_beside_with_what_decides_it() -> None:
 
 
 def test_condition_numbers_have_their_units() -> None:
-    found = hexaslide_document(hexaslide_seen(Request("pose-forward")))
-    figures = found["condition_numbers"]
+    seen = hexaslide_seen(Request("pose-forward"))
+    found = HexaSlideIdentifiabilityReport.of(seen=seen.seen, found=seen)
+    figures = found.condition_numbers
     assert set(figures) == {"m, rad", "mm, rad", "m, °"}
-    assert figures["m, rad"] == pytest.approx(found["condition_number"])
+    assert figures["m, rad"] == pytest.approx(found.condition_number)
     assert figures["mm, rad"] > 10.0 * figures["m, rad"]
     said = told(Request("pose-forward"))
     assert all(f"in {units}" in said for units in figures)
@@ -191,7 +194,7 @@ def test_postures_that_cannot_be_are_told(tmp_path: Path) -> None:
 def test_postures_before_and_after() -> None:
     verb = ("postures", "hexaslide", "--procedure", "pose-inverse", "--count", "9")
     found = json.loads(glidecal(*verb, "--criterion", "condition", "--starts", "1", "--json").out)
-    assert found["condition_number"] < 60.0 < found["start_condition_number"] / 10.0
+    assert found.condition_number < 60.0 < found["start_condition_number"] / 10.0
     assert len(found["postures"]) == 9
     for name, bound in {"x_m": 0.3, "theta_deg": 15.0, "phi_deg": 30.0}.items():
         assert all(abs(posture[name]) <= bound + 1e-9 for posture in found["postures"])

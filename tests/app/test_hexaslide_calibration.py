@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from app.cli import cli
 from app.exit_codes import exit_code
 from app.hexaslide_calibration import Asked, calibrate_file, write_simulated
-from app.hexaslide_documents import calibration_document
+from app.report.hexaslide import CalibrationReport
 from app.wording.hexaslide_calibration import calibration_text
 from calib.errors import GlidecalError, NotIdentifiable
 from calib.hexaslide.kinematics import forward
@@ -56,9 +56,8 @@ def told(status: int, *arguments: str | Path) -> str:
 
 
 def document(path: Path, truth: Path | None = None, share: float = 0.2) -> dict[str, Any]:
-    found = calibration_document(calibrate_file(path, truth, share))
-    assert json.loads(json.dumps(found, allow_nan=False)) == found
-    return found
+    solved = calibrate_file(path, truth, share)
+    return CalibrationReport.of(solved=solved).model_dump(mode="json")
 
 
 def test_simulate_and_solve_as_a_person_would(tmp_path: Path) -> None:
@@ -156,7 +155,7 @@ def test_words_of_what_is_lost_left_and_checked(tmp_path: Path) -> None:
     path, truth = written(tmp_path, "position", 40)
     solved = calibrate_file(path, truth, 0.25)
     said = calibration_text(solved).replace("\n", " ")
-    found = calibration_document(solved)
+    found = CalibrationReport.of(solved=solved).model_dump(mode="json")
     assert (
         "NOT SEEN, left as the machine file has it: platform frame turned about its X; platform "
         "frame turned about its Y; platform frame turned about its Z." in said

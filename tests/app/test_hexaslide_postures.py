@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from app.planning import Request
-from app.planning_hexaslide import asked_postures, boxed_document, write_postures
+from app.planning_hexaslide import asked_postures, write_postures
+from app.report.hexaslide import HexaSlidePosturesReport
 from app.wording.hexaslide import PUBLISHED_WORDS, boxed_text
 from calib.criteria import Criterion
 from calib.errors import NotIdentifiable
@@ -74,18 +75,18 @@ def test_a_file_is_the_first_start(tmp_path: Path) -> None:
 
 def test_words_tell_before_after_spread_bounds_and_seed() -> None:
     found = asked_postures(Request("pose-inverse", seed=5), 9, Criterion.DETERMINANT, starts=3)
-    said, document = boxed_text(found).replace("\n", " "), boxed_document(found)
-    values = document["values_of_starts"]
+    said, document = boxed_text(found).replace("\n", " "), HexaSlidePosturesReport.of(boxed=found)
+    values = document.values_of_starts
     assert f"({min(values):.4g} to {max(values):.4g}, median {sorted(values)[1]:.4g})" in said
     assert "seed 5" in said
-    share = 100.0 * document["coordinates_on_bound"] / 54
+    share = 100.0 * document.coordinates_on_bound / 54
     assert f"{share:.0f} % of the coordinates stand on a bound of the box, at the start 0 %" in said
     assert all(words in said for words in PUBLISHED_WORDS.values())
-    assert f"at the start {document['start_condition_number']:.4g}" in said
-    before, after = document["start_published_criteria"], document["published_criteria"]
-    assert set(before) == set(after) == set(PUBLISHED_WORDS)
-    assert after["log10_determinant"] > before["log10_determinant"]
-    assert document["value"] == max(values) > document["start_value"]
+    assert f"at the start {document.start_condition_number:.4g}" in said
+    before, after = document.start_published_criteria, document.published_criteria
+    assert set(vars(before)) == set(vars(after)) == set(PUBLISHED_WORDS)
+    assert after.log10_determinant > before.log10_determinant
+    assert document.value == max(values) > document.start_value
 
 
 def test_what_is_measured_decides_what_is_seen(tmp_path: Path) -> None:

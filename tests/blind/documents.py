@@ -21,13 +21,14 @@ class CannotLeaveOut(Exception):
 
 def of_the_program(session: Path, without: tuple[str, ...]) -> Json:
     """The document of the program's own diagnosis. Raises CannotLeaveOut."""
-    from app.diagnosing import diagnose_files, diagnosis_document
+    from app.diagnosing import diagnose_files
+    from app.report.diagnosis import DiagnosisReport
 
     options: Json = {}
     if without:
         options["laws"] = tuple(law for law in _catalogue() if law.id not in without)
-    document: Json = diagnosis_document(diagnose_files([session], **options))
-    return document
+    found = diagnose_files([session], **options)
+    return DiagnosisReport.of(found=found).model_dump(mode="json")
 
 
 def _catalogue() -> tuple[Any, ...]:

@@ -110,10 +110,10 @@ def machine_text(again: Again) -> str:
 
 def document_of(*sessions: Path) -> Json:
     """The public document of these sessions, diagnosed together."""
-    from app.diagnosing import diagnose_files, diagnosis_document
+    from app.diagnosing import diagnose_files
+    from app.report.diagnosis import DiagnosisReport
 
-    document: Json = diagnosis_document(diagnose_files(sessions))
-    return document
+    return DiagnosisReport.of(found=diagnose_files(sessions)).model_dump(mode="json")
 
 
 def trials(seed: int, wanted: int) -> tuple[list[Trial], int]:

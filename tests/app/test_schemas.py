@@ -1,0 +1,137 @@
+"""Every ``--json`` keeps to its schema in ``docs/schemas``, and the schemas to the program.
+
+After a change that is meant: make schemas
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+
+import pytest
+from jsonschema import Draft202012Validator
+from jsonschema.exceptions import ValidationError
+
+from app.documents import to_json
+from app.report.document import Report
+from app.report.readings import outcome_report
+from app.report.schemas import schemas
+from calib.diagnosis.results import Gap
+from drivers.outcome import Fault, FaultKind, Reading
+from tests.app.cli import glidecal
+from tests.conftest import ROOT
+
+FOLDER = ROOT / "docs" / "schemas"
+ID = re.compile(r"glidecal\.([a-z-]+)/1")
+SAMPLES = ROOT / "sample_sessions"
+TWELVE, THREE = (str(SAMPLES / f"experiment_{n}_twelve.jsonl") for n in (2, 3))
+SWEEP = str(SAMPLES / "simulated_sweep.jsonl")
+EXTRAS = ("--tolerance", "0.3", "--map", "--monte-carlo", "20", "--subset", "both")
+
+
+def test_the_schemas_are_those_of_the_program() -> None:
+    held = {path.name: path.read_text(encoding="utf-8") for path in FOLDER.iterdir()}
+    assert held == schemas(), "make schemas"
+
+
+def test_every_id_of_the_program_has_a_schema() -> None:
+    sources = [path for room in ("app", "protocols") for path in (ROOT / room).rglob("*.py")]
+    ids = {found for path in sources for found in ID.findall(path.read_text(encoding="utf-8"))}
+    assert {f"{name}-1.json" for name in ids} == {path.name for path in FOLDER.iterdir()}
+
+
+def kept(text: str) -> str:
+    """The name of the document's schema, which it keeps."""
+    document = json.loads(text)
+    found = ID.fullmatch(document["schema"])
+    assert found is not None
+    schema = json.loads((FOLDER / f"{found[1]}-1.json").read_text(encoding="utf-8"))
+    Draft202012Validator(schema).validate(document)
+    return found[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [
+        ("solution", ("solve", TWELVE)),
+        ("solution", ("solve", SWEEP, *EXTRAS)),
+        ("diagnosis", ("diagnose", TWELVE)),
+        ("diagnosis", ("diagnose", SWEEP, "--held-out", THREE)),
+        ("aliases", ("diagnose", "--aliases")),
+        ("comparison", ("compare", TWELVE, THREE)),
+        ("replay", ("replay", TWELVE)),
+        ("ports", ("ports",)),
+        ("plan", ("plan", TWELVE)),
+        ("identifiability", ("identifiability", "orthoglide", "--procedure", "sweep")),
+        (
+            "identifiability",
+            ("identifiability", "hexaslide", "--procedure", "position", "--postures", "20"),
+        ),
+        (
+            "postures",
+            ("postures", "orthoglide", "--procedure", "verify", "--count", "18", "--starts", "1"),
+        ),
+    ],
+)
+def test_every_verb_keeps_its_schema(name: str, command: tuple[str, ...]) -> None:
+    run = glidecal(*command, "--json")
+    assert run.status == 0, run.err
+    assert kept(run.out) == name
+
+
+def test_a_hexa_slide_keeps_its_schemas(tmp_path: Path) -> None:
+    measured, truth, table = (str(tmp_path / n) for n in ("m.json", "t.json", "p.csv"))
+    made = ("--procedure", "pose-forward", "--postures", "16", "--seed", "3")
+    glidecal("simulate", "--machine", "hexaslide", *made, "-o", measured, "--truth", truth)
+    for path, name in ((measured, "hexaslide-measurements"), (truth, "hexaslide-truth")):
+        assert kept(Path(path).read_text(encoding="utf-8")) == name
+    assert kept(glidecal("solve", measured, "--truth", truth, "--json").out) == (
+        "hexaslide-calibration"
+    )
+    found = json.loads(Path(measured).read_text(encoding="utf-8"))
+    rows = [",".join(map(repr, one["values"])) for one in found["postures"]]
+    head = "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg"
+    Path(table).write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    judged = ("--procedure", "pose-forward", "--posture-file", table, "--as-is", "--json")
+    assert kept(glidecal("postures", "hexaslide", *judged).out) == "postures"
+
+
+def test_exported_and_adopted_files_keep_their_schemas(tmp_path: Path) -> None:
+    for form, name in (("json", "offsets"), ("model", "model")):
+        path = tmp_path / form
+        assert glidecal("export", TWELVE, "--format", form, "-o", path).status == 0
+        assert kept(path.read_text(encoding="utf-8")) == name
+
+
+def test_every_line_of_a_record_keeps_its_schema() -> None:
+    schema = Draft202012Validator(json.loads((FOLDER / "session-1.json").read_text("utf-8")))
+    lines = Path(TWELVE).read_text(encoding="utf-8").splitlines()
+    assert [fault for line in lines for fault in schema.iter_errors(json.loads(line))] == []
+
+
+def test_readings_and_faults_keep_their_schema() -> None:
+    whole = to_json(outcome_report("p", Reading("+1.5", 1.5, 0.1, unit_assumed=True)))
+    fault = to_json(outcome_report("p", Fault(FaultKind.NO_ANSWER, "", "none: is it on?")))
+    assert kept(whole) == kept(fault) == "reading"
+    assert "value_mm" not in json.loads(fault)
+    with pytest.raises(ValidationError):
+        kept(whole.replace('"value_mm": 1.5', '"value_mm": "1.5"'))
+
+
+class Judged(Report):
+    """Of two kinds of figures: its own, and those of a result as it stands."""
+
+    gap: Gap
+    figure: float
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf])
+def test_no_figure_leaves_that_is_not_finite(wrong: float) -> None:
+    gap = Gap(rms_mm=1.0, chi_square=1.0, degrees_of_freedom=1, p_value=0.5)
+    assert '"figure": 1.0' in to_json(Judged.of(gap=gap, figure=1.0))
+    with pytest.raises(ValueError, match="finite"):
+        Judged.of(gap=gap, figure=wrong)
+    with pytest.raises(ValueError, match="JSON"):
+        to_json(Judged.of(gap=Gap(wrong, 1.0, 1, 0.5), figure=1.0))

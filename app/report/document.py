@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from types import SimpleNamespace
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import AliasPath, BeforeValidator, ConfigDict, Field
 
+from calib.observations import FloatArray
 from protocols.documents import Document
+
+R = TypeVar("R")
 
 
 class Report(Document):
@@ -58,6 +61,19 @@ def made(make: Callable[[Any], object]) -> BeforeValidator:
 def called(name: str) -> BeforeValidator:
     """The part reads its fields off this result by a name, as the document does."""
     return made(lambda found: SimpleNamespace(**{name: found}))
+
+
+def rows(kind: Callable[..., R], names: Iterable[str], *columns: FloatArray) -> dict[str, R]:
+    """A row for each name out of columns ``(n,)``."""
+    lists = (column.tolist() for column in columns)
+    return {name: kind(*row) for name, *row in zip(names, *lists, strict=True)}
+
+
+class LackOfFit(Report):
+    """Variance ratio and its p-value; null where it cannot be tested."""
+
+    statistic: float | None = None
+    p_value: float | None = None
 
 
 Count = Annotated[int, made(len)]

@@ -10,7 +10,17 @@ from typing import Annotated, Literal
 from app.hexaslide_calibration import Calibrated
 from app.hexaslide_seen import HexaSlideSeen
 from app.planning_hexaslide import UNITS
-from app.report.document import Count, Report, Thousandths, at, called, made, schema
+from app.report.document import (
+    Count,
+    LackOfFit,
+    Report,
+    Thousandths,
+    at,
+    called,
+    made,
+    rows,
+    schema,
+)
 from app.report.planning import ClassicalQr, Direction, IdentifiabilityReport
 from calib.criteria import Criterion, Observability
 from calib.hexaslide.differences import STEP
@@ -145,21 +155,12 @@ def _noise(solved: Calibrated) -> MeasuringNoise:
     )
 
 
-@dataclass(frozen=True)
-class VarianceRatio:
-    """What is left by what was stated, and its p-value; null where nothing is stated."""
-
-    statistic: float | None
-    p_value: float | None
-
-
-def _ratio(solved: Calibrated) -> VarianceRatio:
+def _lack_of_fit(solved: Calibrated) -> LackOfFit:
     """Variance that is left by the stated one."""
     if solved.p_value is None:
-        return VarianceRatio(None, None)
-    return VarianceRatio(
-        (solved.found.square_sum or 0.0) / solved.found.free_values, solved.p_value
-    )
+        return LackOfFit()
+    ratio = (solved.found.square_sum or 0.0) / solved.found.free_values
+    return LackOfFit(statistic=ratio, p_value=solved.p_value)
 
 
 @dataclass(frozen=True)
@@ -192,7 +193,7 @@ class InnerLength:
     """A distance that no frame changes."""
 
     value_m: float
-    standard_uncertainty_m: float | None
+    standard_uncertainty_m: float | None = None
 
 
 INNER_NAMES = (
@@ -203,11 +204,9 @@ INNER_NAMES = (
 
 
 def _inner(solved: Calibrated) -> dict[str, InnerLength]:
-    lengths, u = inner_lengths(solved.found.machine.geometry), solved.inner_uncertainty_m
-    return {
-        name: InnerLength(float(lengths[k]), None if u is None else float(u[k]))
-        for k, name in enumerate(INNER_NAMES)
-    }
+    u = solved.inner_uncertainty_m
+    uncertain = () if u is None else (u,)
+    return rows(InnerLength, INNER_NAMES, inner_lengths(solved.found.machine.geometry), *uncertain)
 
 
 @dataclass(frozen=True)
@@ -222,15 +221,11 @@ class ComponentLeft:
 
 def _by_component(solved: Calibrated) -> tuple[ComponentLeft, ...]:
     left = solved.found.after
+    sizes = 1000.0 * (left.values**2).mean(axis=0) ** 0.5
+    columns = zip(left.names, sizes.tolist(), left.angular, solved.by_column.tolist(), strict=True)
     return tuple(
-        ComponentLeft(name, 1000.0 * math.sqrt(square), "mrad" if angular else "mm", share)
-        for name, square, angular, share in zip(
-            left.names,
-            (left.values**2).mean(axis=0).tolist(),
-            left.angular,
-            solved.by_column.tolist(),
-            strict=True,
-        )
+        ComponentLeft(name, size, "mrad" if angular else "mm", share)
+        for name, size, angular, share in columns
     )
 
 
@@ -314,7 +309,7 @@ class CalibrationReport(Report):
     rms_before: RmsOf = at("solved.found.before")
     rms_after: RmsOf = at("solved.found.after")
     noise: Annotated[MeasuringNoise, made(_noise)] = at("solved")
-    lack_of_fit: Annotated[VarianceRatio, made(_ratio)] = at("solved")
+    lack_of_fit: Annotated[LackOfFit, made(_lack_of_fit)] = at("solved")
     condition_number: float = at("solved.found.condition_number")
     units: str = UNITS
     parameters: Annotated[dict[str, HexaSlideParameter], made(_parameters)] = at("solved")

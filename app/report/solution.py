@@ -9,6 +9,7 @@ from app.assessing import Judged
 from app.comparing import Comparison
 from app.report.document import (
     Finite,
+    LackOfFit,
     Matrix,
     Numbers,
     Report,
@@ -17,6 +18,7 @@ from app.report.document import (
     at,
     called,
     made,
+    rows,
     schema,
 )
 from calib.accuracy import ToolError
@@ -40,14 +42,8 @@ class Parameter:
 
 
 def _parameters(solution: Solution) -> dict[str, Parameter]:
-    columns = (
-        solution.values_mm,
-        solution.uncertainty_mm,
-        solution.expanded_mm,
-        solution.coverage_factors,
-    )
-    rows = zip(*(column.tolist() for column in columns), strict=True)
-    return {name: Parameter(*row) for name, row in zip(solution.names, rows, strict=True)}
+    uncertain = (solution.uncertainty_mm, solution.expanded_mm, solution.coverage_factors)
+    return rows(Parameter, solution.names, solution.values_mm, *uncertain)
 
 
 @dataclass(frozen=True)
@@ -61,15 +57,10 @@ class Difference:
 
 
 def _differences(solution: Solution) -> dict[str, Difference]:
-    measured = solution.differences
-    columns = (
-        measured.value_mm,
-        solution.difference_uncertainty_mm,
-        solution.predicted_mm,
-        measured.value_mm - solution.predicted_mm,
-    )
-    rows = list(zip(*(column.tolist() for column in columns), strict=True))
-    return {measured.names[k]: Difference(*rows[k]) for k in measured.published_rows}
+    measured, predicted = solution.differences, solution.predicted_mm
+    residual, u = measured.value_mm - predicted, solution.difference_uncertainty_mm
+    every = rows(Difference, measured.names, measured.value_mm, u, predicted, residual)
+    return {name: every[name] for name in (measured.names[k] for k in measured.published_rows)}
 
 
 class Covariance(Report):
@@ -122,13 +113,6 @@ class ToolErrors(Report):
     coverage_factor: float = at("tool_factor", "for both, 95 %")
 
 
-class LackOfFit(Report):
-    """Variance ratio and its p-value; null where it cannot be tested."""
-
-    statistic: float | None = None
-    p_value: float | None = None
-
-
 class WeakDirection(Report):
     """A combination of parameters and what it costs at the tool."""
 
@@ -156,9 +140,8 @@ class Covered:
 
 
 def _covered(found: MonteCarlo) -> dict[str, Covered]:
-    true, stated = found.error_covariance_mm2.diagonal(), found.predicted_mm2
-    rows = zip(found.names, found.covered.tolist(), true.tolist(), stated.tolist(), strict=True)
-    return {name: Covered(share, t**0.5, s**0.5) for name, share, t, s in rows}
+    variances = (found.error_covariance_mm2.diagonal(), found.predicted_mm2)
+    return rows(Covered, found.names, found.covered, *(one**0.5 for one in variances))
 
 
 class SimulatedSessions(Report):
@@ -196,8 +179,7 @@ class SolutionReport(Report):
         "noise; 1 if that is no more",
     )
     expanded_with_lack_of_fit_mm: Annotated[
-        dict[str, float],
-        made(lambda one: dict(zip(one.names, one.enlarged_expanded_mm.tolist(), strict=True))),
+        dict[str, float], made(lambda one: rows(float, one.names, one.enlarged_expanded_mm))
     ] = at("solved.solution", "expanded uncertainty (95 %) of each parameter then")
     lack_of_fit: Annotated[LackOfFit, made(lambda one: one.lack_of_fit or LackOfFit())] = at(
         "solved.solution"
@@ -213,11 +195,6 @@ class SolutionReport(Report):
     )
 
 
-def _values(solution: Solution) -> dict[str, float]:
-    measured = solution.differences
-    return {measured.names[k]: float(measured.value_mm[k]) for k in measured.published_rows}
-
-
 @dataclass(frozen=True)
 class BothValues:
     """A difference before and after the offsets were entered, mm; null: not measured."""
@@ -227,9 +204,11 @@ class BothValues:
 
 
 def _both(found: Comparison) -> dict[str, BothValues]:
-    later = _values(found.after.solution)
-    earlier = _values(found.before.solution)
-    return {name: BothValues(value, later.get(name)) for name, value in earlier.items()}
+    later = _differences(found.after.solution)
+    return {
+        name: BothValues(one.value, later[name].value if name in later else None)
+        for name, one in _differences(found.before.solution).items()
+    }
 
 
 FirstName = Annotated[str, made(lambda names: names[0])]

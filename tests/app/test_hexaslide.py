@@ -194,7 +194,7 @@ def test_postures_that_cannot_be_are_told(tmp_path: Path) -> None:
 def test_postures_before_and_after() -> None:
     verb = ("postures", "hexaslide", "--procedure", "pose-inverse", "--count", "9")
     found = json.loads(glidecal(*verb, "--criterion", "condition", "--starts", "1", "--json").out)
-    assert found.condition_number < 60.0 < found["start_condition_number"] / 10.0
+    assert found["condition_number"] < 60.0 < found["start_condition_number"] / 10.0
     assert len(found["postures"]) == 9
     for name, bound in {"x_m": 0.3, "theta_deg": 15.0, "phi_deg": 30.0}.items():
         assert all(abs(posture[name]) <= bound + 1e-9 for posture in found["postures"])

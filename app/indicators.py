@@ -27,7 +27,7 @@ SPEC = re.compile(r"(?P<profile>[\w-]+):(?P<port>.+?)(?:@(?P<axes>[^@/\\]*))?")
 FORM = "PROFILE:PORT or PROFILE:PORT@AXES, as in mitutoyo-01a:/dev/ttyUSB0@yx"
 
 OF_A_FILE = re.compile(
-    r"/dev/(?!.*\.\.)[ -~]+"
+    r"/dev/(?!.*(?:\.\.|\\))[ -~]+"
     r"|(?:\\\\\.\\)?(?:COM|CNC[AB])\d{1,3}"
     r"|socket://(?:127\.\d{1,3}\.\d{1,3}\.\d{1,3}|localhost|\[::1\]):\d{1,5}",
     re.ASCII | re.IGNORECASE,

@@ -18,12 +18,17 @@ TYPICAL_MM = (1.0, -0.8, 0.6, 0.03, -0.02, 0.01)
 """Some machine that is not perfect: effects that scale readings need readings to scale."""
 
 
-def alias_map(procedure: str, laws: Sequence[Law]) -> AliasMap:
-    """What this procedure cannot tell apart on the prototype. Raises UsageError, RecordError."""
-    machine = load_machine(None)
+def alias_map(
+    procedure: str | None, laws: Sequence[Law], machine_name: str | None = None
+) -> AliasMap:
+    """What this procedure cannot tell apart on a machine; None: the usual ones.
+
+    Raises UsageError, RecordError.
+    """
+    machine = load_machine(machine_name)
     model = Model(machine.geometry(), TYPICAL_MM)
     opened, readings = simulated_session(
-        load_procedure(procedure, machine.geometry()),
+        load_procedure(procedure or machine.usual_procedure, machine.geometry()),
         machine,
         model,
         seed=1,

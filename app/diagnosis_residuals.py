@@ -11,7 +11,7 @@ from app.diagnosing import Diagnosed, cases
 from calib.diagnosis.cleaning import Case, cleaned
 from calib.diagnosis.problem import Problem, Sitting
 from calib.errors import NotIdentifiable
-from calib.observations import LEG_NAMES, FloatArray, numbered, rows_of
+from calib.observations import LEG_NAMES, TOOL, TOUCHED_NAMES, FloatArray, numbered, rows_of
 from calib.orthoglide.effects.law import Placed
 
 SEEN = 2.0
@@ -22,6 +22,7 @@ SEEN = 2.0
 class Cell:
     """The mean residual of one leg, axis, station, displacement and side of approach, in mm.
 
+    One of the tool has a ``position_mm`` and no displacement or side.
     ``after_mm`` is None where nothing was named that could be adopted. ``noise_mm`` is the
     standard deviation of the mean.
     """
@@ -34,6 +35,7 @@ class Cell:
     before_mm: float
     after_mm: float | None
     noise_mm: float
+    position_mm: tuple[float, ...] | None = None
 
     @property
     def strength(self) -> float:
@@ -75,13 +77,15 @@ def _left_with(
 def _cells(problem: Problem, after_mm: FloatArray | None) -> tuple[Cell, ...]:
     before_mm = problem.y / problem.root_weight
     names = ("leg", "axis", "station", "displacement_mm", "approach")
-    keys = [problem.conditions(name).astype(np.float64).round(4) for name in names]
+    positions = problem.conditions("position_mm")
+    columns = [*(problem.conditions(name) for name in names), *positions.T]
+    keys = [column.astype(np.float64).round(4) for column in columns]
     found = []
     for rows in rows_of(numbered(*keys)):
-        leg, axis, station, displacement, approach = (float(key[rows[0]]) for key in keys)
+        leg, axis, station, displacement, approach, *position = (float(k[rows[0]]) for k in keys)
         found.append(
             Cell(
-                leg=LEG_NAMES[int(leg)],
+                leg=TOUCHED_NAMES[int(leg)],
                 axis=LEG_NAMES[int(axis)],
                 station=station,
                 displacement_mm=displacement,
@@ -89,6 +93,7 @@ def _cells(problem: Problem, after_mm: FloatArray | None) -> tuple[Cell, ...]:
                 before_mm=float(before_mm[rows].mean()),
                 after_mm=None if after_mm is None else float(after_mm[rows].mean()),
                 noise_mm=float(np.sqrt((problem.root_weight[rows] ** -2.0).sum()) / len(rows)),
+                position_mm=tuple(position) if leg == TOOL else None,
             )
         )
     return tuple(found)

@@ -68,7 +68,7 @@ class NextMeasurement:
 def next_measurement(
     sessions: Sequence[Path] = (),
     *,
-    machine_file: Path | None = None,
+    machine_file: Path | str | None = None,
     model_file: Path | None = None,
     noise_mm: float | None = None,
     minutes_per_mounting: float = 2.0,
@@ -99,7 +99,7 @@ def next_measurement(
 
 
 def _machine_and_model(
-    sessions: Sequence[Session], machine_file: Path | None, model_file: Path | None
+    sessions: Sequence[Session], machine_file: Path | str | None, model_file: Path | None
 ) -> tuple[Machine, Model]:
     if model_file and machine_file:
         raise UsageError("--model and --machine", "both", "one: a model brings its own machine")
@@ -115,6 +115,14 @@ def _machine_and_model(
                 "a machine or model file of the same machine, or none",
             )
         machine = own
+    of_tool = any(r.position_mm is not None for one in sessions for r in one.readings)
+    if of_tool or not machine.geometry().orthogonal:
+        raise UsageError(
+            "glidecal plan",
+            f"readings of the tool, or the machine '{machine.name}'",
+            "readings of legs, on drives that are square to each other",
+            "glidecal identifiability tells what a procedure of your own would see.",
+        )
     return machine, model or Model(machine.geometry())
 
 

@@ -114,6 +114,7 @@ class Indicators:
 
 def open_indicators(plan: Plan) -> Indicators:
     """Open every port, all or none. Raises UsageError before, IndicatorError at a port."""
+    refuse_plate(plan.procedure)
     check_indicators(plan.instruments)
     profiles = [profile_of(instrument) for instrument in plan.instruments]
     ports = tuple(instrument.port for instrument in plan.instruments)
@@ -146,6 +147,17 @@ def open_indicators(plan: Plan) -> Indicators:
             undo.callback(gauge.close)
         undo.pop_all()
     return Indicators(gauges, go, close_bench)
+
+
+def refuse_plate(procedure: Procedure) -> None:
+    """Raises UsageError for a procedure that no guided session can measure yet."""
+    if procedure.plate is not None:
+        raise UsageError(
+            f"guided session with {procedure.name}",
+            "readings of the tool against a plate",
+            "procedures that read legs",
+            "Measure by the list of --dry-run and read the table in with glidecal import.",
+        )
 
 
 def begin(plan: Plan, indicators: Indicators) -> GuidedSession:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -18,6 +19,7 @@ from calib.identifiability import Identifiability, Sensitivity, analyse, combina
 from calib.observations import FloatArray, IntArray
 from calib.postures import Candidates, Choice
 from protocols.errors import UsageError
+from protocols.machine_files import machine_names
 
 Coordinates = dict[str, float | str]
 """One posture: names with their unit, such as ``displacement_mm``."""
@@ -127,17 +129,17 @@ class PlannedMachine(Protocol):
         """For each combination ``(k,)`` the best added posture; None where none is known."""
 
 
-def _orthoglide(request: Request) -> PlannedMachine:
+def _of_three_drives(name: str, request: Request) -> PlannedMachine:
     from app.planning_orthoglide import OrthoglidePlanning
 
     own = (request.known, request.postures, request.posture_file)
     if request.measured or any(one is not None for one in own):
         raise UsageError(
             "--measured, --known, --postures and --posture-file",
-            "the machine orthoglide",
+            f"the machine {name}",
             "the machine hexaslide",
         )
-    return OrthoglidePlanning.of(request)
+    return OrthoglidePlanning.of(name, request)
 
 
 def _hexaslide(request: Request) -> PlannedMachine:
@@ -147,16 +149,19 @@ def _hexaslide(request: Request) -> PlannedMachine:
 
 
 MACHINES: dict[str, Callable[[Request], PlannedMachine]] = {
-    "orthoglide": _orthoglide,
+    **{name: partial(_of_three_drives, name) for name in machine_names()},
     "hexaslide": _hexaslide,
 }
 
 
 def planned_machine(name: str, request: Request) -> PlannedMachine:
-    """The machine of that name. Raises UsageError for a name that is not known."""
-    if name not in MACHINES:
-        raise UsageError("machine", repr(name), ", ".join(sorted(MACHINES)))
-    return MACHINES[name](request)
+    """The machine of that name, or of a file. Raises UsageError for a name that is not known."""
+    if name in MACHINES:
+        return MACHINES[name](request)
+    if not Path(name).suffix and not Path(name).exists():
+        names = ", ".join(sorted(MACHINES))
+        raise UsageError("machine", repr(name), f"{names}, or the path of a machine file")
+    return _of_three_drives(name, request)
 
 
 @dataclass(frozen=True, eq=False)

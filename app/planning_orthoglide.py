@@ -1,4 +1,4 @@
-"""The Orthoglide's side of `app.planning`: its procedures, candidates and files."""
+"""The side of machines with three drives of `app.planning`: procedures, candidates, files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from calib.errors import NotIdentifiable
 from calib.fit import without_zeros
 from calib.leg_refinement import move_off_grid
 from calib.noise import IndicatorFigures, Noise, reading_weights, visits
-from calib.observations import LEG_NAMES, FloatArray, IntArray, Observations
+from calib.observations import LEG_NAMES, TOUCHED_NAMES, FloatArray, IntArray, Observations
 from calib.orthoglide.geometry import TOLERANCE_MM, Geometry
 from calib.orthoglide.model import Model
 from calib.orthoglide.pipeline import derivatives
@@ -86,6 +86,7 @@ def planned_readings(procedure: Procedure, machine: Machine) -> Observations:
 class OrthoglidePlanning:
     """A machine file, a procedure and a noise."""
 
+    name: str
     machine: Machine
     procedure: Procedure
     noise: Noise
@@ -93,17 +94,13 @@ class OrthoglidePlanning:
     minutes_per_mounting: float
 
     @classmethod
-    def of(cls, request: Request) -> OrthoglidePlanning:
+    def of(cls, name: str, request: Request) -> OrthoglidePlanning:
         """From names and paths. Raises UsageError and RecordError."""
-        machine = load_machine(request.machine_file)
-        procedure = load_procedure(request.procedure, machine.geometry())
+        machine = load_machine(request.machine_file or name)
+        wanted = request.procedure or machine.usual_procedure
+        procedure = load_procedure(wanted, machine.geometry())
         noise, words = stated_noise(machine, request.noise_mm)
-        return cls(machine, procedure, noise, words, request.minutes_per_mounting)
-
-    @property
-    def name(self) -> str:
-        """The kind of machine."""
-        return "orthoglide"
+        return cls(name, machine, procedure, noise, words, request.minutes_per_mounting)
 
     def examine(self) -> Examined:
         """Readings of the procedure with a free zero for each mounting."""
@@ -111,7 +108,7 @@ class OrthoglidePlanning:
         visited, weight, design = self._readings()
         steps = self.procedure.steps(geometry)
         axes = zip(visited.axis, visited.leg, strict=True)
-        names = [f"{LEG_NAMES[axis]}_{LEG_NAMES[leg]}" for axis, leg in axes]
+        names = [f"{LEG_NAMES[axis]}_{TOUCHED_NAMES[leg]}" for axis, leg in axes]
         mountings = len({step.place for step in steps})
         minutes = self.procedure.duration_s(geometry) / 60.0
         return Examined(
@@ -135,7 +132,16 @@ class OrthoglidePlanning:
         return visited, reading_weights(visited, self.noise), design
 
     def pool(self) -> OrthoglidePool:
-        """All legs, displacements, sides of approach and stations."""
+        """All legs, displacements, sides of approach and stations.
+
+        Raises UsageError where the tool is read instead.
+        """
+        if self.procedure.plate is not None:
+            raise UsageError(
+                f"optimum postures with {self.procedure.name}",
+                "readings of the tool against a plate",
+                "a procedure that reads legs",
+            )
         pool = leg_pool(self.machine.geometry())
         return OrthoglidePool(self, pool)
 
@@ -143,8 +149,13 @@ class OrthoglidePlanning:
         """Mean square of the tool's movement over the workspace."""
         return tool_metric(self.machine.geometry())
 
-    def cures(self, vectors: Sequence[FloatArray]) -> tuple[Cure, ...]:
-        """The best one of a level added to a mounting, or a new mounting read there and at Zero."""
+    def cures(self, vectors: Sequence[FloatArray]) -> tuple[Cure | None, ...]:
+        """The best one of a level added to a mounting, or a new mounting read there and at Zero.
+
+        None where the tool is read: no more positions show what one set-up cannot.
+        """
+        if self.procedure.plate is not None:
+            return (None,) * len(vectors)
         stations = tuple(dict.fromkeys([*self.procedure.stations, *STATIONS]))
         pool = leg_pool(self.machine.geometry(), stations=stations, both_ways=False)
         visited, weight, design = self._readings()

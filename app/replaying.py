@@ -294,7 +294,7 @@ def _numbered(events: Sequence[Event]) -> tuple[Event, ...]:
 
 def _table_steps(events: Sequence[Event]) -> tuple[Step, ...]:
     return tuple(
-        Step(r.reading, r.leg, r.displacement_mm, r.cycle, r.station, (r.axis,))
+        Step(r.reading, r.leg, r.displacement_mm, r.cycle, r.station, (r.axis,), r.position_mm)
         for r in events
         if isinstance(r, Reading)
     )

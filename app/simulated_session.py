@@ -40,7 +40,8 @@ def simulated_session(
         origin="simulated",
         machine=machine,
         procedure=procedure,
-        instruments=(Instrument(profile=SIMULATED, resolution_mm=resolution_mm or None),) * 2,
+        instruments=(Instrument(profile=SIMULATED, resolution_mm=resolution_mm or None),)
+        * (1 if procedure.plate else 2),
         seed=seed,
     )
     blank = _blank_readings(procedure, machine, resolution_mm)
@@ -78,6 +79,8 @@ def _blank_readings(
             leg=step.leg,
             axis=axis,
             displacement_mm=step.displacement_mm,
+            position_mm=step.position_mm,
+            lift_mm=procedure.plate.lift_mm or None if procedure.plate else None,
             value_mm=0.0,
             text="0",
             cycle=step.cycle,

@@ -173,7 +173,7 @@ def _alone(names: Sequence[str], sessions: Sequence[Session]) -> tuple[Alone, ..
         found += [
             Alone(name, tuple(readings))
             for readings in mountings.values()
-            if len({reading.displacement_mm for reading in readings}) == 1
+            if len({reading.posture_mm for reading in readings}) == 1
         ]
     return tuple(found)
 

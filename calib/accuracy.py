@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.observations import FloatArray
 from calib.orthoglide.geometry import Geometry
-from calib.orthoglide.workspace import tool_jacobian_at, workspace_jacobian
+from calib.orthoglide.workspace import tool_jacobian_at, workspace_axes, workspace_jacobian
 
 Decision = Literal["pass", "fail", "undecided"]
 
@@ -61,11 +61,15 @@ def _mean_squares(
 
 @dataclass(frozen=True, eq=False)
 class ToolMap:
-    """Expected tool error ``(n, n)`` on a plane through Zero, over two coordinates ``(n,)``, mm."""
+    """Expected tool error ``(n, n)`` on a plane through Zero, mm, rows upwards.
+
+    ``coordinate_mm`` ``(n,)`` are places across, ``up_mm`` ``(n,)`` upwards.
+    """
 
     across: str
     up: str
     coordinate_mm: FloatArray
+    up_mm: FloatArray
     error_mm: FloatArray
 
 
@@ -77,14 +81,15 @@ def tool_map(
     points: int = 17,
 ) -> ToolMap:
     """Where in a plane the tool stands worse: r.m.s. distance at each place."""
-    axis = np.linspace(geometry.travel_min_mm, geometry.travel_max_mm, points)
+    axes = workspace_axes(geometry, points)
+    across, up = axes[plane[0]], axes[plane[1]]
     tool = np.zeros((points, points, 3))
-    tool[:, :, plane[0]] = axis[None, :]
-    tool[:, :, plane[1]] = axis[:, None]
+    tool[:, :, plane[0]] = across[None, :]
+    tool[:, :, plane[1]] = up[:, None]
     jacobian = tool_jacobian_at(geometry, tool.reshape(-1, 3))
     square = _mean_squares(jacobian, error_mm, covariance_mm2)
-    names = "xyz"
-    return ToolMap(names[plane[0]], names[plane[1]], axis, np.sqrt(square).reshape(points, points))
+    error = np.sqrt(square).reshape(points, points)
+    return ToolMap("xyz"[plane[0]], "xyz"[plane[1]], across, up, error)
 
 
 def decide(found: ToolError, tolerance_mm: float, coverage_factor: float) -> Decision:

@@ -158,11 +158,12 @@ def _coverage(spread: Propagated) -> FloatArray:
 def _refuse_impossible(model: Model, fit: Fit) -> None:
     """A parameter as long as a leg belongs to no machine of this kind."""
     worst = float(np.abs(fit.parameters_mm).max())
-    if not worst < model.geometry.leg_length_mm:
+    shortest = min(model.geometry.leg_length_mm)
+    if not worst < shortest:
         raise NotIdentifiable(
             "identified parameters",
             f"a value of {worst:.3g} mm",
-            f"less than the leg length {model.geometry.leg_length_mm:g} mm",
+            f"less than the leg length {shortest:g} mm",
             "Look for a wrong reading or unit.",
         )
 

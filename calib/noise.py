@@ -122,7 +122,7 @@ def reading_weights(observed: Observations, noise: Noise | None) -> FloatArray:
     """
     if noise is None:
         return observed.averaged
-    place = observed.posture
+    place = observed.level
     together = np.bincount(place, observed.averaged)[place]
     shown = np.array([one.shown_mm2 for one in noise.indicators])[observed.indicator]
     return np.asarray(
@@ -175,16 +175,15 @@ def visits(observed: Observations) -> Observations:
 def visit_numbers(observed: Observations) -> IntArray:
     """Number of the visit that each reading ``(n_readings,)`` belongs to, counted as they begin."""
     visit = np.zeros(len(observed), dtype=np.intp)
-    last: dict[int, tuple[float, int]] = {}
+    last: dict[int, tuple[int, int]] = {}
     count = 0
-    for row, (mount, displacement) in enumerate(
-        zip(observed.mount, observed.displacement_mm, strict=True)
-    ):
-        before = last.get(int(mount))
-        if before is None or before[0] != displacement:
-            before = (float(displacement), count)
+    pairs = zip(observed.mount.tolist(), observed.level.tolist(), strict=True)
+    for row, (mount, posture) in enumerate(pairs):
+        before = last.get(mount)
+        if before is None or before[0] != posture:
+            before = (posture, count)
             count += 1
-        last[int(mount)] = before
+        last[mount] = before
         visit[row] = before[1]
     return visit
 

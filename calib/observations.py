@@ -4,28 +4,42 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 LEG_NAMES = ("x", "y", "z")
 
+TOOL = -1
+"""In the place of a leg: the indicator reads the tool itself, as against a plate."""
+
+TOUCHED_NAMES = (*LEG_NAMES, "tool")
+"""What an indicator touches, by the number of the leg; `TOOL` is the last."""
+
+TOUCHED_LETTERS = (*LEG_NAMES, "t")
+"""The same as the first letter of a place such as ``xy`` or ``tz``."""
+
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
     """How each reading was taken, without its value. All arrays have shape ``(n_readings,)``.
 
-    ``leg`` and ``axis`` are 0, 1, 2 for x, y, z. ``displacement_mm`` is the commanded displacement
-    of the tool from Zero along the leg's axis. ``station`` is the touched point at Zero as a
-    fraction of the leg's length from the tool end. ``approach`` is +1 or -1 for the sign of the
-    last movement of the carriage and 0 where it is not known. ``mount`` numbers the mountings from
-    0 without gaps; readings of one mounting share one unknown zero. ``indicator`` numbers the
-    indicators, which may scatter differently. ``time_s`` and ``temperature_c`` hold NaN where they
-    were not measured.
+    ``leg`` and ``axis`` are 0, 1, 2 for x, y, z; a leg of `TOOL` reads the tool itself.
+    ``displacement_mm`` is the commanded displacement of the tool from Zero along the leg's axis.
+    ``station`` is the touched point at Zero as a fraction of the leg's length from the tool end.
+    ``approach`` is +1 or -1 for the sign of the last movement of the carriage and 0 where it is not
+    known. ``mount`` numbers the mountings from 0 without gaps; readings of one mounting share one
+    unknown zero. ``indicator`` numbers the indicators, which may scatter differently. ``time_s``
+    and ``temperature_c`` hold NaN where they were not measured.
+
+    Of readings of the tool, ``position_mm`` ``(n_readings, 3)`` is the commanded tool position from
+    Zero and ``movement`` ``(n_readings, 3)`` the sign of each carriage's last movement; station,
+    displacement and approach are 0. Both are 0 for readings of legs.
     """
 
     leg: IntArray
@@ -38,6 +52,8 @@ class Conditions:
     temperature_c: FloatArray
     mount: IntArray
     indicator: IntArray
+    position_mm: FloatArray
+    movement: FloatArray
 
     def __len__(self) -> int:
         return len(self.leg)
@@ -50,15 +66,36 @@ class Conditions:
             arrays[name] = numbered(arrays[name])
         return replace(self, **arrays)
 
+    @cached_property
+    def level(self) -> IntArray:
+        """Numbers ``(n_readings,)`` of what the controller was told, by displacement first."""
+        return numbered(self.displacement_mm, *self.position_mm.T)
+
+    @property
+    def approach_known(self) -> NDArray[np.bool_]:
+        """Whether the last movement of a carriage is known ``(n_readings,)``."""
+        return np.asarray((self.approach != 0.0) | self.movement.any(axis=1))
+
+    @property
+    def at_zero(self) -> NDArray[np.bool_]:
+        """Whether the tool is commanded to Zero ``(n_readings,)``."""
+        return np.asarray((self.displacement_mm == 0.0) & ~self.position_mm.any(axis=1))
+
+    def posture_words(self, row: int) -> str:
+        """``+60 mm`` for a leg, ``(0, 35, 10) mm`` for the tool."""
+        if self.leg[row] == TOOL:
+            return f"({', '.join(f'{v:g}' for v in self.position_mm[row])}) mm"
+        return f"{self.displacement_mm[row]:+g} mm"
+
     @property
     def posture(self) -> IntArray:
         """Numbers ``(n_readings,)`` of the groups of one mounting in one posture."""
-        return numbered(self.mount, self.displacement_mm)
+        return numbered(self.mount, self.level)
 
     @property
     def cell(self) -> IntArray:
         """Numbers ``(n_readings,)`` of the groups of a posture approached from one side."""
-        return numbered(self.mount, self.displacement_mm, self.approach)
+        return numbered(self.mount, self.level, self.approach, *self.movement.T)
 
     @property
     def mountings(self) -> list[IntArray]:
@@ -134,7 +171,20 @@ def conditions(
         temperature_c=np.full(n, np.nan),
         mount=np.asarray(mounts, dtype=np.intp),
         indicator=np.zeros(n, dtype=np.intp),
+        position_mm=np.zeros((n, 3)),
+        movement=np.zeros((n, 3)),
     )
+
+
+def tool_conditions(position_mm: ArrayLike, axis: int = 2) -> Conditions:
+    """Conditions of readings of the tool at positions ``(n_readings, 3)`` from Zero, mm.
+
+    One mounting, along one coordinate; else as `conditions`.
+    """
+    position = np.asarray(position_mm, dtype=np.float64)
+    n = len(position)
+    plain = conditions([TOOL] * n, [axis] * n, [0.0] * n, station=0.0)
+    return replace(plain, position_mm=position)
 
 
 def observe(

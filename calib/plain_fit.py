@@ -15,7 +15,7 @@ from calib.linalg import EXACT_BLIND, without_means
 from calib.newton import Evaluate, Optimum, minimise
 from calib.observations import FloatArray, IntArray, Observations
 from calib.orthoglide.model import Model
-from calib.orthoglide.plain import PlainDesign
+from calib.orthoglide.plain import PlainDesign, plain_design
 
 COMPLEX_STEP_MM = 1e-30
 
@@ -49,7 +49,7 @@ class PlainFit:
         average = np.zeros((len(first), len(observed)))
         average[place, np.arange(len(observed))] = weight / total[place]
         places = observed.take(first)
-        design = PlainDesign.of(model.geometry, places)
+        design = plain_design(model.geometry, places)
         centred = without_means(places.mount, total, np.eye(len(total)))
         whiten = np.asarray(np.sqrt(total)[:, None] * centred)
         base = np.array(model.parameters_mm)[:, None]

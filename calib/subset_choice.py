@@ -110,10 +110,16 @@ def left_after(solutions: dict[Subset, Solution], subset: Subset) -> tuple[Float
     """What the parameters are off by with a subset entered: bias ``(6,)``, covariance ``(6, 6)``.
 
     The bias is what the full set would still change, made smaller until its mean square at the
-    tool is the part that chance does not explain; none where the full set is not determined.
+    tool is the part that chance does not explain; none where the full set is not determined. Where
+    not even joint offsets are, the parameters held by tolerances say what is left.
     """
     solution, full = solutions[subset], solutions.get("both")
     factor = noise_factor(solutions, subset)
+    held = solutions.get("with-tolerances")
+    if held is not None and not {"both", "joint-offsets"} & solutions.keys():
+        # a plain set alone would take what it leaves out for perfect
+        shift = np.array(held.model.parameters_mm) - np.array(solution.model.parameters_mm)
+        return shift, full_covariance(held, held.spread)
     covariance = full_covariance(solution, factor)
     if full is None or subset == "both":
         return np.zeros(len(PARAMETER_NAMES)), covariance

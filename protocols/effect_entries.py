@@ -8,8 +8,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import AwareDatetime, Field
 
-from calib.observations import conditions
-from calib.orthoglide.effects.actuators import with_machine_lead
+from calib.observations import TOOL, conditions
+from calib.orthoglide.effects.catalogue import laws_of
 from calib.orthoglide.effects.empirical import BASES, EMPIRICAL, empirical_law
 from calib.orthoglide.effects.kinds import EffectParameter
 from calib.orthoglide.effects.law import Law, Placed
@@ -121,7 +121,7 @@ def placed_effects(
     for name, parameter in entry.parameters.items():
         base = parameter.of or name
         _check_unit(law, base, parameter, f"{thing}, {entry.id}, {name}")
-        for place in _places(entry, parameter, law, thing):
+        for place in _places(entry, parameter, law, geometry, thing):
             values.setdefault(place, {})[base] = parameter.value
     names = [parameter.name for parameter in law.parameters]
     for place, given in values.items():
@@ -138,7 +138,7 @@ def _law_of(entry: EffectEntry, laws: Sequence[Law], geometry: Geometry, thing: 
     """The variant of the law that has these parameters."""
     if entry.id == EMPIRICAL:
         return _unnamed_law(entry, thing)
-    variants = [law for law in (*laws, *with_machine_lead(laws, geometry)) if law.id == entry.id]
+    variants = [law for law in (*laws_of(laws, geometry), *laws) if law.id == entry.id]
     if not variants:
         raise RecordError(
             f"{thing}, effect",
@@ -177,8 +177,12 @@ def _check_unit(law: Law, base: str, given: ParameterEntry, thing: str) -> None:
         raise RecordError(f"{thing}, unit", repr(given.unit), known[base].unit)
 
 
-def _places(entry: EffectEntry, parameter: ParameterEntry, law: Law, thing: str) -> tuple[str, ...]:
-    known = law.places(conditions([0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1], np.zeros(6).tolist()))
+def _places(
+    entry: EffectEntry, parameter: ParameterEntry, law: Law, geometry: Geometry, thing: str
+) -> tuple[str, ...]:
+    legs = ([0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]) if geometry.orthogonal else ([], [])
+    at = [*legs[0], TOOL, TOOL, TOOL], [*legs[1], 0, 1, 2]
+    known = law.places(conditions(*at, np.zeros(len(at[0])).tolist()))
     every = known if entry.where == "all" else (entry.where,)
     wanted = parameter.places or every
     unknown = [place for place in wanted if place not in known]

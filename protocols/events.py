@@ -19,7 +19,7 @@ from protocols.documents import (
     Seed,
 )
 from protocols.machine import Instrument, Machine
-from protocols.procedure import Leg, Procedure, Step
+from protocols.procedure import Leg, Procedure, Step, Touched, Triple, position_words
 
 SCHEMA = "glidecal.session/1"
 FIRST_DIGEST = "0" * 64
@@ -89,7 +89,7 @@ class Mounted(Line):
     """The stand was set up: from here on these mountings have a new zero."""
 
     event: Literal["mounted"] = "mounted"
-    leg: Leg
+    leg: Touched
     station: Annotated[float, Field(ge=0.0, le=1.0)]
     mounts: dict[Leg, Name]
 
@@ -98,14 +98,18 @@ class Reading(Line):
     """One value of one indicator, with the text that the device or the table gave.
 
     ``time_s`` counts from the beginning of the session by a clock that nobody sets.
+    A reading of the tool stands at ``position_mm`` from Zero, its displacement and station are 0;
+    where the tool came to it along the axis, ``lift_mm`` is from how far.
     """
 
     event: Literal["reading"] = "reading"
     reading: Annotated[int, Field(ge=1)]
     step: Count | None = None
-    leg: Leg
+    leg: Touched
     axis: Leg
     displacement_mm: LengthMm
+    position_mm: Triple | None = None
+    lift_mm: Annotated[float, Field(ge=0.0, le=1000.0)] | None = None
     value_mm: LengthMm
     text: str
     cycle: Count = 1
@@ -118,10 +122,24 @@ class Reading(Line):
     unit_assumed: bool = False
     extra: dict[Name, Name] = Field(default_factory=dict)
 
+    @property
+    def posture_mm(self) -> tuple[float, Triple | None]:
+        """What the controller was told."""
+        return self.displacement_mm, self.position_mm
+
+    @property
+    def place_words(self) -> str:
+        """``leg X at +60 mm``, or ``the tool at (0, 30, 0) mm``."""
+        if self.position_mm is not None:
+            return f"the tool at {position_words(self.position_mm)}"
+        return f"leg {self.leg.upper()} at {self.displacement_mm:+g} mm"
+
     @model_validator(mode="after")
     def _across_the_leg(self) -> Reading:
         if self.axis == self.leg:
             raise ValueError(f"axis {self.axis} lies along the leg")
+        if (self.leg == "tool") != (self.position_mm is not None):
+            raise ValueError("position_mm: a reading of the tool has one, one of a leg has none")
         return self
 
 

@@ -1,4 +1,4 @@
-"""The machine file: what is known of one Orthoglide before measuring."""
+"""The machine file: what is known of one machine of the family before measuring."""
 
 from __future__ import annotations
 
@@ -11,13 +11,29 @@ from pydantic import Field, field_validator, model_validator
 
 from calib.errors import CalibrationError
 from calib.orthoglide.geometry import Geometry
-from protocols.documents import Document, FigureMm, LengthMm, Name, Tolerance, read_toml
+from protocols.documents import Document, FigureMm, LengthMm, Name, Tolerance, read_text, read_toml
+from protocols.errors import RecordError, UsageError
+from protocols.machine_files import (
+    SCHEMA,
+    USUAL_MACHINE,
+    machine_names,
+    schema_of,
+    shipped_file,
+)
 
 Length = Annotated[float, Field(ge=0.001, le=100_000.0)]
 Triple = tuple[LengthMm, LengthMm, LengthMm]
 
-LEAST_GRAVITY = 1e-6
+LEAST_LENGTH = 1e-6
 """A shorter vector tells no direction."""
+
+USUAL_PROCEDURE = "zero-max-min"
+
+
+def _somewhere(vector: Triple) -> Triple:
+    if math.hypot(*vector) < LEAST_LENGTH:
+        raise ValueError("a direction, such as [0.0, 0.0, -1.0], not of length 0")
+    return vector
 
 
 class Instrument(Document):
@@ -38,8 +54,39 @@ class Instrument(Document):
     request: str | None = None
 
 
+class Drive(Document):
+    """One linear drive with its bar: x, y and z in this order.
+
+    The line of the carriage's joint starts at ``origin_mm``, where its coordinate is 0, and runs
+    along ``direction``, of any length; the carriage is ahead of the platform. ``platform_mm`` is
+    where the bar is held, from the tool; ``leg_length_mm`` is this bar's own length.
+    """
+
+    origin_mm: Triple
+    direction: Triple
+    platform_mm: Triple = (0.0, 0.0, 0.0)
+    leg_length_mm: Length | None = None
+
+    @field_validator("direction")
+    @classmethod
+    def _points_somewhere(cls, direction: Triple) -> Triple:
+        return _somewhere(direction)
+
+
+ZERO: Triple = (0.0, 0.0, 0.0)
+ORTHOGLIDE_DRIVES = (
+    Drive(origin_mm=ZERO, direction=(1.0, 0.0, 0.0)),
+    Drive(origin_mm=ZERO, direction=(0.0, 1.0, 0.0)),
+    Drive(origin_mm=ZERO, direction=(0.0, 0.0, 1.0)),
+)
+
+
 class Machine(Document):
     """One machine: geometry in mm, and what its controller holds.
+
+    Without ``drive`` it is an Orthoglide along the coordinates. ``workspace_mm`` is the box that
+    errors of the tool are judged over, lowest and highest corner from Zero; with ``set_at_zero``
+    they count from the tool's place at Zero. ``procedure`` is taken where none is named.
 
     ``home_offset_mm`` are the controller's present HOME_OFFSET values, needed to write new ones;
     ``entered_offsets_mm`` are joint offsets already entered when the session is measured;
@@ -68,13 +115,15 @@ class Machine(Document):
     screw_lead_mm: Annotated[float, Field(ge=0.001, le=1000.0)] | None = None
     mdi: Literal["tool", "joint"] = "tool"
     indicator: tuple[Instrument, ...] = ()
+    drive: tuple[Drive, Drive, Drive] | None = None
+    workspace_mm: tuple[Triple, Triple] | None = None
+    set_at_zero: bool | None = None
+    procedure: str | None = None
 
     @field_validator("gravity")
     @classmethod
     def _pulls_somewhere(cls, gravity: Triple) -> Triple:
-        if math.hypot(*gravity) < LEAST_GRAVITY:
-            raise ValueError("a direction, such as [0.0, 0.0, -1.0]")
-        return gravity
+        return _somewhere(gravity)
 
     @model_validator(mode="after")
     def _possible(self) -> Machine:
@@ -88,10 +137,17 @@ class Machine(Document):
         """Tolerance of each base parameter, in their order."""
         return (self.offset_tolerance_mm,) * 3 + (self.length_tolerance_mm,) * 3
 
+    @property
+    def usual_procedure(self) -> str:
+        """The procedure that is taken where none is named."""
+        return self.procedure or USUAL_PROCEDURE
+
     def geometry(self) -> Geometry:
         """The nominal geometry for the mathematics."""
+        x, y, z = self.drive or ORTHOGLIDE_DRIVES
+        lengths = [one.leg_length_mm or self.leg_length_mm for one in (x, y, z)]
         return Geometry(
-            leg_length_mm=self.leg_length_mm,
+            leg_length_mm=(lengths[0], lengths[1], lengths[2]),
             travel_max_mm=self.travel_max_mm,
             travel_min_mm=self.travel_min_mm,
             parallelogram_width_mm=self.parallelogram_width_mm,
@@ -99,6 +155,11 @@ class Machine(Document):
             gravity=_direction(self.gravity),
             screw_lead_mm=self.screw_lead_mm,
             load=self.load,
+            origin_mm=(x.origin_mm, y.origin_mm, z.origin_mm),
+            direction=(_direction(x.direction), _direction(y.direction), _direction(z.direction)),
+            platform_mm=(x.platform_mm, y.platform_mm, z.platform_mm),
+            workspace_mm=self.workspace_mm,
+            set_at_zero=self.set_at_zero or False,
         )
 
 
@@ -108,9 +169,29 @@ def _direction(vector: Triple) -> Triple:
     return x, y, z
 
 
-def load_machine(path: Path | None) -> Machine:
-    """The machine of a TOML file; without one the prototype of the papers. Raises RecordError."""
-    if path is not None:
+def load_machine(wanted: Path | str | None) -> Machine:
+    """A machine by name, or from a TOML file; None: the prototype of the papers.
+
+    Raises UsageError for an unknown name and RecordError for a file that cannot be used.
+    """
+    name = USUAL_MACHINE if wanted is None else str(wanted)
+    if name in machine_names():
+        with resources.as_file(shipped_file(name)) as found:
+            return _read(found)
+    path = Path(name)
+    if path.name == name and not path.suffix and not path.exists():
+        allowed = f"{', '.join(machine_names())}, or the path of a machine file"
+        raise UsageError("machine", repr(name), allowed)
+    return _read(path)
+
+
+def _read(path: Path) -> Machine:
+    try:
         return read_toml(path, Machine, "machine file")
-    with resources.as_file(resources.files("protocols") / "machines" / "orthoglide.toml") as found:
-        return read_toml(found, Machine, "machine file")
+    except RecordError as problem:
+        schema = schema_of(read_text(path, "machine file"))
+        if not schema.startswith("glidecal.") or schema == SCHEMA:
+            raise
+        raise RecordError(
+            f"machine file {path}", f"schema {schema}, another kind of machine", SCHEMA
+        ) from problem

@@ -172,7 +172,7 @@ def to_model(found: ModelFile, thing: str, laws: Sequence[Law] = CATALOGUE) -> M
 
 
 def _check_parameters(found: ModelFile, thing: str) -> None:
-    longest = found.machine.leg_length_mm
+    longest = min(found.machine.geometry().leg_length_mm)
     for name, value in found.parameters_mm.items():
         if name not in PARAMETER_NAMES:
             raise RecordError(thing, name, ", ".join(PARAMETER_NAMES))

@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from calib.errors import NotIdentifiable
-from calib.observations import Observations
+from calib.observations import FloatArray, Observations
+from calib.orthoglide.pipeline import carriage_movement
 from protocols.errors import UsageError
 from protocols.events import Reading
 from protocols.procedure import leg_number
@@ -25,7 +26,9 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
     rows: list[tuple[str, Reading, float]] = []
     indicators: list[str] = []
     times_s: list[float] = []
+    movement: list[FloatArray] = []
     for number, session in enumerate(sessions):
+        movement.append(_movements(session))
         rows += [
             (f"{number}/{reading.mount}", reading, approach)
             for reading, approach in zip(session.readings, _approaches(session), strict=True)
@@ -50,6 +53,8 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
         ),
         mount=np.array([mounts[name] for name, _, _ in rows], dtype=np.intp),
         indicator=np.array([used[name] for name in indicators], dtype=np.intp),
+        position_mm=np.array([r.position_mm or (0.0, 0.0, 0.0) for r in readings]),
+        movement=np.concatenate(movement),
         value_mm=np.array([r.value_mm for r in readings]),
         averaged=np.array([float(r.averaged) for r in readings]),
     )
@@ -89,6 +94,30 @@ def _approaches(session: Session) -> list[float]:
             last = moved or last
             found[after.reading] = last
     return [found.get(reading.reading, 0.0) for reading in session.readings]
+
+
+def _movements(session: Session) -> FloatArray:
+    """Signs ``(n, 3)`` of each carriage's last movement before each reading of the tool.
+
+    From the rows of its mounting, or along the axis where the tool lifts off in between.
+    """
+    found = {reading.reading: np.zeros(3) for reading in session.readings}
+    geometry = session.opened.machine.geometry()
+    by_mount: dict[str, list[Reading]] = {}
+    for reading in session.all_readings:
+        if reading.position_mm is not None:
+            by_mount.setdefault(reading.mount, []).append(reading)
+    for members in by_mount.values():
+        there = np.array([reading.position_mm for reading in members])
+        before = np.vstack([there[:1], there[:-1]])
+        lifted = np.array([reading.lift_mm or 0.0 for reading in members])[:, None]
+        above = there + lifted * np.eye(3)[[leg_number(r.axis) for r in members]]
+        moved = carriage_movement(geometry, np.where(lifted > 0.0, above, before), there)
+        last = np.zeros(3)
+        for reading, one in zip(members, moved, strict=True):
+            last = np.where(one != 0.0, one, last)
+            found[reading.reading] = last
+    return np.array([found[reading.reading] for reading in session.readings]).reshape(-1, 3)
 
 
 def _check_same_machine(sessions: Sequence[Session]) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import random
+import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -12,8 +14,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from calib.observations import LEG_NAMES
+from calib.errors import UnreachablePosture
+from calib.observations import LEG_NAMES, TOOL
 from calib.orthoglide.geometry import Geometry
+from calib.orthoglide.kinematics import inverse
 from protocols.documents import (
     Document,
     LengthMm,
@@ -28,15 +32,66 @@ from protocols.errors import RecordError, UsageError
 from protocols.toml_lines import line_of
 
 Leg = Literal["x", "y", "z"]
+Touched = Literal["x", "y", "z", "tool"]
+"""A leg, or the tool itself, as against a plate."""
+Triple = tuple[LengthMm, LengthMm, LengthMm]
 Level = Literal["zero", "max", "min"] | LengthMm
 
 
 MOST_STEPS = 20_000
 """Four days of measuring at 20 s a step."""
 
+ZERO: Triple = (0.0, 0.0, 0.0)
 ALL_AXES: tuple[Leg, ...] = ("x", "y", "z")
 BOTH = ("xyz", "xyz")
 """Two indicators that may measure along any axis."""
+
+
+class Plate(Document):
+    """Readings of the tool along one coordinate, as against a plate, instead of readings of legs.
+
+    Positions from Zero are the corners of a regular figure of ``points`` on each circle of
+    ``radii_mm`` (0: its middle) at each of ``heights_mm`` along ``axis``, then ``positions_mm``.
+    Before each reading the tool lifts off by ``lift_mm`` along ``axis``; 0: it slides there.
+    """
+
+    axis: Leg = "z"
+    radii_mm: tuple[Annotated[float, Field(ge=0.0, le=10_000.0)], ...] = ()
+    points: Annotated[int, Field(ge=2, le=1000)] = 6
+    heights_mm: Annotated[
+        tuple[Annotated[float, Field(ge=-10_000.0, le=10_000.0)], ...], Field(min_length=1)
+    ] = (0.0,)
+    positions_mm: tuple[Triple, ...] = ()
+    lift_mm: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
+
+    @model_validator(mode="after")
+    def _differ(self) -> Plate:
+        corners = sum(self.points if radius else 1 for radius in self.radii_mm)
+        count = len(self.heights_mm) * corners + len(self.positions_mm)
+        if count > MOST_STEPS:
+            raise ValueError(f"{count} positions; up to {MOST_STEPS} can be measured")
+        if len(set(self.places_mm())) < 2:
+            raise ValueError("one position only; at least two different ones are needed")
+        return self
+
+    def places_mm(self) -> list[Triple]:
+        """Every position in the order given, mm."""
+        return [
+            *(
+                self._place(radius, number, height)
+                for height in self.heights_mm
+                for radius in self.radii_mm
+                for number in range(self.points if radius else 1)
+            ),
+            *self.positions_mm,
+        ]
+
+    def _place(self, radius: float, number: int, height: float) -> Triple:
+        """The first corner lies along the second of the other coordinates; on a micrometre."""
+        angle = math.tau * (0.25 + number / self.points)
+        across = iter((round(radius * math.cos(angle), 3), round(radius * math.sin(angle), 3)))
+        x, y, z = (height if name == self.axis else next(across) + 0.0 for name in ALL_AXES)
+        return x, y, z
 
 
 class Procedure(Document):
@@ -44,7 +99,8 @@ class Procedure(Document):
 
     With ``order = "free"`` the levels after Zero may be shuffled in each cycle; ``random_seed``
     does it. Readings are stable when they stay within ``tolerance_mm`` for ``window_s``; a reading
-    further than ``repeat_limit_mm`` from earlier repeats of its posture is questioned.
+    further than ``repeat_limit_mm`` from earlier repeats of its posture is questioned. With
+    ``plate`` the tool itself is read at positions; then there are no legs, stations and levels.
     """
 
     schema_id: Literal["glidecal.procedure/1"] = Field(alias="schema")
@@ -56,7 +112,8 @@ class Procedure(Document):
         tuple[Annotated[float, Field(gt=0.0, lt=1.0)], ...], Field(min_length=1)
     ] = (0.5,)
     cycles: Annotated[int, Field(ge=1, le=100)]
-    levels: Annotated[tuple[Level, ...], Field(min_length=2)]
+    levels: tuple[Level, ...] = ()
+    plate: Plate | None = None
     return_to_zero: bool = True
     seconds_per_step: Annotated[Seconds, Field(gt=0.0)] = 20.0
     order: Literal["fixed", "free"] = "fixed"
@@ -68,9 +125,13 @@ class Procedure(Document):
     @model_validator(mode="after")
     def _sensible(self) -> Procedure:
         levels = [0.0 if level == "zero" else level for level in self.levels]
-        if len(set(levels)) < 2:
+        if self.plate is not None and levels:
+            raise ValueError("levels and plate: legs are read at levels, the tool at a plate; one")
+        if self.plate is None and len(set(levels)) < 2:
             raise ValueError("levels: one posture only; at least two different ones are needed")
         steps = len(self.legs) * len(self.stations) * self.cycles * len(self.levels)
+        if self.plate is not None:
+            steps = self.cycles * len(self.plate.places_mm())
         if steps > MOST_STEPS:
             raise ValueError(f"{steps} steps; up to {MOST_STEPS} can be measured")
         if len(set(self.legs)) < len(self.legs) or len(set(self.stations)) < len(self.stations):
@@ -89,13 +150,42 @@ class Procedure(Document):
         axis. Raises RecordError where a joint limit does not allow a level, UsageError where the
         indicators do not fit a leg.
         """
+        if self.plate is not None:
+            return tuple(self._plate_steps(self.plate, geometry))
+        if not geometry.orthogonal:
+            raise UsageError(
+                f"procedure {self.name}",
+                "readings of legs, on a machine whose drives are not square to each other",
+                "a procedure with [plate], readings of the tool",
+                "plate-rings is one.",
+            )
         visits = self._visits(geometry, axes)
         return tuple(Step(number, *visit) for number, visit in enumerate(visits, start=1))
+
+    def _plate_steps(self, plate: Plate, geometry: Geometry) -> Iterator[Step]:
+        outside = self.first_outside(geometry)
+        if outside is not None:
+            raise self.outside(f"procedure {self.name}, position", outside, geometry)
+        places = [
+            (place, cycle)
+            for cycle in range(1, self.cycles + 1)
+            for place in self._plate_cycle(plate, cycle)
+        ]
+        if self.return_to_zero:
+            places.append((ZERO, self.cycles))
+        for number, (place, cycle) in enumerate(places, start=1):
+            yield Step(number, "tool", 0.0, cycle, 0.0, (plate.axis,), place)
+
+    def _plate_cycle(self, plate: Plate, cycle: int) -> list[Triple]:
+        places = plate.places_mm()
+        if self.random_seed is not None:
+            random.Random(f"{self.random_seed}/tool/{cycle}").shuffle(places)
+        return [ZERO, *places] if self.return_to_zero and places[0] != ZERO else places
 
     def _visits(self, geometry: Geometry, axes: Sequence[str]) -> Iterator[Visit]:
         outside = self.first_outside(geometry)
         if outside is not None:
-            raise _outside_limits(f"procedure {self.name}, level", self.levels[outside], geometry)
+            raise self.outside(f"procedure {self.name}, level", outside, geometry)
         for station in self.stations:
             for leg in self.legs:
                 for together in axes_on_leg(leg, axes):
@@ -118,7 +208,10 @@ class Procedure(Document):
         return levels
 
     def first_outside(self, geometry: Geometry) -> int | None:
-        """Index of the first level that the joint limits do not allow."""
+        """Index of the first level, or position, that the joint limits do not allow."""
+        if self.plate is not None:
+            places = enumerate(self.plate.places_mm())
+            return next((k for k, place in places if not may_stand(geometry, place)), None)
         low, high = geometry.travel_min_mm, geometry.travel_max_mm
         return next(
             (
@@ -129,11 +222,23 @@ class Procedure(Document):
             None,
         )
 
+    def outside(self, where: str, index: int, geometry: Geometry) -> RecordError:
+        """The error that the level or position of this index deserves."""
+        if self.plate is not None:
+            return RecordError(
+                where,
+                position_words(self.plate.places_mm()[index]),
+                "a position that the bars reach within the joint limits "
+                f"{geometry.travel_min_mm:g} … {geometry.travel_max_mm:g} mm",
+                "Change the position, or the limits in the machine file.",
+            )
+        return _outside_limits(where, self.levels[index], geometry)
+
     def read_in_place(self, geometry: Geometry) -> int:
         """How many steps repeat a posture without leaving it; they show the indicator only."""
         steps = self.steps(geometry)
         return sum(
-            before.place == after.place and before.displacement_mm == after.displacement_mm
+            before.place == after.place and before.posture_mm == after.posture_mm
             for before, after in pairwise(steps)
         )
 
@@ -147,22 +252,30 @@ Visit = tuple[Leg, float, int, float, tuple[Leg, ...]]
 
 @dataclass(frozen=True)
 class Step:
-    """One posture in which one or two indicators are read on one leg."""
+    """One posture in which one or two indicators are read on one leg, or one at the tool."""
 
     number: int
-    leg: Leg
+    leg: Touched
     displacement_mm: float
     cycle: int
     station: float
     axes: tuple[Leg, ...]
+    position_mm: Triple | None = None
 
     @property
-    def place(self) -> tuple[Leg, float, tuple[Leg, ...]]:
+    def posture_mm(self) -> tuple[float, Triple | None]:
+        """What the controller is told."""
+        return self.displacement_mm, self.position_mm
+
+    @property
+    def place(self) -> tuple[Touched, float, tuple[Leg, ...]]:
         """Where the stand must be; a new place is a new mounting."""
         return self.leg, self.station, self.axes
 
     def posture(self, geometry: Geometry) -> str:
-        """ZERO, MAX, MIN or the displacement in mm."""
+        """ZERO, MAX, MIN or the displacement in mm; of the tool its position."""
+        if self.position_mm is not None:
+            return "ZERO" if self.position_mm == ZERO else position_words(self.position_mm)
         return posture_name(self.displacement_mm, geometry)
 
 
@@ -197,18 +310,40 @@ def posture_name(displacement_mm: float, geometry: Geometry) -> str:
 
 def default_mount(leg: str, axis: str, station: float) -> str:
     """Name of a mounting: leg and axis, and the station where it is not the middle."""
+    if leg == "tool":
+        return f"tool-{axis}"
     return f"{leg}{axis}" if station == 0.5 else f"{leg}{axis}@{station:g}"
 
 
 def leg_number(name: str) -> int:
-    """0, 1, 2 for x, y, z."""
-    return LEG_NAMES.index(name)
+    """0, 1, 2 for x, y, z, and `TOOL`."""
+    return TOOL if name == "tool" else LEG_NAMES.index(name)
+
+
+def may_stand(geometry: Geometry, position_mm: Triple) -> bool:
+    """Whether bars and joint limits allow a tool position from Zero."""
+    try:
+        return geometry.within_limits(inverse(geometry, position_mm))
+    except UnreachablePosture:
+        return False
+
+
+def position_words(position_mm: Triple) -> str:
+    """``(0, 35, -5) mm``."""
+    return f"({', '.join(f'{part:g}' for part in position_mm)}) mm"
 
 
 def procedure_names() -> tuple[str, ...]:
     """Names of the procedures that come with the program."""
     folder = resources.files("protocols") / "procedures"
     return tuple(sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if _is_toml(f.name)))
+
+
+def leg_procedure_names() -> tuple[str, ...]:
+    """Those of them that read legs: a guided session can measure them."""
+    folder = resources.files("protocols") / "procedures"
+    texts = {name: (folder / f"{name}.toml").read_text("utf-8") for name in procedure_names()}
+    return tuple(name for name, text in texts.items() if "plate" not in tomllib.loads(text))
 
 
 def load_procedure(name: str, geometry: Geometry) -> Procedure:
@@ -248,9 +383,11 @@ def _read_procedure(path: Path, geometry: Geometry) -> Procedure:
     procedure = read_toml(path, Procedure, "procedure file")
     outside = procedure.first_outside(geometry)
     if outside is not None:
-        line = line_of(read_text(path, "procedure file"), ("levels", outside))
-        where = f"procedure file {path}, line {line}, level"
-        raise _outside_limits(where, procedure.levels[outside], geometry)
+        key = ("plate",) if procedure.plate else ("levels", outside)
+        line = line_of(read_text(path, "procedure file"), key)
+        what = "position" if procedure.plate else "level"
+        where = f"procedure file {path}, line {line}, {what}"
+        raise procedure.outside(where, outside, geometry)
     return procedure
 
 

@@ -5,21 +5,27 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from io import StringIO
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
+import numpy as np
 from pydantic import ValidationError
 
 from calib.orthoglide.geometry import Geometry
 from protocols.documents import describe, read_text
 from protocols.errors import RecordError
 from protocols.events import Reading
-from protocols.procedure import Leg, default_mount
+from protocols.procedure import Leg, default_mount, may_stand
 
 REQUIRED = ("leg", "axis", "displacement_mm", "value_mm")
 OPTIONAL = ("cycle", "time_s", "mount", "station", "temperature_c", "averaged", "seq")
+
+POSITION = ("x_mm", "y_mm", "z_mm")
+OF_TOOL = (*POSITION, "value_mm")
+"""Columns of a table of readings of the tool, as against a plate."""
+OPTIONAL_OF_TOOL = ("axis", "lift_mm", *(name for name in OPTIONAL if name != "station"))
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 LARGEST_COUNT = 1_000_000
@@ -86,6 +92,7 @@ class Row:
 def read_table(path: Path, geometry: Geometry) -> tuple[tuple[Reading, ...], tuple[str, ...]]:
     """Readings of a table and the names of its unknown columns, which are kept with each reading.
 
+    A table with positions of the tool holds readings of the tool, else they are readings of legs.
     Raises RecordError naming the line, the column and the value.
     """
     rows, unknown = _rows(path)
@@ -95,6 +102,13 @@ def read_table(path: Path, geometry: Geometry) -> tuple[tuple[Reading, ...], tup
     _check_sequence(rows)
     _check_mounts(rows, readings)
     return readings, unknown
+
+
+def within_limits(reading: Reading, geometry: Geometry) -> bool:
+    """Whether the joint limits allow the posture of a reading."""
+    if reading.position_mm is not None:
+        return may_stand(geometry, reading.position_mm)
+    return geometry.travel_min_mm <= reading.displacement_mm <= geometry.travel_max_mm
 
 
 def _rows(path: Path) -> tuple[list[Row], tuple[str, ...]]:
@@ -115,7 +129,8 @@ def _rows(path: Path) -> tuple[list[Row], tuple[str, ...]]:
     if not 1 <= len(rows) <= MOST_ROWS:
         found = f"{len(rows):,} rows" if rows else "no row of readings"
         raise RecordError(f"table {path}", found, f"a row for each reading, up to {MOST_ROWS:,}")
-    known = REQUIRED + OPTIONAL
+    of_tool = _is_of_tool(header)
+    known = OF_TOOL + OPTIONAL_OF_TOOL if of_tool else REQUIRED + OPTIONAL
     return rows, tuple(name for name in header if name not in known)
 
 
@@ -123,12 +138,14 @@ def _check_header(path: Path, header: list[str]) -> None:
     thing = f"table {path}, header"
     if len(header) == 1 and ";" in header[0]:
         raise RecordError(thing, "semicolons", "commas between columns and decimal points")
-    missing = [name for name in REQUIRED if name not in header]
+    of_tool = _is_of_tool(header)
+    required = OF_TOOL if of_tool else REQUIRED
+    missing = [name for name in required if name not in header]
     if missing:
         raise RecordError(
             thing,
             ", ".join(header) or "nothing",
-            "columns " + ", ".join(REQUIRED + OPTIONAL),
+            "columns " + ", ".join(required + (OPTIONAL_OF_TOOL if of_tool else OPTIONAL)),
             f"Missing: {', '.join(missing)}",
         )
     doubled = [name for name, count in Counter(header).items() if count > 1]
@@ -147,47 +164,91 @@ def _fields(path: Path, line: int, header: list[str], values: list[str]) -> dict
     return dict(zip(header, (value.strip() for value in values), strict=True))
 
 
+def _is_of_tool(names: Container[str]) -> bool:
+    return any(name in names for name in POSITION) and "leg" not in names
+
+
+def _tool_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geometry) -> Reading:
+    axis = row.letter("axis") if row.fields.get("axis") else "z"
+    x, y, z = (row.number(name) for name in POSITION)
+    if not (geometry.reach_mm2(np.array([x, y, z])) > 0.0).all():
+        raise row.fault(
+            "z_mm",
+            f"with x and y a place that the bars reach, not ({x:g}, {y:g}, {z:g}) mm",
+            "No such posture exists; is the unit mm, and is this the machine?",
+        )
+    lift = row.optional("lift_mm", row.number, 0.0)
+    if lift < 0.0:
+        raise row.fault("lift_mm", "0 or more: how far the tool lifted off before")
+    return Reading(
+        reading=number,
+        leg="tool",
+        axis=axis,
+        displacement_mm=0.0,
+        position_mm=(x, y, z),
+        lift_mm=lift or None,
+        mount=row.fields.get("mount") or default_mount("tool", axis, 0.0),
+        station=0.0,
+        **_of_any(row, unknown),
+    )
+
+
 def _reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geometry) -> Reading:
+    read = _tool_reading if _is_of_tool(row.fields) else _leg_reading
     try:
-        return _as_reading(row, number, unknown, geometry)
+        return read(row, number, unknown, geometry)
     except ValidationError as problem:
         raise RecordError(
             f"table {row.path}, line {row.line}", describe(problem), "readings of sensible size"
         ) from problem
 
 
-def _as_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geometry) -> Reading:
+def _leg_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geometry) -> Reading:
+    if not geometry.orthogonal:
+        raise RecordError(
+            f"table {row.path}, header",
+            "readings of legs, for a machine whose drives are not square to each other",
+            "readings of the tool: columns " + ", ".join(OF_TOOL),
+        )
     leg, axis = row.letter("leg"), row.letter("axis")
     if leg == axis:
         raise row.fault("axis", f"an axis across the leg, not {leg} itself")
     displacement = row.number("displacement_mm")
-    if abs(displacement) >= geometry.leg_length_mm:
+    shortest = min(geometry.leg_length_mm)
+    if abs(displacement) >= shortest:
         raise row.fault(
             "displacement_mm",
-            f"less than the leg length {geometry.leg_length_mm:g} mm",
+            f"less than the leg length {shortest:g} mm",
             "No such posture exists; is the unit mm?",
         )
     station = row.optional("station", row.number, 0.5)
     if not 0.0 <= station <= 1.0:
         raise row.fault("station", "a fraction of the leg, 0 … 1")
-    value = row.number("value_mm")
-    if abs(value) > LARGEST_READING_MM:
-        raise row.fault("value_mm", f"a reading up to {LARGEST_READING_MM:g} mm")
     return Reading(
         reading=number,
         leg=leg,
         axis=axis,
         displacement_mm=displacement,
-        value_mm=value,
-        text=row.fields["value_mm"],
-        cycle=row.optional("cycle", lambda name: row.whole(name, 1), 1),
         mount=row.fields.get("mount") or default_mount(leg, axis, station),
         station=station,
-        time_s=row.optional("time_s", row.number, None),
-        temperature_c=row.optional("temperature_c", row.number, None),
-        averaged=row.optional("averaged", lambda name: row.whole(name, 1), 1),
-        extra={name: row.fields[name] for name in unknown},
+        **_of_any(row, unknown),
     )
+
+
+def _of_any(row: Row, unknown: tuple[str, ...]) -> dict[str, Any]:
+    """What readings of legs and of the tool have in common."""
+    value = row.number("value_mm")
+    if abs(value) > LARGEST_READING_MM:
+        raise row.fault("value_mm", f"a reading up to {LARGEST_READING_MM:g} mm")
+    return {
+        "value_mm": value,
+        "text": row.fields["value_mm"],
+        "cycle": row.optional("cycle", lambda name: row.whole(name, 1), 1),
+        "time_s": row.optional("time_s", row.number, None),
+        "temperature_c": row.optional("temperature_c", row.number, None),
+        "averaged": row.optional("averaged", lambda name: row.whole(name, 1), 1),
+        "extra": {name: row.fields[name] for name in unknown},
+    }
 
 
 def _check_sequence(rows: list[Row]) -> None:

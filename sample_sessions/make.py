@@ -15,7 +15,7 @@ from calib.orthoglide.model import Model
 from protocols.events import Opened
 from protocols.journal import write_whole
 from protocols.machine import Instrument, load_machine
-from protocols.procedure import load_procedure, procedure_names
+from protocols.procedure import leg_procedure_names, load_procedure
 from protocols.table import read_table
 
 HERE = Path(__file__).parent
@@ -88,6 +88,6 @@ def _fresh(name: str) -> Path:
 if __name__ == "__main__":
     for experiment in PUBLISHED:
         published(experiment)
-    for procedure in procedure_names():
+    for procedure in leg_procedure_names():
         simulated(procedure)
     damaged()

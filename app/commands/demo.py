@@ -11,6 +11,7 @@ import typer
 
 from app.commands.options import Protocol, Seed, say
 
+USUAL_PROTOCOL = "zero-max-min"
 HIDDEN = "The machine has more than offsets. To look for what is missing: glidecal diagnose {}"
 
 
@@ -19,7 +20,7 @@ def demo(
         bool, typer.Option("--headless", help="Run unattended and end with the summary.")
     ] = False,
     seed: Seed = 1,
-    protocol: Protocol = "zero-max-min",
+    protocol: Protocol = None,
     profile: Annotated[
         list[str] | None, typer.Option(help="Profile of the simulated indicators; once or twice.")
     ] = None,
@@ -43,7 +44,7 @@ def demo(
     bench = BenchSettings() if unattended else BenchSettings(motion_s=DEMO_MOTION_S)
     interval_s = 0.0 if unattended else SIMULATED_INTERVAL_S
     plan = replace(
-        demo_plan(folder, protocol, seed, bench, profile or [DEFAULT_PROFILE]),
+        demo_plan(folder, protocol or USUAL_PROTOCOL, seed, bench, profile or [DEFAULT_PROFILE]),
         interval_s=interval_s,
     )
     if effect is not None:

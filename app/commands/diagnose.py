@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from app.commands.options import AsJson, say
+from protocols.machine_files import USUAL_MACHINE, machine_names
 
 
 def diagnose(
@@ -41,15 +42,24 @@ def diagnose(
         bool, typer.Option("--aliases", help="What --procedure cannot tell apart; no data needed.")
     ] = False,
     procedure: Annotated[
-        str, typer.Option("--procedure", help="Procedure for --aliases.")
-    ] = "zero-max-min",
+        str | None,
+        typer.Option("--procedure", help="Procedure for --aliases.", show_default="the machine's"),
+    ] = None,
+    machine: Annotated[
+        str | None,
+        typer.Option(
+            "--machine",
+            help=f"Machine for --aliases: {', '.join(machine_names())}, or a file (TOML).",
+            show_default=USUAL_MACHINE,
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Where simulation and measurement disagree, the missing effect, the gap before and after."""
     from protocols.errors import UsageError
 
     if aliases:
-        _show_aliases(procedure, as_json=as_json)
+        _show_aliases(procedure, machine, as_json=as_json)
         return
     if not sessions:
         raise UsageError("diagnose", "no session", "at least one, or --aliases --procedure NAME")
@@ -88,12 +98,12 @@ def _diagnose(
     typer.echo(to_json(DiagnosisReport.of(found=found)) if as_json else diagnosis_text(found))
 
 
-def _show_aliases(name: str, *, as_json: bool) -> None:
+def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> None:
     from app.aliases import alias_map
     from app.documents import to_json
     from app.own_effects import known_laws
     from app.report.diagnosis import AliasReport
     from app.wording.aliases import alias_text
 
-    found = alias_map(name, known_laws())
+    found = alias_map(name, known_laws(), machine)
     typer.echo(to_json(AliasReport.of(found=found)) if as_json else alias_text(found))

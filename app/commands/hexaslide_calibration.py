@@ -43,18 +43,18 @@ def refuse_own(own: Own) -> None:
     given = [field.name for field in fields(own) if getattr(own, field.name) is not None]
     if given:
         names = ", ".join(f"--{name.replace('_', '-')}" for name in given)
-        raise UsageError(names, "the orthoglide", "--machine hexaslide with these")
+        raise UsageError(names, "another machine", "--machine hexaslide with these")
 
 
 def simulate_hexaslide(own: Own, output: Path, seed: int, *, foreign: bool) -> None:
-    """Measured postures into a file. Raises UsageError for options of the Orthoglide."""
+    """Measured postures into a file. Raises UsageError for options of other machines."""
     from protocols.errors import UsageError
 
     if foreign:
         raise UsageError(
             "--protocol, --model, --scatter, --resolution, --effect and --size",
             "the machine hexaslide",
-            "the orthoglide with these; here --procedure, --postures, --noise",
+            "other machines with these; here --procedure, --postures, --noise",
         )
     postures = own.posture_file or own.postures
     if own.procedure is None or postures is None or (own.posture_file and own.postures):
@@ -84,9 +84,12 @@ def simulate_hexaslide(own: Own, output: Path, seed: int, *, foreign: bool) -> N
 def is_hexaslide(paths: list[Path], machine: str | None) -> bool:
     """Whether the files are measured postures. Raises UsageError for a machine not known."""
     from protocols.errors import UsageError
+    from protocols.machine_files import machine_names
 
-    if machine not in (None, "orthoglide", "hexaslide"):
-        raise UsageError("--machine", repr(machine), "orthoglide, hexaslide, or none: by the file")
+    names = (*machine_names(), "hexaslide")
+    if machine not in (None, *names):
+        allowed = f"{', '.join(names)}, or none: by the file"
+        raise UsageError("--machine", repr(machine), allowed)
     if machine is not None:
         return machine == "hexaslide"
     from protocols.hexaslide_measurements import is_measurements
@@ -101,7 +104,7 @@ def refuse_checks(truth: Path | None, held_out: float | None) -> None:
     if truth is not None or held_out is not None:
         raise UsageError(
             "--truth and --held-out",
-            "sessions of the orthoglide",
+            "sessions",
             "measured postures of a hexaslide",
         )
 
@@ -109,14 +112,14 @@ def refuse_checks(truth: Path | None, held_out: float | None) -> None:
 def solve_hexaslide(
     paths: list[Path], truth: Path | None, held_out: float | None, *, foreign: bool, as_json: bool
 ) -> None:
-    """Identify from one file and print. Raises UsageError for what belongs to the Orthoglide."""
+    """Identify from one file and print. Raises UsageError for what belongs to sessions."""
     from protocols.errors import UsageError
 
     if foreign:
         raise UsageError(
             "--subset, --method, --weights, --tolerance, --map and --monte-carlo",
             "measured postures of a hexaslide",
-            "sessions of the orthoglide with these",
+            "sessions with these",
         )
     if len(paths) != 1:
         raise UsageError("measured postures of a hexaslide", f"{len(paths)} files", "one file")

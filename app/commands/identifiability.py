@@ -8,12 +8,17 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from app.commands.options import AsJson, Known, Measured, finite
+from protocols.machine_files import machine_names
 
 if TYPE_CHECKING:
     from app.planning import Request as Asked
 
 MachineName = Annotated[
-    str, typer.Argument(help="Kind of machine, as in orthoglide.", show_default=False)
+    str,
+    typer.Argument(
+        help=f"{', '.join((*machine_names(), 'hexaslide'))}, or a machine file (TOML).",
+        show_default=False,
+    ),
 ]
 Procedure = Annotated[
     str,
@@ -81,10 +86,15 @@ def _parts(text: str) -> tuple[str, ...]:
 
 
 def _usual(machine: str, measured: tuple[str, ...]) -> str:
-    """Measured components alone are those of a posture. Raises UsageError without them."""
+    """Measured components alone are those of a posture; other machines have a usual procedure.
+
+    Raises UsageError without either.
+    """
     from protocols.errors import UsageError
 
-    if machine != "hexaslide" or not measured:
+    if machine != "hexaslide":
+        return ""
+    if not measured:
         raise UsageError(
             "--procedure", "none", "the name of a procedure", "For hexaslide --measured also does."
         )

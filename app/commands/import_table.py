@@ -29,7 +29,7 @@ def import_table(
     from protocols.events import Opened
     from protocols.journal import write_whole
     from protocols.machine import Instrument, load_machine
-    from protocols.table import read_table
+    from protocols.table import read_table, within_limits
 
     known = load_machine(machine)
     readings, unknown = read_table(table, known.geometry())
@@ -50,10 +50,9 @@ def import_table(
     write_whole(output, opened, list(readings))
     if unknown:
         say(f"glidecal: columns kept but not used: {', '.join(unknown)}")
-    limits = known.travel_min_mm, known.travel_max_mm
-    outside = sum(not limits[0] <= reading.displacement_mm <= limits[1] for reading in readings)
+    outside = sum(not within_limits(reading, known.geometry()) for reading in readings)
     if outside:
         say(f"glidecal: {outside} readings lie outside the joint limits of the machine file")
-    if len({reading.displacement_mm for reading in readings}) < 2:
+    if len({reading.posture_mm for reading in readings}) < 2:
         say("glidecal: only one posture in this table; it cannot be solved alone")
     say(f"{len(readings)} readings written to {output}")

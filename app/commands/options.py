@@ -11,6 +11,8 @@ from typing import Annotated
 import typer
 from typer.models import OptionInfo
 
+from protocols.machine_files import USUAL_MACHINE, machine_names
+
 
 class SubsetName(StrEnum):
     """Which parameters to identify."""
@@ -47,10 +49,20 @@ Output = Annotated[
     typer.Option("--output", "-o", help="File to write.", show_default=False, readable=False),
 ]
 Machine = Annotated[
-    Path | None, typer.Option("--machine", help="Machine file (TOML).", readable=False)
+    str | None,
+    typer.Option(
+        "--machine",
+        help=f"{', '.join(machine_names())}, or a machine file (TOML).",
+        show_default=USUAL_MACHINE,
+    ),
 ]
 Protocol = Annotated[
-    str, typer.Option("--protocol", help="Procedure by name, or a .toml file of your own.")
+    str | None,
+    typer.Option(
+        "--protocol",
+        help="Procedure by name, or a .toml file of your own.",
+        show_default="the machine's",
+    ),
 ]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of the simulation.")]
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON document on standard output.")]

@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # heavy: imported where used
 
 
 def run(
-    protocol: Protocol = "zero-max-min",
+    protocol: Protocol = None,
     machine: Machine = None,
     indicator: Annotated[
         list[str] | None,
@@ -54,7 +54,13 @@ def run(
 ) -> None:
     """The guided session on real indicators, or on a simulated machine."""
     from app.indicators import choose_indicators, some_indicators
-    from app.opening import SIMULATED_INTERVAL_S, Plan, plan_to_continue, session_name
+    from app.opening import (
+        SIMULATED_INTERVAL_S,
+        Plan,
+        plan_to_continue,
+        refuse_plate,
+        session_name,
+    )
     from app.wording.session import dry_run_text
     from protocols.machine import load_machine
     from protocols.procedure import load_procedure, shuffled
@@ -66,7 +72,9 @@ def run(
     if resume:
         _measure(plan_to_continue(resume, chosen), continued=True, headless=headless)
         return
-    procedure = load_procedure(protocol, known.geometry())
+    procedure = load_procedure(protocol or known.usual_procedure, known.geometry())
+    if not dry_run:
+        refuse_plate(procedure)
     if random_order is not None:
         procedure = shuffled(procedure, random_order)
     plan = Plan(

@@ -14,18 +14,23 @@ from app.commands.hexaslide_calibration import (
     simulate_hexaslide,
 )
 from app.commands.options import Output, Protocol, Seed, figure, finite, say
+from protocols.machine_files import USUAL_MACHINE, machine_names
 
-HEXASLIDE = Path("hexaslide")
-PROTOCOL, SCATTER_MM, RESOLUTION_MM = "zero-max-min", 0.002, 0.001
+HEXASLIDE = "hexaslide"
+SCATTER_MM, RESOLUTION_MM = 0.002, 0.001
 
 
 def simulate(
     output: Output,
-    protocol: Protocol = PROTOCOL,
+    protocol: Protocol = None,
     model: Annotated[Path | None, typer.Option(help="Model file (JSON).", readable=False)] = None,
     machine: Annotated[
-        Path | None,
-        typer.Option("--machine", help="Machine file (TOML), or hexaslide.", readable=False),
+        str | None,
+        typer.Option(
+            "--machine",
+            help=f"{', '.join((*machine_names(), HEXASLIDE))}, or a machine file (TOML).",
+            show_default=USUAL_MACHINE,
+        ),
     ] = None,
     seed: Seed = 1,
     scatter: Annotated[float, figure("Scatter of a re-approach, mm.")] = SCATTER_MM,
@@ -82,7 +87,7 @@ def simulate(
         posture_file=posture_file,
         truth=truth,
     )
-    usual = (protocol, scatter, resolution) == (PROTOCOL, SCATTER_MM, RESOLUTION_MM)
+    usual = (protocol, scatter, resolution) == (None, SCATTER_MM, RESOLUTION_MM)
     if machine == HEXASLIDE:
         foreign = not usual or any(one is not None for one in (model, effect, size))
         simulate_hexaslide(own, output, seed, foreign=foreign)
@@ -109,7 +114,7 @@ def simulate(
     real = Model(known.geometry())
     if model:
         real, known = read_model(model, known_laws())
-    planned = load_procedure(protocol, known.geometry())
+    planned = load_procedure(protocol or known.usual_procedure, known.geometry())
     if effect is not None:
         hidden = hidden_effect(
             effect,

@@ -21,6 +21,9 @@ from app.commands.options import (
     finite,
     say,
 )
+from protocols.machine_files import machine_names
+
+HEXASLIDE = "hexaslide"
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.assessing import Judged
@@ -49,7 +52,8 @@ def solve(
     ] = 0,
     seed: Seed = 1,
     machine: Annotated[
-        str | None, typer.Option(help="orthoglide or hexaslide; default: by the file.")
+        str | None,
+        typer.Option(help=f"{', '.join((*machine_names(), HEXASLIDE))}; default: by the file."),
     ] = None,
     truth: Annotated[
         Path | None,

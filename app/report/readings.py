@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Annotated, Literal
 
-from app.report.document import Report, at, made, schema
+from app.report.document import Report, asked, at, made, schema
 from drivers.outcome import Fault, FaultKind, Outcome, Unit
 from drivers.profile import Verified
 from protocols.session import Session
+
+POSITION = "of a reading of the tool, from Zero"
 
 
 class ReplayedReading(Report):
@@ -19,6 +20,7 @@ class ReplayedReading(Report):
     leg: str
     axis: str
     displacement_mm: float
+    position_mm: tuple[float, ...] | None = asked("position_mm", POSITION)
     value_mm: float
     text: str
     cycle: int
@@ -38,26 +40,33 @@ def _readings(session: Session) -> tuple[SimpleNamespace, ...]:
     )
 
 
-@dataclass(frozen=True)
-class Average:
+class Average(Report):
     """Mean of the readings that count along one axis in one posture."""
 
     leg: str
     axis: str
     station: float
     displacement_mm: float
+    position_mm: tuple[float, ...] | None = asked("position_mm", POSITION)
     mean_mm: float
     readings: int
 
 
-def _averages(session: Session) -> tuple[Average, ...]:
-    groups: dict[tuple[str, str, float, float], list[tuple[float, int]]] = {}
+PLACE = ("leg", "axis", "station", "displacement_mm", "position_mm")
+
+
+def _averages(session: Session) -> tuple[SimpleNamespace, ...]:
+    groups: dict[tuple[object, ...], list[tuple[float, int]]] = {}
     for r in session.readings:
-        key = (r.leg, r.axis, r.station, r.displacement_mm)
+        key = tuple(getattr(r, name) for name in PLACE)
         groups.setdefault(key, []).append((r.value_mm, r.averaged))
     counts = {key: sum(n for _, n in values) for key, values in groups.items()}
     return tuple(
-        Average(*key, sum(v * n for v, n in values) / counts[key], counts[key])
+        SimpleNamespace(
+            **dict(zip(PLACE, key, strict=True)),
+            mean_mm=sum(v * n for v, n in values) / counts[key],
+            readings=counts[key],
+        )
         for key, values in groups.items()
     )
 

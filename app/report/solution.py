@@ -126,7 +126,10 @@ class ToolMap(Report):
 
     across: str
     up: str
-    coordinate_mm: Numbers
+    coordinate_mm: Numbers = at("coordinate_mm", "across")
+    up_mm: Annotated[list[float] | None, made(lambda array: array.tolist())] = asked(
+        "other_up_mm", "upwards, where these places are others than those across"
+    )
     error_mm: Matrix
 
 

@@ -30,7 +30,7 @@ from app.wording.session import dry_run_text, procedure_sentence
 from calib.errors import GlidecalError
 from protocols.errors import UsageError
 from protocols.machine import Instrument, Machine, load_machine
-from protocols.procedure import Procedure, load_procedure, procedure_names, shuffled
+from protocols.procedure import Procedure, leg_procedure_names, load_procedure, shuffled
 from protocols.table import NUMBER
 
 FIELDS = (
@@ -65,7 +65,7 @@ class PrepareScreen(Screen[None]):
         with VerticalScroll(id="form"):
             with Horizontal(classes="field"):
                 yield Label("Procedure", markup=False)
-                names = [(name, name) for name in procedure_names()]
+                names = [(name, name) for name in leg_procedure_names()]
                 yield Select(
                     names, value="zero-max-min", allow_blank=False, id="procedure", compact=True
                 )

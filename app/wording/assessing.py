@@ -26,9 +26,9 @@ def maps_text(maps: tuple[ToolMap, ...]) -> str:
         table = new_table(
             f"{one.up} \\ {one.across}, mm", *(f"{v:+.0f}" for v in one.coordinate_mm)
         )
-        for k in range(len(one.coordinate_mm) - 1, -1, -1):
+        for k in range(len(one.up_mm) - 1, -1, -1):
             row = (f"{1000.0 * v:.0f}" for v in one.error_mm[k])
-            table.add_row(f"{one.coordinate_mm[k]:+.0f}", *row)
+            table.add_row(f"{one.up_mm[k]:+.0f}", *row)
         parts.append(table_text(table))
     return "Expected tool error with these values, µm\n\n" + "\n\n".join(parts)
 

@@ -10,6 +10,8 @@ from calib.lack_of_fit import LACK_OF_FIT_LEVEL
 from calib.noise import LEAST_NOISE_MM, Noise
 from calib.observations import LEG_NAMES
 from calib.solution import Direction, Solution, Subset
+from protocols.events import Reading
+from protocols.procedure import position_words
 
 SUBSET_WORDS: dict[Subset, str] = {
     "joint-offsets": "joint offsets",
@@ -107,8 +109,12 @@ def _weak(direction: Direction, factor: float) -> str:
     return f"{said}; at the tool that is {uncertain(direction.tool_mm * factor, 2)} mm."
 
 
+def _reads_tool(solved: Solved) -> bool:
+    return any(r.leg == "tool" for session in solved.sessions for r in session.readings)
+
+
 def _cures(solved: Solved) -> list[str]:
-    if not solved.solution.weak_directions:
+    if not solved.solution.weak_directions or _reads_tool(solved):
         return []
     return ["What to measure against that: glidecal plan."]
 
@@ -138,7 +144,8 @@ def _wander(noise: Noise) -> list[str]:
 
 def _loud(loud: Loud) -> str:
     r = loud.reading
-    place = f"leg {r.leg.upper()} along {r.axis.upper()}, mounting {r.mount} of {loud.session}"
+    touched = f"leg {r.leg.upper()}" if r.leg != "tool" else "the tool"
+    place = f"{touched} along {r.axis.upper()}, mounting {r.mount} of {loud.session}"
     where = place if loud.mounting else f"indicator {loud.number}"
     return f"{where} {uncertain(loud.scatter_mm, 4)} mm"
 
@@ -150,19 +157,23 @@ def _more(kind: str, count: int) -> list[str]:
 def _suspect(suspect: Suspect) -> str:
     r = suspect.reading
     return (
-        f"SUSPECT: reading {r.reading} of {suspect.session} (leg {r.leg.upper()}, along "
-        f"{r.axis.upper()}, at {r.displacement_mm:+g} mm, cycle {r.cycle}) is "
+        f"SUSPECT: reading {r.reading} of {suspect.session} ({_place(r)}, cycle {r.cycle}) is "
         f"{signed(suspect.studentised, 1)} standard deviations from its repeats. It counts; "
         "measure it again."
     )
+
+
+def _place(r: Reading) -> str:
+    if r.position_mm is not None:
+        return f"the tool, along {r.axis.upper()}, at {position_words(r.position_mm)}"
+    return f"leg {r.leg.upper()}, along {r.axis.upper()}, at {r.displacement_mm:+g} mm"
 
 
 def _alone(alone: Alone) -> str:
     first = alone.readings[0]
     numbers = ", ".join(str(reading.reading) for reading in alone.readings)
     return (
-        f"LOST: reading {numbers} of {alone.session} (leg {first.leg.upper()}, along "
-        f"{first.axis.upper()}, at {first.displacement_mm:+g} mm) has no other posture to its "
+        f"LOST: reading {numbers} of {alone.session} ({_place(first)}) has no other posture to its "
         "zero, so it says nothing. Between two breaks measure at least two postures."
     )
 
@@ -193,7 +204,7 @@ def _in_place(solved: Solved) -> list[str]:
 def _missing_legs(solved: Solved) -> list[str]:
     touched = {reading.leg for session in solved.sessions for reading in session.readings}
     missing = [leg.upper() for leg in LEG_NAMES if leg not in touched]
-    if not missing:
+    if not missing or _reads_tool(solved):
         return []
     legs = f"leg {missing[0]} was" if len(missing) == 1 else f"legs {', '.join(missing)} were"
     return [

@@ -115,11 +115,13 @@ def _map_text(cells: Sequence[Cell]) -> str:
     both = _both_ways(cells)
     headings = [f"leg {leg.upper()}\nalong {axis.upper()}" for leg, axis in columns]
     table = new_table("at, mm", *headings, left=0)
-    held = {(c.leg, c.axis, c.displacement_mm, c.approach): c for c in cells}
-    for displacement, approach in sorted({key[2:] for key in held}, reverse=True):
+    held = {(c.leg, c.axis, c.displacement_mm, c.approach, c.position_mm or ()): c for c in cells}
+    for displacement, approach, position in sorted({key[2:] for key in held}, reverse=True):
         arrow = {1: " ↑", -1: " ↓"}.get(approach, "  ") if displacement in both else ""
-        row = [held.get((*column, displacement, approach)) for column in columns]
+        row = [held.get((*column, displacement, approach, position)) for column in columns]
         place = f"{displacement:+.0f}" if displacement else "Zero"
+        if any(position):
+            place = ", ".join(f"{part:g}" for part in position)
         table.add_row(f"{place}{arrow}", *(_cell_text(one) for one in row))
     return table_text(table)
 

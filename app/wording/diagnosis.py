@@ -143,6 +143,8 @@ def shares_text(shares: tuple[Share, ...]) -> str:
 
 def part_words(share: Share) -> str:
     """Leg, axis or pattern."""
+    if share.leg == "tool":
+        return f"the tool along {share.axis.upper()}"
     if share.leg and share.axis:
         return f"leg {share.leg.upper()} along {share.axis.upper()}"
     if share.leg:

@@ -103,6 +103,8 @@ def _taken(readings: Sequence[Reading]) -> str:
     if first.step is not None:
         return f"Taken, step {first.step}: {shown}"
     where = f"leg {first.leg.upper()} at {first.displacement_mm:+.2f} mm"
+    if first.position_mm is not None:
+        where = first.place_words
     return f"Reading {first.reading}, {where}: {shown}"
 
 
@@ -145,9 +147,10 @@ def reading_lines(session: Session) -> list[str]:
 
 def _reading_line(r: Reading) -> str:
     step = "" if r.step is None else str(r.step)
-    place = (
-        f"{r.leg:<4}{r.axis:<4} {r.displacement_mm:+12.2f}  {r.cycle:>5}  {one_line(r.mount):<12}"
-    )
+    at = f"{r.displacement_mm:+.2f}"
+    if r.position_mm is not None:
+        at = ",".join(f"{v:g}" for v in r.position_mm)
+    place = f"{r.leg:<4}{r.axis:<4} {at:>12}  {r.cycle:>5}  {one_line(r.mount):<12}"
     return f"{r.reading:>5}  {step:>4}  {place} {signed(r.value_mm, 4):>10}"
 
 

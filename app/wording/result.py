@@ -58,10 +58,16 @@ def verdict(solved: Solved) -> str:
     return (
         f"{SUBSET_WORDS[solution.subset].capitalize()} known to ±{expanded} mm "
         f"({_held_words(solution)}).\n"
-        f"Leg deviations {solution.rms_before_mm:.4f} → {solution.rms_after_mm:.4f} mm r.m.s.\n"
+        f"{_what(solved)} deviations {solution.rms_before_mm:.4f} → "
+        f"{solution.rms_after_mm:.4f} mm r.m.s.\n"
         f"Tool over the workspace: off by {_tool(solved, solved.tool_before)} mm r.m.s. now, "
         f"{_tool(solved, solved.tool_after)} mm expected with these values."
     )
+
+
+def _what(solved: Solved) -> str:
+    of_tool = any(reading.leg == "tool" for one in solved.sessions for reading in one.readings)
+    return "Tool" if of_tool else "Leg"
 
 
 def _held_words(solution: Solution) -> str:

@@ -13,6 +13,7 @@ from app.report.readings import ReplayReport
 from app.wording.tables import new_table, signed, table_text, wrapped
 from calib.observations import LEG_NAMES, conditions
 from calib.orthoglide.geometry import Geometry
+from calib.orthoglide.kinematics import inverse
 from calib.orthoglide.pipeline import command
 from drivers.profile import Verified
 from protocols.machine import Instrument, Machine
@@ -55,18 +56,27 @@ def set_up(step: Step) -> str:
 
 def mdi_line(step: Step, machine: Machine) -> str:
     """The line to type at the controller, in the coordinates that it takes."""
-    if machine.mdi == "joint":
-        position = joints_mm(step, machine.geometry())
-    else:
-        position = dict.fromkeys(LEG_NAMES, 0.0) | {step.leg: step.displacement_mm}
+    joint = machine.mdi == "joint"
+    position = joints_mm(step, machine.geometry()) if joint else tool_mm(step)
     words = " ".join(f"{name.upper()}{value:.3f}" for name, value in position.items())
     return f"G53 G0 {words}"
 
 
 def joints_mm(step: Step, geometry: Geometry) -> dict[str, float]:
     """Joint coordinates that the controller commands for this step."""
-    one = conditions([leg_number(step.leg)], [leg_number(step.axes[0])], [step.displacement_mm])
-    return dict(zip(LEG_NAMES, command(geometry, one)[0].tolist(), strict=True))
+    if step.position_mm is not None:
+        found = inverse(geometry, step.position_mm)
+    else:
+        leg, axis = leg_number(step.leg), leg_number(step.axes[0])
+        found = command(geometry, conditions([leg], [axis], [step.displacement_mm]))[0]
+    return dict(zip(LEG_NAMES, found.tolist(), strict=True))
+
+
+def tool_mm(step: Step) -> dict[str, float]:
+    """Tool coordinates that the controller is told for this step."""
+    if step.position_mm is not None:
+        return dict(zip(LEG_NAMES, step.position_mm, strict=True))
+    return dict.fromkeys(LEG_NAMES, 0.0) | {step.leg: step.displacement_mm}
 
 
 def joints_text(step: Step, geometry: Geometry) -> str:
@@ -78,6 +88,7 @@ def joints_text(step: Step, geometry: Geometry) -> str:
 def procedure_sentence(procedure: Procedure, geometry: Geometry, axes: Sequence[str]) -> str:
     """Steps, time and kind of repeats of a procedure."""
     steps = len(procedure.steps(geometry, axes))
+    indicators = 1 if procedure.plate else len(axes)
     minutes = procedure.duration_s(geometry, axes) / 60.0
     in_place = procedure.read_in_place(geometry)
     repeats = "Every repeat approaches its posture anew."
@@ -87,8 +98,8 @@ def procedure_sentence(procedure: Procedure, geometry: Geometry, axes: Sequence[
     if procedure.random_seed is not None:
         shuffled = f" Order shuffled in each cycle, seed {procedure.random_seed}."
     return (
-        f"{procedure.title}. {steps} steps with {len(axes)} indicator"
-        f"{'s' if len(axes) > 1 else ''}, about {minutes:.0f} minutes. "
+        f"{procedure.title}. {steps} steps with {indicators} indicator"
+        f"{'s' if indicators > 1 else ''}, about {minutes:.0f} minutes. "
         f"{procedure.description} {repeats}{shuffled}"
     )
 
@@ -180,16 +191,22 @@ def _cell(value: float | None, width: int) -> str:
     return f"{'' if value is None else signed(value):>{width}}"
 
 
+def _at(displacement_mm: float, position_mm: Sequence[float] | None) -> str:
+    if position_mm is not None:
+        return ", ".join(f"{part:g}" for part in position_mm)
+    return f"{displacement_mm:+.2f}"
+
+
 def replay_text(report: ReplayReport) -> str:
     """The readings of a session in the order taken, then the averages of those that count."""
     readings = new_table("no", "leg", "axis", "at, mm", "cycle", "mount", "value, mm", "", left=3)
     for r in report.readings:
         state = f"superseded: {r.superseded}" if r.superseded else ""
-        place = (str(r.reading), r.leg, r.axis, f"{r.displacement_mm:+.2f}")
+        place = (str(r.reading), r.leg, r.axis, _at(r.displacement_mm, r.position_mm))
         readings.add_row(*place, str(r.cycle), r.mount, signed(r.value_mm, 4), state)
     averages = new_table("leg", "axis", "station", "at, mm", "mean, mm", "readings", left=2)
     for a in report.averages:
-        place = (a.leg, a.axis, f"{a.station:g}", f"{a.displacement_mm:+.2f}")
+        place = (a.leg, a.axis, f"{a.station:g}", _at(a.displacement_mm, a.position_mm))
         averages.add_row(*place, signed(a.mean_mm, 4), str(a.readings))
     title = f"{report.session}: {len(report.readings)} readings ({report.end})"
     remarks = [wrapped(f"Remark: {remark}") for remark in report.remarks]

@@ -17,7 +17,7 @@ import numpy as np
 from calib.diagnosis.results import Named
 from calib.diagnosis.selection import LOG_UNIT
 from calib.fit import without_zeros
-from calib.observations import LEG_NAMES, FloatArray, IntArray, Observations
+from calib.observations import LEG_NAMES, TOOL, TOUCHED_LETTERS, FloatArray, IntArray, Observations
 from calib.orthoglide.linear import reading_matrix
 from calib.orthoglide.model import Model
 from calib.repeats import Repeats
@@ -146,7 +146,7 @@ def _groups(observed: Observations) -> Iterator[tuple[str, IntArray]]:
     for rows in observed.mountings:
         yield place_of(observed, rows), rows
         seen.add(tuple(rows))
-    for leg in range(3):
+    for leg in (0, 1, 2, TOOL):
         for axis in range(3):
             rows = np.flatnonzero((observed.leg == leg) & (observed.axis == axis))
             if len(rows) and tuple(rows) not in seen:
@@ -161,9 +161,9 @@ def _groups(observed: Observations) -> Iterator[tuple[str, IntArray]]:
 
 
 def place_of(observed: Observations, rows: IntArray) -> str:
-    """Leg and axis of the first of these rows, in letters."""
+    """Leg (or ``t``, the tool) and axis of the first of these rows, in letters."""
     first = rows[0]
-    return LEG_NAMES[observed.leg[first]] + LEG_NAMES[observed.axis[first]]
+    return TOUCHED_LETTERS[observed.leg[first]] + LEG_NAMES[observed.axis[first]]
 
 
 def _swaps(observed: Observations) -> Iterator[_Hypothesis]:

@@ -115,7 +115,7 @@ def _slips(observed: Observations) -> list[Blunder]:
         where = place_of(observed, slip.rows)
         title = (
             f"the stand moved by {slip.shift_mm:+.4f} mm before the reading at "
-            f"{observed.displacement_mm[first]:+g} mm, cycle {observed.cycle[first]}"
+            f"{observed.posture_words(first)}, cycle {observed.cycle[first]}"
         )
         found.append(Blunder("stand_slip", where, title, slip.rows, slip.corrected))
         observed = slip.corrected

@@ -101,6 +101,6 @@ def _may_run(problem: Problem, entry: Entry, block: FloatArray) -> bool:
 
 def _repeated(problem: Problem, row: int) -> bool:
     """Whether the posture of this row was read in the same mounting again."""
-    levels = problem.conditions("displacement_mm")
+    levels = problem.conditions("level")
     alike = (problem.mount == problem.mount[row]) & (levels == levels[row])
     return int(alike.sum()) > 1

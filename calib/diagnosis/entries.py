@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.diagnosis.problem import Problem
 from calib.linalg import BLIND
-from calib.observations import LEG_NAMES, FloatArray, rows_of
+from calib.observations import LEG_NAMES, TOUCHED_LETTERS, FloatArray, rows_of
 from calib.orthoglide.effects.candidates import Candidate, candidates_together
 from calib.orthoglide.effects.kinds import Kind
 from calib.orthoglide.effects.law import Law
@@ -123,7 +123,7 @@ def _lone_readings(problem: Problem) -> list[Entry]:
     found = []
     leg, axis = problem.conditions("leg"), problem.conditions("axis")
     for rows in rows_of(problem.mount):
-        where = LEG_NAMES[leg[rows[0]]] + LEG_NAMES[axis[rows[0]]]
+        where = TOUCHED_LETTERS[leg[rows[0]]] + LEG_NAMES[axis[rows[0]]]
         for row, word in ((rows[0], "first"), (rows[-1], "last")):
             columns = np.zeros((len(problem.y), 1))
             columns[row, 0] = 1.0

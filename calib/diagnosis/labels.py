@@ -12,8 +12,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from calib.observations import LEG_NAMES, FloatArray, Observations, numbered
+from calib.observations import TOUCHED_NAMES, FloatArray, Observations
 
 REACH = 1.5
 """A wild reading may lie anywhere, up to so many times as far from its place as it does."""
@@ -29,26 +30,27 @@ class Label:
     """A posture of a mounting."""
 
     mount: int
-    level_mm: float
+    posture: int
     words: str
 
 
 def own_label(observed: Observations, row: int) -> Label:
     """Where this reading is written down."""
-    return Label(int(observed.mount[row]), float(observed.displacement_mm[row]), "")
+    return Label(int(observed.mount[row]), int(observed.level[row]), "")
 
 
 def other_labels(observed: Observations, row: int) -> Iterator[Label]:
     """The other postures of its mounting, and the same posture under the other leg."""
     own = own_label(observed, row)
-    for level in np.unique(observed.displacement_mm[observed.mount == own.mount]).tolist():
-        if level != own.level_mm:
-            yield Label(own.mount, level, f"{level:+g} mm")
+    for posture in np.unique(observed.level[observed.mount == own.mount]).tolist():
+        if posture != own.posture:
+            words = observed.posture_words(_first(observed.level == posture))
+            yield Label(own.mount, posture, words)
     there = (observed.axis == observed.axis[row]) & (observed.leg != observed.leg[row])
     there &= observed.station == observed.station[row]
     for mount in np.unique(observed.mount[there]).tolist():
-        leg = LEG_NAMES[observed.leg[observed.mount == mount][0]].upper()
-        yield Label(mount, own.level_mm, f"leg {leg}")
+        leg = TOUCHED_NAMES[observed.leg[observed.mount == mount][0]].upper()
+        yield Label(mount, own.posture, f"leg {leg}")
 
 
 def nearer_labels(observed: Observations, row: int) -> list[Label]:
@@ -86,9 +88,8 @@ def evened(before: Observations, after: Observations) -> float:
 
 def _unevenness(observed: Observations) -> float:
     """By how many readings the postures of mountings differ from what most mountings have."""
-    levels = numbered(observed.displacement_mm)
-    count = np.zeros((observed.mount_count, int(levels.max()) + 1))
-    np.add.at(count, (observed.mount, levels), 1.0)
+    count = np.zeros((observed.mount_count, int(observed.level.max()) + 1))
+    np.add.at(count, (observed.mount, observed.level), 1.0)
     return float(np.abs(count - np.median(count, axis=0)).sum())
 
 
@@ -99,23 +100,32 @@ def _off(observed: Observations, row: int, label: Label) -> float:
 
 def _middle(observed: Observations, row: int, label: Label) -> float:
     """Median of the other readings under this label, mm; endless where there is none."""
-    there = (observed.mount == label.mount) & (observed.displacement_mm == label.level_mm)
+    there = (observed.mount == label.mount) & (observed.level == label.posture)
     there[row] = False
     return float(np.median(observed.value_mm[there])) if there.any() else math.inf
 
 
 def relabelled(observed: Observations, row: int, label: Label) -> Observations:
-    """The session with one row under another label, and the approaches that this makes."""
-    model = int(np.flatnonzero(observed.mount == label.mount)[0])
+    """The session with one row under another label, and the approaches that this makes.
+
+    A reading of the tool takes the movement of the first one there.
+    """
+    model = _first(observed.mount == label.mount)
+    there = _first(observed.level == label.posture)
     arrays = {
         name: getattr(observed, name).copy() for name in ("leg", "station", "indicator", "mount")
     }
     for array in arrays.values():
         array[row] = array[model]
-    levels = observed.displacement_mm.copy()
-    levels[row] = label.level_mm
-    moved = replace(observed, **arrays, displacement_mm=levels)
+    for name in ("displacement_mm", "position_mm", "movement"):
+        arrays[name] = getattr(observed, name).copy()
+        arrays[name][row] = arrays[name][there]
+    moved = replace(observed, **arrays)
     return _retraced(observed, moved)
+
+
+def _first(rows: NDArray[np.bool_]) -> int:
+    return int(np.flatnonzero(rows)[0])
 
 
 def _retraced(before: Observations, after: Observations) -> Observations:

@@ -302,6 +302,7 @@ def _held_out(
 
 def _one_displacement(problem: Problem) -> list[IntArray]:
     """Rows of each displacement of each leg but Zero: a law may be asked between what it saw."""
-    leg, displacement = problem.conditions("leg"), problem.conditions("displacement_mm")
-    places = dict.fromkeys(zip(leg.tolist(), displacement.tolist(), strict=True))
-    return [np.flatnonzero((leg == k) & (displacement == s)) for k, s in places if s]
+    names = ("leg", "displacement_mm", "position_mm")
+    keys = np.column_stack([problem.conditions(name) for name in names])
+    places = dict.fromkeys(map(tuple, keys.tolist()))
+    return [np.flatnonzero((keys == place).all(axis=1)) for place in places if any(place[1:])]

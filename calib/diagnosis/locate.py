@@ -11,7 +11,7 @@ from calib.diagnosis.problem import Problem
 from calib.diagnosis.results import Share
 from calib.diagnosis.scan import gap_p_value
 from calib.linalg import incidence, onto, squares_in
-from calib.observations import LEG_NAMES, FloatArray
+from calib.observations import LEG_NAMES, TOOL, TOUCHED_NAMES, FloatArray
 from calib.ties import descending
 
 Mask = NDArray[np.bool_]
@@ -66,7 +66,7 @@ def _parts(problem: Problem) -> Iterator[tuple[str, str, str, Mask]]:
             yield name, "", "leg", leg == k
         if (axis == k).any():
             yield "", name, "axis", axis == k
-    for i, leg_name in enumerate(LEG_NAMES):
+    for i, leg_name in zip((0, 1, 2, TOOL), TOUCHED_NAMES, strict=True):
         for j, axis_name in enumerate(LEG_NAMES):
             here = (leg == i) & (axis == j)
             if here.any():
@@ -83,12 +83,25 @@ def _patterns(problem: Problem) -> Iterator[tuple[str, FloatArray]]:
         ("even in displacement", np.stack([displacement**2, displacement**4], axis=1)),
         ("direction of approach", approach[:, None]),
     ]
+    position, movement = problem.conditions("position_mm"), problem.conditions("movement")
+    if position.any():
+        moves = [
+            ("in proportion to the position", position / 100.0),
+            ("with the square of the position", _squares(position / 100.0)),
+            ("direction of approach", movement),
+        ]
     if np.isfinite(time).all() and np.ptp(time) > 0.0:
         moves.append(("time", (time / np.ptp(time))[:, None]))
     if np.isfinite(temperature).all() and np.ptp(temperature) > 0.0:
         moves.append(("temperature", temperature[:, None]))
     for name, columns in moves:
         yield name, each_mounting(problem, columns)
+
+
+def _squares(position: FloatArray) -> FloatArray:
+    """Products of two coordinates ``(n, 6)``."""
+    first, second = np.triu_indices(3)
+    return np.asarray(position[:, first] * position[:, second])
 
 
 def each_mounting(problem: Problem, columns: FloatArray) -> FloatArray:

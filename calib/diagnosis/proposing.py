@@ -15,7 +15,7 @@ from calib.diagnosis.naming import Naming
 from calib.diagnosis.results import Named, NextMeasurement, Verdict
 from calib.diagnosis.selection import LOG_UNIT, Weighed
 from calib.diagnosis.separating import Explanation
-from calib.observations import FloatArray
+from calib.observations import TOOL, FloatArray
 from calib.ties import descending
 
 REPEATS_FIRST = NextMeasurement(
@@ -27,6 +27,12 @@ REPEATS_FIRST = NextMeasurement(
 MORE_PLACES = NextMeasurement(
     "more displacements and a second touching point, so that more is left to judge with",
     "two-station",
+    0.0,
+)
+
+MORE_POSITIONS = NextMeasurement(
+    "more positions against the plate and a second height, so that more is left to judge with",
+    "plate-rings",
     0.0,
 )
 
@@ -48,6 +54,8 @@ def propose(
         return REPEATS_FIRST
     if verdict not in ("ambiguous", "cannot-tell"):
         return None
+    if any(TOOL in one.observed.leg for one in fitting.problem.sittings):
+        return MORE_POSITIONS
     if kept is None:
         return MORE_PLACES
     doubtful = _doubtful(kept, naming)

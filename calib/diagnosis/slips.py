@@ -92,7 +92,7 @@ def _step(observed: Observations, rows: IntArray, basis: FloatArray, noise: floa
 
 def level_basis(observed: Observations, rows: IntArray) -> FloatArray:
     """Orthonormal: one column for each posture, whatever the approach."""
-    levels = incidence(numbered(observed.displacement_mm[rows]))
+    levels = incidence(numbered(observed.level[rows]))
     return levels / lengths(levels)
 
 
@@ -110,12 +110,12 @@ def _explained(
 
 def cell_basis(observed: Observations, rows: IntArray) -> FloatArray:
     """Orthonormal: one column for each posture and approach."""
-    cells = incidence(numbered(observed.displacement_mm[rows], observed.approach[rows]))
+    cells = incidence(numbered(observed.cell[rows]))
     return cells / lengths(cells)
 
 
 def posture_basis(observed: Observations, rows: IntArray) -> FloatArray:
-    """Postures, whatever the approach, and what one play adds between approaches.
+    """Postures, whatever the approach, and what a play of a carriage adds between approaches.
 
     An unknown approach counts as that of most repeats of its posture.
     """
@@ -123,7 +123,8 @@ def posture_basis(observed: Observations, rows: IntArray) -> FloatArray:
     approach = observed.approach[rows]
     usual = np.sign(onto(levels, approach).round(9))
     play = np.where(approach == 0.0, usual, approach)
-    return basis_of(np.column_stack([levels, play]), DEPENDENT)
+    plays = observed.movement[rows] if observed.movement.any() else play[:, None]
+    return basis_of(np.column_stack([levels, plays]), DEPENDENT)
 
 
 def _robust_variance(observed: Observations) -> float | None:

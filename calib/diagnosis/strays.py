@@ -112,7 +112,7 @@ class _Judged:
         limited = _limited_variance(observed, left, own, share)
         if limited is not None:
             limited = np.maximum(np.maximum(limited, near), least_mm2)
-            known = observed.approach != 0.0  # else it may be off by a play
+            known = observed.approach_known  # else it may be off by a play
             pooled = np.where(known, np.minimum(pooled, limited), pooled)
         distance = np.sqrt(own / pooled / np.maximum(share, LEAST_SHARE))
         fit = np.sqrt(own / np.maximum(pooled, near))
@@ -300,7 +300,7 @@ def _unused(rows: IntArray) -> str:
 
 
 def _posture(observed: Observations, row: int) -> str:
-    return f"at {observed.displacement_mm[row]:+g} mm, cycle {observed.cycle[row]}"
+    return f"at {observed.posture_words(row)}, cycle {observed.cycle[row]}"
 
 
 def _without(observed: Observations, rows: Sequence[int] | IntArray) -> Observations:

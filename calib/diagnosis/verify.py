@@ -12,7 +12,7 @@ from calib.diagnosis.results import HeldOutGap
 from calib.diagnosis.selection import KNOWN, Search, Spread, heaviest_first
 from calib.errors import NotIdentifiable
 from calib.linalg import DEPENDENT, EXACT_BLIND, basis_of, lengths, new_directions, onto, without
-from calib.observations import LEG_NAMES, FloatArray, IntArray
+from calib.observations import LEG_NAMES, TOOL, FloatArray, IntArray
 from calib.orthoglide.effects.law import Placed
 
 
@@ -57,11 +57,13 @@ def left_out_postures(
 
 
 def _groups(problem: Problem) -> Iterator[IntArray]:
-    """Rows of one leg on one side of Zero, in all sessions."""
+    """Rows of one leg on one side of Zero, in all sessions; of the tool along each coordinate."""
     leg, displacement = problem.conditions("leg"), problem.conditions("displacement_mm")
-    for k in range(len(LEG_NAMES)):
+    places = [(k, displacement) for k in range(len(LEG_NAMES))]
+    places += [(TOOL, coordinate) for coordinate in problem.conditions("position_mm").T]
+    for k, coordinate in places:
         for side in (1.0, -1.0):
-            rows = np.flatnonzero((leg == k) & (np.sign(displacement) == side))
+            rows = np.flatnonzero((leg == k) & (np.sign(coordinate) == side))
             if len(rows) and len(rows) < (leg == k).sum():
                 yield rows
 

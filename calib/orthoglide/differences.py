@@ -10,15 +10,18 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from calib.errors import NotIdentifiable
-from calib.observations import LEG_NAMES, FloatArray, Observations
+from calib.observations import LEG_NAMES, TOOL, FloatArray, Observations
 from calib.orthoglide.geometry import Geometry
 
 PAIRS = ((0, 1), (1, 2), (0, 2))
 """Row blocks of papers/000 (11): pairs (x,y), (y,z), (x,z)."""
 
 
-Key = tuple[int, int, float, float, float]
-"""Leg, axis, station, displacement, displacement of the reference."""
+Level = tuple[float, ...]
+"""Displacement of a leg, or position of the tool."""
+
+Key = tuple[int, int, float, Level, Level]
+"""Leg, axis, station, level, level of the reference."""
 
 Terms = tuple[NDArray[np.intp], FloatArray]
 """Rows of the readings and their weights in one difference."""
@@ -32,6 +35,7 @@ class Differences:
     the same map turns a reading matrix into system (11) and a reading covariance into (14).
     ``names`` are ``axis_leg`` with ``+`` for Max, ``-`` for Min, both minus Zero; ``y_x`` alone is
     Max minus Min where Zero is missing; other displacements are written out, as in ``y_x@30.0``.
+    Readings of the tool are named by axis and position, as in ``z(0, 30, 0)``.
     """
 
     names: tuple[str, ...]
@@ -99,11 +103,12 @@ def _differences_of_mount(
     observed: Observations, members: NDArray[np.intp]
 ) -> Iterable[tuple[Key, Terms]]:
     """Key and terms of each difference to the mounting's reference posture."""
-    displacement = observed.displacement_mm[members]
-    order = np.argsort(displacement, kind="stable")
-    cells = np.split(members[order], np.flatnonzero(np.diff(displacement[order])) + 1)
-    levels = [float(observed.displacement_mm[cell[0]]) for cell in cells]
-    reference = levels.index(0.0) if 0.0 in levels else 0
+    posture = observed.level[members]
+    order = np.argsort(posture, kind="stable")
+    cells = np.split(members[order], np.flatnonzero(np.diff(posture[order])) + 1)
+    levels = [_level(observed, cell[0]) for cell in cells]
+    zeros = [k for k, cell in enumerate(cells) if observed.at_zero[cell[0]]]
+    reference = zeros[0] if zeros else 0
     zero, zero_weight = _mean(observed, cells[reference])
     first = members[0]
     where = (int(observed.leg[first]), int(observed.axis[first]), float(observed.station[first]))
@@ -114,22 +119,34 @@ def _differences_of_mount(
             yield (*where, level, levels[reference]), terms
 
 
+def _level(observed: Observations, row: int) -> Level:
+    if observed.leg[row] == TOOL:
+        return tuple(observed.position_mm[row].tolist())
+    return (float(observed.displacement_mm[row]),)
+
+
 def _mean(observed: Observations, cell: NDArray[np.intp]) -> Terms:
     """Rows and weights that average one posture of one mounting."""
     return cell, observed.averaged[cell] / observed.averaged[cell].sum()
 
 
 def _order_of_11(geometry: Geometry, key: Key) -> tuple[float, ...]:
-    leg, axis, station, level, _ = key
+    leg, axis, station, levels, _ = key
+    if leg == TOOL:
+        return (1.0, float(axis), *levels)
+    level = levels[0]
     pair = PAIRS.index((min(leg, axis), max(leg, axis)))
     rank = {geometry.travel_max_mm: 0.0, geometry.travel_min_mm: 1.0}.get(level, 2.0)
-    return (abs(station - 0.5), station, pair, rank, level, float(axis > leg))
+    return (0.0, abs(station - 0.5), station, pair, rank, level, float(axis > leg))
 
 
 def _names(geometry: Geometry, keys: list[Key]) -> Iterable[str]:
     """Names in the order of the keys; the first station of a leg and axis keeps the short names."""
     stations: dict[tuple[int, int], float] = {}
-    for leg, axis, station, level, reference in keys:
+    for leg, axis, station, (level, *more), (reference, *_) in keys:
+        if leg == TOOL:
+            yield f"{LEG_NAMES[axis]}({', '.join(f'{v:g}' for v in (level, *more))})"
+            continue
         short = f"{LEG_NAMES[axis]}_{LEG_NAMES[leg]}"
         at_station = (
             "" if stations.setdefault((leg, axis), station) == station else f"@s{station!r}"

@@ -1,10 +1,21 @@
-"""Nominal geometry of an Orthoglide: what the controller believes."""
+"""Nominal geometry of a translational tripod: what the controller believes.
+
+Three linear drives, three bars, a platform that never turns. With the coordinate q_i of a carriage
+and the tool at p, foot_i = origin_i + direction_i q_i and |p + platform_i - foot_i| = L_i. The
+Orthoglide is the one with orthogonal drives through one point; a linear delta has parallel ones.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import permutations, product
+
+import numpy as np
 
 from calib.errors import CalibrationError
+from calib.observations import LEG_NAMES, FloatArray
 
 PARAMETER_NAMES = ("d_rho_x", "d_rho_y", "d_rho_z", "d_L_x", "d_L_y", "d_L_z")
 """The base parameters: joint offsets, then leg length errors; both in mm."""
@@ -12,39 +23,227 @@ PARAMETER_NAMES = ("d_rho_x", "d_rho_y", "d_rho_z", "d_L_x", "d_L_y", "d_L_z")
 TOLERANCE_MM = 5.0
 """No machine is put together so badly: an error of this size would be seen without measuring."""
 
+LEAST_VOLUME = 1e-3
+"""Of the three unit vectors along the bars: below it the tool can move with every drive at rest."""
+
+LEAST_SLOPE = 0.02
+"""Of a bar along its drive: below it the carriage cannot move the tool."""
+
+UNIT = 1e-6
+"""By so much the square of a direction given to `Geometry` may differ from 1."""
+
+Triple = tuple[float, float, float]
+Three = tuple[Triple, Triple, Triple]
+
+COORDINATES: Three = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+NOWHERE: Three = ((0.0, 0.0, 0.0),) * 3
+
 
 @dataclass(frozen=True)
 class Geometry:
     """Nominal dimensions in mm; the defaults are the prototype of papers/000, section 2.1.
 
-    ``travel_max_mm`` and ``travel_min_mm`` are the joint limits about the Zero posture and at the
-    same time the displacements of the postures Max and Min. ``gravity`` is the unit vector of the
-    pull of weight, ``screw_lead_mm`` the travel of a carriage for one turn, None if not known.
-    ``load`` is the weight carried now, in units of the usual one.
+    Positions count from the tool in the Zero posture. ``leg_length_mm`` is the length of each bar,
+    ``origin_mm`` and ``direction`` (unit vectors) tell each drive's line and where its coordinate
+    counts from, ``platform_mm`` where each bar is held, from the tool. Seen from the platform the
+    carriage is ahead, in the drive's direction. ``travel_max_mm`` and ``travel_min_mm`` are limits
+    of every carriage about Zero; on an Orthoglide at the same time the displacements of the
+    postures Max and Min. ``workspace_mm`` is the box, lowest and highest corner, that errors of the
+    tool are judged over; None: between the limits along each coordinate. With ``set_at_zero``
+    these errors count from the tool's place at Zero, which is set by hand. ``gravity`` is the unit
+    vector of the pull of weight, ``screw_lead_mm`` the travel of a carriage for one turn, None if
+    not known. ``load`` is the weight carried now, in units of the usual one.
+
+    Raises CalibrationError for a machine that cannot stand at Zero or is singular there.
     """
 
-    leg_length_mm: float = 310.25
+    leg_length_mm: Triple = (310.25, 310.25, 310.25)
     travel_max_mm: float = 60.0
     travel_min_mm: float = -100.0
     parallelogram_width_mm: float = 80.0
     tool_radius_mm: float = 31.0
-    gravity: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    gravity: Triple = (0.0, 0.0, -1.0)
     screw_lead_mm: float | None = None
     load: float = 1.0
+    origin_mm: Three = NOWHERE
+    direction: Three = COORDINATES
+    platform_mm: Three = NOWHERE
+    workspace_mm: tuple[Triple, Triple] | None = None
+    set_at_zero: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("leg_length_mm", "parallelogram_width_mm", "tool_radius_mm"):
+        for name in ("parallelogram_width_mm", "tool_radius_mm"):
             if not getattr(self, name) > 0:
                 raise CalibrationError(name, f"{getattr(self, name):g}", "a positive length in mm")
-        if not -self.leg_length_mm < self.travel_min_mm < 0 < self.travel_max_mm:
+        for length in self.leg_length_mm:
+            if not length > 0:
+                raise CalibrationError("leg_length_mm", f"{length:g}", "a positive length in mm")
+        self._check_limits()
+        self._check_zero()
+        self._check_workspace()
+
+    def _check_limits(self) -> None:
+        shortest = min(self.leg_length_mm) if self.of_papers else math.inf
+        if not -shortest < self.travel_min_mm < 0 < self.travel_max_mm:
             raise CalibrationError(
                 "joint limits",
                 f"{self.travel_min_mm:g} … {self.travel_max_mm:g} mm",
-                "travel_min_mm < 0 < travel_max_mm, both shorter than the leg",
+                "travel_min_mm < 0 < travel_max_mm"
+                + (", both shorter than the leg" if self.of_papers else ""),
             )
-        if not self.travel_max_mm < self.leg_length_mm:
+        if not self.travel_max_mm < shortest:
             raise CalibrationError(
                 "travel_max_mm",
                 f"{self.travel_max_mm:g}",
-                f"less than the leg length {self.leg_length_mm:g} mm",
+                f"less than the leg length {shortest:g} mm",
             )
+
+    def _check_zero(self) -> None:
+        """The bars must reach at Zero, and the drives must move the tool every way there."""
+        for name, direction in zip(LEG_NAMES, self.direction, strict=True):
+            if abs(sum(part * part for part in direction) - 1.0) > UNIT:
+                raise CalibrationError(
+                    f"direction of drive {name}", str(direction), "a vector of length 1"
+                )
+        self._check_posture((0.0, 0.0, 0.0), "at Zero")
+
+    def _check_workspace(self) -> None:
+        """The corners of a box that the file names must be reached, and not be singular."""
+        if self.workspace_mm is None:
+            return
+        low, high = self.workspace_mm
+        if not all(a < b for a, b in zip(low, high, strict=True)):
+            raise CalibrationError(
+                "workspace", f"{low} … {high} mm", "the lowest corner first, then the highest"
+            )
+        for corner in product(*zip(low, high, strict=True)):
+            self._check_posture((corner[0], corner[1], corner[2]), f"with the tool at {corner} mm")
+
+    def _check_posture(self, tool_mm: Triple, where: str) -> None:
+        reach = self.reach_mm2(np.array(tool_mm))
+        for k, name in enumerate(LEG_NAMES):
+            if not reach[k] > 0.0:
+                raise CalibrationError(
+                    f"bar {name}",
+                    f"{self.leg_length_mm[k]:g} mm long, too short {where}",
+                    f"more than {math.sqrt(self.leg_length_mm[k] ** 2 - reach[k]):.6g} mm, "
+                    "the distance from the platform's joint to the line of the drive",
+                    "Check the bar's length, the drive's origin and direction, and the platform.",
+                )
+        slope = np.sqrt(reach) / self.lengths
+        across = np.array(tool_mm) - self.anchors
+        along = (across * self.directions).sum(axis=-1)
+        bars = across - (along + np.sqrt(reach))[:, None] * self.directions
+        volume = abs(float(np.linalg.det(bars / self.lengths[:, None])))
+        if volume < LEAST_VOLUME or float(slope.min()) < LEAST_SLOPE:
+            raise CalibrationError(
+                "geometry of the machine",
+                f"a singular posture {where}: the drives do not move the tool every way",
+                "bars that do not lie in one plane, and none square to its drive",
+                "Check origins, directions and the platform; two drives may be the same.",
+            )
+
+    @cached_property
+    def of_papers(self) -> bool:
+        """Whether the closed forms of papers/000 hold: an Orthoglide along the coordinates."""
+        orthoglide = (self.origin_mm, self.direction, self.platform_mm)
+        return orthoglide == (NOWHERE, COORDINATES, NOWHERE) and len(set(self.leg_length_mm)) == 1
+
+    @cached_property
+    def orthogonal(self) -> bool:
+        """Whether the drives are square to each other, so that a leg is read along the others."""
+        product_of_two = self.directions @ self.directions.T
+        return bool(np.abs(product_of_two - np.eye(3)).max() < UNIT)
+
+    @cached_property
+    def lengths(self) -> FloatArray:
+        """Lengths of the bars ``(3,)``, mm."""
+        return np.array(self.leg_length_mm)
+
+    @cached_property
+    def origins(self) -> FloatArray:
+        """Origins of the drives ``(3 drives, 3)``, mm."""
+        return np.array(self.origin_mm)
+
+    @cached_property
+    def directions(self) -> FloatArray:
+        """Unit vectors of the drives ``(3 drives, 3)``."""
+        return np.array(self.direction)
+
+    @cached_property
+    def platform(self) -> FloatArray:
+        """Joints of the platform from the tool ``(3 bars, 3)``, mm."""
+        return np.array(self.platform_mm)
+
+    @cached_property
+    def anchors(self) -> FloatArray:
+        """Origins of the drives as the tool meets them, less the platform ``(3 drives, 3)``, mm."""
+        return self.origins - self.platform
+
+    @cached_property
+    def zero_mm(self) -> FloatArray:
+        """Joint coordinates ``(3,)`` of the Zero posture, mm."""
+        along = -(self.anchors * self.directions).sum(axis=-1)
+        return np.asarray(along + np.sqrt(self.reach_mm2(np.zeros(3))))
+
+    @cached_property
+    def side(self) -> float:
+        """On which side of the plane of the feet the tool is: that of Zero, +1.0 or -1.0."""
+        feet = self.anchors + self.directions * self.zero_mm[:, None]
+        normal = np.cross(feet[1] - feet[0], feet[2] - feet[0])
+        return -1.0 if float(normal @ feet[0]) > 0.0 else 1.0
+
+    @cached_property
+    def across(self) -> dict[str, FloatArray]:
+        """Unit vectors across the drives by name, two for each.
+
+        Where the drives are orthogonal ``"xy"`` is across drive x along drive y. Else ``"xr"`` is
+        radial, away from the tool at Zero, and ``"xt"`` tangential, so that r, t and the drive's
+        direction are right-handed.
+        """
+        if self.orthogonal:
+            pairs = permutations(range(3), 2)
+            return {LEG_NAMES[i] + LEG_NAMES[j]: self.directions[j] for i, j in pairs}
+        found = {}
+        for i, name in enumerate(LEG_NAMES):
+            radial = self._radial(i)
+            found[name + "r"] = radial
+            found[name + "t"] = np.cross(self.directions[i], radial)
+        return found
+
+    def towards(self, first: int, second: int) -> FloatArray:
+        """Unit vector ``(3,)`` across one drive in which it leans towards another.
+
+        That is the direction of the other; for parallel drives the way from one line to the other.
+        """
+        for way in (self.directions[second], self.origins[second] - self.origins[first]):
+            across = self._across(first, way)
+            size = float(np.linalg.norm(across))
+            if size > UNIT:
+                return across / size
+        return self._radial(first)
+
+    def reach_mm2(self, tool_mm: FloatArray) -> FloatArray:
+        """Squares ``(..., 3)`` of what each bar covers along its drive for tools ``(..., 3)``."""
+        ray = tool_mm[..., None, :] - self.anchors
+        along = (ray * self.directions).sum(axis=-1)
+        return np.asarray(self.lengths**2 - ((ray * ray).sum(axis=-1) - along * along))
+
+    def within_limits(self, carriage_mm: FloatArray) -> bool:
+        """Whether joint coordinates ``(..., 3)`` keep the joint limits."""
+        travel = carriage_mm - self.zero_mm
+        return bool(((travel >= self.travel_min_mm) & (travel <= self.travel_max_mm)).all())
+
+    def _radial(self, drive: int) -> FloatArray:
+        """Across a drive, away from the tool; where it goes through it, away from the others."""
+        others = self.directions.sum(axis=0) - self.directions[drive]
+        for way in (self.anchors[drive], -others, *np.eye(3)):
+            across = self._across(drive, way)
+            size = float(np.linalg.norm(across))
+            if size > UNIT:
+                return across / size
+        raise AssertionError("no direction is parallel to all coordinates")
+
+    def _across(self, drive: int, way: FloatArray) -> FloatArray:
+        direction = self.directions[drive]
+        return np.asarray(way - (way @ direction) * direction)

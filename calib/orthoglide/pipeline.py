@@ -19,11 +19,14 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calib.observations import Conditions, FloatArray
+from calib.observations import TOOL, Conditions, FloatArray
 from calib.orthoglide.geometry import Geometry
 from calib.orthoglide.kinematics import inverse, trilaterate
 
 COMPLEX_STEP_MM = 1e-30
+
+STILL_MM = 1e-6
+"""A carriage that is to move by less stands still: no controller resolves it."""
 
 
 class Stage(StrEnum):
@@ -87,8 +90,8 @@ def simulate(
     """Readings ``(..., n_readings)`` in mm for parameters ``(..., 6)`` in mm.
 
     Order of the parameters: `PARAMETER_NAMES`. A reading is relative to the point of the straight
-    bar that is touched in the Zero posture, so it is zero there but for effects; the unknown zero
-    of each mounting is not added. Raises UnreachablePosture.
+    bar, or of the tool, that is touched in the Zero posture, so it is zero there but for effects;
+    the unknown zero of each mounting is not added. Raises UnreachablePosture.
     """
     parameters = np.asarray(parameters_mm)
     with_zero = _append_zero_row(taken)
@@ -115,12 +118,17 @@ def simulate(
 def command(geometry: Geometry, taken: Conditions) -> FloatArray:
     """Joint coordinates ``(n, 3)`` that the controller commands: nominal inverse kinematics.
 
-    Zero commands (L, L, L); displacement s along axis i commands ``L + s`` on joint i and
-    ``sqrt(L^2 - s^2)`` on the others (papers/000, section 2.4). Raises UnreachablePosture.
+    On an Orthoglide Zero commands (L, L, L); displacement s along axis i commands ``L + s`` on
+    joint i and ``sqrt(L^2 - s^2)`` on the others (papers/000, section 2.4). Raises
+    UnreachablePosture.
     """
-    position = np.zeros((len(taken), 3))
-    position[np.arange(len(taken)), taken.leg] = taken.displacement_mm
-    return inverse(position, geometry.leg_length_mm)
+    return inverse(geometry, commanded_tool(geometry, taken))
+
+
+def commanded_tool(geometry: Geometry, taken: Conditions) -> FloatArray:
+    """Tool positions ``(n, 3)`` from Zero that the controller is told, mm."""
+    along = taken.displacement_mm[:, None] * geometry.directions[taken.leg]
+    return np.asarray(taken.position_mm + along)
 
 
 def actuator(flow: Flow) -> NDArray[Any]:
@@ -129,43 +137,58 @@ def actuator(flow: Flow) -> NDArray[Any]:
 
 
 def foot(flow: Flow) -> NDArray[Any]:
-    """Feet of the bars ``(..., n, 3 legs, 3)``: each carriage on its own axis."""
-    feet = flow.carriage_mm[..., :, None] * np.eye(3)
+    """Feet of the bars ``(..., n, 3 legs, 3)``: each carriage on the line of its drive."""
+    geometry = flow.geometry
+    feet = geometry.origins + flow.carriage_mm[..., :, None] * geometry.directions
     return flow.through(Stage.FOOT, feet)
 
 
 def tool(flow: Flow) -> NDArray[Any]:
     """Tool centre point ``(..., n, 3)``: where the three bars meet."""
-    lengths = flow.geometry.leg_length_mm + flow.length_error_mm
+    geometry = flow.geometry
+    lengths = geometry.lengths + flow.length_error_mm
     rows = np.broadcast_to(lengths, (*lengths.shape[:-2], len(flow.taken), 3))
-    return trilaterate(flow.foot_mm, flow.through(Stage.TOOL, rows))
+    feet = flow.foot_mm - geometry.platform
+    return trilaterate(feet, flow.through(Stage.TOOL, rows), geometry.side)
 
 
 def touched_fraction(flow: Flow) -> NDArray[Any]:
     """Where the bar is touched ``(..., n)``: fraction of its length from the tool end.
 
     The indicator stands still. It was set on the bar in the Zero posture at the station of the
-    mounting and keeps that coordinate along the leg's axis (papers/000, equation (10)).
+    mounting and keeps that coordinate along the leg's axis (papers/000, equation (10)). A reading
+    of the tool itself stays at the tool, 0.
     """
-    tool_along, foot_along = _along_leg(flow, flow.tool_mm), _along_leg(flow, _own_foot(flow))
-    tool_zero = flow.tool_mm[..., -1, :][..., flow.taken.leg]
-    index = flow.taken.leg
-    foot_zero = flow.foot_mm[..., -1, :, :][..., index, index]
-    kept = tool_zero + flow.taken.station * (foot_zero - tool_zero)
-    return np.asarray((kept - tool_along) / (foot_along - tool_along))
+    leg = flow.taken.leg
+    along = flow.geometry.directions[leg]
+    end_along, foot_along = _dot(_own_end(flow), along), _dot(_own_foot(flow), along)
+    end_zero = _dot(_own_end_at_zero(flow), along)
+    foot_zero = _dot(flow.foot_mm[..., -1, :, :][..., leg, :], along)
+    kept = end_zero + flow.taken.station * (foot_zero - end_zero)
+    fraction = (kept - end_along) / (foot_along - end_along)
+    return np.where(leg == TOOL, 0.0, fraction) if TOOL in leg else np.asarray(fraction)
 
 
 def touched_point(flow: Flow) -> NDArray[Any]:
-    """The point of the bar under the indicator ``(..., n, 3)``."""
-    bar = _own_foot(flow) - flow.tool_mm
-    return flow.through(Stage.TOUCH, flow.tool_mm + flow.fraction[..., None] * bar)
+    """The point of the bar, or of the tool, under the indicator ``(..., n, 3)``."""
+    end = _own_end(flow)
+    bar = _own_foot(flow) - end
+    return flow.through(Stage.TOUCH, end + flow.fraction[..., None] * bar)
 
 
 def reading(flow: Flow, touched_mm: NDArray[Any]) -> NDArray[Any]:
     """What the indicator shows ``(..., n)``: its axis of the touched point, minus that at Zero."""
-    n = len(flow.taken)
-    now = touched_mm[..., np.arange(n), flow.taken.axis]
+    now = _dot(touched_mm, measuring_directions(flow.geometry, flow.taken))
     return flow.through(Stage.READING, now - _touched_at_zero(flow))
+
+
+def measuring_directions(geometry: Geometry, taken: Conditions) -> FloatArray:
+    """Unit vectors ``(n, 3)`` along which indicators read.
+
+    On a leg along the drive that the axis names; at the tool along that coordinate.
+    """
+    on_leg = geometry.directions[taken.axis]
+    return np.where((taken.leg == TOOL)[:, None], np.eye(3)[taken.axis], on_leg)
 
 
 def derivatives(
@@ -185,17 +208,11 @@ def derivatives(
 
 def _touched_at_zero(flow: Flow) -> NDArray[Any]:
     """Coordinate along the measuring axis at Zero of each reading's own station ``(..., n)``."""
-    leg, axis = flow.taken.leg, flow.taken.axis
-    tool_zero = flow.tool_mm[..., -1, :]
-    foot_zero = flow.foot_mm[..., -1, :, :]
-    return np.asarray(
-        tool_zero[..., axis]
-        + flow.taken.station * (foot_zero[..., leg, axis] - tool_zero[..., axis])
-    )
-
-
-def _along_leg(flow: Flow, point_mm: NDArray[Any]) -> NDArray[Any]:
-    return np.asarray(point_mm[..., np.arange(len(flow.taken)), flow.taken.leg])
+    along = measuring_directions(flow.geometry, flow.taken)
+    end_zero = _dot(_own_end_at_zero(flow), along)
+    foot_zero = _dot(flow.foot_mm[..., -1, :, :][..., flow.taken.leg, :], along)
+    station = np.where(flow.taken.leg == TOOL, 0.0, flow.taken.station)
+    return np.asarray(end_zero + station * (foot_zero - end_zero))
 
 
 def _own_foot(flow: Flow) -> NDArray[Any]:
@@ -203,10 +220,40 @@ def _own_foot(flow: Flow) -> NDArray[Any]:
     return np.asarray(flow.foot_mm[..., np.arange(len(flow.taken)), flow.taken.leg, :])
 
 
+def _own_end(flow: Flow) -> NDArray[Any]:
+    """Tool end of the touched bar ``(..., n, 3)``, or the tool."""
+    return np.asarray(flow.tool_mm + _joint(flow))
+
+
+def _own_end_at_zero(flow: Flow) -> NDArray[Any]:
+    return np.asarray(flow.tool_mm[..., -1:, :] + _joint(flow))
+
+
+def _joint(flow: Flow) -> FloatArray:
+    """From the tool to the end of the touched bar ``(n, 3)``."""
+    leg = flow.taken.leg
+    return np.where((leg == TOOL)[:, None], 0.0, flow.geometry.platform[leg])
+
+
+def _dot(left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
+    return np.asarray((left * right).sum(axis=-1))
+
+
+def carriage_movement(geometry: Geometry, from_mm: FloatArray, to_mm: FloatArray) -> FloatArray:
+    """Sign ``(n, 3)`` of each carriage's movement between tool positions ``(n, 3)``.
+
+    Less than `STILL_MM` is none. Raises UnreachablePosture.
+    """
+    moved = inverse(geometry, to_mm) - inverse(geometry, from_mm)
+    return np.asarray(np.where(np.abs(moved) < STILL_MM, 0.0, np.sign(moved)))
+
+
 def _append_zero_row(taken: Conditions) -> Conditions:
     """The conditions with one more row: the Zero posture, in which indicators are mounted."""
     zero = {"station": 0.5, "axis": 1, "temperature_c": np.nan, "mount": -1}
-    arrays = {
-        f.name: np.append(getattr(taken, f.name), zero.get(f.name, 0)) for f in fields(Conditions)
-    }
-    return Conditions(**{name: a.astype(getattr(taken, name).dtype) for name, a in arrays.items()})
+    arrays = {}
+    for name in (f.name for f in fields(Conditions)):
+        before = getattr(taken, name)
+        row = np.full((1, *before.shape[1:]), zero.get(name, 0), dtype=before.dtype)
+        arrays[name] = np.concatenate([before, row])
+    return Conditions(**arrays)

@@ -269,10 +269,18 @@ ORTHOGLIDE = ("postures", "orthoglide", "--procedure", "sweep")
 @pytest.mark.parametrize(
     ("status", "arguments", "said"),
     [
-        (2, ("identifiability", "delta", "--procedure", "sweep"), "hexaslide, orthoglide"),
+        (
+            2,
+            ("identifiability", "delta", "--procedure", "sweep"),
+            "hexaslide, linear-delta, orthoglide",
+        ),
         (2, ("identifiability", "orthoglide", "--procedure", "nothing"), "zero-max-min"),
         (2, ("identifiability", "orthoglide", "--procedure", "sweep", "--noise", "0"), "--noise"),
-        (2, ("postures", "delta", "--procedure", "sweep", "--count", "9"), "hexaslide, orthoglide"),
+        (
+            2,
+            ("postures", "delta", "--procedure", "sweep", "--count", "9"),
+            "hexaslide, linear-delta, orthoglide",
+        ),
         (2, (*ORTHOGLIDE, "--count", "0"), "--count"),
         (
             2,

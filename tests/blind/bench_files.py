@@ -43,7 +43,12 @@ def write_session(made: Made, path: Path, machine: Path | None = None) -> None:
     table.write_text(made.table, encoding="utf-8")
     try:
         with contextlib.redirect_stderr(io.StringIO()):
-            import_table(table, path, machine=machine, resolution=made.resolution_mm)
+            import_table(
+                table,
+                path,
+                machine=str(machine) if machine else None,
+                resolution=made.resolution_mm,
+            )
     finally:
         table.unlink()
 

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from app.simulated_session import simulated_session
-from calib.observations import Conditions, FloatArray, conditions
+from calib.observations import Conditions, FloatArray, conditions, tool_conditions
 from calib.orthoglide.effects import CATALOGUE
 from calib.orthoglide.effects.actuators import last_movement
 from calib.orthoglide.effects.bars import pull_of_weight
 from calib.orthoglide.effects.candidates import Candidate, candidates, invisible
+from calib.orthoglide.effects.catalogue import laws_of
 from calib.orthoglide.effects.law import Law, Placed
 from calib.orthoglide.geometry import Geometry
 from calib.orthoglide.kinematics import trilaterate
@@ -26,6 +27,7 @@ from protocols.observations import to_observations
 from protocols.procedure import load_procedure
 from protocols.session import fold
 from tests.builders import postures
+from tests.tripods import DELTA
 
 L = 310.25
 OFF = (1.2, -0.7, 0.4, 0.05, -0.02, 0.03)
@@ -40,7 +42,27 @@ def walked(levels: tuple[float, ...] = (0, 22, 60, 22, 0, -37, -100, -37, 0)) ->
     return replace(taken, approach=moved, time_s=rows * 20.0, temperature_c=21.0 + rows * 0.01)
 
 
+def on_plate() -> Conditions:
+    """The tool along z over two heights, with movements, times and temperatures."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 13)[:12]
+    ring = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+    place = np.vstack([[0.0, 0.0, 0.0], 40.0 * ring, 80.0 * ring, 60.0 * ring + [0.0, 0.0, 8.0]])
+    rows = np.arange(len(place)).astype(np.float64)
+    moved = np.random.default_rng(3).choice([-1.0, 1.0], (len(place), 3))
+    taken = replace(tool_conditions(place), movement=moved)
+    return replace(taken, time_s=rows * 20.0, temperature_c=21.0 + rows * 0.01)
+
+
 TAKEN = walked()
+PLATE = on_plate()
+
+SETTINGS = [
+    pytest.param(known, geometry, taken, id=f"{known.id}-{known.parameters[0].name}-{name}")
+    for name, geometry, taken in (("legs", Geometry(), TAKEN), ("plate", DELTA, PLATE))
+    for known in laws_of(CATALOGUE, geometry)
+    if known.places(taken)
+]
+"""Every law on a machine whose readings it may touch."""
 
 
 def law(effect_id: str, parameter: str = "") -> Law:
@@ -81,37 +103,41 @@ def test_the_catalogue_holds_the_ids_of_the_contract() -> None:
         assert all(p.unit and p.tolerance > 0 for p in known.parameters)
 
 
-@pytest.mark.parametrize("known", CATALOGUE, ids=lambda known: known.id)
-def test_zero_changes_nothing_and_columns_are_central_differences(known: Law) -> None:
+@pytest.mark.parametrize(("known", "geometry", "taken"), SETTINGS)
+def test_zero_changes_nothing_and_columns_are_central_differences(
+    known: Law, geometry: Geometry, taken: Conditions
+) -> None:
     """Complex steps against differences of the nonlinear simulation, at a machine that is off."""
-    model = Model(parameters_mm=OFF)
-    plain = model.readings(TAKEN)
-    for place in known.places(TAKEN):
+    model = Model(geometry, OFF)
+    plain = model.readings(taken)
+    for place in known.places(taken):
         none = replace(model, effects=(Placed(known, place, (0.0,) * len(known.parameters)),))
-        assert none.readings(TAKEN) == pytest.approx(plain, abs=1e-13)
-    found = [c for c in candidates(model, TAKEN, [known]) if c.arrangement != "each"]
+        assert none.readings(taken) == pytest.approx(plain, abs=1e-13)
+    found = [c for c in candidates(model, taken, [known]) if c.arrangement != "each"]
     assert found
     for candidate in found:
         for number, parameter in enumerate(candidate.parameters):
             step = np.zeros(len(candidate.parameters))
             step[number] = parameter.tolerance
-            high = replace(model, effects=candidate.effects(step)).readings(TAKEN)
-            low = replace(model, effects=candidate.effects(-step)).readings(TAKEN)
+            high = replace(model, effects=candidate.effects(step)).readings(taken)
+            low = replace(model, effects=candidate.effects(-step)).readings(taken)
             central = (high - low) / (2 * parameter.tolerance)
             scale = float(np.abs(central).max())
             assert candidate.columns[:, number] == pytest.approx(central, abs=1e-4 * scale + 1e-11)
 
 
-@pytest.mark.parametrize("known", CATALOGUE, ids=lambda known: known.id)
-def test_base_derivatives_pass_through_every_effect(known: Law) -> None:
+@pytest.mark.parametrize(("known", "geometry", "taken"), SETTINGS)
+def test_base_derivatives_pass_through_every_effect(
+    known: Law, geometry: Geometry, taken: Conditions
+) -> None:
     """A batch of complex machines with the effect adopted equals differences of single ones."""
     sizes = tuple(p.tolerance for p in known.parameters)
-    effects = tuple(Placed(known, place, sizes) for place in known.places(TAKEN))
-    exact = derivatives(Geometry(), OFF, TAKEN, effects)
+    effects = tuple(Placed(known, place, sizes) for place in known.places(taken))
+    exact = derivatives(geometry, OFF, taken, effects)
     for number in range(6):
         step = 1e-3 * np.eye(6)[number]
-        high = simulate(Geometry(), np.array(OFF) + step, TAKEN, effects)
-        low = simulate(Geometry(), np.array(OFF) - step, TAKEN, effects)
+        high = simulate(geometry, np.array(OFF) + step, taken, effects)
+        low = simulate(geometry, np.array(OFF) - step, taken, effects)
         assert exact[:, number] == pytest.approx((high - low) / 2e-3, abs=1e-7)
 
 
@@ -253,15 +279,16 @@ def planned(name: str, machine: Machine) -> list[Event]:
 
 def test_weight_hangs_on_the_vertical_bar_and_presses_when_turned_over() -> None:
     feet, lengths = np.diag([L] * 3), np.full(3, L)
-    assert pull_of_weight(feet, lengths, (0, 0, -1)) == pytest.approx([0, 0, 1], abs=1e-12)
-    assert pull_of_weight(feet, lengths, (0, 0, 1)) == pytest.approx([0, 0, -1], abs=1e-12)
+    turned = Geometry(gravity=(0.0, 0.0, 1.0))
+    assert pull_of_weight(Geometry(), feet, lengths) == pytest.approx([0, 0, 1], abs=1e-12)
+    assert pull_of_weight(turned, feet, lengths) == pytest.approx([0, 0, -1], abs=1e-12)
 
 
 def test_forces_balance_at_any_posture() -> None:
     feet, lengths = np.diag([340.0, 290.0, 280.0]), np.array([L, L + 1, L - 1])
     gravity = np.array([0.6, 0.0, -0.8])
-    tool = trilaterate(feet, lengths)
-    pull = pull_of_weight(feet, lengths, tuple(gravity))
+    tool = trilaterate(feet, lengths, Geometry().side)
+    pull = pull_of_weight(Geometry(gravity=tuple(gravity)), feet, lengths)
     towards_feet = (feet - tool) / lengths[:, None]
     assert pull @ towards_feet + gravity == pytest.approx(np.zeros(3), abs=1e-12)
 

@@ -10,7 +10,7 @@ import pytest
 from app.planning import Request, planned_machine
 from calib.classical_qr import classical_qr
 from calib.identifiability import Sensitivity, analyse
-from protocols.procedure import procedure_names
+from protocols.procedure import leg_procedure_names
 
 
 def sensitivity_of(procedure: str) -> Sensitivity:
@@ -18,7 +18,7 @@ def sensitivity_of(procedure: str) -> Sensitivity:
     return planned_machine("orthoglide", request).examine().sensitivity
 
 
-@pytest.mark.parametrize("procedure", procedure_names())
+@pytest.mark.parametrize("procedure", leg_procedure_names())
 def test_derivatives_wrong_by_1e_7_change_no_decision(procedure: str) -> None:
     exact = sensitivity_of(procedure)
     found = analyse(exact)

@@ -107,8 +107,8 @@ def test_predicted_tool_error_against_true_tool_error(subset: Subset) -> None:
         np.zeros(len(index)), found.error_covariance_mm2, size=len(full)
     )
     nominal = workspace_points(geometry)
-    carriage = inverse(nominal, geometry.leg_length_mm)
-    moved = direct(carriage + full[..., :3], geometry.leg_length_mm + full[..., 3:])
+    carriage = inverse(geometry, nominal)
+    moved = direct(geometry, carriage + full[..., :3], full[..., 3:])
     square = float(((moved - nominal) ** 2).sum(axis=-1).mean())
     solution = identify(
         Model(),
@@ -140,11 +140,11 @@ def test_tool_error_and_its_uncertainty_against_random_parameters() -> None:
     covariance, shift = factor @ factor.T, generator.normal(scale=0.3, size=6)
     found = tool_error(geometry, shift, covariance)
     nominal = workspace_points(geometry)
-    carriage = inverse(nominal, geometry.leg_length_mm)
+    carriage = inverse(geometry, nominal)
     rms = []
     for _ in range(3000):
         error = shift + factor @ generator.normal(size=6)
-        moved = direct(carriage + error[:3], geometry.leg_length_mm + error[3:])
+        moved = direct(geometry, carriage + error[:3], error[3:])
         rms.append(math.sqrt(float(((moved - nominal) ** 2).sum(axis=1).mean())))
     assert found.rms_mm == pytest.approx(math.sqrt(np.mean(np.square(rms))), rel=0.03)
     assert found.standard_uncertainty_mm == pytest.approx(float(np.std(rms)), rel=0.1)
@@ -158,8 +158,8 @@ def test_map_and_decision() -> None:
     assert drawn.error_mm.shape == (9, 9)
     for i, j in product((0, 4, 8), repeat=2):
         place = np.array([drawn.coordinate_mm[j], drawn.coordinate_mm[i], 0.0])
-        carriage = inverse(place, geometry.leg_length_mm)
-        moved = direct(carriage + shift[:3], np.full(3, geometry.leg_length_mm))
+        carriage = inverse(geometry, place)
+        moved = direct(geometry, carriage + shift[:3])
         assert drawn.error_mm[i, j] == pytest.approx(float(np.linalg.norm(moved - place)), rel=0.01)
     found = tool_error(geometry, shift, 1e-4 * np.eye(6))
     guard = 2.0 * found.standard_uncertainty_mm

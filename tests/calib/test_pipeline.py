@@ -35,7 +35,7 @@ def test_system_11_is_the_derivative_of_the_exact_pipeline(
     length: float, high: float, low: float, station: float
 ) -> None:
     """Issue figure: central differences of the pipeline, 1e-8, for any L, limits and station."""
-    geometry = Geometry(length, high * length, low * length)
+    geometry = Geometry((length,) * 3, high * length, low * length)
     taken = postures((0.0, geometry.travel_max_mm, geometry.travel_min_mm), station=station)
     h = 1e-3
     steps = h * np.eye(6)

@@ -9,13 +9,21 @@ from scipy.optimize import least_squares
 from calib.fit import exact_fit, without_zeros
 from calib.monte_carlo import identify_many
 from calib.newton import minimise, solve_positive
-from calib.observations import Conditions, FloatArray, Observations, conditions, observe
+from calib.observations import (
+    Conditions,
+    FloatArray,
+    Observations,
+    conditions,
+    observe,
+    tool_conditions,
+)
 from calib.orthoglide.geometry import Geometry
 from calib.orthoglide.model import Model
 from calib.orthoglide.pipeline import derivatives, simulate
-from calib.orthoglide.plain import PlainDesign
+from calib.orthoglide.plain import PapersDesign, TripodDesign
 from calib.solution import SUBSETS, Subset
 from tests.builders import postures
+from tests.tripods import TRIPODS
 
 
 def random_conditions(generator: np.random.Generator, geometry: Geometry) -> Conditions:
@@ -31,10 +39,28 @@ def random_conditions(generator: np.random.Generator, geometry: Geometry) -> Con
 @pytest.mark.parametrize("seed", range(8))
 def test_closed_form_and_its_derivatives_are_the_pipeline(seed: int) -> None:
     generator = np.random.default_rng(seed)
-    geometry = Geometry(leg_length_mm=float(generator.uniform(200.0, 900.0)))
-    taken = random_conditions(generator, geometry)
-    machines = generator.uniform(-5.0, 5.0, (6, 3))
-    values, slopes = PlainDesign.of(geometry, taken).readings_and_derivatives(machines)
+    geometry = Geometry(leg_length_mm=(float(generator.uniform(200.0, 900.0)),) * 3)
+    assert_is_the_pipeline(geometry, random_conditions(generator, geometry), PapersDesign, seed)
+
+
+@pytest.mark.parametrize("geometry", TRIPODS.values(), ids=TRIPODS)
+def test_the_form_for_any_tripod_is_the_pipeline(geometry: Geometry) -> None:
+    """On legs where drives are square to each other, at the tool on every machine."""
+    generator = np.random.default_rng(1)
+    low, high = geometry.workspace_mm or ((-60.0,) * 3, (40.0,) * 3)
+    at_tool = [tool_conditions(generator.uniform(low, high, (20, 3)), axis) for axis in range(3)]
+    for taken in (*at_tool, *([random_conditions(generator, geometry)] * geometry.orthogonal)):
+        assert_is_the_pipeline(geometry, taken, TripodDesign, 2)
+
+
+def assert_is_the_pipeline(
+    geometry: Geometry,
+    taken: Conditions,
+    kind: type[PapersDesign] | type[TripodDesign],
+    seed: int,
+) -> None:
+    machines = np.random.default_rng(seed).uniform(-5.0, 5.0, (6, 3))
+    values, slopes = kind.of(geometry, taken).readings_and_derivatives(machines)
     for b in range(3):
         exact = simulate(geometry, machines[:, b], taken)
         np.testing.assert_allclose(values[:, b], exact, rtol=0.0, atol=1e-11)

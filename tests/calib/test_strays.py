@@ -218,20 +218,26 @@ def test_the_odds_are_densities_of_a_fit_and_of_an_accident(
     assert odds_of_label(50.0, fit, 7, even) == pytest.approx(expected)
 
 
+def posture_at(observed: Observations, level_mm: float) -> int:
+    return int(observed.level[observed.displacement_mm == level_mm][0])
+
+
 def test_a_changed_label_that_evens_the_postures() -> None:
     observed = case(SWEEP, seed=1).observed
     row = int(rows_at(observed, 2, -37.0)[1])
-    uneven = relabelled(observed, row, Label(2, 22.0, ""))
+    uneven = relabelled(observed, row, Label(2, posture_at(observed, 22.0), ""))
     assert evened(uneven, observed) == 1.0
     assert evened(observed, uneven) == -1.0
-    assert evened(uneven, relabelled(observed, row, Label(2, 41.0, ""))) == 0.0
+    assert (
+        evened(uneven, relabelled(observed, row, Label(2, posture_at(observed, 41.0), ""))) == 0.0
+    )
 
 
 def test_a_changed_leg_that_evens_the_postures() -> None:
     observed = case(SWEEP, seed=1).observed
     row = int(rows_at(observed, 2, -37.0)[1])
     (other,) = (each for each in other_labels(observed, row) if each.mount != 2)
-    assert (other.words, other.level_mm) == ("leg Z", -37.0)
+    assert (other.words, other.posture) == ("leg Z", posture_at(observed, -37.0))
     uneven = relabelled(observed, row, other)
     assert evened(uneven, observed) == 1.0
     assert evened(observed, uneven) == -1.0

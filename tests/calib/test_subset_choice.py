@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,10 +30,10 @@ MODEL = Model()
 def tool_rms_mm(truth: FloatArray, entered: FloatArray) -> float:
     """Where the true machine stands when it is commanded with these values, by exact kinematics."""
     geometry = Geometry()
-    length = geometry.leg_length_mm
+    believed = replace(geometry, leg_length_mm=tuple(geometry.lengths + entered[3:]))
     wanted = workspace_points(geometry)
-    carriage = inverse(wanted, length + entered[3:]) - entered[:3]
-    moved = direct(carriage + truth[:3], length + truth[3:])
+    carriage = inverse(believed, wanted) - entered[:3]
+    moved = direct(geometry, carriage + truth[:3], truth[3:])
     return float(np.sqrt(((moved - wanted) ** 2).sum(axis=1).mean()))
 
 

@@ -14,7 +14,7 @@ from protocols.model_file import model_to_json, read_model
 
 
 def test_default_machine_is_the_prototype() -> None:
-    assert load_machine(None).geometry() == Geometry(310.25, 60.0, -100.0, 80.0, 31.0)
+    assert load_machine(None).geometry() == Geometry((310.25,) * 3, 60.0, -100.0, 80.0, 31.0)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from calib.orthoglide.geometry import Geometry
 from protocols.errors import RecordError, UsageError
-from protocols.procedure import Procedure, load_procedure, procedure_names
+from protocols.procedure import Procedure, leg_procedure_names, load_procedure
 
 FILE = """
 schema = "glidecal.procedure/1"
@@ -36,7 +36,7 @@ def test_one_indicator_measures_each_leg_twice() -> None:
     assert {step.axes for step in steps if step.leg == "y"} == {("x",), ("z",)}
 
 
-@pytest.mark.parametrize("name", procedure_names())
+@pytest.mark.parametrize("name", leg_procedure_names())
 def test_every_procedure_respects_the_limits_and_returns_to_zero(name: str) -> None:
     procedure = load_procedure(name, Geometry())
     steps = procedure.steps(Geometry())

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.observations import LEG_NAMES, Conditions, FloatArray
+from calib.observations import LEG_NAMES, TOOL, Conditions, FloatArray
 from calib.orthoglide.effects.kinds import EffectParameter, Kind
 from calib.orthoglide.effects.law import Law
 from calib.orthoglide.effects.places import PER_THOUSAND, moved_carriage, travel
@@ -118,15 +118,15 @@ class Backlash:
 def last_movement(taken: Conditions) -> FloatArray:
     """Sign of the last movement of each carriage ``(n, 3)``; 0 where it is not known.
 
-    The touched leg's carriage follows the displacement s. The others are commanded
-    ``sqrt(L^2 - s^2)``: they went down where the tool went away from Zero at last, up where it came
-    nearer, and so up on arriving at Zero.
+    Readings of the tool tell it themselves. On an Orthoglide the touched leg's carriage follows the
+    displacement s. The others are commanded ``sqrt(L^2 - s^2)``: they went down where the tool went
+    away from Zero at last, up where it came nearer, and so up on arriving at Zero.
     """
     from_zero = np.sign(taken.displacement_mm)
     others = np.where(from_zero == 0, np.abs(taken.approach), -from_zero * taken.approach)
     movement = np.repeat(others[:, None], 3, axis=1)
     movement[np.arange(len(taken)), taken.leg] = taken.approach
-    return np.asarray(movement)
+    return np.where((taken.leg == TOOL)[:, None], taken.movement, movement)
 
 
 def with_machine_lead(laws: Iterable[Law], geometry: Geometry) -> tuple[Law, ...]:

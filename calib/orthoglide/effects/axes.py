@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.observations import Conditions
+from calib.observations import LEG_NAMES, Conditions
 from calib.orthoglide.effects.kinds import EffectParameter, Kind
+from calib.orthoglide.effects.law import Law
 from calib.orthoglide.effects.places import (
     DIRECTIONS,
     PAIRS,
@@ -19,6 +20,7 @@ from calib.orthoglide.effects.places import (
     numbers,
     travel,
 )
+from calib.orthoglide.geometry import Geometry
 from calib.orthoglide.pipeline import Flow, Stage
 
 STRAIGHTNESS_TRAVEL_MM = 100.0
@@ -29,7 +31,8 @@ REPEATABLE = ("same for both directions of approach", "constant in time")
 class AxisSquareness:
     """A pair of axes leans together; positive: their angle is less than 90°.
 
-    Both axes take half of it: leg readings see the sum of the two leans only.
+    Both axes take half of it: leg readings see the sum of the two leans only. Parallel drives lean
+    towards each other with their coordinate.
     """
 
     id: str = "axis_squareness"
@@ -53,8 +56,10 @@ class AxisSquareness:
         """Each foot of the pair moves towards the other axis in proportion to its coordinate."""
         first, second = numbers(place)
         half_rad = PER_THOUSAND * values[0] / 2
-        feet = moved_foot(passing, first, second, half_rad * flow.carriage_mm[..., first])
-        return moved_foot(feet, second, first, half_rad * flow.carriage_mm[..., second])
+        towards = flow.geometry.towards
+        carriage = flow.carriage_mm
+        feet = moved_foot(passing, first, towards(first, second), half_rad * carriage[..., first])
+        return moved_foot(feet, second, towards(second, first), half_rad * carriage[..., second])
 
 
 @dataclass(frozen=True)
@@ -68,16 +73,18 @@ class AxisOffset:
     parameters: tuple[EffectParameter, ...] = (EffectParameter("shift", "mm", 0.1),)
     invariances: tuple[str, ...] = (*REPEATABLE, "follows the angle of the bar, not its travel")
     controller: str = ""
+    directions: tuple[str, ...] = DIRECTIONS
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every axis in both directions across it."""
-        return DIRECTIONS if len(taken) else ()
+        return self.directions if len(taken) else ()
 
     def change(
         self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
         """The foot is sideways by a constant."""
-        return moved_foot(passing, *numbers(place), values[0] * np.ones(len(flow.taken)))
+        shift = values[0] * np.ones(len(flow.taken))
+        return moved_foot(passing, _drive(place), flow.geometry.across[place], shift)
 
 
 @dataclass(frozen=True)
@@ -91,15 +98,29 @@ class Straightness:
     parameters: tuple[EffectParameter, ...] = (EffectParameter("sideways_at_100mm", "mm", 0.02),)
     invariances: tuple[str, ...] = (*REPEATABLE, "the same for equal travel either way from Zero")
     controller: str = "straightness compensation of the axis, where the controller has one"
+    directions: tuple[str, ...] = DIRECTIONS
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every axis in both directions across it."""
-        return DIRECTIONS if len(taken) else ()
+        return self.directions if len(taken) else ()
 
     def change(
         self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
         """The foot is sideways by value (travel / 100 mm)²."""
-        leg, towards = numbers(place)
+        leg = _drive(place)
         part = travel(flow, leg) / STRAIGHTNESS_TRAVEL_MM
-        return moved_foot(passing, leg, towards, values[0] * part**2)
+        return moved_foot(passing, leg, flow.geometry.across[place], values[0] * part**2)
+
+
+def _drive(place: str) -> int:
+    return LEG_NAMES.index(place[0])
+
+
+def with_directions(laws: Iterable[Law], geometry: Geometry) -> tuple[Law, ...]:
+    """The laws; those that act sideways in the directions across this machine's drives."""
+    names = tuple(geometry.across)
+    sideways = (AxisOffset, Straightness)
+    return tuple(
+        replace(law, directions=names) if isinstance(law, sideways) else law for law in laws
+    )

@@ -14,11 +14,12 @@ from calib.orthoglide.effects.kinds import EffectParameter, Kind
 from calib.orthoglide.effects.places import (
     PER_THOUSAND,
     at_mount,
-    mounts,
     moved_touch,
     numbers,
+    on_legs,
     unit,
 )
+from calib.orthoglide.geometry import Geometry
 from calib.orthoglide.kinematics import trilaterate
 from calib.orthoglide.pipeline import Flow, Stage
 
@@ -48,22 +49,23 @@ class GravitySag:
     ) -> NDArray[Any]:
         """The bar changes its length by value · load · pull / weight, at the unloaded machine."""
         leg = LEG_NAMES.index(place)
-        pull = pull_of_weight(flow.foot_mm, passing, flow.geometry.gravity)
+        pull = pull_of_weight(flow.geometry, flow.foot_mm, passing)
         shortening = values[0] * flow.geometry.load
         return np.asarray(passing + shortening * pull[..., leg, None] * unit(leg))
 
 
 def pull_of_weight(
-    foot_mm: NDArray[Any], length_mm: NDArray[Any], gravity: Sequence[float]
+    geometry: Geometry, foot_mm: NDArray[Any], length_mm: NDArray[Any]
 ) -> NDArray[Any]:
     """Pull in each bar ``(..., 3)`` in units of the weight; negative: it is pressed.
 
-    Equilibrium at the tool: the unit vectors u_i from foot to tool satisfy sum pull_i u_i = g,
-    ``gravity`` being the unit vector g.
+    Equilibrium of the platform: the unit vectors u_i from foot to platform satisfy
+    sum pull_i u_i = g, the unit vector of gravity.
     """
-    tool = trilaterate(foot_mm, length_mm)
-    bars = (tool[..., None, :] - foot_mm) / length_mm[..., None]
-    weight = np.asarray(gravity, dtype=np.float64)[:, None]
+    feet = foot_mm - geometry.platform
+    tool = trilaterate(feet, length_mm, geometry.side)
+    bars = (tool[..., None, :] - feet) / length_mm[..., None]
+    weight = np.asarray(geometry.gravity, dtype=np.float64)[:, None]
     pull = np.linalg.solve(np.swapaxes(bars, -1, -2), weight)
     return np.asarray(pull[..., 0])
 
@@ -90,15 +92,15 @@ class LegTaper:
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every leg and measuring axis that was measured."""
-        return mounts(taken)
+        return on_legs(taken)
 
     def change(
         self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
         """The surface departs by value · distance from the tool end."""
-        along_mm = flow.fraction * flow.geometry.leg_length_mm
+        along_mm = flow.fraction * flow.geometry.leg_length_mm[numbers(place)[0]]
         off_mm = PER_THOUSAND * values[0] * along_mm * at_mount(flow, place)
-        return moved_touch(passing, numbers(place)[1], off_mm)
+        return moved_touch(passing, flow, off_mm)
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ class LegBow:
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every leg and measuring axis that was measured."""
-        return mounts(taken)
+        return on_legs(taken)
 
     def change(
         self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
@@ -127,4 +129,4 @@ class LegBow:
         """A parabola along the bar: zero at both ends, the value in the middle."""
         part = 4.0 * flow.fraction * (1.0 - flow.fraction)
         off_mm = values[0] * part * at_mount(flow, place)
-        return moved_touch(passing, numbers(place)[1], off_mm)
+        return moved_touch(passing, flow, off_mm)

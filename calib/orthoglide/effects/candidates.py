@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from calib.observations import LEG_NAMES, Conditions, FloatArray
-from calib.orthoglide.effects.actuators import with_machine_lead
-from calib.orthoglide.effects.catalogue import CATALOGUE
+from calib.orthoglide.effects.catalogue import CATALOGUE, laws_of
 from calib.orthoglide.effects.kinds import EffectParameter, Kind
 from calib.orthoglide.effects.law import Law, Placed
-from calib.orthoglide.effects.places import DIRECTIONS, MIRROR, TURNING
+from calib.orthoglide.geometry import Geometry
 from calib.orthoglide.model import Model
 from calib.orthoglide.pipeline import COMPLEX_STEP_MM, Flow, Stage, simulate
 
@@ -126,14 +125,15 @@ def _all_candidates(
     sessions: Sequence[tuple[Model, Conditions]], laws: Sequence[Law]
 ) -> Iterator[tuple[Candidate, bool]]:
     """Every candidate and whether it is seen."""
-    known = with_machine_lead(laws, sessions[0][0].geometry)
+    geometry = sessions[0][0].geometry
+    known = laws_of(laws, geometry)
     centre = _Centre([observed for _, observed in sessions])
     for law, columns in zip(known, stacked_columns(sessions, known), strict=True):
         seen = {p: c for p, c in columns.items() if centre.is_seen(c, law.parameters)}
         for place in columns:
             if place not in seen:
                 yield _one(law, place, columns[place]), False
-        for candidate in _arrangements(law, seen):
+        for candidate in _arrangements(law, seen, geometry):
             yield candidate, centre.is_seen(candidate.columns, candidate.parameters)
 
 
@@ -169,23 +169,44 @@ class _Centre:
         return bool((np.abs(left) * sizes).max(initial=0.0) > VANISHES_MM)
 
 
-def _arrangements(law: Law, seen: dict[str, FloatArray]) -> Iterator[Candidate]:
-    lateral = set(seen) <= set(DIRECTIONS) and any(place[::-1] in seen for place in seen)
+def _arrangements(law: Law, seen: dict[str, FloatArray], geometry: Geometry) -> Iterator[Candidate]:
+    lateral = _is_lateral(seen, geometry)
     if not lateral or law.stage in (Stage.TOUCH, Stage.READING):
         yield from (_one(law, place, columns) for place, columns in seen.items())
     if lateral:
         yield from _by_leg(law, seen)
     if len(seen) > 1:
-        yield _grouped(law, seen, "same", {"": tuple(seen)})
-        if set(seen) == set(DIRECTIONS):
-            first, second = MIRROR
-            yield _grouped(law, seen, "mirror", {"_first": first, "_second": second})
-            first, second = TURNING
-            yield _grouped(law, seen, "turning", {"_next": first, "_before": second})
+        if geometry.orthogonal or not lateral:
+            yield _grouped(law, seen, "same", {"": tuple(seen)})
+        if set(seen) == set(geometry.across):
+            yield from _symmetric(law, seen, geometry)
         legs = {place[0] for place in seen}
         if not lateral or len(legs) > 1:
             found = _grouped(law, seen, "each", {f"_{place}": (place,) for place in seen})
             yield replace(found, where=",".join(_listed(seen, lateral=lateral)))
+
+
+def _is_lateral(seen: Iterable[str], geometry: Geometry) -> bool:
+    """Whether these places are directions across drives, not pairs of drives of like names."""
+    if not set(seen) <= set(geometry.across):
+        return False
+    return any(place[::-1] in seen or place[1] not in LEG_NAMES for place in seen)
+
+
+def _symmetric(law: Law, seen: dict[str, FloatArray], geometry: Geometry) -> Iterator[Candidate]:
+    """Two values that all drives share, as the machine is symmetric.
+
+    Orthogonal drives: each the mirror image of itself when two axes are exchanged; going round with
+    the axes, towards the next one and the one before. Else radial and tangential.
+    """
+    first, second = list(seen)[0::2], list(seen)[1::2]
+    if not geometry.orthogonal:
+        yield _grouped(law, seen, "turning", {"_r": tuple(first), "_t": tuple(second)})
+        return
+    yield _grouped(law, seen, "mirror", {"_first": tuple(first), "_second": tuple(second)})
+    following = (first[0], second[1], first[2])
+    before = (second[0], first[1], second[2])
+    yield _grouped(law, seen, "turning", {"_next": following, "_before": before})
 
 
 def _listed(seen: Iterable[str], *, lateral: bool) -> list[str]:

@@ -1,4 +1,4 @@
-"""Effects of the indicators; ``"xy"`` is the one that measures y on leg x."""
+"""Effects of the indicators; ``"xy"`` measures y on leg x, ``"tz"`` the tool along z."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from calib.observations import Conditions
 from calib.orthoglide.effects.kinds import EffectParameter, Kind
 from calib.orthoglide.effects.places import (
+    AT_TOOL,
     PER_THOUSAND,
     at_mount,
     mounts,
     moved_touch,
     numbers,
+    on_legs,
 )
 from calib.orthoglide.pipeline import Flow, Stage
 
@@ -52,7 +54,7 @@ class GaugeGain:
 
 @dataclass(frozen=True)
 class GaugeTilt:
-    """An indicator is askew; positive: the third axis' positive direction reads positive."""
+    """An indicator on a leg is askew; positive: the third axis' positive way reads positive."""
 
     id: str = "gauge_tilt"
     title: str = "an indicator is mounted askew and takes up motion across its axis"
@@ -68,14 +70,52 @@ class GaugeTilt:
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every leg and measuring axis that was measured."""
-        return mounts(taken)
+        return on_legs(taken)
 
     def change(
         self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
         """The touched point along a plunger that is turned by the value towards the third axis."""
         leg, axis = numbers(place)
-        own, third = passing[..., axis], passing[..., 3 - leg - axis]
+        drives = flow.geometry.directions
+        own = (passing * drives[axis]).sum(axis=-1)
+        third = (passing * drives[3 - leg - axis]).sum(axis=-1)
         tilt_rad = PER_THOUSAND * values[0]
         off_mm = np.sin(tilt_rad) * third + (np.cos(tilt_rad) - 1.0) * own
-        return moved_touch(passing, axis, off_mm * at_mount(flow, place))
+        return moved_touch(passing, flow, off_mm * at_mount(flow, place))
+
+
+@dataclass(frozen=True)
+class PlateTilt:
+    """What the tool is read against is not square to its coordinate, two ways.
+
+    Positive: the positive direction of the first (second) of the other two coordinates reads
+    positive: a plate that falls that way.
+    """
+
+    id: str = "gauge_tilt"
+    title: str = "the plate, or the indicator at the tool, is askew"
+    kind: Kind = Kind.INDICATOR
+    stage: Stage = Stage.TOUCH
+    parameters: tuple[EffectParameter, ...] = (
+        EffectParameter("tilt_first", "mrad", 10.0),
+        EffectParameter("tilt_second", "mrad", 10.0),
+    )
+    invariances: tuple[str, ...] = (
+        "same for both directions of approach",
+        "in proportion to the way across the indicator",
+        "another one after the plate was set up anew",
+    )
+    controller: str = ""
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """The tool along every coordinate that was measured."""
+        return tuple(place for place in mounts(taken) if place in AT_TOOL)
+
+    def change(
+        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """The way across the coordinate is read in proportion."""
+        first, second = (k for k in range(3) if k != numbers(place)[1])
+        way = values[0] * passing[..., first] + values[1] * passing[..., second]
+        return moved_touch(passing, flow, PER_THOUSAND * way * at_mount(flow, place))

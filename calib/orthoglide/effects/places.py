@@ -1,7 +1,9 @@
 """Names of places, and how a law reaches them in the arrays that pass.
 
-A place is a leg (``"x"``), a pair of axes or a leg with a direction across it (``"xy"``). Changes
-are sums with arrays of zeros and ones, so leading axes and complex numbers need no care.
+A place is a leg (``"x"``), a pair of axes, a leg with a direction across it (``"xy"``, or ``"xr"``
+and ``"xt"`` where drives are not orthogonal: `Geometry.across`) or the tool with a measuring axis
+(``"tz"``). Changes are sums with arrays of zeros and ones, so leading axes and complex numbers need
+no care.
 """
 
 from __future__ import annotations
@@ -12,15 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.observations import LEG_NAMES, Conditions, FloatArray
-from calib.orthoglide.pipeline import Flow
+from calib.observations import LEG_NAMES, TOOL, Conditions, FloatArray
+from calib.orthoglide.pipeline import Flow, measuring_directions
 
 PAIRS = ("xy", "yz", "xz")
 DIRECTIONS = tuple(first + second for first, second in permutations(LEG_NAMES, 2))
-MIRROR = (("xy", "yx", "zx"), ("xz", "yz", "zy"))
-"""Two values, each the mirror image of itself when two axes are exchanged."""
-TURNING = (("xy", "yz", "zx"), ("xz", "yx", "zy"))
-"""Two values that go round with the axes: towards the next axis, towards the one before."""
+AT_TOOL = ("tx", "ty", "tz")
 
 PER_THOUSAND = 1e-3
 """mm in a µm, rad in a mrad, mm per mm in a mm/m."""
@@ -29,12 +28,18 @@ PER_THOUSAND = 1e-3
 def mounts(taken: Conditions) -> tuple[str, ...]:
     """Leg and measuring axis of every kind of mounting there is."""
     found = set(zip(taken.leg.tolist(), taken.axis.tolist(), strict=True))
-    return tuple(place for place in DIRECTIONS if numbers(place) in found)
+    return tuple(place for place in DIRECTIONS + AT_TOOL if numbers(place) in found)
+
+
+def on_legs(taken: Conditions) -> tuple[str, ...]:
+    """Those of `mounts` that touch a leg."""
+    return tuple(place for place in mounts(taken) if place not in AT_TOOL)
 
 
 def numbers(place: str) -> tuple[int, int]:
-    """0, 1, 2 for both letters of a place."""
-    return LEG_NAMES.index(place[0]), LEG_NAMES.index(place[1])
+    """0, 1, 2 for both letters of a place; `TOOL` for the tool."""
+    leg = TOOL if place in AT_TOOL else LEG_NAMES.index(place[0])
+    return leg, LEG_NAMES.index(place[1])
 
 
 def unit(axis: int) -> FloatArray:
@@ -44,7 +49,7 @@ def unit(axis: int) -> FloatArray:
 
 def travel(flow: Flow, leg: int) -> FloatArray:
     """Commanded travel of a carriage from Zero ``(n,)``, mm."""
-    return np.asarray(flow.command_mm[:, leg] - flow.geometry.leg_length_mm)
+    return np.asarray(flow.command_mm[:, leg] - flow.geometry.zero_mm[leg])
 
 
 def at_mount(flow: Flow, place: str) -> FloatArray:
@@ -59,13 +64,14 @@ def moved_carriage(passing: NDArray[Any], leg: int, along_mm: NDArray[Any]) -> N
 
 
 def moved_foot(
-    passing: NDArray[Any], leg: int, towards: int, sideways_mm: NDArray[Any]
+    passing: NDArray[Any], leg: int, towards: FloatArray, sideways_mm: NDArray[Any]
 ) -> NDArray[Any]:
-    """Feet ``(..., n, 3, 3)`` with one moved across its axis by ``(..., n)``."""
-    where = np.outer(unit(leg), unit(towards))
+    """Feet ``(..., n, 3, 3)`` with one moved by ``(..., n)`` along a unit vector ``(3,)``."""
+    where = np.outer(unit(leg), towards)
     return np.asarray(passing + sideways_mm[..., None, None] * where)
 
 
-def moved_touch(passing: NDArray[Any], axis: int, by_mm: NDArray[Any]) -> NDArray[Any]:
-    """Touched points ``(..., n, 3)`` moved along a measuring axis by ``(..., n)``."""
-    return np.asarray(passing + by_mm[..., None] * unit(axis))
+def moved_touch(passing: NDArray[Any], flow: Flow, by_mm: NDArray[Any]) -> NDArray[Any]:
+    """Touched points ``(..., n, 3)`` moved along their measuring axes by ``(..., n)``."""
+    along = measuring_directions(flow.geometry, flow.taken)
+    return np.asarray(passing + by_mm[..., None] * along)

@@ -1,0 +1,39 @@
+"""The machine files that come with the program: the one registry of machines by name.
+
+Light, for the command line asks it for names before anything else is imported.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cache
+from importlib import resources
+from importlib.resources.abc import Traversable
+
+SCHEMA = "glidecal.machine/1"
+USUAL_MACHINE = "orthoglide"
+
+
+@cache
+def machine_names() -> tuple[str, ...]:
+    """Names of the machines with three linear drives."""
+    found = (path for path in _folder().iterdir() if path.name.endswith(".toml"))
+    of_family = (path for path in found if schema_of(path.read_text(encoding="utf-8")) == SCHEMA)
+    return tuple(sorted(path.name.removesuffix(".toml") for path in of_family))
+
+
+def shipped_file(name: str) -> Traversable:
+    """The file of one of `machine_names`."""
+    return _folder() / f"{name}.toml"
+
+
+def schema_of(text: str) -> str:
+    """The schema that a TOML text names, empty if none."""
+    try:
+        return str(tomllib.loads(text).get("schema", ""))
+    except (ValueError, RecursionError):
+        return ""
+
+
+def _folder() -> Traversable:
+    return resources.files("protocols") / "machines"

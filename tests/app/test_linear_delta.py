@@ -1,0 +1,141 @@
+"""The linear delta on the command line: five commands, a plate, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from protocols.machine import load_machine
+from protocols.machine_files import machine_names
+from protocols.observations import to_observations
+from protocols.record import read_record
+from protocols.session import fold
+from tests.app.cli import glidecal, refused
+from tests.blind.linear_delta import Hidden, table
+
+MACHINE = ("--machine", "linear-delta")
+PERFECT = Hidden()
+ROOT = Path(__file__).parent.parent.parent
+
+
+def ran(*arguments: str | Path) -> str:
+    run = glidecal(*arguments)
+    assert run.status == 0, run.err
+    return run.out
+
+
+def imported(folder: Path, hidden: Hidden = PERFECT, seed: int = 1) -> Path:
+    source, path = folder / "plate.csv", folder / "plate.jsonl"
+    source.write_text(table(hidden, seed), encoding="utf-8")
+    ran("import", source, "-o", path, *MACHINE, "--resolution", "0.001")
+    return path
+
+
+def test_identifiability_names_the_combination_that_a_plate_cannot_show() -> None:
+    found = json.loads(ran("identifiability", "linear-delta", "--json"))
+    assert found["machine"] == "linear-delta"
+    assert found["procedure"] == "plate-rings"
+    assert found["rank"] == 5
+    assert "d_rho_x + d_rho_y + d_rho_z" in json.dumps(found)
+
+
+def test_simulate_then_solve_and_diagnose_agree(tmp_path: Path) -> None:
+    path = tmp_path / "simulated.jsonl"
+    ran("simulate", "-o", path, *MACHINE)
+    said = ran("solve", path)
+    assert "Tool deviations" in said
+    assert "d_rho_x + d_rho_y +" in said
+    assert "glidecal plan" not in said
+    assert ran("diagnose", path).startswith("AGREES")
+
+
+def test_a_table_is_solved_to_the_machine_that_made_it(tmp_path: Path) -> None:
+    """Offsets but for what all towers share, lengths: from independent geometry."""
+    hidden = Hidden(offset_mm=(0.4, -0.3, 0.2), length_mm=(0.1, -0.15, 0.2))
+    found = json.loads(ran("solve", imported(tmp_path, hidden), "--json"))
+    assert found["subset"] == "with-tolerances"
+    known = {name: one["value"] for name, one in found["parameters"].items()}
+    value = [known[name] for name in ("d_rho_x", "d_rho_y", "d_rho_z")]
+    length = [known[name] for name in ("d_L_x", "d_L_y", "d_L_z")]
+    assert np.array(value) - np.mean(value) == pytest.approx([0.3, -0.4, 0.1], abs=0.02)
+    assert length == pytest.approx([0.1, -0.15, 0.2], abs=0.06)
+
+
+def test_an_effect_is_hidden_and_found_by_its_name(tmp_path: Path) -> None:
+    path = tmp_path / "hidden.jsonl"
+    ran("simulate", "-o", path, *MACHINE, "--effect", "backlash:y", "--size", "0.03")
+    found = json.loads(ran("diagnose", path, "--json"))
+    assert [one["id"] for one in found["effects"]] == ["backlash"]
+
+
+def test_a_dry_run_lists_positions_with_one_indicator() -> None:
+    said = ran("run", "--dry-run", *MACHINE)
+    assert "58 steps with 1 indicator" in " ".join(said.split())
+    assert "Y30.000 Z0.000" in said
+
+
+def test_movements_of_carriages_follow_from_positions_and_lifts(tmp_path: Path) -> None:
+    source, path = tmp_path / "t.csv", tmp_path / "t.jsonl"
+    rows = ["0,0,0,0.1,", "50,0,0,0.2,", "0,0,0,0.1,5", "0,0,0,0.1,"]
+    source.write_text("\n".join(["x_mm,y_mm,z_mm,value_mm,lift_mm", *rows]), encoding="utf-8")
+    ran("import", source, "-o", path, *MACHINE)
+    observed = to_observations([fold(read_record(path).events)])
+    assert observed.movement.tolist() == [[0, 0, 0], [-1, 1, -1], [-1, -1, -1], [-1, -1, -1]]
+    assert observed.position_mm[1].tolist() == [50.0, 0.0, 0.0]
+    assert observed.station.tolist() == [0.0] * 4
+
+
+def test_replay_shows_positions(tmp_path: Path) -> None:
+    path = imported(tmp_path)
+    document = json.loads(ran("replay", path, "--headless", "--json"))
+    assert document["readings"][1]["position_mm"] == [0.0, 30.0, 0.0]
+    assert "0, 30, 0" in ran("replay", path, "--headless")
+
+
+def test_aliases_of_a_plate() -> None:
+    found = json.loads(ran("diagnose", "--aliases", *MACHINE, "--json"))
+    ids = {one["id"] for one in found["effects"]}
+    assert {"axis_offset", "actuator_scale", "backlash", "gauge_tilt"} <= ids
+    assert not {"leg_taper", "leg_bow"} & ids
+
+
+def test_bad_files_end_with_the_documented_status(tmp_path: Path) -> None:
+    path, out = tmp_path / "mine.toml", ("-o", tmp_path / "s.jsonl")
+    path.write_text('schema = "glidecal.hexaslide/1"\n', encoding="utf-8")
+    assert "another kind of machine" in refused(3, "simulate", *out, "--machine", path)
+    assert "another kind of machine" in refused(3, "identifiability", path)
+    source = tmp_path / "t.csv"
+    source.write_text("x_mm,y_mm,z_mm,value_mm\n0,0,0,0\n400,0,0,0\n", encoding="utf-8")
+    assert "the bars reach" in refused(3, "import", source, *out, *MACHINE)
+
+
+def test_what_a_delta_does_not_do_yet_is_said_in_one_sentence(tmp_path: Path) -> None:
+    out = ("-o", tmp_path / "s.jsonl")
+    assert "guided session" in refused(2, "run", *MACHINE, "--simulated", "--headless", *out)
+    assert "readings of legs" in refused(2, "run", *MACHINE, "--dry-run", "--protocol", "sweep")
+    asked = ("linear-delta", "--procedure", "plate-rings", "--count", "9")
+    assert "optimum postures" in refused(2, "postures", *asked)
+    assert "glidecal plan" in refused(2, "plan", *MACHINE)
+    effect = ("--effect", "leg_taper")
+    assert "nothing to see" in refused(2, "simulate", *MACHINE, *effect, *out)
+
+
+def test_unknown_machines_are_named_with_those_that_are() -> None:
+    for asked in (("identifiability", "deltoid"), ("run", "--dry-run", "--machine", "deltoid")):
+        said = refused(2, *asked)
+        assert "'deltoid'" in said
+        assert "linear-delta" in said
+
+
+def test_the_program_knows_no_machine_of_the_family_by_name() -> None:
+    """Only the machine's own package and its file; the registry finds it."""
+    assert machine_names() == ("linear-delta", "orthoglide")
+    assert load_machine("linear-delta").name == "linear-delta"
+    rooms = [ROOT / room for room in ("app", "protocols", "drivers", "calib")]
+    code = [path for room in rooms for path in room.rglob("*.py")]
+    naming = [p for p in code if re.search(r"\bdelta\b", p.read_text("utf-8"), re.IGNORECASE)]
+    assert {p.relative_to(ROOT).parts[:2] for p in naming} <= {("calib", "orthoglide")}

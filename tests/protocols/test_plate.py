@@ -1,0 +1,145 @@
+"""Machines of three drives as files, plates as procedures, tables of positions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from protocols.errors import RecordError, UsageError
+from protocols.machine import Machine, load_machine
+from protocols.procedure import Procedure, Step, load_procedure
+from protocols.table import read_table
+from tests.tripods import DELTA, ORTHOGLIDE
+
+RINGS = load_procedure("plate-rings", DELTA)
+
+
+def places(steps: tuple[Step, ...]) -> list[tuple[float, float, float] | None]:
+    return [step.position_mm for step in steps]
+
+
+def test_the_middle_and_three_rings_in_every_cycle() -> None:
+    steps = RINGS.steps(DELTA)
+    assert len(steps) == 3 * 19 + 1
+    assert places(steps)[:3] == [(0.0, 0.0, 0.0), (0.0, 30.0, 0.0), (-25.981, 15.0, 0.0)]
+    assert {(step.leg, step.axes, step.displacement_mm) for step in steps} == {
+        ("tool", ("z",), 0.0)
+    }
+    assert [step.cycle for step in steps if step.position_mm == (0.0, 0.0, 0.0)] == [1, 2, 3, 3]
+    assert steps[0].posture(DELTA) == "ZERO"
+    assert steps[1].posture(DELTA) == "(0, 30, 0) mm"
+
+
+def test_heights_and_positions_of_ones_own_after_the_rings() -> None:
+    plate = {"radii_mm": [10.0], "points": 2, "heights_mm": [0.0, 5.0], "axis": "x"}
+    mine = Procedure.model_validate_json(
+        json(plate | {"positions_mm": [[1.0, 2.0, 3.0]]}), strict=True
+    )
+    assert mine.plate is not None
+    assert mine.plate.places_mm() == [
+        (0.0, 0.0, 10.0),
+        (0.0, 0.0, -10.0),
+        (5.0, 0.0, 10.0),
+        (5.0, 0.0, -10.0),
+        (1.0, 2.0, 3.0),
+    ]
+
+
+def json(plate: object) -> str:
+    from json import dumps
+
+    head = {"schema": "glidecal.procedure/1", "name": "m", "title": "m", "cycles": 1}
+    return dumps(head | {"plate": plate})
+
+
+def test_a_shuffled_plate_keeps_its_places() -> None:
+    mixed = Procedure.model_validate(RINGS.model_dump() | {"random_seed": 3}).steps(DELTA)
+    assert places(mixed) != places(RINGS.steps(DELTA))
+    assert set(places(mixed)) == set(places(RINGS.steps(DELTA)))
+
+
+def test_legs_of_a_machine_without_square_drives_are_not_read() -> None:
+    with pytest.raises(UsageError, match="not square to each other"):
+        load_procedure("sweep", DELTA).steps(DELTA)
+    assert load_procedure("sweep", ORTHOGLIDE).steps(ORTHOGLIDE)
+
+
+def test_a_machine_with_its_drives_written_out_is_the_same() -> None:
+    """Old files say nothing of drives; written out they give the very same geometry."""
+    plain = Machine()
+    drives = [{"origin_mm": [0, 0, 0], "direction": d} for d in ([2, 0, 0], [0, 1, 0], [0, 0, 1])]
+    from json import dumps
+
+    assert Machine.model_validate_json(dumps({"drive": drives})).geometry() == plain.geometry()
+    assert "drive" not in plain.model_dump_json(exclude_none=True)
+
+
+HEADER = "x_mm,y_mm,z_mm,value_mm"
+DRIVE = "[[drive]]\norigin_mm = [{}]\ndirection = [{}]\n"
+
+
+def drives(*pairs: tuple[str, str], more: str = "") -> str:
+    text = 'schema = "glidecal.machine/1"\nleg_length_mm = 250.0\n' + more
+    return text + "".join(DRIVE.format(*pair) for pair in pairs)
+
+
+UP = "0.0, 0.0, 1.0"
+FRONT, BACK = "-100.0, -60.0, 0.0", "0.0, 120.0, 0.0"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (drives((FRONT, "0.0, 0.0, 0.0"), (BACK, UP), (BACK, UP)), "not of length 0"),
+        (drives((FRONT, UP), (BACK, UP), (BACK, UP)), "singular posture at Zero"),
+        (drives((FRONT, UP), ("300.0, 0.0, 0.0", UP), (BACK, UP)), "too short at Zero"),
+        (drives((FRONT, UP), (BACK, UP)), "drive"),
+        ('schema = "glidecal.hexaslide/1"\n', "another kind of machine"),
+    ],
+)
+def test_machine_files_that_cannot_be(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(RecordError, match=said):
+        load_machine(path)
+
+
+@pytest.mark.parametrize(
+    ("table_text", "said"),
+    [
+        (f"{HEADER}\n0,0,0,0\n400,0,0,0\n", "the bars reach"),
+        ("x_mm,y_mm,value_mm\n0,0,0\n", "Missing: z_mm"),
+        (f"{HEADER},lift_mm\n0,0,0,0,-1\n", "lifted off"),
+        ("leg,axis,displacement_mm,value_mm\nx,y,0,0\n", "not square to each other"),
+        (f"{HEADER},axis\n0,0,0,0,w\n", "x, y or z"),
+    ],
+)
+def test_tables_that_cannot_be_imported(tmp_path: Path, table_text: str, said: str) -> None:
+    source = tmp_path / "t.csv"
+    source.write_text(table_text, encoding="utf-8")
+    with pytest.raises(RecordError, match=said):
+        read_table(source, DELTA)
+
+
+def plate(more: str = "", radii: str = "[0.0, 30.0]") -> str:
+    return (
+        'schema = "glidecal.procedure/1"\nname = "own"\ntitle = "own"\ncycles = 1\n'
+        f"{more}\n[plate]\nradii_mm = {radii}\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (plate('levels = ["zero", "max"]'), "levels and plate"),
+        (plate(radii="[0.0]"), "one position only"),
+        (plate(radii="[0.0, 118.0]"), "within the joint limits"),
+        (plate(radii="[0.0, 400.0]"), "within the joint limits"),
+    ],
+)
+def test_plates_that_cannot_be_measured(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "own.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(RecordError, match=said):
+        load_procedure(str(path), DELTA)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.linalg import DEPENDENT, basis_of, incidence, without
-from calib.observations import Conditions, FloatArray
+from calib.observations import TOOL, Conditions, FloatArray
 from calib.orthoglide.effects.candidates import Candidate, candidates
 from calib.orthoglide.effects.law import Law, Placed
 from calib.orthoglide.model import Model
@@ -63,7 +63,7 @@ def hidden_effect(
     factor = signal_mm / choice.signal_mm(values)
     values = values * min(factor, MOST_TOLERANCES / np.abs(values / choice.tolerance).max())
     if choice.signal_mm(values) < FAINTEST_SIGNAL * noise_mm:
-        raise _not_seen(wanted)
+        raise _not_seen(wanted, taken)
     return choice.candidate.effects(values)
 
 
@@ -103,7 +103,7 @@ def _choices(
         raise UsageError("effect", repr(effect_id), ", ".join(dict.fromkeys(x.id for x in laws)))
     of_it = [c for c in candidates(truth, taken, laws) if c.id == effect_id and "," not in c.where]
     if not of_it:
-        raise _not_seen(effect_id)
+        raise _not_seen(effect_id, taken)
     here = [c for c in of_it if where in ("", c.where)]
     if not here:
         places = ", ".join(dict.fromkeys(c.where for c in of_it))
@@ -120,10 +120,10 @@ def _not_effects(truth: Model, taken: Conditions) -> FloatArray:
     return basis_of(np.hstack([incidence(taken.mount), base]), DEPENDENT)
 
 
-def _not_seen(effect: str) -> UsageError:
+def _not_seen(effect: str, taken: Conditions) -> UsageError:
     return UsageError(
         f"effect {effect}",
         "nothing to see of it with this procedure",
         "a procedure that shows it",
-        "Try --protocol two-station.",
+        "" if TOOL in taken.leg else "Try --protocol two-station.",
     )

@@ -72,6 +72,11 @@ class ToolMap:
     up_mm: FloatArray
     error_mm: FloatArray
 
+    @property
+    def other_up_mm(self) -> FloatArray | None:
+        """``up_mm`` where it is not the same as across."""
+        return None if np.array_equal(self.coordinate_mm, self.up_mm) else self.up_mm
+
 
 def tool_map(
     geometry: Geometry,

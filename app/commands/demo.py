@@ -11,7 +11,6 @@ import typer
 
 from app.commands.options import Protocol, Seed, say
 
-USUAL_PROTOCOL = "zero-max-min"
 HIDDEN = "The machine has more than offsets. To look for what is missing: glidecal diagnose {}"
 
 
@@ -39,12 +38,13 @@ def demo(
     from app.indicators import DEFAULT_PROFILE
     from app.opening import SIMULATED_INTERVAL_S
     from app.wording.result import comparison_text, solution_text
+    from protocols.machine import USUAL_PROCEDURE
 
     unattended = headless or not (sys.stdin.isatty() and sys.stdout.isatty())
     bench = BenchSettings() if unattended else BenchSettings(motion_s=DEMO_MOTION_S)
     interval_s = 0.0 if unattended else SIMULATED_INTERVAL_S
     plan = replace(
-        demo_plan(folder, protocol or USUAL_PROTOCOL, seed, bench, profile or [DEFAULT_PROFILE]),
+        demo_plan(folder, protocol or USUAL_PROCEDURE, seed, bench, profile or [DEFAULT_PROFILE]),
         interval_s=interval_s,
     )
     if effect is not None:

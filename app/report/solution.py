@@ -167,7 +167,8 @@ class SolutionReport(Report):
     covariance: Covariance = at("solved.solution")
     differences: Annotated[dict[str, Difference], made(_differences)] = at(
         "solved.solution",
-        "up to twelve, keys axis_leg with + for Max and - for Min; y_x alone is Max minus Min",
+        "up to twelve, keys axis_leg with + for Max and - for Min; y_x alone is Max minus Min; "
+        "of the tool z(x, y, z) minus Zero",
     )
     rms_before_mm: float = at("solved.solution.rms_before_mm", "over all differences")
     rms_after_mm: float = at("solved.solution.rms_after_mm", "over all differences")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -50,11 +50,12 @@ def propose(
     verdict: Verdict, kept: Weighed | None, naming: Naming, fitting: Fitting
 ) -> NextMeasurement | None:
     """The measurement that separates the strongest effect that stayed ambiguous, if any does."""
+    of_tool = any(TOOL in one.observed.leg for one in fitting.problem.sittings)
     if verdict == "cannot-tell" and fitting.problem.noise_df <= 0.0:
-        return REPEATS_FIRST
+        return replace(REPEATS_FIRST, protocol="plate-rings") if of_tool else REPEATS_FIRST
     if verdict not in ("ambiguous", "cannot-tell"):
         return None
-    if any(TOOL in one.observed.leg for one in fitting.problem.sittings):
+    if of_tool:
         return MORE_POSITIONS
     if kept is None:
         return MORE_PLACES

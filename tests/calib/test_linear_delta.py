@@ -18,7 +18,9 @@ from calib.orthoglide.geometry import Geometry, Three
 from calib.orthoglide.kinematics import inverse
 from calib.orthoglide.model import Model
 from calib.orthoglide.pipeline import derivatives, simulate
+from calib.orthoglide.workspace import workspace_jacobian
 from calib.solution import SUBSETS
+from calib.subset_choice import choose_subset
 from tests.tripods import DELTA, ORTHOGLIDE
 
 X = (1.0, 0.0, 0.0)
@@ -94,6 +96,30 @@ def test_what_a_plate_shows_is_identified_and_the_rest_refused() -> None:
     assert values[3:] == pytest.approx(truth[3:], abs=1e-4)
     assert values[:3] - values[:3].mean() == pytest.approx(truth[:3] - truth[:3].mean(), abs=1e-4)
     assert found.uncertainty_mm[:3] == pytest.approx([1.0 / np.sqrt(3.0)] * 3, abs=1e-3)
+
+
+def test_a_set_that_leaves_offsets_out_does_not_pass_for_the_best() -> None:
+    """Lengths alone would fit after a fashion; what they leave at the tool is told."""
+    taken, tolerance = rings(repeats=3), np.array([1.0] * 3 + [0.3] * 3)
+    truth = np.array([0.3, -0.25, 0.1, 0.08, -0.05, 0.06])
+    noise = np.random.default_rng(2).normal(scale=0.002, size=len(taken))
+    value = simulate(DELTA, truth, taken) + noise
+    choice = choose_subset(Model(DELTA), observe(taken, value), tolerance_mm=tolerance)
+    assert choice.recommended == "with-tolerances"
+    assert "joint-offsets" in choice.refused
+    wrong = np.array(choice.solutions["leg-lengths"].model.parameters_mm) - truth
+    moved = workspace_jacobian(DELTA) @ wrong
+    really = float(np.sqrt((moved**2).sum(axis=1).mean()))
+    assert choice.tool_error_mm["leg-lengths"] == pytest.approx(really, rel=0.1)
+    assert choice.tool_error_mm["with-tolerances"] < 0.2 * really
+
+
+def test_errors_of_the_tool_count_from_zero() -> None:
+    assert DELTA.set_at_zero
+    jacobian = workspace_jacobian(DELTA)
+    assert np.abs(jacobian[:, :, :3].sum(axis=2)).max() < 1e-12
+    free = workspace_jacobian(replace(DELTA, set_at_zero=False))
+    assert free[:, :, :3].sum(axis=2) == pytest.approx(np.tile([0.0, 0.0, 1.0], (len(free), 1)))
 
 
 def test_uncertainties_are_true_on_many_sessions() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from calib.errors import NotIdentifiable
 from calib.observations import FloatArray, Observations
 from calib.orthoglide.pipeline import carriage_movement
-from protocols.errors import UsageError
+from protocols.errors import RecordError, UsageError
 from protocols.events import Reading
 from protocols.procedure import leg_number
 from protocols.session import Session
@@ -20,7 +20,8 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
     """Readings that count of one or more sessions of one machine, in the order taken.
 
     Mountings of different sessions are different mountings. Raises UsageError where the sessions
-    are of different machines and NotIdentifiable where there is no reading.
+    are of different machines, RecordError for legs of a machine that has none to read and
+    NotIdentifiable where there is no reading.
     """
     _check_same_machine(sessions)
     rows: list[tuple[str, Reading, float]] = []
@@ -28,6 +29,7 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
     times_s: list[float] = []
     movement: list[FloatArray] = []
     for number, session in enumerate(sessions):
+        _check_readings(session)
         movement.append(_movements(session))
         rows += [
             (f"{number}/{reading.mount}", reading, approach)
@@ -118,6 +120,17 @@ def _movements(session: Session) -> FloatArray:
             last = np.where(one != 0.0, one, last)
             found[reading.reading] = last
     return np.array([found[reading.reading] for reading in session.readings]).reshape(-1, 3)
+
+
+def _check_readings(session: Session) -> None:
+    """Raises RecordError for readings of legs that no indicator can read."""
+    on_leg = next((r for r in session.readings if r.leg != "tool"), None)
+    if on_leg is not None and not session.opened.machine.geometry().orthogonal:
+        raise RecordError(
+            f"reading {on_leg.reading} of machine '{session.opened.machine.name}'",
+            f"leg {on_leg.leg}, on drives that are not square to each other",
+            "readings of the tool",
+        )
 
 
 def _check_same_machine(sessions: Sequence[Session]) -> None:

@@ -7,8 +7,11 @@ from pathlib import Path
 import pytest
 
 from protocols.errors import RecordError, UsageError
+from protocols.events import Opened, Reading
 from protocols.machine import Machine, load_machine
+from protocols.observations import to_observations
 from protocols.procedure import Procedure, Step, load_procedure
+from protocols.session import fold
 from protocols.table import read_table
 from tests.tripods import DELTA, ORTHOGLIDE
 
@@ -63,6 +66,16 @@ def test_legs_of_a_machine_without_square_drives_are_not_read() -> None:
     with pytest.raises(UsageError, match="not square to each other"):
         load_procedure("sweep", DELTA).steps(DELTA)
     assert load_procedure("sweep", ORTHOGLIDE).steps(ORTHOGLIDE)
+
+
+def test_a_record_with_legs_of_such_a_machine_is_refused() -> None:
+    machine = load_machine("linear-delta")
+    opened = Opened(program="t", origin="imported", machine=machine)
+    reading = Reading(
+        reading=1, leg="x", axis="y", displacement_mm=0.0, value_mm=0.0, text="0", mount="xy"
+    )
+    with pytest.raises(RecordError, match="not square to each other"):
+        to_observations([fold([opened, reading])])
 
 
 def test_a_machine_with_its_drives_written_out_is_the_same() -> None:

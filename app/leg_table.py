@@ -20,8 +20,13 @@ class LegRow:
 
 
 def leg_rows(session: Session, step: Step) -> list[LegRow]:
-    """Rows for the leg and station of a step; each mounting has zeros of its own."""
-    rows = []
+    """Rows for the leg and station of a step; each mounting has zeros of its own.
+
+    None for the tool, whose positions have no one displacement.
+    """
+    rows: list[LegRow] = []
+    if step.leg == "tool":
+        return rows
     for axis in step.axes:
         place = (step.leg, axis, step.station)
         here = [r for r in session.readings if (r.leg, r.axis, r.station) == place]

@@ -110,10 +110,14 @@ def where_text(diagnosed: Diagnosed, cells: Sequence[Cell]) -> str:
     return "\n\n".join(parts)
 
 
+def _touched(leg: str) -> str:
+    return "tool" if leg == "tool" else f"leg {leg.upper()}"
+
+
 def _map_text(cells: Sequence[Cell]) -> str:
     columns = list(dict.fromkeys((cell.leg, cell.axis) for cell in cells))
     both = _both_ways(cells)
-    headings = [f"leg {leg.upper()}\nalong {axis.upper()}" for leg, axis in columns]
+    headings = [f"{_touched(leg)}\nalong {axis.upper()}" for leg, axis in columns]
     table = new_table("at, mm", *headings, left=0)
     held = {(c.leg, c.axis, c.displacement_mm, c.approach, c.position_mm or ()): c for c in cells}
     for displacement, approach, position in sorted({key[2:] for key in held}, reverse=True):

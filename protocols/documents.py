@@ -18,7 +18,17 @@ Name = Annotated[str, AfterValidator(printable)]
 """One line: line breaks and other hidden characters are shown, nothing is obeyed."""
 
 LengthMm = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
-FigureMm = Annotated[float, Field(ge=0.0, le=100.0)]
+LEAST_FIGURE_MM = 1e-9
+"""Smaller figures of an indicator are none: the squares of readings over them have no room."""
+
+
+def _is_figure(value_mm: float) -> float:
+    if 0.0 < value_mm < LEAST_FIGURE_MM:
+        raise ValueError(f"0, or {LEAST_FIGURE_MM:g} mm at least")
+    return value_mm
+
+
+FigureMm = Annotated[float, Field(ge=0.0, le=100.0), AfterValidator(_is_figure)]
 """What is stated of an indicator; one that shows whole inches resolves 25.4 mm."""
 
 Tolerance = Annotated[float, Field(ge=1e-9, le=100.0)]

@@ -22,7 +22,6 @@ from protocols.documents import (
     Document,
     LengthMm,
     Name,
-    Seconds,
     Seed,
     Tolerance,
     read_text,
@@ -115,7 +114,7 @@ class Procedure(Document):
     levels: tuple[Level, ...] = ()
     plate: Plate | None = None
     return_to_zero: bool = True
-    seconds_per_step: Annotated[Seconds, Field(gt=0.0)] = 20.0
+    seconds_per_step: Annotated[float, Field(gt=0.0, le=3600.0)] = 20.0
     order: Literal["fixed", "free"] = "fixed"
     random_seed: Seed | None = None
     window_s: Annotated[float, Field(ge=1e-3, le=60.0)] = 1.0

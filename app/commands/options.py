@@ -37,6 +37,9 @@ class WeightsName(StrEnum):
     COVARIANCE = "covariance"
 
 
+LEAST_MM = 1e-9
+"""As `protocols.documents.LEAST_FIGURE_MM`, which is not imported for ``--help``."""
+
 # readable=False: our own message and exit status for a file without permission
 Sessions = Annotated[
     list[Path], typer.Argument(help="Session files.", show_default=False, readable=False)
@@ -88,8 +91,15 @@ def finite(value: float | None) -> float | None:
 
 def figure(help_text: str) -> OptionInfo:
     """An option for a small length of an indicator, mm."""
-    option: OptionInfo = typer.Option(help=help_text, min=0.0, max=10.0, callback=finite)
+    option: OptionInfo = typer.Option(help=help_text, min=0.0, max=10.0, callback=_no_trace)
     return option
+
+
+def _no_trace(value_mm: float | None) -> float | None:
+    """Refuse what is neither 0 nor a length that any indicator could have."""
+    if value_mm and value_mm < LEAST_MM:
+        raise typer.BadParameter(f"0, or {LEAST_MM:g} mm at least")
+    return finite(value_mm)
 
 
 def say(text: str) -> None:

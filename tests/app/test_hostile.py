@@ -43,8 +43,10 @@ def test_coarse_display_and_tiny_repeatability(tmp_path: Path) -> None:
     made = tmp_path / "s.jsonl"
     assert glidecal("simulate", "--resolution", "10", "-o", made).status == 0
     kept = tmp_path / "t.jsonl"
-    assert glidecal("import", TABLE, "-o", kept, "--repeatability", "1e-300").status == 0
+    assert glidecal("import", TABLE, "-o", kept, "--repeatability", "1e-9").status == 0
     assert glidecal("solve", kept).status == 0
+    never = glidecal("import", TABLE, "-o", tmp_path / "u.jsonl", "--repeatability", "1e-300")
+    assert (never.status, never.out) == (2, "")
 
 
 @pytest.mark.parametrize("output", ["", ".", "/"])
@@ -197,6 +199,7 @@ def test_numbers_of_a_record_that_no_machine_gives(
         "travel_min_mm = -1e300",
         "load = 1e-300",
         "[[indicator]]\nprofile = 'table'\nresolution_mm = 1e300",
+        "[[indicator]]\nprofile = 'table'\nresolution_mm = 5e-324",
         "x = 0x" + "f" * 5000,
     ],
 )

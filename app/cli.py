@@ -31,10 +31,9 @@ from app.commands import (
     validate,
 )
 from app.exit_codes import Exit, exit_code
-from app.streams import guard_standard_streams
+from app.report.streams import guard_standard_streams
+from app.version import VERSION
 from calib.errors import GlidecalError
-
-VERSION = "0.1.0"
 
 cli = typer.Typer(
     name="glidecal",

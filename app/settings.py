@@ -65,7 +65,7 @@ def read_settings(path: Path) -> Settings:
 
 def save_theme(path: Path, theme: str) -> None:
     """Write the theme into the file and keep the rest as it is. Raises RecordError."""
-    from app.exports.writing import write_files
+    from protocols.files import write_files
 
     wanted = read_settings(path).model_copy(update={"theme": theme})
     text = with_theme(read_text(path, WHAT) if path.exists() else "", theme)

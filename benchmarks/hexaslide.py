@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize
 
+from calib.hexaslide.planning import HexaSlide, best_postures, rows_seen
 from calib.hexaslide.procedures import Kind, Procedure
-from calib.hexaslide_planning import HexaSlide, best_postures, rows_seen
 from calib.observations import FloatArray
 from protocols.hexaslide_machine import load_hexaslide
 
@@ -88,7 +88,7 @@ class ConditionNumber:
 
 
 def ours(procedure: Procedure, machine: HexaSlide, starts: int, seed: int = SEED) -> Found:
-    """`calib.hexaslide_planning.best_postures`."""
+    """`calib.hexaslide.planning.best_postures`."""
     begin = time.process_time()
     count = COUNTS[procedure.kind]
     best = best_postures(procedure, machine, count, seed=seed, starts=starts)

@@ -21,14 +21,13 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from calib.monte_carlo import identify_many
+from calib.identify.fit import PlainFit
+from calib.identify.monte_carlo import identify_many
+from calib.identify.solution import SUBSETS
 from calib.newton import Optimum
 from calib.observations import FloatArray, Observations
-from calib.orthoglide.geometry import PARAMETER_NAMES
-from calib.orthoglide.model import Model
-from calib.orthoglide.pipeline import simulate
-from calib.plain_fit import PlainFit
-from calib.solution import SUBSETS
+from calib.tripod.geometry import PARAMETER_NAMES
+from calib.tripod.pipeline import Model, simulate
 from protocols.observations import to_observations
 from protocols.record import read_record
 from protocols.session import fold

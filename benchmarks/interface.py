@@ -22,18 +22,17 @@ from pathlib import Path
 
 from textual.pilot import Pilot
 
-from app.acquisition import Gauge
-from app.bench import BenchSettings
-from app.demo import demo_plan
-from app.indicators import profile_of
-from app.opening import Indicators, Plan, begin
+from app.measuring.demo import demo_plan
+from app.measuring.gauges import Gauge
+from app.measuring.indicators import profile_of
+from app.measuring.opening import Indicators, Plan, begin
+from app.measuring.simulated import BenchSettings
 from app.screens.interface import Interface
 from app.screens.leg_review import LegReviewScreen
 from app.screens.measure import CALM_S, IDLE_S, MeasureScreen
 from app.screens.result import ResultScreen
 from benchmarks.picture_delays import TICK_S, Blocked, Delays, Terminal, listening
-from drivers.outcome import Asked
-from drivers.profile import Spindle
+from drivers.profile import Asked, Spindle
 from drivers.twin_port import TwinPort, default_transport
 from protocols.procedure import Step
 
@@ -83,7 +82,7 @@ class Machine:
 
 
 def open_indicators(plan: Plan, machine: Machine, undo: ExitStack) -> Indicators:
-    """As `app.opening` does it, with spindles of our own."""
+    """As `app.measuring.opening` does it, with spindles of our own."""
     gauges = []
     for index, instrument in enumerate(plan.instruments):
         profile = profile_of(instrument)

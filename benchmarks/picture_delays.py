@@ -12,11 +12,11 @@ from unittest import mock
 
 from textual.drivers.headless_driver import HeadlessDriver
 
-from app.acquisition import Gauge
+from app.measuring.gauges import Gauge
+from app.report.text.tables import signed
 from app.screens.measure import MeasureScreen
 from app.screens.widgets import GaugeDisplay
-from app.wording.tables import signed
-from drivers.outcome import Outcome, Reading
+from drivers.profile import Outcome, Reading
 
 TICK_S = 0.005
 

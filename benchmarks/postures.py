@@ -22,8 +22,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from calib.design.exchange import Candidates, choose
 from calib.observations import FloatArray
-from calib.postures import Candidates, choose
 
 POOL, COUNT, PARAMETERS = 1000, 12, 6
 POOLS = 7
@@ -68,7 +68,7 @@ def log_determinant(rows: FloatArray) -> float:
 
 
 def ours(rows: FloatArray, starts: int, *, repeats: bool = False) -> FloatArray:
-    """`calib.postures.choose`."""
+    """`calib.design.exchange.choose`."""
     found = choose(Candidates(rows[:, None]), COUNT, starts=starts, repeats=repeats)
     return np.asarray(rows[list(found.chosen)])
 

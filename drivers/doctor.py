@@ -8,8 +8,7 @@ from pathlib import Path
 
 from drivers.errors import IndicatorError
 from drivers.line import IndicatorLine
-from drivers.outcome import Asked, Fault, FaultKind, Outcome, Reading, Unit
-from drivers.profile import Profile, Verified
+from drivers.profile import Asked, Fault, FaultKind, Outcome, Profile, Reading, Unit, Verified
 
 USB_DEVICES = Path("/sys/bus/usb/devices")
 KEYBOARD_TOOLS = {("0fe7", "4001"): "Mitutoyo USB input tool"}

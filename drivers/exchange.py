@@ -8,9 +8,8 @@ from collections.abc import Callable
 import serial
 
 from drivers.errors import IndicatorError
-from drivers.outcome import Asked, Fault, FaultKind, Outcome, Reading
 from drivers.port import PORT_ERRORS, SLICE_S, ask_by_pulse, close_port, open_port
-from drivers.profile import Profile
+from drivers.profile import Asked, Fault, FaultKind, Outcome, Profile, Reading
 
 REOPEN_S = 0.25
 """Pause between attempts to open a port that was lost."""

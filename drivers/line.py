@@ -9,9 +9,8 @@ from collections.abc import Callable
 from concurrent.futures import Future
 
 from drivers.exchange import Exchange
-from drivers.outcome import Asked, Fault, FaultKind, Outcome
 from drivers.port import SLICE_S
-from drivers.profile import Profile
+from drivers.profile import Asked, Fault, FaultKind, Outcome, Profile
 
 Heard = Callable[[Outcome], None]
 

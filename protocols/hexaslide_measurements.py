@@ -17,8 +17,8 @@ from calib.hexaslide.procedures import Kind, Procedure
 from calib.hexaslide.residuals import Readings, measured_names
 from protocols.documents import Document, Name, describe, read_text
 from protocols.errors import RecordError
+from protocols.files import open_to_read
 from protocols.hexaslide_machine import Chain, HexaSlideMachine, LinkEnds, Point
-from protocols.own_files import open_to_read
 
 MeasurementsSchema = Literal["glidecal.hexaslide-measurements/1"]
 TruthSchema = Literal["glidecal.hexaslide-truth/1"]

@@ -12,7 +12,7 @@ from typing import NoReturn
 
 from pydantic_core import PydanticSerializationError
 
-from protocols import own_files
+from protocols import files
 from protocols.errors import RecordError
 from protocols.events import EVENT, FIRST_DIGEST, Closed, Continued, Event, Line, Opened
 from protocols.record import check_record, check_size, count_readings, digest_of, unreadable
@@ -47,7 +47,7 @@ class Journal:
         journal = cls(path, file)
         try:
             journal.append(opened)
-            own_files.sync_folder(path.parent)
+            files.sync_folder(path.parent)
         except OSError as problem:
             journal.discard()
             raise _cannot_write(path, problem) from problem
@@ -63,7 +63,7 @@ class Journal:
         Raises RecordError where the record is closed, altered, a link or in use.
         """
         try:
-            file = own_files.open_to_write(path, "r+b")
+            file = files.open_to_write(path, "r+b")
         except PermissionError as problem:
             raise _cannot_write(path, problem) from problem
         except OSError as problem:
@@ -72,10 +72,10 @@ class Journal:
             _lock(path, file)
             return cls._resumed(path, file, program)
         except OSError as problem:
-            own_files.close(file)
+            files.close(file)
             raise _cannot_write(path, problem) from problem
         except BaseException:
-            own_files.close(file)
+            files.close(file)
             raise
 
     @classmethod
@@ -93,8 +93,8 @@ class Journal:
         journal._content = bytearray(content[: record.whole_bytes])
         if record.torn_bytes:
             journal._unsure = content[record.whole_bytes :]
-            aside = own_files.unused_path(path.with_name(f"{path.name}.torn"))
-            own_files.close(own_files.write_new(aside, journal._unsure))
+            aside = files.unused_path(path.with_name(f"{path.name}.torn"))
+            files.close(files.write_new(aside, journal._unsure))
         continued = Continued(program=program, torn_bytes=record.torn_bytes)
         paused_s = (continued.at - record.events[-1].at).total_seconds()
         journal.append(continued.model_copy(update={"paused_s": round(paused_s, 3)}))
@@ -141,7 +141,7 @@ class Journal:
         self._file.seek(len(self._content))
         self._unsure = lines
         try:
-            own_files.write_all(self._file, lines)
+            files.write_all(self._file, lines)
         except OSError:
             with suppress(OSError):  # else before the next line is written
                 self._cut_off()
@@ -149,7 +149,7 @@ class Journal:
 
     def _check(self) -> None:
         """The file has its name and ends as it was left. Raises OSError; RecordError if not."""
-        if not own_files.leads_to(self.path, self._file):
+        if not files.leads_to(self.path, self._file):
             self._restore()
         tail = self._content[-TAIL_BYTES:]
         self._file.seek(len(self._content) - len(tail))
@@ -160,10 +160,10 @@ class Journal:
     def _restore(self) -> None:
         """Write the record again under its name, or else beside it."""
         try:
-            fresh = own_files.write_new(self.path, bytes(self._content))
+            fresh = files.write_new(self.path, bytes(self._content))
         except OSError as problem:
             self._stop(f"removed or replaced; writing it again: {problem.strerror or problem}")
-        own_files.close(self._file)
+        files.close(self._file)
         self._file, self._unsure = fresh, b""
 
     def _changed(self) -> NoReturn:
@@ -185,7 +185,7 @@ class Journal:
         wanted = "a record that this program alone changes"
         for place in _second_places(self.path):
             with suppress(OSError):
-                own_files.close(own_files.write_new(place, bytes(self._content)))
+                files.close(files.write_new(place, bytes(self._content)))
                 said = f"Every reading taken is in {place}: go on with that file."
                 self._stopped = RecordError(f"session {self.path}", found, wanted, said)
                 raise self._stopped
@@ -203,7 +203,7 @@ class Journal:
     def finish(self, complete: bool) -> None:
         """Write the closing event and let go of the file."""
         self.append(Closed(readings=count_readings(self.events), complete=complete))
-        own_files.close(self._file)
+        files.close(self._file)
 
     def close(self) -> None:
         """Let go of the file without closing the session: it can be continued.
@@ -222,12 +222,12 @@ class Journal:
         except OSError as problem:
             self._stop(f"a disk that does not answer: {problem.strerror or problem}")
         finally:
-            own_files.close(self._file)
+            files.close(self._file)
 
     def discard(self) -> None:
         """Let go of the file and remove it: nobody was told of anything in it."""
         if not self._file.closed:
-            own_files.remove_own(self.path, self._file)
+            files.remove_own(self.path, self._file)
 
 
 def _is_record(path: Path, content: bytes) -> bool:
@@ -282,12 +282,12 @@ def _open_new(path: Path) -> io.FileIO:
     """A locked file without a byte. Raises RecordError."""
     try:
         check_new(path)
-        file = own_files.open_to_write(path, "r+b" if os.path.lexists(path) else "x+b")
+        file = files.open_to_write(path, "r+b" if os.path.lexists(path) else "x+b")
         try:
             _lock(path, file)
             check_new(path)
         except BaseException:
-            own_files.close(file)
+            files.close(file)
             raise
     except OSError as problem:
         raise _cannot_write(path, problem) from problem
@@ -297,7 +297,7 @@ def _open_new(path: Path) -> io.FileIO:
 def _lock(path: Path, file: io.FileIO) -> None:
     """One writer at a time. Raises RecordError where another program has the session open."""
     try:
-        own_files.lock(file)
+        files.lock(file)
     except BlockingIOError as problem:
         raise RecordError(
             f"session {path}", "in use by another glidecal", "one writer at a time"
@@ -317,7 +317,7 @@ def _second_places(path: Path) -> Iterator[Path]:
     with suppress(RuntimeError):  # nobody's home
         folders.append(Path.home())
     for folder in (*folders, Path(tempfile.gettempdir())):
-        yield own_files.unused_path(folder / f"{path.stem}-kept{path.suffix}")
+        yield files.unused_path(folder / f"{path.stem}-kept{path.suffix}")
 
 
 def _cannot_write(path: Path, problem: OSError) -> RecordError:

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from calib.errors import CalibrationError
-from calib.orthoglide.geometry import Geometry
+from calib.tripod.geometry import Geometry
 from protocols.documents import Document, FigureMm, LengthMm, Name, Tolerance, read_text, read_toml
 from protocols.errors import RecordError, UsageError
 from protocols.machine_files import (

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.errors import NotIdentifiable
 from calib.observations import FloatArray, Observations
-from calib.orthoglide.pipeline import carriage_movement
+from calib.tripod.pipeline import carriage_movement
 from protocols.errors import RecordError, UsageError
 from protocols.events import Reading
 from protocols.procedure import leg_number

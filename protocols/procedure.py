@@ -16,19 +16,19 @@ from pydantic import Field, ValidationError, model_validator
 
 from calib.errors import UnreachablePosture
 from calib.observations import LEG_NAMES, TOOL
-from calib.orthoglide.geometry import Geometry
-from calib.orthoglide.kinematics import inverse
+from calib.tripod.geometry import Geometry
+from calib.tripod.kinematics import inverse
 from protocols.documents import (
     Document,
     LengthMm,
     Name,
     Seed,
     Tolerance,
+    line_of,
     read_text,
     read_toml,
 )
 from protocols.errors import RecordError, UsageError
-from protocols.toml_lines import line_of
 
 Leg = Literal["x", "y", "z"]
 Touched = Literal["x", "y", "z", "tool"]

@@ -30,7 +30,7 @@ from protocols.events import (
     Restored,
     Superseded,
 )
-from protocols.own_files import open_to_read
+from protocols.files import open_to_read
 from protocols.procedure import Step
 
 MOST_BYTES = 64_000_000

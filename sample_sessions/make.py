@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from app.opening import program
-from app.simulated_session import simulated_session
-from calib.orthoglide.geometry import Geometry
-from calib.orthoglide.model import Model
+from app.measuring.opening import program
+from app.measuring.simulated import simulated_session
+from calib.tripod.geometry import Geometry
+from calib.tripod.pipeline import Model
 from protocols.events import Opened
 from protocols.journal import write_whole
 from protocols.machine import Instrument, load_machine

@@ -14,14 +14,14 @@ from pathlib import Path
 import jinja2
 import numpy as np
 
-from app.hexaslide_views import KINDS, PUBLISHED_SETS, View, conditions_by_units, look_at
-from app.planning import Request
-from app.planning_hexaslide import BoxedPostures, boxed_postures
-from app.wording.hexaslide_screen import postures_table
-from calib.criteria import Criterion
+from app.planning.hexaslide import BoxedPostures, boxed_postures
+from app.planning.hexaslide_seen import KINDS, PUBLISHED_SETS, View, conditions_by_units, look_at
+from app.planning.machines import Request
+from app.report.text.hexaslide_screen import postures_table
+from calib.design.criteria import Criterion
 from calib.errors import GlidecalError
+from calib.hexaslide.planning import sensitivity
 from calib.hexaslide.procedures import Kind
-from calib.hexaslide_planning import sensitivity
 from calib.observations import FloatArray
 from protocols.hexaslide_machine import load_hexaslide
 from studies import THREADS, tables

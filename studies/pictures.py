@@ -16,11 +16,11 @@ from unittest.mock import patch
 from textual.pilot import Pilot
 from textual.screen import Screen
 
-from app.acquisition import Gauge
-from app.bench import BenchSettings
 from app.commands.simulate import simulate
-from app.demo import demo_plan
-from app.planning import Request
+from app.measuring.demo import demo_plan
+from app.measuring.gauges import Gauge
+from app.measuring.simulated import BenchSettings
+from app.planning.machines import Request
 from app.screens.check import CheckScreen
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.dialogs import ChoiceDialog
@@ -30,7 +30,7 @@ from app.screens.leg_review import LegReviewScreen
 from app.screens.measure import MeasureScreen
 from app.screens.result import ResultScreen
 from app.screens.widgets import GaugeDisplay
-from drivers.outcome import Outcome, Reading
+from drivers.profile import Outcome, Reading
 
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
 NARROW, WIDE = (80, 24), (120, 40)

@@ -14,14 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.hexaslide_views import PUBLISHED_SETS, View, conditions_at, look_at
-from app.planning import Request
-from app.wording.hexaslide_screen import lost_words
-from calib.classical_qr import classical_qr
-from calib.hexaslide.differences import differenced
-from calib.hexaslide.procedures import Kind
+from app.planning.hexaslide_seen import PUBLISHED_SETS, View, conditions_at, look_at
+from app.planning.machines import Request
+from app.report.text.hexaslide_screen import lost_words
+from calib.design.identifiability import classical_qr
+from calib.design.refinement import ON_BOUND
+from calib.hexaslide.procedures import Kind, differenced
 from calib.observations import FloatArray
-from calib.posture_refinement import ON_BOUND
 
 if TYPE_CHECKING:
     from studies.hexaslide import Studied

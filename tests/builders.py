@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.observations import Conditions, FloatArray, Observations, conditions, observe
-from calib.orthoglide.geometry import Geometry
-from calib.orthoglide.model import Model
+from calib.tripod.geometry import Geometry
+from calib.tripod.pipeline import Model
 from protocols.events import Opened, Reading
 from protocols.machine import Instrument, Machine
 from protocols.observations import to_observations

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from app.bench import hidden_machine
-from app.hidden_effect import hidden_effect
-from app.planning_orthoglide import planned_readings
-from app.simulated_session import simulated_session
-from calib.orthoglide.effects import CATALOGUE
-from calib.orthoglide.effects.empirical import Empirical
-from calib.orthoglide.effects.law import Placed
+from app.measuring.hidden_effect import hidden_effect
+from app.measuring.simulated import hidden_machine, planned_readings, simulated_session
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.empirical import Empirical
 from protocols.journal import write_whole
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from calib.orthoglide.geometry import Geometry, Three, Triple
+from calib.tripod.geometry import Geometry, Three, Triple
 from protocols.machine import load_machine
 
 ORTHOGLIDE = Geometry()

@@ -1,1 +1,4 @@
-"""One file a verb: parse, call, print. Heavy imports stand inside the functions."""
+"""One file a verb: parse, call, print. Heavy imports stand inside the functions.
+
+May import every room of app.
+"""

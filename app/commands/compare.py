@@ -20,15 +20,15 @@ def compare(
     as_json: AsJson = False,
 ) -> None:
     """The differences before and after the offsets were entered in the controller."""
-    from app.comparing import compare_files
+    from app.evaluating.comparison import compare_files
 
     found = compare_files(before, after)
     if as_json:
-        from app.documents import to_json
-        from app.report.solution import ComparisonReport
+        from app.report.schema.document import to_json
+        from app.report.schema.solution import ComparisonReport
 
         typer.echo(to_json(ComparisonReport.of(found=found)))
     else:
-        from app.wording.comparison import comparison_report
+        from app.report.text.result import comparison_report
 
         typer.echo(comparison_report(found))

@@ -5,11 +5,17 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from app.commands.options import Protocol, Seed, say
+
+if TYPE_CHECKING:  # heavy: imported where used
+    from collections.abc import Callable
+
+    from app.evaluating.solution import Solved
+    from app.measuring.opening import Plan
 
 HIDDEN = "The machine has more than offsets. To look for what is missing: glidecal diagnose {}"
 
@@ -32,12 +38,11 @@ def demo(
     ),
 ) -> None:
     """Measure, identify, export, measure again and compare, on a simulated machine."""
-    from app.bench import BenchSettings
-    from app.demo import DEMO_MOTION_S, demo_plan, run_headless, with_hidden_effect
-    from app.folders import writable_folder
-    from app.indicators import DEFAULT_PROFILE
-    from app.opening import SIMULATED_INTERVAL_S
-    from app.wording.result import comparison_text, solution_text
+    from app.measuring.demo import DEMO_MOTION_S, demo_plan, with_hidden_effect
+    from app.measuring.indicators import DEFAULT_PROFILE
+    from app.measuring.opening import SIMULATED_INTERVAL_S, writable_folder
+    from app.measuring.simulated import BenchSettings
+    from app.report.text.result import comparison_text, solution_text
     from protocols.machine import USUAL_PROCEDURE
 
     unattended = headless or not (sys.stdin.isatty() and sys.stdout.isatty())
@@ -60,3 +65,36 @@ def demo(
     typer.echo(comparison_text(before.solution, after.solution))
     if effect is not None:
         typer.echo("\n" + HIDDEN.format(plan.path))
+
+
+def run_headless(plan: Plan, say: Callable[[str], None]) -> tuple[Solved, Solved]:
+    """Measure, identify, export, measure again; the two solutions to compare."""
+    from app.exports import export_offsets
+    from app.measuring.demo import verification_plan
+    from calib.errors import CalibrationError
+
+    before = _measured(plan, say)
+    folder = plan.path.with_suffix("")
+    for path in export_offsets(before, folder):
+        say(f"exported: {path}")
+    after = _measured(verification_plan(plan, before), say)
+    if not after.solution.rms_before_mm < before.solution.rms_before_mm:
+        raise CalibrationError(
+            "verification",
+            f"{after.solution.rms_before_mm:.3f} mm r.m.s. after calibration",
+            f"less than the {before.solution.rms_before_mm:.3f} mm before it",
+            "Look at both sessions with glidecal solve.",
+        )
+    return before, after
+
+
+def _measured(plan: Plan, say: Callable[[str], None]) -> Solved:
+    from app.evaluating.solution import solve_for_controller
+    from app.measuring.demo import measure_all
+    from app.measuring.opening import start_session
+
+    with start_session(plan) as guided:
+        total = len(guided.steps)
+        say(f"measuring {total} steps into {plan.path}")
+        measure_all(guided)
+    return solve_for_controller(plan.path)

@@ -76,13 +76,13 @@ def _diagnose(
     *,
     as_json: bool,
 ) -> None:
-    from app.adopting import adopt as adopt_effects
-    from app.adopting import left_behind, write_procedure
-    from app.diagnosing import diagnose_files
-    from app.documents import to_json
-    from app.own_effects import known_laws
-    from app.report.diagnosis import DiagnosisReport
-    from app.wording.diagnosis import diagnosis_text
+    from app.evaluating.adoption import adopt as adopt_effects
+    from app.evaluating.adoption import left_behind, write_procedure
+    from app.evaluating.diagnosis import diagnose_files
+    from app.evaluating.own_effects import known_laws
+    from app.report.schema.diagnosis import DiagnosisReport
+    from app.report.schema.document import to_json
+    from app.report.text.diagnosis import diagnosis_text
 
     found = diagnose_files(sessions, model=model, held_out=held_out, laws=known_laws())
     for warning in found.warnings:
@@ -99,11 +99,11 @@ def _diagnose(
 
 
 def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> None:
-    from app.aliases import alias_map
-    from app.documents import to_json
-    from app.own_effects import known_laws
-    from app.report.diagnosis import AliasReport
-    from app.wording.aliases import alias_text
+    from app.evaluating.own_effects import known_laws
+    from app.planning.aliases import alias_map
+    from app.report.schema.diagnosis import AliasReport
+    from app.report.schema.document import to_json
+    from app.report.text.planning import alias_text
 
     found = alias_map(name, known_laws(), machine)
     typer.echo(to_json(AliasReport.of(found=found)) if as_json else alias_text(found))

@@ -37,10 +37,10 @@ def export(
 ) -> None:
     """Offsets for the controller: a file, or for linuxcnc a folder with three includes."""
     from app.exports import FORMATS
-    from app.exports.linuxcnc import UNKNOWN_HOME_OFFSET, read_home_offsets
-    from app.exports.offsets import offsets_from_file, with_home_offset
-    from app.exports.writing import write_files
+    from app.exports.linuxcnc import read_home_offsets
+    from app.report.offsets import UNKNOWN_HOME_OFFSET, offsets_from_file, with_home_offset
     from protocols.errors import UsageError
+    from protocols.files import write_files
 
     if home_offset is not None and ini:
         raise UsageError("--home-offset and --ini", "both", "one of them")

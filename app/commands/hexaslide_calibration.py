@@ -63,8 +63,8 @@ def simulate_hexaslide(own: Own, output: Path, seed: int, *, foreign: bool) -> N
             "too few or too many",
             "with --machine hexaslide a procedure and either a number or a file of postures",
         )
-    from app.hexaslide_calibration import Asked, write_simulated
-    from app.wording.hexaslide_calibration import simulated_text
+    from app.planning.hexaslide_calibration import Asked, write_simulated
+    from app.report.text.hexaslide_calibration import simulated_text
 
     asked = Asked(
         procedure=own.procedure,
@@ -123,10 +123,10 @@ def solve_hexaslide(
         )
     if len(paths) != 1:
         raise UsageError("measured postures of a hexaslide", f"{len(paths)} files", "one file")
-    from app.documents import to_json
-    from app.hexaslide_calibration import calibrate_file
-    from app.report.hexaslide import CalibrationReport
-    from app.wording.hexaslide_calibration import calibration_text
+    from app.planning.hexaslide_calibration import calibrate_file
+    from app.report.schema.document import to_json
+    from app.report.schema.hexaslide import CalibrationReport
+    from app.report.text.hexaslide_calibration import calibration_text
 
     solved = calibrate_file(paths[0], truth, DEFAULT_SHARE if held_out is None else held_out)
     typer.echo(

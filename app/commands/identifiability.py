@@ -11,7 +11,7 @@ from app.commands.options import AsJson, Known, Measured, finite
 from protocols.machine_files import machine_names
 
 if TYPE_CHECKING:
-    from app.planning import Request as Asked
+    from app.planning.machines import Request as Asked
 
 MachineName = Annotated[
     str,
@@ -63,7 +63,7 @@ def identifiability(
     as_json: AsJson = False,
 ) -> None:
     """Which parameters a procedure can and cannot see, and what would help."""
-    from app.planning import Request
+    from app.planning.machines import Request
 
     components = _parts(measured)
     request = Request(
@@ -103,20 +103,20 @@ def _usual(machine: str, measured: tuple[str, ...]) -> str:
 
 def _told(machine: str, request: Asked, *, as_json: bool) -> str:
     """The document of the machine, or its words."""
-    from app.documents import to_json
+    from app.report.schema.document import to_json
 
     if machine == "hexaslide":
-        from app.hexaslide_seen import hexaslide_seen
-        from app.report.hexaslide import HexaSlideIdentifiabilityReport
-        from app.wording.hexaslide_seen import seen_text
+        from app.planning.hexaslide_seen import hexaslide_seen
+        from app.report.schema.hexaslide import HexaSlideIdentifiabilityReport
+        from app.report.text.hexaslide import seen_text
 
         found = hexaslide_seen(request)
         if not as_json:
             return seen_text(found)
         return to_json(HexaSlideIdentifiabilityReport.of(seen=found.seen, found=found))
-    from app.planning import seen_by
-    from app.report.planning import IdentifiabilityReport
-    from app.wording.planning import identifiability_text
+    from app.planning.machines import seen_by
+    from app.report.schema.planning import IdentifiabilityReport
+    from app.report.text.planning import identifiability_text
 
     seen = seen_by(machine, request)
     return to_json(IdentifiabilityReport.of(seen=seen)) if as_json else identifiability_text(seen)

@@ -25,7 +25,7 @@ def import_table(
     ] = None,
 ) -> None:
     """A session from a table of readings."""
-    from app.opening import program
+    from app.version import program
     from protocols.events import Opened
     from protocols.journal import write_whole
     from protocols.machine import Instrument, load_machine

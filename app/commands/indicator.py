@@ -24,14 +24,13 @@ def read(
     as_json: AsJson = False,
 ) -> None:
     """One reading, or one after the other."""
-    from app.documents import to_json
-    from app.indicators import asked_for
-    from app.report.readings import outcome_report
-    from app.wording.indicator import outcome_text
+    from app.measuring.indicators import asked_for
+    from app.report.schema.document import to_json
+    from app.report.schema.readings import outcome_report
+    from app.report.text.indicator import outcome_text
     from drivers.errors import IndicatorError
     from drivers.line import IndicatorLine
-    from drivers.outcome import Fault
-    from drivers.profile import Verified
+    from drivers.profile import Fault, Verified
     from drivers.profiles import profile_named
 
     known = profile_named(profile)
@@ -65,8 +64,8 @@ def doctor(
 ) -> None:
     """Everything that can be wrong, each with the next thing to do."""
     from app.exit_codes import Exit
-    from app.indicators import asked_for
-    from app.wording.indicator import findings_text
+    from app.measuring.indicators import asked_for
+    from app.report.text.indicator import findings_text
     from drivers.doctor import examine
     from drivers.profiles import PROFILES, profile_named
 

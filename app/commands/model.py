@@ -19,8 +19,8 @@ def model(
     as_json: AsJson = False,
 ) -> None:
     """Parameters, effects and history of a model; effects can be removed again."""
-    from app.adopting import remove as take_out
-    from app.wording.model import model_text
+    from app.evaluating.adoption import remove as take_out
+    from app.report.text.model import model_text
     from protocols.errors import UsageError
     from protocols.model_file import read_model_file
 

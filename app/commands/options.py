@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -105,14 +104,6 @@ def _no_trace(value_mm: float | None) -> float | None:
 def say(text: str) -> None:
     """Progress and warnings go to standard error."""
     typer.echo(text, err=True)
-
-
-def need_terminal(what: str, instead: str) -> None:
-    """Raises UsageError where there is no terminal to show a screen on."""
-    from protocols.errors import UsageError
-
-    if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise UsageError(what, "no terminal", f"a terminal, or {instead}")
 
 
 Measured = Annotated[str, typer.Option(help="Hexa Slide: what is measured, such as x,y,z,theta.")]

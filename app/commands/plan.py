@@ -25,10 +25,10 @@ def plan(
     as_json: AsJson = False,
 ) -> None:
     """The one added mounting that lowers the expected tool error most per minute."""
-    from app.documents import to_json
-    from app.next_measurement import next_measurement
-    from app.report.planning import PlanReport
-    from app.wording.planning import plan_text
+    from app.planning.next_measurement import next_measurement
+    from app.report.schema.document import to_json
+    from app.report.schema.planning import PlanReport
+    from app.report.text.planning import plan_text
 
     found = next_measurement(
         [*(sessions or ()), *(session or ())],

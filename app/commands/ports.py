@@ -11,8 +11,8 @@ def ports(as_json: AsJson = False) -> None:
     """Serial ports of this computer and the indicator profiles that exist."""
     from serial.tools import list_ports
 
-    from app.documents import to_json
-    from app.report.readings import PortsReport
+    from app.report.schema.document import to_json
+    from app.report.schema.readings import PortsReport
     from drivers.profiles import PROFILES
 
     found = PortsReport.of(

@@ -18,12 +18,12 @@ from app.commands.identifiability import (
 from app.commands.options import AsJson, Known, Measured, finite, say
 
 if TYPE_CHECKING:
-    from app.planning import Request as Asked
-    from calib.criteria import Criterion
+    from app.planning.machines import Request as Asked
+    from calib.design.criteria import Criterion
 
 
 class CriterionName(StrEnum):
-    """What is made best; `calib.criteria` defines them."""
+    """What is made best; `calib.design.criteria` defines them."""
 
     DETERMINANT = "determinant"
     AVERAGE_VARIANCE = "average-variance"
@@ -87,12 +87,12 @@ def postures(
     as_json: AsJson = False,
 ) -> None:
     """Optimum postures, beside those of the procedure."""
-    from app.documents import to_json
-    from app.optimum_postures import optimum_postures, write_procedures
-    from app.planning import Request
-    from app.report.planning import PosturesReport
-    from app.wording.planning import postures_text
-    from calib.criteria import Criterion
+    from app.planning.machines import Request
+    from app.planning.postures import optimum_postures, write_procedures
+    from app.report.schema.document import to_json
+    from app.report.schema.planning import PosturesReport
+    from app.report.text.planning import postures_text
+    from calib.design.criteria import Criterion
 
     request = Request(
         procedure,
@@ -162,10 +162,10 @@ def _boxed(
     as_json: bool,
 ) -> None:
     """Postures anywhere in the box of a Hexa Slide."""
-    from app.documents import to_json
-    from app.planning_hexaslide import asked_postures, write_postures
-    from app.report.hexaslide import HexaSlidePosturesReport
-    from app.wording.hexaslide import boxed_text
+    from app.planning.hexaslide import asked_postures, write_postures
+    from app.report.schema.document import to_json
+    from app.report.schema.hexaslide import HexaSlidePosturesReport
+    from app.report.text.hexaslide import boxed_text
 
     found = asked_postures(request, count, criterion, starts=starts, as_is=as_is, output=output)
     if output:

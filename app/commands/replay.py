@@ -10,8 +10,9 @@ from typing import Annotated
 
 import typer
 
-from app.commands.options import AsJson, Sessions, need_terminal, say
+from app.commands.options import AsJson, Sessions, say
 from app.exit_codes import Exit
+from app.report.streams import need_terminal
 
 
 def replay(
@@ -31,10 +32,10 @@ def replay(
         from app.screens.start import open_replay
 
         raise typer.Exit(open_replay(session, read_only=served))
-    from app.documents import to_json
-    from app.report.readings import ReplayReport
-    from app.solving import end_warning
-    from app.wording.session import replay_text
+    from app.evaluating.solution import end_warning
+    from app.report.schema.document import to_json
+    from app.report.schema.readings import ReplayReport
+    from app.report.text.session import replay_text
     from protocols.errors import UsageError
     from protocols.record import read_record
     from protocols.session import fold

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.commands.options import Machine, Protocol, Seed, finite, need_terminal, say
+from app.commands.options import Machine, Protocol, Seed, finite, say
+from app.report.streams import need_terminal
 
 if TYPE_CHECKING:  # heavy: imported where used
-    from app.opening import Plan
+    from app.measuring.opening import Plan
 
 
 def run(
@@ -53,15 +54,15 @@ def run(
     ] = False,
 ) -> None:
     """The guided session on real indicators, or on a simulated machine."""
-    from app.indicators import choose_indicators, some_indicators
-    from app.opening import (
+    from app.measuring.indicators import choose_indicators, some_indicators
+    from app.measuring.opening import (
         SIMULATED_INTERVAL_S,
         Plan,
         plan_to_continue,
         refuse_plate,
         session_name,
     )
-    from app.wording.session import dry_run_text
+    from app.report.text.session import dry_run_text
     from protocols.machine import load_machine
     from protocols.procedure import load_procedure, shuffled
 
@@ -95,8 +96,8 @@ def run(
 
 def _measure(plan: Plan, *, continued: bool, headless: bool) -> None:
     """On the screen, or unattended for a simulated machine."""
-    from app.demo import measure_all
-    from app.opening import continue_session, start_session
+    from app.measuring.demo import measure_all
+    from app.measuring.opening import continue_session, start_session
     from protocols.errors import UsageError
     from protocols.journal import check_new
 

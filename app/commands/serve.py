@@ -24,7 +24,7 @@ def serve(
     for path in sessions:
         read_record(path)
     try:
-        from app.serving import Pages, listen
+        from app.screens.serving import Pages, listen
     except ImportError as problem:
         raise UsageError(
             "glidecal serve",

@@ -7,9 +7,9 @@ import typer
 
 def settings() -> None:
     """The settings file, its present values, and every key with its id."""
+    from app.report.text.settings import settings_text
     from app.screens.keys import known_keys, settings_for_screens
     from app.settings import settings_path
-    from app.wording.settings import settings_text
 
     path = settings_path()
     present = settings_for_screens(path)

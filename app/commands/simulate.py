@@ -95,11 +95,10 @@ def simulate(
     refuse_own(own)
     from dataclasses import replace
 
-    from app.hidden_effect import hidden_effect
-    from app.own_effects import known_laws
-    from app.planning_orthoglide import planned_readings
-    from app.simulated_session import simulated_session
-    from calib.orthoglide.model import Model
+    from app.evaluating.own_effects import known_laws
+    from app.measuring.hidden_effect import hidden_effect
+    from app.measuring.simulated import planned_readings, simulated_session
+    from calib.tripod.pipeline import Model
     from protocols.errors import UsageError
     from protocols.journal import write_whole
     from protocols.machine import load_machine

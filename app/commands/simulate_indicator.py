@@ -23,7 +23,7 @@ def simulate_indicator(
     ] = None,
 ) -> None:
     """Open a port and answer as the device would, until Ctrl-C."""
-    from app.indicators import swinging
+    from app.measuring.indicators import swinging
     from drivers.profile import Spindle
     from drivers.profiles import profile_named
     from drivers.twin_port import TwinPort, default_transport

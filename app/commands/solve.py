@@ -26,10 +26,10 @@ from protocols.machine_files import machine_names
 HEXASLIDE = "hexaslide"
 
 if TYPE_CHECKING:  # heavy: imported where used
-    from app.assessing import Judged
-    from app.solving import Solved
-    from calib.accuracy import ToolMap
-    from calib.monte_carlo import MonteCarlo
+    from app.evaluating.accuracy import Judged
+    from app.evaluating.solution import Solved
+    from calib.identify.accuracy import ToolMap
+    from calib.identify.monte_carlo import MonteCarlo
 
 
 def solve(
@@ -77,7 +77,7 @@ def solve(
         solve_hexaslide(sessions, truth, held_out, foreign=foreign, as_json=as_json)
         return
     refuse_checks(truth, held_out)
-    from app.solving import solve_files
+    from app.evaluating.solution import solve_files
 
     solved, warnings = solve_files(
         sessions,
@@ -104,7 +104,7 @@ class _Asked:
         solved: Solved, tolerance: float | None, count: int, seed: int, *, show_map: bool
     ) -> _Asked:
         """Raises UsageError for a tolerance or a session that does not allow it."""
-        from app.assessing import judge, maps
+        from app.evaluating.accuracy import judge, maps
 
         return _Asked(
             None if tolerance is None else judge(solved, tolerance),
@@ -114,15 +114,15 @@ class _Asked:
 
 
 def _document(solved: Solved, asked: _Asked) -> str:
-    from app.documents import to_json
-    from app.report.solution import SolutionReport
+    from app.report.schema.document import to_json
+    from app.report.schema.solution import SolutionReport
 
     return to_json(SolutionReport.of(solved=solved, **vars(asked)))
 
 
 def _text(solved: Solved, asked: _Asked) -> str:
-    from app.wording.assessing import judged_text, maps_text, monte_carlo_text
-    from app.wording.result import solution_text
+    from app.report.text.accuracy import judged_text, maps_text, monte_carlo_text
+    from app.report.text.result import solution_text
 
     texts = [solution_text(solved)]
     if asked.judged:
@@ -139,7 +139,7 @@ def _simulate(solved: Solved, count: int, seed: int) -> MonteCarlo:
     from rich.console import Console
     from rich.progress import Progress
 
-    from app.assessing import monte_carlo
+    from app.evaluating.accuracy import monte_carlo
 
     # a bar needs the terminal's own codes, and shows no text of a file
     with Progress(console=Console(file=sys.__stderr__), transient=True) as bar:

@@ -13,8 +13,8 @@ def validate(sessions: Sessions) -> None:
 
     What it proves holds against accidents and careless edits: the digests have no key.
     """
-    from app.solving import end_warning
-    from app.value_check import check_values
+    from app.evaluating.solution import end_warning
+    from app.measuring.value_check import check_values
     from calib.errors import GlidecalError
     from protocols.record import read_record
     from protocols.session import fold

@@ -12,17 +12,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from textwrap import wrap
 
-from app.exports.offsets import Offsets, Uncertainty, Written, one_line
-from app.wording.tables import WIDTH, uncertain
+from app.report.offsets import Offsets, Uncertainty, one_line
+from app.report.text.tables import WIDTH, uncertain
 from calib.observations import LEG_NAMES
 from protocols.documents import read_text
 from protocols.errors import RecordError, UsageError
+from protocols.files import Written
 from protocols.table import NUMBER
 
-UNKNOWN_HOME_OFFSET = (
-    "nobody stated the present HOME_OFFSET, 0 was assumed for every joint; state it in the "
-    "machine file, or give --ini or --home-offset to glidecal export."
-)
 MILLIMETRES = ("mm", "metric")
 LARGEST_MM = 100_000.0
 DEEPEST_INCLUDE = 8

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from app.documents import to_json
-from app.exports.offsets import Offsets, Written
-from app.exports.table import csv_text
-from app.report.solution import OffsetsReport
-from calib.orthoglide.geometry import PARAMETER_NAMES
-from calib.orthoglide.model import Model
+from app.report.offsets import Offsets
+from app.report.schema.document import to_json
+from app.report.schema.solution import OffsetsReport
+from calib.tripod.geometry import PARAMETER_NAMES
+from calib.tripod.pipeline import Model
+from protocols.files import Written
 from protocols.model_file import model_to_json
+from protocols.table import csv_text
 
 
 def as_json(offsets: Offsets) -> Written:

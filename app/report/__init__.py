@@ -1,5 +1,5 @@
-"""Results as JSON documents for other programs: one class a document, one field a key.
+"""What people and programs are told: text, charts, JSON.
 
-A field says its type and where its value stands in the frozen results; nothing is computed that
-they do not hold. ``docs/schemas`` is generated from here. May import everything but screens.
+Results go in, sentences and documents come out; nothing is computed that they do not hold.
+May import every room of app below commands, screens and exports.
 """

@@ -13,14 +13,14 @@ from textual.screen import Screen
 from textual.widgets import Footer, Static
 
 from app.exit_codes import exit_code
-from app.guided import GuidedSession
-from app.opening import Indicators, Plan, begin, open_indicators, resume
+from app.measuring.opening import Indicators, Plan, begin, open_indicators, resume
+from app.measuring.session import GuidedSession
+from app.report.text.home import CHECK_HELP
+from app.report.text.session import check_text
 from app.screens.hasty import Title
 from app.screens.interface import Interface
 from app.screens.measure import MeasureScreen
 from app.screens.widgets import GaugeDisplay
-from app.wording.home import CHECK_HELP
-from app.wording.session import check_text
 from calib.errors import GlidecalError
 
 REFRESH_S = 0.1

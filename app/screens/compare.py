@@ -11,13 +11,12 @@ from textual.events import Resize
 from textual.screen import Screen
 from textual.widgets import Footer, Static
 
-from app.comparing import Comparison
-from app.plots import before_and_after
+from app.evaluating.comparison import Comparison
+from app.report.charts.charts import before_and_after
+from app.report.text.result import COMPARISON_HELP, comparison_report, copied_text
 from app.screens.hasty import Title
 from app.screens.interface import Interface
 from app.screens.plot import ChartPlot
-from app.wording.comparison import COMPARISON_HELP, comparison_report
-from app.wording.result_screen import copied_text
 
 WIDE = 110
 """Columns from which text and plot stand side by side."""

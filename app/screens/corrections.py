@@ -8,10 +8,10 @@ from typing import TypeVar
 
 from textual.screen import ModalScreen, Screen
 
-from app.guided import GuidedSession
+from app.measuring.session import GuidedSession
+from app.report.text.session import point_text
 from app.screens.dialogs import ChoiceDialog, TextDialog
 from app.screens.interface import Interface
-from app.wording.session import point_text
 from calib.errors import GlidecalError
 
 Answer = TypeVar("Answer")

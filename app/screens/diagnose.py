@@ -14,16 +14,11 @@ from textual.containers import Vertical, VerticalScroll
 from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
 from textual.worker import get_current_worker
 
-from app.adopting import adopt, write_procedure
-from app.diagnosing import Diagnosed, diagnose_files
-from app.diagnosis_plots import residuals_before_and_after
-from app.diagnosis_residuals import Cell, residual_cells
-from app.own_effects import known_laws
-from app.screens.dialogs import ChoiceDialog, TextDialog
-from app.screens.interface import Interface
-from app.screens.pages import PagedScreen
-from app.screens.plot import ChartPlot
-from app.wording.diagnose_screen import (
+from app.evaluating.adoption import adopt, write_procedure
+from app.evaluating.diagnosis import Cell, Diagnosed, diagnose_files, residual_cells
+from app.evaluating.own_effects import known_laws
+from app.report.charts.charts import residuals_before_and_after
+from app.report.text.diagnose_screen import (
     DIAGNOSE_HELP,
     LOOKING,
     NO_NEXT,
@@ -45,9 +40,13 @@ from app.wording.diagnose_screen import (
     verdict_text,
     where_text,
 )
-from app.wording.result_screen import ONLY_SHOWN, copied_text
+from app.report.text.result import ONLY_SHOWN, copied_text
+from app.screens.dialogs import ChoiceDialog, TextDialog
+from app.screens.interface import Interface
+from app.screens.pages import PagedScreen
+from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError
-from protocols.own_files import unused_path
+from protocols.files import unused_path
 
 PAGES = {"verdict": "1 Verdict", "where": "2 Where", "candidates": "3 Candidates"}
 CHANGE = "change"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from app.drawings import Drawing, Look, ticks_within
-from app.plots import Chart, tick_labels
+from app.report.charts.charts import Chart, tick_labels
+from app.report.charts.drawings import Drawing, Look, ticks_within
 from app.screens.plot import COLOURS, MARKERS, ChartPlot
 
 LINES = {Look.THIN: "braille", Look.THICK: "hd"}

@@ -15,14 +15,10 @@ from textual.events import Resize
 from textual.message import Message
 from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
 
-from app.hexaslide_drawings import drawn_machine, drawn_postures
-from app.hexaslide_views import KINDS, Found, View, conditions_at, find_postures, look_at
-from app.planning import Request
-from app.screens.dialogs import TextDialog
-from app.screens.drawing import DrawingPlot
-from app.screens.interface import Interface
-from app.screens.pages import PagedScreen
-from app.wording.hexaslide_screen import (
+from app.planning.hexaslide_seen import KINDS, Found, View, conditions_at, find_postures, look_at
+from app.planning.machines import Request
+from app.report.charts.drawings import drawn_machine, drawn_postures
+from app.report.text.hexaslide_screen import (
     HEXASLIDE_HELP,
     LOOKING,
     NO_VIEW,
@@ -40,6 +36,10 @@ from app.wording.hexaslide_screen import (
     search_text,
     sees_text,
 )
+from app.screens.dialogs import TextDialog
+from app.screens.drawing import DrawingPlot
+from app.screens.interface import Interface
+from app.screens.pages import PagedScreen
 from calib.errors import GlidecalError
 from calib.hexaslide.procedures import Kind
 

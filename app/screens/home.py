@@ -14,22 +14,15 @@ from textual.screen import Screen
 from textual.widgets import Footer, OptionList, Static
 from textual.widgets.option_list import Option
 
-from app.bench import BenchSettings
-from app.comparing import compare_files, partner_of
-from app.demo import DEMO_MOTION_S, demo_plan, export_offsets
-from app.folders import writable_folder
-from app.indicators import parse_indicator
-from app.opening import PortsUnknown, plan_to_continue
-from app.recent import Recent, follow_up, recent_sessions
-from app.screens.check import CheckScreen
-from app.screens.compare import CompareScreen
-from app.screens.dialogs import ChoiceDialog, TextDialog
-from app.screens.hasty import Title
-from app.screens.interface import Interface
-from app.screens.pick import PickScreen
-from app.screens.prepare import PrepareScreen
-from app.solving import solve_files, solve_for_controller
-from app.wording.home import (
+from app.evaluating.comparison import compare_files, partner_of
+from app.evaluating.solution import solve_files, solve_for_controller
+from app.exports import export_offsets
+from app.measuring.demo import DEMO_MOTION_S, demo_plan
+from app.measuring.indicators import parse_indicator
+from app.measuring.opening import PortsUnknown, plan_to_continue, writable_folder
+from app.measuring.recent import Recent, follow_up, recent_sessions
+from app.measuring.simulated import BenchSettings
+from app.report.text.home import (
     HOME_CHOICES,
     HOME_HELP,
     PARTNER_CHOICES,
@@ -41,7 +34,14 @@ from app.wording.home import (
     session_choices,
     session_label,
 )
-from app.wording.result_screen import exported_text
+from app.report.text.result import exported_text
+from app.screens.check import CheckScreen
+from app.screens.compare import CompareScreen
+from app.screens.dialogs import ChoiceDialog, TextDialog
+from app.screens.hasty import Title
+from app.screens.interface import Interface
+from app.screens.pick import PickScreen
+from app.screens.prepare import PrepareScreen
 from calib.errors import GlidecalError
 
 DEMO_FOLDER = Path("demo-sessions")

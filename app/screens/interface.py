@@ -23,16 +23,16 @@ from textual.theme import ThemeProvider
 from textual.widget import Widget
 
 from app.exit_codes import Exit
-from app.guided import GuidedSession
-from app.opening import Indicators
+from app.measuring.opening import Indicators
+from app.measuring.session import GuidedSession
+from app.report.text.settings import key_list_text
 from app.screens.dialogs import HelpDialog
 from app.screens.hasty import Palette, ready
 from app.screens.leaving import on_signals
 from app.settings import Settings, save_theme, settings_path
-from app.wording.settings import key_list_text
 from calib.errors import GlidecalError
 from calib.printable import HIDDEN
-from protocols.own_files import unused_path
+from protocols.files import unused_path
 
 PALETTE = (
     ("Theme", "Choose the colours; kept in the settings"),
@@ -154,7 +154,7 @@ class Interface(App[str]):
 
     def _save_screenshot(self) -> None:
         """The present screen as a picture in the current folder."""
-        from app.exports.writing import write_files
+        from protocols.files import write_files
 
         path = unused_path(Path(f"glidecal_{datetime.now():%Y-%m-%d_%H%M%S}.svg"))
         try:

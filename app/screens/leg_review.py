@@ -10,11 +10,11 @@ from textual.containers import Horizontal, VerticalScroll
 from textual.events import Resize
 from textual.widgets import Static
 
-from app.leg_review import review_leg
-from app.plots import readings_by_posture
+from app.measuring.leg_review import review_leg
+from app.report.charts.charts import readings_by_posture
+from app.report.text.session import review_text
 from app.screens.hasty import Dialog
 from app.screens.plot import ChartPlot
-from app.wording.session import review_text
 from calib.errors import GlidecalError
 from protocols.procedure import Step
 from protocols.session import Session

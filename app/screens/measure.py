@@ -14,18 +14,11 @@ from textual.binding import Binding, BindingType
 from textual.events import Resize
 from textual.geometry import Size
 
-from app.acquisition import Live, Motion
-from app.guided import GuidedSession, Taken
-from app.opening import Plan
-from app.screens.corrections import Corrections
-from app.screens.dialogs import ChoiceDialog
-from app.screens.kept import Kept
-from app.screens.leg_review import LegReviewScreen
-from app.screens.news import News
-from app.screens.session_view import SessionView
-from app.screens.widgets import KeyLine
-from app.solving import solve_for_controller
-from app.wording.session import (
+from app.evaluating.solution import solve_for_controller
+from app.measuring.gauges import Live, Motion
+from app.measuring.opening import Plan
+from app.measuring.session import GuidedSession, Taken
+from app.report.text.session import (
     MEASURE_HELP,
     QUESTION_CHOICES,
     clock_set_text,
@@ -35,8 +28,15 @@ from app.wording.session import (
     slept_text,
     taken_text,
 )
+from app.screens.corrections import Corrections
+from app.screens.dialogs import ChoiceDialog
+from app.screens.kept import Kept
+from app.screens.leg_review import LegReviewScreen
+from app.screens.news import News
+from app.screens.session_view import SessionView
+from app.screens.widgets import KeyLine
 from calib.errors import GlidecalError
-from drivers.outcome import Fault, Reading
+from drivers.profile import Fault, Reading
 from protocols.procedure import Step
 from protocols.session_clock import steady_s
 

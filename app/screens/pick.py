@@ -11,11 +11,11 @@ from textual.binding import Binding, BindingType
 from textual.widgets import Footer, OptionList, Static
 from textual.widgets.option_list import Option
 
-from app.recent import Recent, look_at
+from app.measuring.recent import Recent, look_at
+from app.report.text.home import ELSEWHERE, NO_SESSIONS, PICK_KEYS, session_label
 from app.screens.dialogs import TextDialog
 from app.screens.hasty import Leaving, Title
 from app.screens.interface import Interface
-from app.wording.home import ELSEWHERE, NO_SESSIONS, PICK_KEYS, session_label
 
 
 class PickScreen(Leaving[Recent]):

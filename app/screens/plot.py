@@ -9,7 +9,7 @@ from textual.color import Color
 from textual.geometry import Size
 from textual_plotext import PlotextPlot
 
-from app.plots import (
+from app.report.charts.charts import (
     Chart,
     even_limits,
     label_cells,

@@ -13,20 +13,20 @@ from textual.content import Content
 from textual.screen import Screen
 from textual.widgets import Footer, Input, Label, Select, Static
 
-from app.indicators import (
+from app.measuring.indicators import (
     DEFAULT_PROFILE,
     check_indicators,
     from_file,
     parse_indicator,
     some_indicators,
 )
-from app.opening import Plan, session_name
+from app.measuring.opening import Plan, session_name
+from app.report.text.home import FIELD_HELP, PREPARE_HELP
+from app.report.text.session import dry_run_text, procedure_sentence
 from app.screens.check import CheckScreen
 from app.screens.dry_run import DryRunScreen
 from app.screens.hasty import Title
 from app.screens.interface import Interface
-from app.wording.home import FIELD_HELP, PREPARE_HELP
-from app.wording.session import dry_run_text, procedure_sentence
 from calib.errors import GlidecalError
 from protocols.errors import UsageError
 from protocols.machine import Instrument, Machine, load_machine

@@ -13,20 +13,21 @@ from textual.events import Resize
 from textual.screen import Screen
 from textual.widgets import Footer, Log
 
-from app.replaying import Playback
-from app.screens.dialogs import TextDialog
-from app.screens.interface import Interface
-from app.screens.result import ResultScreen
-from app.screens.session_view import SessionView
-from app.solving import Solved, solve_files
-from app.wording.replay import (
+from app.evaluating.solution import Solved, solve_files
+from app.measuring.playback import Playback
+from app.report.text.replay import (
     REPLAY_HELP,
     copied_text,
     jump_question,
     progress_line,
     reading_lines,
+    said_text,
     unsolved_text,
 )
+from app.screens.dialogs import TextDialog
+from app.screens.interface import Interface
+from app.screens.result import ResultScreen
+from app.screens.session_view import SessionView
 from calib.errors import GlidecalError
 from protocols.record import read_record
 
@@ -120,7 +121,7 @@ class ReplayScreen(Screen[None]):
     def _show(self) -> None:
         """Everything as it is at this place of the record."""
         self._show_picture()
-        self.say(self.playback.said)
+        self.say(said_text(self.playback))
         self._show_list()
 
     def _show_picture(self) -> None:

@@ -12,12 +12,12 @@ from textual.screen import Screen
 from textual.widgets import Footer, OptionList, Static
 from textual.widgets.option_list import Option
 
-from app.recent import look_at
+from app.measuring.recent import look_at
+from app.report.text.home import session_label
+from app.report.text.replay import REPLAY_QUESTION
 from app.screens.hasty import Title
 from app.screens.interface import Interface
 from app.screens.replay import ReplayScreen
-from app.wording.home import session_label
-from app.wording.replay import REPLAY_QUESTION
 from calib.errors import GlidecalError
 
 

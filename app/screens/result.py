@@ -12,24 +12,25 @@ from textual.containers import Horizontal, VerticalScroll
 from textual.events import Resize
 from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
 
-from app.demo import export_offsets, verification_plan
-from app.opening import Plan
-from app.plots import before_and_after, measured_and_predicted
-from app.screens.interface import Interface
-from app.screens.pages import PagedScreen
-from app.screens.plot import ChartPlot
-from app.solving import Solved, solve_sessions
-from app.wording.result import comparison_text
-from app.wording.result_screen import (
+from app.evaluating.solution import Solved, solve_sessions
+from app.exports import export_offsets
+from app.measuring.demo import verification_plan
+from app.measuring.opening import Plan
+from app.report.charts.charts import before_and_after, measured_and_predicted
+from app.report.text.result import (
     NO_PLAN,
     ONLY_SHOWN,
     RESULT_HELP,
+    comparison_text,
     copied_text,
     exported_text,
     result_text,
 )
+from app.screens.interface import Interface
+from app.screens.pages import PagedScreen
+from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError
-from calib.solution import Subset
+from calib.identify.solution import Subset
 
 CHOICES: dict[str, Subset] = {
     "1": "joint-offsets",

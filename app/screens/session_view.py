@@ -9,13 +9,13 @@ from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Static
 
-from app.acquisition import Live
-from app.leg_table import leg_rows
-from app.plots import readings_by_posture
+from app.measuring.gauges import Live
+from app.measuring.leg_review import leg_rows
+from app.report.charts.charts import readings_by_posture
+from app.report.text.session import leg_table_text, step_text
 from app.screens.kept import Kept
 from app.screens.plot import ChartPlot
 from app.screens.widgets import GaugeDisplay, Line, StepList
-from app.wording.session import leg_table_text, step_text
 from protocols.procedure import Step
 from protocols.session import Session
 

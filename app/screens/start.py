@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from textual.screen import Screen
 
-from app.commands.options import need_terminal
-from app.opening import Plan
+from app.measuring.opening import Plan
+from app.report.streams import need_terminal
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
@@ -21,7 +21,7 @@ from app.settings import settings_path
 from protocols.record import read_record
 
 if TYPE_CHECKING:
-    from app.planning import Request
+    from app.planning.machines import Request
 
 
 def open_interface() -> int:
@@ -49,7 +49,7 @@ def open_replay(paths: Sequence[Path], *, read_only: bool = False) -> int:
 def open_hexaslide(request: Request) -> int:
     """What a procedure sees of a Hexa Slide. Raises UsageError, RecordError for a wrong request."""
     need_terminal("--screen", "the verb without it")
-    from app.planning_hexaslide import HexaSlidePlanning
+    from app.planning.hexaslide import HexaSlidePlanning
     from app.screens.hexaslide import HexaSlideScreen
 
     HexaSlidePlanning.of(request)

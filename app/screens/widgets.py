@@ -17,11 +17,11 @@ from textual.selection import Selection
 from textual.strip import Strip
 from textual.widgets import Footer, Static
 
-from app.acquisition import Live, Motion
+from app.measuring.gauges import Live, Motion
+from app.report.text.tables import signed
 from app.screens.kept import Kept, KeptRows
-from app.wording.tables import signed
-from calib.orthoglide.geometry import Geometry
-from drivers.outcome import Fault, Reading
+from calib.tripod.geometry import Geometry
+from drivers.profile import Fault, Reading
 from protocols.procedure import Step
 from protocols.session import Session
 

@@ -10,11 +10,11 @@ import numpy as np
 from calib.diagnosis.problem import Problem, Sitting
 from calib.diagnosis.selection import ALIKE, contained
 from calib.linalg import without
-from calib.noise import IndicatorFigures
+from calib.noise.reading import IndicatorFigures
 from calib.observations import FloatArray, Observations
-from calib.orthoglide.effects.candidates import Candidate, candidates, invisible
-from calib.orthoglide.effects.law import Law
-from calib.orthoglide.model import Model
+from calib.tripod.effects.candidates import Candidate, candidates, invisible
+from calib.tripod.effects.effect import Law
+from calib.tripod.pipeline import Model
 
 NOISE_MM = 0.002
 

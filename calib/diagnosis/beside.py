@@ -19,11 +19,11 @@ from calib.diagnosis.entries import MOST_LOSS, Entry, chosen, entries_of, implau
 from calib.diagnosis.problem import Problem, Sitting
 from calib.diagnosis.results import Named
 from calib.diagnosis.selection import LOG_UNIT
-from calib.distributions import variance_ratio_p_value
 from calib.linalg import squares_in, union, without
 from calib.observations import FloatArray
-from calib.orthoglide.effects.law import Law
+from calib.stats import variance_ratio_p_value
 from calib.ties import descending
+from calib.tripod.effects.effect import Law
 
 MOST_EFFECTS = 3
 BEAM = 4

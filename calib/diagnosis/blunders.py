@@ -16,12 +16,12 @@ import numpy as np
 
 from calib.diagnosis.results import Named
 from calib.diagnosis.selection import LOG_UNIT
-from calib.fit import without_zeros
+from calib.identify.fit import without_zeros
+from calib.noise.repeats import Repeats
 from calib.observations import LEG_NAMES, TOOL, TOUCHED_LETTERS, FloatArray, IntArray, Observations
-from calib.orthoglide.linear import reading_matrix
-from calib.orthoglide.model import Model
-from calib.repeats import Repeats
 from calib.ties import descending
+from calib.tripod.differences import reading_matrix
+from calib.tripod.pipeline import Model
 
 INCH_MM = 25.4
 LEAST_RATIO = 4.0

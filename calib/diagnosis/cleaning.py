@@ -12,11 +12,11 @@ from calib.diagnosis.slips import find_slip
 from calib.diagnosis.strays import set_strays_right
 from calib.diagnosis.verify import structure_rms_mm
 from calib.errors import NotIdentifiable
-from calib.noise import IndicatorFigures
+from calib.noise.reading import IndicatorFigures
 from calib.observations import FloatArray, Observations
-from calib.orthoglide.effects import CATALOGUE
-from calib.orthoglide.effects.law import Law
-from calib.orthoglide.model import Model
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.effect import Law
+from calib.tripod.pipeline import Model
 
 MOST_BLUNDERS = 3
 LEAST_ROWS_BEYOND = 8

@@ -8,8 +8,7 @@ from dataclasses import replace
 from calib.diagnosis.cleaning import Case, clean
 from calib.diagnosis.entries import Entry, entries_of, implausible, prices
 from calib.diagnosis.fitting import Fitting
-from calib.diagnosis.independence import DOUBT, repeats_explain_as_much
-from calib.diagnosis.naming import Naming
+from calib.diagnosis.naming import DOUBT, Naming, repeats_explain_as_much
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.race import Outcome, Race
 from calib.diagnosis.report import Report
@@ -17,7 +16,7 @@ from calib.diagnosis.results import Diagnosis
 from calib.diagnosis.strays import WILD_DISTANCE
 from calib.linalg import squares_in
 from calib.observations import FloatArray
-from calib.orthoglide.effects.law import Law
+from calib.tripod.effects.effect import Law
 
 SEED = 20081
 MOST_RACES = 3

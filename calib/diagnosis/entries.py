@@ -11,9 +11,8 @@ import numpy as np
 from calib.diagnosis.problem import Problem
 from calib.linalg import BLIND
 from calib.observations import LEG_NAMES, TOUCHED_LETTERS, FloatArray, rows_of
-from calib.orthoglide.effects.candidates import Candidate, candidates_together
-from calib.orthoglide.effects.kinds import Kind
-from calib.orthoglide.effects.law import Law
+from calib.tripod.effects.candidates import Candidate, candidates_together
+from calib.tripod.effects.effect import Kind, Law
 
 FAR = 30.0
 """A parameter so many times its unremarkable size costs as much as one standard deviation."""

@@ -15,7 +15,7 @@ from calib.diagnosis.results import Value
 from calib.errors import NotIdentifiable
 from calib.linalg import onto
 from calib.observations import FloatArray
-from calib.orthoglide.effects.law import Placed
+from calib.tripod.effects.effect import Placed
 
 CORRECTIONS = 2
 

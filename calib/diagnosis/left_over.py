@@ -24,11 +24,11 @@ from calib.diagnosis.selection import LOG_UNIT
 from calib.diagnosis.verify import left_out_postures, on_other_sessions, structure_rms_mm
 from calib.linalg import NEW_DIRECTION, lengths
 from calib.observations import LEG_NAMES, FloatArray, IntArray
-from calib.orthoglide.effects.candidates import stacked_columns
-from calib.orthoglide.effects.empirical import BASES, Empirical, law_words
-from calib.orthoglide.effects.law import Placed
-from calib.orthoglide.pipeline import Stage
 from calib.ties import descending
+from calib.tripod.effects.candidates import stacked_columns
+from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.empirical import BASES, Empirical, law_words
+from calib.tripod.pipeline import Stage
 
 MOST_BASES = 3
 LEVEL = 0.005

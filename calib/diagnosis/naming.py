@@ -12,8 +12,9 @@ from calib.diagnosis.entries import Entry
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.race import LEVEL, MOST_EFFECTS, Outcome, Race
 from calib.diagnosis.results import Named, Verdict
-from calib.diagnosis.selection import ALIKE, Weighed, contained
-from calib.linalg import NEW_DIRECTION, rank_of, squares_in, union
+from calib.diagnosis.selection import ALIKE, Weighed, contained, log_bayes_factor
+from calib.linalg import NEW_DIRECTION, incidence, rank_of, squares_in, union
+from calib.observations import FloatArray, numbered
 from calib.ties import descending
 
 LEAST_EVIDENCE = 25.0
@@ -188,3 +189,30 @@ class Naming:
     def by_evidence(self, kept: Weighed) -> tuple[int, ...]:
         """Members of the model, the strongest first."""
         return tuple(descending(kept.members, lambda k: self.evidence(kept, k)))
+
+
+DOUBT = (
+    "repeats read without driving away would explain as much as any name: drive away before each, "
+    "or take the gap for real and measure more"
+)
+
+
+def repeats_explain_as_much(naming: Naming) -> bool:
+    """Whether the names are weak and postures that vary by themselves do no worse."""
+    kept = naming.outcome.kept
+    if kept is None or not naming.problem.has_repeats() or not naming.problem.noise_df > 0.0:
+        return False
+    weak = kept.log_weight < 0.5 * LEAST_EVIDENCE  # as log likelihood
+    return weak and evidence_of_postures(naming.problem) > max(kept.log_weight, 0.0)
+
+
+def evidence_of_postures(problem: Problem) -> float:
+    """Log Bayes factor for an error of each posture's own against none."""
+    block = problem.block(_postures(problem))
+    explained = squares_in(block, problem.y)
+    return log_bayes_factor(explained, block.shape[1], problem.spread)
+
+
+def _postures(problem: Problem) -> FloatArray:
+    """One column for each posture and approach of each mounting."""
+    return incidence(numbered(problem.mount, problem.conditions("cell")))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from calib.diagnosis.selection import KNOWN, Spread
-from calib.fit import prior_fit, without_zeros
+from calib.identify.fit import prior_fit, without_zeros
 from calib.linalg import (
     DEPENDENT,
     basis_of,
@@ -28,7 +28,7 @@ from calib.linalg import (
     squares_in,
     without,
 )
-from calib.noise import (
+from calib.noise.reading import (
     BORROWED,
     IndicatorFigures,
     Noise,
@@ -38,8 +38,7 @@ from calib.noise import (
     visits,
 )
 from calib.observations import FloatArray, IntArray, Observations, numbered
-from calib.orthoglide.model import Model
-from calib.orthoglide.pipeline import derivatives
+from calib.tripod.pipeline import Model, derivatives
 
 VISIBLE = 1e-6
 """Least size of a candidate's column, in noise units for an unremarkable parameter."""

@@ -17,9 +17,10 @@ from calib.diagnosis.locate import left_over_words, locate
 from calib.diagnosis.naming import Naming
 from calib.diagnosis.problem import Problem, Sitting
 from calib.diagnosis.proposing import propose
-from calib.diagnosis.race import LEVEL, Outcome
+from calib.diagnosis.race import LEVEL, Outcome, Race
 from calib.diagnosis.results import (
     Contender,
+    Detectable,
     Diagnosis,
     Finding,
     Gap,
@@ -30,9 +31,8 @@ from calib.diagnosis.results import (
 from calib.diagnosis.selection import Weighed, heaviest_first
 from calib.diagnosis.strays import belongs_elsewhere
 from calib.diagnosis.verify import left_out_postures, on_other_sessions, structure_rms_mm
-from calib.diagnosis.words import remarks, sentence, smallest_detectable
 from calib.observations import FloatArray
-from calib.orthoglide.effects.law import Placed
+from calib.tripod.effects.effect import Placed
 
 MOST_CONTENDERS = 20
 WITH_NAMES: tuple[Verdict, ...] = ("explained", "ambiguous", "partly-explained")
@@ -243,3 +243,58 @@ def _of_mistake(mistake: Mistake) -> Finding:
         after,
         blunder.or_else,
     )
+
+
+NO_LAW = "what is left follows no simple law of displacement, approach, time or temperature"
+MOST_RIVALS = 5
+FOUND_9_OF_10 = 1.28
+"""Standard normal quantile of 90 %."""
+
+
+def sentence(verdict: Verdict, findings: Sequence[Finding], where: str, doubt: str) -> str:
+    """The verdict in one sentence that a machinist understands.
+
+    ``where`` tells where something is left, ``doubt`` why names without rivals are not claimed.
+    """
+    names = " and ".join(f"{f.title} ({f.where})" for f in findings)
+    rivals = sorted({r.id for f in findings for r in f.indistinguishable_from})
+    if len(rivals) > MOST_RIVALS:
+        rivals = [*rivals[: MOST_RIVALS - 1], f"{len(rivals) - MOST_RIVALS + 1} others"]
+    return {
+        "agrees": "The model explains the readings within their noise; nothing is missing.",
+        "explained": f"What was missing is: {names}.",
+        "ambiguous": f"Something is missing: {names}"
+        + (f", or else {', '.join(rivals)}; these data cannot tell." if rivals else f"; {doubt}."),
+        "partly-explained": f"Part of what is missing is {names}; more is left, {where}.",
+        "unexplained": f"Something real is missing, {where}, and no known effect explains it.",
+        "cannot-tell": "The readings are too few to tell what is missing"
+        + (f"; the best guess is {names}." if names else "."),
+    }[verdict]
+
+
+def remarks(problem: Problem, verdict: Verdict, left_over: LeftOver | None) -> tuple[str, ...]:
+    """What else a person must know."""
+    said = []
+    if problem.noise_df <= 0.0:
+        said.append("no repeats and no stated noise: nothing can be judged against chance")
+    if verdict == "unexplained":
+        said.append("either the effect is not in the catalogue, or the repeats are not independent")
+    if verdict in ("unexplained", "partly-explained"):
+        said += [] if left_over else [NO_LAW]
+    return tuple(said)
+
+
+def smallest_detectable(
+    problem: Problem, entries: Sequence[Entry], race: Race
+) -> tuple[Detectable, ...]:
+    """Size of each single-parameter effect that would have been found nine times of ten."""
+    found: dict[str, Detectable] = {}
+    threshold = math.sqrt(2.0 * math.log(max(len(entries), 2) / LEVEL)) + FOUND_9_OF_10
+    for entry, block in zip(entries, race.blocks, strict=True):
+        if entry.columns.shape[1] != 1 or entry.kind == "blunder":
+            continue
+        slope = float(np.linalg.norm(block.T @ (problem.root_weight * entry.columns[:, 0])))
+        size = threshold / slope if slope else math.inf
+        if math.isfinite(size) and (entry.id not in found or size < found[entry.id].size):
+            found[entry.id] = Detectable(entry.id, size, entry.names[0][1])
+    return tuple(found.values())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from calib.orthoglide.effects.law import Placed
+from calib.tripod.effects.effect import Placed
 
 Verdict = Literal[
     "agrees", "explained", "ambiguous", "partly-explained", "unexplained", "cannot-tell"

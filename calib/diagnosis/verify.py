@@ -13,7 +13,7 @@ from calib.diagnosis.selection import KNOWN, Search, Spread, heaviest_first
 from calib.errors import NotIdentifiable
 from calib.linalg import DEPENDENT, EXACT_BLIND, basis_of, lengths, new_directions, onto, without
 from calib.observations import LEG_NAMES, TOOL, FloatArray, IntArray
-from calib.orthoglide.effects.law import Placed
+from calib.tripod.effects.effect import Placed
 
 
 def left_out_postures(

@@ -11,8 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import CalibrationError, NotIdentifiable
-from calib.hexaslide.geometry import Box, ConstraintLink, Geometry
-from calib.hexaslide.parameters import END_NAMES, LENGTH_NAME, NAMES, motions, values, with_values
+from calib.hexaslide.geometry import (
+    END_NAMES,
+    LENGTH_NAME,
+    NAMES,
+    Box,
+    ConstraintLink,
+    Geometry,
+    motions,
+    values,
+    with_values,
+)
 from calib.hexaslide.residuals import Left, Readings, postures_of, residuals, whitening
 from calib.linalg import EXACT_BLIND, condition, named_inside, names_outside, svd_of_all
 from calib.observations import FloatArray
@@ -129,7 +138,7 @@ class _Seen:
 def calibrate(readings: Readings, start: Machine, *, fewest: int = 1) -> Calibration:
     """Identify from ``start``, at most a dozen steps, each shortened until it is an improvement.
 
-    ``fewest`` postures are what the procedure needs; `calib.hexaslide_planning.fewest_postures`
+    ``fewest`` postures are what the procedure needs; `calib.hexaslide.planning.fewest_postures`
     counts them. Raises NotIdentifiable for fewer, or where the steps do not settle, and
     UnreachablePosture for a posture that the machine at the start cannot take.
     """

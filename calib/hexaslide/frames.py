@@ -10,9 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.hexaslide.geometry import Geometry, Numbers
+from calib.hexaslide.geometry import Geometry, Numbers, values, with_values
 from calib.hexaslide.kinematics import rotation
-from calib.hexaslide.parameters import values, with_values
 from calib.hexaslide.procedures import STEP
 from calib.linalg import EXACT_BLIND
 from calib.observations import FloatArray
@@ -26,7 +25,7 @@ MOTIONS = (
     "platform frame shifted along its Z",
     "base turned about X",
 )
-"""As `calib.hexaslide.parameters.motions` names them."""
+"""As `calib.hexaslide.geometry.motions` names them."""
 
 ROUNDS = 6
 """Each squares what is left: from hundredths to rounding."""

@@ -13,9 +13,29 @@ from enum import StrEnum
 import numpy as np
 
 from calib.errors import CalibrationError
-from calib.hexaslide.geometry import CHAINS, Box, ConstraintLink, Geometry, Numbers
-from calib.hexaslide.kinematics import legs, pulls, rotation_and_slopes, words
-from calib.hexaslide.parameters import END_NAMES, FREE, LENGTH_NAME, NAMES
+from calib.hexaslide.geometry import (
+    CHAINS,
+    END_NAMES,
+    FREE,
+    LENGTH_NAME,
+    NAMES,
+    Box,
+    ConstraintLink,
+    Geometry,
+    Numbers,
+    unit_of,
+    values,
+    with_values,
+)
+from calib.hexaslide.kinematics import (
+    forward_near,
+    inverse,
+    legs,
+    pulls,
+    rotation,
+    rotation_and_slopes,
+    words,
+)
 from calib.observations import FloatArray
 
 COMPONENTS = ("x", "y", "z", "theta", "psi", "phi")
@@ -219,3 +239,76 @@ def _link_slopes(
     ends = [np.einsum("pi,pij->pj", along, turned), -along, -np.ones((len(postures), 1))]
     own = np.concatenate(ends, axis=-1)[:, procedure.link_columns]
     return np.concatenate([moving, own], axis=-1)[:, None]
+
+
+DIFFERENCE_STEP = 1e-7
+"""The paper's step, metres."""
+
+
+def differenced(
+    procedure: Procedure, geometry: Geometry, postures: FloatArray, link: ConstraintLink | None
+) -> FloatArray:
+    """Derivatives ``(p, r, k)`` as `procedures.jacobian`, each wrong by about 1e-7.
+
+    Raises CalibrationError where a step leaves what can be reached.
+    """
+    sliders = inverse(geometry, postures)
+    start = np.concatenate([values(geometry), _link_values(procedure, link)])
+    own = [*range(len(NAMES)), *(len(NAMES) + k for k in procedure.link_columns)]
+    if procedure.kind is not Kind.CONSTRAINT_LINK:
+        own = own[: len(NAMES)]
+
+    def read(parameters: FloatArray) -> FloatArray:
+        changed = with_values(geometry, parameters[: len(NAMES)])
+        if procedure.kind is Kind.POSE_INVERSE:
+            return np.asarray(inverse(changed, postures))
+        moved = forward_near(changed, sliders, postures)
+        if procedure.kind is Kind.CONSTRAINT_LINK:
+            return _misses(moved, parameters[len(NAMES) :])
+        return np.asarray(moved[:, [COMPONENTS.index(name) for name in procedure.measured]])
+
+    before = read(start)
+    steps = DIFFERENCE_STEP * np.eye(len(start))[own]
+    return np.stack([(read(start + step) - before) / DIFFERENCE_STEP for step in steps], axis=-1)
+
+
+def _link_values(procedure: Procedure, link: ConstraintLink | None) -> FloatArray:
+    """Both ends and the length ``(7,)``; none where there is no link to read."""
+    if procedure.kind is not Kind.CONSTRAINT_LINK:
+        return np.zeros(0)
+    if link is None:
+        raise CalibrationError("constraint link", "none", "one in the machine file")
+    return np.concatenate([link.platform_end, link.base_end, [link.length_m]])
+
+
+def _misses(postures: FloatArray, link: FloatArray) -> FloatArray:
+    """How much longer than the link its ends are apart ``(p, 1)``."""
+    ends = postures[:, :3] + rotation(postures[:, 3:]) @ link[:3] - link[3:6]
+    return np.asarray(np.sqrt((ends * ends).sum(axis=1)) - link[6])[:, None]
+
+
+ANGLES = ("theta", "psi", "phi")
+
+
+@dataclass(frozen=True)
+class Units:
+    """A unit of length in metres and one of angle in radians."""
+
+    words: str
+    length_m: float
+    angle_rad: float
+
+
+METRES = Units("m, rad", 1.0, 1.0)
+MILLIMETRES = Units("mm, rad", 1e-3, 1.0)
+DEGREES = Units("m, °", 1.0, np.pi / 180.0)
+ALL_UNITS = (METRES, MILLIMETRES, DEGREES)
+
+
+def in_units(procedure: Procedure, rows: FloatArray, units: Units) -> FloatArray:
+    """Derivatives ``(n, k)`` in metres and radians, of whole postures, as they are in ``units``."""
+    read = [units.angle_rad if name in ANGLES else units.length_m for name in procedure.read]
+    each = np.resize(read, len(rows))
+    lengths = [unit_of(name) == "m" for name in procedure.parameters]
+    own = np.where(lengths, units.length_m, 1.0)
+    return np.asarray(rows * own / each[:, None])

@@ -14,8 +14,20 @@ from itertools import product
 import re2
 
 from drivers.errors import IndicatorError
-from drivers.outcome import Asked, FaultKind, Outcome, Unit, not_understood, reading
-from drivers.profile import BadReply, LineSettings, Profile, Spindle, Twin, Verified
+from drivers.profile import (
+    Asked,
+    BadReply,
+    FaultKind,
+    LineSettings,
+    Outcome,
+    Profile,
+    Spindle,
+    Twin,
+    Unit,
+    Verified,
+    not_understood,
+    reading,
+)
 from drivers.twins import Answering
 
 PATTERN = r"(?P<number>[+-]?0{0,4}\d{0,4}\.\d{1,6})(?: ?(?P<unit>mm|inches|inch|in|um|µm))?"

@@ -8,8 +8,20 @@ from __future__ import annotations
 
 import re
 
-from drivers.outcome import Asked, FaultKind, Outcome, Unit, not_understood, reading
-from drivers.profile import BadReply, LineSettings, Profile, Spindle, Twin, Verified
+from drivers.profile import (
+    Asked,
+    BadReply,
+    FaultKind,
+    LineSettings,
+    Outcome,
+    Profile,
+    Spindle,
+    Twin,
+    Unit,
+    Verified,
+    not_understood,
+    reading,
+)
 from drivers.twins import Answering
 
 VALUE = re.compile(

@@ -8,8 +8,20 @@ from __future__ import annotations
 
 import re
 
-from drivers.outcome import Asked, Fault, FaultKind, Outcome, not_understood, reading
-from drivers.profile import BadReply, LineSettings, Profile, Spindle, Twin, Verified
+from drivers.profile import (
+    Asked,
+    BadReply,
+    Fault,
+    FaultKind,
+    LineSettings,
+    Outcome,
+    Profile,
+    Spindle,
+    Twin,
+    Verified,
+    not_understood,
+    reading,
+)
 from drivers.twins import Answering
 
 VALUES = re.compile(r"M0(?P<fields>(?:,[+-]\d{3}\.\d{4})+)", re.ASCII)

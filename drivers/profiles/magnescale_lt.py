@@ -9,8 +9,21 @@ from __future__ import annotations
 
 import re
 
-from drivers.outcome import Asked, Fault, FaultKind, Outcome, Unit, not_understood, reading
-from drivers.profile import BadReply, LineSettings, Profile, Spindle, Twin, Verified
+from drivers.profile import (
+    Asked,
+    BadReply,
+    Fault,
+    FaultKind,
+    LineSettings,
+    Outcome,
+    Profile,
+    Spindle,
+    Twin,
+    Unit,
+    Verified,
+    not_understood,
+    reading,
+)
 from drivers.twins import Answering
 
 MODE = r"(?:[NPIA](?P<unit>[MI])[UGLE]?)?"

@@ -8,17 +8,22 @@ from __future__ import annotations
 
 import re
 
-from drivers.outcome import (
+from drivers.profile import (
     Asked,
+    BadReply,
     Fault,
     FaultKind,
+    LineSettings,
     Outcome,
+    Profile,
+    Spindle,
+    Twin,
     Unit,
+    Verified,
     not_understood,
     reading,
     wrong_channel,
 )
-from drivers.profile import BadReply, LineSettings, Profile, Spindle, Twin, Verified
 from drivers.twins import Answering
 
 INCHES = {"inch": Unit.INCH, "in": Unit.INCH}

@@ -10,8 +10,21 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from drivers.outcome import Asked, Fault, FaultKind, Outcome, not_understood, reading, wrong_channel
-from drivers.profile import BadReply, LineSettings, Profile, Spindle, Twin, Verified
+from drivers.profile import (
+    Asked,
+    BadReply,
+    Fault,
+    FaultKind,
+    LineSettings,
+    Outcome,
+    Profile,
+    Spindle,
+    Twin,
+    Verified,
+    not_understood,
+    reading,
+    wrong_channel,
+)
 from drivers.twins import Answering
 
 VALUE = re.compile(r"0(?P<channel>\d)A(?P<number>[+-](?=[\d.]{8,9}$)\d+\.\d+)", re.ASCII)

@@ -10,8 +10,21 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from drivers.outcome import Asked, Fault, FaultKind, Outcome, not_understood, reading, wrong_channel
-from drivers.profile import BadReply, LineSettings, Profile, Spindle, Twin, Verified
+from drivers.profile import (
+    Asked,
+    BadReply,
+    Fault,
+    FaultKind,
+    LineSettings,
+    Outcome,
+    Profile,
+    Spindle,
+    Twin,
+    Verified,
+    not_understood,
+    reading,
+    wrong_channel,
+)
 from drivers.twins import Answering
 
 VALUE = re.compile(r"G(?P<mode>[NXMW])(?P<channel>\d\d),(?P<number>[+-]\d{1,7}\.\d{1,7})", re.ASCII)

@@ -9,8 +9,20 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from drivers.outcome import Asked, Fault, FaultKind, Outcome, not_understood, reading
-from drivers.profile import BadReply, LineSettings, Profile, Spindle, Twin, Verified
+from drivers.profile import (
+    Asked,
+    BadReply,
+    Fault,
+    FaultKind,
+    LineSettings,
+    Outcome,
+    Profile,
+    Spindle,
+    Twin,
+    Verified,
+    not_understood,
+    reading,
+)
 from drivers.twins import Answering
 
 VALUE = re.compile(r"(?P<number>[+\- ]\d+\.\d+)[<=>]?", re.ASCII)

@@ -9,17 +9,21 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from drivers.outcome import (
+from drivers.profile import (
     Asked,
+    BadReply,
     Fault,
     FaultKind,
+    LineSettings,
     Outcome,
+    Profile,
+    Spindle,
     Unit,
+    Verified,
     not_understood,
     reading,
     wrong_channel,
 )
-from drivers.profile import BadReply, LineSettings, Profile, Spindle, Verified
 
 VALUE = re.compile(
     r"DT1\d\d(?P<channel>\d\d)(?P<number>[+-]\d{1,8}\.\d{1,7})(?P<unit>[MI0])", re.ASCII

@@ -27,7 +27,13 @@ if sys.platform == "win32":
 else:
     PROCESSES = multiprocessing.get_context("forkserver")
     PROCESSES.set_forkserver_preload(
-        ["__main__", "tests.app.cli", "app.diagnosing", "app.demo", "scipy.stats"]
+        [
+            "__main__",
+            "tests.app.cli",
+            "app.evaluating.diagnosis",
+            "app.measuring.demo",
+            "scipy.stats",
+        ]
     )
 
 

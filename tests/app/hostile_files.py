@@ -57,9 +57,9 @@ EFFECT_FILES = (
 
 LAW = """
 from dataclasses import dataclass
-from calib.orthoglide.effects.kinds import EffectParameter, Kind
-from calib.orthoglide.effects.places import at_mount, mounts
-from calib.orthoglide.pipeline import Stage
+from calib.tripod.effects.effect import EffectParameter, Kind
+from calib.tripod.effects.effect import at_mount, mounts
+from calib.tripod.pipeline import Stage
 
 @dataclass(frozen=True)
 class Law:

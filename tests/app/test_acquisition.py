@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from app.acquisition import TREND, Gauge, Motion
-from drivers.outcome import Asked, Fault, FaultKind, Outcome, Reading
+from app.measuring.gauges import TREND, Gauge, Motion
+from drivers.profile import Asked, Fault, FaultKind, Outcome, Reading
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 
 TOLERANCE_MM = 0.004
@@ -55,7 +55,7 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Told:
     """In a time that passes with what is heard."""
     one = Told()
     clock = SimpleNamespace(monotonic=lambda: one.now_s)
-    monkeypatch.setattr("app.acquisition.time", clock)
+    monkeypatch.setattr("app.measuring.gauges.time", clock)
     return one
 
 

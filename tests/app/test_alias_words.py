@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from app.wording.aliases import alias_text
+from app.report.text.planning import alias_text
 from calib.diagnosis.aliases import AliasMap, Imitation
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from app.comparing import compare_files, partner_of
-from app.report.solution import ComparisonReport
+from app.evaluating.comparison import compare_files, partner_of
+from app.report.schema.solution import ComparisonReport
 from calib.errors import CalibrationError
 from protocols.errors import RecordError
 from tests.app.cli import glidecal, refused

@@ -9,16 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.bench import BenchSettings, hidden_machine
-from app.demo import demo_plan, measure_all, verification_plan, with_hidden_effect
-from app.hidden_effect import hidden_effect
-from app.opening import Plan, start_session
-from app.planning_orthoglide import planned_readings
-from app.solving import solve_for_controller
+from app.evaluating.solution import solve_for_controller
+from app.measuring.demo import demo_plan, measure_all, verification_plan, with_hidden_effect
+from app.measuring.hidden_effect import hidden_effect
+from app.measuring.opening import Plan, start_session
+from app.measuring.simulated import BenchSettings, hidden_machine, planned_readings
 from calib.observations import Observations
-from calib.orthoglide.effects import CATALOGUE
-from calib.orthoglide.effects.law import Placed
-from calib.orthoglide.pipeline import derivatives
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.effect import Placed
+from calib.tripod.pipeline import derivatives
 from protocols.errors import UsageError
 from protocols.machine import load_machine
 from protocols.observations import to_observations

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.diagnosing import diagnose_files
-from app.diagnosis_plots import residuals_before_and_after
-from app.diagnosis_residuals import explained_share, residual_cells, rms_um
-from app.wording.diagnose_screen import where_text
+from app.evaluating.diagnosis import diagnose_files, explained_share, residual_cells, rms_um
+from app.report.charts.charts import residuals_before_and_after
+from app.report.text.diagnose_screen import where_text
 from tests.hidden_sessions import bowed_session
 
 

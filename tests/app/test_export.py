@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from app.exports.table import csv_text
-from app.exports.writing import write_files
 from protocols.errors import RecordError
+from protocols.files import write_files
+from protocols.table import csv_text
 from tests.app.cli import glidecal, refused
 
 LINEAR = ("--method", "linear")

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from app.bench import BenchSettings
-from app.demo import demo_plan, measure_all
-from app.guided import GuidedSession
-from app.opening import Plan, continue_session, start_session
+from app.measuring.demo import demo_plan, measure_all
+from app.measuring.opening import Plan, continue_session, start_session
+from app.measuring.session import GuidedSession
+from app.measuring.simulated import BenchSettings
 from protocols.procedure import Procedure
 from protocols.record import read_record
 from protocols.session import fold

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from app.exit_codes import Exit, exit_code
-from app.hexaslide_seen import hexaslide_seen
-from app.planning import Request
-from app.report.hexaslide import HexaSlideIdentifiabilityReport, PaperRules
-from app.wording.hexaslide_seen import seen_text
+from app.planning.hexaslide_seen import hexaslide_seen
+from app.planning.machines import Request
+from app.report.schema.hexaslide import HexaSlideIdentifiabilityReport, PaperRules
+from app.report.text.hexaslide import seen_text
 from calib.hexaslide.procedures import Procedure, held_postures, jacobian
 from protocols.errors import RecordError
 from protocols.hexaslide_machine import load_hexaslide

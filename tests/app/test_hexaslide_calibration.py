@@ -14,9 +14,9 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.exit_codes import exit_code
-from app.hexaslide_calibration import Asked, calibrate_file, write_simulated
-from app.report.hexaslide import CalibrationReport
-from app.wording.hexaslide_calibration import calibration_text
+from app.planning.hexaslide_calibration import Asked, calibrate_file, write_simulated
+from app.report.schema.hexaslide import CalibrationReport
+from app.report.text.hexaslide_calibration import calibration_text
 from calib.errors import GlidecalError, NotIdentifiable
 from calib.hexaslide.kinematics import forward
 from protocols.errors import RecordError, UsageError

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.planning import Request
-from app.planning_hexaslide import asked_postures, write_postures
-from app.report.hexaslide import HexaSlidePosturesReport
-from app.wording.hexaslide import PUBLISHED_WORDS, boxed_text
-from calib.criteria import Criterion
+from app.planning.hexaslide import asked_postures, write_postures
+from app.planning.machines import Request
+from app.report.schema.hexaslide import HexaSlidePosturesReport
+from app.report.text.hexaslide import PUBLISHED_WORDS, boxed_text
+from calib.design.criteria import Criterion
 from calib.errors import NotIdentifiable
 from calib.hexaslide.procedures import Procedure, jacobian
 from protocols.errors import RecordError, UsageError

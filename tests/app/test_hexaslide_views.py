@@ -8,13 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.drawings import Drawing, Look, Stroke, ticks_within
-from app.hexaslide_drawings import drawn_machine, drawn_postures
-from app.hexaslide_views import KINDS, look_at
-from app.planning import Request
-from calib.hexaslide.procedures import jacobian
-from calib.hexaslide.scaling import DEGREES, MILLIMETRES, in_units
-from calib.hexaslide_planning import HexaSlide
+from app.planning.hexaslide_seen import KINDS, look_at
+from app.planning.machines import Request
+from app.report.charts.drawings import (
+    Drawing,
+    Look,
+    Stroke,
+    drawn_machine,
+    drawn_postures,
+    ticks_within,
+)
+from calib.hexaslide.planning import HexaSlide
+from calib.hexaslide.procedures import DEGREES, MILLIMETRES, in_units, jacobian
 from calib.linalg import condition
 from protocols.hexaslide_machine import load_hexaslide
 from tests.app.cli import refused

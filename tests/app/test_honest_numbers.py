@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from calib.observations import conditions
-from calib.orthoglide.model import Model
+from calib.tripod.pipeline import Model
 from tests.app.cli import Run, glidecal
 
 LEVELS = (0.0, 60.0, -100.0)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from calib.printable import HIDDEN, printable
-from protocols.toml_lines import is_deep
+from protocols.documents import is_deep
 from tests.app.cli import glidecal, refused, run_here
 from tests.app.hostile_files import chained
 from tests.conftest import ROOT

@@ -61,5 +61,6 @@ def test_help_imports_nothing_heavy() -> None:
 
 
 def test_solve_does_not_load_scipy_stats_or_textual() -> None:
-    code = "import app.solving, app.wording.result, sys\nassert 'scipy.stats' not in sys.modules"
+    code = "import app.evaluating.solution, app.report.text.result, sys\n"
+    code += "assert 'scipy.stats' not in sys.modules"
     assert not imported(code) & {"textual", "serial"}

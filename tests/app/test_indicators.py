@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from app.indicators import check_indicators, parse_indicator
+from app.measuring.indicators import check_indicators, parse_indicator
 from protocols.errors import UsageError
 from protocols.machine import Instrument
 from protocols.procedure import axes_on_leg

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from app.leg_table import LegRow
-from app.wording.session import leg_table_text
-from calib.orthoglide.geometry import Geometry
+from app.measuring.leg_review import LegRow
+from app.report.text.session import leg_table_text
+from calib.tripod.geometry import Geometry
 
 NARROW_COLUMNS = 78
 """Of 80, one column on either side is empty."""

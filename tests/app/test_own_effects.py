@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.own_effects import effects_folder, known_laws
-from calib.orthoglide.effects import CATALOGUE
-from calib.orthoglide.effects.candidates import candidates
-from calib.orthoglide.effects.law import Placed
-from calib.orthoglide.model import Model
+from app.evaluating.own_effects import effects_folder, known_laws
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.candidates import candidates
+from calib.tripod.effects.effect import Placed
+from calib.tripod.pipeline import Model
 from protocols.errors import RecordError
 from protocols.machine import Machine
 from protocols.model_file import model_to_json, read_model

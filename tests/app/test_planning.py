@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.next_measurement import next_measurement
-from app.optimum_postures import optimum_postures
-from app.planning import Request, seen_by
-from calib.criteria import Criterion
+from app.planning.machines import Request, seen_by
+from app.planning.next_measurement import next_measurement
+from app.planning.postures import optimum_postures
+from calib.design.criteria import Criterion
 from calib.observations import conditions
-from calib.orthoglide.geometry import Geometry
-from calib.orthoglide.pipeline import derivatives
-from calib.orthoglide.pool import leg_pool, levels_mm, visiting_order
 from calib.ties import descending
+from calib.tripod.geometry import Geometry
+from calib.tripod.pipeline import derivatives
+from calib.tripod.pool import leg_pool, levels_mm, visiting_order
 from tests.app.cli import glidecal, refused
 
 MAX_MIN = """schema = "glidecal.procedure/1"

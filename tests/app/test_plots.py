@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.plots import (
+from app.report.charts.charts import (
     Chart,
     Series,
     even_limits,

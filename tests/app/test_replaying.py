@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.acquisition import Motion
-from app.replay_frames import BREAK_S, SHORTEST_S, frames_of
-from app.replaying import SPEEDS, Playback, State
-from app.wording.replay import reading_lines
-from drivers.outcome import Fault, FaultKind, Reading
+from app.measuring.gauges import Motion
+from app.measuring.playback import SPEEDS, Playback, State
+from app.measuring.playback_frames import BREAK_S, SHORTEST_S, frames_of
+from app.report.text.replay import reading_lines, said_text
+from drivers.profile import Fault, FaultKind, Reading
 from protocols.errors import RecordError, UsageError
 from protocols.events import Event
 from protocols.events import Reading as Recorded
@@ -53,7 +53,8 @@ def test_every_sample_plays_to_the_end(path: Path) -> None:
     assert playback.position == len(kept.events)
     assert playback.session == fold(kept.events)
     assert shown == {frame.end for frame in playback.frames}
-    assert playback.said.startswith(f"Closed with {len(playback.session.all_readings)} readings")
+    closed = f"Closed with {len(playback.session.all_readings)} readings"
+    assert said_text(playback).startswith(closed)
 
 
 def test_samples_are_there() -> None:
@@ -64,7 +65,7 @@ def test_a_record_in_words_one_moment_after_the_other() -> None:
     playback = told()
     said = []
     for _ in playback.frames:
-        said.append((playback.place, playback.said))
+        said.append((playback.place, said_text(playback)))
         playback.step(1)
     warning = "story.jsonl: not closed after line 16; the session is not finished."
     assert said == [
@@ -168,7 +169,7 @@ def test_jump_to_a_step() -> None:
     assert playback.session.done() == {1, 2}
     assert playback.session.superseded == {}
     playback.jump(3)
-    assert playback.said == "Skipped steps 3: out of reach"
+    assert said_text(playback) == "Skipped steps 3: out of reach"
     playback.jump(1)
     assert playback.session.done() == {1}
 
@@ -198,7 +199,7 @@ def test_jump_in_a_table_counts_readings(samples: Path) -> None:
     playback = Playback(read_record(samples / "experiment_2_twelve.jsonl"))
     playback.jump(3)
     assert playback.place == "reading 3 of 18"
-    assert playback.said == "Reading 3, leg X at -100.00 mm: Y -0.3400 mm"
+    assert said_text(playback) == "Reading 3, leg X at -100.00 mm: Y -0.3400 mm"
     assert [r.reading for r in playback.session.readings] == [1, 2, 3]
     assert all(r.step is None for r in playback.session.readings)
     assert playback.shown.done() == {1, 2, 3}
@@ -243,7 +244,7 @@ def test_panels_show_readings_of_the_present_mounting() -> None:
     assert second.motion is Motion.FAULT
     assert second.outcome == Fault(FaultKind.NO_ANSWER, "E[1]", "no answer")
     playback.step(4)
-    assert playback.said.startswith("Mounted")
+    assert said_text(playback).startswith("Mounted")
     assert [live.motion for live in playback.live] == [Motion.WAITING] * 2
 
 
@@ -260,7 +261,7 @@ def test_half_a_step_is_shown_as_it_is() -> None:
     half = pair(1, 1, 0.0, 20)[:1]
     playback = Playback(record([opened(), *half]))
     playback.to_end()
-    assert playback.said.startswith("Taken, step 1: Y +0.1000 mm story.jsonl: not closed")
+    assert said_text(playback).startswith("Taken, step 1: Y +0.1000 mm story.jsonl: not closed")
     assert [live.motion for live in playback.live] == [Motion.STABLE, Motion.WAITING]
 
 
@@ -271,11 +272,11 @@ def test_a_torn_record_says_where_it_is_cut(samples: Path, tmp_path: Path) -> No
     playback = Playback(kept)
     lines = len(kept.events)
     warning = f"cut.jsonl: cut inside line {lines + 1}; used up to line {lines}."
-    assert playback.said.endswith(warning)
+    assert said_text(playback).endswith(warning)
     playback.step(1)
-    assert warning not in playback.said
+    assert warning not in said_text(playback)
     playback.to_end()
-    assert playback.said.endswith(warning)
+    assert said_text(playback).endswith(warning)
 
 
 def test_the_session_is_folded_once_a_place() -> None:
@@ -319,7 +320,7 @@ def test_any_way_leads_to_the_same_picture(moves: list[tuple[str, float | None]]
         assert all(live.age_s >= 0.0 for live in playback.live)
         straight = told()
         straight.step(frame)
-        assert (straight.place, straight.said) == (playback.place, playback.said)
+        assert (straight.place, said_text(straight)) == (playback.place, said_text(playback))
         assert straight.shown == playback.shown
         assert [live.outcome for live in straight.live] == [live.outcome for live in playback.live]
 
@@ -329,10 +330,10 @@ def test_any_way_leads_to_the_same_picture(moves: list[tuple[str, float | None]]
 def test_one_forward_and_one_back_changes_nothing(frame: int) -> None:
     playback = told()
     playback.step(frame)
-    before = (playback.position, playback.said, playback.live, playback.shown)
+    before = (playback.position, said_text(playback), playback.live, playback.shown)
     playback.step(1)
     playback.step(-1 if frame < len(playback.frames) - 1 else 0)
-    assert (playback.position, playback.said, playback.live, playback.shown) == before
+    assert (playback.position, said_text(playback), playback.live, playback.shown) == before
 
 
 def test_a_machine_that_does_not_allow_its_procedure_is_refused_in_words() -> None:

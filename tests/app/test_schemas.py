@@ -14,12 +14,11 @@ import pytest
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import ValidationError
 
-from app.documents import to_json
-from app.report.document import Report
-from app.report.readings import outcome_report
-from app.report.schemas import schemas
+from app.report.schema.document import Report, to_json
+from app.report.schema.readings import outcome_report
+from app.report.schema.schemas import schemas
 from calib.diagnosis.results import Gap
-from drivers.outcome import Fault, FaultKind, Reading
+from drivers.profile import Fault, FaultKind, Reading
 from tests.app.cli import glidecal
 from tests.conftest import ROOT
 

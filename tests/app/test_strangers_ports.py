@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from textual.widgets import Input
 
-from app.indicators import check_indicators, from_file, parse_indicator, this_computer
-from app.opening import PortsUnknown, opened_event, plan_to_continue
+from app.measuring.indicators import check_indicators, from_file, parse_indicator, this_computer
+from app.measuring.opening import PortsUnknown, opened_event, plan_to_continue
 from app.screens.check import CheckScreen
 from app.screens.dialogs import TextDialog
 from app.screens.home import HomeScreen

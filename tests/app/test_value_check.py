@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from app.bench import BenchSettings
-from app.demo import demo_plan
-from app.opening import begin, open_indicators
-from app.value_check import check_values
+from app.measuring.demo import demo_plan
+from app.measuring.opening import begin, open_indicators
+from app.measuring.simulated import BenchSettings
+from app.measuring.value_check import check_values
 from protocols.errors import RecordError
 from protocols.events import Continued, Reading
 from protocols.journal import Journal

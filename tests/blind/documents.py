@@ -21,8 +21,8 @@ class CannotLeaveOut(Exception):
 
 def of_the_program(session: Path, without: tuple[str, ...]) -> Json:
     """The document of the program's own diagnosis. Raises CannotLeaveOut."""
-    from app.diagnosing import diagnose_files
-    from app.report.diagnosis import DiagnosisReport
+    from app.evaluating.diagnosis import diagnose_files
+    from app.report.schema.diagnosis import DiagnosisReport
 
     options: Json = {}
     if without:
@@ -34,7 +34,7 @@ def of_the_program(session: Path, without: tuple[str, ...]) -> Json:
 def _catalogue() -> tuple[Any, ...]:
     """Every effect that the program knows; the bench reads nothing of them but their ids."""
     try:
-        from app.own_effects import known_laws
+        from app.evaluating.own_effects import known_laws
     except ImportError as problem:
         raise CannotLeaveOut from problem
     return known_laws()

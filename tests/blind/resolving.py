@@ -110,8 +110,8 @@ def machine_text(again: Again) -> str:
 
 def document_of(*sessions: Path) -> Json:
     """The public document of these sessions, diagnosed together."""
-    from app.diagnosing import diagnose_files
-    from app.report.diagnosis import DiagnosisReport
+    from app.evaluating.diagnosis import diagnose_files
+    from app.report.schema.diagnosis import DiagnosisReport
 
     return DiagnosisReport.of(found=diagnose_files(sessions)).model_dump(mode="json")
 

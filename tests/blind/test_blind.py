@@ -27,7 +27,7 @@ from tests.blind.scoring import (
     wrong_confident,
 )
 
-pytest.importorskip("app.diagnosing", reason="there is no diagnosis to test yet")
+pytest.importorskip("app.evaluating.diagnosis", reason="there is no diagnosis to test yet")
 
 SEED = 6
 

@@ -17,7 +17,7 @@ from tests.blind.resolving_page import page
 from tests.blind.steps import Visit
 from tests.blind.trials import Trial, possible
 
-pytest.importorskip("app.diagnosing", reason="there is no diagnosis to test yet")
+pytest.importorskip("app.evaluating.diagnosis", reason="there is no diagnosis to test yet")
 
 Json = dict[str, Any]
 

@@ -7,12 +7,11 @@ import numpy as np
 from calib.diagnosis.cleaning import Case
 from calib.diagnosis.problem import Problem, Sitting
 from calib.diagnosis.results import Diagnosis
-from calib.noise import IndicatorFigures
+from calib.noise.reading import IndicatorFigures
 from calib.observations import Observations, observe
-from calib.orthoglide.effects import CATALOGUE
-from calib.orthoglide.effects.law import Placed
-from calib.orthoglide.model import Model
-from calib.simulation import measure
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.effect import Placed
+from calib.tripod.pipeline import Model, measure
 from tests.builders import conditions_of
 
 TOLERANCE_MM = np.array([2.0] * 3 + [0.1] * 3)

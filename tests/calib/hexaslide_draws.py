@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from calib.hexaslide.geometry import Box, ConstraintLink, Geometry
+from calib.hexaslide.planning import HexaSlide
 from calib.hexaslide.procedures import Procedure, jacobian
-from calib.hexaslide_planning import HexaSlide
 from calib.observations import FloatArray
 
 SHAPES = ("any", "planar platform", "planar base", "parallel rails", "flat", "symmetric")

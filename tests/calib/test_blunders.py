@@ -9,13 +9,13 @@ import pytest
 
 from calib.diagnosis.cleaning import Case, Mistake, clean
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.independence import DOUBT
 from calib.diagnosis.labels import Label, relabelled
+from calib.diagnosis.naming import DOUBT
 from calib.diagnosis.slips import find_slip
 from calib.diagnosis.strays import belongs_elsewhere, set_strays_right
 from calib.observations import IntArray, Observations
-from calib.orthoglide.effects import CATALOGUE
-from calib.orthoglide.effects.law import Placed
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.effect import Placed
 from tests.calib.diagnosed_sessions import LAWS, SHORT, SWEEP, TWO_STATION, case
 
 SCATTER_MM = 0.002

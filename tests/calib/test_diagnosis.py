@@ -10,10 +10,10 @@ import pytest
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.results import Diagnosis
 from calib.observations import Observations
-from calib.orthoglide.effects import CATALOGUE
-from calib.orthoglide.effects.actuators import ActuatorCyclic
-from calib.orthoglide.effects.law import Placed
-from calib.orthoglide.model import Model
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.actuators import ActuatorCyclic
+from calib.tripod.effects.effect import Placed
+from calib.tripod.pipeline import Model
 from tests.calib.diagnosed_sessions import LAWS, SHORT, SWEEP, TWO_STATION, case, names
 
 

@@ -22,9 +22,9 @@ from calib.diagnosis.selection import (
     log_bayes_factor,
 )
 from calib.linalg import union
-from calib.orthoglide.effects import CATALOGUE
-from calib.orthoglide.effects.law import Placed
-from calib.orthoglide.model import Model
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.effect import Placed
+from calib.tripod.pipeline import Model
 from tests.calib.diagnosed_sessions import LAWS, SHORT, TWO_STATION, case, problem
 
 

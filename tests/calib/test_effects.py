@@ -9,18 +9,17 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from app.simulated_session import simulated_session
+from app.measuring.simulated import simulated_session
 from calib.observations import Conditions, FloatArray, conditions, tool_conditions
-from calib.orthoglide.effects import CATALOGUE
-from calib.orthoglide.effects.actuators import last_movement
-from calib.orthoglide.effects.bars import pull_of_weight
-from calib.orthoglide.effects.candidates import Candidate, candidates, invisible
-from calib.orthoglide.effects.catalogue import laws_of
-from calib.orthoglide.effects.law import Law, Placed
-from calib.orthoglide.geometry import Geometry
-from calib.orthoglide.kinematics import trilaterate
-from calib.orthoglide.model import Model
-from calib.orthoglide.pipeline import derivatives, simulate
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.actuators import last_movement
+from calib.tripod.effects.bars import pull_of_weight
+from calib.tripod.effects.candidates import Candidate, candidates, invisible
+from calib.tripod.effects.catalogue import laws_of
+from calib.tripod.effects.effect import Law, Placed
+from calib.tripod.geometry import Geometry
+from calib.tripod.kinematics import trilaterate
+from calib.tripod.pipeline import Model, derivatives, simulate
 from protocols.events import Event
 from protocols.machine import Machine
 from protocols.observations import to_observations

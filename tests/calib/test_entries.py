@@ -7,7 +7,7 @@ import math
 import pytest
 
 from calib.diagnosis.entries import Entry, chosen, entries_of
-from calib.orthoglide.effects import CATALOGUE
+from calib.tripod.effects import CATALOGUE
 from tests.calib.diagnosed_sessions import TWO_STATION, problem
 
 

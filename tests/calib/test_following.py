@@ -7,18 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.additions import Added, Preparation, added_conditions
-from calib.diagnosis.following import ENOUGH, GOAL, best_addition, options
 from calib.diagnosis.problem import Problem, Sitting
-from calib.diagnosis.separating import Explanation, Judge
-from calib.noise import IndicatorFigures
+from calib.diagnosis.proposing import ENOUGH, GOAL, best_addition, options
+from calib.diagnosis.separating import Added, Explanation, Judge, Preparation, added_conditions
+from calib.noise.reading import IndicatorFigures
 from calib.observations import Conditions, FloatArray, Observations, observe
-from calib.orthoglide.effects.candidates import Candidate, candidates
-from calib.orthoglide.effects.law import Placed
-from calib.orthoglide.geometry import Geometry
-from calib.orthoglide.model import Model
-from calib.orthoglide.pipeline import derivatives
-from calib.simulation import measure
+from calib.tripod.effects.candidates import Candidate, candidates
+from calib.tripod.effects.effect import Placed
+from calib.tripod.geometry import Geometry
+from calib.tripod.pipeline import Model, derivatives, measure
 from tests.calib.diagnosed_sessions import LAWS, SHORT, TOLERANCE_MM
 
 NOISE_MM = 0.002

@@ -5,25 +5,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.classical_qr import classical_qr
+from calib.design.identifiability import classical_qr
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
-from calib.hexaslide.differences import differenced
-from calib.hexaslide.geometry import Box, ConstraintLink, Geometry
+from calib.hexaslide.geometry import NAMES, Box, ConstraintLink, Geometry, values, with_values
 from calib.hexaslide.kinematics import forward, forward_near, inverse, rotation
-from calib.hexaslide.parameters import NAMES, values, with_values
-from calib.hexaslide.procedures import (
-    COMPONENTS,
-    Kind,
-    Procedure,
-    held_postures,
-    jacobian,
-    slider_slopes,
-)
-from calib.hexaslide_planning import (
+from calib.hexaslide.planning import (
     HexaSlide,
     best_postures,
     fewest_postures,
     reachable,
+)
+from calib.hexaslide.procedures import (
+    COMPONENTS,
+    Kind,
+    Procedure,
+    differenced,
+    held_postures,
+    jacobian,
+    slider_slopes,
 )
 from calib.observations import FloatArray
 from protocols.hexaslide_machine import load_hexaslide

@@ -7,17 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.distributions import coverage_factor
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
 from calib.hexaslide.calibration import Calibration, Machine, calibrate, left_of
 from calib.hexaslide.frames import frames_apart, inner_lengths, inner_slopes
-from calib.hexaslide.geometry import Box
+from calib.hexaslide.geometry import Box, values, with_values
 from calib.hexaslide.kinematics import forward, rotation
-from calib.hexaslide.parameters import values, with_values
 from calib.hexaslide.procedures import Procedure, jacobian
 from calib.hexaslide.residuals import Readings, residuals, shares, stretch, whitening
 from calib.hexaslide.simulation import disturbed, measure
 from calib.observations import FloatArray
+from calib.stats import coverage_factor
 from tests.calib.test_hexaslide import H60, random_machine
 
 NOMINAL = Machine(H60.geometry, H60.box, H60.link)

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from benchmarks.hexaslide import ours, peer
-from calib.criteria import Criterion, observability
+from calib.design.criteria import Criterion, observability
+from calib.design.refinement import OF_ENDS
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
 from calib.hexaslide.geometry import ConstraintLink, Geometry
+from calib.hexaslide.gradients import RowMaker
+from calib.hexaslide.planning import BestPostures, HexaSlide, best_postures, judged_postures
 from calib.hexaslide.procedures import Kind, Procedure, jacobian
-from calib.hexaslide.pulled_rows import RowMaker
-from calib.hexaslide_planning import BestPostures, HexaSlide, best_postures, judged_postures
 from calib.observations import FloatArray
-from calib.posture_refinement import OF_ENDS
 from tests.calib.hexaslide_draws import jacobian_and_slopes
 from tests.calib.test_hexaslide import H60, random_machine, some
 

@@ -9,15 +9,15 @@ from itertools import chain, combinations
 import numpy as np
 import pytest
 
-from calib.hexaslide.procedures import COMPONENTS, ENDS, Kind, Procedure
-from calib.hexaslide_planning import (
+from calib.design.identifiability import analyse
+from calib.hexaslide.planning import (
     HexaSlide,
     enough_postures,
     fewest_postures,
     reachable,
     sensitivity,
 )
-from calib.identifiability import analyse
+from calib.hexaslide.procedures import COMPONENTS, ENDS, Kind, Procedure
 from calib.observations import FloatArray
 from protocols.hexaslide_machine import load_hexaslide
 from tests.calib import prime_field as exact

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.planning import Request, planned_machine
-from calib.classical_qr import classical_qr
-from calib.identifiability import Sensitivity, analyse
+from app.planning.machines import Request, planned_machine
+from calib.design.identifiability import Sensitivity, analyse, classical_qr
 from protocols.procedure import leg_procedure_names
 
 

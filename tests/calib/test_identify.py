@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calib.errors import NotIdentifiable
-from calib.identify import identify
-from calib.noise import IndicatorFigures
+from calib.identify.identify import identify
+from calib.identify.solution import Method, Subset
+from calib.identify.subset_choice import choose_subset
+from calib.noise.reading import IndicatorFigures
 from calib.observations import Observations, conditions, observe
-from calib.orthoglide.model import Model
-from calib.solution import Method, Subset
-from calib.subset_choice import choose_subset
+from calib.tripod.pipeline import Model
 from tests.builders import observed, postures
 
 MODEL = Model()

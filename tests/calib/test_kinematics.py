@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from calib.errors import UnreachablePosture
 from calib.observations import FloatArray
-from calib.orthoglide.geometry import Geometry
-from calib.orthoglide.kinematics import direct, inverse, tool_jacobians, trilaterate
+from calib.tripod.geometry import Geometry
+from calib.tripod.kinematics import direct, inverse, tool_jacobians, trilaterate
 from tests.tripods import TRIPODS
 
 L = 310.25

@@ -8,11 +8,10 @@ import pytest
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.results import Diagnosis, LeftOver
 from calib.observations import Observations
-from calib.orthoglide.effects import CATALOGUE
-from calib.orthoglide.effects.empirical import BASES, Empirical, empirical_law
-from calib.orthoglide.effects.law import Placed
-from calib.orthoglide.model import Model
-from calib.orthoglide.pipeline import Stage
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.empirical import BASES, Empirical, empirical_law
+from calib.tripod.pipeline import Model, Stage
 from tests.calib.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case
 
 OFF = (1.2, -0.9, 0.6, 0.03, -0.02, 0.01)

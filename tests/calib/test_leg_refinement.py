@@ -7,14 +7,14 @@ from itertools import product
 import numpy as np
 import pytest
 
-from calib.criteria import Aim, Criterion
+from calib.design.criteria import Aim, Criterion
+from calib.design.exchange import Candidates, choose
 from calib.errors import NotIdentifiable
-from calib.leg_refinement import move_off_grid
 from calib.observations import FloatArray, IntArray, conditions
-from calib.orthoglide.geometry import Geometry
-from calib.orthoglide.pipeline import derivatives
-from calib.orthoglide.pool import LegPool, leg_pool, levels_mm
-from calib.postures import Candidates, choose
+from calib.tripod.geometry import Geometry
+from calib.tripod.leg_refinement import move_off_grid
+from calib.tripod.pipeline import derivatives
+from calib.tripod.pool import LegPool, leg_pool, levels_mm
 
 NOISE_MM = 0.02
 METRIC = np.diag([1.0, 2.0, 1.5, 0.5, 1.0, 1.0])

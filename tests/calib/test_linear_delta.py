@@ -9,18 +9,17 @@ import pytest
 from scipy.optimize import root
 
 from calib.errors import CalibrationError, NotIdentifiable
-from calib.fit import without_zeros
-from calib.identify import identify
-from calib.monte_carlo import Campaign, simulate_and_identify
-from calib.noise import IndicatorFigures
+from calib.identify.fit import without_zeros
+from calib.identify.identify import identify
+from calib.identify.monte_carlo import Campaign, simulate_and_identify
+from calib.identify.solution import SUBSETS
+from calib.identify.subset_choice import choose_subset
+from calib.noise.reading import IndicatorFigures
 from calib.observations import Conditions, FloatArray, observe, tool_conditions
-from calib.orthoglide.geometry import Geometry, Three
-from calib.orthoglide.kinematics import inverse
-from calib.orthoglide.model import Model
-from calib.orthoglide.pipeline import derivatives, simulate
-from calib.orthoglide.workspace import workspace_jacobian
-from calib.solution import SUBSETS
-from calib.subset_choice import choose_subset
+from calib.tripod.geometry import Geometry, Three
+from calib.tripod.kinematics import inverse
+from calib.tripod.pipeline import Model, derivatives, simulate
+from calib.tripod.workspace import workspace_jacobian
 from tests.tripods import DELTA, ORTHOGLIDE
 
 X = (1.0, 0.0, 0.0)

@@ -8,19 +8,18 @@ from itertools import product
 import numpy as np
 import pytest
 
-from calib.accuracy import decide, tool_error, tool_map
-from calib.distributions import coverage_factor
-from calib.identify import identify
-from calib.monte_carlo import Campaign, simulate_and_identify
-from calib.noise import IndicatorFigures
+from calib.identify.accuracy import decide, tool_error, tool_map
+from calib.identify.identify import identify
+from calib.identify.monte_carlo import Campaign, simulate_and_identify
+from calib.identify.solution import SUBSETS, Subset
+from calib.identify.subset_choice import full_covariance
+from calib.noise.reading import IndicatorFigures
 from calib.observations import FloatArray, observe
-from calib.orthoglide.geometry import Geometry
-from calib.orthoglide.kinematics import direct, inverse
-from calib.orthoglide.model import Model
-from calib.orthoglide.workspace import workspace_points
-from calib.simulation import measure
-from calib.solution import SUBSETS, Subset
-from calib.subset_choice import full_covariance
+from calib.stats import coverage_factor
+from calib.tripod.geometry import Geometry
+from calib.tripod.kinematics import direct, inverse
+from calib.tripod.pipeline import Model, measure
+from calib.tripod.workspace import workspace_points
 from tests.builders import conditions_of
 
 SESSIONS = 20_000

@@ -12,11 +12,11 @@ from calib.diagnosis.entries import chosen, entries_of, implausible
 from calib.diagnosis.naming import Naming
 from calib.diagnosis.problem import Problem, Sitting
 from calib.diagnosis.race import Race
+from calib.diagnosis.report import sentence
 from calib.diagnosis.results import Named
-from calib.diagnosis.words import sentence
 from calib.observations import FloatArray
-from calib.orthoglide.effects import CATALOGUE
-from calib.orthoglide.effects.law import Placed
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.effect import Placed
 from tests.calib.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case, names, problem
 
 

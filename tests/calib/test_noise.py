@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.distributions import coverage_factor, variance_ratio_p_value
-from calib.noise import IndicatorFigures, reading_noise, visits
+from calib.noise.reading import IndicatorFigures, reading_noise, visits
+from calib.noise.repeats import Repeats
 from calib.observations import observe
-from calib.repeats import Repeats
-from calib.simulation import round_to
+from calib.stats import coverage_factor, variance_ratio_p_value
+from calib.tripod.pipeline import round_to
 from tests.builders import observed, postures
 
 TRUTH = [0.3, -0.2, 0.1, 0.0, 0.0, 0.0]

@@ -14,11 +14,9 @@ from numpy.typing import NDArray
 
 from calib.errors import UnreachablePosture
 from calib.observations import conditions, observe
-from calib.orthoglide.differences import differences
-from calib.orthoglide.geometry import Geometry
-from calib.orthoglide.linear import reading_matrix
-from calib.orthoglide.model import Model
-from calib.orthoglide.pipeline import Effect, Flow, Stage, command, derivatives, simulate
+from calib.tripod.differences import differences, reading_matrix
+from calib.tripod.geometry import Geometry
+from calib.tripod.pipeline import Effect, Flow, Model, Stage, command, derivatives, simulate
 from tests.builders import postures
 
 NOMINAL = Geometry()

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from calib.fit import exact_fit, without_zeros
-from calib.monte_carlo import identify_many
+from calib.identify.fit import exact_fit, without_zeros
+from calib.identify.monte_carlo import identify_many
+from calib.identify.solution import SUBSETS, Subset
 from calib.newton import minimise, solve_positive
 from calib.observations import (
     Conditions,
@@ -17,11 +18,9 @@ from calib.observations import (
     observe,
     tool_conditions,
 )
-from calib.orthoglide.geometry import Geometry
-from calib.orthoglide.model import Model
-from calib.orthoglide.pipeline import derivatives, simulate
-from calib.orthoglide.plain import PapersDesign, TripodDesign
-from calib.solution import SUBSETS, Subset
+from calib.tripod.geometry import Geometry
+from calib.tripod.pipeline import Model, derivatives, simulate
+from calib.tripod.plain import PapersDesign, TripodDesign
 from tests.builders import postures
 from tests.tripods import TRIPODS
 

@@ -10,17 +10,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib.criteria import Aim, Criterion, value_of, wanted_information
-from calib.errors import CalibrationError, NotIdentifiable
-from calib.observations import FloatArray
-from calib.posture_refinement import (
+from calib.design.criteria import Aim, Criterion, value_of, wanted_information
+from calib.design.exchange import Candidates, choose, swap_ratios
+from calib.design.refinement import (
     OF_ENDS,
     cost_and_slope,
     cost_by_rows,
     pulled_by_slopes,
     refine,
 )
-from calib.postures import Candidates, choose, swap_ratios
+from calib.errors import CalibrationError, NotIdentifiable
+from calib.observations import FloatArray
 
 ALL = list(Criterion)
 

@@ -11,15 +11,14 @@ import numpy as np
 import pytest
 
 from calib.errors import NotIdentifiable
-from calib.identify import identify
-from calib.noise import IndicatorFigures
+from calib.identify.identify import identify
+from calib.identify.solution import Solution, Subset
+from calib.identify.subset_choice import choose_subset
+from calib.noise.reading import IndicatorFigures
 from calib.observations import Observations
-from calib.orthoglide.differences import differences
-from calib.orthoglide.geometry import Geometry
-from calib.orthoglide.linear import reading_matrix
-from calib.orthoglide.model import Model
-from calib.solution import Solution, Subset
-from calib.subset_choice import choose_subset
+from calib.tripod.differences import differences, reading_matrix
+from calib.tripod.geometry import Geometry
+from calib.tripod.pipeline import Model
 from protocols.observations import to_observations
 from protocols.record import read_record
 from protocols.session import fold

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.noise import IndicatorFigures, IndicatorNoise, Noise, reading_noise
+from calib.noise.reading import IndicatorFigures, IndicatorNoise, Noise, reading_noise
+from calib.noise.repeats import Repeats, wild_readings
 from calib.observations import Observations, observe
-from calib.repeats import Repeats, wild_readings
 from tests.builders import postures
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.rounding import locked_of_shown, locked_variance, scatter_of_shown
+from calib.noise.rounding import locked_of_shown, locked_variance, scatter_of_shown
 
 PLACES = 20_000
 

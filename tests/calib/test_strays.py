@@ -23,8 +23,8 @@ from calib.diagnosis.labels import (
 from calib.diagnosis.results import Named
 from calib.diagnosis.strays import WILD_DISTANCE, set_strays_right
 from calib.observations import IntArray, Observations
-from calib.orthoglide.effects import CATALOGUE
-from calib.orthoglide.effects.law import Placed
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.effect import Placed
 from tests.calib.diagnosed_sessions import LAWS, SHORT, SWEEP, TWO_STATION, case
 
 SCATTER_MM = 0.002

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.identify import identify
-from calib.noise import IndicatorFigures
+from calib.identify.identify import identify
+from calib.identify.solution import Subset
+from calib.identify.subset_choice import choose_subset
+from calib.noise.reading import IndicatorFigures
 from calib.observations import FloatArray
-from calib.orthoglide.geometry import Geometry
-from calib.orthoglide.kinematics import direct, inverse
-from calib.orthoglide.model import Model
-from calib.orthoglide.workspace import workspace_points
-from calib.solution import Subset
-from calib.subset_choice import choose_subset
+from calib.tripod.geometry import Geometry
+from calib.tripod.kinematics import direct, inverse
+from calib.tripod.pipeline import Model
+from calib.tripod.workspace import workspace_points
 from protocols.observations import to_observations
 from protocols.record import read_record
 from protocols.session import fold

@@ -7,10 +7,9 @@ import pytest
 
 from calib.diagnosis.diagnose import diagnose
 from calib.observations import Observations
-from calib.orthoglide.effects import CATALOGUE
-from calib.orthoglide.effects.law import Placed
-from calib.orthoglide.model import Model
-from calib.orthoglide.pipeline import derivatives
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.effect import Placed
+from calib.tripod.pipeline import Model, derivatives
 from tests.calib.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case
 
 

@@ -11,9 +11,8 @@ from typing import cast
 import serial
 
 from drivers.exchange import Exchange
-from drivers.outcome import Asked, Outcome, Reading
 from drivers.port import SLICE_S
-from drivers.profile import Profile, Spindle
+from drivers.profile import Asked, Outcome, Profile, Reading, Spindle
 
 ROUND_S = 60.0
 """The spindle of the device shows the time in s as mm, and begins anew each minute."""

@@ -12,8 +12,7 @@ from pathlib import Path
 import pytest
 
 from drivers.line import IndicatorLine
-from drivers.outcome import Fault, FaultKind, Outcome, Reading
-from drivers.profile import Spindle
+from drivers.profile import Fault, FaultKind, Outcome, Reading, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.profiles.sylvac import SYLVAC
 from drivers.twin_port import TwinPort

@@ -13,8 +13,7 @@ from functools import partial
 import pytest
 
 from drivers.line import IndicatorLine
-from drivers.outcome import Asked, Fault, FaultKind, Outcome, Reading
-from drivers.profile import Profile, Spindle
+from drivers.profile import Asked, Fault, FaultKind, Outcome, Profile, Reading, Spindle
 from drivers.profiles import PROFILES
 from drivers.twin_port import Transport, TwinPort
 from drivers.twins import Trouble, twin_of

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from drivers.doctor import Finding, examine, keyboard_tools
-from drivers.outcome import Asked, FaultKind, Unit
-from drivers.profile import BadReply, Profile, Spindle, Verified
+from drivers.profile import Asked, BadReply, FaultKind, Profile, Spindle, Unit, Verified
 from drivers.profiles import PROFILES
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A, MITUTOYO_MUX
 from drivers.profiles.sylvac import SYLVAC

@@ -5,8 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from drivers.outcome import Asked, FaultKind, Reading
-from drivers.profile import Profile, Spindle
+from drivers.profile import Asked, FaultKind, Profile, Reading, Spindle
 from tests.conftest import ROOT
 
 

@@ -7,8 +7,7 @@ import tracemalloc
 from collections.abc import Callable
 
 from drivers.line import IndicatorLine
-from drivers.outcome import Outcome, Reading
-from drivers.profile import Spindle
+from drivers.profile import Outcome, Reading, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.profiles.sylvac import SYLVAC
 from drivers.twin_port import TwinPort, default_transport

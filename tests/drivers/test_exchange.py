@@ -14,8 +14,7 @@ from itertools import count, product
 
 import pytest
 
-from drivers.outcome import Asked, Fault, FaultKind, Reading
-from drivers.profile import Profile, Spindle
+from drivers.profile import Asked, Fault, FaultKind, Profile, Reading, Spindle
 from drivers.profiles import PROFILES
 from drivers.profiles.ascii_line import ascii_line
 from tests.conftest import ROOT

@@ -12,8 +12,7 @@ from functools import partial
 
 import pytest
 
-from drivers.outcome import MILLIMETRES, Asked, Fault, Reading, Unit
-from drivers.profile import Profile, Spindle
+from drivers.profile import MILLIMETRES, Asked, Fault, Profile, Reading, Spindle, Unit
 from drivers.profiles import PROFILES
 from tests.drivers.shapes import SHAPES
 

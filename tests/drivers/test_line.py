@@ -15,9 +15,8 @@ import pytest
 
 from drivers.errors import IndicatorError
 from drivers.line import IndicatorLine
-from drivers.outcome import Fault, FaultKind, Outcome, Reading
 from drivers.port import open_port
-from drivers.profile import Profile, Spindle
+from drivers.profile import Fault, FaultKind, Outcome, Profile, Reading, Spindle
 from drivers.profiles import profile_named
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.profiles.sylvac import SYLVAC

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.outcome import Asked, Fault, FaultKind, Reading
-from drivers.profile import Spindle
+from drivers.profile import Asked, Fault, FaultKind, Reading, Spindle
 from drivers.profiles.mitutoyo_01a import parse, twin
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import IO, Literal, Protocol
 from unittest import mock
 
-from protocols import own_files
+from protocols import files
 
 PAUSE = 60
 """Weight of a moment between two writes, beside a weight of one for each byte."""
@@ -104,7 +104,7 @@ class DoomedFile:
 @contextmanager
 def doomed(fate: Fate) -> Iterator[None]:
     """Within this, the process dies as its fate wills: in a write, or around a sync."""
-    real_open, real_sync = own_files.open_to_write, os.fsync
+    real_open, real_sync = files.open_to_write, os.fsync
 
     def opened(path: Path, mode: Literal["x+b", "r+b"]) -> object:
         return DoomedFile(real_open(path, mode), fate)
@@ -117,7 +117,7 @@ def doomed(fate: Fate) -> Iterator[None]:
             die()
 
     with (
-        mock.patch.object(own_files, "open_to_write", opened),
+        mock.patch.object(files, "open_to_write", opened),
         mock.patch.object(os, "fsync", sync),
     ):
         yield

@@ -17,12 +17,12 @@ from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
-from app.acquisition import Gauge
-from app.guided import GuidedSession
-from app.indicators import simulated_indicators
-from app.opening import Indicators, Plan, begin, resume
+from app.measuring.gauges import Gauge
+from app.measuring.indicators import simulated_indicators
+from app.measuring.opening import Indicators, Plan, begin, resume
+from app.measuring.session import GuidedSession
 from drivers.line import IndicatorLine
-from drivers.outcome import Asked, Fault, FaultKind, Outcome, Reading
+from drivers.profile import Asked, Fault, FaultKind, Outcome, Reading
 from drivers.profiles import PROFILES
 from protocols.machine import Machine
 from protocols.procedure import Procedure

@@ -45,7 +45,8 @@ def test_killed_in_the_middle_and_continued(tmp_path: Path) -> None:
     """Kill -9 while measuring; every acknowledged reading is there, none doubled."""
     session = tmp_path / "s.jsonl"
     slow = (
-        "from app.cli import main; import app.guided as g, sys, time; take = g.GuidedSession.take\n"
+        "from app.cli import main; import app.measuring.session as g, sys, time\n"
+        "take = g.GuidedSession.take\n"
         "def slowly(self):\n"
         "    taken = take(self)\n"
         "    if taken: print(taken.step.number, flush=True)\n"

@@ -13,7 +13,7 @@ from unittest import mock
 
 import pytest
 
-from protocols import own_files
+from protocols import files
 from protocols.errors import RecordError
 from protocols.events import Line, Noted, Reading
 from protocols.journal import Journal
@@ -69,9 +69,9 @@ class Disk:
             self.call("fsync of the folder", folder / "any")
 
         with (
-            mock.patch.object(own_files, "open_to_write", self.open),
-            mock.patch.object(own_files, "leads_to", leads_to),
-            mock.patch.object(own_files, "sync_folder", sync_folder),
+            mock.patch.object(files, "open_to_write", self.open),
+            mock.patch.object(files, "leads_to", leads_to),
+            mock.patch.object(files, "sync_folder", sync_folder),
             mock.patch.object(os, "fsync", fsync),
         ):
             yield
@@ -83,7 +83,7 @@ class Disk:
         self._descriptors.discard(descriptor)
 
 
-REAL_OPEN, REAL_LEADS_TO = own_files.open_to_write, own_files.leads_to
+REAL_OPEN, REAL_LEADS_TO = files.open_to_write, files.leads_to
 
 
 class FaultyFile:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from calib.orthoglide.geometry import Geometry
-from calib.orthoglide.model import Model
+from calib.tripod.geometry import Geometry
+from calib.tripod.pipeline import Model
 from protocols.errors import RecordError
 from protocols.machine import Machine, load_machine
 from protocols.model_file import model_to_json, read_model

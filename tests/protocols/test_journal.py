@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from protocols import own_files
+from protocols import files
 from protocols.errors import RecordError
 from protocols.events import Line, Noted, Opened, Reading, Restored, Superseded
 from protocols.journal import Journal, write_whole
@@ -183,7 +183,7 @@ def test_without_locks_nothing_is_recorded(path: Path, monkeypatch: pytest.Monke
         raise OSError(errno.ENOLCK, "No locks available")
 
     with monkeypatch.context() as patched:
-        patched.setattr(own_files, "lock", refuse)
+        patched.setattr(files, "lock", refuse)
         with pytest.raises(RecordError, match="cannot be locked: No locks available"):
             Journal.create(path, opened())
         assert path.read_bytes() == b""
@@ -194,7 +194,7 @@ def test_locks_that_lie_are_found_out_before_a_second_append(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As on a network share without locks: both believe that they are alone."""
-    monkeypatch.setattr(own_files, "lock", lambda _: None)
+    monkeypatch.setattr(files, "lock", lambda _: None)
     first = Journal.create(path, opened())
     first.append(reading(1))
     second = Journal.resume(path, "second")
@@ -213,7 +213,7 @@ def test_two_who_write_at_the_same_moment_lose_nothing(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Both looked before either wrote: one line lies over the other, and the record is broken."""
-    monkeypatch.setattr(own_files, "lock", lambda _: None)
+    monkeypatch.setattr(files, "lock", lambda _: None)
     first = Journal.create(path, opened())
     first.append(reading(1))
     second = Journal.resume(path, "second" * 100)
@@ -378,7 +378,7 @@ def test_an_interruption_behind_a_write_takes_the_lines_back(
         file.write(content)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(own_files, "write_all", interrupted)
+    monkeypatch.setattr(files, "write_all", interrupted)
     with pytest.raises(KeyboardInterrupt):
         journal.append(reading(2))
     journal.close()

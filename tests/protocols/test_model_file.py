@@ -12,18 +12,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib.orthoglide.effects import CATALOGUE
-from calib.orthoglide.effects.actuators import ActuatorCyclic
-from calib.orthoglide.effects.candidates import candidates
-from calib.orthoglide.effects.empirical import Empirical
-from calib.orthoglide.effects.law import Law, Placed
-from calib.orthoglide.model import Model
-from calib.orthoglide.pipeline import Flow, Stage
-from protocols.effect_entries import EffectEntry, Provenance, effect_entry
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.actuators import ActuatorCyclic
+from calib.tripod.effects.candidates import candidates
+from calib.tripod.effects.effect import Law, Placed
+from calib.tripod.effects.empirical import Empirical
+from calib.tripod.pipeline import Flow, Model, Stage
 from protocols.errors import RecordError, UsageError
 from protocols.machine import Machine
 from protocols.model_file import (
+    EffectEntry,
     ModelFile,
+    Provenance,
+    effect_entry,
     model_file,
     model_to_json,
     read_model,

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from calib.orthoglide.geometry import Geometry
+from calib.tripod.geometry import Geometry
 from protocols.errors import RecordError, UsageError
 from protocols.procedure import Procedure, leg_procedure_names, load_procedure
 

@@ -9,8 +9,7 @@ import pytest
 from protocols.events import Event, Mounted, Opened, Reading, Restored, Superseded
 from protocols.machine import Machine
 from protocols.procedure import Procedure
-from protocols.repeats import disagreements
-from protocols.session import fold
+from protocols.session import disagreements, fold
 
 LIMIT_MM = 0.05
 Raw = tuple[str, float, float]

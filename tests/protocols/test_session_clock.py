@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.solving import load_sessions
+from app.evaluating.solution import load_sessions
 from protocols.events import Continued, Event, Noted
 from protocols.journal import write_whole
 from protocols.observations import to_observations

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocols.toml_lines import line_of
+from protocols.documents import line_of
 
 COMMENTS = ("", " # plain", " # a, b, [c], {d = 1}", ' # "quoted', " # it's", "\t# levels = [1,")
 SCALARS = (

@@ -11,9 +11,9 @@ from textual.pilot import Pilot
 from textual.screen import Screen
 from textual.widgets import Static
 
-from app.bench import BenchSettings
-from app.demo import demo_plan
-from app.opening import Plan
+from app.measuring.demo import demo_plan
+from app.measuring.opening import Plan
+from app.measuring.simulated import BenchSettings
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.interface import Interface

@@ -12,14 +12,14 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input, OptionList, Static
 
-from app.acquisition import Gauge
+from app.measuring.gauges import Gauge
 from app.screens.check import CheckScreen
 from app.screens.dialogs import ChoiceDialog, HelpDialog, TextDialog
 from app.screens.interface import Interface
 from app.screens.leg_review import LegReviewScreen
 from app.screens.measure import MeasureScreen
 from app.screens.plot import ChartPlot
-from drivers.outcome import Outcome, Reading
+from drivers.profile import Outcome, Reading
 from protocols.events import Noted
 from protocols.record import read_record
 from tests.screens.driving import quick_plan, take, to_measuring, until

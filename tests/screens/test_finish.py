@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from app.demo import measure_all
-from app.opening import start_session
+from app.evaluating.solution import Solved, solve_files, solve_for_controller
+from app.measuring.demo import measure_all
+from app.measuring.opening import start_session
+from app.report.text.result import solution_text
 from app.screens.check import CheckScreen
 from app.screens.interface import Interface
 from app.screens.result import ResultScreen
-from app.solving import Solved, solve_files, solve_for_controller
-from app.wording.result import solution_text
 from calib.errors import NotIdentifiable
 from protocols.record import read_record
 from tests.screens.driving import SIZE, quick_plan, take, text, to_measuring, until

@@ -12,11 +12,11 @@ from textual.containers import Horizontal
 from textual.pilot import Pilot
 from textual.widget import Widget
 
-from app.acquisition import Live, Motion
+from app.measuring.gauges import Live, Motion
 from app.screens import interface
 from app.screens.news import News
 from app.screens.widgets import GaugeDisplay, Line, big_digits
-from drivers.outcome import Fault, FaultKind, Outcome, Reading
+from drivers.profile import Fault, FaultKind, Outcome, Reading
 
 SIZE = (80, 24)
 GATHER_S = 0.05

@@ -16,15 +16,15 @@ from textual.containers import VerticalScroll
 from textual.pilot import Pilot
 from textual.widgets import Input, OptionList, TabbedContent
 
-import app.hexaslide_views as views
-from app.planning import Request
-from app.planning_hexaslide import BoxedPostures, boxed_postures
+import app.planning.hexaslide_seen as views
+from app.planning.hexaslide import BoxedPostures, boxed_postures
+from app.planning.machines import Request
 from app.screens.dialogs import HelpDialog, TextDialog
 from app.screens.drawing import DrawingPlot
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
-from calib.criteria import Criterion
+from calib.design.criteria import Criterion
 from calib.hexaslide.procedures import jacobian
 from tests.screens.driving import SIZE, looked, said, text, until
 

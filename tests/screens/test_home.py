@@ -10,7 +10,8 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input, OptionList, Select
 
-from app.demo import FILE_NAMES, run_headless
+from app.commands.demo import run_headless
+from app.exports import FILE_NAMES
 from app.screens.check import CheckScreen
 from app.screens.compare import CompareScreen
 from app.screens.dialogs import ChoiceDialog, HelpDialog

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from textual.widgets import OptionList
 
-from app.opening import continue_session, plan_to_continue
+from app.measuring.opening import continue_session, plan_to_continue
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
@@ -78,8 +78,8 @@ async def test_a_cable_plugged_in_later_is_found_by_another_try(tmp_path: Path) 
 async def test_indicator_fault_is_not_taken(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from app.acquisition import Gauge
-    from drivers.outcome import Fault, FaultKind
+    from app.measuring.gauges import Gauge
+    from drivers.profile import Fault, FaultKind
 
     interface = Interface(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
@@ -199,9 +199,9 @@ def point_to(name: Path, port: str) -> None:
 
 
 async def test_a_continued_verification_still_compares(tmp_path: Path) -> None:
-    from app.demo import measure_all, verification_plan
-    from app.opening import start_session
-    from app.solving import solve_for_controller
+    from app.evaluating.solution import solve_for_controller
+    from app.measuring.demo import measure_all, verification_plan
+    from app.measuring.opening import start_session
 
     plan = replace(quick_plan(tmp_path), interval_s=0.0)
     with start_session(plan) as guided:

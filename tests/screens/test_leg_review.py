@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from textual.widgets import Static
 
-from app.acquisition import Gauge, Live, Motion
+from app.measuring.gauges import Gauge, Live, Motion
 from app.screens.check import CheckScreen
 from app.screens.interface import Interface
 from app.screens.leg_review import LegReviewScreen
 from app.screens.plot import ChartPlot
-from drivers.outcome import Reading
+from drivers.profile import Reading
 from tests.screens.driving import numbers, quick_plan, take, text, to_measuring, until
 
 STEPS_OF_A_LEG = 10

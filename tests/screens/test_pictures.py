@@ -19,8 +19,10 @@ from textual.pilot import Pilot
 from textual.screen import Screen
 from textual.widgets import Input, OptionList, Static, TabbedContent
 
-from app.bench import BenchSettings
-from app.demo import demo_plan
+from app.evaluating.solution import solve_files
+from app.measuring.demo import demo_plan
+from app.measuring.simulated import BenchSettings
+from app.report.text.session import QUESTION_CHOICES
 from app.screens.dialogs import ChoiceDialog, TextDialog
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
@@ -30,8 +32,6 @@ from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
 from app.screens.widgets import GaugeDisplay
-from app.solving import solve_files
-from app.wording.session import QUESTION_CHOICES
 from protocols.record import read_record
 from protocols.session import fold
 from tests.conftest import ROOT

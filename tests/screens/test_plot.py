@@ -10,7 +10,7 @@ from textual.app import App, ComposeResult
 from textual.color import Color
 from textual.theme import BUILTIN_THEMES
 
-from app.plots import Chart, Series
+from app.report.charts.charts import Chart, Series
 from app.screens.plot import MARKERS, ChartPlot
 
 LEAST_CONTRAST = 3.0

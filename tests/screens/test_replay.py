@@ -8,14 +8,14 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Log
 
-from app.replaying import State
+from app.measuring.playback import State
+from app.report.text.replay import reading_lines
 from app.screens.dialogs import HelpDialog, TextDialog
 from app.screens.interface import Interface
 from app.screens.replay import ReplayedResult, ReplayScreen
 from app.screens.replay_choice import ReplayChoiceScreen
 from app.screens.result import ResultScreen
 from app.screens.widgets import GaugeDisplay, StepList
-from app.wording.replay import reading_lines
 from protocols.record import read_record
 from protocols.session import fold
 from tests.recorded import REASON, story, write

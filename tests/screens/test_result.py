@@ -13,9 +13,11 @@ from textual.screen import Screen
 from textual.widgets import TabbedContent
 from textual.widgets._footer import FooterKey
 
-from app.bench import BenchSettings
-from app.demo import demo_plan, measure_all, verification_plan
-from app.opening import Plan, start_session
+from app.evaluating.solution import Solved, solve_files, solve_for_controller
+from app.measuring.demo import demo_plan, measure_all, verification_plan
+from app.measuring.opening import Plan, start_session
+from app.measuring.simulated import BenchSettings
+from app.report.text.result import solution_text
 from app.screens.check import CheckScreen
 from app.screens.dialogs import HelpDialog
 from app.screens.home import HomeScreen
@@ -24,8 +26,6 @@ from app.screens.plot import ChartPlot
 from app.screens.replay import ReplayedResult, ReplayScreen
 from app.screens.result import ResultScreen
 from app.settings import Settings
-from app.solving import Solved, solve_files, solve_for_controller
-from app.wording.result import solution_text
 from calib.errors import NotIdentifiable
 from tests.screens.driving import SIZE, quick_plan, text, until
 

@@ -9,14 +9,13 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input, Static
 
-from app.acquisition import Gauge
+from app.measuring.gauges import Gauge
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
 from app.screens.prepare import PrepareScreen
 from app.screens.result import ResultScreen
-from drivers.outcome import Fault, FaultKind, Reading
-from drivers.profile import Spindle
+from drivers.profile import Fault, FaultKind, Reading, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.twin_port import TwinPort
 from protocols.record import read_record
@@ -148,7 +147,7 @@ async def prepare(pilot: Pilot[str], interface: Interface, port: str) -> None:
 
 
 async def test_result_of_a_recorded_session(samples: Path) -> None:
-    from app.solving import solve_files
+    from app.evaluating.solution import solve_files
 
     path = samples / "experiment_2_twelve.jsonl"
     solved, _ = solve_files([path])
@@ -200,9 +199,9 @@ async def test_automatic_on_a_real_machine_waits_for_a_movement(tmp_path: Path) 
 
 def test_verification_carries_the_new_home_offset(tmp_path: Path) -> None:
     """A second export must start from what the first one made the controller hold."""
-    from app.demo import measure_all, verification_plan
-    from app.opening import start_session
-    from app.solving import solve_for_controller
+    from app.evaluating.solution import solve_for_controller
+    from app.measuring.demo import measure_all, verification_plan
+    from app.measuring.opening import start_session
 
     plan = replace(quick_plan(tmp_path), interval_s=0.0)
     machine = plan.machine.model_copy(update={"home_offset_mm": (10.0, 20.0, 30.0)})

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from drivers.outcome import Asked, Fault, FaultKind, Reading, Unit
-from drivers.profile import Profile, Spindle
+from drivers.profile import Asked, Fault, FaultKind, Profile, Reading, Spindle, Unit
 from drivers.profiles.heidenhain_nd28x import HEIDENHAIN_ND28X
 from drivers.profiles.mahr_marcator import MAHR_MARCATOR
 from drivers.profiles.mahr_millimar import MAHR_C1202, MAHR_OPTORSD

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import IndicatorError
-from drivers.outcome import Asked, Fault, FaultKind, Outcome, Reading, Unit
-from drivers.profile import Profile, Spindle
+from drivers.profile import Asked, Fault, FaultKind, Outcome, Profile, Reading, Spindle, Unit
 from drivers.profiles.ascii_line import ASCII_LINE, ascii_line
 from drivers.profiles.cdi import CDI
 from drivers.profiles.keyence_dl_rs1a import KEYENCE_DL_RS1A

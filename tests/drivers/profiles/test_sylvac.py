@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.outcome import Asked, Fault, FaultKind, Reading
+from drivers.profile import Asked, Fault, FaultKind, Reading
 from drivers.profiles.sylvac import parse
 
 

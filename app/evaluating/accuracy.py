@@ -1,0 +1,89 @@
+"""Is the machine good enough, where is it worst, and are the stated uncertainties true?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.evaluating.solution import Solved, indicator_figures
+from calib.identify.accuracy import Decision, ToolMap, decide, tool_map
+from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identify
+from calib.identify.solution import SUBSETS
+from calib.identify.subset_choice import left_after
+from calib.noise.reading import visits
+from calib.noise.rounding import scatter_of_shown
+from protocols.errors import UsageError
+from protocols.observations import to_observations
+
+PLANES = ((0, 1), (1, 2), (0, 2))
+POINTS = 5
+
+STEPS_APART = 10.0
+"""Spread of the simulated machines in steps of the display: one machine alone would always meet the
+same rounding."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """The tool's expected error against a tolerance, before and after, with guard bands."""
+
+    tolerance_mm: float
+    before: Decision
+    after: Decision
+
+
+def judge(solved: Solved, tolerance_mm: float) -> Judged:
+    """Pass, fail or undecided, now and with the solution entered (ISO 14253-1).
+
+    Raises UsageError for a tolerance that is no positive length.
+    """
+    if not tolerance_mm > 0.0:
+        raise UsageError("--tolerance", f"{tolerance_mm:g} mm", "a positive length in mm")
+    factor = solved.tool_factor
+    return Judged(
+        tolerance_mm,
+        decide(solved.tool_before, tolerance_mm, factor),
+        decide(solved.tool_after, tolerance_mm, factor),
+    )
+
+
+def maps(solved: Solved) -> tuple[ToolMap, ...]:
+    """Expected error of the tool with the solution entered, on the three planes through Zero."""
+    geometry = solved.solution.model.geometry
+    bias, covariance = left_after(solved.choice.solutions, solved.solution.subset)
+    return tuple(tool_map(geometry, bias, covariance, plane, POINTS) for plane in PLANES)
+
+
+def monte_carlo(
+    solved: Solved, sessions: int, seed: int, progress: Callable[[int], None]
+) -> MonteCarlo:
+    """Sessions like this one on machines like this one, identified as this one was.
+
+    All indicators scatter alike there; with a coarse display the machines differ by some steps. A
+    stated noise is simulated as stated. Raises UsageError where the noise is what the fit left, and
+    for the set held by tolerances.
+    """
+    solution = solved.solution
+    if solution.noise.source == "residuals" or solution.subset == "with-tolerances":
+        raise UsageError(
+            "--monte-carlo",
+            f"noise from {solution.noise.source}, set {solution.subset}",
+            "a session with repeats or a stated indicator, and one of the plain sets",
+        )
+    figures = indicator_figures(solved.sessions)
+    shown = float(np.mean([one.shown_mm2 for one in solution.noise.indicators]))
+    rounded = any(one.locked_mm2 > 1e-6 * shown for one in solution.noise.indicators)
+    stated = solution.noise.repeated in ("nothing", "equal")
+    step = max(figures.resolution_mm or 0.0, figures.step_mm or 0.0) if rounded else 0.0
+    campaign = Campaign(
+        solution.model,
+        visits(to_observations(solved.sessions)),
+        SUBSETS[solution.subset],
+        scatter_of_shown(shown, step),
+        step,
+        np.full(6, STEPS_APART * step),
+        noise_known=stated,
+    )
+    return simulate_and_identify(campaign, sessions, seed, progress)

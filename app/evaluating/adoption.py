@@ -1,0 +1,129 @@
+"""A named effect becomes part of the model, with its provenance; it can be taken out again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TypeGuard
+
+from app.evaluating.diagnosis import Diagnosed
+from calib.diagnosis.results import Contender, Finding
+from calib.tripod.effects.empirical import EMPIRICAL
+from protocols.errors import UsageError
+from protocols.files import write_files
+from protocols.model_file import (
+    EffectEntry,
+    ModelFile,
+    Provenance,
+    effect_entry,
+    model_file,
+    read_model_file,
+    with_effect,
+    without_effect,
+)
+from protocols.record import read_record
+
+MOST_OFFERED = 8
+
+
+def left_behind(diagnosed: Diagnosed, candidate: str | None) -> bool:
+    """Whether adopting this leaves an unnamed law that could be adopted, too."""
+    found = diagnosed.diagnosis
+    named = any(one.effects for one in found.effects)
+    return candidate is None and named and found.left_over is not None
+
+
+def adopt(
+    diagnosed: Diagnosed,
+    paths: Sequence[Path],
+    target: Path,
+    *,
+    known: Path | None = None,
+    candidate: str | None = None,
+) -> ModelFile:
+    """Write a model with the named effects added, or with one candidate (``id`` or ``id:where``).
+
+    ``empirical`` as candidate adds what was named and the unnamed law of what is left, or that law
+    alone where it explains all; where nothing was named it is added without asking for it. Blunders
+    are mistakes of the data and are never adopted. Raises UsageError where there is nothing to
+    adopt and RecordError where the file cannot be written.
+    """
+    chosen = _chosen(diagnosed, candidate)
+    machine = diagnosed.sessions[0].opened.machine
+    model = read_model_file(known) if known else model_file(diagnosed.model, machine)
+    source = Provenance(
+        sessions=diagnosed.names,
+        digests=tuple(read_record(path).digest for path in paths),
+        found=datetime.now(UTC),
+        verdict=diagnosed.diagnosis.verdict,
+    )
+    for one in chosen:
+        why = f"a law without a name: {one.title}" if _is_law(one) else diagnosed.diagnosis.sentence
+        model = with_effect(model, _entry(one, source), why)
+    write_model(target, model)
+    return model
+
+
+def remove(path: Path, effect: str, why: str) -> ModelFile:
+    """Take an effect (``id`` or ``id:where``) out of a model; the history keeps it."""
+    name, _, where = effect.partition(":")
+    model = without_effect(read_model_file(path), name, where or None, why)
+    write_model(path, model)
+    return model
+
+
+def write_model(path: Path, model: ModelFile) -> None:
+    """Write the file. Raises RecordError."""
+    write_files(path, {"": model.text()})
+
+
+def _chosen(diagnosed: Diagnosed, candidate: str | None) -> list[Finding | Contender]:
+    found = diagnosed.diagnosis
+    named: list[Finding | Contender] = [e for e in found.effects if e.effects]
+    law: list[Finding | Contender] = [found.left_over.law] if found.left_over else []
+    if candidate is None:
+        if not named and not law:
+            raise UsageError(
+                "--adopt",
+                f"the verdict '{found.verdict}' names no effect",
+                "a named effect, or one of the candidates by --candidate ID:WHERE",
+            )
+        return named or law
+    name, _, where = candidate.partition(":")
+    if name == EMPIRICAL and law and where in ("", law[0].where):
+        return law if found.left_over and found.left_over.whole else [*named, *law]
+    fitting = [
+        one
+        for one in found.candidates
+        if one.id == name and where in ("", one.where) and one.effects
+    ]
+    if not fitting:
+        offered = [*law, *found.candidates[:MOST_OFFERED]]
+        shown = ", ".join(f"{one.id}:{one.where}" for one in offered)
+        raise UsageError("--candidate", repr(candidate), shown or "no candidate at all")
+    return [fitting[0]]
+
+
+def _is_law(one: Finding | Contender) -> TypeGuard[Finding]:
+    return isinstance(one, Finding) and one.id == EMPIRICAL
+
+
+def _entry(one: Finding | Contender, source: Provenance) -> EffectEntry:
+    values = {v.name: (v.value, v.standard_uncertainty) for v in one.parameters}
+    return effect_entry(one.where, one.effects, values, source)
+
+
+def write_procedure(diagnosed: Diagnosed, path: Path) -> None:
+    """The proposed measurement as a procedure file. Raises UsageError where there is none."""
+    proposed = diagnosed.diagnosis.next_measurement
+    if proposed is None or not proposed.protocol.startswith("schema"):
+        if proposed is None:
+            raise UsageError("--next", "nothing that stayed ambiguous", "an ambiguous diagnosis")
+        raise UsageError(
+            "--next",
+            f"'{proposed.protocol}', a procedure that comes with the program",
+            "a proposal that needs a file",
+            f"Measure it with: glidecal run --protocol {proposed.protocol}",
+        )
+    write_files(path, {"": proposed.protocol})

@@ -1,0 +1,98 @@
+"""Two sessions of one machine side by side: before and after its offsets were entered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.evaluating.solution import Solved, end_warning, solve_sessions
+from calib.errors import CalibrationError
+from calib.identify.solution import Solution
+from protocols.errors import RecordError
+from protocols.record import Record, read_record
+from protocols.session import fold
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """The joint-offset solutions of two sessions.
+
+    ``common`` names the tabulated differences that both measured; ``remarks`` are what a reader
+    must know before trusting the comparison.
+    """
+
+    before: Solved
+    after: Solved
+    common: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
+def compare_files(before: Path, after: Path) -> Comparison:
+    """Solve both sessions for the joint offsets and lay them side by side.
+
+    Raises RecordError for files that cannot be used or are the same session, CalibrationError for
+    sessions with nothing in common.
+    """
+    earlier, later = read_record(before), read_record(after)
+    if earlier.digest == later.digest:
+        raise RecordError(
+            f"sessions {before} and {after}", "the same session", "two different ones"
+        )
+    _same_machine(earlier, later)
+    first, second = _solved(earlier), _solved(later)
+    common = _common(first.solution, second.solution)
+    if not common:
+        raise CalibrationError(
+            f"sessions {before} and {after}",
+            "no difference that both measured",
+            "two sessions with the same postures",
+            "Measure both with the same procedure.",
+        )
+    return Comparison(first, second, common, tuple(_remarks(earlier, later, first, common)))
+
+
+def _solved(record: Record) -> Solved:
+    return solve_sessions([record.path.name], [fold(record.events)], subset="joint-offsets")
+
+
+def _same_machine(earlier: Record, later: Record) -> None:
+    """Entered offsets may differ, that is what is compared; the geometry may not."""
+    one, two = earlier.opened.machine, later.opened.machine
+    if one.geometry() != two.geometry():
+        raise CalibrationError(
+            f"sessions {earlier.path} and {later.path}",
+            f"machines of different geometry, {one.name} and {two.name}",
+            "two sessions of one machine",
+        )
+
+
+def _names(solution: Solution) -> tuple[str, ...]:
+    return tuple(solution.differences.names[k] for k in solution.differences.published_rows)
+
+
+def _common(before: Solution, after: Solution) -> tuple[str, ...]:
+    later = set(_names(after))
+    return tuple(name for name in _names(before) if name in later)
+
+
+def _remarks(earlier: Record, later: Record, first: Solved, common: tuple[str, ...]) -> list[str]:
+    said = [end_warning(record) for record in (earlier, later) if record.end != "closed"]
+    measured = len(_names(first.solution))
+    if len(common) < measured:
+        said.append(
+            f"Only {len(common)} of {measured} differences are in both sessions; "
+            "each r.m.s. is over its own session."
+        )
+    verifies = later.opened.verifies
+    if verifies is not None and verifies != earlier.path.name:
+        said.append(f"{later.path.name} was measured to verify {verifies}.")
+    imported = "imported" in (earlier.opened.origin, later.opened.origin)
+    if not imported and later.opened.at < earlier.opened.at:
+        said.append(f"{later.path.name} is older than {earlier.path.name}: is the order right?")
+    return said
+
+
+def partner_of(path: Path, verifies: str | None) -> Path | None:
+    """The session that another one verifies, where its file is still beside it."""
+    beside = path.with_name(Path(verifies).name) if verifies else None
+    return beside if beside is not None and beside.is_file() else None

@@ -1,0 +1,165 @@
+"""Indicators as the session sees them: live values with a word for their state, and takes."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import takewhile
+
+from drivers.line import IndicatorLine
+from drivers.profile import Asked, Fault, Outcome, Profile, Reading
+
+HISTORY = 120
+TREND = 22
+"""So many of the latest outcomes make the trend."""
+
+STALE_S = 1.0
+READINGS_IN_WINDOW = 2.5
+"""A slow indicator must have given at least two readings before it can be called stable."""
+
+SPACING_S = 0.02
+"""The history holds one outcome in this time, so that a fast indicator does not fill it."""
+
+
+ONE_DIGIT = 1.001
+"""A last digit that flickers is not a movement."""
+
+
+class Motion(StrEnum):
+    """What an indicator is doing, in one word."""
+
+    WAITING = "waiting"
+    MOVING = "moving"
+    STABLE = "stable"
+    STALE = "stale"
+    FAULT = "fault"
+
+
+@dataclass(frozen=True)
+class Live:
+    """One indicator now: last outcome, its age, the state word and the recent values in mm."""
+
+    outcome: Outcome | None
+    age_s: float
+    motion: Motion
+    trend_mm: tuple[float, ...]
+
+
+class Gauge:
+    """One indicator on its line with the history that tells stable from moving.
+
+    ``on_news`` is called in the thread of the line, not for what changes nothing.
+    """
+
+    def __init__(
+        self,
+        profile: Profile,
+        port: str,
+        asked: Asked,
+        *,
+        interval_s: float | None = None,
+        window_s: float,
+        tolerance_mm: float,
+    ) -> None:
+        self.profile = profile
+        self.port = port
+        pace_s = profile.interval_s if interval_s is None else interval_s
+        self._window_s = max(window_s, READINGS_IN_WINDOW * pace_s)
+        self._stale_s = max(STALE_S, READINGS_IN_WINDOW * pace_s)
+        self._tolerance_mm = self._still_mm = tolerance_mm
+        self._lock = threading.Lock()
+        self._slot = 0.0
+        self._span: tuple[float, float] | None = None
+        self._heard: deque[tuple[float, Outcome]] = deque(maxlen=HISTORY)
+        self._latest: Outcome | None = None
+        self._pressed = self._rests = False
+        self.on_news: Callable[[], None] = lambda: None
+        self._line = IndicatorLine(
+            profile,
+            port,
+            asked=asked,
+            interval_s=interval_s,
+            listener=self._hear,
+            on_button=self.press,
+        )
+
+    def start(self) -> None:
+        """Open the port. Raises IndicatorError."""
+        self._line.start()
+
+    def close(self) -> None:
+        """Close the port."""
+        self._line.close()
+
+    def _hear(self, outcome: Outcome) -> None:
+        now = time.monotonic()
+        with self._lock:
+            changes = not self._rests or outcome != self._latest
+            if isinstance(outcome, Reading):
+                self._still_mm = max(self._tolerance_mm, ONE_DIGIT * outcome.resolution_mm)
+                low, high = self._span or (outcome.value_mm, outcome.value_mm)
+                self._span = min(low, outcome.value_mm), max(high, outcome.value_mm)
+            if self._heard and now - self._slot < SPACING_S:
+                self._heard[-1] = (now, outcome)
+            else:
+                self._slot = now
+                self._heard.append((now, outcome))
+            self._latest = outcome
+        if changes:
+            self.on_news()
+
+    def press(self, _: Outcome) -> None:
+        """Somebody pressed the DATA button. Called by the line, which knows what is a press."""
+        self._pressed = True
+        self.on_news()
+
+    def button_pressed(self) -> bool:
+        """Whether the DATA button or a foot switch was pressed since the last call."""
+        pressed, self._pressed = self._pressed, False
+        return pressed
+
+    def restart_window(self) -> None:
+        """Forget what was stable and what was pressed: the machine is about to move."""
+        with self._lock:
+            self._heard.clear()
+            self._span, self._rests = None, False
+            self._pressed = False
+
+    def has_moved(self) -> bool:
+        """Whether the reading moved since the last `restart_window`."""
+        span = self._span
+        return span is not None and span[1] - span[0] > self._still_mm
+
+    def live(self) -> Live:
+        """The state now; safe from any thread."""
+        with self._lock:
+            heard = tuple(self._heard)
+        now = time.monotonic()
+        if not heard:
+            age_s = now - self._slot if self._latest else 0.0
+            return Live(self._latest, age_s, Motion.WAITING, ())
+        at, outcome = heard[-1]
+        trend = tuple(o.value_mm for _, o in heard[-TREND:] if isinstance(o, Reading))
+        motion = self._motion(heard, now)
+        self._rests = motion in (Motion.STABLE, Motion.FAULT)
+        return Live(outcome, now - at, motion, trend)
+
+    def _motion(self, heard: Sequence[tuple[float, Outcome]], now: float) -> Motion:
+        at, outcome = heard[-1]
+        if isinstance(outcome, Fault):
+            return Motion.FAULT
+        if now - at > self._stale_s:
+            return Motion.STALE
+        within = takewhile(lambda entry: now - entry[0] <= self._window_s, reversed(heard))
+        recent = [o.value_mm for _, o in within if isinstance(o, Reading)]
+        covered = now - heard[0][0] >= self._window_s
+        still = len(recent) >= 2 and max(recent) - min(recent) <= self._still_mm
+        return Motion.STABLE if covered and still else Motion.MOVING
+
+    def ask(self) -> Outcome:
+        """A fresh reading, taken after this call; waits for it."""
+        return self._line.ask().result()

@@ -1,0 +1,190 @@
+"""Indicators as a person names them: ``PROFILE:PORT@AXES``, or entries of the machine file."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import math
+import platform
+import re
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from calib.errors import GlidecalError
+from drivers.port import check_port
+from drivers.profile import Asked, Profile, Unit
+from drivers.profiles import profile_named
+from drivers.profiles.ascii_line import ascii_line
+from protocols.errors import UsageError
+from protocols.machine import Instrument, Machine
+from protocols.procedure import ALL_AXES, axes_on_leg
+
+SIMULATED = "simulated"
+DEFAULT_PROFILE = "mitutoyo-01a"
+SPEC = re.compile(r"(?P<profile>[\w-]+):(?P<port>.+?)(?:@(?P<axes>[^@/\\]*))?")
+FORM = "PROFILE:PORT or PROFILE:PORT@AXES, as in mitutoyo-01a:/dev/ttyUSB0@yx"
+
+OF_A_FILE = re.compile(
+    r"/dev/(?!.*(?:\.\.|\\))[ -~]+"
+    r"|(?:\\\\\.\\)?(?:COM|CNC[AB])\d{1,3}"
+    r"|socket://(?:127\.\d{1,3}\.\d{1,3}\.\d{1,3}|localhost|\[::1\]):\d{1,5}",
+    re.ASCII | re.IGNORECASE,
+)
+"""Ports that a file may name: what is plugged into this computer, or listens on it."""
+
+OWN_REQUEST = re.compile(r"(?:[ -~]{1,32}(?:\r\n|\r|\n)?)?")
+"""One short line, or nothing. It stands in a file, and whoever reads the port would obey more."""
+
+
+def parse_indicator(text: str) -> Instrument:
+    """An indicator from the command line. Raises UsageError."""
+    found = SPEC.fullmatch(text)
+    axes = found["axes"] if found else None
+    if not found or (axes is not None and not re.fullmatch("[xyz]{1,3}", axes)):
+        raise UsageError("--indicator", repr(text), FORM)
+    return Instrument(profile=found["profile"], port=found["port"], axes=axes or "xyz")
+
+
+def check_indicators(instruments: Sequence[Instrument]) -> None:
+    """Everything that is wrong with the choice, in one message, before any port is opened.
+
+    Raises UsageError.
+    """
+    faults: list[str] = []
+    for instrument in instruments:
+        try:
+            profile_of(instrument)
+            check_port(instrument.port)
+        except GlidecalError as problem:
+            faults.append(f"{problem.thing} {problem.found}")
+        faults += _request_faults(instrument)
+    ports = [i.port for i in instruments if i.port != SIMULATED]
+    faults += [f"port {port} twice" for port in dict.fromkeys(ports) if ports.count(port) > 1]
+    if not 1 <= len(instruments) <= 2:
+        faults.append(f"{len(instruments)} indicators")
+    else:
+        faults += _misfits(instruments)
+    if faults:
+        raise UsageError(
+            "indicators",
+            "; ".join(faults),
+            "one or two different ports, known profiles, and axes that fit every leg",
+        )
+
+
+def _request_faults(instrument: Instrument) -> list[str]:
+    """What is wrong with a request of one's own: a socket may be any service of this computer."""
+    request = instrument.request or ""
+    if request and "://" in instrument.port:
+        return [f"request {request!r:.60} to {instrument.port!r}, which is no serial port"]
+    if not OWN_REQUEST.fullmatch(request):
+        return [f"request {request!r:.60}, not one line of at most 32 plain characters"]
+    return []
+
+
+def from_file(instruments: Sequence[Instrument], source: str) -> tuple[Instrument, ...]:
+    """The indicators that a file names. Raises UsageError for a port that only a person may name.
+
+    A file may come from a stranger: it must not make this computer talk to another one, nor open
+    what is no port.
+    """
+    for port in (instrument.port for instrument in instruments):
+        if port != SIMULATED and not OF_A_FILE.fullmatch(port):
+            raise UsageError(
+                f"port in {source}",
+                f"{port!r:.80}",
+                "a serial port as /dev/ttyUSB0 or COM5, or a socket of this computer",
+                "If it is meant, name it yourself: --indicator PROFILE:PORT@AXES.",
+            )
+    return tuple(instruments)
+
+
+def this_computer() -> str:
+    """A digest that tells computers apart; their names cannot be read from it.
+
+    Where there is no machine-id it is the name alone that counts. It is no signature.
+    """
+    known = [platform.node()]
+    with contextlib.suppress(OSError):
+        known.append(Path("/etc/machine-id").read_text(encoding="ascii", errors="replace"))
+    return hashlib.sha256("\n".join(["glidecal computer", *known]).encode()).hexdigest()[:16]
+
+
+def choose_indicators(
+    named: Sequence[str],
+    ports: Sequence[str],
+    profile: str,
+    *,
+    machine: Machine,
+    simulated: bool,
+) -> tuple[Instrument, ...]:
+    """Indicators of the command line, else those of the machine file; checked, nothing opened.
+
+    Empty where neither names any. Raises UsageError.
+    """
+    chosen = [parse_indicator(text) for text in named]
+    chosen += [Instrument(profile=profile, port=port) for port in ports]
+    if simulated and chosen:
+        raise UsageError("--simulated and a port", "both", "one of them")
+    if simulated:
+        return simulated_indicators([profile])
+    instruments = tuple(chosen) or from_file(machine.indicator, "the machine file")
+    if instruments:
+        check_indicators(instruments)
+    return instruments
+
+
+def some_indicators(profile: str, *, needed: bool) -> tuple[Instrument, ...]:
+    """Two indicators for a dry run that names none. Raises UsageError where real ones count."""
+    if needed:
+        raise UsageError(
+            "indicators", "none", "--indicator PROFILE:PORT, [[indicator]] in the machine file"
+        )
+    return simulated_indicators([profile])
+
+
+def simulated_indicators(profiles: Sequence[str] = (DEFAULT_PROFILE,)) -> tuple[Instrument, ...]:
+    """Two simulated indicators, of one profile or of two."""
+    both = (*profiles, *profiles)[:2]
+    return tuple(Instrument(profile=name, port=SIMULATED) for name in both)
+
+
+def _misfits(instruments: Sequence[Instrument]) -> list[str]:
+    misfits = []
+    for leg in ALL_AXES:
+        try:
+            axes_on_leg(leg, [instrument.axes for instrument in instruments])
+        except UsageError as problem:
+            misfits.append(f"{problem.found} do not fit leg {leg}")
+    return misfits
+
+
+def profile_of(instrument: Instrument) -> Profile:
+    """The profile of an indicator, with its own pattern where it has one.
+
+    Raises IndicatorError for an unknown name or a pattern that cannot be used.
+    """
+    if instrument.pattern is not None:
+        request = (instrument.request or "").encode("latin-1", "replace")
+        return ascii_line(instrument.pattern, request=request)
+    return profile_named(instrument.profile)
+
+
+def asked_of(instrument: Instrument) -> Asked:
+    """Channel and unit to ask for."""
+    return Asked(channel=instrument.channel, unit=Unit(instrument.unit))
+
+
+def asked_for(unit: str, channel: int) -> Asked:
+    """What to ask for, from the command line. Raises UsageError for an unknown unit."""
+    plain = {"um": Unit.MICROMETRE, "in": Unit.INCH} | {known.value: known for known in Unit}
+    if unit not in plain:
+        raise UsageError("--unit", repr(unit), ", ".join(known.value for known in Unit))
+    return Asked(channel=channel, unit=plain[unit])
+
+
+def swinging() -> Callable[[], float]:
+    """A spindle that swings slowly by half a millimetre."""
+    started = time.monotonic()
+    return lambda: 0.5 * math.sin((time.monotonic() - started) / 5.0)

@@ -1,0 +1,265 @@
+"""From what the operator asks for to a session that can be measured."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+
+from app.evaluating.solution import Solved, solve_for_controller
+from app.measuring.gauges import Gauge
+from app.measuring.indicators import (
+    SIMULATED,
+    asked_of,
+    check_indicators,
+    from_file,
+    profile_of,
+    this_computer,
+)
+from app.measuring.session import GuidedSession
+from app.measuring.simulated import BenchSettings, SimulatedBench, hidden_machine
+from app.version import program
+from calib.errors import GlidecalError
+from drivers.twin_port import Transport, default_transport
+from protocols.errors import RecordError, UsageError
+from protocols.events import Opened
+from protocols.files import unused_path
+from protocols.journal import Journal
+from protocols.machine import Instrument, Machine
+from protocols.procedure import Procedure, Step
+from protocols.record import read_record
+
+SIMULATED_INTERVAL_S = 0.05
+"""Simulated indicators may be asked faster than real ones; with 0 time is compressed."""
+
+SIMULATED_WINDOW_S = 0.4
+"""How long simulated readings must stand still; real ones as the procedure says."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Everything known before the first reading.
+
+    ``before`` is the solution whose offsets this session verifies, ``verifies`` its file name.
+    """
+
+    path: Path
+    machine: Machine
+    procedure: Procedure
+    instruments: tuple[Instrument, ...]
+    operator: str = ""
+    temperature_c: float | None = None
+    seed: int = 1
+    before: Solved | None = None
+    verifies: str | None = None
+    bench: BenchSettings = BenchSettings()
+    transport: Transport = field(default_factory=default_transport)
+    interval_s: float = SIMULATED_INTERVAL_S
+    window_s: float | None = None
+
+    @property
+    def simulated(self) -> bool:
+        """The machine and its indicators are simulated."""
+        return all(instrument.port == SIMULATED for instrument in self.instruments)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """For each indicator the directions it may measure along."""
+        return tuple(instrument.axes for instrument in self.instruments)
+
+
+def opened_event(plan: Plan) -> Opened:
+    """The first line of the record."""
+    return Opened(
+        program=program(),
+        origin="simulated" if plan.simulated else "measured",
+        machine=plan.machine,
+        procedure=plan.procedure,
+        instruments=plan.instruments,
+        seed=plan.seed if plan.simulated else None,
+        operator=plan.operator,
+        temperature_c=plan.temperature_c,
+        verifies=plan.verifies,
+        computer=None if plan.simulated else this_computer(),
+    )
+
+
+class PortsUnknown(UsageError):
+    """The ports of a record are those of another computer."""
+
+
+@dataclass(frozen=True)
+class Indicators:
+    """Indicators that answer, and how to move the machine where that can be done."""
+
+    gauges: tuple[Gauge, ...]
+    go: Callable[[Step], None]
+    close_bench: Callable[[], None]
+
+    def close(self) -> None:
+        """Close every port, then switch a simulated machine off."""
+        for gauge in self.gauges:
+            gauge.close()
+        self.close_bench()
+
+
+def open_indicators(plan: Plan) -> Indicators:
+    """Open every port, all or none. Raises UsageError before, IndicatorError at a port."""
+    refuse_plate(plan.procedure)
+    check_indicators(plan.instruments)
+    profiles = [profile_of(instrument) for instrument in plan.instruments]
+    ports = tuple(instrument.port for instrument in plan.instruments)
+    with ExitStack() as undo:
+        interval_s, window_s = None, plan.procedure.window_s
+        go: Callable[[Step], None] = _stand_still
+        close_bench: Callable[[], None] = _nothing
+        if plan.simulated:
+            entered = plan.machine.entered_offsets_mm
+            truth = hidden_machine(plan.machine.geometry(), plan.seed, entered)
+            bench = SimulatedBench(
+                truth, plan.seed, plan.path.name, profiles, plan.transport, plan.bench
+            )
+            go, close_bench = bench.go, bench.close
+            undo.callback(close_bench)
+            ports, interval_s, window_s = bench.rig.ports, plan.interval_s, SIMULATED_WINDOW_S
+        gauges = tuple(
+            Gauge(
+                profile,
+                port,
+                asked_of(known),
+                interval_s=interval_s,
+                window_s=plan.window_s or window_s,
+                tolerance_mm=plan.procedure.tolerance_mm,
+            )
+            for profile, port, known in zip(profiles, ports, plan.instruments, strict=True)
+        )
+        for gauge in gauges:
+            gauge.start()
+            undo.callback(gauge.close)
+        undo.pop_all()
+    return Indicators(gauges, go, close_bench)
+
+
+def refuse_plate(procedure: Procedure) -> None:
+    """Raises UsageError for a procedure that no guided session can measure yet."""
+    if procedure.plate is not None:
+        raise UsageError(
+            f"guided session with {procedure.name}",
+            "readings of the tool against a plate",
+            "procedures that read legs",
+            "Measure by the list of --dry-run and read the table in with glidecal import.",
+        )
+
+
+def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
+    """Start the record of a new session. Raises RecordError or UsageError."""
+    plan.procedure.steps(plan.machine.geometry(), plan.axes)
+    return _guided(Journal.create(plan.path, opened_event(plan)), indicators)
+
+
+def resume(plan: Plan, indicators: Indicators) -> GuidedSession:
+    """Go on with the record at the plan's path. Raises RecordError."""
+    return _guided(Journal.resume(plan.path, program()), indicators)
+
+
+def start_session(plan: Plan) -> GuidedSession:
+    """Open the indicators and begin. Raises IndicatorError, RecordError or UsageError."""
+    return _all_or_nothing(plan, begin)
+
+
+def continue_session(plan: Plan) -> GuidedSession:
+    """Open the indicators and go on. Raises IndicatorError or RecordError."""
+    return _all_or_nothing(plan, resume)
+
+
+def plan_to_continue(path: Path, instruments: tuple[Instrument, ...] = ()) -> Plan:
+    """The plan of an interrupted session, on the same indicators unless others are named.
+
+    Raises RecordError where the record is altered, closed or was imported, PortsUnknown where it
+    was begun on another computer and no indicators are named.
+    """
+    record = read_record(path)
+    opened = record.opened
+    if record.end == "closed" or opened.procedure is None:
+        found = "a closed session" if opened.procedure else "an imported table"
+        raise RecordError(f"session {path}", found, "an interrupted session to continue")
+    if instruments and [i.axes for i in instruments] != [i.axes for i in opened.instruments]:
+        kept = " and ".join(f"@{i.axes}" for i in opened.instruments)
+        raise UsageError("indicators of a continued session", "other axes", kept)
+    return Plan(
+        path=path,
+        machine=opened.machine,
+        procedure=opened.procedure,
+        instruments=instruments or _known_here(path, opened),
+        operator=opened.operator,
+        temperature_c=opened.temperature_c,
+        seed=opened.seed or 0,
+        before=_verified(path, opened.verifies),
+        verifies=opened.verifies,
+    )
+
+
+def _known_here(path: Path, opened: Opened) -> tuple[Instrument, ...]:
+    """The indicators of a record, if its ports mean anything here."""
+    instruments = from_file(opened.instruments, f"session {path}")
+    simulated = all(instrument.port == SIMULATED for instrument in instruments)
+    if not simulated and opened.computer != this_computer():
+        anew = " ".join(f"--indicator PROFILE:PORT@{i.axes}" for i in instruments)
+        raise PortsUnknown(
+            f"session {path}",
+            "ports that were not named on this computer",
+            f"its indicators named anew: {anew}",
+            "A machine file with [[indicator]] does it too: --machine FILE.",
+        )
+    return instruments
+
+
+def _verified(path: Path, verifies: str | None) -> Solved | None:
+    """The solution that a session verifies, if its file is still beside it."""
+    beside = path.with_name(verifies) if verifies else None
+    if beside is None or not beside.is_file():
+        return None
+    return solve_for_controller(beside)
+
+
+def _all_or_nothing(
+    plan: Plan, start: Callable[[Plan, Indicators], GuidedSession]
+) -> GuidedSession:
+    indicators = open_indicators(plan)
+    try:
+        return start(plan, indicators)
+    except GlidecalError:
+        indicators.close()
+        raise
+
+
+def _guided(journal: Journal, indicators: Indicators) -> GuidedSession:
+    return GuidedSession(journal, indicators.gauges, indicators.go, indicators.close)
+
+
+def _stand_still(_: Step) -> None:
+    """A real machine is moved by the operator."""
+
+
+def _nothing() -> None:
+    """There is no simulated machine to switch off."""
+
+
+def session_name(folder: Path, word: str) -> Path:
+    """A new file name with date and time."""
+    plain = re.sub(r"[^\w-]+", "-", word)[:40]
+    return unused_path(folder / f"{datetime.now():%Y-%m-%d_%H%M%S}_{plain}.jsonl")
+
+
+def writable_folder(folder: Path) -> Path:
+    """The folder, made where it is missing. Raises RecordError where that is impossible."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise RecordError(
+            f"folder {folder}", problem.strerror or str(problem), "a folder with write permission"
+        ) from problem
+    return folder

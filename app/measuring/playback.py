@@ -1,0 +1,321 @@
+"""A record played again: what has been shown of it, how fast, and what the panels showed."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from enum import StrEnum
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+
+from app.evaluating.solution import end_warning
+from app.measuring.gauges import HISTORY, Live, Motion
+from app.measuring.playback_frames import SHORTEST_S, Frame, frames_of
+from drivers.profile import Fault, FaultKind
+from drivers.profile import Reading as IndicatorReading
+from protocols.errors import UsageError
+from protocols.events import Closed, Event, Faulted, Mounted, Noted, Reading, Skipped
+from protocols.procedure import Leg, Step
+from protocols.record import Record
+from protocols.session import DECIMALS, Session, fold
+
+SPEEDS = (1, 2, 5, 10, 20, 50, 100)
+
+FALLBACK_RESOLUTION_MM = 0.001
+
+
+class State(StrEnum):
+    """What the replay is doing, in one word."""
+
+    PLAYING = "PLAYING"
+    PAUSED = "PAUSED"
+    END = "END"
+
+
+@dataclass(frozen=True)
+class ShownSession(Session):
+    """A session whose steps are known beforehand, also those of a table."""
+
+    known_steps: tuple[Step, ...] = ()
+
+    def steps(self) -> tuple[Step, ...]:
+        """The steps, made once."""
+        return self.known_steps
+
+
+class Playback:
+    """One record and a place in it.
+
+    Moving by hand pauses. A table has one step for each reading. Raises RecordError or UsageError
+    where the procedure of the record cannot be followed.
+    """
+
+    def __init__(self, record: Record) -> None:
+        self.record = record
+        self.is_table = record.opened.procedure is None
+        self.frames = frames_of(record.events)
+        self._events = _numbered(record.events) if self.is_table else record.events
+        self.steps = _table_steps(self._events) if self.is_table else _procedure_steps(record)
+        self._by_number = {step.number: step for step in self.steps}
+        self._ends = [frame.end for frame in self.frames]
+        self._times_s = [frame.time_s for frame in self.frames]
+        self._frame = 0
+        self._time_s = 0.0
+        self._speed = SPEEDS.index(_first_speed(self._times_s))
+        self._playing = False
+        self._session: tuple[int, Session] | None = None
+        self._shown: tuple[int, ShownSession] | None = None
+
+    @property
+    def position(self) -> int:
+        """How many events are shown; never less than the first one."""
+        return self.frames[self._frame].end
+
+    @property
+    def time_s(self) -> float:
+        """Play time at ×1 since the first event."""
+        return self._time_s
+
+    @property
+    def speed(self) -> int:
+        """How many seconds of the record pass in one."""
+        return SPEEDS[self._speed]
+
+    @property
+    def state(self) -> State:
+        """Playing, paused, or at the end."""
+        if self.at_end:
+            return State.END
+        return State.PLAYING if self._playing else State.PAUSED
+
+    @property
+    def at_end(self) -> bool:
+        """Whether every event is shown."""
+        return self._frame == len(self.frames) - 1
+
+    @property
+    def gauge_count(self) -> int:
+        """How many panels the picture needs."""
+        return max((len(step.axes) for step in self.steps), default=1)
+
+    def toggle(self) -> None:
+        """Play or pause; at the end play from the start."""
+        if self.at_end:
+            self._go(0)
+            self._playing = not self.at_end
+        else:
+            self._playing = not self._playing
+
+    def pause(self) -> None:
+        """Stand still."""
+        self._playing = False
+
+    def faster(self, by: int = 1) -> None:
+        """So many speeds up; down where negative."""
+        self._speed = min(max(self._speed + by, 0), len(SPEEDS) - 1)
+
+    def advance(self, elapsed_s: float) -> bool:
+        """Let time pass. Returns whether other events are shown now."""
+        if not self._playing:
+            return False
+        before = self._frame
+        self._time_s = min(self._time_s + max(elapsed_s, 0.0) * self.speed, self._times_s[-1])
+        self._frame = bisect_right(self._times_s, self._time_s) - 1
+        self._playing = not self.at_end
+        return self._frame != before
+
+    def step(self, by: int) -> None:
+        """So many moments on; back where negative."""
+        self._go(self._frame + by)
+
+    def to_start(self) -> None:
+        """Only the first event is shown."""
+        self._go(0)
+
+    def to_end(self) -> None:
+        """Every event is shown."""
+        self._go(len(self.frames) - 1)
+
+    def jump(self, number: int) -> None:
+        """To the moment when a step was first taken, or skipped; in a table to a reading.
+
+        Raises UsageError where it was never reached.
+        """
+        found = next(
+            (k for k, frame in enumerate(self.frames) if self._settles(frame, number)), None
+        )
+        if found is None:
+            last = self.steps[-1].number if self.steps else 0
+            never = f"{number}, which was never taken" if 1 <= number <= last else str(number)
+            raise UsageError(self.unit, never, f"1 … {last}, as far as the record goes")
+        self._go(found)
+
+    def jump_to(self, text: str) -> None:
+        """`jump` to a number as typed. Raises UsageError where it is none."""
+        try:
+            number = int(text)
+        except ValueError as problem:
+            raise UsageError(self.unit, repr(text), "a whole number") from problem
+        self.jump(number)
+
+    @property
+    def unit(self) -> str:
+        """What the steps are called."""
+        return "reading" if self.is_table else "step"
+
+    def _settles(self, frame: Frame, number: int) -> bool:
+        first = frame.events[0]
+        if isinstance(first, Reading):
+            return number == (first.reading if self.is_table else first.step)
+        return isinstance(first, Skipped) and number in first.steps
+
+    def _go(self, frame: int) -> None:
+        self._frame = min(max(frame, 0), len(self.frames) - 1)
+        self._time_s = self._times_s[self._frame]
+        self._playing = False
+
+    @property
+    def session(self) -> Session:
+        """The session after the events shown, as `fold` gives it."""
+        if self._session is None or self._session[0] != self.position:
+            self._session = self.position, fold(self.record.events[: self.position])
+        return self._session[1]
+
+    @property
+    def shown(self) -> ShownSession:
+        """The session for the picture: steps known, also of a table; with its mounting."""
+        if self._shown is None or self._shown[0] != self.position:
+            self._shown = self.position, self._fold()
+        return self._shown[1]
+
+    def _fold(self) -> ShownSession:
+        session = fold(self._events[: self.position]) if self.is_table else self.session
+        if not session.mountings and session.all_readings:
+            session = replace(session, mountings=(_mounting(session.all_readings),))
+        kept = {field.name: getattr(session, field.name) for field in fields(Session)}
+        return ShownSession(**kept, known_steps=self.steps)
+
+    @property
+    def now(self) -> Step | None:
+        """The step just taken; after anything else that changes the order, the one to take."""
+        last = self._last_of_a_step()
+        if isinstance(last, Reading | Faulted) and last.step in self._by_number:
+            return self._by_number[last.step]
+        return self.shown.next_step() or (self.steps[-1] if self.steps else None)
+
+    def _last_of_a_step(self) -> Event:
+        """The last event shown that tells something about steps."""
+        at = self.position - 1
+        while isinstance(self._events[at], Noted | Closed):
+            at -= 1
+        return self._events[at]
+
+    @property
+    def events_shown_last(self) -> Sequence[Event]:
+        """The events of the frame that is shown."""
+        return self.frames[self._frame].events
+
+    @property
+    def at_either_end(self) -> bool:
+        """At the start or the end of the record."""
+        return self.at_end or self._frame == 0
+
+    @property
+    def warning(self) -> str:
+        """What is wrong with the end of the record; empty for a closed one."""
+        if self.record.end == "closed":
+            return ""
+        return end_warning(replace(self.record, path=Path(self.record.path.name)))
+
+    @property
+    def place(self) -> str:
+        """Which step is shown, out of how many."""
+        now = self.now
+        return f"{self.unit} {now.number if now else 0} of {len(self.steps)}"
+
+    @property
+    def live(self) -> list[Live]:
+        """What each indicator of the present step showed when it was read, and before."""
+        now = self.now
+        axes = now.axes if now else ()
+        mounts = self._mounts(now) if now else {}
+        found = [self._fault(axis) or self._live(axis, mounts.get(axis)) for axis in axes]
+        missing = self.gauge_count - len(found)
+        return found + [Live(None, 0.0, Motion.WAITING, ())] * missing
+
+    def _mounts(self, step: Step) -> dict[Leg, str]:
+        """The present mounting of each axis; none where the stand is not at this step."""
+        last = self.shown.mountings[-1] if self.shown.mountings else None
+        here = last is not None and (last.leg, last.station) == (step.leg, step.station)
+        return last.mounts if last is not None and here else {}
+
+    def _live(self, axis: Leg, mount: str | None) -> Live:
+        readings = [r for r in self.shown.all_readings if r.axis == axis and r.mount == mount]
+        if not readings:
+            return Live(None, 0.0, Motion.WAITING, ())
+        trend_mm = tuple(r.value_mm for r in readings[-HISTORY:])
+        return Live(_outcome(readings[-1]), self._age_s(readings[-1]), Motion.STABLE, trend_mm)
+
+    def _fault(self, axis: Leg) -> Live | None:
+        """The fault of this axis if the take shown last failed."""
+        for event in self.frames[self._frame].events:
+            if isinstance(event, Faulted) and event.axis == axis:
+                known = event.kind in list(FaultKind)
+                kind = FaultKind(event.kind) if known else FaultKind.NOT_UNDERSTOOD
+                fault = Fault(kind, event.text, event.kind)
+                return Live(fault, self._time_s - self._times_s[self._frame], Motion.FAULT, ())
+        return None
+
+    def _age_s(self, reading: Reading) -> float:
+        """Play time since a reading was shown. Line numbers count events from 1."""
+        shown_in = bisect_left(self._ends, reading.line)
+        return self._time_s - self._times_s[shown_in]
+
+
+def _first_speed(times_s: Sequence[float]) -> int:
+    """The highest speed at which a typical moment still stays for SHORTEST_S."""
+    gaps_s = [after - before for before, after in pairwise(times_s)]
+    typical_s = median(gaps_s) if gaps_s else SHORTEST_S
+    return max((s for s in SPEEDS if typical_s / s >= SHORTEST_S), default=SPEEDS[0])
+
+
+def _procedure_steps(record: Record) -> tuple[Step, ...]:
+    return fold(record.events[:1]).steps()
+
+
+def _numbered(events: Sequence[Event]) -> tuple[Event, ...]:
+    """The events of a table, each reading as a step of its own."""
+    return tuple(
+        event.model_copy(update={"step": event.reading}) if isinstance(event, Reading) else event
+        for event in events
+    )
+
+
+def _table_steps(events: Sequence[Event]) -> tuple[Step, ...]:
+    return tuple(
+        Step(r.reading, r.leg, r.displacement_mm, r.cycle, r.station, (r.axis,), r.position_mm)
+        for r in events
+        if isinstance(r, Reading)
+    )
+
+
+def _mounting(readings: Sequence[Reading]) -> Mounted:
+    """The mounting that the last readings stand for, where the record has no event of it."""
+    last = readings[-1]
+    together = [r for r in readings[-2:] if r.step == last.step and r.station == last.station]
+    mounts = {r.axis: r.mount for r in together}
+    return Mounted(leg=last.leg, station=last.station, mounts=mounts)
+
+
+def _outcome(reading: Reading) -> IndicatorReading:
+    """What the indicator said; the resolution from the text where the record does not state it."""
+    decimals = DECIMALS.search(reading.text)
+    shown_mm = 10.0 ** -len(decimals[1]) if decimals else FALLBACK_RESOLUTION_MM
+    return IndicatorReading(
+        text=reading.text,
+        value_mm=reading.value_mm,
+        resolution_mm=reading.resolution_mm or shown_mm,
+        unit_assumed=reading.unit_assumed,
+    )

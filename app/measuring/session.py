@@ -1,0 +1,348 @@
+"""The guided session: steps, indicators and record tied together; every face drives this."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Collection, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.measuring.gauges import Gauge
+from drivers.profile import Fault, FaultKind, Outcome
+from drivers.profile import Reading as IndicatorReading
+from protocols.events import (
+    Faulted,
+    Line,
+    Mounted,
+    Noted,
+    Reading,
+    Restored,
+    Skipped,
+    Superseded,
+)
+from protocols.journal import Journal
+from protocols.procedure import Leg, Step, default_mount
+from protocols.session import Disagreement, Session, disagreements, fold
+from protocols.session_clock import SessionClock
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What came of one take: the readings on the disk, or the faults that prevented it.
+
+    ``questioned`` are those of the readings that disagree with earlier repeats.
+    """
+
+    step: Step
+    readings: tuple[Reading, ...]
+    faults: tuple[Fault, ...]
+    questioned: tuple[Disagreement, ...] = ()
+
+
+LONGEST_MM = 1000.0
+"""No indicator moves so far: a reading beyond is a fault of the device."""
+
+
+def _plausible(outcome: Outcome) -> Outcome:
+    if isinstance(outcome, IndicatorReading) and abs(outcome.value_mm) > LONGEST_MM:
+        words = f"{outcome.value_mm:+.0f} mm is further than any indicator moves"
+        return Fault(FaultKind.OVER_RANGE, outcome.text, words)
+    return outcome
+
+
+class GuidedSession:
+    """One session being measured.
+
+    ``go`` is called with each step before it is measured; a simulated machine moves then, with a
+    real one it does nothing and the operator moves the machine. ``on_close`` frees the ports.
+    ``clock`` gives ``time_s`` of the readings; by default it goes on from the record.
+    """
+
+    def __init__(
+        self,
+        journal: Journal,
+        gauges: Sequence[Gauge],
+        go: Callable[[Step], None],
+        on_close: Callable[[], None],
+        clock: SessionClock | None = None,
+    ) -> None:
+        self._journal = journal
+        self.gauges = tuple(gauges)
+        self._go = go
+        self._on_close = on_close
+        self.session: Session = fold(journal.events)
+        self.steps = self.session.steps()
+        self._closed = False
+        self._lock = threading.RLock()
+        self._clock = clock or SessionClock(journal.events)
+        self._untold_jump_s = 0.0
+
+    @property
+    def path(self) -> Path:
+        """The file of the record."""
+        return self._journal.path
+
+    @property
+    def closed(self) -> bool:
+        """Whether the record is finished or left and the ports are free."""
+        return self._closed
+
+    def step(self) -> Step | None:
+        """The step to measure now; None when the procedure is done."""
+        return self.session.next_step()
+
+    def go(self) -> None:
+        """Tell the machine, where it can be told, to move to the present step."""
+        step = self.step()
+        if step is not None:
+            for gauge in self.gauges:
+                gauge.restart_window()
+            self._go(step)
+
+    def take(self) -> Taken | None:
+        """Read every indicator of the present step and write the readings to the disk.
+
+        None when the procedure is done. Raises RecordError where the disk refuses; then nothing is
+        taken.
+        """
+        with self._lock:
+            step = self.step()
+            return None if step is None or self._closed else self._take(step)
+
+    def look_at_clock(self) -> float:
+        """Seconds by which the computer's clock was set since the last call, 0 where it was not.
+
+        It is noted in the record. Raises RecordError.
+        """
+        with self._lock:
+            if not self._closed:
+                self._mark_jump()
+            jump_s, self._untold_jump_s = self._untold_jump_s, 0.0
+            return jump_s
+
+    def _mark_jump(self) -> None:
+        jump_s = self._clock.jump_s()
+        if jump_s:
+            self._untold_jump_s += jump_s
+            way = "forward" if jump_s > 0.0 else "back"
+            said = f"the computer's clock was set {way} by {abs(jump_s):.0f} s; time_s goes on"
+            self._append([Noted(text=said)])
+
+    def _take(self, step: Step) -> Taken:
+        self._mark_jump()
+        with ThreadPoolExecutor(len(step.axes)) as pool:
+            asked = list(pool.map(Gauge.ask, self.gauges[: len(step.axes)]))
+        outcomes = [_plausible(outcome) for outcome in asked]
+        faults = tuple(outcome for outcome in outcomes if isinstance(outcome, Fault))
+        events: list[Line] = []
+        if faults:
+            events += [
+                Faulted(step=step.number, axis=axis, kind=outcome.kind, text=outcome.text)
+                for axis, outcome in zip(step.axes, outcomes, strict=True)
+                if isinstance(outcome, Fault)
+            ]
+            self._append(events)
+            return Taken(step, (), faults)
+        mounts, mounting = self._mounting(step)
+        readings = self._readings(step, outcomes, mounts)
+        self._append([*mounting, *self._supersede_leftovers(step), *readings])
+        return Taken(step, readings, (), disagreements(self.session, readings))
+
+    def undo(self, reason: str = "repeated by the operator") -> Step | None:
+        """Supersede the readings of the last step taken; it becomes the present step again."""
+        with self._lock:
+            last = self.session.readings[-1] if self.session.readings else None
+            return None if last is None or last.step is None else self.repeat(last.step, reason)
+
+    def repeat(self, number: int, reason: str) -> Step | None:
+        """Supersede the readings of a step so that it is measured again; returns the next step.
+
+        Where the stand has left that mounting, readings of one step alone would have no zero:
+        then every step of the mounting is measured again. The same for a step that was skipped.
+        """
+        with self._lock:
+            gone = self.steps_repeated_with(number)
+            numbers = tuple(r.reading for r in self.session.readings if r.step in gone)
+            skipped = tuple(n for n in gone if n in self.session.skipped)
+            events: list[Line] = []
+            if numbers:
+                events.append(Superseded(readings=numbers, reason=reason))
+            if skipped:
+                events.append(Restored(steps=skipped, reason=reason))
+            self._append(events)
+            return self.step()
+
+    def steps_repeated_with(self, number: int) -> frozenset[int]:
+        """Which steps must be measured again when this one is: itself, or its whole mounting."""
+        mounts = {r.mount for r in self.session.readings if r.step == number}
+        if not mounts:
+            return self._brought_back_with(self.steps[number - 1])
+        last = self.session.mountings[-1].mounts.values()
+        if mounts <= set(last) and self.session.stand_untouched:
+            return frozenset((number,))
+        return self._taken_on(mounts)
+
+    def _brought_back_with(self, step: Step) -> frozenset[int]:
+        """Steps for one without readings: where the stand has left, its new mounting needs a Zero.
+
+        A Zero that is still to come will do. Else what was measured there is measured again, or
+        where all was skipped the Zeros of its cycle come back too.
+        """
+        alone = frozenset((step.number,))
+        settled = self.session.done() | self.session.skipped.keys()
+        there = [s for s in self.steps if s.place == step.place]
+        zeros = [s for s in there if s.displacement_mm == 0.0]
+        coming = any(s.number not in settled for s in zeros)
+        if coming or not self.session.needs_new_zero(step):
+            return alone
+        numbers = {s.number for s in there}
+        mounts = [r.mount for r in self.session.readings if r.step in numbers]
+        if mounts:
+            return self._taken_on(self._mounted_with(mounts[-1])) | alone
+        return alone | {s.number for s in zeros if s.cycle == step.cycle}
+
+    def _mounted_with(self, mount: str) -> set[str]:
+        """All names of the mounting that has this one."""
+        named = (set(m.mounts.values()) for m in self.session.mountings)
+        return next((names for names in named if mount in names), {mount})
+
+    def _taken_on(self, mounts: Collection[str]) -> frozenset[int]:
+        """Steps whose counting readings were taken on these mountings."""
+        taken = (r.step for r in self.session.readings if r.mount in mounts)
+        return frozenset(number for number in taken if number is not None)
+
+    def rest_of_place(self) -> tuple[Step, ...]:
+        """The present step and the unsettled ones that follow it on the same mounting."""
+        step = self.step()
+        settled = self.session.done() | self.session.skipped.keys()
+        return tuple(
+            s for s in self.steps if step and s.place == step.place and s.number not in settled
+        )
+
+    def restore(self, number: int, reason: str) -> bool:
+        """Let the last superseded readings of a step count again, if it has none by now.
+
+        Only while the stand is where it was. Returns whether there was anything to restore.
+        """
+        with self._lock:
+            session = self.session
+            step = next(step for step in self.steps if step.number == number)
+            if any(r.step == number for r in session.readings) or not session.stand_untouched:
+                return False
+            mounts = set(session.mountings[-1].mounts.values()) if session.mountings else set()
+            old = [r for r in session.all_readings if r.step == number and r.mount in mounts]
+            last = tuple(r.reading for r in old[-len(step.axes) :])
+            if not last:
+                return False
+            skipped = (number,) if number in session.skipped else ()
+            self._append([Restored(readings=last, steps=skipped, reason=reason)])
+            return True
+
+    def skip(self, numbers: Sequence[int], reason: str) -> Step | None:
+        """Leave steps out, with the reason; returns the next step.
+
+        Readings that they have, such as one of an interrupted step, count no more.
+        """
+        with self._lock:
+            gone = tuple(r.reading for r in self.session.readings if r.step in numbers)
+            superseded = [Superseded(readings=gone, reason=reason)] if gone else []
+            self._append([*superseded, Skipped(steps=tuple(numbers), reason=reason)])
+            return self.step()
+
+    def remount(self) -> None:
+        """The stand was moved: later readings of this place get a new zero."""
+        with self._lock:
+            step = self.step()
+            if step is not None:
+                self._append([self._new_mounting(step)])
+
+    def note(self, text: str) -> None:
+        """A remark for the record."""
+        with self._lock:
+            self._append([Noted(text=text)])
+
+    def finish(self) -> None:
+        """Close the record: complete if every step is done. Raises RecordError."""
+        with self._lock:
+            if not self._closed:
+                self._journal.finish(complete=self.session.complete)
+                self._release()
+
+    def leave(self) -> None:
+        """Stop for now; a take under way is given up, the session can be continued.
+
+        Raises RecordError where another program removed or changed the record.
+        """
+        for gauge in self.gauges:
+            gauge.close()
+        with self._lock:
+            if not self._closed:
+                try:
+                    self._journal.close()
+                finally:
+                    self._release()
+
+    def _release(self) -> None:
+        self._closed = True
+        self._on_close()
+
+    def __enter__(self) -> GuidedSession:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.leave()
+
+    def _append(self, events: Sequence[Line]) -> None:
+        self._journal.append(*events)
+        self.session = fold(self._journal.events)
+
+    def _mounting(self, step: Step) -> tuple[dict[Leg, str], list[Mounted]]:
+        """Names of the mountings for this step, and the event where the stand is new."""
+        if not self.session.needs_new_zero(step):
+            return self.session.mountings[-1].mounts, []
+        mounted = self._new_mounting(step)
+        return mounted.mounts, [mounted]
+
+    def _new_mounting(self, step: Step) -> Mounted:
+        used = {name for mounted in self.session.mountings for name in mounted.mounts.values()}
+        mounts: dict[Leg, str] = {}
+        for axis in step.axes:
+            base = name = default_mount(step.leg, axis, step.station)
+            number = 2
+            while name in used:
+                name, number = f"{base}#{number}", number + 1
+            mounts[axis] = name
+        return Mounted(leg=step.leg, station=step.station, mounts=mounts)
+
+    def _supersede_leftovers(self, step: Step) -> list[Superseded]:
+        """A step cut off between its two readings is measured again as a whole."""
+        numbers = tuple(r.reading for r in self.session.readings if r.step == step.number)
+        return [Superseded(readings=numbers, reason="step was interrupted")] if numbers else []
+
+    def _readings(
+        self, step: Step, outcomes: Sequence[Outcome], mounts: dict[Leg, str]
+    ) -> tuple[Reading, ...]:
+        opened = self.session.opened
+        time_s = round(self._clock.time_s(), 3)
+        first = len(self.session.all_readings) + 1
+        return tuple(
+            Reading(
+                reading=first + offset,
+                step=step.number,
+                leg=step.leg,
+                axis=axis,
+                displacement_mm=step.displacement_mm,
+                value_mm=outcome.value_mm,
+                text=outcome.text,
+                cycle=step.cycle,
+                mount=mounts[axis],
+                station=step.station,
+                time_s=time_s,
+                temperature_c=opened.temperature_c,
+                resolution_mm=outcome.resolution_mm,
+                unit_assumed=outcome.unit_assumed,
+            )
+            for offset, (axis, outcome) in enumerate(zip(step.axes, outcomes, strict=True))
+            if isinstance(outcome, IndicatorReading)
+        )

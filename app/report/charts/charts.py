@@ -1,0 +1,281 @@
+"""What the plots show: series of points and their scales, computed apart from any screen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from app.evaluating.diagnosis import SEEN, Cell
+from app.measuring.leg_review import leg_rows
+from calib.identify.solution import Solution
+from protocols.procedure import Step
+from protocols.session import Session
+
+MOST_TICKS = 6
+LEAST_SPAN_MM = 0.004
+"""A scale is not stretched over less: below stands the resolution of the indicators."""
+
+ASIDE = 0.12
+"""Two series over the same names stand so far to the left and right of each name."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """Points of one kind; ``names`` of the chart label ``x`` where it is not a length."""
+
+    name: str
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Chart:
+    """One plot: series over one horizontal axis with the words beside it.
+
+    With ``x_names`` the places 1, 2, … of ``x`` carry names in the place of numbers.
+    """
+
+    title: str
+    x_words: str
+    y_words: str
+    series: tuple[Series, ...]
+    x_names: tuple[str, ...] = ()
+
+    @property
+    def heading(self) -> str:
+        """The title with the unit of the values."""
+        return f"{self.title}, {self.y_words}"
+
+    def x_ticks(self) -> tuple[float, ...]:
+        """Round numbers, or the places of the names."""
+        if self.x_names:
+            return tuple(float(k) for k in range(1, len(self.x_names) + 1))
+        return round_ticks(x for series in self.series for x in series.x)
+
+    def x_limits(self, columns: int) -> tuple[float, float]:
+        """Ends of the horizontal axis; named places have room on both sides."""
+        ticks = self.x_ticks()
+        return (0.5, ticks[-1] + 0.5) if self.x_names else even_limits(ticks, columns)
+
+    def x_labels(self, places: Sequence[float]) -> list[str]:
+        """Names or numbers at places of the horizontal axis."""
+        if self.x_names:
+            return [self.x_names[round(place) - 1] for place in places]
+        return tick_labels(places)
+
+    @property
+    def x_label_cells(self) -> int:
+        """How many cells a label of the horizontal axis takes, with what keeps it apart."""
+        if self.x_names:
+            return max(map(len, self.x_names)) + 2
+        return label_cells(tick_labels(self.x_ticks()))
+
+    def y_ticks(self) -> tuple[float, ...]:
+        """Round numbers around all values and zero."""
+        return round_ticks(y for series in self.series for y in series.y)
+
+
+def readings_by_posture(session: Session, step: Step) -> Chart:
+    """Readings of a leg minus the Zero of their cycle over the displacement, one series an axis."""
+    series = []
+    for axis in step.axes:
+        rows = [row for row in leg_rows(session, step) if row.axis == axis]
+        points = [point for row in rows for point in row.minus_zero_mm.items()]
+        series.append(_series(f"along {axis.upper()}", points))
+    title = f"Leg {step.leg.upper()}: readings minus Zero"
+    return Chart(title, "displacement, mm", "mm", tuple(s for s in series if s.x))
+
+
+def measured_and_predicted(solution: Solution) -> Chart:
+    """The differences as measured, and what the model leaves of them."""
+    rows = list(solution.differences.published_rows)
+    left = solution.differences.value_mm - solution.predicted_mm
+    measured = [float(solution.differences.value_mm[k]) for k in rows]
+    names = tuple(solution.differences.names[k] for k in rows)
+    pair = _pair("measured", measured, "left", [float(left[k]) for k in rows])
+    return Chart("Differences", "", "mm", pair, names)
+
+
+def before_and_after(before: Solution, after: Solution) -> Chart:
+    """The differences before and after the offsets were entered."""
+    later = dict(zip(after.differences.names, after.differences.value_mm, strict=True))
+    rows = [k for k in before.differences.published_rows if before.differences.names[k] in later]
+    names = tuple(before.differences.names[k] for k in rows)
+    earlier = [float(before.differences.value_mm[k]) for k in rows]
+    pair = _pair("before", earlier, "after", [float(later[name]) for name in names])
+    return Chart("Differences", "", "mm", pair, names)
+
+
+def thinned(series: Series, columns: int) -> Series:
+    """At most two points in each of so many columns: its lowest and its highest."""
+    if not series.x:
+        return series
+    first = min(series.x)
+    columns = max(1, columns)
+    width = (max(series.x) - first) / columns or 1.0
+    held: dict[int, list[tuple[float, float]]] = {}
+    for point in zip(series.x, series.y, strict=True):
+        column = min(int((point[0] - first) / width), columns - 1)
+        held.setdefault(column, []).append(point)
+    kept: list[tuple[float, float]] = []
+    for points in held.values():
+        ends = (min(points, key=lambda p: p[1]), max(points, key=lambda p: p[1]))
+        kept += dict.fromkeys(ends)
+    return _series(series.name, kept)
+
+
+def turned(chart: Chart, rows: int) -> Chart:
+    """Names from top to bottom on so many rows, values from left to right, for narrow places.
+
+    Series stand on rows of their own below each other where there are enough.
+    """
+    last, each = len(chart.x_names) + 1, rows // len(chart.x_names)
+    on_side = []
+    for number, series in enumerate(chart.series):
+        below = min(number, each - 1) / each
+        on_side.append(
+            replace(series, x=series.y, y=tuple(last - round(x) - below for x in series.x))
+        )
+    return replace(chart, series=tuple(on_side))
+
+
+def turned_limits(names: int, rows: int) -> tuple[float, float]:
+    """Lower and upper end of the axis on which every name falls on the middle of a row."""
+    each = rows // names
+    free = rows - 1 - (names - 1) * each
+    lower = 1.0 - math.ceil(free / 2) / each
+    return lower, lower + (rows - 1) / each
+
+
+def round_ticks(values: Iterable[float]) -> tuple[float, ...]:
+    """At most eight round numbers that hold all values and zero between them."""
+    held = [0.0, *values]
+    lower, upper = min(held), max(held)
+    span = upper - lower
+    if span < LEAST_SPAN_MM:
+        lower, upper, span = lower - LEAST_SPAN_MM / 2, upper + LEAST_SPAN_MM / 2, LEAST_SPAN_MM
+    decade = 10.0 ** math.floor(math.log10(span / MOST_TICKS))
+    step = next(f * decade for f in (1.0, 2.0, 5.0, 10.0) if span / (f * decade) <= MOST_TICKS)
+    first, last = math.floor(lower / step), math.ceil(upper / step)
+    return tuple(k * step for k in range(first, last + 1))
+
+
+def even_limits(ticks: Sequence[float], cells: int) -> tuple[float, float]:
+    """Ends of an axis of so many cells on which every tick falls on the middle of a cell.
+
+    Where there are fewer cells than ticks: the first and the last tick.
+    """
+    steps = len(ticks) - 1
+    each = (cells - 1) // steps
+    if each < 1:
+        return ticks[0], ticks[-1]
+    cell = (ticks[-1] - ticks[0]) / steps / each
+    lower = ticks[0] - (cells - 1 - steps * each) // 2 * cell
+    return lower, lower + (cells - 1) * cell
+
+
+def spread(ticks: Sequence[float], room: int, each: int) -> tuple[float, ...]:
+    """Those of round ticks that get a label: each takes so many cells of the room; zero is kept."""
+    every = _every(len(ticks) - 1, room - 1, each)
+    zero = ticks.index(0.0) if 0.0 in ticks else 0
+    return tuple(tick for k, tick in enumerate(ticks) if (k - zero) % every == 0)
+
+
+def tick_labels(ticks: Sequence[float]) -> list[str]:
+    """Round numbers without needless decimals, all with as many."""
+    decimals = max(len(f"{tick:.6f}".rstrip("0").partition(".")[2]) for tick in ticks)
+    return [f"{tick + 0.0:.{decimals}f}" for tick in ticks]
+
+
+def label_cells(labels: Sequence[str]) -> int:
+    """Cells a number below a plot takes; the last one may be moved inwards by half its length."""
+    longest = max(map(len, labels))
+    return longest + longest // 2 + 2
+
+
+def _every(steps: int, room: int, each: int) -> int:
+    """Every how manyth step has the room that it needs."""
+    return max(1, math.ceil(steps * each / max(1, room)))
+
+
+def _series(name: str, points: Sequence[tuple[float, float]]) -> Series:
+    return Series(name, tuple(x for x, _ in points), tuple(y for _, y in points))
+
+
+def _pair(
+    name: str, values: Sequence[float], other_name: str, others: Sequence[float]
+) -> tuple[Series, Series]:
+    """Two series over the same names, beside each other so that none hides the other."""
+    places = range(1, len(values) + 1)
+    return (
+        Series(name, tuple(k - ASIDE for k in places), tuple(values)),
+        Series(other_name, tuple(k + ASIDE for k in places), tuple(others)),
+    )
+
+
+HALF = 0.36
+"""The displacements of one mounting stand so far to the left and right of its name."""
+
+EDGE = 0.45
+"""Where the noise of a mounting is marked, clear of its displacements."""
+
+BESIDE = 0.03
+
+
+def residuals_before_and_after(cells: Sequence[Cell]) -> Chart:
+    """Mean residuals in µm of each mounting, its displacements from left to right, and the noise.
+
+    The noise is drawn at two standard deviations of a mean, on both sides of zero.
+    """
+    stations = {cell.station for cell in cells}
+    mounts = sorted({_mount(cell) for cell in cells})
+    places = {mount: float(k) for k, mount in enumerate(mounts, start=1)}
+    names = tuple(mount_name(*mount, stations=len(stations)) for mount in mounts)
+    adopted = any(cell.after_mm is not None for cell in cells)
+    aside = BESIDE if adopted else 0.0
+    series = [_noise(cells, places), _residuals("before", cells, places, -aside)]
+    if adopted:
+        series.append(_residuals("after adopting", cells, places, aside, after=True))
+    words = "displacement from left to right"
+    return Chart("Mean residual", words, "µm", tuple(series), names)
+
+
+def mount_name(leg: str, axis: str, station: float, *, stations: int) -> str:
+    """A mounting in a few letters; the station, in percent, only where there are several."""
+    if stations > 1:
+        return f"{leg}{axis}{100.0 * station:.0f}"
+    return f"{leg.upper()} along {axis.upper()}"
+
+
+def _mount(cell: Cell) -> tuple[str, str, float]:
+    return cell.leg, cell.axis, cell.station
+
+
+def _residuals(
+    name: str,
+    cells: Sequence[Cell],
+    places: dict[tuple[str, str, float], float],
+    aside: float,
+    *,
+    after: bool = False,
+) -> Series:
+    reach = max(abs(cell.displacement_mm) for cell in cells) or 1.0
+    x, y = [], []
+    for cell in cells:
+        value_mm = cell.after_mm if after else cell.before_mm
+        if value_mm is not None:
+            x.append(places[_mount(cell)] + HALF * cell.displacement_mm / reach + aside)
+            y.append(1000.0 * value_mm)
+    return Series(name, tuple(x), tuple(y))
+
+
+def _noise(cells: Sequence[Cell], places: dict[tuple[str, str, float], float]) -> Series:
+    x: list[float] = []
+    y: list[float] = []
+    for mount, place in places.items():
+        floor = SEEN * 1000.0 * max(cell.noise_mm for cell in cells if _mount(cell) == mount)
+        for side in (-EDGE, EDGE):
+            x += [place + side, place + side]
+            y += [-floor, floor]
+    return Series("noise", tuple(x), tuple(y))

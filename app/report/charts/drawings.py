@@ -1,0 +1,214 @@
+"""Line drawings for a terminal: strokes, marks and scale, computed apart from any screen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from app.planning.hexaslide_seen import Found
+from app.report.charts.charts import Chart, Series
+from calib.hexaslide.geometry import CHAINS, Box
+from calib.hexaslide.kinematics import joints, legs
+from calib.hexaslide.planning import HexaSlide
+from calib.observations import FloatArray
+
+Point = tuple[float, float]
+Limits = tuple[float, float]
+
+CELL_HEIGHT = 2.0
+"""A cell of a terminal is about twice as high as it is wide."""
+
+MARGIN = 0.04
+"""Room around what is drawn, as a share of it."""
+
+
+class Look(StrEnum):
+    """How a stroke is drawn, told apart without colour."""
+
+    DOTTED = "dotted"
+    THIN = "thin"
+    THICK = "thick"
+    MARKED = "marked"
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """A line through points."""
+
+    look: Look
+    points: tuple[Point, ...]
+
+
+@dataclass(frozen=True)
+class Label:
+    """Letters at a place."""
+
+    words: str
+    at: Point
+
+
+@dataclass(frozen=True)
+class Drawing(Chart):
+    """Strokes under the points of a chart; ``even`` keeps lengths alike in both directions."""
+
+    strokes: tuple[Stroke, ...] = ()
+    labels: tuple[Label, ...] = ()
+    even: bool = False
+
+    def limits(self, columns: int, rows: int) -> tuple[Limits, Limits]:
+        """Ends of both axes in a place of so many cells."""
+        points = [point for stroke in self.strokes for point in stroke.points]
+        points += [p for one in self.series for p in zip(one.x, one.y, strict=True)]
+        horizontal = _ends([x for x, _ in points])
+        vertical = _ends([y for _, y in points])
+        if not self.even:
+            return horizontal, vertical
+        cell = max(
+            (horizontal[1] - horizontal[0]) / max(1, columns),
+            (vertical[1] - vertical[0]) / (CELL_HEIGHT * max(1, rows)),
+        )
+        return _around(horizontal, cell * columns), _around(vertical, cell * CELL_HEIGHT * rows)
+
+
+def _ends(values: Sequence[float]) -> Limits:
+    lower, upper = min(values), max(values)
+    room = MARGIN * (upper - lower)
+    return lower - room, upper + room
+
+
+def _around(ends: Limits, span: float) -> Limits:
+    middle = (ends[0] + ends[1]) / 2.0
+    return middle - span / 2.0, middle + span / 2.0
+
+
+def ticks_within(limits: Limits, most: int) -> tuple[float, ...]:
+    """Round numbers between two ends, at most so many."""
+    span = limits[1] - limits[0]
+    decade = 10.0 ** math.floor(math.log10(span / max(1, most)))
+    for step in (factor * decade for factor in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)):
+        first, last = math.ceil(limits[0] / step), math.floor(limits[1] / step)
+        if last - first < most:
+            return tuple(k * step for k in range(first, last + 1))
+    return ()
+
+
+RAIL_DOTS, BOX_DOTS = 24, 12
+
+FRONT, ABOVE = (0, 2), (0, 1)
+"""Coordinates across and upwards."""
+
+PROJECTIONS = ((0, 1), (0, 2), (3, 4), (3, 5))
+"""Two of places, two of angles."""
+
+COORDINATES = ("x", "y", "z", "theta", "psi", "phi")
+
+
+def drawn_machine(machine: HexaSlide, posture: FloatArray) -> tuple[Drawing, Drawing]:
+    """The machine at a posture ``(6,)`` from the front and from above.
+
+    Rails are drawn as far as the sliders go in the box.
+    """
+    geometry = machine.geometry
+    sliders = legs(geometry, machine.box.grid()).sliders
+    rails = [
+        geometry.base + to[:, None] * geometry.rails
+        for to in (np.minimum(sliders.min(axis=0), 0.0), sliders.max(axis=0))
+    ]
+    at = legs(geometry, posture[None]).sliders[0]
+    carriages = geometry.base + at[:, None] * geometry.rails
+    platform = geometry.base + joints(geometry, posture[None])[0]
+    ring = platform[_around_centre(geometry.platform)]
+    strokes = [(Look.DOTTED, np.linspace(rails[0][k], rails[1][k], RAIL_DOTS)) for k in _chains()]
+    strokes += [(Look.THIN, np.stack([carriages[k], platform[k]])) for k in _chains()]
+    strokes.append((Look.THICK, ring))
+    return (
+        _seen_from("From the front", FRONT, machine.box, strokes, carriages),
+        _seen_from("From above", ABOVE, machine.box, strokes, carriages),
+    )
+
+
+def _chains() -> range:
+    return range(CHAINS)
+
+
+def _seen_from(
+    title: str,
+    axes: tuple[int, int],
+    box: Box,
+    strokes: list[tuple[Look, FloatArray]],
+    carriages: FloatArray,
+) -> Drawing:
+    """Lines in space ``(n, 3)`` seen along the axis that is left out."""
+    seen = list(axes)
+    flat = [Stroke(look, _points(line[:, seen])) for look, line in strokes]
+    numbers = enumerate(_points(carriages[:, seen]), start=1)
+    return Drawing(
+        title=title,
+        x_words=f"{'xyz'[axes[0]]}, m",
+        y_words=f"{'xyz'[axes[1]]} in m",
+        series=(),
+        strokes=(_outline(box, axes), *flat),
+        labels=tuple(Label(f"{chain}", at) for chain, at in numbers),
+        even=True,
+    )
+
+
+def _around_centre(platform: FloatArray) -> list[int]:
+    """The joints in their order around the platform, the first one once more."""
+    apart = platform - platform.mean(axis=0)
+    order = [int(k) for k in np.argsort(np.arctan2(apart[:, 1], apart[:, 0]))]
+    return [*order, order[0]]
+
+
+def drawn_postures(machine: HexaSlide, found: Found | None) -> tuple[Drawing, ...]:
+    """The four projections of start and optimum in the box."""
+    sets = () if found is None else (("start", found.begin), ("optimum", found.postures))
+    return tuple(_projected(machine.box, axes, sets) for axes in PROJECTIONS)
+
+
+def _projected(
+    box: Box, axes: tuple[int, int], sets: tuple[tuple[str, FloatArray], ...]
+) -> Drawing:
+    scale, unit = _scale_of(axes)
+    across, upwards = axes
+    series = tuple(
+        Series(name, _values(scale * postures[:, across]), _values(scale * postures[:, upwards]))
+        for name, postures in sets
+    )
+    return Drawing(
+        title=f"{COORDINATES[upwards]} over {COORDINATES[across]}",
+        x_words="",
+        y_words=unit,
+        series=series,
+        strokes=(_outline(box, axes),),
+    )
+
+
+def _outline(box: Box, axes: tuple[int, int]) -> Stroke:
+    """Dots on the edges of the box."""
+    scale, seen = _scale_of(axes)[0], list(axes)
+    steps = np.linspace(0.0, 1.0, BOX_DOTS)
+    ends = (np.zeros(BOX_DOTS), np.ones(BOX_DOTS))
+    unit = np.concatenate(
+        [np.column_stack([steps, end]) for end in ends]
+        + [np.column_stack([end, steps]) for end in ends]
+    )
+    lower, upper = box.lower[seen], box.upper[seen]
+    return Stroke(Look.MARKED, _points(scale * (lower + unit * (upper - lower))))
+
+
+def _scale_of(axes: tuple[int, int]) -> tuple[float, str]:
+    """Places are shown in metres, angles in degrees."""
+    return (1.0, "m") if axes[0] < len("xyz") else (180.0 / np.pi, "°")
+
+
+def _points(places: FloatArray) -> tuple[Point, ...]:
+    return tuple((float(x), float(y)) for x, y in places)
+
+
+def _values(values: FloatArray) -> tuple[float, ...]:
+    return tuple(float(value) for value in values)

@@ -1,0 +1,162 @@
+"""What is exported: identified parameters of one machine and where they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from app.evaluating.own_effects import known_laws
+from app.evaluating.solution import Solved, solve_files
+from app.report.text.caveats import caveats
+from calib.identify.solution import LACK_OF_FIT_LEVEL, Method, Solution, Subset
+from calib.printable import printable
+from calib.tripod.geometry import PARAMETER_NAMES
+from protocols.errors import RecordError
+from protocols.machine import Machine
+from protocols.model_file import is_model, read_model_file, to_model
+
+JOINT_OFFSETS = PARAMETER_NAMES[:3]
+
+UNKNOWN_HOME_OFFSET = (
+    "nobody stated the present HOME_OFFSET, 0 was assumed for every joint; state it in the "
+    "machine file, or give --ini or --home-offset to glidecal export."
+)
+NOT_KNOWN = "NOTE: the values are of a model file: it does not hold how well they are known."
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """How well one parameter is known, as the result states it, mm.
+
+    ``expanded_mm`` (95 %) is of the reading noise, ``enlarged_mm`` (95 %) counts what the model
+    leaves as noise, too.
+    """
+
+    standard_mm: float
+    coverage_factor: float
+    expanded_mm: float
+    enlarged_mm: float
+
+
+@dataclass(frozen=True)
+class Offsets:
+    """Parameters in mm with their uncertainties (none where the source has none).
+
+    ``cautions`` are what stands below the first lines of the result, and that a session is
+    unfinished, one line each; with ``lacks_fit`` its warning counts what the model leaves as
+    noise. ``home_offset_mm`` are the controller's present values, None where nobody stated
+    them.
+    """
+
+    source: str
+    machine: Machine
+    values_mm: dict[str, float]
+    uncertainty: dict[str, Uncertainty]
+    home_offset_mm: tuple[float, float, float] | None
+    remarks: tuple[str, ...] = ()
+    cautions: tuple[str, ...] = ()
+    lacks_fit: bool = False
+
+    @property
+    def joint_offsets_mm(self) -> tuple[float, float, float]:
+        """d_rho of joints x, y, z: true position = believed position + offset.
+
+        Raises RecordError where one is not stated.
+        """
+        missing = [name for name in JOINT_OFFSETS if name not in self.values_mm]
+        if missing:
+            raise _not_stated(f"offsets of {self.source}", missing)
+        x, y, z = (self.values_mm[name] for name in JOINT_OFFSETS)
+        return x, y, z
+
+    @property
+    def lengths_mm(self) -> dict[str, float]:
+        """The leg length errors that are not zero."""
+        names = PARAMETER_NAMES[3:]
+        return {name: self.values_mm[name] for name in names if self.values_mm.get(name)}
+
+
+def offsets_from_solved(solved: Solved) -> Offsets:
+    """Offsets of a solution."""
+    solution = solved.solution
+    machine = solved.sessions[0].opened.machine
+    fit = solution.lack_of_fit
+    remarks = []
+    if solution.subset != solved.choice.recommended:
+        remarks.append(
+            f"exported set: {solution.subset}; recommended: {solved.choice.recommended} "
+            f"({solved.choice.reasons[0]})"
+        )
+    return Offsets(
+        source=", ".join(solved.names),
+        machine=machine,
+        values_mm=dict(zip(solution.names, map(float, solution.values_mm), strict=True)),
+        uncertainty=_uncertainty(solution),
+        home_offset_mm=machine.home_offset_mm,
+        remarks=tuple(remarks),
+        cautions=tuple(map(one_line, caveats(solved))),
+        lacks_fit=fit is not None and fit.p_value < LACK_OF_FIT_LEVEL,
+    )
+
+
+def one_line(text: str) -> str:
+    """Whatever line breaks a name or a sentence has: a file of lines must not break there."""
+    return printable(" ".join(text.split()))
+
+
+def _uncertainty(solution: Solution) -> dict[str, Uncertainty]:
+    rows = zip(
+        solution.uncertainty_mm,
+        solution.coverage_factors,
+        solution.expanded_mm,
+        solution.enlarged_expanded_mm,
+        strict=True,
+    )
+    known = [Uncertainty(*map(float, row)) for row in rows]
+    return dict(zip(solution.names, known, strict=True))
+
+
+def offsets_from_file(path: Path, subset: Subset, method: Method) -> Offsets:
+    """Offsets of a session or a model file; an unfinished session is a caution, too.
+
+    Raises RecordError where the file is neither, NotIdentifiable where it gives no result.
+    """
+    if is_model(path):
+        return _offsets_from_model(path)
+    solved, warnings = solve_files([path], subset=subset, method=method)
+    offsets = offsets_from_solved(solved)
+    return replace(offsets, cautions=(*map(one_line, warnings), *offsets.cautions))
+
+
+def _offsets_from_model(path: Path) -> Offsets:
+    found = read_model_file(path)
+    to_model(found, f"model {path}", known_laws())
+    stated = {
+        name: v for name in PARAMETER_NAMES if (v := found.parameters_mm.get(name)) is not None
+    }
+    missing = [name for name in JOINT_OFFSETS if name not in stated]
+    if missing:
+        raise _not_stated(f"model {path}, parameters_mm", missing)
+    return Offsets(
+        source=path.name,
+        machine=found.machine,
+        values_mm=stated,
+        uncertainty={},
+        home_offset_mm=found.machine.home_offset_mm,
+        cautions=tuple(dict.fromkeys([NOT_KNOWN, *(found.cautions or ())])),
+    )
+
+
+def _not_stated(thing: str, missing: Sequence[str]) -> RecordError:
+    return RecordError(
+        thing,
+        f"no {' and no '.join(missing)}",
+        ", ".join(JOINT_OFFSETS) + ": an offset that nobody stated is not 0",
+        "Identify the joint offsets, or state every one of them.",
+    )
+
+
+def with_home_offset(offsets: Offsets, home_offset_mm: tuple[float, float, float]) -> Offsets:
+    """The same offsets for a controller that now holds these HOME_OFFSET values."""
+    return replace(offsets, home_offset_mm=home_offset_mm)

@@ -1,0 +1,144 @@
+"""What ``diagnose`` tells."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Annotated, Literal
+
+from app.report.schema.document import Finite, Report, at, called, made, schema
+from calib.diagnosis.results import (
+    Detectable,
+    Gap,
+    HeldOutGap,
+    LeftOver,
+    Named,
+    Value,
+    Verdict,
+)
+
+OrNone = Annotated[str | None, made(lambda name: name or None)]
+
+
+class GapNoise(Report):
+    """Of a single reading."""
+
+    standard_deviation_mm: float = at("noise_mm")
+    degrees_of_freedom: Finite = at("noise_df", "null: stated, taken as known")
+    source: str = at("noise_source")
+
+
+class Where(Report):
+    """A part of the gap: which leg, axis or pattern, its share and its chance."""
+
+    leg: OrNone
+    axis: OrNone
+    posture_or_pattern: str = at("pattern")
+    share: float
+    p_value: float
+
+
+class Effect(Report):
+    """An effect or a blunder that was named, and what adopting it does to the gap.
+
+    A ``where`` with commas lists legs or places that have values of their own.
+    """
+
+    id: str
+    kind: str
+    title: str
+    where: str
+    parameters: tuple[Value, ...]
+    p_value: float
+    gap_rms_before_mm: float
+    gap_rms_after_mm: float
+    indistinguishable_from: tuple[Named, ...]
+
+
+class UnnamedLaw(Effect):
+    """What is left without a name, like an effect."""
+
+    instead_of_what_was_named: bool
+    held_out_gap: HeldOutGap | None
+
+
+def _unnamed(left: LeftOver) -> SimpleNamespace:
+    return SimpleNamespace(
+        **vars(left.law), instead_of_what_was_named=left.whole, held_out_gap=left.held_out
+    )
+
+
+class Contender(Report):
+    """A candidate as it stands in the race, and why it was not named."""
+
+    id: str
+    where: str
+    parameters: tuple[Value, ...]
+    p_value: float = at("p_value", "of this one alone")
+    gap_rms_after_mm: float
+    held_out_gap_rms_mm: float | None
+    reason_rejected: str
+
+
+class Entered(Report):
+    """What to set in the controller and at the tool before that measurement."""
+
+    add_to_entered_offsets_mm: tuple[float, float, float] = at("entered_mm")
+    load: float = at("load", "times the tool's weight")
+
+
+class Next(Report):
+    """The measurement that would separate what stayed ambiguous."""
+
+    reason: str = at("next.reason")
+    protocol: str = at("next.protocol", "text of a TOML file, or the name of a procedure")
+    expected_separation: float = at(
+        "next.expected_separation", "noise variances of the hardest pair in between"
+    )
+    between: tuple[Named, ...] = at("next.between")
+    before: Entered = at("next")
+
+
+class DiagnosisReport(Report):
+    """``diagnose --json``: what is missing in the model."""
+
+    schema_id: Literal["glidecal.diagnosis/1"] = schema("glidecal.diagnosis/1")
+    sessions: tuple[str, ...] = at("found.names")
+    held_out: tuple[str, ...] = at("found.held_out")
+    noise: GapNoise = at("found.diagnosis")
+    verdict: Verdict = at("found.diagnosis.verdict")
+    sentence: str = at("found.diagnosis.sentence")
+    gap_before: Gap = at("found.diagnosis.gap_before")
+    gap_after: Gap = at("found.diagnosis.gap_after")
+    held_out_gap: HeldOutGap | None = at("found.diagnosis.held_out")
+    where: tuple[Where, ...] = at("found.diagnosis.where")
+    effects: tuple[Effect, ...] = at(
+        "found.diagnosis.effects", "in the order adopted; empty where nothing may be claimed"
+    )
+    candidates: tuple[Contender, ...] = at("found.diagnosis.candidates")
+    next_measurement: Annotated[Next | None, called("next")] = at(
+        "found.diagnosis.next_measurement"
+    )
+    smallest_detectable: tuple[Detectable, ...] = at("found.diagnosis.smallest_detectable")
+    left_over: Annotated[UnnamedLaw | None, made(_unnamed)] = at("found.diagnosis.left_over")
+    remarks: tuple[str, ...] = at("found.diagnosis.remarks")
+
+
+Place = Annotated[Named, made(lambda pair: Named(*pair))]
+
+
+class Imitating(Report):
+    """How well one effect is imitated by another."""
+
+    effect: Place
+    by: Place
+    contained: float = at("contained", "1 is never to be told apart")
+    left_in_noise_variances: float = at("distinguishable", "of an unremarkable size")
+
+
+class AliasReport(Report):
+    """``diagnose --aliases --json``: what a procedure cannot tell apart."""
+
+    schema_id: Literal["glidecal.aliases/1"] = schema("glidecal.aliases/1")
+    effects: tuple[Place, ...] = at("found.effects")
+    imitations: tuple[Imitating, ...] = at("found.imitations")
+    invisible: tuple[Place, ...] = at("found.invisible")

@@ -1,0 +1,323 @@
+"""What ``identifiability``, ``postures`` and ``solve`` tell of a Hexa Slide."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Annotated, Literal
+
+from app.planning.hexaslide import UNITS
+from app.planning.hexaslide_calibration import Calibrated
+from app.planning.hexaslide_seen import HexaSlideSeen
+from app.report.schema.document import (
+    Count,
+    LackOfFit,
+    Report,
+    Thousandths,
+    at,
+    called,
+    made,
+    rows,
+    schema,
+)
+from app.report.schema.planning import ClassicalQr, Direction, IdentifiabilityReport
+from calib.design.criteria import Criterion, Observability
+from calib.hexaslide.frames import PAIRS, inner_lengths
+from calib.hexaslide.geometry import unit_of
+from calib.hexaslide.procedures import DIFFERENCE_STEP, Kind
+from calib.hexaslide.residuals import ANGLES, Left
+
+
+class HexaSlideDirection(Direction):
+    """A lost combination, whole; other postures may show it."""
+
+    at_every_posture: bool
+
+
+def _lost(found: HexaSlideSeen) -> tuple[SimpleNamespace, ...]:
+    return tuple(
+        SimpleNamespace(**vars(one), at_every_posture=one.name in found.always)
+        for one in found.seen.lost
+    )
+
+
+class ForwardDifferences(Report):
+    """The rule of papers/001 on derivatives as the paper took them."""
+
+    step_m: float = DIFFERENCE_STEP
+    postures: int = at("posture_count")
+    row_count: int
+    rank: int = at("counted", "what the rule counts")
+    true_rank: int = at("rank")
+    decided_by: Literal["geometry", "rows", "parameters", "postures"]
+    tolerance: float = at("qr.tolerance")
+    flagged: tuple[str, ...] = at("qr.flagged")
+    errors_in_tolerances: tuple[float, float] | None = at("errors", "least and largest")
+
+
+class PaperRules(ClassicalQr):
+    """The rule of papers/001 on exact derivatives, and as the paper took them."""
+
+    tolerance: float = at("seen.qr.tolerance")
+    flagged: tuple[str, ...] = at("seen.qr.flagged")
+    rank: Annotated[int, made(lambda seen: len(seen.found.names) - len(seen.qr.flagged))] = at(
+        "seen", "what the rule counts"
+    )
+    forward_differences: tuple[ForwardDifferences, ...] = at("rules")
+
+
+class HexaSlideIdentifiabilityReport(IdentifiabilityReport):
+    """``identifiability hexaslide --json``."""
+
+    lost_directions: Annotated[tuple[HexaSlideDirection, ...], made(_lost)] = at("found")
+    classical_qr: PaperRules = at("found")
+    reachable_rank: int | None = at("seen.examined.reachable_rank", "with postures enough")
+    condition_numbers: dict[str, float] = at("found.conditions", "by units")
+
+
+class HexaSlidePosturesReport(Report):
+    """``postures hexaslide --json``: figures are of the combinations that are seen."""
+
+    schema_id: Literal["glidecal.postures/1"] = schema("glidecal.postures/1")
+    machine: Literal["hexaslide"] = "hexaslide"
+    procedure: Kind = at("boxed.procedure.kind")
+    measured: tuple[str, ...] = at("boxed.procedure.read")
+    count: Count = at("boxed.best.refined.coordinates")
+    criterion: Criterion = at("boxed.best.criterion")
+    value: float = at("boxed.best.refined.value")
+    start_value: float = at("boxed.best.refined.start_value")
+    rank: int = at("boxed.best.rank", "combinations that are seen")
+    condition_number: float = at("boxed.best.condition_number")
+    start_condition_number: float = at("boxed.best.start_condition_number")
+    published_criteria: Observability = at("boxed.best.found")
+    start_published_criteria: Observability = at("boxed.best.start")
+    units: str = UNITS
+    postures: tuple[dict[str, float], ...] = at("boxed.postures")
+    coordinates_on_bound: int = at("boxed.best.refined.on_bound")
+    start_coordinates_on_bound: int = at("boxed.best.start_on_bound")
+    source: str = at("boxed.source", "of the first start")
+    seconds: float = at("boxed.seconds")
+    starts: Count = at("boxed.best.values")
+    values_of_starts: tuple[float, ...] = at("boxed.best.values")
+    seed: int = at("boxed.seed")
+
+
+@dataclass(frozen=True)
+class Rms:
+    """Root mean squares of lengths and angles; null where there are none."""
+
+    length_mm: float | None
+    angle_mrad: float | None
+
+
+def _rms(left: Left) -> Rms:
+    both = (left.rms(angles=False), left.rms(angles=True))
+    return Rms(*(None if size is None else 1000.0 * size for size in both))
+
+
+RmsOf = Annotated[Rms, made(_rms)]
+
+
+class PosturesUsed(Report):
+    """How many were measured and fitted, which kept out as a check, how many are needed."""
+
+    count: Count = at("solved.source.postures")
+    fitted: Count = at("solved.numbers")
+    held_out: Annotated[
+        tuple[int, ...], made(lambda one: one.held_out.numbers if one.held_out else ())
+    ] = at("solved")
+    fewest: int = at("solved.fewest")
+
+
+@dataclass(frozen=True)
+class MeasuringNoise:
+    """Of one measured value; null where nothing tells it or no angle is measured."""
+
+    length_mm: float | None
+    angle_mrad: float | None
+    source: Literal["stated", "residuals"]
+    degrees_of_freedom: float | None
+
+
+def _noise(solved: Calibrated) -> MeasuringNoise:
+    found, own = solved.found, solved.source.noise
+    stated = math.isinf(found.degrees_of_freedom)
+    length = None if found.noise_m is None else 1000.0 * found.noise_m
+    angles = any(name in ANGLES for name in solved.source.measured)
+    ratio = own.angle_mrad / own.length_mm if stated else 1.0
+    return MeasuringNoise(
+        length,
+        length * ratio if angles and length is not None else None,
+        "stated" if stated else "residuals",
+        None if stated else found.degrees_of_freedom,
+    )
+
+
+def _lack_of_fit(solved: Calibrated) -> LackOfFit:
+    """Variance that is left by the stated one."""
+    if solved.p_value is None:
+        return LackOfFit()
+    ratio = (solved.found.square_sum or 0.0) / solved.found.free_values
+    return LackOfFit(statistic=ratio, p_value=solved.p_value)
+
+
+@dataclass(frozen=True)
+class HexaSlideParameter:
+    """Uncertainties of those only that are known one by one; of others they mean nothing."""
+
+    value: float
+    nominal: float
+    unit: str
+    individually_known: bool
+    standard_uncertainty: float | None = None
+    expanded_uncertainty: float | None = None
+    coverage_factor: float | None = None
+
+
+def _parameters(solved: Calibrated) -> dict[str, HexaSlideParameter]:
+    found, u, factor = solved.found, solved.uncertainty, solved.factor
+    rows = {}
+    for k, name in enumerate(found.names):
+        known = name in found.known
+        own = float(u[k]) if known and u is not None else None
+        uncertain = () if own is None else (own, own * (factor or 0.0), factor)
+        value, nominal = float(found.parameters[k]), float(solved.start[k])
+        rows[name] = HexaSlideParameter(value, nominal, unit_of(name), known, *uncertain)
+    return rows
+
+
+@dataclass(frozen=True)
+class InnerLength:
+    """A distance that no frame changes."""
+
+    value_m: float
+    standard_uncertainty_m: float | None = None
+
+
+INNER_NAMES = (
+    *(f"B{i + 1}-B{j + 1}" for i, j in PAIRS),
+    *(f"A1-A{chain}" for chain in range(2, 7)),
+    *(f"l{chain}" for chain in range(1, 7)),
+)
+
+
+def _inner(solved: Calibrated) -> dict[str, InnerLength]:
+    u = solved.inner_uncertainty_m
+    uncertain = () if u is None else (u,)
+    return rows(InnerLength, INNER_NAMES, inner_lengths(solved.found.machine.geometry), *uncertain)
+
+
+@dataclass(frozen=True)
+class ComponentLeft:
+    """What is left of one component, or of one chain with pose-inverse."""
+
+    component: str
+    rms: float
+    unit: Literal["mm", "mrad"]
+    share: float
+
+
+def _by_component(solved: Calibrated) -> tuple[ComponentLeft, ...]:
+    left = solved.found.after
+    sizes = 1000.0 * (left.values**2).mean(axis=0) ** 0.5
+    columns = zip(left.names, sizes.tolist(), left.angular, solved.by_column.tolist(), strict=True)
+    return tuple(
+        ComponentLeft(name, size, "mrad" if angular else "mm", share)
+        for name, size, angular, share in columns
+    )
+
+
+@dataclass(frozen=True)
+class PostureLeft:
+    """What is left at one posture."""
+
+    posture: int
+    share: float
+
+
+class LeftReport(Report):
+    """Shares of what is left."""
+
+    by_component: Annotated[tuple[ComponentLeft, ...], made(_by_component)] = at("solved")
+    by_posture: Annotated[
+        tuple[PostureLeft, ...],
+        made(lambda one: tuple(map(PostureLeft, one.numbers, one.by_posture.tolist()))),
+    ] = at("solved")
+    effects: tuple[str, ...] = ()
+    remark: str = (
+        "The catalogue of effects is for the Orthoglide; for a Hexa Slide nothing is looked for by "
+        "name."
+    )
+
+
+class HeldOutReport(Report):
+    """At the postures kept out of the fit."""
+
+    rms_before: RmsOf = at("before")
+    rms_after: RmsOf = at("after")
+
+
+class Apart(Report):
+    """A machine against the true one; constant motions are laid over first."""
+
+    position_rms_mm: Thousandths = at("places_rms_m")
+    position_worst_mm: Thousandths = at("places_worst_m")
+    angle_rms_mrad: Thousandths = at("angles_rms_rad")
+    platform_frame_turned_mrad: Thousandths = at("turned_rad")
+    platform_frame_shifted_mm: Thousandths = at("shifted_m")
+    base_turned_mrad: Thousandths = at("base_turned_rad")
+
+
+class TruthReport(Report):
+    """The nominal and the identified machine against the true one."""
+
+    postures: Annotated[
+        Literal["held out", "all"], made(lambda kept_out: "held out" if kept_out else "all")
+    ] = at("kept_out")
+    before: Apart
+    after: Apart
+    individually_known_within_95_percent: int | None = at("held")
+    individually_known_count: Count = at("misses")
+    individually_known_worst: Annotated[
+        float, made(lambda misses: float(abs(misses).max(initial=0.0)))
+    ] = at("misses")
+    inner_lengths_worst_mm: Annotated[
+        float, made(lambda inner: 1000.0 * float(abs(inner).max()))
+    ] = at("inner_m")
+
+
+class CalibrationReport(Report):
+    """``solve --json`` of a Hexa Slide."""
+
+    schema_id: Literal["glidecal.hexaslide-calibration/1"] = schema(
+        "glidecal.hexaslide-calibration/1"
+    )
+    measurements: str = at("solved.name")
+    origin: Literal["measured", "simulated"] = at("solved.source.origin")
+    seed: int | None = at("solved.source.seed")
+    machine: str = at("solved.source.machine.name")
+    machine_file: str = at("solved.source.machine_file")
+    procedure: Kind = at("solved.source.procedure")
+    measured: tuple[str, ...] = at("solved.source.measured")
+    postures: Annotated[PosturesUsed, called("solved")] = at("solved")
+    rank: int = at("solved.found.rank")
+    parameter_count: Count = at("solved.found.names")
+    steps: int = at("solved.found.steps")
+    converged: bool = at("solved.found.converged")
+    rms_before: RmsOf = at("solved.found.before")
+    rms_after: RmsOf = at("solved.found.after")
+    noise: Annotated[MeasuringNoise, made(_noise)] = at("solved")
+    lack_of_fit: Annotated[LackOfFit, made(_lack_of_fit)] = at("solved")
+    condition_number: float = at("solved.found.condition_number")
+    units: str = UNITS
+    parameters: Annotated[dict[str, HexaSlideParameter], made(_parameters)] = at("solved")
+    individually_known: tuple[str, ...] = at("solved.found.known")
+    lost_motions: tuple[str, ...] = at("solved.found.lost")
+    lost_count: int = at("solved.found.lost_count")
+    inner_lengths: Annotated[dict[str, InnerLength], made(_inner)] = at(
+        "solved", "26 that no frame changes"
+    )
+    residuals: Annotated[LeftReport, called("solved")] = at("solved")
+    held_out: HeldOutReport | None = at("solved.held_out")
+    truth: TruthReport | None = at("solved.truth")

@@ -1,0 +1,117 @@
+"""What ``identifiability``, ``postures`` and ``plan`` tell of an Orthoglide."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from app.planning.next_measurement import Proposal
+from app.report.schema.document import Count, Finite, Report, at, made, schema
+from calib.design.criteria import Criterion
+from calib.tripod.pool import STATIONS
+
+
+class Addition(Report):
+    """The added posture that helps most, and the uncertainty then."""
+
+    posture: str = at("where")
+    standard_uncertainty_mm: float = at("standard_uncertainty")
+
+
+class Direction(Report):
+    """A combination of parameters that is lost or weak."""
+
+    name: str
+    combination: dict[str, float] = at("shares", "shares of the parameters")
+    standard_uncertainty_mm: float | None = at("standard_uncertainty", "null where lost")
+    tool_mm: float | None = at("tool_mm", "null where lost")
+    cure: Addition | None
+
+
+class PosturesSeen(Report):
+    """How many steps, and where they come from."""
+
+    count: int = at("posture_count")
+    source: str
+
+
+class ClassicalQr(Report):
+    """The test of papers/001, in the order of the parameters."""
+
+    tolerance: float
+    flagged: tuple[str, ...]
+
+
+class IdentifiabilityReport(Report):
+    """``identifiability --json``: what a procedure can and cannot see."""
+
+    schema_id: Literal["glidecal.identifiability/1"] = schema("glidecal.identifiability/1")
+    machine: str = at("seen.machine")
+    procedure: str = at("seen.examined.procedure")
+    measured: tuple[str, ...] = at("seen.examined.measured", "axis_leg, or what else is read")
+    postures: PosturesSeen = at("seen.examined")
+    parameters: tuple[str, ...] = at("seen.found.names")
+    rank: int = at("seen.found.rank")
+    parameter_count: Count = at("seen.found.names")
+    row_count: int = at("seen.found.row_count", "visits, or values")
+    independent_row_count: int = at(
+        "seen.examined.independent_count", "different postures less zeros, or values"
+    )
+    limited_by: Literal["nothing", "too-few-postures"] = at("seen.limited_by")
+    fewest_postures: int | None = at("seen.examined.fewest_postures")
+    published_rank: int | None = at(
+        "seen.examined.published_rank", "of papers/001; null where it has none"
+    )
+    remark: str = at("seen.examined.remark")
+    individually_identifiable: tuple[str, ...] = at("seen.found.individually_known")
+    lost_directions: tuple[Direction, ...] = at("seen.lost")
+    weak_directions: tuple[Direction, ...] = at("seen.weak")
+    condition_number: Finite = at("seen.found.condition_number", "of what is seen")
+    units: str = at("seen.examined.units")
+    noise: str = at("seen.examined.noise_words")
+    classical_qr: ClassicalQr = at("seen.qr")
+
+
+class PosturesReport(Report):
+    """``postures --json``: optimum postures beside those of the procedure."""
+
+    schema_id: Literal["glidecal.postures/1"] = schema("glidecal.postures/1")
+    machine: str = at("chosen.machine")
+    procedure: str = at("chosen.procedure")
+    count: int = at("chosen.after.count")
+    criterion: Criterion = at("chosen.criterion")
+    value: float | None = at("chosen.after.value")
+    procedure_value: float | None = at("chosen.before.value")
+    grid_value: float | None = at(
+        "chosen.grid_value", "before the postures left the grid; null with --no-refine"
+    )
+    condition_number: float | None = at("chosen.after.condition_number")
+    start_condition_number: float | None = at(
+        "chosen.start_condition_number",
+        "of the random start that won; null where it did not see everything",
+    )
+    procedure_condition_number: float | None = at("chosen.before.condition_number")
+    tool_mm: float | None = at("chosen.after.tool_mm")
+    minutes: float = at("chosen.after.minutes")
+    postures: tuple[dict[str, float | str], ...] = at(
+        "chosen.postures", "leg, station, displacement_mm, approach"
+    )
+    coordinates_on_bound: int = at("chosen.coordinates_on_bound")
+    exchanges: int = at("chosen.exchanges")
+    seconds: float = at("chosen.seconds")
+    starts: int = at("chosen.starts")
+    seed: int = at("chosen.seed")
+
+
+class PlanReport(Report):
+    """``plan --json``: the next measurement worth making."""
+
+    schema_id: Literal["glidecal.plan/1"] = schema("glidecal.plan/1")
+    sessions: tuple[str, ...] = at("plan.sessions")
+    machine: str = at("plan.machine")
+    noise: str = at("plan.noise_words")
+    tool_before_mm: float = at("plan.tool_before_mm")
+    next: Proposal = at("plan.best")
+    runners_up: Annotated[tuple[Proposal, ...], made(lambda all_of_them: all_of_them[1:])] = at(
+        "plan.proposals"
+    )
+    stations: tuple[float, ...] = STATIONS

@@ -1,0 +1,269 @@
+"""What ``solve``, ``compare`` and ``export`` tell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from app.evaluating.accuracy import Judged
+from app.evaluating.comparison import Comparison
+from app.report.schema.document import (
+    Finite,
+    LackOfFit,
+    Matrix,
+    Numbers,
+    Report,
+    Root,
+    asked,
+    at,
+    called,
+    made,
+    rows,
+    schema,
+)
+from calib.identify.accuracy import ToolError
+from calib.identify.monte_carlo import MonteCarlo
+from calib.identify.solution import Method, Solution, Subset, Weights
+from calib.noise.reading import NoiseSource, Repeated
+
+if TYPE_CHECKING:  # its package imports this module
+    from app.report.offsets import Offsets
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """An identified parameter; the expanded uncertainty is for 95 %."""
+
+    value: float
+    standard_uncertainty: float
+    expanded_uncertainty: float
+    coverage_factor: float
+    unit: Literal["mm"] = "mm"
+
+
+def _parameters(solution: Solution) -> dict[str, Parameter]:
+    uncertain = (solution.uncertainty_mm, solution.expanded_mm, solution.coverage_factors)
+    return rows(Parameter, solution.names, solution.values_mm, *uncertain)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A reading less that at another posture, and what the solution predicts of it, mm."""
+
+    value: float
+    standard_uncertainty: float
+    predicted: float
+    residual: float
+
+
+def _differences(solution: Solution) -> dict[str, Difference]:
+    measured, predicted = solution.differences, solution.predicted_mm
+    residual, u = measured.value_mm - predicted, solution.difference_uncertainty_mm
+    every = rows(Difference, measured.names, measured.value_mm, u, predicted, residual)
+    return {name: every[name] for name in (measured.names[k] for k in measured.published_rows)}
+
+
+class Covariance(Report):
+    """Of the parameters, from the noise of the readings."""
+
+    names: tuple[str, ...]
+    matrix: Matrix = at("covariance_mm2")
+    unit: Literal["mm²"] = "mm²"
+
+
+class IndicatorScatter(Report):
+    """One indicator; repeats in a posture share a part of the rounding."""
+
+    standard_deviation_mm: Root = at("variance_mm2")
+    rounding_shared_by_repeats_mm: Root = at("locked_mm2")
+
+
+class ReadingNoise(Report):
+    """Of a single reading."""
+
+    standard_deviation_mm: float
+    degrees_of_freedom: Finite = at("degrees_of_freedom", "null: stated, taken as known")
+    source: NoiseSource
+    pooled: bool
+    repeats_show: Repeated = at("repeated")
+    wander_mm: float | None = at("wander_mm", "from cycle to cycle; null if chance may do it")
+    indicators: tuple[IndicatorScatter, ...]
+
+
+class SuspectReading(Report):
+    """It does not fit its own repeats: how many standard deviations."""
+
+    session: str
+    reading: int = at("reading.reading")
+    studentised: float
+
+
+class LostReadings(Report):
+    """Alone in their mounting: without another posture they say nothing."""
+
+    session: str
+    readings: Annotated[list[int], made(lambda readings: [one.reading for one in readings])]
+
+
+class ToolErrors(Report):
+    """With what the controller holds now, and with the solution entered."""
+
+    before: ToolError = at("tool_before")
+    after: ToolError = at("tool_after")
+    coverage_factor: float = at("tool_factor", "for both, 95 %")
+
+
+class WeakDirection(Report):
+    """A combination of parameters and what it costs at the tool."""
+
+    combination: str
+    standard_uncertainty_mm: float
+    tool_mm: float
+
+
+class ToolMap(Report):
+    """Expected tool error on a plane through Zero; rows go up."""
+
+    across: str
+    up: str
+    coordinate_mm: Numbers = at("coordinate_mm", "across")
+    up_mm: Annotated[list[float] | None, made(lambda array: array.tolist())] = asked(
+        "other_up_mm", "upwards, where these places are others than those across"
+    )
+    error_mm: Matrix
+
+
+@dataclass(frozen=True)
+class Covered:
+    """Share of the 95 % intervals that held the truth, true and stated standard uncertainty."""
+
+    covered: float
+    true_mm: float
+    stated_mm: float
+
+
+def _covered(found: MonteCarlo) -> dict[str, Covered]:
+    variances = (found.error_covariance_mm2.diagonal(), found.predicted_mm2)
+    return rows(Covered, found.names, found.covered, *(one**0.5 for one in variances))
+
+
+class SimulatedSessions(Report):
+    """Sessions like this one, simulated and identified."""
+
+    sessions: int = at("simulated.sessions")
+    failed: int = at("simulated.failed")
+    parameters: Annotated[dict[str, Covered], made(_covered)] = at("simulated")
+
+
+class SolutionReport(Report):
+    """``solve --json``: `Solved`; what was asked beyond it is there only then."""
+
+    schema_id: Literal["glidecal.solution/1"] = schema("glidecal.solution/1")
+    sessions: tuple[str, ...] = at("solved.names")
+    method: Method = at("solved.solution.method")
+    weights: Weights = at("solved.solution.weights")
+    subset: Subset = at("solved.solution.subset")
+    parameters: Annotated[dict[str, Parameter], made(_parameters)] = at("solved.solution")
+    covariance: Covariance = at("solved.solution")
+    differences: Annotated[dict[str, Difference], made(_differences)] = at(
+        "solved.solution",
+        "up to twelve, keys axis_leg with + for Max and - for Min; y_x alone is Max minus Min; "
+        "of the tool z(x, y, z) minus Zero",
+    )
+    rms_before_mm: float = at("solved.solution.rms_before_mm", "over all differences")
+    rms_after_mm: float = at("solved.solution.rms_after_mm", "over all differences")
+    degrees_of_freedom: int = at("solved.solution.degrees_of_freedom")
+    noise: ReadingNoise = at("solved.solution.noise")
+    suspect_readings: tuple[SuspectReading, ...] = at("solved.suspects")
+    lost_readings: tuple[LostReadings, ...] = at("solved.alone")
+    tool_error: ToolErrors = at("solved")
+    enlarged_by_lack_of_fit: float = at(
+        "solved.enlarged",
+        "factor on the standard deviation of the noise if what the model leaves is taken for "
+        "noise; 1 if that is no more",
+    )
+    expanded_with_lack_of_fit_mm: Annotated[
+        dict[str, float], made(lambda one: rows(float, one.names, one.enlarged_expanded_mm))
+    ] = at("solved.solution", "expanded uncertainty (95 %) of each parameter then")
+    lack_of_fit: Annotated[LackOfFit, made(lambda one: one.lack_of_fit or LackOfFit())] = at(
+        "solved.solution"
+    )
+    condition_number: float = at("solved.solution.condition_number")
+    weak_directions: tuple[WeakDirection, ...] = at("solved.solution.weak_directions")
+    recommended_subset: Subset = at("solved.choice.recommended")
+    reasons: tuple[str, ...] = at("solved.choice.reasons")
+    tolerance: Judged | None = asked("judged", "with --tolerance")
+    tool_maps: tuple[ToolMap, ...] | None = asked("maps", "with --map")
+    monte_carlo: Annotated[SimulatedSessions | None, called("simulated")] = asked(
+        "simulated", "with --monte-carlo"
+    )
+
+
+@dataclass(frozen=True)
+class BothValues:
+    """A difference before and after the offsets were entered, mm; null: not measured."""
+
+    before: float
+    after: float | None
+
+
+def _both(found: Comparison) -> dict[str, BothValues]:
+    later = _differences(found.after.solution)
+    return {
+        name: BothValues(one.value, later[name].value if name in later else None)
+        for name, one in _differences(found.before.solution).items()
+    }
+
+
+FirstName = Annotated[str, made(lambda names: names[0])]
+
+
+class ComparisonReport(Report):
+    """``compare --json``: two sessions of one machine."""
+
+    schema_id: Literal["glidecal.comparison/1"] = schema("glidecal.comparison/1")
+    before: FirstName = at("found.before.names")
+    after: FirstName = at("found.after.names")
+    differences: Annotated[dict[str, BothValues], made(_both)] = at("found")
+    rms_before_mm: float = at("found.before.solution.rms_before_mm")
+    rms_after_mm: float = at("found.after.solution.rms_before_mm")
+    rms_expected_mm: float = at(
+        "found.before.solution.rms_after_mm", "what the fit of the first session left"
+    )
+    unit: Literal["mm"] = "mm"
+    remarks: tuple[str, ...] = at("found.remarks")
+
+
+CONVENTION = "true position = believed position + d_rho; true length = nominal + d_L"
+
+
+@dataclass(frozen=True)
+class Offset:
+    """A parameter as exported; null where the source is a model file."""
+
+    value: float
+    standard_uncertainty: float | None = None
+    expanded_uncertainty: float | None = None
+    coverage_factor: float | None = None
+    expanded_with_lack_of_fit: float | None = None
+
+
+def _offsets(offsets: Offsets) -> dict[str, Offset]:
+    known = {
+        name: (u.standard_mm, u.expanded_mm, u.coverage_factor, u.enlarged_mm)
+        for name, u in offsets.uncertainty.items()
+    }
+    return {name: Offset(v, *known.get(name, ())) for name, v in offsets.values_mm.items()}
+
+
+class OffsetsReport(Report):
+    """``export --format json``: for another controller."""
+
+    schema_id: Literal["glidecal.offsets/1"] = schema("glidecal.offsets/1")
+    source: str = at("offsets.source")
+    machine: str = at("offsets.machine.name")
+    convention: str = CONVENTION
+    unit: Literal["mm"] = "mm"
+    cautions: tuple[str, ...] = at("offsets.cautions", "the lines that solve says of this result")
+    parameters: Annotated[dict[str, Offset], made(_offsets)] = at("offsets")
+    remarks: tuple[str, ...] = at("offsets.remarks")

@@ -1,0 +1,65 @@
+"""Where text leaves the program for a terminal or a pipe: nothing hidden goes out."""
+
+from __future__ import annotations
+
+import io
+import sys
+from typing import TextIO
+
+from calib.printable import printable
+
+LAYOUT = "\n\t"
+
+
+class PrintableStream(io.TextIOBase):
+    """Hands text on to another stream with hidden characters shown.
+
+    It offers no ``buffer``, so that nobody who looks for one gets past it.
+    """
+
+    def __init__(self, behind: TextIO) -> None:
+        self._behind = behind
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]  # typeshed has an attribute
+        """Of the stream behind."""
+        return self._behind.encoding
+
+    def write(self, text: str) -> int:
+        """Hand on; the count is of what was given."""
+        self._behind.write(printable(text, keep=LAYOUT))
+        return len(text)
+
+    def flush(self) -> None:
+        """Flush the stream behind."""
+        self._behind.flush()
+
+    def isatty(self) -> bool:
+        """Whether the stream behind is a terminal."""
+        return self._behind.isatty()
+
+    def fileno(self) -> int:
+        """Of the stream behind."""
+        return self._behind.fileno()
+
+
+def guard_standard_streams() -> None:
+    """From here on everything that is printed is printable.
+
+    The interface and the progress bar draw on ``sys.__stdout__`` and ``sys.__stderr__``, the
+    interface through a filter of its own (app/screens/interface.py).
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a console without UTF-8 gets "?", no traceback
+            stream.reconfigure(errors="replace")
+    if not isinstance(sys.stdout, PrintableStream):
+        sys.stdout = PrintableStream(sys.stdout)
+        sys.stderr = PrintableStream(sys.stderr)
+
+
+def need_terminal(what: str, instead: str) -> None:
+    """Raises UsageError where there is no terminal to show a screen on."""
+    from protocols.errors import UsageError
+
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise UsageError(what, "no terminal", f"a terminal, or {instead}")

@@ -1,0 +1,212 @@
+"""Optimum postures of a Hexa Slide in words."""
+
+from __future__ import annotations
+
+import math
+from statistics import median
+
+from app.planning.hexaslide import UNITS, BoxedPostures
+from app.planning.hexaslide_seen import HexaSlideSeen, PaperRule
+from app.report.text.tables import new_table, table_text, wrapped
+from calib.hexaslide.procedures import DIFFERENCE_STEP
+
+PUBLISHED_WORDS = {
+    "log10_determinant": "log10 det(JᵀJ)",
+    "geometric_mean": "geometric mean of σ / √postures",
+    "inverse_condition": "σ_L / σ_1",
+    "smallest_singular_value": "σ_L",
+    "noise_amplification": "σ_L² / σ_1",
+}
+"""The criteria of papers/001, section 4, in its order; the larger the better."""
+
+
+def boxed_text(found: BoxedPostures) -> str:
+    """Before and after, then the postures and how they were found."""
+    parts = [wrapped(_sentence(found)), _criteria(found), _postures(found.postures)]
+    return "\n\n".join([*parts, wrapped(_search(found))])
+
+
+def _sentence(found: BoxedPostures) -> str:
+    best, procedure = found.best, found.procedure
+    moved = bool(best.values)
+    before = f" (start {best.refined.start_value:.4g})" if moved else ""
+    condition = f"{best.condition_number:.4g}"
+    condition += f", at the start {best.start_condition_number:.4g}" if moved else ""
+    return (
+        f"hexaslide, {procedure.kind.value}, reading {', '.join(procedure.read)}: "
+        f"{len(found.postures)} postures for the {best.criterion.value} criterion, "
+        f"{best.refined.value:.5g}{before}. "
+        f"Condition number {condition} ({UNITS}; of the {best.rank} combinations that are "
+        "seen)."
+    )
+
+
+def _criteria(found: BoxedPostures) -> str:
+    best, moved = found.best, bool(found.best.values)
+    table = new_table("criteria of papers/001", *(["start", "found"] if moved else ["value"]))
+    sets = (best.start, best.found) if moved else (best.found,)
+    for name, words in PUBLISHED_WORDS.items():
+        table.add_row(words, *(f"{getattr(one, name):.4g}" for one in sets))
+    return table_text(table)
+
+
+def _postures(postures: tuple[dict[str, float], ...]) -> str:
+    table = new_table(*postures[0], left=0)
+    for posture in postures:
+        table.add_row(*(f"{value + 0.0:.4f}" for value in posture.values()))
+    return table_text(table)
+
+
+def _search(found: BoxedPostures) -> str:
+    best, size = found.best, found.best.refined.coordinates.size
+    share = f"{100.0 * best.refined.on_bound / size:.0f} %"
+    if not best.values:
+        return f"{share} of the coordinates stand on a bound of the box. From {found.source}."
+    return (
+        f"{share} of the coordinates stand on a bound of the box, at the start "
+        f"{100.0 * best.start_on_bound / size:.0f} %. {_starts(found)}, seed {found.seed}, "
+        f"{found.seconds:.1f} s."
+    )
+
+
+def _starts(found: BoxedPostures) -> str:
+    values, random = found.best.values, found.source == "random"
+    if len(values) == 1:
+        return f"One start, {'random' if random else found.source}"
+    first = "" if random else f", the first of them {found.source}"
+    return (
+        f"Best of {len(values)} starts{first} ({min(values):.4g} to {max(values):.4g}, median "
+        f"{median(values):.4g})"
+    )
+
+
+DECIDED = {
+    "rows": "the number of rows",
+    "parameters": "the number of parameters",
+    "postures": "what so few postures show",
+}
+
+MOST_TOLD = 4
+"""So many long sums are written out."""
+
+
+def seen_text(found: HexaSlideSeen) -> str:
+    """What is seen and lost, the condition number with its units, then the paper's rule."""
+    examined = found.seen.examined
+    head = (
+        f"hexaslide, {examined.procedure}: {examined.posture_count} postures ({examined.source}) "
+        f"reading {', '.join(examined.measured)}. Derivatives are exact; no noise decides."
+    )
+    parts = [head, _verdict(found), _lost(found), _known(found), _conditions(found), _rule(found)]
+    return "\n\n".join(wrapped(part) for part in parts if part)
+
+
+def _verdict(found: HexaSlideSeen) -> str:
+    seen, examined = found.seen.found, found.seen.examined
+    count, reachable = len(seen.names), examined.reachable_rank or seen.rank
+    words = f"{seen.rank} of {count} combinations of the parameters are seen"
+    words += ", all of them." if seen.rank == count else f", {count - seen.rank} not."
+    if found.seen.limited_by == "nothing":
+        words += f" Fewest postures that show so many: {examined.fewest_postures}."
+    elif examined.posture_count < (examined.fewest_postures or 0):
+        words += (
+            f"\nToo few postures: {examined.fewest_postures} or more are needed to see the "
+            f"{reachable} that this procedure can show. Measure more postures."
+        )
+    else:
+        words += (
+            f"\nThese postures are too much alike: others show {reachable}. Vary all six "
+            "coordinates."
+        )
+    return words + (f"\n{examined.remark}" if examined.remark else "")
+
+
+def _lost(found: HexaSlideSeen) -> str:
+    always = [one.name for one in found.seen.lost if one.name in found.always]
+    lines = [f"NOT SEEN ({len(axes)}): {_motion(axes)}." for axes in _grouped(always)]
+    if lines:
+        lines.append("  No posture shows this: nothing that is read depends on it.")
+    others = [one for one in found.seen.lost if one.name not in found.always]
+    lines += [f"NOT SEEN (1): {one.name}." for one in others[:MOST_TOLD]]
+    if len(others) > MOST_TOLD:
+        lines.append(f"NOT SEEN ({len(others) - MOST_TOLD}): more such sums; --json tells them.")
+    if others:
+        lines.append("  Other postures show this.")
+    return "\n".join(lines)
+
+
+def _grouped(names: list[str]) -> list[list[str]]:
+    """Names that differ in their last word only, together."""
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(name.rsplit(" ", 1)[0], []).append(name)
+    return list(groups.values())
+
+
+def _motion(names: list[str]) -> str:
+    motion, axis = names[0].rsplit(" ", 1)
+    axes = [axis, *(name.rsplit(" ", 1)[1] for name in names[1:])]
+    before = f"{', '.join(axes[:-1])} and " if len(axes) > 1 else ""
+    return f"{motion} {before}{axes[-1]}"
+
+
+def _known(found: HexaSlideSeen) -> str:
+    known = found.seen.found.individually_known
+    if len(known) == len(found.seen.found.names):
+        return "Every parameter is known by itself."
+    if not known:
+        return "No parameter is known by itself: each has a share in what is not seen."
+    return f"Known by themselves ({len(known)}): {', '.join(known)}."
+
+
+def _conditions(found: HexaSlideSeen) -> str:
+    own = found.seen.found.condition_number
+    told = {
+        units: value
+        for k, (units, value) in enumerate(found.conditions.items())
+        if k == 0 or not math.isclose(value, own)  # without angles their unit does nothing
+    }
+    figures = "; ".join(f"{value:.4g} in {units}" for units, value in told.items())
+    return (
+        f"Condition number of what is seen: {figures} (columns not scaled; 1 is the least "
+        "possible). It depends on the units: compare only equal ones."
+    )
+
+
+def _rule(found: HexaSlideSeen) -> str:
+    seen, qr = found.seen.found, found.seen.qr
+    count = len(seen.names)
+    counted = count - len(qr.flagged)
+    lines = [
+        f"Rule of papers/001, QR in the order of the parameters, |r_ii| ≤ {qr.tolerance:.2g}: "
+        f"counts {counted} with exact derivatives, flags {', '.join(qr.flagged) or 'none'}."
+    ]
+    if counted != seen.rank:
+        lines.append(
+            f"WARNING: {counted} is wrong: without exchange of columns the rule needs more rows "
+            f"than {seen.row_count}."
+        )
+    elif qr.flagged:
+        lines.append(
+            "Which ones it flags is a choice of frame and of their order, no fact about them."
+        )
+    return "\n".join([*lines, *(_on_differences(rule) for rule in found.rules)])
+
+
+def _on_differences(rule: PaperRule) -> str:
+    words = (
+        f"With forward differences of {DIFFERENCE_STEP:g} m, as in the paper, at "
+        f"{rule.posture_count} postures it counts {rule.counted}"
+    )
+    if rule.decided_by == "geometry":
+        return f"{words}."
+    words += f". WARNING: that is {DECIDED[rule.decided_by]}, not what is identifiable"
+    words += f" ({rule.reachable_rank})."
+    if rule.errors is None or rule.counted <= rule.rank:
+        return words
+    low, high = (math.floor(math.log10(max(error, 1.0))) for error in rule.errors)
+    orders = f"{low}" if low == high else f"{low} to {high}"
+    return (
+        f"{words} For the errors of such derivatives the rule is {orders} orders of magnitude too "
+        "tight."
+    )

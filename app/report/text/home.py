@@ -1,0 +1,113 @@
+"""The home screen in words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from app.measuring.recent import Recent
+
+HOME_HELP = """\
+Continue       an interrupted session, at its first open step
+New session    measures with real indicators
+Demonstration  the same on a simulated machine, in demo-sessions
+Compare        the session before the offsets were entered in the
+               controller with the one after
+Diagnose       where readings and model disagree, and what is missing
+Hexa Slide     another machine: what can be seen of it, drawn, and where
+               to measure; no readings are needed
+
+Sessions of this folder and of demo-sessions stand below, newest
+first. Enter on one of them offers what can be done with it.
+Ctrl+P opens the command palette: theme, keys, screenshot."""
+
+HOME_CHOICES = (
+    ("new", "New session on real indicators"),
+    ("demo", "Demonstration on a simulated machine"),
+    ("result", "Result of a session"),
+    ("replay", "Replay a session"),
+    ("compare", "Compare before and after"),
+    ("export", "Export offsets of a session"),
+    ("diagnose", "Diagnose: what is missing in the model"),
+    ("hexaslide", "Hexa Slide: what a procedure sees, the best postures"),
+)
+READING_ONLY = ("result", "replay", "compare", "diagnose")
+"""What is left where nothing may be written."""
+
+WHICH = {
+    "result": "The result of which session?",
+    "replay": "Replay which session?",
+    "export": "Export the joint offsets of which session?",
+    "diagnose": "Diagnose which session?",
+    "before": "Which session is the one BEFORE the offsets were entered?",
+    "after": "Which session is the one AFTER the offsets were entered?",
+}
+NO_SESSIONS = "No session files in this folder or in demo-sessions."
+ELSEWHERE = "A session in another place: type its path"
+PICK_KEYS = "Arrow keys and Enter. Escape goes back."
+
+
+def session_label(session: Recent) -> str:
+    """Path and state on two lines."""
+    verifies = f", verifies {session.verifies}" if session.verifies else ""
+    return f"{session.path}\n    {session.state}{verifies}"
+
+
+def session_choices(session: Recent, *, read_only: bool) -> list[tuple[str, str]]:
+    """What can be done with a session: answers and words for a dialog."""
+    able = [
+        ("continue", "Continue measuring"),
+        ("result", "Result"),
+        ("replay", "Replay"),
+        ("export", "Export the joint offsets"),
+        ("compare", "Compare before and after"),
+        ("diagnose", "Diagnose"),
+    ]
+    if read_only:
+        able = [pair for pair in able if pair[0] in READING_ONLY]
+    elif not session.interrupted:
+        able = able[1:]
+    return [(name, f"{number}  {words}") for number, (name, words) in enumerate(able, start=1)]
+
+
+def partner_question(after: Path, before: Path) -> str:
+    """A session names the one that it verifies."""
+    return f"{after.name}\nwas measured to verify\n{before.name}"
+
+
+PORTS_QUESTION = "The ports of {} are those of another computer. Which are they here?"
+PORTS_HINT = "mitutoyo-01a:COM5@yx sylvac:COM6@zy, with the axes as before"
+
+PARTNER_CHOICES = (
+    ("both", "1  Compare these two"),
+    ("other", "2  Another session after this one"),
+)
+
+
+PREPARE_HELP = """\
+F5  opens the indicators and shows them live; nothing is recorded yet
+F2  shows every step of the procedure; opens and writes nothing
+Tab, Enter  the next field. The last lines tell steps and time."""
+
+FIELD_HELP = {
+    "procedure": "Procedure: what is measured, in which order. Enter opens the list.",
+    "indicator1": (
+        "First indicator: PROFILE:PORT, with @ and axes where it cannot\n"
+        "measure along all of them. glidecal ports lists profiles and ports.\n"
+        "Empty: the indicators of the machine file."
+    ),
+    "indicator2": "Second indicator. With one alone each leg is measured twice.",
+    "machine": "Machine file: TOML. Without one, the prototype of the papers.",
+    "operator": "Operator: a name for the record.",
+    "temperature": "Temperature of the machine for the record, in °C.",
+    "random": (
+        "Random order seed: shuffles the levels after Zero in each cycle, so\n"
+        "that drift does not look like displacement. One seed gives one order.\n"
+        "Only a procedure whose order is free allows it."
+    ),
+}
+"""Words of F1 for each field of the form."""
+
+CHECK_HELP = """\
+Move each spindle by hand: the right display must follow, in mm, with the
+right sign. Nothing is recorded before Enter. A panel that shows a fault
+tells its kind; glidecal indicator doctor examines it."""

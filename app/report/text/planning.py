@@ -1,0 +1,193 @@
+"""What a procedure sees, optimum postures and the next measurement in words."""
+
+from __future__ import annotations
+
+import math
+
+from app.planning.machines import Combination, SeenBy
+from app.planning.next_measurement import NextMeasurement, Proposal
+from app.planning.postures import Chosen, Figures
+from app.report.text.tables import new_table, table_text, wrapped
+from calib.design.criteria import Criterion
+from calib.diagnosis.aliases import AliasMap
+from calib.stats import coverage_factor
+
+COVERAGE = coverage_factor(math.inf)
+"""Factor from standard to expanded uncertainty (95 %) with a known noise."""
+
+CRITERION_WORDS = {
+    Criterion.DETERMINANT: "geometric mean of the singular values (largest is best)",
+    Criterion.AVERAGE_VARIANCE: "mean variance of the parameters, mm² (smallest is best)",
+    Criterion.SMALLEST_SINGULAR_VALUE: "smallest singular value, 1/mm (largest is best)",
+    Criterion.CONDITION: "condition number (smallest is best)",
+    Criterion.NOISE_AMPLIFICATION: "smallest squared by largest singular value (largest is best)",
+    Criterion.TOOL_VARIANCE: "mean square tool error, mm² (smallest is best)",
+}
+
+
+def identifiability_text(seen: SeenBy) -> str:
+    """The sentence that matters, combinations with cures, then the classical test."""
+    examined, found = seen.examined, seen.found
+    steps = "steps" if examined.fewest_postures is None else "postures"
+    parts = [
+        wrapped(
+            f"{seen.machine}, {examined.procedure}: {examined.posture_count} {steps} reading "
+            f"{', '.join(examined.measured)}; noise {examined.noise_words}"
+        ),
+        wrapped(_verdict(seen)),
+    ]
+    if seen.lost or seen.weak:
+        parts.append(_combinations(seen))
+    parts.append(
+        wrapped(
+            f"Condition number {found.condition_number:.1f} of what is seen "
+            f"({examined.units}; 1 is the least possible).\n{_classical(seen)}"
+        )
+    )
+    return "\n\n".join(parts)
+
+
+def _verdict(seen: SeenBy) -> str:
+    count, rank = len(seen.found.names), seen.found.rank
+    if rank == count:
+        words = f"All {count} combinations of the {count} parameters are seen"
+        words += f", {len(seen.weak)} of them weakly." if seen.weak else "."
+    else:
+        words = f"{rank} of {count} combinations of the parameters are seen, {count - rank} not."
+    known = ", ".join(seen.found.individually_known) or "none"
+    words += f"\nParameters free of what is not seen: {known}."
+    words += f"\n{seen.examined.remark}" if seen.examined.remark else ""
+    fewest = seen.examined.fewest_postures
+    if seen.limited_by == "too-few-postures" and fewest is not None:
+        words += f"\nToo few postures: {fewest} or more are needed. Measure more postures."
+    elif seen.limited_by == "too-few-postures":
+        words += (
+            f"\nOnly {seen.examined.independent_count} differences for {count} parameters: "
+            "measure more postures."
+        )
+    return words
+
+
+def _combinations(seen: SeenBy) -> str:
+    lines = []
+    enough = seen.limited_by == "nothing"
+    without = (
+        f"  {'No posture of this procedure shows' if enough else 'More postures may show'} it."
+    )
+    for one in seen.lost:
+        lines += [f"NOT SEEN: {one.name}.", _cure(one, without)]
+    for one in seen.weak:
+        half, tool = COVERAGE * (one.standard_uncertainty or 0.0), COVERAGE * (one.tool_mm or 0.0)
+        lines.append(
+            f"WEAK: {one.name} known only to ±{half:.3f} mm (95 %), ±{tool:.3f} mm at the tool."
+        )
+        lines.append(_cure(one))
+    return wrapped("\n".join(lines))
+
+
+def _cure(one: Combination, without: str = "") -> str:
+    if one.cure is None:
+        return without
+    half = COVERAGE * one.cure.standard_uncertainty
+    return f"  Best single addition: {one.cure.where}; then ±{half:.3f} mm."
+
+
+def _classical(seen: SeenBy) -> str:
+    flagged = ", ".join(seen.qr.flagged) or "none"
+    return (
+        f"Classical QR (papers/001), |r_ii| ≤ {seen.qr.tolerance:.2g}: flags {flagged}. "
+        "WARNING: that test knows neither noise nor tolerance and depends on the order of the "
+        "parameters; the lines above decide."
+    )
+
+
+def postures_text(chosen: Chosen) -> str:
+    """Before and after, then the postures."""
+    words = wrapped(
+        f"{chosen.machine}: {chosen.after.count} postures for the {chosen.criterion.value} "
+        f"criterion, {CRITERION_WORDS[chosen.criterion]}; noise {chosen.noise_words}"
+    )
+    figures = new_table("", chosen.procedure, "chosen")
+    for name, kind in (
+        ("postures", "count"),
+        ("criterion", "value"),
+        ("condition number", "condition_number"),
+        ("smallest singular value, 1/mm", "smallest_singular_value"),
+        ("tool error from noise, r.m.s. mm", "tool_mm"),
+        ("minutes with set-up", "minutes"),
+    ):
+        figures.add_row(name, _figure(chosen.before, kind), _figure(chosen.after, kind))
+    names = list(chosen.postures[0])
+    table = new_table(*(name.replace("_mm", ", mm") for name in names))
+    for posture in chosen.postures:
+        table.add_row(*(_coordinate(posture[name]) for name in names))
+    last = wrapped(
+        f"{chosen.coordinates_on_bound} coordinates stand on a bound of the search. Best of "
+        f"{chosen.starts} starts, seed {chosen.seed}, {chosen.exchanges} exchanges, "
+        f"{chosen.seconds:.2f} s."
+    )
+    return "\n\n".join([words, table_text(figures), table_text(table), _moved(chosen), last])
+
+
+def _moved(chosen: Chosen) -> str:
+    """What it helped to leave the grid; a file holds just what is judged here."""
+    grid, value = chosen.grid_value, chosen.after.value
+    if grid is None:
+        return wrapped("The postures keep to the grid: --no-refine.")
+    if value is None or value == grid:
+        return wrapped("The grid is kept: off it nothing is better within the time.")
+    return wrapped(
+        f"Moved off the grid: criterion {grid:.4g} → {value:.4g}. Displacements are whole tenths "
+        "of a millimetre or a joint limit, stations whole hundredths; --no-refine keeps round ones."
+    )
+
+
+def _figure(figures: Figures, kind: str) -> str:
+    value = getattr(figures, kind)
+    return "not seen" if value is None else f"{value:.4g}"
+
+
+def _coordinate(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:g}"
+
+
+def plan_text(plan: NextMeasurement) -> str:
+    """One sentence, then the runners-up."""
+    best = plan.best
+    known = f"after {', '.join(plan.sessions)}" if plan.sessions else "with nothing measured yet"
+    sentence = wrapped(
+        f"Next, {known}: touch leg {best.leg} at station {best.station:g} and read both axes at "
+        f"{_levels(best)} mm. In {best.minutes:.1f} min this lowers the expected tool error from "
+        f"{plan.tool_before_mm:.4g} to {best.tool_mm:.4g} mm r.m.s. (noise {plan.noise_words})."
+    )
+    table = new_table("leg", "station", "displacements, mm", "minutes", "tool error, mm")
+    for one in plan.proposals:
+        table.add_row(
+            one.leg, f"{one.station:g}", _levels(one), f"{one.minutes:.1f}", f"{one.tool_mm:.4g}"
+        )
+    return f"{sentence}\n\n{table_text(table)}"
+
+
+def _levels(one: Proposal) -> str:
+    return ", ".join(f"{level:+g}" for level in one.displacements_mm)
+
+
+def alias_text(found: AliasMap) -> str:
+    """For each effect the ones that imitate it; what no reading shows."""
+    by_effect: dict[tuple[str, str], list[str]] = {}
+    for one in found.imitations:
+        by_effect.setdefault(one.effect, []).append(f"{one.by[0]} ({one.by[1]})")
+    lines = [
+        wrapped(
+            f"{len(found.effects)} effects and places; {len(by_effect)} of them can be imitated by "
+            "another effect, base parameters and zeros free:"
+        )
+    ]
+    lines += [
+        wrapped(f"{name} ({where}): {', '.join(dict.fromkeys(others))}")
+        for (name, where), others in by_effect.items()
+    ]
+    if found.invisible:
+        shown = ", ".join(f"{name} ({where})" for name, where in found.invisible)
+        lines.append(wrapped(f"No reading shows: {shown}"))
+    return "\n".join(lines)

@@ -1,0 +1,181 @@
+"""A replay in words: what each event was, where the replay stands, the readings as lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from app.measuring.playback import Playback
+from app.report.text.tables import signed
+from protocols.events import (
+    Closed,
+    Continued,
+    Event,
+    Faulted,
+    Mounted,
+    Noted,
+    Opened,
+    Reading,
+    Restored,
+    Skipped,
+    Superseded,
+)
+from protocols.session import Session
+
+REPLAY_HELP = """\
+Space         play, pause; at the end: from the start again
+Right, Left   one event on or back: a step, a note, a fault …
+Up, +         faster, up to ×100. Down, - is slower
+Home, End     the start, the end
+J             jump to a step; in a table to a reading
+T             every reading so far, superseded ones with their
+              reason; Page Up and Page Down move in it
+G             the plot in the place of the table, and back
+R             the result of the whole session
+Y             copy every reading so far as text
+Escape, F10   back, leave
+
+Nothing is measured or written here. Breaks of more than 30 s are
+cut short. The panels show the recorded readings; their age is the
+time of the replay."""
+
+LONGEST_NAME = 40
+NUMBERS_SHOWN = 6
+HEADING = "   no  step  leg axis      at, mm  cycle  mount         value, mm"
+
+
+def progress_line(name: str, place: str, speed: int, state: str) -> str:
+    """Name, place, speed and state in one line."""
+    short = name if len(name) <= LONGEST_NAME else name[: LONGEST_NAME - 1] + "…"
+    return f"replay · {short}   {place} · ×{speed} · {state}"
+
+
+def said_text(playback: Playback) -> str:
+    """One line for what is shown last; at both ends also what is wrong with the record."""
+    text = frame_text(playback.events_shown_last)
+    if not playback.warning or not playback.at_either_end:
+        return text
+    return f"{text} {playback.warning}"
+
+
+def frame_text(events: Sequence[Event]) -> str:
+    """One line for what happened at one moment of the record."""
+    first = events[0]
+    taken = [event for event in events if isinstance(event, Reading)]
+    faults = [event for event in events if isinstance(event, Faulted)]
+    if taken:
+        return _taken(taken)
+    if faults:
+        return "; ".join(_fault(fault) for fault in faults)
+    return one_line(_event(first))
+
+
+def _event(event: Event) -> str:
+    """A single event that is no reading and no fault."""
+    match event:
+        case Opened():
+            said = _opened(event)
+        case Mounted():
+            said = _mounted(event)
+        case Superseded():
+            said = f"Superseded readings {_numbers(event.readings)}: {event.reason}"
+        case Skipped():
+            said = f"Skipped steps {_numbers(event.steps)}: {event.reason}"
+        case Restored():
+            said = _restored(event)
+        case Noted():
+            said = f"Note: {event.text}"
+        case Continued():
+            torn = f"; {event.torn_bytes} torn bytes set aside" if event.torn_bytes else ""
+            said = f"Continued after an interruption{torn}."
+        case Closed():
+            whole = "complete" if event.complete else "not complete"
+            said = f"Closed with {event.readings} readings, {whole}."
+        case _:
+            said = event.event
+    return said
+
+
+def _mounted(event: Mounted) -> str:
+    axes = " and ".join(axis.upper() for axis in event.mounts)
+    return f"Mounted on leg {event.leg.upper()} along {axes}: a new zero."
+
+
+def _opened(event: Opened) -> str:
+    by = f" by {event.operator}" if event.operator else ""
+    said = f"Begun {event.at:%Y-%m-%d %H:%M %Z}{by}, {event.origin}."
+    return " ".join([said, *event.remarks])
+
+
+def _taken(readings: Sequence[Reading]) -> str:
+    first = readings[0]
+    shown = ", ".join(f"{r.axis.upper()} {signed(r.value_mm, 4)} mm" for r in readings)
+    if first.step is not None:
+        return f"Taken, step {first.step}: {shown}"
+    where = f"leg {first.leg.upper()} at {first.displacement_mm:+.2f} mm"
+    if first.position_mm is not None:
+        where = first.place_words
+    return f"Reading {first.reading}, {where}: {shown}"
+
+
+def _fault(event: Faulted) -> str:
+    step = "" if event.step is None else f", step {event.step}"
+    text = f" (received {event.text!r})" if event.text else ""
+    return one_line(f"Fault of the indicator along {event.axis.upper()}{step}: {event.kind}{text}")
+
+
+def _restored(event: Restored) -> str:
+    parts = []
+    if event.readings:
+        parts.append(f"readings {_numbers(event.readings)} count again")
+    if event.steps:
+        parts.append(f"steps {_numbers(event.steps)} are to be measured")
+    return f"Taken back, {' and '.join(parts) or 'nothing'}: {event.reason}"
+
+
+def _numbers(numbers: Sequence[int]) -> str:
+    if len(numbers) <= NUMBERS_SHOWN:
+        return ", ".join(map(str, numbers))
+    return f"{numbers[0]}, {numbers[1]}, … {numbers[-1]} ({len(numbers)} of them)"
+
+
+def one_line(text: str) -> str:
+    """Text of a file without its line breaks."""
+    return " ".join(text.split())
+
+
+def reading_lines(session: Session) -> list[str]:
+    """A heading, one line for each reading taken, below superseded ones the reason."""
+    lines = [HEADING]
+    for reading in session.all_readings:
+        lines.append(_reading_line(reading))
+        reason = session.superseded.get(reading.reading)
+        if reason is not None:
+            lines.append(f"     superseded: {one_line(reason)}")
+    return lines
+
+
+def _reading_line(r: Reading) -> str:
+    step = "" if r.step is None else str(r.step)
+    at = f"{r.displacement_mm:+.2f}"
+    if r.position_mm is not None:
+        at = ",".join(f"{v:g}" for v in r.position_mm)
+    place = f"{r.leg:<4}{r.axis:<4} {at:>12}  {r.cycle:>5}  {one_line(r.mount):<12}"
+    return f"{r.reading:>5}  {step:>4}  {place} {signed(r.value_mm, 4):>10}"
+
+
+REPLAY_QUESTION = "Which session do you want to see? Arrow keys and Enter."
+
+
+def jump_question(unit: str, count: int) -> tuple[str, str]:
+    """What the dialog asks, and the hint in its field."""
+    return f"To which {unit}?", f"1 … {count}"
+
+
+def copied_text(line_count: int) -> str:
+    """What went to the clipboard; whether the terminal took it is not known here."""
+    return f"Copied {line_count} lines, if this terminal lets programs use the clipboard (OSC 52)."
+
+
+def unsolved_text(problem: str) -> str:
+    """Why there is no result."""
+    return f"No result of this session: {problem}"

@@ -1,0 +1,254 @@
+"""A solution in words and tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from app.evaluating.comparison import Comparison
+from app.evaluating.solution import Solved
+from app.report.offsets import UNKNOWN_HOME_OFFSET
+from app.report.text.caveats import SUBSET_WORDS, caveats
+from app.report.text.tables import decimals_for, new_table, signed, table_text, uncertain, wrapped
+from calib.identify.accuracy import ToolError
+from calib.identify.solution import SUBSETS, Solution
+from calib.noise.reading import Noise
+from calib.ties import largest
+
+
+def solution_text(solved: Solved) -> str:
+    """The whole result: the sentence that matters, warnings, then the tables."""
+    solution = solved.solution
+    parts = [
+        wrapped(
+            f"{', '.join(solved.names)}: {SUBSET_WORDS[solution.subset]}, "
+            f"{method_words(solution)}, {solved.reading_count} readings"
+        ),
+        wrapped("\n".join([verdict(solved), *caveats(solved)])),
+        table_text(parameter_table(solution)),
+        table_text(difference_table(solution)),
+        table_text(subset_table(solved)),
+        wrapped(noise_words(solution)),
+    ]
+    remarks = [remark for session in solved.sessions for remark in session.opened.remarks]
+    remarks += [skipped_words(s.skipped) for s in solved.sessions if s.skipped]
+    return "\n\n".join([*parts, *(wrapped(f"Remark: {remark}") for remark in remarks)])
+
+
+def skipped_words(skipped: Mapping[int, str]) -> str:
+    """How many steps were left out, and why."""
+    reasons = "; ".join(dict.fromkeys(skipped.values()))
+    return f"{len(skipped)} step{'s' if len(skipped) > 1 else ''} left out: {reasons}"
+
+
+def method_words(solution: Solution) -> str:
+    """Which estimate this is."""
+    if solution.method == "exact":
+        return "exact fit"
+    if solution.weights == "covariance":
+        return "linear system (11) weighted by covariance (14)"
+    return "linear system (11), pseudoinverse as in the papers"
+
+
+def verdict(solved: Solved) -> str:
+    """The first lines of a result."""
+    solution = solved.solution
+    expanded = uncertain(float(solution.expanded_mm.max()))
+    return (
+        f"{SUBSET_WORDS[solution.subset].capitalize()} known to ±{expanded} mm "
+        f"({_held_words(solution)}).\n"
+        f"{_what(solved)} deviations {solution.rms_before_mm:.4f} → "
+        f"{solution.rms_after_mm:.4f} mm r.m.s.\n"
+        f"Tool over the workspace: off by {_tool(solved, solved.tool_before)} mm r.m.s. now, "
+        f"{_tool(solved, solved.tool_after)} mm expected with these values."
+    )
+
+
+def _what(solved: Solved) -> str:
+    of_tool = any(reading.leg == "tool" for one in solved.sessions for reading in one.readings)
+    return "Tool" if of_tool else "Leg"
+
+
+def _held_words(solution: Solution) -> str:
+    """What the uncertainty in the first line is made of."""
+    if solution.subset == "with-tolerances":
+        return "95 %, reading noise and the parts' tolerances"
+    if solution.noise.source == "residuals":
+        return "95 %, what the model leaves taken for noise"
+    return "95 %, reading noise only"
+
+
+def _tool(solved: Solved, error: ToolError) -> str:
+    half_mm = solved.tool_factor * error.standard_uncertainty_mm
+    return f"{error.rms_mm:.{decimals_for(half_mm)}f} ± {uncertain(half_mm)}"
+
+
+def parameter_table(solution: Solution) -> Table:
+    """Identified values with their uncertainties."""
+    table = new_table("parameter", "value, mm", "± U (95 %), mm", "u, mm")
+    rows = (solution.names, solution.values_mm, solution.expanded_mm, solution.uncertainty_mm)
+    decimals = decimals_for(float(solution.expanded_mm.min()), 4)
+    for name, value, expanded, u in zip(*rows, strict=True):
+        table.add_row(name, signed(value, decimals), uncertain(expanded, 4), uncertain(u, 4))
+    return table
+
+
+def difference_table(solution: Solution) -> Table:
+    """The (up to) twelve differences with what the model predicts."""
+    table = new_table("difference", "measured, mm", "u, mm", "predicted, mm", "left, mm")
+    measured = solution.differences
+    for k in measured.published_rows:
+        value, predicted = float(measured.value_mm[k]), float(solution.predicted_mm[k])
+        table.add_row(
+            measured.names[k],
+            signed(value),
+            uncertain(float(solution.difference_uncertainty_mm[k]), 4),
+            signed(predicted),
+            signed(value - predicted),
+        )
+    return table
+
+
+def subset_table(solved: Solved) -> Table:
+    """What each set of parameters would leave, and its expected error at the tool."""
+    table = new_table("set of parameters", "left, r.m.s.", "tool, mm", "")
+    for subset in SUBSETS:
+        if subset in solved.choice.solutions:
+            left = f"{solved.choice.solutions[subset].rms_after_mm:.4f}"
+            expected = uncertain(solved.choice.tool_error_mm[subset])
+        else:
+            left, expected = "left out", ""
+        mark = "recommended" if subset == solved.choice.recommended else ""
+        table.add_row(SUBSET_WORDS[subset], left, expected, mark)
+    return table
+
+
+def noise_words(solution: Solution) -> str:
+    """Where the noise figure comes from."""
+    noise = solution.noise
+    mean = "" if noise.pooled else " r.m.s. over the indicators"
+    return (
+        f"Noise of a single reading {uncertain(noise.standard_deviation_mm, 4)} mm{mean}, "
+        f"{_source_words(noise)}.\n"
+        f"Coverage factor {solution.coverage_factor:.3f}; condition number "
+        f"{solution.condition_number:.1f}; {correlation_words(solution)}"
+    )
+
+
+def _source_words(noise: Noise) -> str:
+    free = noise.degrees_of_freedom
+    degrees = "" if math.isinf(free) else f", {free:.3g} degrees of freedom"
+    if noise.source == "repeats":
+        return f"from repeats{degrees}"
+    if noise.source == "residuals":
+        return f"from what the model leaves{degrees}"
+    if noise.repeated == "rounding":
+        return f"most of it the rounding of the display{degrees}"
+    if noise.repeated == "equal":
+        return "from resolution and repeatability as stated or seen in the digits"
+    return "from the indicator's stated resolution and repeatability"
+
+
+def correlation_words(solution: Solution) -> str:
+    """The two parameters that are known least independently."""
+    u = solution.uncertainty_mm
+    if len(u) < 2 or not u.all():
+        return "no correlation to state."
+    first, second = np.triu_indices(len(u), 1)
+    pairs = (solution.covariance_mm2 / np.outer(u, u))[first, second]
+    at = largest(np.abs(pairs))
+    shown = signed(float(pairs[at]), 2)
+    if float(shown) == 0.0:
+        return "no correlation to state."
+    return (
+        f"strongest correlation {shown}, {solution.names[first[at]]} and"
+        f" {solution.names[second[at]]}."
+    )
+
+
+def comparison_text(before: Solution, after: Solution) -> str:
+    """The differences before and after entering the offsets."""
+    table = new_table("difference", "before, mm", "after, mm")
+    later = dict(zip(after.differences.names, after.differences.value_mm, strict=True))
+    for k in before.differences.published_rows:
+        name = before.differences.names[k]
+        shown = signed(float(later[name])) if name in later else "not measured"
+        table.add_row(name, signed(float(before.differences.value_mm[k])), shown)
+    return f"{comparison_sentence(before, after)}\n\n{table_text(table)}"
+
+
+def comparison_sentence(before: Solution, after: Solution) -> str:
+    """Before and after in one sentence, with what had been expected."""
+    return (
+        f"Leg deviations went from {before.rms_before_mm:.4f} to {after.rms_before_mm:.4f} mm "
+        f"r.m.s.;\n{before.rms_after_mm:.4f} mm was expected."
+    )
+
+
+RESULT_HELP = """\
+1 2 3         joint offsets, leg lengths, or both
+4             both, held by the tolerances of the parts
+Tab, arrows   Result, Plot, and after a verification Before/after
+E             write the joint offsets, in every format, into a folder
+              beside the session
+V             measure again after the offsets were entered, and compare
+D             diagnose: where readings and model disagree, what is missing
+Y             copy the text to the clipboard
+H, F10        home, quit
+
+U is the expanded uncertainty (95 %) of a parameter, from the noise of
+the readings alone. Left is what the model does not explain: where it is
+much larger than the noise, something is missing from the model."""
+
+NEXT = (
+    "Next: E exports the joint offsets. Enter them in the controller, then V measures again "
+    "and compares."
+)
+ONLY_SHOWN = "This program only shows: nothing is written and nothing is measured."
+NO_PLAN = "Verify is offered right after a session was measured."
+
+
+def result_text(solved: Solved, before: Solved | None, *, measured_here: bool) -> str:
+    """The text of the result; what to do next, or what the verification says, stands first."""
+    if before is not None:
+        first = comparison_sentence(before.solution, solved.solution) + "\n\n"
+    else:
+        first = NEXT + "\n\n" if measured_here else ""
+    return first + solution_text(solved)
+
+
+def exported_text(folder: Path, paths: Sequence[Path], solved: Solved) -> str:
+    """What was written where, and what could not be known."""
+    said = f"Written to {folder}: {', '.join(path.name for path in paths)}"
+    if solved.sessions[0].opened.machine.home_offset_mm is None:
+        said += ". WARNING: " + UNKNOWN_HOME_OFFSET
+    return said
+
+
+def copied_text(text: str) -> str:
+    """How much was copied, and why it may not arrive."""
+    return (
+        f"{len(text.splitlines())} lines copied. If nothing arrives: some terminals do not allow "
+        "it, and tmux needs `set-clipboard on`."
+    )
+
+
+def comparison_report(comparison: Comparison) -> str:
+    """Which sessions, what a reader must know, then the differences of both."""
+    before, after = comparison.before, comparison.after
+    heading = f"before: {before.names[0]}\nafter:  {after.names[0]}"
+    remarks = [wrapped(f"Remark: {remark}") for remark in comparison.remarks]
+    return "\n\n".join([heading, *remarks, comparison_text(before.solution, after.solution)])
+
+
+COMPARISON_HELP = """\
+Each difference between two postures, before and after the joint offsets
+were entered in the controller. "Expected" is what the fit of the first
+session left over: offsets cannot remove more than that.
+
+G  the plot in the place of the text, and back
+Y  copies the text"""

@@ -1,0 +1,311 @@
+"""Measuring and replaying in words: what to do, where the session stands, what was taken."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from app.measuring.indicators import profile_of
+from app.measuring.leg_review import LegReview, LegRow
+from app.measuring.opening import Plan
+from app.measuring.session import Taken
+from app.report.schema.readings import ReplayReport
+from app.report.text.tables import new_table, signed, table_text, wrapped
+from calib.observations import LEG_NAMES, conditions
+from calib.tripod.geometry import Geometry
+from calib.tripod.kinematics import inverse
+from calib.tripod.pipeline import command
+from drivers.profile import Verified
+from protocols.machine import Instrument, Machine
+from protocols.procedure import Procedure, Step, leg_number, posture_name
+from protocols.session import Session
+
+MEASURE_HELP = """\
+Space, Enter  take: read the indicators, write the readings to disk
+U             measure the last step again; old readings stay in the
+              record, superseded
+B             an earlier step: measure it again, or take that back
+S             leave this step or the rest of the leg out, with a reason
+A             automatic: take whenever all indicators stand still
+P             hold: nothing is taken until P again
+M             the stand was moved: later readings get a new zero
+N             write a note into the record
+G             the plot in the place of the table, and back
+F10           leave: the session can be continued later
+
+The word in each panel tells moving from standing still. A reading is
+on the disk before this screen says that it is taken."""
+
+
+def instruction(step: Step) -> str:
+    """What to do now, in one sentence."""
+    return (
+        f"Move the tool to {step.leg.upper()} {step.displacement_mm:+.2f} mm; "
+        "take when the readings stand still."
+    )
+
+
+def set_up(step: Step) -> str:
+    """How to mount the stand for the leg of this step."""
+    axes = " and ".join(axis.upper() for axis in step.axes)
+    return (
+        f"First, at Zero: indicators on leg {step.leg.upper()} along {axes}, "
+        f"{step.station:.0%} from the tool end."
+    )
+
+
+def mdi_line(step: Step, machine: Machine) -> str:
+    """The line to type at the controller, in the coordinates that it takes."""
+    joint = machine.mdi == "joint"
+    position = joints_mm(step, machine.geometry()) if joint else tool_mm(step)
+    words = " ".join(f"{name.upper()}{value:.3f}" for name, value in position.items())
+    return f"G53 G0 {words}"
+
+
+def joints_mm(step: Step, geometry: Geometry) -> dict[str, float]:
+    """Joint coordinates that the controller commands for this step."""
+    if step.position_mm is not None:
+        found = inverse(geometry, step.position_mm)
+    else:
+        leg, axis = leg_number(step.leg), leg_number(step.axes[0])
+        found = command(geometry, conditions([leg], [axis], [step.displacement_mm]))[0]
+    return dict(zip(LEG_NAMES, found.tolist(), strict=True))
+
+
+def tool_mm(step: Step) -> dict[str, float]:
+    """Tool coordinates that the controller is told for this step."""
+    if step.position_mm is not None:
+        return dict(zip(LEG_NAMES, step.position_mm, strict=True))
+    return dict.fromkeys(LEG_NAMES, 0.0) | {step.leg: step.displacement_mm}
+
+
+def joints_text(step: Step, geometry: Geometry) -> str:
+    """The joint coordinates of all three actuators in one line."""
+    joints = joints_mm(step, geometry)
+    return "joints " + "  ".join(f"{name} {value:.3f}" for name, value in joints.items())
+
+
+def procedure_sentence(procedure: Procedure, geometry: Geometry, axes: Sequence[str]) -> str:
+    """Steps, time and kind of repeats of a procedure."""
+    steps = len(procedure.steps(geometry, axes))
+    indicators = 1 if procedure.plate else len(axes)
+    minutes = procedure.duration_s(geometry, axes) / 60.0
+    in_place = procedure.read_in_place(geometry)
+    repeats = "Every repeat approaches its posture anew."
+    if in_place:
+        repeats = f"{in_place} repeats do not leave their posture: they show the indicator only."
+    shuffled = ""
+    if procedure.random_seed is not None:
+        shuffled = f" Order shuffled in each cycle, seed {procedure.random_seed}."
+    return (
+        f"{procedure.title}. {steps} steps with {indicators} indicator"
+        f"{'s' if indicators > 1 else ''}, about {minutes:.0f} minutes. "
+        f"{procedure.description} {repeats}{shuffled}"
+    )
+
+
+def dry_run_text(procedure: Procedure, machine: Machine, axes: Sequence[str]) -> str:
+    """Every step of a procedure with the line to type at the controller."""
+    geometry = machine.geometry()
+    table = new_table("step", "leg", "posture", "cycle", "station", "axes", "controller", left=7)
+    for step in procedure.steps(geometry, axes):
+        place = (str(step.number), step.leg, step.posture(geometry), str(step.cycle))
+        table.add_row(*place, f"{step.station:g}", " ".join(step.axes), mdi_line(step, machine))
+    sentence = wrapped(procedure_sentence(procedure, geometry, axes))
+    return f"{sentence}\n\n{table_text(table)}"
+
+
+def check_text(plan: Plan, *, continued: bool) -> str:
+    """What to look at before the first reading."""
+    if plan.simulated:
+        check = "The machine is simulated; its indicators speak real bytes over real ports."
+    else:
+        check = "Move each spindle by hand: the right display must follow, and read in mm."
+    unverified = [i.profile for i in plan.instruments if not _is_verified(i)]
+    if unverified:
+        check += f"\nUNVERIFIED profile: {', '.join(unverified)}. Compare with the display first."
+    sentence = procedure_sentence(plan.procedure, plan.machine.geometry(), plan.axes)
+    begin = "Enter continues the session" if continued else "Enter begins the session"
+    if continued:
+        begin += "; after a break the indicators get a new zero"
+    entered = ""
+    if plan.before is not None:
+        entered = "Verification: the exported offsets must now be in the controller.\n"
+    return f"{entered}{plan.machine.name}. {sentence}\n\n{check}\n\n{begin}: {plan.path}"
+
+
+def _is_verified(instrument: Instrument) -> bool:
+    return profile_of(instrument).verified is not Verified.UNVERIFIED
+
+
+def progress_text(session: Session, steps: Sequence[Step], mode: str) -> str:
+    """Where the session stands, in one line; ``mode`` is the word for who takes the readings."""
+    opened = session.opened
+    done = len(session.done() | session.skipped.keys())
+    name = opened.procedure.name if opened.procedure else ""
+    seconds = opened.procedure.seconds_per_step if opened.procedure else 0.0
+    left = round((len(steps) - done) * seconds)
+    return (
+        f"{opened.machine.name} · {name} · {mode}   {done} of {len(steps)} steps done, "
+        f"{left // 60:02d}:{left % 60:02d} left"
+    )
+
+
+def taken_text(taken: Taken) -> str:
+    """What was written to the disk."""
+    shown = ", ".join(f"{r.axis.upper()} {signed(r.value_mm, 4)} mm" for r in taken.readings)
+    return f"Taken and on the disk, step {taken.step.number}: {shown}"
+
+
+def step_text(step: Step, session: Session) -> str:
+    """Leg, posture and cycle; what to do; what the controller must show."""
+    machine = session.opened.machine
+    geometry = machine.geometry()
+    cycles = session.opened.procedure.cycles if session.opened.procedure else 1
+    where = f"LEG {step.leg.upper()}   {step.posture(geometry)}   cycle {step.cycle} of {cycles}"
+    lines = [where, instruction(step), mdi_line(step, machine), joints_text(step, geometry)]
+    if session.is_new_place(step):
+        lines.insert(1, set_up(step))
+    elif session.needs_new_zero(step):
+        lines.insert(1, "After the break: readings from here on have a zero of their own.")
+    return "\n".join(lines)
+
+
+def leg_table_text(rows: Sequence[LegRow], geometry: Geometry) -> str:
+    """The present leg so far: readings minus the Zero of their cycle, in mm.
+
+    Six levels, as many as the program's own procedures have, fit in 80 columns.
+    """
+    levels = list(dict.fromkeys(level for row in rows for level in row.minus_zero_mm))
+    heading = f"{'minus Zero':<11}" + "".join(f"{posture_name(v, geometry):>8}" for v in levels)
+    lines = [heading + f"{'back at Zero':>13}"]
+    for row in rows:
+        cells = "".join(_cell(row.minus_zero_mm.get(level), 8) for level in levels)
+        lines.append(
+            f"{row.axis.upper()}  cycle {row.cycle:<2}" + cells + _cell(row.back_at_zero_mm, 13)
+        )
+    return "\n".join(lines)
+
+
+def _cell(value: float | None, width: int) -> str:
+    return f"{'' if value is None else signed(value):>{width}}"
+
+
+def _at(displacement_mm: float, position_mm: Sequence[float] | None) -> str:
+    if position_mm is not None:
+        return ", ".join(f"{part:g}" for part in position_mm)
+    return f"{displacement_mm:+.2f}"
+
+
+def replay_text(report: ReplayReport) -> str:
+    """The readings of a session in the order taken, then the averages of those that count."""
+    readings = new_table("no", "leg", "axis", "at, mm", "cycle", "mount", "value, mm", "", left=3)
+    for r in report.readings:
+        state = f"superseded: {r.superseded}" if r.superseded else ""
+        place = (str(r.reading), r.leg, r.axis, _at(r.displacement_mm, r.position_mm))
+        readings.add_row(*place, str(r.cycle), r.mount, signed(r.value_mm, 4), state)
+    averages = new_table("leg", "axis", "station", "at, mm", "mean, mm", "readings", left=2)
+    for a in report.averages:
+        place = (a.leg, a.axis, f"{a.station:g}", _at(a.displacement_mm, a.position_mm))
+        averages.add_row(*place, signed(a.mean_mm, 4), str(a.readings))
+    title = f"{report.session}: {len(report.readings)} readings ({report.end})"
+    remarks = [wrapped(f"Remark: {remark}") for remark in report.remarks]
+    return "\n\n".join([title, *remarks, table_text(readings), "Averages", table_text(averages)])
+
+
+def question_text(taken: Taken) -> str:
+    """Why a reading is questioned."""
+    lines = [f"Step {taken.step.number} does not agree with earlier repeats of its posture:"]
+    for one in taken.questioned:
+        lines.append(
+            f"along {one.reading.axis.upper()} {signed(one.reading.value_mm, 4)} mm, "
+            f"{signed(one.difference_mm, 4)} mm from the mean of {one.earlier_count} "
+            f"(limit {one.limit_mm:g} mm)."
+        )
+    return "\n".join(lines)
+
+
+QUESTION_CHOICES = (
+    ("read", "1  Read again here, without moving"),
+    ("approach", "2  Leave the posture, come back, and measure it again"),
+    ("keep", "3  Keep the reading as it is"),
+)
+
+
+def repeat_reason(answer: str, taken: Taken) -> str:
+    """The reason that goes into the record with the answer to a question."""
+    worst = max(taken.questioned, key=lambda one: abs(one.difference_mm))
+    how = {"read": "read again in place", "approach": "approached again", "keep": "kept"}[answer]
+    return f"{signed(worst.difference_mm, 4)} mm from earlier repeats: {how}"
+
+
+def point_text(step: Step, session: Session) -> str:
+    """One step that was measured or skipped, in one line."""
+    posture = step.posture(session.opened.machine.geometry())
+    where = f"{step.number:>3}  leg {step.leg.upper()}  {posture:<9} cycle {step.cycle}"
+    if step.number in session.skipped:
+        return f"{where}   skipped: {session.skipped[step.number]}"
+    counting = [r for r in session.readings if r.step == step.number]
+    shown = counting or [r for r in session.all_readings if r.step == step.number]
+    values = "  ".join(f"{r.axis.upper()} {signed(r.value_mm, 4)}" for r in shown[-2:])
+    reason = session.superseded.get(shown[-1].reading) if shown and not counting else None
+    return f"{where}   {values}" + (f"   superseded: {reason}" if reason else "")
+
+
+def review_text(review: LegReview) -> str:
+    """A leg after its last step: repeatability beside the indicator's, drift, differences."""
+    table = new_table("axis", "scatter, mm", "repeats", "stated, mm", "worst return, mm")
+    for one in review.axes:
+        table.add_row(
+            one.axis.upper(),
+            _or_none(one.standard_deviation_mm, "no repeats"),
+            str(one.degrees_of_freedom),
+            _or_none(one.stated_mm, "not stated"),
+            "" if one.worst_return_mm is None else signed(one.worst_return_mm, 4),
+        )
+    measured = new_table("difference", "measured, mm")
+    for name, value in review.differences_mm:
+        measured.add_row(name, signed(value))
+    title = f"Leg {review.leg.upper()} is done. {review_verdict(review)}"
+    so_far = f"{len(review.differences_mm)} differences so far:"
+    return "\n\n".join([wrapped(title), table_text(table), so_far, table_text(measured)])
+
+
+WORSE_THAN_STATED = 3.0
+"""Scatter of so many times the stated one is worth a word."""
+
+
+def review_verdict(review: LegReview) -> str:
+    """Whether the scatter is what the indicators promise, in one sentence."""
+    bad = [
+        one.axis.upper()
+        for one in review.axes
+        if one.stated_mm
+        and one.standard_deviation_mm
+        and one.standard_deviation_mm > WORSE_THAN_STATED * one.stated_mm
+    ]
+    if bad:
+        return f"Along {' and '.join(bad)} it scatters more than the indicator explains."
+    if all(one.standard_deviation_mm is None for one in review.axes):
+        return "Without repeats its scatter is not known."
+    return "Nothing about its scatter is suspicious."
+
+
+def _or_none(value: float | None, words: str) -> str:
+    return words if value is None else f"{value:.4f}"
+
+
+def clock_set_text(jump_s: float) -> str:
+    """The clock of the computer was set while the session was open."""
+    way = "forward" if jump_s > 0.0 else "back"
+    return (
+        f"The computer's clock was set {way} by {abs(jump_s):.0f} s. It is noted in the record; "
+        "times and drift of this session go by another clock."
+    )
+
+
+def slept_text(seconds: float) -> str:
+    """The computer was suspended while the session was open."""
+    return (
+        f"The computer slept for {max(1, round(seconds / 60.0))} min; the session is on hold. "
+        "Was the stand touched? Then M. P goes on."
+    )

@@ -1,1 +1,0 @@
-"""Sentences and tables that people read; commands and screens share them."""

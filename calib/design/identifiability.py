@@ -1,0 +1,268 @@
+"""What a procedure can and cannot see of a machine's parameters. Knows no machine.
+
+A machine and a procedure give a `Sensitivity`: named parameters and how every measured value,
+divided by its noise, depends on them. In units of what is unremarkable for each parameter (its
+tolerance scale) a singular value below 1 says that the data know the combination worse than one
+knew it before; above, its inverse is the standard uncertainty. No bare numerical threshold decides.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.errors import NotIdentifiable
+from calib.linalg import BLIND, condition, named_inside, names_outside, svd_of_all
+from calib.observations import FloatArray
+from calib.ties import largest
+
+UNSEEN = 1.0
+"""Standard uncertainty, in tolerances, from which on a combination is not seen."""
+
+WEAK = 0.1
+"""Standard uncertainty, in tolerances, from which on a combination is weak."""
+
+WEAK_RATIO = 10.0
+"""A combination is weak, too, when it is known so many times worse than the best known one."""
+
+SMALL_SHARE = 0.25
+"""Parameters with a smaller share of a combination are left out of its name."""
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A combination of parameters, its standard uncertainty, and what that does at the tool.
+
+    In mm; infinite where the combination is not seen. Both belong to the combination as written.
+    ``against`` is the same two parameters with the other sign, and its standard uncertainty.
+    """
+
+    combination: str
+    standard_uncertainty_mm: float
+    tool_mm: float
+    against: tuple[str, float] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """How measured values depend on named parameters.
+
+    ``jacobian`` ``(n_values, k)``: derivatives divided by the standard deviation of each value,
+    nuisance parameters projected out; with ``noise_known`` False they have no absolute scale.
+    ``tolerance`` ``(k,)`` holds an unremarkable size of each parameter in its own unit. ``cost``
+    ``(m, k)`` are derivatives of the tool's coordinates all over the workspace.
+    ``motions`` are combinations with a name of their own, such as a turned frame. ``blind`` is the
+    relative singular value below which nothing is seen; exact derivatives allow a smaller one.
+    With ``whole_shares`` combinations keep their small shares, which then are told in the name.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    jacobian: FloatArray
+    tolerance: FloatArray
+    cost: FloatArray | None = None
+    points: int = 1
+    motions: tuple[tuple[str, FloatArray], ...] = ()
+    noise_known: bool = True
+    blind: float = BLIND
+    whole_shares: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiability:
+    """The answer: which combinations are seen, weak or not seen at all.
+
+    ``singular_values`` ``(k,)`` belong to parameters in units of their tolerance. ``weak`` and
+    ``unseen`` hold combinations as short as possible; ``individually_known`` the parameters that
+    have no share in what is not seen. ``unscaled_condition`` is that of the bare Jacobian.
+    """
+
+    names: tuple[str, ...]
+    rank: int
+    row_count: int
+    singular_values: FloatArray
+    condition_number: float
+    unscaled_condition: float
+    weak: tuple[Direction, ...]
+    unseen: tuple[Direction, ...]
+    individually_known: tuple[str, ...]
+    unseen_vectors: FloatArray = field(repr=False)
+    weak_vectors: FloatArray = field(repr=False)
+
+
+def analyse(sensitivity: Sensitivity) -> Identifiability:
+    """Singular values against noise and tolerance, and names for what they tell."""
+    scaled = sensitivity.jacobian * sensitivity.tolerance
+    _, singular, turned = svd_of_all(scaled)
+    uncertainty = _uncertainties(singular, sensitivity)
+    unseen = uncertainty > UNSEEN
+    best = float(uncertainty.min())
+    weak = ~unseen & ((uncertainty > WEAK_RATIO * best) | (uncertainty > WEAK))
+    covariance = _covariance(uncertainty, turned, sensitivity.tolerance, ~unseen)
+    lost = turned[unseen] * sensitivity.tolerance
+    seen = singular[~unseen]
+    return Identifiability(
+        names=sensitivity.names,
+        rank=int((~unseen).sum()),
+        row_count=len(scaled),
+        singular_values=singular,
+        condition_number=float(seen[0] / seen[-1]) if len(seen) else np.inf,
+        unscaled_condition=condition(sensitivity.jacobian, int((~unseen).sum())),
+        weak=_named(turned[weak] * sensitivity.tolerance, sensitivity, covariance),
+        unseen=_named(lost, sensitivity, None),
+        individually_known=names_outside(turned[unseen].T, sensitivity.names),
+        unseen_vectors=lost,
+        weak_vectors=turned[weak] * sensitivity.tolerance,
+    )
+
+
+def _uncertainties(singular: FloatArray, sensitivity: Sensitivity) -> FloatArray:
+    """Standard uncertainty of each singular direction in tolerances; infinite where blind.
+
+    Without a noise only exact blindness can be told: everything else counts as known alike.
+    """
+    blind = singular <= sensitivity.blind * singular[0]
+    if not sensitivity.noise_known:
+        return np.where(blind, np.inf, 0.1 * WEAK)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.where(blind, np.inf, 1.0 / singular))
+
+
+def _covariance(
+    uncertainty: FloatArray, turned: FloatArray, tolerance: FloatArray, seen: NDArray[np.bool_]
+) -> FloatArray:
+    """Covariance ``(k, k)`` from the seen directions."""
+    rows = turned[seen] * uncertainty[seen, None] * tolerance
+    return np.asarray(rows.T @ rows)
+
+
+def _named(
+    vectors: FloatArray, sensitivity: Sensitivity, covariance: FloatArray | None
+) -> tuple[Direction, ...]:
+    """Short combinations that span ``vectors`` ``(r, k)``, with uncertainty and cost."""
+    found = []
+    for combination, name in combinations(vectors, sensitivity):
+        uncertainty = math.inf
+        if covariance is not None:
+            uncertainty = math.sqrt(max(float(combination @ covariance @ combination), 0.0))
+        unit = combination / float(combination @ combination)
+        cost = _cost(sensitivity, unit) * uncertainty
+        against = _against(combination, sensitivity.names, covariance)
+        found.append(Direction(name, uncertainty, cost, against))
+    return tuple(found)
+
+
+def _against(
+    combination: FloatArray, names: Sequence[str], covariance: FloatArray | None
+) -> tuple[str, float] | None:
+    """Two parameters with the second sign turned, and the standard uncertainty of that."""
+    parts = np.flatnonzero(combination)
+    if len(parts) != 2 or covariance is None:
+        return None
+    turned = combination.copy()
+    turned[parts[1]] *= -1.0
+    return _sum_of(turned, names), math.sqrt(max(float(turned @ covariance @ turned), 0.0))
+
+
+def _cost(sensitivity: Sensitivity, vector: FloatArray) -> float:
+    """R.m.s. movement of the tool over the workspace for this change of the parameters."""
+    if sensitivity.cost is None:
+        return 0.0
+    moved = sensitivity.cost @ vector
+    return float(np.sqrt((moved**2).sum() / sensitivity.points))
+
+
+def combinations(vectors: FloatArray, sensitivity: Sensitivity) -> list[tuple[FloatArray, str]]:
+    """A basis of the space of ``vectors`` ``(r, k)`` in named motions and short sums.
+
+    Motions that lie in the space come first; the rest is brought to echelon form, in which each
+    combination has a parameter of its own, and small shares are left out of the name.
+    """
+    if not len(vectors):
+        return []
+    found, basis = named_inside(np.linalg.qr(vectors.T)[0], sensitivity.motions)
+    return found + [_short(row, sensitivity) for row in _echelon(basis.T)]
+
+
+def _short(row: FloatArray, sensitivity: Sensitivity) -> tuple[FloatArray, str]:
+    """A combination and its name, both of the large shares unless all are wanted."""
+    short = _clean(row)
+    name = _sum_of(short, sensitivity.names)
+    if not sensitivity.whole_shares:
+        return short, name
+    whole = np.where(np.abs(row) > sensitivity.blind, row, 0.0) * np.sign(row @ short)
+    smaller = int(np.count_nonzero(whole) - np.count_nonzero(short))
+    return whole, f"{name}, and smaller shares of {smaller} others" if smaller else name
+
+
+def _echelon(rows: FloatArray) -> FloatArray:
+    """Reduced echelon form of ``(r, k)`` with the largest pivots."""
+    matrix = np.array(rows)
+    used = np.zeros(matrix.shape[1], dtype=np.bool_)
+    for k in range(len(matrix)):
+        size = np.where(used, 0.0, np.abs(matrix[k:]))
+        row, pivot = divmod(largest(size), matrix.shape[1])
+        matrix[[k, k + row]] = matrix[[k + row, k]]
+        used[pivot] = True
+        matrix[k] /= matrix[k, pivot]
+        others = np.arange(len(matrix)) != k
+        matrix[others] -= np.outer(matrix[others, pivot], matrix[k])
+    return np.asarray(sorted(matrix, key=lambda row: int(np.flatnonzero(_clean(row))[0])))
+
+
+def _clean(row: FloatArray) -> FloatArray:
+    """Shares below a quarter of the largest dropped; those near ±1 made so; first one positive."""
+    size = np.abs(row)
+    kept = np.where(size > SMALL_SHARE * size.max(), row, 0.0)
+    kept = np.where(np.abs(np.abs(kept) - 1.0) < 0.1, np.sign(kept), kept)
+    return np.asarray(kept * np.sign(kept[np.flatnonzero(kept)[0]]))
+
+
+def _sum_of(row: FloatArray, names: Sequence[str]) -> str:
+    parts = [
+        f"{'+' if value > 0 else '-'} {'' if abs(value) == 1.0 else f'{abs(value):.2f} '}{name}"
+        for value, name in zip(row, names, strict=True)
+        if value != 0.0
+    ]
+    return " ".join(parts).removeprefix("+ ")
+
+
+def refuse_unseen(found: Identifiability, what: str) -> None:
+    """Raise NotIdentifiable where some combination of the parameters is not seen."""
+    if found.unseen:
+        blind = "; ".join(direction.combination for direction in found.unseen)
+        raise NotIdentifiable(
+            f"the set '{what}' is not determined by these readings",
+            f"{len(found.unseen)} of {len(found.names)} combinations not seen: {blind}",
+            "every combination known better than its tolerance",
+            "Choose a smaller set with --subset, or measure Zero, Max and Min on all three legs.",
+        )
+
+
+@dataclass(frozen=True)
+class ClassicalQr:
+    """Parameters whose diagonal entry of R is within the tolerance of zero.
+
+    Which ones are flagged depends on the order of the columns, and neither noise nor size of the
+    parameters has a say: `calib.design.identifiability` decides, this only compares.
+    """
+
+    tolerance: float
+    flagged: tuple[str, ...]
+
+
+def classical_qr(jacobian: FloatArray, names: Sequence[str]) -> ClassicalQr:
+    """QR without pivoting of ``(m, k)``: ``|r_ii| <= k ε max|r_ii|`` is taken for zero.
+
+    Parameters without a row of R of their own (fewer values than parameters) are flagged too.
+    """
+    diagonal = np.zeros(len(names))
+    found = np.abs(np.linalg.qr(jacobian)[1].diagonal())
+    diagonal[: len(found)] = found
+    tolerance = len(names) * float(np.finfo(np.float64).eps) * float(diagonal.max(initial=0.0))
+    flagged = tuple(name for name, r in zip(names, diagonal, strict=True) if r <= tolerance)
+    return ClassicalQr(tolerance, flagged)

@@ -1,0 +1,254 @@
+"""Postures moved in their box until the criterion is best. Knows no machine."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.design.criteria import Aim, Criterion, value_of, values_of
+from calib.errors import CalibrationError
+from calib.linalg import BLIND, ROUNDING, svd_of_all
+from calib.observations import FloatArray
+
+Pull = Callable[[FloatArray], FloatArray]
+"""From a number's derivatives by the rows ``(p, r, k)`` to those by coordinates ``(p, d)``."""
+
+RowsAndPull = Callable[[FloatArray], tuple[FloatArray, Pull]]
+"""From coordinates ``(p, d)`` to rows ``(p, r, k)`` and how derivatives are pulled back."""
+
+ON_BOUND = 1e-6
+"""Share of the box's width within which a coordinate stands on its bound."""
+
+MOST_STEPS = 300
+
+OF_ENDS = (
+    Criterion.CONDITION,
+    Criterion.SMALLEST_SINGULAR_VALUE,
+    Criterion.NOISE_AMPLIFICATION,
+)
+"""Criteria of the largest and the smallest singular value alone."""
+
+FAINT = 1e-9
+"""Relative eigenvalue of the information above which it has digits enough; it is quicker to take
+apart than the rows.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """Coordinates ``(p, d)`` with the value before and after; never worse than before.
+
+    ``on_bound`` counts the coordinates that stand on a bound of the box.
+    """
+
+    coordinates: FloatArray
+    value: float
+    start_value: float
+    on_bound: int
+
+
+def pulled_by_slopes(
+    rows_at: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
+) -> RowsAndPull:
+    """From a map to rows and their derivatives ``(p, r, k, d)``."""
+
+    def rows_and_pull(coordinates: FloatArray) -> tuple[FloatArray, Pull]:
+        rows, slopes = rows_at(coordinates)
+        return rows, lambda weights: np.asarray(np.einsum("prk,prkd->pd", weights, slopes))
+
+    return rows_and_pull
+
+
+def refine(
+    rows_at: RowsAndPull,
+    start: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    aim: Aim | None = None,
+    *,
+    fixed: FloatArray | None = None,
+    sharpness: Sequence[float] = (),
+) -> Refined:
+    """Improve postures ``(p, d)`` inside the box ``(d,)`` to ``(d,)`` by L-BFGS-B.
+
+    ``rows_at`` is a smooth map of the machine; ``fixed`` ``(k, k)`` as for the exchange.
+    ``sharpness`` are powers, rising, with which criteria of single singular values are made smooth
+    in stages: where it depends on the largest singular value alone, a search without them gets
+    stuck. Raises CalibrationError for a start outside the box, NotIdentifiable where the start
+    does not see all wanted parameters.
+    """
+    aim, width = aim or Aim(), upper - lower
+    if not (width > 0.0).all() or not ((lower <= start) & (start <= upper)).all():
+        raise CalibrationError(
+            "postures to refine", "a coordinate outside its box", "bounds with lower < upper"
+        )
+    before = judged(rows_at(start)[0], aim, fixed)
+
+    def unfolded(unit: FloatArray) -> FloatArray:
+        return np.asarray(np.clip(lower + unit.reshape(start.shape) * width, lower, upper))
+
+    def cost(unit: FloatArray, power: float) -> tuple[float, FloatArray]:
+        rows, pull = rows_at(unfolded(unit))
+        value, by_rows = cost_by_rows(rows, aim, fixed, power)
+        return value, (pull(by_rows) * width).ravel()
+
+    unit = ((start - lower) / width).ravel()
+    for power in sharpness if sharpness and aim.criterion in OF_ENDS else [math.inf]:
+        unit = _descended(cost, unit, power)
+    moved = unfolded(unit)
+    after = judged(rows_at(moved)[0], aim, fixed)
+    if (after <= before) if aim.criterion.larger_is_better else (after >= before):
+        moved, after = start, before
+    return Refined(moved, after, before, count_on_bound(moved, lower, upper))
+
+
+def _descended(
+    cost: Callable[[FloatArray, float], tuple[float, FloatArray]], unit: FloatArray, power: float
+) -> FloatArray:
+    from scipy.optimize import minimize  # 0.1 s to import: only where used
+
+    found = minimize(
+        cost,
+        unit,
+        args=(power,),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(0.0, 1.0)] * len(unit),
+        options={"maxiter": MOST_STEPS, "ftol": 1e-13, "gtol": 1e-9},
+    )
+    return np.asarray(found.x)
+
+
+def count_on_bound(coordinates: FloatArray, lower: FloatArray, upper: FloatArray) -> int:
+    """How many of the coordinates ``(p, d)`` stand on a bound of the box."""
+    share = (coordinates - lower) / (upper - lower)
+    return int(((share < ON_BOUND) | (share > 1.0 - ON_BOUND)).sum())
+
+
+def cost_by_rows(
+    rows: FloatArray, aim: Aim, fixed: FloatArray | None, power: float
+) -> tuple[float, FloatArray]:
+    """As `cost_and_slope`, with the derivatives by the rows ``(p, r, k)``."""
+    information = _information(rows, fixed)
+    if not _plain(aim, fixed):
+        value, by_information = cost_and_slope(information, aim, power)
+        return value, 2.0 * rows @ by_information
+    variance, turned = _variances(rows, information)
+    value, by_log = _log_cost(variance, turned, aim)
+    if power < math.inf and aim.criterion in OF_ENDS:
+        value, by_log = _smooth(np.log(variance), by_log, power)
+    return value, -2.0 * rows @ ((turned * (by_log * variance)) @ turned.T)
+
+
+def _variances(rows: FloatArray, information: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues ``(k,)`` of the covariance, ascending, and its eigenvectors as columns.
+
+    From the information where its eigenvalues have digits, else from the rows themselves.
+    """
+    found, turned = np.linalg.eigh(information)
+    if found[0] > FAINT * found[-1]:
+        return 1.0 / found[::-1], np.asarray(turned[:, ::-1])
+    flat = rows.reshape(-1, rows.shape[-1])
+    _, singular, vectors = svd_of_all(flat)
+    least = ROUNDING * max(float(singular[0]), 1e-150)
+    return np.maximum(singular, least) ** -2, np.asarray(vectors.T)
+
+
+def _plain(aim: Aim, fixed: FloatArray | None) -> bool:
+    """Whether the rows alone decide, so that their squares need not be formed."""
+    return fixed is None and aim.wanted is None and aim.criterion is not Criterion.TOOL_VARIANCE
+
+
+def judged(rows: FloatArray, aim: Aim, fixed: FloatArray | None = None) -> float:
+    """The criterion of rows ``(p, r, k)``; from singular values where it can be, which keeps twice
+    the digits. Raises NotIdentifiable where a wanted combination is not seen.
+    """
+    if not _plain(aim, fixed):
+        return value_of(_information(rows, fixed), aim)
+    flat = rows.reshape(-1, rows.shape[-1])
+    size = np.linalg.norm(flat, axis=0)
+    scaled = np.linalg.svd(flat / np.where(size > 0.0, size, 1.0), compute_uv=False)
+    if len(flat) < flat.shape[1] or scaled[-1] <= ROUNDING * scaled[0]:
+        return value_of(_information(rows, fixed), aim)
+    singular = np.linalg.svd(flat, compute_uv=False)
+    return float(values_of(np.diag(singular**-2)[None], aim)[0])
+
+
+def _information(rows: FloatArray, fixed: FloatArray | None) -> FloatArray:
+    flat = rows.reshape(-1, rows.shape[-1])
+    own = flat.T @ flat
+    return np.asarray(own if fixed is None else own + fixed)
+
+
+def cost_and_slope(
+    information: FloatArray, aim: Aim, power: float = math.inf
+) -> tuple[float, FloatArray]:
+    """Logarithm of the criterion, smaller is better, and its derivative ``(k, k)``.
+
+    ``d cost = tr(slope · d information)``. At equal singular values the derivative of one of them
+    is taken; L-BFGS-B lives with that. A finite ``power`` smooths criteria of single ones.
+    """
+    count = len(information)
+    keep, drop = aim.columns(count), aim.nuisance(count)
+    largest = max(float(information.diagonal().max()), 1e-300)
+    regular = information + ROUNDING * largest * np.eye(count)
+    lift = _lift(regular, keep, drop)
+    left = lift.T @ regular @ lift
+    variance, turned = np.linalg.eigh(np.linalg.inv(left))
+    value, by_log = _log_cost(variance, turned, aim)
+    if power < math.inf and aim.criterion in OF_ENDS:
+        value, by_log = _smooth(np.log(variance), by_log, power)
+    # d log(eigenvalue of the inverse) = -eigenvalue · vᵀ d(information) v
+    slope = -(turned * (by_log * variance)) @ turned.T
+    if aim.criterion is Criterion.TOOL_VARIANCE and aim.metric is not None:
+        covariance = (turned * variance) @ turned.T
+        total = float(np.trace(aim.metric @ covariance))
+        slope = -covariance @ aim.metric @ covariance / total
+    return value, np.asarray(lift @ slope @ lift.T)
+
+
+def _smooth(logs: FloatArray, by_log: FloatArray, power: float) -> tuple[float, FloatArray]:
+    """``log |σ|_p`` in place of ``log σ_1`` and ``-log |1/σ|_p`` in place of ``log σ_L``; the cost
+    and its derivatives ``(k,)``. ``by_log`` are those of the cost that uses ``σ_1, σ_L`` alone.
+    """
+    value, smooth = 0.0, np.zeros(len(logs))
+    for end in (0, -1):
+        if by_log[end]:
+            scaled = math.copysign(0.5 * power, by_log[end]) * logs
+            parts = np.exp(scaled - scaled.max())
+            weight, total = 2.0 * abs(float(by_log[end])), float(parts.sum())
+            value += weight * (float(scaled.max()) + math.log(total)) / power
+            smooth += float(by_log[end]) * parts / total
+    return value, smooth
+
+
+def _lift(information: FloatArray, keep: list[int], drop: list[int]) -> FloatArray:
+    """``(k, k_wanted)``: the wanted parameters with the best nuisance for each."""
+    lift = np.zeros((len(information), len(keep)))
+    lift[keep, np.arange(len(keep))] = 1.0
+    if drop:
+        inverse = np.linalg.pinv(information[np.ix_(drop, drop)], rcond=BLIND**2, hermitian=True)
+        lift[drop] = -inverse @ information[np.ix_(drop, keep)]
+    return lift
+
+
+def _log_cost(variance: FloatArray, turned: FloatArray, aim: Aim) -> tuple[float, FloatArray]:
+    """Cost and its derivatives ``(k,)`` by the logarithms of the eigenvalues, ascending."""
+    logs, by_log = np.log(variance), np.zeros(len(variance))
+    kind = aim.criterion
+    if kind is Criterion.DETERMINANT:
+        by_log[:] = 0.5 / len(variance)
+    elif kind is Criterion.AVERAGE_VARIANCE:
+        total = float(variance.sum())
+        return math.log(total / len(variance)), variance / total
+    elif kind is Criterion.TOOL_VARIANCE and aim.metric is not None:
+        tool = (turned * (aim.metric @ turned)).sum(axis=0) * variance
+        return math.log(float(tool.sum())), by_log
+    else:
+        by_log[-1] = 1.0 if kind is Criterion.NOISE_AMPLIFICATION else 0.5
+        if kind is not Criterion.SMALLEST_SINGULAR_VALUE:
+            by_log[0] = -0.5
+    return float(by_log @ logs), by_log

@@ -1,0 +1,105 @@
+"""How well the tool stands over the workspace, before and after, and how sure that is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from calib.observations import FloatArray
+from calib.tripod.geometry import Geometry
+from calib.tripod.workspace import tool_jacobian_at, workspace_axes, workspace_jacobian
+
+Decision = Literal["pass", "fail", "undecided"]
+
+
+@dataclass(frozen=True)
+class ToolError:
+    """R.m.s. distance of the tool from where it should be, over the workspace, and its uncertainty.
+
+    ``standard_uncertainty_mm`` is that of ``rms_mm``; ``worst_mm`` is the largest r.m.s. distance
+    at any place.
+    """
+
+    rms_mm: float
+    standard_uncertainty_mm: float
+    worst_mm: float
+
+
+def tool_error(geometry: Geometry, error_mm: FloatArray, covariance_mm2: FloatArray) -> ToolError:
+    """Expected tool error for parameters off by ``error_mm`` ``(6,)`` with this covariance.
+
+    First order: the tool moves by ``J (error + noise)``; the mean square over places is
+    ``mean |J error|^2 + mean trace(J C J^T)``. Its own variance is that of a quadratic form of
+    normal errors, ``2 trace(M C M C) + 4 e^T M C M e`` with ``M = mean J^T J``.
+    """
+    jacobian = workspace_jacobian(geometry)
+    places = _mean_squares(jacobian, error_mm, covariance_mm2)
+    metric = np.einsum("pij,pik->jk", jacobian, jacobian) / len(jacobian)
+    mean = float(places.mean())
+    moved = metric @ covariance_mm2
+    variance = 2.0 * float(np.trace(moved @ moved))
+    variance += 4.0 * float(error_mm @ moved @ metric @ error_mm)
+    rms = math.sqrt(mean)
+    return ToolError(
+        rms_mm=rms,
+        standard_uncertainty_mm=math.sqrt(variance) / (2.0 * rms) if rms else 0.0,
+        worst_mm=math.sqrt(float(places.max())),
+    )
+
+
+def _mean_squares(
+    jacobian: FloatArray, error_mm: FloatArray, covariance_mm2: FloatArray
+) -> FloatArray:
+    """Expected square of the distance at each place ``(n_points,)``, mm²."""
+    moved = ((jacobian @ error_mm) ** 2).sum(axis=1)
+    spread = np.einsum("pij,jk,pik->p", jacobian, covariance_mm2, jacobian)
+    return np.asarray(moved + spread)
+
+
+@dataclass(frozen=True, eq=False)
+class ToolMap:
+    """Expected tool error ``(n, n)`` on a plane through Zero, mm, rows upwards.
+
+    ``coordinate_mm`` ``(n,)`` are places across, ``up_mm`` ``(n,)`` upwards.
+    """
+
+    across: str
+    up: str
+    coordinate_mm: FloatArray
+    up_mm: FloatArray
+    error_mm: FloatArray
+
+    @property
+    def other_up_mm(self) -> FloatArray | None:
+        """``up_mm`` where it is not the same as across."""
+        return None if np.array_equal(self.coordinate_mm, self.up_mm) else self.up_mm
+
+
+def tool_map(
+    geometry: Geometry,
+    error_mm: FloatArray,
+    covariance_mm2: FloatArray,
+    plane: tuple[int, int] = (0, 1),
+    points: int = 17,
+) -> ToolMap:
+    """Where in a plane the tool stands worse: r.m.s. distance at each place."""
+    axes = workspace_axes(geometry, points)
+    across, up = axes[plane[0]], axes[plane[1]]
+    tool = np.zeros((points, points, 3))
+    tool[:, :, plane[0]] = across[None, :]
+    tool[:, :, plane[1]] = up[:, None]
+    jacobian = tool_jacobian_at(geometry, tool.reshape(-1, 3))
+    square = _mean_squares(jacobian, error_mm, covariance_mm2)
+    error = np.sqrt(square).reshape(points, points)
+    return ToolMap("xyz"[plane[0]], "xyz"[plane[1]], across, up, error)
+
+
+def decide(found: ToolError, tolerance_mm: float, coverage_factor: float) -> Decision:
+    """Pass or fail with a guard band of the expanded uncertainty on either side (ISO 14253-1)."""
+    guard_mm = coverage_factor * found.standard_uncertainty_mm
+    if found.rms_mm + guard_mm <= tolerance_mm:
+        return "pass"
+    return "fail" if found.rms_mm - guard_mm > tolerance_mm else "undecided"

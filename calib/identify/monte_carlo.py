@@ -1,0 +1,191 @@
+"""Many simulated sessions of one kind, identified all at once: are the uncertainties true?
+
+No loop over sessions: sessions lie along the last axis of every array, in chunks that keep the
+memory flat.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.identify.fit import PlainFit
+from calib.newton import Optimum, normal_equations, solve_positive
+from calib.noise.reading import IndicatorFigures, IndicatorNoise, Noise, reading_weights
+from calib.noise.repeats import Repeats
+from calib.noise.rounding import locked_of_shown
+from calib.observations import FloatArray, Observations
+from calib.stats import coverage_factors
+from calib.tripod.geometry import PARAMETER_NAMES
+from calib.tripod.pipeline import ZERO_SPREAD_MM, Model, round_to
+
+CHUNK = 2048
+"""Sessions at once: about 20 MB of work arrays for a standard session."""
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """What is simulated: a kind of session, the scatter of its readings, the machines.
+
+    Every session has the postures and repeats of ``observed`` (its values do not matter). Each
+    machine departs from ``model`` by normal errors of standard deviation ``spread_mm`` ``(6,)`` in
+    the free parameters. With ``noise_known`` scatter and resolution are stated, not taken from the
+    repeats of each session.
+    """
+
+    model: Model
+    observed: Observations
+    free: tuple[int, ...]
+    scatter_mm: float
+    resolution_mm: float
+    spread_mm: FloatArray
+    noise_known: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Intervals:
+    """Standard uncertainties and coverage factors of sessions, ``(k, b)`` each, from repeats."""
+
+    uncertainty_mm: FloatArray
+    coverage_factor: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class MonteCarlo:
+    """Errors of identified parameters over all sessions that converged.
+
+    ``covered`` ``(k,)`` is the share of 95 % intervals that hold the truth,
+    ``error_covariance_mm2`` ``(k, k)`` the mean product of errors, ``predicted_mm2`` ``(k,)`` the
+    mean stated variance.
+    """
+
+    names: tuple[str, ...]
+    sessions: int
+    failed: int
+    covered: FloatArray
+    error_covariance_mm2: FloatArray
+    predicted_mm2: FloatArray
+
+
+def simulate_and_identify(
+    campaign: Campaign,
+    sessions: int,
+    seed: int,
+    progress: Callable[[int], None] = lambda _: None,
+) -> MonteCarlo:
+    """Simulate, identify and judge so many sessions; ``progress`` is told how many are done."""
+    kind = _Kind.of(campaign)
+    size = len(campaign.free)
+    covered, stated = np.zeros(size), np.zeros(size)
+    product = np.zeros((size, size))
+    failed = 0
+    for start in range(0, sessions, CHUNK):
+        count = min(CHUNK, sessions - start)
+        truth, values = kind.draw(count, np.random.default_rng([seed, start]))
+        optimum = kind.fit.solve(values)
+        good = optimum.converged
+        error = (optimum.values - truth)[:, good]
+        intervals = kind.intervals(optimum, values)
+        uncertainty = intervals.uncertainty_mm[:, good]
+        covered += (np.abs(error) <= intervals.coverage_factor[:, good] * uncertainty).sum(axis=1)
+        product += error @ error.T
+        stated += (uncertainty**2).sum(axis=1)
+        failed += count - int(good.sum())
+        progress(start + count)
+    judged = max(sessions - failed, 1)
+    return MonteCarlo(
+        names=tuple(PARAMETER_NAMES[k] for k in campaign.free),
+        sessions=sessions,
+        failed=failed,
+        covered=covered / judged,
+        error_covariance_mm2=product / judged,
+        predicted_mm2=stated / judged,
+    )
+
+
+def identify_many(
+    model: Model, observed: Observations, free: tuple[int, ...], value_mm: FloatArray
+) -> FloatArray:
+    """Free parameters ``(k, sessions)`` for readings ``(n_readings, sessions)`` taken alike, in mm.
+
+    Equal weights; NaN where a session has no optimum within reach.
+    """
+    fit = PlainFit.of(model, observed, free, observed.averaged)
+    found = np.full((len(free), value_mm.shape[1]), np.nan)
+    for start in range(0, value_mm.shape[1], CHUNK):
+        optimum = fit.solve(value_mm[:, start : start + CHUNK])
+        found[:, start : start + CHUNK] = np.where(optimum.converged, optimum.values, np.nan)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Kind:
+    """One kind of session, prepared."""
+
+    campaign: Campaign
+    fit: PlainFit
+    repeats: Repeats
+    count_at_place: FloatArray
+    place: FloatArray
+    expected: IndicatorNoise
+
+    @classmethod
+    def of(cls, campaign: Campaign) -> _Kind:
+        observed = campaign.observed
+        expected = IndicatorFigures(campaign.resolution_mm, campaign.scatter_mm).noise(
+            observed.indicator_count
+        )
+        expected = expected or _unit_noise(observed)
+        weight = reading_weights(observed, expected)
+        fit = PlainFit.of(campaign.model, observed, campaign.free, weight)
+        place = np.argmax(fit.average > 0.0, axis=0)
+        together = np.asarray(np.bincount(place, observed.averaged), dtype=np.float64)
+        repeats = Repeats.of(observed)
+        return cls(campaign, fit, repeats, together, place, expected.indicators[0])
+
+    def draw(self, count: int, generator: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """True free parameters ``(k, count)`` and readings ``(n_readings, count)``, mm."""
+        campaign, observed = self.campaign, self.campaign.observed
+        index = list(campaign.free)
+        truth = np.repeat(np.array(campaign.model.parameters_mm)[:, None], count, axis=1)
+        spread = campaign.spread_mm[index, None]
+        truth[index] += spread * generator.normal(size=(len(index), count))
+        exact = self.fit.design.readings(truth)[self.place]
+        zeros = generator.normal(scale=ZERO_SPREAD_MM, size=(observed.mount_count, count))
+        scatter = campaign.scatter_mm / np.sqrt(observed.averaged)[:, None]
+        noisy = exact + zeros[observed.mount] + scatter * generator.normal(size=exact.shape)
+        return truth[index], round_to(noisy, campaign.resolution_mm)
+
+    def intervals(self, optimum: Optimum, values: FloatArray) -> Intervals:
+        """Uncertainty of each session from its own repeats, pooled over the indicators.
+
+        Where the noise is known, from that.
+        """
+        free, shown, locked = self._noise(values)
+        normal, _ = normal_equations(optimum.residual, optimum.jacobian)
+        maps = np.einsum("kgb,gh->khb", optimum.jacobian, self.fit.whiten)
+        estimator = np.stack(
+            [solve_positive(normal, maps[:, h])[0] for h in range(maps.shape[1])], axis=1
+        )
+        square = estimator**2
+        own = np.einsum("khb,h->kb", square, 1.0 / self.count_at_place) * shown
+        variance = own + square.sum(axis=1) * locked
+        with np.errstate(divide="ignore", invalid="ignore"):
+            degrees = np.where(own > 0.0, variance**2 / (own**2 / free), math.inf)
+        return Intervals(np.sqrt(variance), coverage_factors(degrees))
+
+    def _noise(self, values: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Degrees of freedom, and the variances shown and locked of each session ``(b,)``, mm²."""
+        if self.campaign.noise_known:
+            ones = np.ones(values.shape[1])
+            return math.inf, self.expected.shown_mm2 * ones, self.expected.locked_mm2 * ones
+        free = float(self.repeats.degrees_of_freedom.sum())
+        shown = self.repeats.sums_of_squares(values).sum(axis=0) / free
+        return free, shown, locked_of_shown(shown, self.campaign.resolution_mm, free)
+
+
+def _unit_noise(observed: Observations) -> Noise:
+    return Noise((IndicatorNoise(1.0, 0.0, math.inf),) * observed.indicator_count, "instrument")

@@ -1,0 +1,135 @@
+"""What identification gives: frozen results and what follows from them at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from calib.design.identifiability import Direction
+from calib.linalg import without_means
+from calib.noise.reading import Noise
+from calib.observations import FloatArray, Observations
+from calib.stats import coverage_factor, variance_ratio_p_value
+from calib.tripod.differences import Differences
+from calib.tripod.pipeline import Model
+
+Subset = Literal["joint-offsets", "leg-lengths", "both", "with-tolerances"]
+Method = Literal["linear", "exact"]
+Weights = Literal["equal", "covariance"]
+
+SUBSETS: dict[Subset, tuple[int, ...]] = {
+    "joint-offsets": (0, 1, 2),
+    "leg-lengths": (3, 4, 5),
+    "both": (0, 1, 2, 3, 4, 5),
+    "with-tolerances": (0, 1, 2, 3, 4, 5),
+}
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """Ratio of what the model leaves to the noise (variances), and the chance of one as large."""
+
+    statistic: float
+    degrees_of_freedom: float
+    p_value: float
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Identified parameters of one subset with everything needed to trust them or not.
+
+    ``names``, ``values_mm`` and ``coverage_factors`` (95 %) have k entries, ``covariance_mm2`` is
+    ``(k, k)``, of which ``held_mm2`` is what tolerances leave open.
+    ``predicted_mm`` and ``difference_uncertainty_mm`` belong to ``differences``,
+    ``(n_differences,)`` each.
+    Uncertainties carry the noise of the readings; they do not carry what the model leaves out.
+    """
+
+    model: Model
+    subset: Subset
+    method: Method
+    weights: Weights
+    names: tuple[str, ...]
+    values_mm: FloatArray
+    covariance_mm2: FloatArray
+    held_mm2: FloatArray
+    coverage_factors: FloatArray
+    differences: Differences
+    difference_uncertainty_mm: FloatArray
+    predicted_mm: FloatArray
+    rms_before_mm: float
+    rms_after_mm: float
+    degrees_of_freedom: int
+    noise: Noise
+    lack_of_fit: LackOfFit | None
+    condition_number: float
+    weak_directions: tuple[Direction, ...]
+    residual_mm: FloatArray
+
+    @property
+    def coverage_factor(self) -> float:
+        """The largest of the coverage factors."""
+        return float(self.coverage_factors.max())
+
+    @property
+    def uncertainty_mm(self) -> FloatArray:
+        """Standard uncertainties ``(k,)``, mm."""
+        return np.sqrt(self.covariance_mm2.diagonal())
+
+    @property
+    def expanded_mm(self) -> FloatArray:
+        """Expanded uncertainties for 95 % ``(k,)``, mm."""
+        return self.coverage_factors * self.uncertainty_mm
+
+    @property
+    def spread(self) -> float:
+        """Factor on the variance of the noise where the model leaves more than that; at least 1."""
+        return max(1.0, self.lack_of_fit.statistic) if self.lack_of_fit else 1.0
+
+    def enlarged_mm2(self, factor: float) -> FloatArray:
+        """Covariance ``(k, k)`` in mm² with so many times the variance of the noise."""
+        return np.asarray(factor * (self.covariance_mm2 - self.held_mm2) + self.held_mm2)
+
+    @property
+    def left_over_factor(self) -> float:
+        """Coverage factor (95 %) with what the model leaves, and its freedom, as noise."""
+        if not self.lack_of_fit or self.spread == 1.0:
+            return self.coverage_factor
+        return coverage_factor(self.lack_of_fit.degrees_of_freedom)
+
+    @property
+    def enlarged_expanded_mm(self) -> FloatArray:
+        """Expanded uncertainties (95 %) ``(k,)`` with what the model leaves as noise, mm."""
+        enlarged = np.sqrt(self.enlarged_mm2(self.spread).diagonal())
+        return np.maximum(self.expanded_mm, self.left_over_factor * enlarged)
+
+
+LACK_OF_FIT_LEVEL = 0.01
+"""Chance from which down the model is said to leave more than the noise."""
+
+
+def lack_of_fit(
+    visited: Observations, left_mm: FloatArray, parameter_count: float, noise: Noise
+) -> LackOfFit | None:
+    """Mean square of what the best fit leaves of the cell means, over their noise variance.
+
+    ``left_mm`` ``(n_readings,)`` is measured minus predicted, zeros not yet taken out.
+    ``parameter_count`` is the trace of what a fit makes of readings: less than the number of
+    parameters where tolerances hold them (Hastie, Tibshirani, Friedman, section 7.6). None where
+    nothing is free or the noise itself came from what the fit leaves.
+    """
+    first, cell = np.unique(visited.cell, return_index=True, return_inverse=True)[1:]
+    free = round(len(first) - visited.mount_count - parameter_count, 6)
+    if noise.source == "residuals" or free <= 0.0:
+        return None
+    together = np.bincount(cell, visited.averaged)
+    mean = np.bincount(cell, visited.averaged * left_mm) / together
+    mount, indicator = visited.mount[first], visited.indicator[first]
+    shown = np.array([one.shown_mm2 for one in noise.indicators])[indicator]
+    locked = np.array([one.locked_mm2 for one in noise.indicators])[indicator]
+    weight = 1.0 / (shown / together + locked)
+    statistic = float((weight * without_means(mount, weight, mean) ** 2).sum()) / free
+    p_value = variance_ratio_p_value(statistic, free, noise.degrees_of_freedom)
+    return LackOfFit(statistic, free, p_value)

@@ -1,0 +1,161 @@
+"""Which parameters to identify: the set with the smallest expected error at the tool."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.errors import NotIdentifiable
+from calib.identify.accuracy import ToolError, tool_error
+from calib.identify.identify import identify
+from calib.identify.solution import SUBSETS, Method, Solution, Subset, Weights
+from calib.noise.reading import IndicatorFigures
+from calib.observations import FloatArray, Observations
+from calib.tripod.geometry import PARAMETER_NAMES
+from calib.tripod.pipeline import Model
+from calib.tripod.workspace import workspace_jacobian
+
+CLEARLY_BETTER = 0.9
+"""Another set must promise less than this share of the joint offsets' tool error."""
+
+
+@dataclass(frozen=True, eq=False)
+class SubsetChoice:
+    """The recommended subset, why, and the solution of every subset that the data determine.
+
+    ``tool_after`` is the error of the tool to expect over the workspace with the values of each
+    entered, and for ``with-tolerances`` where the tolerances of the parts are stated. ``refused``
+    holds the reason for every subset that the data do not determine.
+    """
+
+    recommended: Subset
+    reasons: tuple[str, ...]
+    solutions: dict[Subset, Solution]
+    tool_after: dict[Subset, ToolError]
+    refused: dict[Subset, NotIdentifiable]
+
+    @property
+    def tool_error_mm(self) -> dict[Subset, float]:
+        """The expected r.m.s. error of the tool for each subset, mm."""
+        return {subset: found.rms_mm for subset, found in self.tool_after.items()}
+
+    def error_before(self, subset: Subset, model: Model) -> ToolError:
+        """The tool's error with what the controller holds now, as far as this subset tells.
+
+        The shift itself is known with the covariance, and the tool is off by the shift and by what
+        the subset misses.
+        """
+        solution = self.solutions[subset]
+        bias, covariance = left_after(self.solutions, subset)
+        shift = np.array(solution.model.parameters_mm) - np.array(model.parameters_mm) + bias
+        found = tool_error(solution.model.geometry, shift, covariance)
+        exact = tool_error(solution.model.geometry, shift, np.zeros_like(covariance))
+        return ToolError(exact.rms_mm, found.standard_uncertainty_mm, exact.worst_mm)
+
+
+def choose_subset(
+    model: Model,
+    observed: Observations,
+    method: Method = "exact",
+    *,
+    weights: Weights = "equal",
+    indicator: IndicatorFigures | None = None,
+    tolerance_mm: FloatArray | None = None,
+) -> SubsetChoice:
+    """Identify all subsets and compare variance plus squared bias at the tool.
+
+    Bias of a smaller set is what the full set would change at the tool, less what chance alone
+    would change; noise is the larger of the reading noise and what the full set leaves. Effects
+    outside the six parameters are not in these figures. Raises NotIdentifiable where not even one
+    subset is determined.
+    """
+    solutions: dict[Subset, Solution] = {}
+    refused: dict[Subset, NotIdentifiable] = {}
+    wanted = [s for s in SUBSETS if s != "with-tolerances" or tolerance_mm is not None]
+    for subset in wanted:
+        try:
+            solutions[subset] = identify(
+                model,
+                observed,
+                subset,
+                method,
+                weights=weights,
+                indicator=indicator,
+                tolerance_mm=tolerance_mm,
+            )
+        except NotIdentifiable as problem:
+            refused[subset] = problem
+    if not solutions:
+        raise refused["joint-offsets"]
+    after = {
+        subset: tool_error(one.model.geometry, *left_after(solutions, subset))
+        for subset, one in solutions.items()
+    }
+    errors = {subset: found.rms_mm for subset, found in after.items()}
+    best = min(errors, key=lambda subset: errors[subset])
+    if errors[best] > CLEARLY_BETTER * errors.get("joint-offsets", math.inf):
+        best = "joint-offsets"
+    return SubsetChoice(
+        best,
+        _reasons(best, errors, refused),
+        solutions,
+        after,
+        refused,
+    )
+
+
+def left_after(solutions: dict[Subset, Solution], subset: Subset) -> tuple[FloatArray, FloatArray]:
+    """What the parameters are off by with a subset entered: bias ``(6,)``, covariance ``(6, 6)``.
+
+    The bias is what the full set would still change, made smaller until its mean square at the
+    tool is the part that chance does not explain; none where the full set is not determined. Where
+    not even joint offsets are, the parameters held by tolerances say what is left.
+    """
+    solution, full = solutions[subset], solutions.get("both")
+    factor = noise_factor(solutions, subset)
+    held = solutions.get("with-tolerances")
+    if held is not None and not {"both", "joint-offsets"} & solutions.keys():
+        # a plain set alone would take what it leaves out for perfect
+        shift = np.array(held.model.parameters_mm) - np.array(solution.model.parameters_mm)
+        return shift, full_covariance(held, held.spread)
+    covariance = full_covariance(solution, factor)
+    if full is None or subset == "both":
+        return np.zeros(len(PARAMETER_NAMES)), covariance
+    shift = np.array(full.model.parameters_mm) - np.array(solution.model.parameters_mm)
+    jacobian = workspace_jacobian(solution.model.geometry)
+    moved = float(((jacobian @ shift) ** 2).sum(axis=1).mean())
+    differing = full_covariance(full, factor) - covariance
+    chance = float(np.einsum("pij,jk,pik->p", jacobian, differing, jacobian).mean())
+    real = max(moved - max(chance, 0.0), 0.0)
+    return shift * math.sqrt(real / moved if moved > 0.0 else 0.0), covariance
+
+
+def noise_factor(solutions: dict[Subset, Solution], subset: Subset) -> float:
+    """Factor on the variance of the noise: of what the full set leaves, else the subset itself."""
+    return solutions.get("both", solutions[subset]).spread
+
+
+def full_covariance(solution: Solution, factor: float = 1.0) -> FloatArray:
+    """Covariance ``(6, 6)`` in mm² with zeros for parameters that were not identified.
+
+    With a factor, the variance of the noise counts so many times.
+    """
+    index = list(SUBSETS[solution.subset])
+    covariance = np.zeros((len(PARAMETER_NAMES),) * 2)
+    covariance[np.ix_(index, index)] = solution.enlarged_mm2(factor)
+    return covariance
+
+
+def _reasons(
+    best: Subset, errors: dict[Subset, float], refused: dict[Subset, NotIdentifiable]
+) -> tuple[str, ...]:
+    promised = ", ".join(f"{subset} {error:.3g} mm" for subset, error in errors.items())
+    reasons = [f"expected tool error over the workspace: {promised}"]
+    if best == "joint-offsets" and min(errors.values()) < errors[best]:
+        reasons.append("no other set is clearly better, and any controller can hold joint offsets")
+    reasons += [f"{subset} left out: {problem.found}" for subset, problem in refused.items()]
+    if "both" in refused:
+        reasons.append("what the smaller sets miss of the other parameters cannot be assessed")
+    return tuple(reasons)

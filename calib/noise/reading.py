@@ -1,0 +1,274 @@
+"""How much a single reading scatters, how well that is known, and what each reading weighs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from calib.noise.repeats import Repeats, WildReading, wander, wild_readings
+from calib.noise.rounding import locked_of_shown, locked_variance
+from calib.observations import FloatArray, IntArray, Observations
+from calib.stats import variance_ratio_p_values
+from calib.ties import ranks
+
+NoiseSource = Literal["repeats", "instrument", "residuals"]
+Repeated = Literal["nothing", "equal", "rounding", "scatter"]
+
+ROUNDING = 8 * float(np.finfo(np.float64).eps)
+"""Relative scatter that floating point arithmetic alone makes of equal values."""
+
+LEAST_NOISE_MM = 1e-9
+"""Less than this is arithmetic, not measurement."""
+
+POOLING_LEVEL = 0.01
+"""Chance that indicators of equal scatter are kept apart."""
+
+
+BORROWED = 4.0
+"""Degrees of freedom that diagnosis lends to a mounting kept apart: a variance from few repeats
+can be far too small by chance."""
+
+
+@dataclass(frozen=True)
+class IndicatorNoise:
+    """Variance (mm²) of one indicator's readings: what repeats show, and what they all share.
+
+    ``locked_mm2`` is the part of the rounding that repeats in one posture have in common
+    (`calib.noise.rounding`). ``degrees_of_freedom`` belong to ``shown_mm2``.
+    """
+
+    shown_mm2: float
+    locked_mm2: float
+    degrees_of_freedom: float
+
+    @property
+    def variance_mm2(self) -> float:
+        """Variance of a single reading."""
+        return self.shown_mm2 + self.locked_mm2
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of single readings: one entry of ``indicators`` for each indicator.
+
+    They are all the same where ``pooled``; equal ones share one estimate. ``wild`` are readings
+    that do not fit their own repeats; they are counted nevertheless. Degrees of freedom are
+    infinite for a stated instrument: taken as known (GUM 4.3, type B).
+    ``repeated`` is what repeats show: nothing where there are none, equal readings, less scatter
+    than rounding, or scatter. ``wander_mm`` is how far readings wander from cycle to cycle where
+    that is more than chance; it is not in the variances.
+    """
+
+    indicators: tuple[IndicatorNoise, ...]
+    source: NoiseSource
+    pooled: bool = True
+    wild: tuple[WildReading, ...] = ()
+    repeated: Repeated = "nothing"
+    wander_mm: float | None = None
+
+    @property
+    def standard_deviation_mm(self) -> float:
+        """Standard deviation of a single reading, mean square over the indicators, mm."""
+        return math.sqrt(sum(one.variance_mm2 for one in self.indicators) / len(self.indicators))
+
+    @property
+    def degrees_of_freedom(self) -> float:
+        """Degrees of freedom of that standard deviation (Welch and Satterthwaite, GUM G.4.1)."""
+        total = sum(one.variance_mm2 for one in self.indicators)
+        shown = np.array([one.shown_mm2 for one in self.indicators])
+        spread = sum(
+            float(shown[self.estimates == number].sum()) ** 2
+            / self.indicators[number].degrees_of_freedom
+            for number in set(self.estimates.tolist())
+        )
+        return total**2 / spread if spread > 0.0 else math.inf
+
+    @property
+    def estimates(self) -> IntArray:
+        """For each indicator the first one ``(n_indicators,)`` that shares its estimate."""
+        first: dict[IndicatorNoise, int] = {}
+        numbers = [first.setdefault(one, k) for k, one in enumerate(self.indicators)]
+        return np.array(numbers, dtype=np.intp)
+
+    def shown_mm2(self, observed: Observations) -> FloatArray:
+        """Variance of each value ``(n_readings,)`` that repeats reduce, mm²."""
+        shown = np.array([one.shown_mm2 for one in self.indicators])
+        return np.asarray(shown[observed.indicator] / observed.averaged)
+
+    def locked_mm2(self, observed: Observations) -> FloatArray:
+        """Variance that each value ``(n_readings,)`` shares with its repeats, mm²."""
+        locked = np.array([one.locked_mm2 for one in self.indicators])
+        return np.asarray(locked[observed.indicator])
+
+    def scaled(self, factor: float) -> Noise:
+        """The same noise with every variance times ``factor``."""
+        return replace(
+            self,
+            indicators=tuple(
+                replace(one, shown_mm2=one.shown_mm2 * factor, locked_mm2=one.locked_mm2 * factor)
+                for one in self.indicators
+            ),
+        )
+
+
+def reading_weights(observed: Observations, noise: Noise | None) -> FloatArray:
+    """Weight of each value ``(n_readings,)`` in 1/mm² such that those of a posture add up right.
+
+    Values of one mounting in one posture have together the weight of their mean, 1/(shown/n +
+    locked). Without a noise the number of averaged readings serves.
+    """
+    if noise is None:
+        return observed.averaged
+    place = observed.level
+    together = np.bincount(place, observed.averaged)[place]
+    shown = np.array([one.shown_mm2 for one in noise.indicators])[observed.indicator]
+    return np.asarray(
+        observed.averaged / together / (shown / together + noise.locked_mm2(observed))
+    )
+
+
+@dataclass(frozen=True)
+class IndicatorFigures:
+    """What is stated or seen of the indicators, in mm; None where nothing is known.
+
+    ``repeatability_mm`` is a standard deviation. ``step_mm`` is the step in which the readings are
+    written down; it tells when repeats are too equal to mean anything.
+    """
+
+    resolution_mm: float | None = None
+    repeatability_mm: float | None = None
+    step_mm: float | None = None
+
+    def noise(self, indicator_count: int = 1) -> Noise | None:
+        """Noise from resolution and repeatability, None where neither is stated.
+
+        Rounding to a step r adds a variance of ``r² / 12`` (GUM F.2.2.1).
+        """
+        scatter, step = self.repeatability_mm or 0.0, self.resolution_mm or 0.0
+        locked = float(locked_variance(np.array([scatter]), step)[0])
+        shown = scatter**2 + step**2 / 12.0 - locked
+        if shown + locked <= LEAST_NOISE_MM**2:
+            return None
+        one = IndicatorNoise(max(shown, 0.0), locked, math.inf)
+        return Noise((one,) * indicator_count, "instrument")
+
+
+def visits(observed: Observations) -> Observations:
+    """Average what was read in place: readings of a mounting with no motion between them.
+
+    Such repeats share the error of their approach, so they count as one reading, not as several.
+    """
+    visit = visit_numbers(observed)
+    if len(np.unique(visit)) == len(observed):
+        return observed
+    first = np.unique(visit, return_index=True)[1]
+    weight = np.bincount(visit, observed.averaged)
+    mean = np.bincount(visit, observed.averaged * observed.value_mm) / weight
+    return replace(
+        observed.take(first), value_mm=mean, averaged=weight / np.bincount(visit).astype(np.float64)
+    )
+
+
+def visit_numbers(observed: Observations) -> IntArray:
+    """Number of the visit that each reading ``(n_readings,)`` belongs to, counted as they begin."""
+    visit = np.zeros(len(observed), dtype=np.intp)
+    last: dict[int, tuple[int, int]] = {}
+    count = 0
+    pairs = zip(observed.mount.tolist(), observed.level.tolist(), strict=True)
+    for row, (mount, posture) in enumerate(pairs):
+        before = last.get(mount)
+        if before is None or before[0] != posture:
+            before = (posture, count)
+            count += 1
+        last[mount] = before
+        visit[row] = before[1]
+    return visit
+
+
+def reading_noise(visited: Observations, indicator: IndicatorFigures) -> Noise | None:
+    """Noise from repeats where they tell something, else from the stated instrument, else None.
+
+    The scatter of repeats is taken for each indicator, drift removed, and pooled but for those that
+    scatter more than chance allows. Repeats that all agree say nothing: then the resolution
+    rules, stated or seen in the text of the readings.
+    """
+    repeats = Repeats.of(visited)
+    free = repeats.degrees_of_freedom
+    step = max(indicator.resolution_mm or 0.0, indicator.step_mm or 0.0)
+    squares = repeats.sums_of_squares(visited.value_mm[:, None])[:, 0]
+    arithmetic = (ROUNDING * float(np.abs(visited.value_mm).max())) ** 2
+    if free.sum() <= 0.0 or float(squares.sum()) <= arithmetic * free.sum():
+        if free.sum() <= 0.0:
+            return indicator.noise(visited.indicator_count)
+        known = _stated(indicator, step, visited.indicator_count)
+        return replace(known, repeated="equal") if known else None
+    ones = _noise_of_indicators(squares, free, step)
+    shown, locked = sum(one.shown_mm2 for one in ones), sum(one.locked_mm2 for one in ones)
+    floor = step**2 / 12.0
+    found = Noise(
+        ones,
+        "repeats",
+        len(set(ones)) == 1,
+        wild_readings(repeats, floor),
+        "scatter",
+        wander(repeats, floor),
+    )
+    return found if shown >= locked else replace(found, source="instrument", repeated="rounding")
+
+
+def _stated(indicator: IndicatorFigures, seen_mm: float, indicator_count: int) -> Noise | None:
+    """The stated noise; where nothing is stated, that of the step seen in the readings."""
+    return indicator.noise(indicator_count) or IndicatorFigures(resolution_mm=seen_mm).noise(
+        indicator_count
+    )
+
+
+def _noise_of_indicators(
+    squares: FloatArray, free: FloatArray, step: float
+) -> tuple[IndicatorNoise, ...]:
+    """Variances of each indicator: the loud ones their own, all others the pooled ones.
+
+    The loudest is set aside until the rest may be pooled. One without repeats of its own gets what
+    all together show.
+    """
+    judged = np.flatnonzero(free > 0.0)
+    quiet = judged[np.argsort(-ranks(squares[judged] / free[judged]), kind="stable")]
+    while not may_be_pooled(squares[quiet], free[quiet], step):
+        quiet = quiet[:-1]
+    pooled = _split(float(squares[quiet].sum()), float(free[quiet].sum()), step)
+    alone = len(quiet) < len(judged)
+    everybody = _split(float(squares.sum()), float(free.sum()), step) if alone else pooled
+    ones = [everybody] * len(free)
+    for k in judged:
+        own = _split(float(squares[k]), float(free[k]), step)
+        ones[k] = pooled if k in quiet else own
+    return tuple(ones)
+
+
+def _split(square_sum: float, degrees_of_freedom: float, step: float) -> IndicatorNoise:
+    shown = square_sum / degrees_of_freedom
+    locked = float(locked_of_shown(np.array([shown]), step, degrees_of_freedom)[0])
+    return IndicatorNoise(shown, locked, degrees_of_freedom)
+
+
+def may_be_pooled(squares: FloatArray, free: FloatArray, step: float) -> bool:
+    """Whether none scatters more than the others by more than chance (variance ratio).
+
+    ``squares`` and ``free`` ``(k,)`` are square sums and degrees of freedom of what is compared.
+    """
+    judged = free > 0.0
+    square, nu = squares[judged], free[judged]
+    if len(nu) < 2:
+        return True
+    rest, nu_rest = square.sum() - square, nu.sum() - nu
+    own, others = _variances(square / nu, step, nu), _variances(rest / nu_rest, step, nu_rest)
+    ratio = np.divide(own, others, out=np.full_like(own, np.inf), where=others > 0.0)
+    return bool((variance_ratio_p_values(ratio, nu, nu_rest) * len(nu) >= POOLING_LEVEL).all())
+
+
+def _variances(shown_mm2: FloatArray, step: float, free: FloatArray) -> FloatArray:
+    shown = np.maximum(shown_mm2, 0.0)
+    return np.asarray(shown + locked_of_shown(shown, step, free))

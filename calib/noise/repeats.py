@@ -1,0 +1,161 @@
+"""What repeats tell: their scatter freed of drift, and readings that do not belong."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.linalg import (
+    NEW_DIRECTION,
+    basis_by_products,
+    incidence,
+    squares_in,
+    without,
+    without_means,
+)
+from calib.observations import FloatArray, IntArray, Observations, numbered
+from calib.stats import two_sided_p_value, variance_ratio_p_value
+
+WILD_LEVEL = 0.01
+"""Chance that one of all readings is called wild although none is (Bonferroni)."""
+
+
+UNEQUAL_LEVEL = 0.02
+"""Chance, on either side, that an indicator like the others is judged by itself alone."""
+
+TINY = float(np.finfo(np.float64).tiny)
+
+
+@dataclass(frozen=True)
+class WildReading:
+    """A reading that does not fit its own repeats: its row, its distance in standard deviations."""
+
+    row: int
+    studentised: float
+    p_value: float
+
+
+@dataclass(frozen=True, eq=False)
+class Repeats:
+    """Readings of one mounting in one posture, approached from one side, should agree.
+
+    From each mounting the means of its cells and of its cycles are removed, so that drift from
+    cycle to cycle does not pose as noise. ``cell`` ``(n_readings,)`` numbers the cells; ``cycles``
+    holds for each mounting its rows and an orthonormal basis of its cycles beside its cells;
+    ``leverage`` ``(n_readings,)`` is the share of a reading that both take away;
+    ``degrees_of_freedom`` ``(n_indicators,)`` counts what is left.
+    """
+
+    observed: Observations
+    cell: IntArray
+    cycles: tuple[tuple[IntArray, FloatArray], ...]
+    leverage: FloatArray
+    degrees_of_freedom: FloatArray
+
+    @classmethod
+    def of(cls, visited: Observations) -> Repeats:
+        """The repeats among readings of `calib.noise.reading.visits`."""
+        cell = visited.cell
+        leverage = visited.averaged / np.bincount(cell, visited.averaged)[cell]
+        cycles: list[tuple[IntArray, FloatArray]] = []
+        for rows in visited.mountings:
+            basis = _cycles_beside_cells(visited, rows, cell[rows])
+            cycles.append((rows, basis))
+            leverage[rows] += (basis * basis).sum(axis=1)
+        free = np.bincount(visited.indicator, 1.0 - leverage, visited.indicator_count)
+        return cls(visited, cell, tuple(cycles), leverage, np.round(free, 9))
+
+    def scatter(self, value_mm: FloatArray) -> FloatArray:
+        """What repeats leave of values ``(n_readings, b)``, weighted; same shape, mm."""
+        left = _without_cells(np.sqrt(self.observed.averaged), self.cell, value_mm)
+        for rows, basis in self.cycles:
+            left[rows] = without(basis, left[rows])
+        return left
+
+    def sums_of_squares(self, value_mm: FloatArray) -> FloatArray:
+        """Sums of squares ``(n_indicators, b)`` in mm² for values ``(n_readings, b)``."""
+        squares = self.scatter(value_mm) ** 2
+        total = np.zeros((self.observed.indicator_count, squares.shape[1]))
+        np.add.at(total, self.observed.indicator, squares)
+        return total
+
+
+def _without_cells(root: FloatArray, cell: IntArray, value: FloatArray) -> FloatArray:
+    """Values ``(n, b)`` minus the weighted means of their cells, times the root of the weight."""
+    return root[:, None] * without_means(cell, root**2, value)
+
+
+def _cycles_beside_cells(visited: Observations, rows: IntArray, cell: IntArray) -> FloatArray:
+    """Orthonormal basis ``(n_rows, rank)`` of the cycles of a mounting, cell means taken out."""
+    cycle = numbered(visited.cycle[rows])
+    if not cycle.any():
+        return np.zeros((len(rows), 0))
+    root, columns = np.sqrt(visited.averaged[rows]), incidence(cycle)[:, 1:]
+    return basis_by_products(_without_cells(root, numbered(cell), columns))
+
+
+def wild_readings(repeats: Repeats, floor_mm2: float) -> tuple[WildReading, ...]:
+    """Readings whose externally studentised residual in their own cell is too large to be chance.
+
+    Student's t with one degree of freedom less, Bonferroni over all readings. The scatter is that
+    of all repeats where the reading's own indicator, the reading left out, scatters like the
+    others, else that of its own indicator. ``floor_mm2`` is the least variance that a reading can
+    have: the rounding of its display.
+    """
+    left = repeats.scatter(repeats.observed.value_mm[:, None])[:, 0]
+    free = float(repeats.degrees_of_freedom.sum())
+    open_share = 1.0 - repeats.leverage
+    judged = np.flatnonzero(open_share > NEW_DIRECTION**2)
+    if free <= 1.0 or not len(judged):
+        return ()
+    own = left[judged] ** 2 / open_share[judged]
+    squares = repeats.sums_of_squares(repeats.observed.value_mm[:, None])[:, 0]
+    found = []
+    for row, square in zip(judged, own, strict=True):
+        one = int(repeats.observed.indicator[row])
+        variance, nu = _others(squares, repeats.degrees_of_freedom, one, float(square))
+        t = float(np.sign(left[row])) * math.sqrt(square / max(variance, floor_mm2, TINY))
+        p = min(1.0, two_sided_p_value(t, nu) * len(judged))
+        if p < WILD_LEVEL:
+            found.append(WildReading(int(row), t, p))
+    return tuple(found)
+
+
+def wander(repeats: Repeats, floor_mm2: float) -> float | None:
+    """How far readings wander from cycle to cycle, r.m.s. in mm; None where chance may do that.
+
+    Mean square of the cycles, cells taken out, against that of the repeats (variance ratio). What
+    wanders within a cycle is not seen here and goes into the differences.
+    """
+    observed = repeats.observed
+    left = _without_cells(np.sqrt(observed.averaged), repeats.cell, observed.value_mm[:, None])
+    square = sum(squares_in(basis, left[rows]) for rows, basis in repeats.cycles)
+    rank = float(sum(basis.shape[1] for _, basis in repeats.cycles))
+    free = float(repeats.degrees_of_freedom.sum())
+    if not rank or free <= 0.0:
+        return None
+    scatter = float(repeats.sums_of_squares(observed.value_mm[:, None]).sum()) / free
+    scatter = max(scatter, floor_mm2, TINY)
+    between = square / rank
+    if variance_ratio_p_value(between / scatter, rank, free) >= WILD_LEVEL:
+        return None
+    share = observed.averaged / np.bincount(repeats.cell, observed.averaged)[repeats.cell]
+    per_cycle = float((observed.averaged * (1.0 - share)).sum()) / rank
+    return math.sqrt((between - scatter) / per_cycle)
+
+
+def _others(
+    squares: FloatArray, free: FloatArray, indicator: int, square: float
+) -> tuple[float, float]:
+    """Variance to judge a reading by, without its own ``square``, and its degrees of freedom."""
+    total, nu_total = float(squares.sum()), float(free.sum())
+    own, nu_own = max(float(squares[indicator]) - square, 0.0), float(free[indicator]) - 1.0
+    others, nu_others = total - float(squares[indicator]), nu_total - float(free[indicator])
+    if nu_own > 0.0 and nu_others > 0.0:
+        ratio = (own / nu_own) / max(others / nu_others, TINY)
+        louder = variance_ratio_p_value(ratio, nu_own, nu_others)
+        if min(louder, 1.0 - louder) < UNEQUAL_LEVEL:
+            return own / nu_own, nu_own
+    return max(total - square, 0.0) / (nu_total - 1.0), nu_total - 1.0

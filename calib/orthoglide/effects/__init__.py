@@ -1,5 +1,0 @@
-"""What a machine may have beyond offsets and lengths: laws, and where they may act."""
-
-from calib.orthoglide.effects.catalogue import CATALOGUE
-
-__all__ = ["CATALOGUE"]

@@ -1,0 +1,199 @@
+"""Averages of repeats and the differences between postures that they give."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_array
+
+from calib.errors import NotIdentifiable
+from calib.observations import LEG_NAMES, TOOL, Conditions, FloatArray, Observations
+from calib.tripod.geometry import PARAMETER_NAMES, Geometry
+from calib.tripod.pipeline import derivatives
+
+PAIRS = ((0, 1), (1, 2), (0, 2))
+"""Row blocks of papers/000 (11): pairs (x,y), (y,z), (x,z)."""
+
+
+Level = tuple[float, ...]
+"""Displacement of a leg, or position of the tool."""
+
+Key = tuple[int, int, float, Level, Level]
+"""Leg, axis, station, level, level of the reference."""
+
+Terms = tuple[NDArray[np.intp], FloatArray]
+"""Rows of the readings and their weights in one difference."""
+
+
+@dataclass(frozen=True, eq=False)
+class Differences:
+    """Differences between postures as one linear map of the readings.
+
+    ``combine`` ``(n_differences, n_readings)`` is sparse: ``value_mm = combine @ readings``, and
+    the same map turns a reading matrix into system (11) and a reading covariance into (14).
+    ``names`` are ``axis_leg`` with ``+`` for Max, ``-`` for Min, both minus Zero; ``y_x`` alone is
+    Max minus Min where Zero is missing; other displacements are written out, as in ``y_x@30.0``.
+    Readings of the tool are named by axis and position, as in ``z(0, 30, 0)``.
+    """
+
+    names: tuple[str, ...]
+    combine: csr_array
+    value_mm: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def unit_uncertainty(self, averaged: FloatArray) -> FloatArray:
+        """Standard uncertainty of each difference for unit noise of a single reading."""
+        squares = self.combine.multiply(self.combine) @ (1.0 / averaged)
+        return np.sqrt(np.asarray(squares, dtype=np.float64))
+
+    @property
+    def published_rows(self) -> NDArray[np.intp]:
+        """Rows that the papers tabulate: Max and Min (or Max minus Min) at one station."""
+        return np.array([k for k, name in enumerate(self.names) if "@" not in name], dtype=np.intp)
+
+
+def differences(geometry: Geometry, observed: Observations) -> Differences:
+    """Average the repeats of each mounting and subtract its reference posture.
+
+    The reference is Zero where the mounting has it, else its lowest displacement. Several
+    mountings of the same leg, axis and station are averaged with equal weight. Rows come in the
+    order of papers/000 (11). Raises NotIdentifiable where no mounting has two postures.
+    """
+    terms: dict[Key, list[Terms]] = {}
+    for members in _by_mount(observed):
+        for key, mean in _differences_of_mount(observed, members):
+            terms.setdefault(key, []).append(mean)
+    if not terms:
+        raise NotIdentifiable(
+            "differences between postures",
+            f"{len(observed)} readings, each mounting in a single posture",
+            "at least two postures for one mounting",
+            "Measure Max and Min besides Zero without moving the stand.",
+        )
+    keys = sorted(terms, key=lambda key: _order_of_11(geometry, key))
+    combine = _matrix([terms[key] for key in keys], len(observed))
+    return Differences(tuple(_names(geometry, keys)), combine, combine @ observed.value_mm)
+
+
+def _matrix(rows: list[list[Terms]], reading_count: int) -> csr_array:
+    """One row for each list: the mean of its mountings' differences."""
+    columns = [index for row in rows for index, _ in row]
+    weights = [weight / len(row) for row in rows for _, weight in row]
+    lengths = [sum(len(index) for index, _ in row) for row in rows]
+    return csr_array(
+        (
+            np.concatenate(weights),
+            (np.repeat(np.arange(len(rows)), lengths), np.concatenate(columns)),
+        ),
+        shape=(len(rows), reading_count),
+    )
+
+
+def _by_mount(observed: Observations) -> list[NDArray[np.intp]]:
+    """Row numbers of each mounting."""
+    order = np.argsort(observed.mount, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(observed.mount[order])) + 1)
+
+
+def _differences_of_mount(
+    observed: Observations, members: NDArray[np.intp]
+) -> Iterable[tuple[Key, Terms]]:
+    """Key and terms of each difference to the mounting's reference posture."""
+    posture = observed.level[members]
+    order = np.argsort(posture, kind="stable")
+    cells = np.split(members[order], np.flatnonzero(np.diff(posture[order])) + 1)
+    levels = [_level(observed, cell[0]) for cell in cells]
+    zeros = [k for k, cell in enumerate(cells) if observed.at_zero[cell[0]]]
+    reference = zeros[0] if zeros else 0
+    zero, zero_weight = _mean(observed, cells[reference])
+    first = members[0]
+    where = (int(observed.leg[first]), int(observed.axis[first]), float(observed.station[first]))
+    for level, cell in zip(levels, cells, strict=True):
+        if level != levels[reference]:
+            index, weight = _mean(observed, cell)
+            terms = np.concatenate([index, zero]), np.concatenate([weight, -zero_weight])
+            yield (*where, level, levels[reference]), terms
+
+
+def _level(observed: Observations, row: int) -> Level:
+    if observed.leg[row] == TOOL:
+        return tuple(observed.position_mm[row].tolist())
+    return (float(observed.displacement_mm[row]),)
+
+
+def _mean(observed: Observations, cell: NDArray[np.intp]) -> Terms:
+    """Rows and weights that average one posture of one mounting."""
+    return cell, observed.averaged[cell] / observed.averaged[cell].sum()
+
+
+def _order_of_11(geometry: Geometry, key: Key) -> tuple[float, ...]:
+    leg, axis, station, levels, _ = key
+    if leg == TOOL:
+        return (1.0, float(axis), *levels)
+    level = levels[0]
+    pair = PAIRS.index((min(leg, axis), max(leg, axis)))
+    rank = {geometry.travel_max_mm: 0.0, geometry.travel_min_mm: 1.0}.get(level, 2.0)
+    return (0.0, abs(station - 0.5), station, pair, rank, level, float(axis > leg))
+
+
+def _names(geometry: Geometry, keys: list[Key]) -> Iterable[str]:
+    """Names in the order of the keys; the first station of a leg and axis keeps the short names."""
+    stations: dict[tuple[int, int], float] = {}
+    for leg, axis, station, (level, *more), (reference, *_) in keys:
+        if leg == TOOL:
+            yield f"{LEG_NAMES[axis]}({', '.join(f'{v:g}' for v in (level, *more))})"
+            continue
+        short = f"{LEG_NAMES[axis]}_{LEG_NAMES[leg]}"
+        at_station = (
+            "" if stations.setdefault((leg, axis), station) == station else f"@s{station!r}"
+        )
+        if (level, reference) == (geometry.travel_max_mm, geometry.travel_min_mm):
+            yield short + at_station
+        elif reference == 0.0 and level in (geometry.travel_max_mm, geometry.travel_min_mm):
+            yield short + ("+" if level > 0 else "-") + at_station
+        else:
+            from_reference = "" if reference == 0.0 else f"-({reference!r})"
+            yield f"{short}@{level!r}{from_reference}{at_station}"
+
+
+def coefficients(
+    geometry: Geometry, displacement_mm: ArrayLike, station: ArrayLike = 0.5
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Coefficients a, b, c of papers/000 equation (11); shapes broadcast, no unit.
+
+    ``sin(alpha) = displacement / L``. The paper touches the middle of the leg, station 0.5; for a
+    station s the weight of the tool end is ``w = 1 - s`` in place of 0.5.
+    """
+    sine = np.asarray(displacement_mm, dtype=np.float64) / geometry.leg_length_mm[0]
+    cosine = np.sqrt(1.0 - sine**2)
+    weight = 1.0 - np.asarray(station, dtype=np.float64)
+    a = sine
+    b = (weight + sine) * sine / cosine
+    c = (weight + sine) / cosine - weight
+    return a, b, c
+
+
+def reading_matrix(geometry: Geometry, taken: Conditions) -> FloatArray:
+    """Derivatives of the readings by d_rho and d_L at the nominal machine, ``(n_readings, 6)``.
+
+    A reading along axis j on leg i: ``b d_rho_i + a d_rho_j - b d_L_i - c d_L_j``. A row at Zero
+    is zero; a difference of readings is the difference of rows, so system (11) is
+    ``Differences.combine @ reading_matrix``. First order: the exact model departs from it by
+    several micrometres at offsets of 2 mm. Other tripods and readings of the tool have no such
+    form: there it is the derivative of the pipeline.
+    """
+    if not geometry.of_papers or TOOL in taken.leg:
+        return derivatives(geometry, np.zeros(len(PARAMETER_NAMES)), taken)
+    a, b, c = coefficients(geometry, taken.displacement_mm, taken.station)
+    rows = np.arange(len(taken))
+    matrix = np.zeros((len(taken), 6))
+    matrix[rows, taken.leg] = b
+    matrix[rows, taken.axis] = a
+    matrix[rows, 3 + taken.leg] = -b
+    matrix[rows, 3 + taken.axis] = -c
+    return matrix

@@ -1,0 +1,127 @@
+"""Effects of the three actuator axes: how they lie to each other and how straight they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.observations import LEG_NAMES, Conditions
+from calib.tripod.effects.effect import (
+    DIRECTIONS,
+    PAIRS,
+    PER_THOUSAND,
+    EffectParameter,
+    Kind,
+    Law,
+    moved_foot,
+    numbers,
+    travel,
+)
+from calib.tripod.geometry import Geometry
+from calib.tripod.pipeline import Flow, Stage
+
+STRAIGHTNESS_TRAVEL_MM = 100.0
+REPEATABLE = ("same for both directions of approach", "constant in time")
+
+
+@dataclass(frozen=True)
+class AxisSquareness:
+    """A pair of axes leans together; positive: their angle is less than 90°.
+
+    Both axes take half of it: leg readings see the sum of the two leans only. Parallel drives lean
+    towards each other with their coordinate.
+    """
+
+    id: str = "axis_squareness"
+    title: str = "two actuator axes are not square to each other"
+    kind: Kind = Kind.MACHINE
+    stage: Stage = Stage.FOOT
+    parameters: tuple[EffectParameter, ...] = (EffectParameter("lean", "mrad", 0.5),)
+    invariances: tuple[str, ...] = (
+        *REPEATABLE,
+        "the same change of both readings of the pair",
+    )
+    controller: str = ""
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Every pair of axes, whatever was measured."""
+        return PAIRS if len(taken) else ()
+
+    def change(
+        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """Each foot of the pair moves towards the other axis in proportion to its coordinate."""
+        first, second = numbers(place)
+        half_rad = PER_THOUSAND * values[0] / 2
+        towards = flow.geometry.towards
+        carriage = flow.carriage_mm
+        feet = moved_foot(passing, first, towards(first, second), half_rad * carriage[..., first])
+        return moved_foot(feet, second, towards(second, first), half_rad * carriage[..., second])
+
+
+@dataclass(frozen=True)
+class AxisOffset:
+    """An axis is shifted sideways; ``"xy"``: axis x towards +y."""
+
+    id: str = "axis_offset"
+    title: str = "an actuator axis is shifted sideways and misses the point where they meet"
+    kind: Kind = Kind.MACHINE
+    stage: Stage = Stage.FOOT
+    parameters: tuple[EffectParameter, ...] = (EffectParameter("shift", "mm", 0.1),)
+    invariances: tuple[str, ...] = (*REPEATABLE, "follows the angle of the bar, not its travel")
+    controller: str = ""
+    directions: tuple[str, ...] = DIRECTIONS
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Every axis in both directions across it."""
+        return self.directions if len(taken) else ()
+
+    def change(
+        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """The foot is sideways by a constant."""
+        shift = values[0] * np.ones(len(flow.taken))
+        return moved_foot(passing, _drive(place), flow.geometry.across[place], shift)
+
+
+@dataclass(frozen=True)
+class Straightness:
+    """A foot leaves its line sideways with the square of travel; ``"xy"``: axis x towards +y."""
+
+    id: str = "straightness"
+    title: str = "a guide is not straight: the foot leaves its line sideways"
+    kind: Kind = Kind.MACHINE
+    stage: Stage = Stage.FOOT
+    parameters: tuple[EffectParameter, ...] = (EffectParameter("sideways_at_100mm", "mm", 0.02),)
+    invariances: tuple[str, ...] = (*REPEATABLE, "the same for equal travel either way from Zero")
+    controller: str = "straightness compensation of the axis, where the controller has one"
+    directions: tuple[str, ...] = DIRECTIONS
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Every axis in both directions across it."""
+        return self.directions if len(taken) else ()
+
+    def change(
+        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """The foot is sideways by value (travel / 100 mm)²."""
+        leg = _drive(place)
+        part = travel(flow, leg) / STRAIGHTNESS_TRAVEL_MM
+        return moved_foot(passing, leg, flow.geometry.across[place], values[0] * part**2)
+
+
+def _drive(place: str) -> int:
+    return LEG_NAMES.index(place[0])
+
+
+def with_directions(laws: Iterable[Law], geometry: Geometry) -> tuple[Law, ...]:
+    """The laws; those that act sideways in the directions across this machine's drives."""
+    names = tuple(geometry.across)
+    sideways = (AxisOffset, Straightness)
+    return tuple(
+        replace(law, directions=names) if isinstance(law, sideways) else law for law in laws
+    )

@@ -1,0 +1,256 @@
+"""Every law at every place and in every arrangement, with the derivatives of the readings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from calib.observations import LEG_NAMES, Conditions, FloatArray
+from calib.tripod.effects.catalogue import CATALOGUE, laws_of
+from calib.tripod.effects.effect import EffectParameter, Kind, Law, Placed
+from calib.tripod.geometry import Geometry
+from calib.tripod.pipeline import COMPLEX_STEP_MM, Flow, Model, Stage, simulate
+
+VANISHES_MM = 1e-9
+"""A column that changes readings by less, for an unremarkable size, is not there."""
+
+
+@dataclass(frozen=True)
+class Share:
+    """A place of a candidate and which of its values act there."""
+
+    law: Law
+    place: str
+    values: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A law in an arrangement, with ``r`` parameters.
+
+    ``where`` is a place, ``"all"`` where values are shared, or the places (legs, where each has
+    all its own) with commas between; ``arrangement`` is ``"one"`` place, the
+    ``"same"`` values everywhere, two values ``"mirror"`` or ``"turning"``, or ``"each"`` place its
+    own. ``columns`` ``(n_readings, r)`` are derivatives of the readings, mm per unit, at the model.
+    """
+
+    id: str
+    title: str
+    kind: Kind
+    where: str
+    arrangement: str
+    parameters: tuple[EffectParameter, ...]
+    columns: FloatArray
+    shares: tuple[Share, ...] = ()
+
+    def effects(self, values: FloatArray) -> tuple[Placed, ...]:
+        """The effects of these values ``(r,)``, for `Model.effects`."""
+        return tuple(
+            Placed(share.law, share.place, tuple(float(values[k]) for k in share.values))
+            for share in self.shares
+        )
+
+
+def candidates(
+    model: Model, observed: Conditions, laws: Sequence[Law] = CATALOGUE
+) -> tuple[Candidate, ...]:
+    """What the readings could show of these laws; the rest is `invisible`."""
+    return candidates_together([(model, observed)], laws)
+
+
+def candidates_together(
+    sessions: Sequence[tuple[Model, Conditions]], laws: Sequence[Law] = CATALOGUE
+) -> tuple[Candidate, ...]:
+    """What several sessions could show together; ``columns`` are stacked over them.
+
+    Places are those of all sessions: one that a session did not reach is zero there.
+    """
+    return tuple(c for c, seen in _all_candidates(sessions, laws) if seen)
+
+
+def invisible(
+    model: Model, observed: Conditions, laws: Sequence[Law] = CATALOGUE
+) -> tuple[tuple[str, str], ...]:
+    """Id and place of what changes no reading of these, or only zeros of mountings."""
+    found = list(_all_candidates([(model, observed)], laws))
+    seen = {(c.id, c.where) for c, is_seen in found if is_seen}
+    return tuple(dict.fromkeys((c.id, c.where) for c, _ in found if (c.id, c.where) not in seen))
+
+
+@dataclass(frozen=True)
+class _Together:
+    """Effects of one stage side by side: each on its own machine, along a new leading axis."""
+
+    effects: tuple[Placed, ...]
+    stage: Stage
+    id: str = "together"
+
+    def change(self, passing: NDArray[Any], flow: Flow) -> NDArray[Any]:
+        return np.stack([effect.change(passing, flow) for effect in self.effects])
+
+
+def place_columns(
+    model: Model, observed: Conditions, laws: Sequence[Law]
+) -> list[dict[str, FloatArray]]:
+    """For each law its places and the derivatives ``(n_readings, k)`` there, by the complex step.
+
+    One simulation for each stage; what comes before the stage is computed once for all.
+    """
+    found: list[dict[str, list[FloatArray]]] = [{} for _ in laws]
+    for stage in Stage:
+        stepped = [
+            (rows.setdefault(place, []), Placed(law, place, tuple(step.tolist())))
+            for law, rows in zip(laws, found, strict=True)
+            if law.stage == stage
+            for place in law.places(observed)
+            for step in 1j * COMPLEX_STEP_MM * np.eye(len(law.parameters))
+        ]
+        if stepped:
+            together = _Together(tuple(placed for _, placed in stepped), stage)
+            effects = (*model.effects, together)
+            readings = simulate(model.geometry, model.parameters_mm, observed, effects)
+            for (rows, _), row in zip(stepped, readings.imag / COMPLEX_STEP_MM, strict=True):
+                rows.append(row)
+    return [{place: np.stack(rows, axis=1) for place, rows in one.items()} for one in found]
+
+
+def _all_candidates(
+    sessions: Sequence[tuple[Model, Conditions]], laws: Sequence[Law]
+) -> Iterator[tuple[Candidate, bool]]:
+    """Every candidate and whether it is seen."""
+    geometry = sessions[0][0].geometry
+    known = laws_of(laws, geometry)
+    centre = _Centre([observed for _, observed in sessions])
+    for law, columns in zip(known, stacked_columns(sessions, known), strict=True):
+        seen = {p: c for p, c in columns.items() if centre.is_seen(c, law.parameters)}
+        for place in columns:
+            if place not in seen:
+                yield _one(law, place, columns[place]), False
+        for candidate in _arrangements(law, seen, geometry):
+            yield candidate, centre.is_seen(candidate.columns, candidate.parameters)
+
+
+def stacked_columns(
+    sessions: Sequence[tuple[Model, Conditions]], laws: Sequence[Law]
+) -> list[dict[str, FloatArray]]:
+    """`place_columns` of several sessions below each other, zero where one has no such place."""
+    parts = [place_columns(model, observed, laws) for model, observed in sessions]
+    found = []
+    for law, *each in zip(laws, *parts, strict=True):
+        nothing = [np.zeros((len(o), len(law.parameters))) for _, o in sessions]
+        places = dict.fromkeys(place for one in each for place in one)
+        found.append(
+            {
+                place: np.vstack([o.get(place, z) for o, z in zip(each, nothing, strict=True)])
+                for place in places
+            }
+        )
+    return found
+
+
+class _Centre:
+    """Takes the mean of each mounting away."""
+
+    def __init__(self, observed: Sequence[Conditions]) -> None:
+        member = block_diag(*(np.eye(one.mount_count)[one.mount] for one in observed))
+        self._member = member
+        self._mean = (member / np.maximum(member.sum(axis=0), 1.0)).T
+
+    def is_seen(self, columns: FloatArray, parameters: tuple[EffectParameter, ...]) -> bool:
+        left = columns - self._member @ (self._mean @ columns)
+        sizes = np.array([parameter.tolerance for parameter in parameters])
+        return bool((np.abs(left) * sizes).max(initial=0.0) > VANISHES_MM)
+
+
+def _arrangements(law: Law, seen: dict[str, FloatArray], geometry: Geometry) -> Iterator[Candidate]:
+    lateral = _is_lateral(seen, geometry)
+    if not lateral or law.stage in (Stage.TOUCH, Stage.READING):
+        yield from (_one(law, place, columns) for place, columns in seen.items())
+    if lateral:
+        yield from _by_leg(law, seen)
+    if len(seen) > 1:
+        if geometry.orthogonal or not lateral:
+            yield _grouped(law, seen, "same", {"": tuple(seen)})
+        if set(seen) == set(geometry.across):
+            yield from _symmetric(law, seen, geometry)
+        legs = {place[0] for place in seen}
+        if not lateral or len(legs) > 1:
+            found = _grouped(law, seen, "each", {f"_{place}": (place,) for place in seen})
+            yield replace(found, where=",".join(_listed(seen, lateral=lateral)))
+
+
+def _is_lateral(seen: Iterable[str], geometry: Geometry) -> bool:
+    """Whether these places are directions across drives, not pairs of drives of like names."""
+    if not set(seen) <= set(geometry.across):
+        return False
+    return any(place[::-1] in seen or place[1] not in LEG_NAMES for place in seen)
+
+
+def _symmetric(law: Law, seen: dict[str, FloatArray], geometry: Geometry) -> Iterator[Candidate]:
+    """Two values that all drives share, as the machine is symmetric.
+
+    Orthogonal drives: each the mirror image of itself when two axes are exchanged; going round with
+    the axes, towards the next one and the one before. Else radial and tangential.
+    """
+    first, second = list(seen)[0::2], list(seen)[1::2]
+    if not geometry.orthogonal:
+        yield _grouped(law, seen, "turning", {"_r": tuple(first), "_t": tuple(second)})
+        return
+    yield _grouped(law, seen, "mirror", {"_first": tuple(first), "_second": tuple(second)})
+    following = (first[0], second[1], first[2])
+    before = (second[0], first[1], second[2])
+    yield _grouped(law, seen, "turning", {"_next": following, "_before": before})
+
+
+def _listed(seen: Iterable[str], *, lateral: bool) -> list[str]:
+    """Places for a reader: legs where both directions across every one of them are there."""
+    by_leg = {leg: [place for place in seen if place[0] == leg] for leg in LEG_NAMES}
+    legs = [leg for leg, places in by_leg.items() if places]
+    whole = lateral and all(len(by_leg[leg]) == 2 for leg in legs)
+    return legs if whole else list(seen)
+
+
+def _by_leg(law: Law, seen: dict[str, FloatArray]) -> Iterator[Candidate]:
+    """Both directions across one leg, each with its own value."""
+    for leg in LEG_NAMES:
+        both = [place for place in seen if place[0] == leg]
+        if len(both) == 2:
+            found = _grouped(law, seen, "each", {f"_{place}": (place,) for place in both})
+            yield replace(found, where=leg)
+
+
+def _one(law: Law, place: str, columns: FloatArray) -> Candidate:
+    found = _grouped(law, {place: columns}, "one", {"": (place,)})
+    return replace(found, where=place)
+
+
+def _grouped(
+    law: Law, seen: dict[str, FloatArray], arrangement: str, groups: dict[str, tuple[str, ...]]
+) -> Candidate:
+    """Groups of places that share their values, by the ending of their parameters' names."""
+    count = len(law.parameters)
+    return Candidate(
+        id=law.id,
+        title=law.title,
+        kind=law.kind,
+        where="all",
+        arrangement=arrangement,
+        parameters=tuple(
+            replace(parameter, name=parameter.name + ending)
+            for ending in groups
+            for parameter in law.parameters
+        ),
+        columns=np.hstack(
+            [np.sum([seen[place] for place in places], axis=0) for places in groups.values()]
+        ),
+        shares=tuple(
+            Share(law, place, tuple(range(number * count, (number + 1) * count)))
+            for number, places in enumerate(groups.values())
+            for place in places
+        ),
+    )

@@ -1,0 +1,46 @@
+"""Every effect that the program knows by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from calib.tripod.effects.actuators import (
+    STANDARD_LEADS_MM,
+    ActuatorCyclic,
+    ActuatorScale,
+    Backlash,
+    with_machine_lead,
+)
+from calib.tripod.effects.axes import (
+    AxisOffset,
+    AxisSquareness,
+    Straightness,
+    with_directions,
+)
+from calib.tripod.effects.bars import GravitySag, LegBow, LegTaper
+from calib.tripod.effects.effect import Law
+from calib.tripod.effects.environment import DriftWithTemperature, DriftWithTime
+from calib.tripod.effects.gauges import GaugeGain, GaugeTilt, PlateTilt
+from calib.tripod.geometry import Geometry
+
+CATALOGUE: tuple[Law, ...] = (
+    AxisSquareness(),
+    AxisOffset(),
+    Straightness(),
+    ActuatorScale(),
+    *(ActuatorCyclic(lead_mm) for lead_mm in STANDARD_LEADS_MM),
+    Backlash(),
+    GravitySag(),
+    LegTaper(),
+    LegBow(),
+    GaugeGain(),
+    GaugeTilt(),
+    PlateTilt(),
+    DriftWithTime(),
+    DriftWithTemperature(),
+)
+
+
+def laws_of(laws: Iterable[Law], geometry: Geometry) -> tuple[Law, ...]:
+    """The laws as they are on this machine: its screws' lead, the directions across its drives."""
+    return with_directions(with_machine_lead(laws, geometry), geometry)

@@ -1,0 +1,164 @@
+"""What sort of cause an effect has, and what its parameters are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import permutations
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.observations import LEG_NAMES, TOOL, Conditions, FloatArray
+from calib.tripod.pipeline import Flow, Stage, measuring_directions
+
+
+class Kind(StrEnum):
+    """Where the cause of an effect lies."""
+
+    MACHINE = "machine"
+    INDICATOR = "indicator"
+    ENVIRONMENT = "environment"
+    BLUNDER = "blunder"  # a mistake in the data
+    EMPIRICAL = "empirical"  # a law without a name
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One parameter: name, unit, and a size in that unit that nobody would remark on."""
+
+    name: str
+    unit: str
+    tolerance: float
+
+
+class Law(Protocol):
+    """What an effect does; a small frozen dataclass.
+
+    Laws of one ``id`` are variants of it and differ in the names of their parameters.
+    """
+
+    @property
+    def id(self) -> str:
+        """Name in the catalogue, such as ``backlash``."""
+
+    @property
+    def title(self) -> str:
+        """The effect in the words of a workshop."""
+
+    @property
+    def kind(self) -> Kind:
+        """Where its cause lies."""
+
+    @property
+    def stage(self) -> Stage:
+        """The one stage of the pipeline that it changes."""
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        """Parameters of one place."""
+
+    @property
+    def invariances(self) -> tuple[str, ...]:
+        """What it does not depend on, in words."""
+
+    @property
+    def controller(self) -> str:
+        """What the controller can be given against it, in words; empty if nothing."""
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Where it may act: legs, pairs, directions of legs or mounts (``"xy"``)."""
+
+    def change(
+        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """What the stage hands on instead of ``passing``.
+
+        ``values`` in the units of `parameters`. Leading axes of ``passing`` and ``flow`` hold
+        several machines; values may be complex.
+        """
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A law at one place with values in its units: an effect for the pipeline."""
+
+    law: Law
+    place: str
+    values: tuple[float | complex, ...]
+
+    @property
+    def id(self) -> str:
+        """Name in the catalogue."""
+        return self.law.id
+
+    @property
+    def stage(self) -> Stage:
+        """The stage of the law."""
+        return self.law.stage
+
+    def change(self, passing: NDArray[Any], flow: Flow) -> NDArray[Any]:
+        """The law with these values, at this place."""
+        return self.law.change(passing, flow, self.place, self.values)
+
+
+PAIRS = ("xy", "yz", "xz")
+DIRECTIONS = tuple(first + second for first, second in permutations(LEG_NAMES, 2))
+AT_TOOL = ("tx", "ty", "tz")
+
+PER_THOUSAND = 1e-3
+"""mm in a µm, rad in a mrad, mm per mm in a mm/m."""
+
+
+def mounts(taken: Conditions) -> tuple[str, ...]:
+    """Leg and measuring axis of every kind of mounting there is."""
+    found = set(zip(taken.leg.tolist(), taken.axis.tolist(), strict=True))
+    return tuple(place for place in DIRECTIONS + AT_TOOL if numbers(place) in found)
+
+
+def on_legs(taken: Conditions) -> tuple[str, ...]:
+    """Those of `mounts` that touch a leg."""
+    return tuple(place for place in mounts(taken) if place not in AT_TOOL)
+
+
+def numbers(place: str) -> tuple[int, int]:
+    """0, 1, 2 for both letters of a place; `TOOL` for the tool."""
+    leg = TOOL if place in AT_TOOL else LEG_NAMES.index(place[0])
+    return leg, LEG_NAMES.index(place[1])
+
+
+def unit(axis: int) -> FloatArray:
+    """Unit vector ``(3,)``."""
+    return np.asarray(np.eye(3)[axis])
+
+
+def travel(flow: Flow, leg: int) -> FloatArray:
+    """Commanded travel of a carriage from Zero ``(n,)``, mm."""
+    return np.asarray(flow.command_mm[:, leg] - flow.geometry.zero_mm[leg])
+
+
+def at_mount(flow: Flow, place: str) -> FloatArray:
+    """1 for the readings of this leg and measuring axis, 0 for others ``(n,)``."""
+    leg, axis = numbers(place)
+    return np.asarray((flow.taken.leg == leg) & (flow.taken.axis == axis), dtype=np.float64)
+
+
+def moved_carriage(passing: NDArray[Any], leg: int, along_mm: NDArray[Any]) -> NDArray[Any]:
+    """Carriages ``(..., n, 3)`` with one moved along its axis by ``(..., n)``."""
+    return np.asarray(passing + along_mm[..., None] * unit(leg))
+
+
+def moved_foot(
+    passing: NDArray[Any], leg: int, towards: FloatArray, sideways_mm: NDArray[Any]
+) -> NDArray[Any]:
+    """Feet ``(..., n, 3, 3)`` with one moved by ``(..., n)`` along a unit vector ``(3,)``."""
+    where = np.outer(unit(leg), towards)
+    return np.asarray(passing + sideways_mm[..., None, None] * where)
+
+
+def moved_touch(passing: NDArray[Any], flow: Flow, by_mm: NDArray[Any]) -> NDArray[Any]:
+    """Touched points ``(..., n, 3)`` moved along their measuring axes by ``(..., n)``."""
+    along = measuring_directions(flow.geometry, flow.taken)
+    return np.asarray(passing + by_mm[..., None] * along)

@@ -1,0 +1,122 @@
+"""Effects of the indicators; ``"xy"`` measures y on leg x, ``"tz"`` the tool along z."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.observations import Conditions
+from calib.tripod.effects.effect import (
+    AT_TOOL,
+    PER_THOUSAND,
+    EffectParameter,
+    Kind,
+    at_mount,
+    mounts,
+    moved_touch,
+    numbers,
+    on_legs,
+)
+from calib.tripod.pipeline import Flow, Stage
+
+PERCENT = 1e-2
+
+
+@dataclass(frozen=True)
+class GaugeGain:
+    """Every reading is scaled; positive: the indicator shows too much."""
+
+    id: str = "gauge_gain"
+    title: str = "an indicator shows too much or too little in proportion"
+    kind: Kind = Kind.INDICATOR
+    stage: Stage = Stage.READING
+    parameters: tuple[EffectParameter, ...] = (EffectParameter("gain", "%", 0.5),)
+    invariances: tuple[str, ...] = (
+        "same for both directions of approach",
+        "constant in time",
+        "in proportion to the reading, whatever caused it",
+    )
+    controller: str = ""
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Every leg and measuring axis that was measured."""
+        return mounts(taken)
+
+    def change(
+        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """The reading is multiplied by 1 + value."""
+        return np.asarray(passing * (1.0 + PERCENT * values[0] * at_mount(flow, place)))
+
+
+@dataclass(frozen=True)
+class GaugeTilt:
+    """An indicator on a leg is askew; positive: the third axis' positive way reads positive."""
+
+    id: str = "gauge_tilt"
+    title: str = "an indicator is mounted askew and takes up motion across its axis"
+    kind: Kind = Kind.INDICATOR
+    stage: Stage = Stage.TOUCH
+    parameters: tuple[EffectParameter, ...] = (EffectParameter("tilt", "mrad", 10.0),)
+    invariances: tuple[str, ...] = (
+        "same for both directions of approach",
+        "in proportion to what the other indicator of the leg shows",
+        "another one after the stand was set up anew",
+    )
+    controller: str = ""
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Every leg and measuring axis that was measured."""
+        return on_legs(taken)
+
+    def change(
+        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """The touched point along a plunger that is turned by the value towards the third axis."""
+        leg, axis = numbers(place)
+        drives = flow.geometry.directions
+        own = (passing * drives[axis]).sum(axis=-1)
+        third = (passing * drives[3 - leg - axis]).sum(axis=-1)
+        tilt_rad = PER_THOUSAND * values[0]
+        off_mm = np.sin(tilt_rad) * third + (np.cos(tilt_rad) - 1.0) * own
+        return moved_touch(passing, flow, off_mm * at_mount(flow, place))
+
+
+@dataclass(frozen=True)
+class PlateTilt:
+    """What the tool is read against is not square to its coordinate, two ways.
+
+    Positive: the positive direction of the first (second) of the other two coordinates reads
+    positive: a plate that falls that way.
+    """
+
+    id: str = "gauge_tilt"
+    title: str = "the plate, or the indicator at the tool, is askew"
+    kind: Kind = Kind.INDICATOR
+    stage: Stage = Stage.TOUCH
+    parameters: tuple[EffectParameter, ...] = (
+        EffectParameter("tilt_first", "mrad", 10.0),
+        EffectParameter("tilt_second", "mrad", 10.0),
+    )
+    invariances: tuple[str, ...] = (
+        "same for both directions of approach",
+        "in proportion to the way across the indicator",
+        "another one after the plate was set up anew",
+    )
+    controller: str = ""
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """The tool along every coordinate that was measured."""
+        return tuple(place for place in mounts(taken) if place in AT_TOOL)
+
+    def change(
+        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """The way across the coordinate is read in proportion."""
+        first, second = (k for k in range(3) if k != numbers(place)[1])
+        way = values[0] * passing[..., first] + values[1] * passing[..., second]
+        return moved_touch(passing, flow, PER_THOUSAND * way * at_mount(flow, place))

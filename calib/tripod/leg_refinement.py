@@ -1,0 +1,176 @@
+"""Chosen postures of an Orthoglide moved off the grid that they were chosen from.
+
+Displacements and stations move inside the cell of their grid point, so that postures stay as
+distinct as they were chosen, and are rounded to what can be dialled before they are judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.design.criteria import Aim
+from calib.design.refinement import Pull, judged, refine
+from calib.observations import FloatArray, IntArray
+from calib.tripod.geometry import Geometry
+from calib.tripod.pool import LegPool
+
+DIAL_DECIMALS = 1
+"""Displacements are commanded in steps of 0.1 mm."""
+
+STATION_DECIMALS = 2
+"""A touched point is set to a hundredth of the leg: 3 mm on the prototype."""
+
+LEAST_APART = 0.1
+"""Share of the way between two grid points that stays free between their cells."""
+
+SHARPNESS = (8.0, 64.0, 512.0)
+"""Criteria of single singular values are made smooth, less and less."""
+
+STEP_MM, STEP_STATION = 1e-2, 1e-4
+"""For central differences of rows that are exact to rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class MovedPostures:
+    """The postures ``(n,)`` at their new places, with the criterion there and on the grid."""
+
+    pool: LegPool
+    value: float
+    grid_value: float
+
+
+def move_off_grid(
+    geometry: Geometry, grid: LegPool, chosen: Sequence[int] | IntArray, noise_mm: float, aim: Aim
+) -> MovedPostures:
+    """Improve the chosen postures of the grid; never worse than there, joint limits kept.
+
+    Repeats stay repeats, and legs that are treated alike stay so. Raises NotIdentifiable where
+    the chosen ones do not see all wanted parameters.
+    """
+    postures = grid.take(np.array(chosen, dtype=np.intp))
+    moves = _Moves.of(geometry, grid, postures)
+
+    def rows_and_pull(coordinates: FloatArray) -> tuple[FloatArray, Pull]:
+        rows = moves.at(coordinates).rows / noise_mm
+        return rows, lambda weights: moves.pulled(coordinates, weights / noise_mm)
+
+    found = refine(rows_and_pull, moves.start, moves.lower, moves.upper, aim, sharpness=SHARPNESS)
+    rounded = moves.at(moves.rounded(found.coordinates))
+    grid_value = judged(postures.rows / noise_mm, aim)
+    value = judged(rounded.rows / noise_mm, aim)
+    better = value > grid_value if aim.criterion.larger_is_better else value < grid_value
+    better &= _different(rounded) == _different(postures)  # a short travel has few tenths
+    return MovedPostures(*((rounded, value) if better else (postures, grid_value)), grid_value)
+
+
+@dataclass(frozen=True, eq=False)
+class _Moves:
+    """Coordinates ``(c, 1)``: displacements in mm, then stations, each with a cell of its own.
+
+    ``level`` and ``stand`` ``(n,)`` number the coordinates of each posture.
+    """
+
+    geometry: Geometry
+    postures: LegPool
+    level: IntArray
+    stand: IntArray
+    start: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    level_count: int
+
+    @staticmethod
+    def of(geometry: Geometry, grid: LegPool, postures: LegPool) -> _Moves:
+        alike = _legs_alike(postures)
+        legs = np.zeros_like(postures.leg) if alike else postures.leg
+        visits = list(
+            zip(legs, postures.station, postures.displacement_mm, postures.approach, strict=True)
+        )
+        level, visit_first = _numbered(visits)
+        stand, stand_first = _numbered(list(zip(legs, postures.station, strict=True)))
+        levels, stations = postures.displacement_mm[visit_first], postures.station[stand_first]
+        level_cells = _cells(np.unique(grid.displacement_mm), levels, DIAL_DECIMALS)
+        station_cells = _cells(np.unique(grid.station), stations, STATION_DECIMALS)
+        cells = np.vstack([level_cells, station_cells])
+        return _Moves(
+            geometry=geometry,
+            postures=postures,
+            level=level,
+            stand=stand + len(levels),
+            start=np.concatenate([levels, stations])[:, None],
+            lower=cells[:, :1],
+            upper=cells[:, 1:],
+            level_count=len(levels),
+        )
+
+    def at(self, coordinates: FloatArray, by_mm: float = 0.0, by_station: float = 0.0) -> LegPool:
+        """The postures at coordinates, all displacements and stations shifted by so much."""
+        flat = coordinates[:, 0]
+        return self.postures.moved(
+            self.geometry, flat[self.level] + by_mm, flat[self.stand] + by_station
+        )
+
+    def pulled(self, coordinates: FloatArray, weights: FloatArray) -> FloatArray:
+        """Derivatives ``(c, 1)`` from those by the rows ``(n, 2, k)``."""
+        slopes = np.zeros(len(coordinates))
+        for column, mm, station in ((self.level, STEP_MM, 0.0), (self.stand, 0.0, STEP_STATION)):
+            ahead, behind = (self.at(coordinates, s * mm, s * station).rows for s in (1.0, -1.0))
+            by_posture = (weights * (ahead - behind)).sum(axis=(1, 2)) / (2.0 * (mm + station))
+            slopes += np.bincount(column, by_posture, len(slopes))
+        return slopes[:, None]
+
+    def rounded(self, coordinates: FloatArray) -> FloatArray:
+        """What can be dialled; a joint limit can, whatever its digits."""
+        exact, stations = np.split(coordinates, [self.level_count])
+        levels = np.round(exact, DIAL_DECIMALS) + 0.0  # no minus zero
+        for limit in (self.geometry.travel_min_mm, self.geometry.travel_max_mm):
+            levels[np.abs(exact - limit) < 0.5 * 10.0**-DIAL_DECIMALS] = limit
+        return np.vstack([levels, np.round(stations, STATION_DECIMALS)])
+
+
+def _numbered(keys: Sequence[Hashable]) -> tuple[IntArray, list[int]]:
+    """The number of each key in order of appearance, and where each stands first."""
+    order: dict[Hashable, int] = {}
+    for key in keys:
+        order.setdefault(key, len(order))
+    index = np.array([order[key] for key in keys], dtype=np.intp)
+    return index, [int(k) for k in np.unique(index, return_index=True)[1]]
+
+
+def _legs_alike(postures: LegPool) -> bool:
+    """Whether every leg that is used visits the same."""
+    visits = [
+        sorted(
+            zip(
+                postures.station[postures.leg == leg],
+                postures.displacement_mm[postures.leg == leg],
+                postures.approach[postures.leg == leg],
+                strict=True,
+            )
+        )
+        for leg in np.unique(postures.leg)
+    ]
+    return all(one == visits[0] for one in visits)
+
+
+def _different(postures: LegPool) -> int:
+    """How many different visits there are."""
+    arrays = (postures.place, postures.displacement_mm, postures.approach)
+    return len(set(zip(*arrays, strict=True)))
+
+
+def _cells(grid: FloatArray, values: FloatArray, decimals: int) -> FloatArray:
+    """Lower and upper end ``(n, 2)`` of the way each grid point has to itself.
+
+    A single one stays: its cell is what is rounded to it.
+    """
+    if len(grid) < 2:
+        return np.stack([values - 0.4 * 10.0**-decimals, values + 0.4 * 10.0**-decimals], axis=1)
+    gaps = np.diff(grid)
+    reach = (0.5 - LEAST_APART / 2.0) * gaps
+    place = np.searchsorted(grid, values)
+    below, above = np.append(0.0, reach)[place], np.append(reach, 0.0)[place]
+    return np.stack([values - below, values + above], axis=1)

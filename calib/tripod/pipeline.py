@@ -1,0 +1,319 @@
+"""The one forward simulation: command → actuator → foot → tool → touched point → reading.
+
+Each stage is a small function of arrays. All readings of a session pass at once, ``n`` of them; an
+optional leading batch axis ``(..., )`` holds many machines. An effect changes what one stage hands
+on and nothing else; the base parameters enter in the actuator stage (joint offsets) and in the
+tool stage (leg lengths).
+
+Identification, the simulated rig, replay and derivatives all call `simulate`. Every stage is
+written so that complex numbers pass through it, so `derivatives` needs no formula of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from enum import StrEnum
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calib.errors import CalibrationError
+from calib.observations import TOOL, Conditions, FloatArray
+from calib.tripod.geometry import PARAMETER_NAMES, Geometry
+from calib.tripod.kinematics import inverse, trilaterate
+
+COMPLEX_STEP_MM = 1e-30
+
+STILL_MM = 1e-6
+"""A carriage that is to move by less stands still: no controller resolves it."""
+
+
+class Stage(StrEnum):
+    """Where an effect acts, and what it is handed to change."""
+
+    ACTUATOR = "actuator"  # carriage positions (..., n, 3), mm
+    FOOT = "foot"  # feet of the three bars (..., n, 3 legs, 3), mm
+    TOOL = "tool"  # lengths of the three bars (..., n, 3), mm
+    TOUCH = "touch"  # touched point (..., n, 3), mm
+    READING = "reading"  # reading (..., n), mm
+
+
+class Effect(Protocol):
+    """A change in exactly one stage."""
+
+    @property
+    def id(self) -> str:
+        """Name in the catalogue, such as ``backlash``."""
+
+    @property
+    def stage(self) -> Stage:
+        """The one stage whose result `change` is given."""
+
+    def change(self, passing: NDArray[Any], flow: Flow) -> NDArray[Any]:
+        """What the stage hands on instead of ``passing``; ``flow`` holds what came before."""
+
+
+@dataclass(frozen=True, eq=False)
+class Flow:
+    """What has passed through the stages so far: n readings and, as last row, the Zero posture.
+
+    The Zero row is where an indicator is mounted: it fixes the point that the indicator keeps. It
+    belongs to no mounting (-1), has no temperature and was approached from nowhere.
+    """
+
+    geometry: Geometry
+    taken: Conditions
+    effects: Sequence[Effect]
+    joint_offset_mm: NDArray[Any]
+    length_error_mm: NDArray[Any]
+    command_mm: NDArray[Any]
+    carriage_mm: NDArray[Any]
+    foot_mm: NDArray[Any]
+    tool_mm: NDArray[Any]
+    fraction: NDArray[Any]
+
+    def through(self, stage: Stage, passing: NDArray[Any]) -> NDArray[Any]:
+        """``passing`` after every effect of this stage."""
+        for effect in self.effects:
+            if effect.stage == stage:
+                passing = effect.change(passing, self)
+        return passing
+
+
+def simulate(
+    geometry: Geometry,
+    parameters_mm: ArrayLike,
+    taken: Conditions,
+    effects: Sequence[Effect] = (),
+) -> NDArray[Any]:
+    """Readings ``(..., n_readings)`` in mm for parameters ``(..., 6)`` in mm.
+
+    Order of the parameters: `PARAMETER_NAMES`. A reading is relative to the point of the straight
+    bar, or of the tool, that is touched in the Zero posture, so it is zero there but for effects;
+    the unknown zero of each mounting is not added. Raises UnreachablePosture.
+    """
+    parameters = np.asarray(parameters_mm)
+    with_zero = _append_zero_row(taken)
+    none = np.empty(0)
+    flow = Flow(
+        geometry=geometry,
+        taken=with_zero,
+        effects=effects,
+        joint_offset_mm=parameters[..., None, :3],
+        length_error_mm=parameters[..., None, 3:],
+        command_mm=command(geometry, with_zero),
+        carriage_mm=none,
+        foot_mm=none,
+        tool_mm=none,
+        fraction=none,
+    )
+    flow = replace(flow, carriage_mm=actuator(flow))
+    flow = replace(flow, foot_mm=foot(flow))
+    flow = replace(flow, tool_mm=tool(flow))
+    flow = replace(flow, fraction=touched_fraction(flow))
+    return reading(flow, touched_point(flow))[..., :-1]
+
+
+def command(geometry: Geometry, taken: Conditions) -> FloatArray:
+    """Joint coordinates ``(n, 3)`` that the controller commands: nominal inverse kinematics.
+
+    On an Orthoglide Zero commands (L, L, L); displacement s along axis i commands ``L + s`` on
+    joint i and ``sqrt(L^2 - s^2)`` on the others (papers/000, section 2.4). Raises
+    UnreachablePosture.
+    """
+    return inverse(geometry, commanded_tool(geometry, taken))
+
+
+def commanded_tool(geometry: Geometry, taken: Conditions) -> FloatArray:
+    """Tool positions ``(n, 3)`` from Zero that the controller is told, mm."""
+    along = taken.displacement_mm[:, None] * geometry.directions[taken.leg]
+    return np.asarray(taken.position_mm + along)
+
+
+def actuator(flow: Flow) -> NDArray[Any]:
+    """Carriage positions ``(..., n, 3)``: command plus joint offset."""
+    return flow.through(Stage.ACTUATOR, flow.command_mm + flow.joint_offset_mm)
+
+
+def foot(flow: Flow) -> NDArray[Any]:
+    """Feet of the bars ``(..., n, 3 legs, 3)``: each carriage on the line of its drive."""
+    geometry = flow.geometry
+    feet = geometry.origins + flow.carriage_mm[..., :, None] * geometry.directions
+    return flow.through(Stage.FOOT, feet)
+
+
+def tool(flow: Flow) -> NDArray[Any]:
+    """Tool centre point ``(..., n, 3)``: where the three bars meet."""
+    geometry = flow.geometry
+    lengths = geometry.lengths + flow.length_error_mm
+    rows = np.broadcast_to(lengths, (*lengths.shape[:-2], len(flow.taken), 3))
+    feet = flow.foot_mm - geometry.platform
+    return trilaterate(feet, flow.through(Stage.TOOL, rows), geometry.side)
+
+
+def touched_fraction(flow: Flow) -> NDArray[Any]:
+    """Where the bar is touched ``(..., n)``: fraction of its length from the tool end.
+
+    The indicator stands still. It was set on the bar in the Zero posture at the station of the
+    mounting and keeps that coordinate along the leg's axis (papers/000, equation (10)). A reading
+    of the tool itself stays at the tool, 0.
+    """
+    leg = flow.taken.leg
+    along = flow.geometry.directions[leg]
+    end_along, foot_along = _dot(_own_end(flow), along), _dot(_own_foot(flow), along)
+    end_zero = _dot(_own_end_at_zero(flow), along)
+    foot_zero = _dot(flow.foot_mm[..., -1, :, :][..., leg, :], along)
+    kept = end_zero + flow.taken.station * (foot_zero - end_zero)
+    fraction = (kept - end_along) / (foot_along - end_along)
+    return np.where(leg == TOOL, 0.0, fraction) if TOOL in leg else np.asarray(fraction)
+
+
+def touched_point(flow: Flow) -> NDArray[Any]:
+    """The point of the bar, or of the tool, under the indicator ``(..., n, 3)``."""
+    end = _own_end(flow)
+    bar = _own_foot(flow) - end
+    return flow.through(Stage.TOUCH, end + flow.fraction[..., None] * bar)
+
+
+def reading(flow: Flow, touched_mm: NDArray[Any]) -> NDArray[Any]:
+    """What the indicator shows ``(..., n)``: its axis of the touched point, minus that at Zero."""
+    now = _dot(touched_mm, measuring_directions(flow.geometry, flow.taken))
+    return flow.through(Stage.READING, now - _touched_at_zero(flow))
+
+
+def measuring_directions(geometry: Geometry, taken: Conditions) -> FloatArray:
+    """Unit vectors ``(n, 3)`` along which indicators read.
+
+    On a leg along the drive that the axis names; at the tool along that coordinate.
+    """
+    on_leg = geometry.directions[taken.axis]
+    return np.where((taken.leg == TOOL)[:, None], np.eye(3)[taken.axis], on_leg)
+
+
+def derivatives(
+    geometry: Geometry,
+    parameters_mm: ArrayLike,
+    taken: Conditions,
+    effects: Sequence[Effect] = (),
+) -> FloatArray:
+    """Derivatives of the readings by the parameters ``(n_readings, 6)``, to machine precision.
+
+    Complex step through `simulate`: the imaginary part of f(x + i h) divided by h.
+    """
+    base = np.asarray(parameters_mm, dtype=np.complex128)
+    stepped = base + 1j * COMPLEX_STEP_MM * np.eye(len(base))
+    return np.asarray(simulate(geometry, stepped, taken, effects).imag.T / COMPLEX_STEP_MM)
+
+
+def _touched_at_zero(flow: Flow) -> NDArray[Any]:
+    """Coordinate along the measuring axis at Zero of each reading's own station ``(..., n)``."""
+    along = measuring_directions(flow.geometry, flow.taken)
+    end_zero = _dot(_own_end_at_zero(flow), along)
+    foot_zero = _dot(flow.foot_mm[..., -1, :, :][..., flow.taken.leg, :], along)
+    station = np.where(flow.taken.leg == TOOL, 0.0, flow.taken.station)
+    return np.asarray(end_zero + station * (foot_zero - end_zero))
+
+
+def _own_foot(flow: Flow) -> NDArray[Any]:
+    """Foot of the touched leg ``(..., n, 3)``."""
+    return np.asarray(flow.foot_mm[..., np.arange(len(flow.taken)), flow.taken.leg, :])
+
+
+def _own_end(flow: Flow) -> NDArray[Any]:
+    """Tool end of the touched bar ``(..., n, 3)``, or the tool."""
+    return np.asarray(flow.tool_mm + _joint(flow))
+
+
+def _own_end_at_zero(flow: Flow) -> NDArray[Any]:
+    return np.asarray(flow.tool_mm[..., -1:, :] + _joint(flow))
+
+
+def _joint(flow: Flow) -> FloatArray:
+    """From the tool to the end of the touched bar ``(n, 3)``."""
+    leg = flow.taken.leg
+    return np.where((leg == TOOL)[:, None], 0.0, flow.geometry.platform[leg])
+
+
+def _dot(left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
+    return np.asarray((left * right).sum(axis=-1))
+
+
+def carriage_movement(geometry: Geometry, from_mm: FloatArray, to_mm: FloatArray) -> FloatArray:
+    """Sign ``(n, 3)`` of each carriage's movement between tool positions ``(n, 3)``.
+
+    Less than `STILL_MM` is none. Raises UnreachablePosture.
+    """
+    moved = inverse(geometry, to_mm) - inverse(geometry, from_mm)
+    return np.asarray(np.where(np.abs(moved) < STILL_MM, 0.0, np.sign(moved)))
+
+
+def _append_zero_row(taken: Conditions) -> Conditions:
+    """The conditions with one more row: the Zero posture, in which indicators are mounted."""
+    zero = {"station": 0.5, "axis": 1, "temperature_c": np.nan, "mount": -1}
+    arrays = {}
+    for name in (f.name for f in fields(Conditions)):
+        before = getattr(taken, name)
+        row = np.full((1, *before.shape[1:]), zero.get(name, 0), dtype=before.dtype)
+        arrays[name] = np.concatenate([before, row])
+    return Conditions(**arrays)
+
+
+@dataclass(frozen=True)
+class Model:
+    """Nominal geometry, identified parameters (mm, order of `PARAMETER_NAMES`) and effects."""
+
+    geometry: Geometry = Geometry()
+    parameters_mm: tuple[float, ...] = (0.0,) * len(PARAMETER_NAMES)
+    effects: tuple[Effect, ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.parameters_mm) != len(PARAMETER_NAMES) or not np.all(
+            np.isfinite(self.parameters_mm)
+        ):
+            raise CalibrationError(
+                "parameters of the model",
+                str(self.parameters_mm),
+                f"{len(PARAMETER_NAMES)} finite numbers: {', '.join(PARAMETER_NAMES)}",
+            )
+
+    def readings(self, taken: Conditions) -> FloatArray:
+        """Simulated readings ``(n_readings,)`` in mm, without the zeros of the mountings."""
+        return np.asarray(simulate(self.geometry, self.parameters_mm, taken, self.effects))
+
+    def with_effects(self, effects: tuple[Effect, ...]) -> Model:
+        """The same model with other effects."""
+        return replace(self, effects=effects)
+
+    def with_parameters(self, parameters_mm: FloatArray) -> Model:
+        """The same model with other parameters ``(6,)``, mm."""
+        return replace(self, parameters_mm=tuple(float(v) for v in parameters_mm))
+
+
+ZERO_SPREAD_MM = 0.5
+"""Standard deviation of where an operator leaves the zero of a freshly mounted indicator."""
+
+
+def measure(
+    model: Model,
+    taken: Conditions,
+    *,
+    scatter_mm: float,
+    resolution_mm: float,
+    generator: np.random.Generator,
+) -> FloatArray:
+    """Readings ``(n_readings,)`` in mm as indicators would show them.
+
+    ``scatter_mm`` is the standard deviation of each re-approach, ``resolution_mm`` the step of the
+    display (0 for none).
+    """
+    zeros = generator.normal(scale=ZERO_SPREAD_MM, size=taken.mount_count)
+    values = model.readings(taken) + zeros[taken.mount]
+    values = values + generator.normal(scale=1.0, size=len(taken)) * scatter_mm
+    return round_to(values, resolution_mm)
+
+
+def round_to(values_mm: FloatArray, resolution_mm: float) -> FloatArray:
+    """Values rounded to the nearest step of the display; unchanged for a step of 0."""
+    return np.round(values_mm / resolution_mm) * resolution_mm if resolution_mm > 0 else values_mm

@@ -1,0 +1,41 @@
+"""The tool over the workspace: what an error of the parameters does there."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.observations import FloatArray
+from calib.tripod.geometry import Geometry
+from calib.tripod.kinematics import inverse, tool_jacobians
+
+POINTS_PER_AXIS = 5
+
+
+def workspace_points(geometry: Geometry, points_per_axis: int = POINTS_PER_AXIS) -> FloatArray:
+    """Tool positions ``(n_points, 3)`` on a grid over the workspace, mm."""
+    axes = workspace_axes(geometry, points_per_axis)
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def workspace_axes(geometry: Geometry, points: int) -> list[FloatArray]:
+    """So many coordinates along x, y, z over the workspace, mm."""
+    limits = geometry.travel_min_mm, geometry.travel_max_mm
+    low, high = geometry.workspace_mm or ((limits[0],) * 3, (limits[1],) * 3)
+    return [np.linspace(a, b, points) for a, b in zip(low, high, strict=True)]
+
+
+def workspace_jacobian(geometry: Geometry, points_per_axis: int = POINTS_PER_AXIS) -> FloatArray:
+    """Derivatives of the tool by the base parameters ``(n_points, 3, 6)``; papers/000 (5)."""
+    return tool_jacobian_at(geometry, workspace_points(geometry, points_per_axis))
+
+
+def tool_jacobian_at(geometry: Geometry, tool_mm: FloatArray) -> FloatArray:
+    """Derivatives of the tool by the base parameters ``(n_points, 3, 6)`` at these positions.
+
+    Where the tool's place at Zero is set by hand, of the tool less what it does there.
+    """
+    jacobian = np.concatenate(tool_jacobians(geometry, tool_mm, inverse(geometry, tool_mm)), axis=2)
+    if geometry.set_at_zero:
+        at_zero = tool_jacobians(geometry, np.zeros(3), geometry.zero_mm)
+        jacobian = jacobian - np.concatenate(at_zero, axis=1)
+    return jacobian

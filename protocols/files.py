@@ -1,0 +1,276 @@
+"""Files as the record needs them: regular ones only, none through a link, one writer at a time."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import io
+import os
+import stat
+import sys
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from itertools import chain, count
+from pathlib import Path
+from typing import Literal
+
+from protocols.errors import RecordError, UsageError
+
+Written = dict[str, str]
+"""Texts of files by their names; '' is the path itself."""
+
+
+NO_WAIT = getattr(os, "O_NONBLOCK", 0)
+NO_LINK = getattr(os, "O_NOFOLLOW", 0)
+"""Windows has neither; there the file that was opened is compared with the one looked at."""
+
+DISK_FAILS = (errno.EIO, errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
+
+FAR_BYTES = 0x7FFF_FFF0
+"""Windows locks bytes that nobody else can read then: this one lies behind any record."""
+
+
+def open_to_write(path: Path, mode: Literal["x+b", "r+b"]) -> io.FileIO:
+    """A new file, or one that is there: regular and no link. Raises OSError."""
+    before = None
+    if mode == "r+b":
+        before = path.lstat()
+        if stat.S_ISLNK(before.st_mode):
+            raise OSError(errno.ELOOP, f"a link to {path.resolve()}: name that file itself")
+        _check_regular(before)
+    file = io.FileIO(path, mode, opener=_opener(NO_LINK))
+    if before and not os.path.samestat(before, os.fstat(file.fileno())):
+        file.close()
+        raise OSError(errno.ELOOP, "another file than a moment ago")
+    return file
+
+
+def open_to_read(path: Path) -> io.FileIO:
+    """A regular file; a pipe or a device is refused at once. Raises OSError."""
+    _check_regular(path.stat())
+    file = io.FileIO(path, "rb", opener=_opener(0))
+    try:
+        _check_regular(os.fstat(file.fileno()))
+    except OSError:
+        file.close()
+        raise
+    return file
+
+
+def write_all(file: io.FileIO, content: bytes) -> None:
+    """Every byte, at the present place, and on the disk. Raises OSError."""
+    left = memoryview(content)
+    while left:
+        written = file.write(left)
+        if not written:
+            raise OSError(errno.EIO, "nothing was written")
+        left = left[written:]
+    os.fsync(file.fileno())
+
+
+def write_new(path: Path, content: bytes) -> io.FileIO:
+    """A locked new file with this content, on the disk and read back; nothing where that fails.
+
+    Raises OSError.
+    """
+    file = open_to_write(path, "x+b")
+    try:
+        lock(file)
+        write_all(file, content)
+        _check_content(file, content)
+        sync_folder(path.parent)
+    except BaseException:
+        remove_own(path, file)
+        raise
+    return file
+
+
+def _check_content(file: io.FileIO, content: bytes) -> None:
+    file.seek(0)
+    if file.readall() != content:
+        raise OSError(errno.EIO, "other bytes on the disk than were written")
+
+
+def remove_own(path: Path, file: io.FileIO) -> None:
+    """Close a file and take its name away, if it still is the file of that name."""
+    with suppress(OSError):  # else it stays, and the next one gets another name
+        is_ours = leads_to(path, file)
+        close(file)  # before: Windows removes no open file
+        if is_ours:
+            path.unlink()
+    close(file)
+
+
+def close(file: io.FileIO) -> None:
+    """Let go; whatever matters was synced before, so that an error of closing says nothing."""
+    with suppress(OSError):
+        file.close()
+
+
+def leads_to(path: Path, file: io.FileIO) -> bool:
+    """Whether a name is that of an open file; somebody may have removed or replaced it."""
+    try:
+        return os.path.samestat(path.lstat(), os.fstat(file.fileno()))
+    except FileNotFoundError:
+        return False
+
+
+def lock(file: io.FileIO) -> None:
+    """Keep other writers out until the file is closed, by whatever name they come.
+
+    Readers are not kept out. Raises BlockingIOError where another writer has it, another OSError
+    where the file system has no locks.
+    """
+    if sys.platform == "win32":
+        import msvcrt
+
+        file.seek(FAR_BYTES)
+        try:
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+        except PermissionError as problem:
+            raise BlockingIOError(errno.EAGAIN, "locked") from problem
+    else:
+        import fcntl
+
+        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make a new name itself durable where the system can. Raises OSError where the disk fails."""
+    if os.name != "posix":
+        return
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+    except OSError as problem:
+        if problem.errno in DISK_FAILS:  # not where a network file system knows no such thing
+            raise
+
+
+def unused_path(path: Path) -> Path:
+    """The path, or the first numbered variant of it that does not exist yet, not even as a link."""
+    numbered = (path.with_stem(f"{path.stem}-{number}") for number in count(2))
+    return next(p for p in chain([path], numbered) if not os.path.lexists(p))
+
+
+def _opener(extra: int) -> Callable[[str, int], int]:
+    return lambda name, flags: os.open(name, flags | extra | NO_WAIT, 0o666)
+
+
+def _check_regular(found: os.stat_result) -> None:
+    if stat.S_ISDIR(found.st_mode):
+        raise IsADirectoryError(errno.EISDIR, "a folder")
+    if not stat.S_ISREG(found.st_mode):
+        raise OSError(errno.EINVAL, "a pipe or a device")
+
+
+RECORD_START = b'{"line":1,'
+
+
+def write_files(path: Path, written: Written) -> list[Path]:
+    """Write one file at ``path``, or several into the folder ``path``: all of them or none.
+
+    Several are never old and new side by side, not even if the program is killed: the old ones
+    are out of the way before the first new one has its name. Raises RecordError where the disk
+    refuses, which tells what stands there if the old ones could not be put back, and UsageError
+    for a target that must not be replaced.
+    """
+    targets = {path / name if name else path: text for name, text in written.items()}
+    for target in targets:
+        _refuse_to_replace(target)
+    staged: dict[Path, Path] = {}
+    try:
+        for target, text in targets.items():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            behind = target.resolve()  # behind a link, the file itself
+            staged[behind] = _stage(behind, text)
+        _swap(staged)
+    except OSError as problem:
+        for part in staged.values():
+            with contextlib.suppress(OSError):
+                part.unlink(missing_ok=True)
+        raise RecordError(
+            f"writing {path}",
+            problem.strerror or str(problem),
+            "a place with write permission and free space",
+            *getattr(problem, "__notes__", ()),
+        ) from problem
+    return list(targets)
+
+
+def _swap(staged: dict[Path, Path]) -> None:
+    """Give the staged files their names. Raises OSError when everything is as before.
+
+    Where that could not be reached, a note of the error says what stands there.
+    """
+    if len(staged) == 1:
+        ((target, part),) = staged.items()
+        part.replace(target)
+        return
+    moved: list[tuple[Path, Path]] = []
+    try:
+        for target, part in staged.items():
+            if target.exists():
+                _move(target, _aside(part), moved)
+        for target, part in staged.items():
+            _move(part, target, moved)
+    except OSError as problem:
+        try:
+            for before, after in reversed(moved):
+                after.replace(before)
+        except OSError:
+            problem.add_note(_what_stands_there(staged))
+        raise
+    for part in staged.values():
+        with contextlib.suppress(OSError):
+            _aside(part).unlink(missing_ok=True)
+
+
+def _move(before: Path, after: Path, moved: list[tuple[Path, Path]]) -> None:
+    before.replace(after)
+    moved.append((before, after))
+
+
+def _aside(part: Path) -> Path:
+    """The name of an old file while the new one comes; nobody else's, as that of the part is."""
+    return part.with_suffix(".old")
+
+
+def _what_stands_there(staged: dict[Path, Path]) -> str:
+    """Which files are new, and which old ones have another name: for a person to put right."""
+    new = [target.name for target, part in staged.items() if not part.exists()]
+    aside = [old.name for part in staged.values() if (old := _aside(part)).exists()]
+    return (
+        f"What was there could not be put back. New: {', '.join(new) or 'none'}. Old, under "
+        f"another name: {', '.join(aside) or 'none'}. Export again before the controller reads them"
+    )
+
+
+def _refuse_to_replace(target: Path) -> None:
+    if not target.exists():
+        return
+    if not target.is_file():
+        raise UsageError("output", f"{target}, not an ordinary file", "a file to write")
+    with contextlib.suppress(OSError), target.open("rb") as file:
+        if file.read(len(RECORD_START)) == RECORD_START:
+            raise UsageError("output", f"{target}, a session", "another file: records are kept")
+
+
+def _stage(target: Path, text: str) -> Path:
+    """The text beside its target under another name, safe on the disk."""
+    descriptor, name = tempfile.mkstemp(dir=target.parent, prefix=target.name, suffix=".part")
+    part = Path(name)
+    try:
+        with os.fdopen(descriptor, "w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        part.chmod(0o644)  # mkstemp makes it private
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
+    return part

@@ -31,6 +31,7 @@ from app.screens.interface import Interface
 from app.screens.leg_review import LegReviewScreen
 from app.screens.measure import CALM_S, IDLE_S, MeasureScreen
 from app.screens.result import ResultScreen
+from app.screens.start import Glidecal
 from benchmarks.picture_delays import TICK_S, Blocked, Delays, Terminal, listening
 from drivers.profile import Asked, Spindle
 from drivers.twin_port import TwinPort, default_transport
@@ -213,7 +214,7 @@ def measured_session() -> Figures:
         indicators = open_indicators(plan, machine, undo)
         guided = undo.enter_context(begin(plan, indicators))
         screen = MeasureScreen(guided, plan)
-        interface = Interface(screen)
+        interface = Glidecal(screen)
         interface.guided = guided
         return asyncio.run(operate(interface, screen, machine, delays))
 

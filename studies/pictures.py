@@ -7,6 +7,7 @@ import re
 import tempfile
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -29,6 +30,7 @@ from app.screens.interface import Interface
 from app.screens.leg_review import LegReviewScreen
 from app.screens.measure import MeasureScreen
 from app.screens.result import ResultScreen
+from app.screens.start import Glidecal
 from app.screens.widgets import GaugeDisplay
 from drivers.profile import Outcome, Reading
 
@@ -87,11 +89,12 @@ async def take_wrong(pilot: Pilot[str], screen: MeasureScreen, number: int) -> N
     """A reading that does not agree with its repeats, questioned; then it is taken again."""
     ask = Gauge.ask
 
-    def wrong(gauge: Gauge) -> Outcome:
-        heard = ask(gauge)
+    def wrong(gauge: Gauge) -> Future[Outcome]:
+        heard, given = ask(gauge).result(), Future[Outcome]()
         if isinstance(heard, Reading):
-            return replace(heard, value_mm=heard.value_mm + OFF_MM)
-        return heard
+            heard = replace(heard, value_mm=heard.value_mm + OFF_MM)
+        given.set_result(heard)
+        return given
 
     with patch.object(Gauge, "ask", wrong):
         await take(pilot, screen, number)
@@ -142,7 +145,7 @@ async def pictures(folder: Path) -> None:
     """Drive a demonstration from the check to the comparison, and photograph it."""
     plan = demo_plan(folder, "zero-max-min", 1, BenchSettings())
     plan = replace(plan, path=folder / "demonstration.jsonl", interval_s=0.01, window_s=0.15)
-    interface = Interface(CheckScreen(plan))
+    interface = Glidecal(CheckScreen(plan))
     interface.animation_level = "none"
     async with interface.run_test(size=NARROW) as pilot:
         await measure(pilot, interface, photographed=True)
@@ -162,7 +165,7 @@ async def diagnosis(folder: Path) -> None:
     session = folder / "simulated.jsonl"
     simulate(session, protocol="two-station", effect="backlash:x", size=0.03)
     screen = DiagnoseScreen([session])
-    interface = Interface(screen)
+    interface = Glidecal(screen)
     interface.animation_level = "none"
     async with interface.run_test(size=NARROW) as pilot:
         await until(pilot, lambda: screen.diagnosed is not None)
@@ -176,7 +179,7 @@ async def diagnosis(folder: Path) -> None:
 async def hexaslide() -> None:
     """What position alone sees of a Hexa Slide, and the machine drawn."""
     screen = HexaSlideScreen(Request("position"))
-    interface = Interface(screen)
+    interface = Glidecal(screen)
     interface.animation_level = "none"
     async with interface.run_test(size=NARROW) as pilot:
         await until(pilot, lambda: screen.view is not None)

@@ -6,6 +6,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import takewhile
@@ -160,6 +161,6 @@ class Gauge:
         still = len(recent) >= 2 and max(recent) - min(recent) <= self._still_mm
         return Motion.STABLE if covered and still else Motion.MOVING
 
-    def ask(self) -> Outcome:
-        """A fresh reading, taken after this call; waits for it."""
-        return self._line.ask().result()
+    def ask(self) -> Future[Outcome]:
+        """A fresh reading, taken after this call."""
+        return self._line.ask()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Collection, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -131,9 +130,8 @@ class GuidedSession:
 
     def _take(self, step: Step) -> Taken:
         self._mark_jump()
-        with ThreadPoolExecutor(len(step.axes)) as pool:
-            asked = list(pool.map(Gauge.ask, self.gauges[: len(step.axes)]))
-        outcomes = [_plausible(outcome) for outcome in asked]
+        asked = [gauge.ask() for gauge in self.gauges[: len(step.axes)]]
+        outcomes = [_plausible(one.result()) for one in asked]
         faults = tuple(outcome for outcome in outcomes if isinstance(outcome, Fault))
         events: list[Line] = []
         if faults:

@@ -17,9 +17,8 @@ from app.measuring.opening import Indicators, Plan, begin, open_indicators, resu
 from app.measuring.session import GuidedSession
 from app.report.text.home import CHECK_HELP
 from app.report.text.session import check_text
-from app.screens.hasty import Title
+from app.screens.fast_keys import Title
 from app.screens.interface import Interface
-from app.screens.measure import MeasureScreen
 from app.screens.widgets import GaugeDisplay
 from calib.errors import GlidecalError
 
@@ -114,7 +113,7 @@ class CheckScreen(Screen[None]):
             self.app.complain(problem)
             return
         self.app.indicators, self.app.guided = None, guided
-        self.app.go_to(MeasureScreen(guided, self._plan))
+        self.app.go_to(self.app.measuring(guided, self._plan))
 
     def _begin(self, indicators: Indicators) -> GuidedSession:
         return (resume if self._continued else begin)(self._plan, indicators)

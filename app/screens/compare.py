@@ -14,7 +14,7 @@ from textual.widgets import Footer, Static
 from app.evaluating.comparison import Comparison
 from app.report.charts.charts import before_and_after
 from app.report.text.result import COMPARISON_HELP, comparison_report, copied_text
-from app.screens.hasty import Title
+from app.screens.fast_keys import Title
 from app.screens.interface import Interface
 from app.screens.plot import ChartPlot
 

@@ -11,7 +11,7 @@ from textual.containers import Vertical, VerticalScroll
 from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
-from app.screens.hasty import Dialog
+from app.screens.fast_keys import Dialog
 
 
 class TextDialog(Dialog[str]):

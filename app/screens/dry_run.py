@@ -10,7 +10,7 @@ from textual.containers import VerticalScroll
 from textual.screen import Screen
 from textual.widgets import Footer, Static
 
-from app.screens.hasty import Title
+from app.screens.fast_keys import Title
 
 
 class DryRunScreen(Screen[None]):

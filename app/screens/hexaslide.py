@@ -353,6 +353,4 @@ class HexaSlideScreen(PagedScreen):
             self._home()
 
     def _home(self) -> None:
-        from app.screens.home import HomeScreen
-
-        self.app.go_to(HomeScreen())
+        self.app.go_to(self.app.home())

@@ -35,13 +35,10 @@ from app.report.text.home import (
     session_label,
 )
 from app.report.text.result import exported_text
-from app.screens.check import CheckScreen
-from app.screens.compare import CompareScreen
 from app.screens.dialogs import ChoiceDialog, TextDialog
-from app.screens.hasty import Title
+from app.screens.fast_keys import Title
 from app.screens.interface import Interface
 from app.screens.pick import PickScreen
-from app.screens.prepare import PrepareScreen
 from calib.errors import GlidecalError
 
 DEMO_FOLDER = Path("demo-sessions")
@@ -114,7 +111,7 @@ class HomeScreen(Screen[None]):
         """Carry a choice out, with a session or after asking which one."""
         try:
             if what == "new":
-                self.app.push_screen(PrepareScreen())
+                self.app.push_screen(self.app.preparation())
             elif what == "demo":
                 self._demonstrate()
             elif what == "compare":
@@ -142,7 +139,7 @@ class HomeScreen(Screen[None]):
             dialog = TextDialog(PORTS_QUESTION.format(problem.thing), PORTS_HINT)
             self.app.push_screen(dialog, partial(self._continue_with, path))
         else:
-            self.app.push_screen(CheckScreen(plan, continued=True))
+            self.app.push_screen(self.app.check(plan, continued=True))
 
     def _continue_with(self, path: Path, typed: str | None) -> None:
         try:
@@ -154,7 +151,7 @@ class HomeScreen(Screen[None]):
     def _demonstrate(self) -> None:
         folder = writable_folder(DEMO_FOLDER)
         plan = demo_plan(folder, "zero-max-min", 1, BenchSettings(motion_s=DEMO_MOTION_S))
-        self.app.push_screen(CheckScreen(plan))
+        self.app.push_screen(self.app.check(plan))
 
     def _pick(
         self,
@@ -168,19 +165,13 @@ class HomeScreen(Screen[None]):
         self.app.push_screen(picking, lambda session: then(session) if session else None)
 
     def _replay(self, path: Path) -> None:
-        from app.screens.replay import ReplayScreen
-
-        self.app.push_screen(ReplayScreen(path))
+        self.app.push_screen(self.app.replay(path))
 
     def _diagnose(self, path: Path) -> None:
-        from app.screens.diagnose import DiagnoseScreen
-
-        self.app.push_screen(DiagnoseScreen([path]))
+        self.app.push_screen(self.app.diagnosis([path]))
 
     def _open_hexaslide(self) -> None:
-        from app.screens.hexaslide import HexaSlideScreen
-
-        self.app.push_screen(HexaSlideScreen())
+        self.app.push_screen(self.app.hexaslide())
 
     def _compare(self, session: Recent | None) -> None:
         """Find the two sessions; one that verifies another brings its partner."""
@@ -226,12 +217,10 @@ class HomeScreen(Screen[None]):
         show()
 
     def _show_result(self, path: Path) -> Callable[[], object]:
-        from app.screens.result import ResultScreen
-
         solved, warnings = solve_files([path])
 
         def show() -> None:
-            self.app.push_screen(ResultScreen(solved, None, path))
+            self.app.push_screen(self.app.result(solved, None, path))
             for warning in warnings:
                 self.app.notify(warning, severity="warning", markup=False)
 
@@ -245,7 +234,7 @@ class HomeScreen(Screen[None]):
 
     def _show_comparison(self, before: Path, after: Path) -> Callable[[], object]:
         comparison = compare_files(before, after)
-        return lambda: self.app.push_screen(CompareScreen(comparison))
+        return lambda: self.app.push_screen(self.app.comparison(comparison))
 
 
 JOBS: dict[str, Callable[[HomeScreen, Path], Callable[[], object]]] = {

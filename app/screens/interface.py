@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from rich.cells import cell_len
 from rich.segment import Segment
@@ -23,16 +24,21 @@ from textual.theme import ThemeProvider
 from textual.widget import Widget
 
 from app.exit_codes import Exit
-from app.measuring.opening import Indicators
+from app.measuring.opening import Indicators, Plan
 from app.measuring.session import GuidedSession
 from app.report.text.settings import key_list_text
 from app.screens.dialogs import HelpDialog
-from app.screens.hasty import Palette, ready
+from app.screens.fast_keys import Palette, ready
 from app.screens.leaving import on_signals
 from app.settings import Settings, save_theme, settings_path
 from calib.errors import GlidecalError
 from calib.printable import HIDDEN
 from protocols.files import unused_path
+
+if TYPE_CHECKING:
+    from app.evaluating.comparison import Comparison
+    from app.evaluating.solution import Solved
+    from app.planning.machines import Request
 
 PALETTE = (
     ("Theme", "Choose the colours; kept in the settings"),
@@ -63,7 +69,11 @@ PRINTABLE_ROWS = PrintableRows()
 
 
 class Interface(App[str]):
-    """Screens over one session at a time. The result of `run` is a line for after the end."""
+    """Screens over one session at a time. The result of `run` is a line for after the end.
+
+    A screen that leads to another one asks for it here and knows none itself; `Glidecal` in
+    `app.screens.start` knows them all.
+    """
 
     TITLE = "glidecal"
     CSS_PATH = "glidecal.tcss"
@@ -227,6 +237,42 @@ class Interface(App[str]):
         if indicators is not None:
             await asyncio.to_thread(indicators.close)
         return ""
+
+    @abstractmethod
+    def home(self) -> Screen[None]:
+        """What can be done."""
+
+    @abstractmethod
+    def preparation(self) -> Screen[None]:
+        """Machine, procedure, operator, ports."""
+
+    @abstractmethod
+    def check(self, plan: Plan, *, continued: bool = False) -> Screen[None]:
+        """The instrument check before measuring."""
+
+    @abstractmethod
+    def measuring(self, guided: GuidedSession, plan: Plan) -> Screen[None]:
+        """A session under way."""
+
+    @abstractmethod
+    def result(self, solved: Solved, plan: Plan | None, path: Path) -> Screen[None]:
+        """What a session gave."""
+
+    @abstractmethod
+    def comparison(self, compared: Comparison) -> Screen[None]:
+        """Before and after."""
+
+    @abstractmethod
+    def diagnosis(self, paths: list[Path]) -> Screen[None]:
+        """What is missing."""
+
+    @abstractmethod
+    def replay(self, path: Path) -> Screen[None]:
+        """A record again."""
+
+    @abstractmethod
+    def hexaslide(self, request: Request | None = None) -> Screen[None]:
+        """What a procedure sees of a Hexa Slide."""
 
     def go_to(self, screen: Screen[Any]) -> None:
         """Replace the present screen."""

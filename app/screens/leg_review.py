@@ -13,7 +13,7 @@ from textual.widgets import Static
 from app.measuring.leg_review import review_leg
 from app.report.charts.charts import readings_by_posture
 from app.report.text.session import review_text
-from app.screens.hasty import Dialog
+from app.screens.fast_keys import Dialog
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError
 from protocols.procedure import Step

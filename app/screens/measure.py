@@ -332,8 +332,6 @@ class MeasureScreen(Corrections, Kept):
     @work(thread=True)
     def _finish(self) -> None:
         """Close the record and show the result."""
-        from app.screens.result import ResultScreen
-
         try:
             self.guided.finish()
             solved = solve_for_controller(self.guided.path)
@@ -342,5 +340,5 @@ class MeasureScreen(Corrections, Kept):
             self.app.call_from_thread(self.refused, said)
             return
         self.app.guided = None
-        result = ResultScreen(solved, self.plan, self.guided.path)
+        result = self.app.result(solved, self.plan, self.guided.path)
         self.app.call_from_thread(self.app.go_to, result)

@@ -14,7 +14,7 @@ from textual.widgets.option_list import Option
 from app.measuring.recent import Recent, look_at
 from app.report.text.home import ELSEWHERE, NO_SESSIONS, PICK_KEYS, session_label
 from app.screens.dialogs import TextDialog
-from app.screens.hasty import Leaving, Title
+from app.screens.fast_keys import Leaving, Title
 from app.screens.interface import Interface
 
 

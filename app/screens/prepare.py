@@ -23,9 +23,8 @@ from app.measuring.indicators import (
 from app.measuring.opening import Plan, session_name
 from app.report.text.home import FIELD_HELP, PREPARE_HELP
 from app.report.text.session import dry_run_text, procedure_sentence
-from app.screens.check import CheckScreen
 from app.screens.dry_run import DryRunScreen
-from app.screens.hasty import Title
+from app.screens.fast_keys import Title
 from app.screens.interface import Interface
 from calib.errors import GlidecalError
 from protocols.errors import UsageError
@@ -109,7 +108,7 @@ class PrepareScreen(Screen[None]):
         except GlidecalError as problem:
             self.app.complain(problem)
         else:
-            self.app.push_screen(CheckScreen(plan))
+            self.app.push_screen(self.app.check(plan))
 
     def action_dry_run(self) -> None:
         """Every step, before anything is opened."""

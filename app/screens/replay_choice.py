@@ -15,9 +15,8 @@ from textual.widgets.option_list import Option
 from app.measuring.recent import look_at
 from app.report.text.home import session_label
 from app.report.text.replay import REPLAY_QUESTION
-from app.screens.hasty import Title
+from app.screens.fast_keys import Title
 from app.screens.interface import Interface
-from app.screens.replay import ReplayScreen
 from calib.errors import GlidecalError
 
 
@@ -48,6 +47,6 @@ class ReplayChoiceScreen(Screen[None]):
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         try:
-            self.app.push_screen(ReplayScreen(self._paths[event.option_index]))
+            self.app.push_screen(self.app.replay(self._paths[event.option_index]))
         except GlidecalError as problem:
             self.app.complain(problem)

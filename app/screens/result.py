@@ -154,8 +154,6 @@ class ResultScreen(PagedScreen):
 
     def action_verify(self) -> None:
         """The same procedure again, after the offsets were entered in the controller."""
-        from app.screens.check import CheckScreen
-
         if self.plan is None:
             return
         try:
@@ -163,13 +161,11 @@ class ResultScreen(PagedScreen):
         except GlidecalError as problem:
             self.app.complain(problem)
         else:
-            self.app.push_screen(CheckScreen(plan))
+            self.app.push_screen(self.app.check(plan))
 
     def action_diagnose(self) -> None:
         """Where readings and model disagree, and what is missing."""
-        from app.screens.diagnose import DiagnoseScreen
-
-        self.app.push_screen(DiagnoseScreen([self.path]))
+        self.app.push_screen(self.app.diagnosis([self.path]))
 
     def action_copy(self) -> None:
         """The text of this page to the clipboard of the terminal."""
@@ -180,6 +176,4 @@ class ResultScreen(PagedScreen):
 
     def action_home(self) -> None:
         """Back to the first screen."""
-        from app.screens.home import HomeScreen
-
-        self.app.go_to(HomeScreen())
+        self.app.go_to(self.app.home())

@@ -12,16 +12,59 @@ from textual.screen import Screen
 from app.measuring.opening import Plan
 from app.report.streams import need_terminal
 from app.screens.check import CheckScreen
+from app.screens.compare import CompareScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
 from app.screens.keys import settings_for_screens
+from app.screens.measure import MeasureScreen
+from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.replay_choice import ReplayChoiceScreen
 from app.settings import settings_path
 from protocols.record import read_record
 
 if TYPE_CHECKING:
+    from app.evaluating.comparison import Comparison
+    from app.evaluating.solution import Solved
+    from app.measuring.session import GuidedSession
     from app.planning.machines import Request
+
+
+class Glidecal(Interface):
+    """The interface with every screen. What is slow to load waits until it is asked for."""
+
+    def home(self) -> Screen[None]:
+        return HomeScreen()
+
+    def preparation(self) -> Screen[None]:
+        return PrepareScreen()
+
+    def check(self, plan: Plan, *, continued: bool = False) -> Screen[None]:
+        return CheckScreen(plan, continued=continued)
+
+    def measuring(self, guided: GuidedSession, plan: Plan) -> Screen[None]:
+        return MeasureScreen(guided, plan)
+
+    def result(self, solved: Solved, plan: Plan | None, path: Path) -> Screen[None]:
+        from app.screens.result import ResultScreen
+
+        return ResultScreen(solved, plan, path)
+
+    def comparison(self, compared: Comparison) -> Screen[None]:
+        return CompareScreen(compared)
+
+    def diagnosis(self, paths: list[Path]) -> Screen[None]:
+        from app.screens.diagnose import DiagnoseScreen
+
+        return DiagnoseScreen(paths)
+
+    def replay(self, path: Path) -> Screen[None]:
+        return ReplayScreen(path)
+
+    def hexaslide(self, request: Request | None = None) -> Screen[None]:
+        from app.screens.hexaslide import HexaSlideScreen
+
+        return HexaSlideScreen(request)
 
 
 def open_interface() -> int:
@@ -58,7 +101,7 @@ def open_hexaslide(request: Request) -> int:
 
 def _run(first: Screen[None], *, read_only: bool = False) -> int:
     settings = settings_for_screens(settings_path())
-    interface = Interface(first, settings=settings, read_only=read_only)
+    interface = Glidecal(first, settings=settings, read_only=read_only)
     message = interface.run()
     if message:
         print(message, file=sys.stderr)

@@ -15,7 +15,7 @@ from app.measuring.opening import PortsUnknown, opened_event, plan_to_continue
 from app.screens.check import CheckScreen
 from app.screens.dialogs import TextDialog
 from app.screens.home import HomeScreen
-from app.screens.interface import Interface
+from app.screens.start import Glidecal
 from drivers.errors import IndicatorError
 from drivers.port import open_port
 from drivers.profiles import profile_named
@@ -205,7 +205,7 @@ async def test_the_screen_asks_for_the_ports(
 ) -> None:
     path = begun(tmp_path, ["/dev/ttyUSB0", "/dev/ttyUSB1"], None)
     monkeypatch.chdir(tmp_path)
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE) as pilot:
         await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
         await pilot.pause()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
+from concurrent.futures import Future
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from datetime import timedelta
@@ -19,6 +20,7 @@ from app.screens.interface import Interface
 from app.screens.leg_review import LegReviewScreen
 from app.screens.measure import MeasureScreen
 from app.screens.plot import ChartPlot
+from app.screens.start import Glidecal
 from drivers.profile import Outcome, Reading
 from protocols.events import Noted
 from protocols.record import read_record
@@ -29,7 +31,7 @@ Driven = tuple[Pilot[str], Interface, MeasureScreen]
 
 @asynccontextmanager
 async def measuring(folder: Path, size: tuple[int, int] = (80, 24)) -> AsyncIterator[Driven]:
-    interface = Interface(CheckScreen(quick_plan(folder)))
+    interface = Glidecal(CheckScreen(quick_plan(folder)))
     async with interface.run_test(size=size, notifications=True) as pilot:
         screen = await to_measuring(pilot, interface)
         yield pilot, interface, screen
@@ -50,10 +52,11 @@ async def take_something_else(
     """Take the present step with every indicator off by so much."""
     ask = Gauge.ask
 
-    def wrong(gauge: Gauge) -> Outcome:
-        heard = ask(gauge)
+    def wrong(gauge: Gauge) -> Future[Outcome]:
+        heard, given = ask(gauge).result(), Future[Outcome]()
         assert isinstance(heard, Reading)
-        return replace(heard, value_mm=heard.value_mm + off_mm)
+        given.set_result(replace(heard, value_mm=heard.value_mm + off_mm))
+        return given
 
     with monkeypatch.context() as patched:
         patched.setattr(Gauge, "ask", wrong)

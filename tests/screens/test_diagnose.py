@@ -11,15 +11,15 @@ from textual.widgets import OptionList, TabbedContent
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.dialogs import ChoiceDialog, HelpDialog
 from app.screens.home import HomeScreen
-from app.screens.interface import Interface
 from app.screens.plot import ChartPlot
 from app.screens.result import ResultScreen
+from app.screens.start import Glidecal
 from tests.screens.diagnosing import diagnosed, drawn, verdict
 from tests.screens.driving import SIZE, said, text, until
 
 
 async def test_pages_by_keys(bowed: Path) -> None:
-    interface = Interface(DiagnoseScreen([bowed]))
+    interface = Glidecal(DiagnoseScreen([bowed]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await diagnosed(pilot, interface)
         assert text(interface, "#diagnosed") == "bow [x].jsonl   against: nominal machine"
@@ -55,7 +55,7 @@ async def test_pages_by_keys(bowed: Path) -> None:
 
 
 async def test_a_session_that_cannot_be_diagnosed(samples: Path) -> None:
-    interface = Interface(DiagnoseScreen([samples / "damaged.jsonl"]))
+    interface = Glidecal(DiagnoseScreen([samples / "damaged.jsonl"]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await diagnosed(pilot, interface)
         assert screen.diagnosed is None
@@ -72,7 +72,7 @@ async def test_a_session_that_cannot_be_diagnosed(samples: Path) -> None:
 
 
 async def test_leaving_while_it_looks(bowed: Path) -> None:
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await interface.push_screen(DiagnoseScreen([bowed]))
         assert verdict(interface).startswith("Looking for what is missing")
@@ -87,7 +87,7 @@ async def test_leaving_while_it_looks(bowed: Path) -> None:
 
 async def test_from_home_and_from_the_result(bowed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(bowed.parent)
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.pause()
         listed = interface.screen.query_one(OptionList)
@@ -114,7 +114,7 @@ async def test_from_home_and_from_the_result(bowed: Path, monkeypatch: pytest.Mo
 
 async def test_the_small_choice_of_a_session(bowed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(bowed.parent)
-    interface = Interface(HomeScreen(), read_only=True)
+    interface = Glidecal(HomeScreen(), read_only=True)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
         await pilot.press("end", "enter")
@@ -128,7 +128,7 @@ async def test_the_small_choice_of_a_session(bowed: Path, monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize("size", [SIZE, (120, 40)])
 async def test_no_line_is_cut_off(doubtful: Path, size: tuple[int, int]) -> None:
-    interface = Interface(DiagnoseScreen([doubtful]))
+    interface = Glidecal(DiagnoseScreen([doubtful]))
     async with interface.run_test(size=size) as pilot:
         screen = await diagnosed(pilot, interface)
         for page in ("verdict", "where", "candidates", "change"):

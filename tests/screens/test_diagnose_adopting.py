@@ -10,7 +10,7 @@ from textual.widgets import Input, OptionList
 
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.dialogs import ChoiceDialog, TextDialog
-from app.screens.interface import Interface
+from app.screens.start import Glidecal
 from protocols.machine import load_machine
 from protocols.model_file import read_model_file
 from protocols.procedure import load_procedure
@@ -20,7 +20,7 @@ from tests.screens.driving import SIZE, said, text, until
 
 
 async def test_adopt_writes_a_model_and_the_second_gap_is_smaller(bowed: Path) -> None:
-    interface = Interface(DiagnoseScreen([bowed]))
+    interface = Glidecal(DiagnoseScreen([bowed]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await diagnosed(pilot, interface)
         assert screen.diagnosed is not None
@@ -54,7 +54,7 @@ async def test_another_effect_of_an_ambiguous_set_is_adopted(doubtful: Path) -> 
     taken = doubtful.with_name("taken.toml")
     taken.write_text("mine", encoding="utf-8")
     target = doubtful.with_name("other.json")
-    interface = Interface(DiagnoseScreen([doubtful]))
+    interface = Glidecal(DiagnoseScreen([doubtful]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await diagnosed(pilot, interface)
         assert verdict(interface).startswith("AMBIGUOUS.")
@@ -82,7 +82,7 @@ async def test_another_effect_of_an_ambiguous_set_is_adopted(doubtful: Path) -> 
 
 
 async def test_a_law_without_a_name_is_adopted(nameless: Path) -> None:
-    interface = Interface(DiagnoseScreen([nameless]))
+    interface = Glidecal(DiagnoseScreen([nameless]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await diagnosed(pilot, interface)
         words = " ".join(verdict(interface).split())
@@ -109,7 +109,7 @@ async def test_a_law_without_a_name_is_adopted(nameless: Path) -> None:
 
 
 async def test_the_next_measurement_becomes_a_procedure(doubtful: Path) -> None:
-    interface = Interface(DiagnoseScreen([doubtful]))
+    interface = Glidecal(DiagnoseScreen([doubtful]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await diagnosed(pilot, interface)
         assert "Next measurement: " in verdict(interface)
@@ -124,7 +124,7 @@ async def test_the_next_measurement_becomes_a_procedure(doubtful: Path) -> None:
 
 async def test_a_session_that_agrees(tmp_path: Path) -> None:
     path = write_session(tmp_path / "plain.jsonl", "zero-max-min", 4)
-    interface = Interface(DiagnoseScreen([path]))
+    interface = Glidecal(DiagnoseScreen([path]))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await diagnosed(pilot, interface)
         assert verdict(interface).startswith("AGREES.")
@@ -142,7 +142,7 @@ async def test_a_session_that_agrees(tmp_path: Path) -> None:
 
 
 async def test_where_nothing_may_be_written(doubtful: Path) -> None:
-    interface = Interface(DiagnoseScreen([doubtful]), read_only=True)
+    interface = Glidecal(DiagnoseScreen([doubtful]), read_only=True)
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await diagnosed(pilot, interface)
         assert not offered(interface) & {"a", "n"}

@@ -15,6 +15,7 @@ from app.report.text.result import solution_text
 from app.screens.check import CheckScreen
 from app.screens.interface import Interface
 from app.screens.result import ResultScreen
+from app.screens.start import Glidecal
 from calib.errors import NotIdentifiable
 from protocols.record import read_record
 from tests.screens.driving import SIZE, quick_plan, take, text, to_measuring, until
@@ -44,7 +45,7 @@ async def test_a_result_that_cannot_be_computed_yet(
 
     monkeypatch.setattr("app.screens.measure.solve_for_controller", refuse)
     plan = quick_plan(tmp_path)
-    interface = Interface(CheckScreen(plan))
+    interface = Glidecal(CheckScreen(plan))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await to_measuring(pilot, interface)
         await take(pilot, screen)
@@ -77,7 +78,7 @@ async def test_trying_again_may_succeed(
         raise NotIdentifiable("offsets", "nothing", "something")
 
     monkeypatch.setattr("app.screens.measure.solve_for_controller", at_last)
-    interface = Interface(CheckScreen(quick_plan(tmp_path)))
+    interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await to_measuring(pilot, interface)
         screen.guided.skip(range(1, 31), "all of it")
@@ -103,7 +104,7 @@ async def test_space_twice_computes_the_result_once(
 
     monkeypatch.setattr("app.screens.measure.solve_for_controller", slowly)
     monkeypatch.setattr("app.screens.measure.HELD_KEY_S", 0.0)
-    interface = Interface(CheckScreen(quick_plan(tmp_path)))
+    interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await to_measuring(pilot, interface)
         screen.guided.skip(range(1, 31), "all of it")

@@ -24,6 +24,7 @@ from app.screens.drawing import DrawingPlot
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
+from app.screens.start import Glidecal
 from calib.design.criteria import Criterion
 from calib.hexaslide.procedures import jacobian
 from tests.screens.driving import SIZE, looked, said, text, until
@@ -106,7 +107,7 @@ def gate(monkeypatch: pytest.MonkeyPatch) -> Iterator[Gate]:
 
 
 async def test_procedures_by_keys_with_the_papers_ranks_beside() -> None:
-    interface = Interface(HexaSlideScreen())
+    interface = Glidecal(HexaSlideScreen())
     async with interface.run_test(size=SIZE) as pilot:
         for key, (name, rank, count, published, fewest) in RANKS.items():
             await pilot.press(key)
@@ -123,7 +124,7 @@ async def test_procedures_by_keys_with_the_papers_ranks_beside() -> None:
 
 
 async def test_what_is_lost_known_and_how_units_change_the_condition_number() -> None:
-    interface = Interface(HexaSlideScreen(Request("position")))
+    interface = Glidecal(HexaSlideScreen(Request("position")))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await looked(pilot, interface, HexaSlideScreen)
         seen = text(interface, "#sees-text")
@@ -138,7 +139,7 @@ async def test_what_is_lost_known_and_how_units_change_the_condition_number() ->
 
 
 async def test_the_machine_is_drawn_from_two_sides() -> None:
-    interface = Interface(HexaSlideScreen())
+    interface = Glidecal(HexaSlideScreen())
     async with interface.run_test(size=SIZE) as pilot:
         screen = await looked(pilot, interface, HexaSlideScreen)
         await pilot.press("tab")
@@ -168,7 +169,7 @@ async def test_the_machine_is_drawn_from_two_sides() -> None:
 
 
 async def test_search_shows_start_and_optimum_and_stops(gate: Gate) -> None:
-    interface = Interface(HexaSlideScreen())
+    interface = Glidecal(HexaSlideScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await looked(pilot, interface, HexaSlideScreen)
         assert "No postures yet" in text(interface, "#search-text")
@@ -235,7 +236,7 @@ async def check_drawn_at_postures(pilot: Pilot[str], interface: Interface) -> No
 
 
 async def test_leaving_while_it_searches(gate: Gate) -> None:
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         choices = interface.screen.query_one("#choices", OptionList)
         await until(pilot, "choices", lambda: choices.option_count > 0)
@@ -258,7 +259,7 @@ async def test_leaving_while_it_searches(gate: Gate) -> None:
 
 
 async def test_quitting_while_it_searches(gate: Gate) -> None:
-    interface = Interface(HexaSlideScreen())
+    interface = Glidecal(HexaSlideScreen())
     async with interface.run_test(size=SIZE) as pilot:
         await looked(pilot, interface, HexaSlideScreen)
         gate.first.set()
@@ -271,7 +272,7 @@ async def test_quitting_while_it_searches(gate: Gate) -> None:
 
 
 async def test_count_of_postures(gate: Gate) -> None:
-    interface = Interface(HexaSlideScreen())
+    interface = Glidecal(HexaSlideScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await looked(pilot, interface, HexaSlideScreen)
         for wrong in ("8", "x [y]", "201"):
@@ -292,7 +293,7 @@ async def test_count_of_postures(gate: Gate) -> None:
 
 
 async def test_measured_components_of_ones_own() -> None:
-    interface = Interface(HexaSlideScreen())
+    interface = Glidecal(HexaSlideScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await looked(pilot, interface, HexaSlideScreen)
         await pilot.press("m")
@@ -316,7 +317,7 @@ async def test_a_broken_machine_file_then_a_good_one(tmp_path: Path) -> None:
     broken, linkless = tmp_path / "own [m].toml", tmp_path / "linkless.toml"
     broken.write_text(good.replace("link_m = 0.88", "link_m = 0.1", 1), encoding="utf-8")
     linkless.write_text(good[: good.index("[constraint_link]")], encoding="utf-8")
-    interface = Interface(HexaSlideScreen(Request("pose-inverse", broken)))
+    interface = Glidecal(HexaSlideScreen(Request("pose-inverse", broken)))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await looked(pilot, interface, HexaSlideScreen)
         assert text(interface, "#hexaslide") == "own [m].toml"

@@ -22,6 +22,7 @@ from app.screens.pick import PickScreen
 from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
+from app.screens.start import Glidecal
 from tests.screens.driving import SIZE, quick_plan, said, text, until
 
 BEFORE, AFTER = "before [mm].jsonl", "after [ttyUSB0].jsonl"
@@ -59,7 +60,7 @@ async def shown(pilot: Pilot[str], interface: Interface, screen: type[object]) -
 
 
 async def test_list_of_what_can_be_done(folder: Path) -> None:
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.pause()
         listed = options(interface)
@@ -84,7 +85,7 @@ async def test_list_of_what_can_be_done(folder: Path) -> None:
 
 
 async def test_compare_by_keys(folder: Path) -> None:
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.pause()
         await choose(pilot, interface, "Compare")
@@ -115,7 +116,7 @@ async def test_sessions_with_nothing_in_common_are_refused_in_words(
     folder: Path, samples: Path
 ) -> None:
     shutil.copy(samples / "experiment_2_six.jsonl", folder / "six.jsonl")
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.pause()
         await choose(pilot, interface, "six")
@@ -134,7 +135,7 @@ async def test_a_verification_proposes_its_partner(
     monkeypatch.chdir(tmp_path)
     run_headless(replace(quick_plan(tmp_path), interval_s=0.0), lambda _: None)
     (verify,) = tmp_path.glob("*_verify.jsonl")
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.pause()
         await choose(pilot, interface, "Compare")
@@ -158,7 +159,7 @@ async def test_a_verification_proposes_its_partner(
 
 
 async def test_export_writes_what_the_result_screen_writes(folder: Path) -> None:
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.pause()
         await choose(pilot, interface, "Export")
@@ -177,7 +178,7 @@ async def test_export_writes_what_the_result_screen_writes(folder: Path) -> None
 async def test_result_and_replay_of_a_picked_session(
     folder: Path, beginning: str, screen: type[object]
 ) -> None:
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.pause()
         await choose(pilot, interface, beginning)
@@ -198,7 +199,7 @@ async def test_a_session_elsewhere_by_its_path(
     empty = tmp_path / "empty"
     empty.mkdir()
     monkeypatch.chdir(empty)
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.pause()
         await choose(pilot, interface, "Result")
@@ -214,7 +215,7 @@ async def test_a_session_elsewhere_by_its_path(
 
 
 async def test_new_sessions_are_listed_after_coming_back(folder: Path, samples: Path) -> None:
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
         await choose(pilot, interface, "New session")
@@ -227,7 +228,7 @@ async def test_new_sessions_are_listed_after_coming_back(folder: Path, samples: 
 
 
 async def test_where_nothing_may_be_written_nothing_of_it_is_offered(folder: Path) -> None:
-    interface = Interface(HomeScreen(), read_only=True)
+    interface = Glidecal(HomeScreen(), read_only=True)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
         assert [words.split()[0] for words in options(interface)[:3]] == [
@@ -245,7 +246,7 @@ async def test_prepare_dry_run_and_random_order(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.press("enter")
         await shown(pilot, interface, PrepareScreen)
@@ -283,7 +284,7 @@ async def test_a_port_that_looks_like_markup(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.press("enter")
         await shown(pilot, interface, PrepareScreen)

@@ -14,6 +14,7 @@ from textual.widgets import DataTable, Label, Static
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
 from app.screens.replay import ReplayScreen
+from app.screens.start import Glidecal
 from calib.printable import HIDDEN
 from tests.app.hostile_files import ESCAPES, chained
 from tests.conftest import SAMPLES
@@ -49,7 +50,7 @@ async def assert_clean(pilot: Pilot[str], interface: Interface) -> None:
 
 
 async def test_a_hostile_record_is_replayed(tmp_path: Path) -> None:
-    interface = Interface(ReplayScreen(hostile_record(tmp_path)))
+    interface = Glidecal(ReplayScreen(hostile_record(tmp_path)))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await until(pilot, "the picture", lambda: "step" in text(interface, "#progress"))
         await assert_clean(pilot, interface)
@@ -63,7 +64,7 @@ async def test_a_hostile_record_is_listed_at_home(
 ) -> None:
     hostile_record(tmp_path)
     monkeypatch.chdir(tmp_path)
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE) as pilot:
         await until(pilot, "the list", lambda: "owned" in shown(interface.screen))
         await assert_clean(pilot, interface)
@@ -72,7 +73,7 @@ async def test_a_hostile_record_is_listed_at_home(
 async def test_every_kind_of_widget_is_filtered() -> None:
     """The filter is of the interface: no screen and no widget can forget it."""
     screen: Screen[None] = Screen()
-    interface = Interface(screen)
+    interface = Glidecal(screen)
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         table: DataTable[str] = DataTable()
         framed = Static(ESCAPES, markup=False)

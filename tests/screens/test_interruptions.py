@@ -12,7 +12,7 @@ from textual.widgets import OptionList
 from app.measuring.opening import continue_session, plan_to_continue
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
-from app.screens.interface import Interface
+from app.screens.start import Glidecal
 from drivers.profile import Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.twin_port import TwinPort, default_transport
@@ -23,12 +23,12 @@ from tests.screens.driving import SIZE, quick_plan, take, text, to_measuring, un
 
 async def test_continue_at_the_first_unfinished_step(tmp_path: Path) -> None:
     plan = quick_plan(tmp_path)
-    first = Interface(CheckScreen(plan))
+    first = Glidecal(CheckScreen(plan))
     async with first.run_test(size=SIZE) as pilot:
         screen = await to_measuring(pilot, first)
         await take(pilot, screen)
         await pilot.press("f10")
-    second = Interface(CheckScreen(plan_to_continue(plan.path), continued=True))
+    second = Glidecal(CheckScreen(plan_to_continue(plan.path), continued=True))
     async with second.run_test(size=SIZE) as pilot:
         await until(pilot, "words", lambda: "Enter continues" in text(second, "#words"))
         screen = await to_measuring(pilot, second)
@@ -44,7 +44,7 @@ async def test_a_port_that_is_not_there_is_said_in_words(tmp_path: Path) -> None
 
     missing = Instrument(profile="mitutoyo-01a", port="/dev/tty[none]")
     plan = replace(quick_plan(tmp_path), instruments=(missing,))
-    interface = Interface(CheckScreen(plan))
+    interface = Glidecal(CheckScreen(plan))
     async with interface.run_test(size=SIZE) as pilot:
         await until(pilot, "words", lambda: "no such port" in text(interface, "#words"))
         assert "/dev/tty[none]" in text(interface, "#words")
@@ -60,7 +60,7 @@ async def test_a_cable_plugged_in_later_is_found_by_another_try(tmp_path: Path) 
     plugged = tmp_path / "tty"
     late = Instrument(profile="mitutoyo-01a", port=str(plugged))
     plan = replace(quick_plan(tmp_path), instruments=(late,))
-    interface = Interface(CheckScreen(plan))
+    interface = Glidecal(CheckScreen(plan))
     with TwinPort(MITUTOYO_01A.make_twin(Spindle(lambda: 0.5, 0.001)), "pty") as port:
         async with interface.run_test(size=SIZE) as pilot:
             await until(pilot, "words", lambda: "R tries again" in text(interface, "#words"))
@@ -81,7 +81,7 @@ async def test_indicator_fault_is_not_taken(
     from app.measuring.gauges import Gauge
     from drivers.profile import Fault, FaultKind
 
-    interface = Interface(CheckScreen(quick_plan(tmp_path)))
+    interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await to_measuring(pilot, interface)
         silence = Fault(FaultKind.NO_ANSWER, "", "no answer [1]: is it on?")
@@ -104,7 +104,7 @@ async def test_disk_full_is_said_and_the_session_goes_on(
     import errno
     import os
 
-    interface = Interface(CheckScreen(quick_plan(tmp_path)))
+    interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await to_measuring(pilot, interface)
         await take(pilot, screen)
@@ -127,7 +127,7 @@ async def test_disk_full_is_said_and_the_session_goes_on(
 async def test_a_record_that_is_replaced_ends_measuring_and_its_copy_is_named(
     tmp_path: Path,
 ) -> None:
-    interface = Interface(CheckScreen(quick_plan(tmp_path)))
+    interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await to_measuring(pilot, interface)
         await take(pilot, screen)
@@ -149,11 +149,11 @@ async def test_home_offers_an_interrupted_session_first(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     plan = quick_plan(tmp_path)
-    first = Interface(CheckScreen(plan))
+    first = Glidecal(CheckScreen(plan))
     async with first.run_test(size=SIZE) as pilot:
         await take(pilot, await to_measuring(pilot, first))
         await pilot.press("f10")
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE) as pilot:
         options = interface.screen.query_one(OptionList)
         assert "Continue" in str(options.get_option_at_index(0).prompt)
@@ -172,7 +172,7 @@ async def test_pulled_cable_in_the_middle_of_a_session(tmp_path: Path) -> None:
     point_to(gauge, first.url)
     known = Instrument(profile="mitutoyo-01a", port=str(gauge))
     plan = replace(quick_plan(tmp_path), instruments=(known,))
-    interface = Interface(CheckScreen(plan))
+    interface = Glidecal(CheckScreen(plan))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await to_measuring(pilot, interface)
         await take(pilot, screen)
@@ -207,7 +207,7 @@ async def test_a_continued_verification_still_compares(tmp_path: Path) -> None:
     with start_session(plan) as guided:
         measure_all(guided)
     verify = verification_plan(plan, solve_for_controller(plan.path))
-    interface = Interface(CheckScreen(verify))
+    interface = Glidecal(CheckScreen(verify))
     async with interface.run_test(size=SIZE) as pilot:
         await take(pilot, await to_measuring(pilot, interface))
         await pilot.press("f10")

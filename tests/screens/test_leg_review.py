@@ -12,6 +12,7 @@ from app.screens.check import CheckScreen
 from app.screens.interface import Interface
 from app.screens.leg_review import LegReviewScreen
 from app.screens.plot import ChartPlot
+from app.screens.start import Glidecal
 from drivers.profile import Reading
 from tests.screens.driving import numbers, quick_plan, take, text, to_measuring, until
 
@@ -27,7 +28,7 @@ def charted(interface: Interface) -> str:
 async def test_the_review_is_whole_and_gives_the_session_back(
     tmp_path: Path, size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    interface = Interface(CheckScreen(quick_plan(tmp_path)))
+    interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=size) as pilot:
         screen = await to_measuring(pilot, interface)
         for _ in range(STEPS_OF_A_LEG - 1):

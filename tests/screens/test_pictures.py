@@ -31,6 +31,7 @@ from app.screens.plot import ChartPlot
 from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
+from app.screens.start import Glidecal
 from app.screens.widgets import GaugeDisplay
 from protocols.record import read_record
 from protocols.session import fold
@@ -78,7 +79,7 @@ async def compare(pilot: Pilot[str], interface: Interface, name: str, folder: Pa
 
 def still(first: Screen[None]) -> Interface:
     """A program without animations."""
-    interface = Interface(first)
+    interface = Glidecal(first)
     interface.animation_level = "none"
     return interface
 
@@ -126,7 +127,7 @@ async def test_comparison(samples: Path, tmp_path: Path, size: tuple[int, int]) 
 
 
 async def test_light_theme(samples: Path, tmp_path: Path) -> None:
-    interface = Interface(result_screen(samples / "experiment_2_twelve.jsonl"), read_only=True)
+    interface = Glidecal(result_screen(samples / "experiment_2_twelve.jsonl"), read_only=True)
     interface.animation_level = "none"
     async with interface.run_test(size=WIDE) as pilot:
         interface.theme = "textual-light"

@@ -15,6 +15,7 @@ from app.screens.interface import Interface
 from app.screens.replay import ReplayedResult, ReplayScreen
 from app.screens.replay_choice import ReplayChoiceScreen
 from app.screens.result import ResultScreen
+from app.screens.start import Glidecal
 from app.screens.widgets import GaugeDisplay, StepList
 from protocols.record import read_record
 from protocols.session import fold
@@ -39,7 +40,7 @@ async def begin(pilot: Pilot[str], interface: Interface) -> ReplayScreen:
 
 
 async def test_the_picture_of_measuring_moves_by_keys(told: Path) -> None:
-    interface = Interface(ReplayScreen(told))
+    interface = Glidecal(ReplayScreen(told))
     async with interface.run_test(size=SIZE) as pilot:
         await begin(pilot, interface)
         assert text(interface, "#progress") == "replay · told.jsonl   step 1 of 30 · ×5 · PAUSED"
@@ -72,7 +73,7 @@ async def test_the_picture_of_measuring_moves_by_keys(told: Path) -> None:
 
 async def test_the_list_of_steps_is_on_the_screen(told: Path) -> None:
     for size in ((80, 24), (120, 40)):
-        interface = Interface(ReplayScreen(told))
+        interface = Glidecal(ReplayScreen(told))
         async with interface.run_test(size=size) as pilot:
             await begin(pilot, interface)
             await pilot.pause()
@@ -87,7 +88,7 @@ async def test_the_list_of_steps_is_on_the_screen(told: Path) -> None:
 
 
 async def test_play_pause_and_speed(told: Path) -> None:
-    interface = Interface(ReplayScreen(told))
+    interface = Glidecal(ReplayScreen(told))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await begin(pilot, interface)
         await pilot.press("up", "plus")
@@ -109,7 +110,7 @@ async def test_play_pause_and_speed(told: Path) -> None:
 
 
 async def test_list_of_readings_with_superseded_ones(told: Path) -> None:
-    interface = Interface(ReplayScreen(told))
+    interface = Glidecal(ReplayScreen(told))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await begin(pilot, interface)
         listing = screen.query_one("#taken", Log)
@@ -130,7 +131,7 @@ async def test_list_of_readings_with_superseded_ones(told: Path) -> None:
 
 
 async def test_pages_of_a_long_list(samples: Path) -> None:
-    interface = Interface(ReplayScreen(samples / "simulated_sweep.jsonl"))
+    interface = Glidecal(ReplayScreen(samples / "simulated_sweep.jsonl"))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await begin(pilot, interface)
         await pilot.press("t", "end")
@@ -145,7 +146,7 @@ async def test_pages_of_a_long_list(samples: Path) -> None:
 
 
 async def test_jump(told: Path) -> None:
-    interface = Interface(ReplayScreen(told))
+    interface = Glidecal(ReplayScreen(told))
     async with interface.run_test(size=SIZE) as pilot:
         await begin(pilot, interface)
         for typed, place, said in (
@@ -169,7 +170,7 @@ async def test_jump(told: Path) -> None:
 
 
 async def test_copy_tells_how_many_lines(told: Path) -> None:
-    interface = Interface(ReplayScreen(told))
+    interface = Glidecal(ReplayScreen(told))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await begin(pilot, interface)
         await pilot.press("end", "y")
@@ -181,7 +182,7 @@ async def test_copy_tells_how_many_lines(told: Path) -> None:
 
 
 async def test_plot_and_help(told: Path) -> None:
-    interface = Interface(ReplayScreen(told))
+    interface = Glidecal(ReplayScreen(told))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await begin(pilot, interface)
         chart = screen.query_one("#chart")
@@ -195,7 +196,7 @@ async def test_plot_and_help(told: Path) -> None:
 
 
 async def test_result_and_back(samples: Path) -> None:
-    interface = Interface(ReplayScreen(samples / "simulated_zero-max-min.jsonl"))
+    interface = Glidecal(ReplayScreen(samples / "simulated_zero-max-min.jsonl"))
     async with interface.run_test(size=SIZE) as pilot:
         await begin(pilot, interface)
         await pilot.press("right", "r")
@@ -209,7 +210,7 @@ async def test_result_and_back(samples: Path) -> None:
 
 async def test_no_result_is_said_in_words(tmp_path: Path) -> None:
     empty = write(tmp_path / "empty.jsonl", story()[:1], close=True)
-    interface = Interface(ReplayScreen(empty))
+    interface = Glidecal(ReplayScreen(empty))
     async with interface.run_test(size=SIZE) as pilot:
         await begin(pilot, interface)
         await pilot.press("r")
@@ -220,7 +221,7 @@ async def test_no_result_is_said_in_words(tmp_path: Path) -> None:
 
 
 async def test_a_table_is_replayed_reading_by_reading(samples: Path) -> None:
-    interface = Interface(ReplayScreen(samples / "experiment_2_twelve.jsonl"))
+    interface = Glidecal(ReplayScreen(samples / "experiment_2_twelve.jsonl"))
     async with interface.run_test(size=(120, 40)) as pilot:
         await until(pilot, "picture", lambda: "reading 1 of 18" in text(interface, "#progress"))
         await pilot.press("right", "right")
@@ -237,7 +238,7 @@ async def test_a_table_is_replayed_reading_by_reading(samples: Path) -> None:
 async def test_a_torn_record_says_so(samples: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut[1].jsonl"
     cut.write_bytes((samples / "simulated_sweep.jsonl").read_bytes()[:9000])
-    interface = Interface(ReplayScreen(cut))
+    interface = Glidecal(ReplayScreen(cut))
     async with interface.run_test(size=SIZE) as pilot:
         await begin(pilot, interface)
         assert "cut[1].jsonl: cut inside line" in text(interface, "#said")
@@ -250,7 +251,7 @@ async def test_a_torn_record_says_so(samples: Path, tmp_path: Path) -> None:
 
 async def test_several_sessions_open_a_list(told: Path, samples: Path) -> None:
     paths = [told, samples / "experiment_1_six.jsonl"]
-    interface = Interface(ReplayChoiceScreen(paths))
+    interface = Glidecal(ReplayChoiceScreen(paths))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.press("down", "enter")
         await until(pilot, "a replay", lambda: isinstance(interface.screen, ReplayScreen))
@@ -265,7 +266,7 @@ async def test_several_sessions_open_a_list(told: Path, samples: Path) -> None:
 
 
 async def test_no_way_back_from_the_first_screen(told: Path) -> None:
-    interface = Interface(ReplayScreen(told))
+    interface = Glidecal(ReplayScreen(told))
     async with interface.run_test(size=SIZE) as pilot:
         await begin(pilot, interface)
         await pilot.press("escape")
@@ -281,7 +282,7 @@ async def test_read_only_reaches_neither_export_nor_verify_nor_home(
     path = tmp_path / "s.jsonl"
     path.write_bytes((samples / "simulated_zero-max-min.jsonl").read_bytes())
     before = sorted(tmp_path.rglob("*"))
-    interface = Interface(ReplayScreen(path), read_only=True)
+    interface = Glidecal(ReplayScreen(path), read_only=True)
     async with interface.run_test(size=SIZE) as pilot:
         await begin(pilot, interface)
         await pilot.press("r")

@@ -25,6 +25,7 @@ from app.screens.interface import Interface
 from app.screens.plot import ChartPlot
 from app.screens.replay import ReplayedResult, ReplayScreen
 from app.screens.result import ResultScreen
+from app.screens.start import Glidecal
 from app.settings import Settings
 from calib.errors import NotIdentifiable
 from tests.screens.driving import SIZE, quick_plan, text, until
@@ -101,7 +102,7 @@ async def test_the_last_line_has_room_for_help(published: tuple[Solved, Path], k
         "replay": lambda: ReplayScreen(path),
         "replayed": lambda: ReplayedResult(solved, None, path),
     }
-    interface = Interface(screens[kind]())
+    interface = Glidecal(screens[kind]())
     async with interface.run_test(size=SIZE) as pilot:
         await until(pilot, "keys", lambda: bool(interface.screen.query(FooterKey)))
         await pilot.pause()
@@ -112,7 +113,7 @@ async def test_the_last_line_has_room_for_help(published: tuple[Solved, Path], k
 
 async def test_keys_turn_the_pages(published: tuple[Solved, Path]) -> None:
     solved, path = published
-    interface = Interface(ResultScreen(solved, None, path))
+    interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE) as pilot:
         await until(pilot, "text", lambda: text(interface, "#text") == solution_text(solved))
         pages = []
@@ -132,7 +133,7 @@ async def test_keys_turn_the_pages(published: tuple[Solved, Path]) -> None:
 
 async def test_names_points_and_zero_line_at_80_columns(published: tuple[Solved, Path]) -> None:
     solved, path = published
-    interface = Interface(ResultScreen(solved, None, path))
+    interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("right")
         await until(pilot, "a plot", lambda: len(drawn(interface, "#plot")) > 15)
@@ -163,7 +164,7 @@ def rows_of_points(lines: list[str]) -> list[int]:
 
 async def test_text_and_plot_side_by_side(published: tuple[Solved, Path]) -> None:
     solved, path = published
-    interface = Interface(ResultScreen(solved, None, path))
+    interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=WIDE) as pilot:
         beside = interface.screen.query_one("#beside")
         await until(pilot, "two panels", lambda: beside.region.width > 30)
@@ -181,7 +182,7 @@ async def test_nothing_is_drawn_twice(
     published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     solved, path = published
-    interface = Interface(ResultScreen(solved, None, path), read_only=True)
+    interface = Glidecal(ResultScreen(solved, None, path), read_only=True)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("right")
         await until(pilot, "a plot", lambda: len(drawn(interface, "#plot")) > 15)
@@ -207,7 +208,7 @@ async def test_nothing_is_drawn_twice(
 
 async def test_sets_of_parameters(published: tuple[Solved, Path]) -> None:
     solved, path = published
-    interface = Interface(ResultScreen(solved, None, path))
+    interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE) as pilot:
         for key, words in (
             ("2", "leg lengths"),
@@ -233,7 +234,7 @@ async def test_a_set_that_is_not_seen_is_refused(
         raise NotIdentifiable("set [both]", "two differences", "six")
 
     monkeypatch.setattr("app.screens.result.solve_sessions", refuse)
-    interface = Interface(ResultScreen(solved, quick_plan(path.parent), path))
+    interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path))
     said = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         for key in ("3", "v", "e"):
@@ -249,7 +250,7 @@ async def test_export_names_what_it_wrote(
     published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     solved, path = published
-    interface = Interface(ResultScreen(solved, None, path))
+    interface = Glidecal(ResultScreen(solved, None, path))
     said = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("e")
@@ -265,7 +266,7 @@ async def test_export_that_the_disk_refuses(
 ) -> None:
     solved, path = published
     path.with_suffix("").write_text("a file where the folder must be")
-    interface = Interface(ResultScreen(solved, None, path))
+    interface = Glidecal(ResultScreen(solved, None, path))
     said = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("e")
@@ -277,7 +278,7 @@ async def test_a_program_that_only_shows(
     published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     solved, path = published
-    interface = Interface(ResultScreen(solved, quick_plan(path.parent), path), read_only=True)
+    interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path), read_only=True)
     said = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
@@ -294,7 +295,7 @@ async def test_verify_needs_the_plan_of_the_session(
     published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     solved, path = published
-    interface = Interface(ResultScreen(solved, None, path))
+    interface = Glidecal(ResultScreen(solved, None, path))
     said = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
@@ -309,7 +310,7 @@ async def test_verify_needs_the_plan_of_the_session(
 async def test_another_key_of_the_settings(published: tuple[Solved, Path]) -> None:
     solved, path = published
     settings = Settings(keys={"result.export": "x"})
-    interface = Interface(ResultScreen(solved, None, path), settings=settings)
+    interface = Glidecal(ResultScreen(solved, None, path), settings=settings)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
         assert "x" in offered(interface)
@@ -321,7 +322,7 @@ async def test_copy_says_how_much(
     published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     solved, path = published
-    interface = Interface(ResultScreen(solved, None, path))
+    interface = Glidecal(ResultScreen(solved, None, path))
     said = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("y")
@@ -334,7 +335,7 @@ async def test_copy_says_how_much(
 async def test_home(published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch) -> None:
     solved, path = published
     monkeypatch.chdir(path.parent)
-    interface = Interface(ResultScreen(solved, None, path))
+    interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("h")
         await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
@@ -344,7 +345,7 @@ async def test_comparison_is_a_page_of_its_own(verified: tuple[Solved, Plan]) ->
     solved, plan = verified
     assert plan.before is not None
     before, after = plan.before.solution.rms_before_mm, solved.solution.rms_before_mm
-    interface = Interface(ResultScreen(solved, plan, plan.path))
+    interface = Glidecal(ResultScreen(solved, plan, plan.path))
     async with interface.run_test(size=SIZE) as pilot:
         await until(pilot, "a plot", lambda: len(drawn(interface, "#before-after")) > 15)
         assert page(interface) == "tab-comparison"
@@ -365,7 +366,7 @@ async def test_a_result_without_verification_has_no_such_page(
     published: tuple[Solved, Path],
 ) -> None:
     solved, path = published
-    interface = Interface(ResultScreen(solved, quick_plan(path.parent), path))
+    interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path))
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
         assert not interface.screen.query("#tab-comparison")

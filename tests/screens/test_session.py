@@ -15,6 +15,7 @@ from app.screens.home import HomeScreen
 from app.screens.interface import Interface
 from app.screens.prepare import PrepareScreen
 from app.screens.result import ResultScreen
+from app.screens.start import Glidecal
 from drivers.profile import Fault, FaultKind, Reading, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.twin_port import TwinPort
@@ -24,7 +25,7 @@ from tests.screens.driving import SIZE, numbers, quick_plan, take, text, to_meas
 
 
 async def test_instrument_check_shows_live_values(tmp_path: Path) -> None:
-    interface = Interface(CheckScreen(quick_plan(tmp_path)))
+    interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE) as pilot:
         await until(pilot, "indicators open", lambda: interface.indicators is not None)
         await until(
@@ -39,7 +40,7 @@ async def test_instrument_check_shows_live_values(tmp_path: Path) -> None:
 
 async def test_take_repeat_note_remount_and_pause(tmp_path: Path) -> None:
     plan = quick_plan(tmp_path)
-    interface = Interface(CheckScreen(plan))
+    interface = Glidecal(CheckScreen(plan))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await to_measuring(pilot, interface)
         assert "LEG X   ZERO   cycle 1 of 3" in text(interface, "#step")
@@ -76,7 +77,7 @@ async def test_take_repeat_note_remount_and_pause(tmp_path: Path) -> None:
 @pytest.mark.timeout(240)  # thirty steps by hand, thirty more by themselves
 async def test_whole_session_verify_and_compare(tmp_path: Path) -> None:
     plan = quick_plan(tmp_path)
-    interface = Interface(CheckScreen(plan))
+    interface = Glidecal(CheckScreen(plan))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await to_measuring(pilot, interface)
         for _ in range(30):
@@ -105,7 +106,7 @@ async def test_whole_session_verify_and_compare(tmp_path: Path) -> None:
 
 
 async def test_automatic_takes_whatever_stands_still(tmp_path: Path) -> None:
-    interface = Interface(CheckScreen(quick_plan(tmp_path)))
+    interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await to_measuring(pilot, interface)
         await pilot.press("a")
@@ -116,7 +117,7 @@ async def test_automatic_takes_whatever_stands_still(tmp_path: Path) -> None:
 
 async def test_prepare_form_with_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.press("enter")
         await until(pilot, "form", lambda: isinstance(interface.screen, PrepareScreen))
@@ -151,7 +152,7 @@ async def test_result_of_a_recorded_session(samples: Path) -> None:
 
     path = samples / "experiment_2_twelve.jsonl"
     solved, _ = solve_files([path])
-    interface = Interface(ResultScreen(solved, None, path))
+    interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await until(pilot, "text", lambda: "something is missing" in text(interface, "#text"))
         await pilot.press("v")
@@ -163,7 +164,7 @@ async def test_result_of_a_recorded_session(samples: Path) -> None:
 async def test_moving_readings_are_taken_only_on_purpose(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    interface = Interface(CheckScreen(quick_plan(tmp_path)))
+    interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await to_measuring(pilot, interface)
         monkeypatch.setattr(screen, "ready_by_hand", lambda: False)
@@ -184,7 +185,7 @@ async def test_automatic_on_a_real_machine_waits_for_a_movement(tmp_path: Path) 
     with TwinPort(twin, "tcp") as port:
         known = Instrument(profile="mitutoyo-01a", port=port.url)
         plan = replace(quick_plan(tmp_path), instruments=(known,))
-        interface = Interface(CheckScreen(plan))
+        interface = Glidecal(CheckScreen(plan))
         async with interface.run_test(size=SIZE) as pilot:
             screen = await to_measuring(pilot, interface)
             await pilot.press("a")
@@ -217,7 +218,7 @@ def test_verification_carries_the_new_home_offset(tmp_path: Path) -> None:
 
 async def test_the_data_button_takes_the_step(tmp_path: Path) -> None:
     """A value that the device sends unasked is a foot switch, not a reading."""
-    interface = Interface(CheckScreen(quick_plan(tmp_path)))
+    interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await to_measuring(pilot, interface)
         await until(pilot, "stillness", screen.ready_by_hand)
@@ -231,7 +232,7 @@ async def test_the_data_button_takes_the_step(tmp_path: Path) -> None:
 async def test_a_reading_from_another_world_is_a_fault(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    interface = Interface(CheckScreen(quick_plan(tmp_path)))
+    interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await to_measuring(pilot, interface)
         far = Reading("+99999.999", 99999.999, 0.001, unit_assumed=True)

@@ -13,6 +13,7 @@ from app.screens.check import CheckScreen
 from app.screens.dialogs import HelpDialog, TextDialog
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
+from app.screens.start import Glidecal
 from app.settings import Settings, read_settings
 from protocols.record import read_record
 from tests.screens.driving import SIZE, quick_plan, said, take, to_measuring, until
@@ -53,7 +54,7 @@ async def pick(pilot: Pilot[str], interface: Interface, command: str) -> None:
 
 async def test_own_keys_take_the_place_of_the_usual_ones(tmp_path: Path) -> None:
     own = Settings(keys={"measure.take": "f2,x", "measure.repeat": "s", "measure.skip": "u"})
-    interface = Interface(CheckScreen(quick_plan(tmp_path)), settings=own)
+    interface = Glidecal(CheckScreen(quick_plan(tmp_path)), settings=own)
     async with interface.run_test(size=SIZE) as pilot:
         screen = await to_measuring(pilot, interface)
         assert "space" not in screen.active_bindings
@@ -69,7 +70,7 @@ async def test_own_keys_take_the_place_of_the_usual_ones(tmp_path: Path) -> None
 
 
 async def test_theme_from_the_settings_is_not_written_again(file: Path) -> None:
-    interface = Interface(HomeScreen(), settings=Settings(theme="nord"))
+    interface = Glidecal(HomeScreen(), settings=Settings(theme="nord"))
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
         assert interface.theme == "nord"
@@ -79,7 +80,7 @@ async def test_theme_from_the_settings_is_not_written_again(file: Path) -> None:
 
 async def test_light_and_dark_are_kept(file: Path) -> None:
     file.write_text('# mine\n[keys]\n"app.help" = "f3"\n', encoding="utf-8")
-    interface = Interface(HomeScreen(), settings=read_settings(file))
+    interface = Glidecal(HomeScreen(), settings=read_settings(file))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await from_palette(pilot, interface, "light")
         await until(pilot, "light", lambda: interface.theme == "textual-light")
@@ -96,7 +97,7 @@ async def test_light_and_dark_are_kept(file: Path) -> None:
 
 
 async def test_a_theme_by_name(file: Path) -> None:
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE) as pilot:
         await from_palette(pilot, interface, "theme")
         await until(pilot, "themes", lambda: isinstance(interface.screen, CommandPalette))
@@ -107,7 +108,7 @@ async def test_a_theme_by_name(file: Path) -> None:
 
 
 async def test_a_page_that_only_shows_writes_nothing(file: Path) -> None:
-    interface = Interface(HomeScreen(), read_only=True)
+    interface = Glidecal(HomeScreen(), read_only=True)
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
         interface.action_light_or_dark()
@@ -122,7 +123,7 @@ async def test_a_page_that_only_shows_writes_nothing(file: Path) -> None:
 async def test_screenshot_into_the_current_folder(
     file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.pause()
         await from_palette(pilot, interface, "screenshot")
@@ -146,7 +147,7 @@ async def test_screenshot_into_the_current_folder(
 
 async def test_keys_of_the_present_screen(tmp_path: Path) -> None:
     own = Settings(keys={"measure.take": "f2"})
-    interface = Interface(CheckScreen(quick_plan(tmp_path)), settings=own)
+    interface = Glidecal(CheckScreen(quick_plan(tmp_path)), settings=own)
     async with interface.run_test(size=SIZE) as pilot:
         await to_measuring(pilot, interface)
         await from_palette(pilot, interface, "keys")
@@ -159,13 +160,13 @@ async def test_keys_of_the_present_screen(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("animations", [True, False])
 async def test_animations(animations: bool) -> None:
-    interface = Interface(HomeScreen(), settings=Settings(animations=animations))
+    interface = Glidecal(HomeScreen(), settings=Settings(animations=animations))
     assert (interface.animation_level == "none") is not animations
 
 
 async def test_ctrl_q_under_a_dialog_pauses_the_session(tmp_path: Path) -> None:
     plan = quick_plan(tmp_path)
-    interface = Interface(CheckScreen(plan))
+    interface = Glidecal(CheckScreen(plan))
     async with interface.run_test(size=SIZE) as pilot:
         await take(pilot, await to_measuring(pilot, interface))
         await pilot.press("n")

@@ -15,10 +15,11 @@ from textual.pilot import Pilot
 from textual.screen import Screen
 
 from app.screens.dialogs import ChoiceDialog, HelpDialog, TextDialog
-from app.screens.hasty import Palette
+from app.screens.fast_keys import Palette
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
 from app.screens.replay import ReplayScreen
+from app.screens.start import Glidecal
 from tests.conftest import SAMPLES
 from tests.screens.driving import SIZE, until
 
@@ -54,7 +55,7 @@ async def test_mashed_keys(folder: Path, served: bool, seed: int) -> None:
     left = MASHED
     while left > 0:
         first: Screen[None] = ReplayScreen(SAMPLE) if served else HomeScreen()
-        interface = Interface(first, read_only=served)
+        interface = Glidecal(first, read_only=served)
         async with interface.run_test(size=SIZE):  # raises what the screens raise
             while left > 0 and interface.is_running and interface.return_value is None:
                 left -= 1
@@ -72,7 +73,7 @@ async def struck(pilot: Pilot[str], interface: Interface, *keys: str) -> None:
 
 
 async def test_page_keys_before_a_list_is_laid_out(folder: Path) -> None:
-    interface = Interface(HomeScreen())
+    interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE) as pilot:
         await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
         for _ in range(3):
@@ -88,7 +89,7 @@ async def test_page_keys_before_a_list_is_laid_out(folder: Path) -> None:
 async def test_a_screen_that_is_left_twice_takes_no_other_with_it(
     folder: Path, dialog: Screen[str] | Screen[None]
 ) -> None:
-    interface = Interface(ReplayScreen(SAMPLE))
+    interface = Glidecal(ReplayScreen(SAMPLE))
     async with interface.run_test(size=SIZE) as pilot:
         await until(pilot, "replay", lambda: isinstance(interface.screen, ReplayScreen))
         await interface.push_screen(dialog)
@@ -101,7 +102,7 @@ async def test_a_screen_that_is_left_twice_takes_no_other_with_it(
 
 async def test_one_palette_at_a_time(folder: Path) -> None:
     """Also where a result came over it, and one after the other."""
-    interface = Interface(ReplayScreen(SAMPLE))
+    interface = Glidecal(ReplayScreen(SAMPLE))
     async with interface.run_test(size=SIZE) as pilot:
         await until(pilot, "replay", lambda: isinstance(interface.screen, ReplayScreen))
         await struck(pilot, interface, *["ctrl+p"] * 3)

@@ -1,1 +1,1 @@
-"""Mathematics of calibration on arrays: knows numpy and scipy, no file, no port, no screen."""
+"""Mathematics of calibration on arrays: knows numpy, scipy and joblib, no file, no port, no screen."""

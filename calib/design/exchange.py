@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.clusters import in_parallel
 from calib.design.criteria import (
     RIDGE,
     Aim,
@@ -129,8 +130,9 @@ def choose(
             candidates, replace(aim, criterion=Criterion.DETERMINANT), repeats=repeats
         )
         drawn.append(leading.improve(drawn[0])[0])
-    for start in (*begin_with, *drawn):
-        chosen, exchanges = search.improve(start)
+    begins = (*begin_with, *drawn)
+    improved = in_parallel(search.improve, begins)
+    for start, (chosen, exchanges) in zip(begins, improved, strict=True):
         # sets that see next to nothing can have the best of condition numbers
         sees = _value_or_none(candidates.information(chosen), aim) is not None
         runs.append((sees, search.score(chosen), chosen, start, exchanges))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.clusters import in_parallel
 from calib.design.criteria import Aim, Criterion, Observability, observability
 from calib.design.identifiability import Identifiability, Sensitivity, analyse
 from calib.design.refinement import Pull, Refined, count_on_bound, judged, refine
@@ -126,9 +127,10 @@ def best_postures(
         watch()
         return rows_at(postures)
 
-    found = [
-        refine(watched, begin, box.lower, box.upper, aim, sharpness=SHARPNESS) for begin in begins
-    ]
+    def refined(begin: FloatArray) -> Refined:
+        return refine(watched, begin, box.lower, box.upper, aim, sharpness=SHARPNESS)
+
+    found = list(in_parallel(refined, begins))
     sign = 1.0 if criterion.larger_is_better else -1.0
     best = max(range(starts), key=lambda k: sign * found[k].value)
     return _described(rows_at, box, criterion, begins[best], found[best], [f.value for f in found])

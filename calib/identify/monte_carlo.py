@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.clusters import in_parallel
 from calib.identify.fit import PlainFit
 from calib.newton import Optimum, normal_equations, solve_positive
 from calib.noise.reading import IndicatorFigures, IndicatorNoise, Noise, reading_weights
@@ -79,22 +80,16 @@ def simulate_and_identify(
     """Simulate, identify and judge so many sessions; ``progress`` is told how many are done."""
     kind = _Kind.of(campaign)
     size = len(campaign.free)
-    covered, stated = np.zeros(size), np.zeros(size)
-    product = np.zeros((size, size))
-    failed = 0
-    for start in range(0, sessions, CHUNK):
-        count = min(CHUNK, sessions - start)
-        truth, values = kind.draw(count, np.random.default_rng([seed, start]))
-        optimum = kind.fit.solve(values)
-        good = optimum.converged
-        error = (optimum.values - truth)[:, good]
-        intervals = kind.intervals(optimum, values)
-        uncertainty = intervals.uncertainty_mm[:, good]
-        covered += (np.abs(error) <= intervals.coverage_factor[:, good] * uncertainty).sum(axis=1)
-        product += error @ error.T
-        stated += (uncertainty**2).sum(axis=1)
-        failed += count - int(good.sum())
-        progress(start + count)
+    total = _Sums(0, np.zeros(size), np.zeros((size, size)), np.zeros(size))
+    starts = range(0, sessions, CHUNK)
+    ends = [min(start + CHUNK, sessions) for start in starts]
+    chunks = zip(starts, ends, strict=True)
+    parts = in_parallel(lambda chunk: kind.sums(seed, *chunk), tuple(chunks))
+    for end, part in zip(ends, parts, strict=True):
+        total += part
+        progress(end)
+    failed = total.failed
+    covered, product, stated = total.covered, total.product_mm2, total.stated_mm2
     judged = max(sessions - failed, 1)
     return MonteCarlo(
         names=tuple(PARAMETER_NAMES[k] for k in campaign.free),
@@ -122,6 +117,24 @@ def identify_many(
 
 
 @dataclass(frozen=True, eq=False)
+class _Sums:
+    """Over some sessions: how many failed, and sums over the rest ``(k,)``, ``(k, k)``."""
+
+    failed: int
+    covered: FloatArray
+    product_mm2: FloatArray
+    stated_mm2: FloatArray
+
+    def __add__(self, other: _Sums) -> _Sums:
+        return _Sums(
+            self.failed + other.failed,
+            self.covered + other.covered,
+            self.product_mm2 + other.product_mm2,
+            self.stated_mm2 + other.stated_mm2,
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class _Kind:
     """One kind of session, prepared."""
 
@@ -145,6 +158,22 @@ class _Kind:
         together = np.asarray(np.bincount(place, observed.averaged), dtype=np.float64)
         repeats = Repeats.of(observed)
         return cls(campaign, fit, repeats, together, place, expected.indicators[0])
+
+    def sums(self, seed: int, start: int, end: int) -> _Sums:
+        """Simulate, identify and judge the sessions of these numbers, always alike."""
+        truth, values = self.draw(end - start, np.random.default_rng([seed, start]))
+        optimum = self.fit.solve(values)
+        good = optimum.converged
+        error = (optimum.values - truth)[:, good]
+        intervals = self.intervals(optimum, values)
+        uncertainty = intervals.uncertainty_mm[:, good]
+        held = np.abs(error) <= intervals.coverage_factor[:, good] * uncertainty
+        return _Sums(
+            failed=end - start - int(good.sum()),
+            covered=held.sum(axis=1),
+            product_mm2=error @ error.T,
+            stated_mm2=(uncertainty**2).sum(axis=1),
+        )
 
     def draw(self, count: int, generator: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """True free parameters ``(k, count)`` and readings ``(n_readings, count)``, mm."""

@@ -7,16 +7,17 @@ sessions, and only the public document of a diagnosis is read.
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import os
 import shutil
 import sys
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 
+import joblib
+
+from calib.clusters import in_parallel
 from tests.blind.baselines import named_by_all
 from tests.blind.bench_files import (
     Folder,
@@ -68,14 +69,12 @@ def for_baselines(case: Case) -> bool:
     return case.cell in BASELINE_CELLS and int(case.session, 16) % BASELINE_EVERY == 0
 
 
-def do(
-    pool: ProcessPoolExecutor, work: Work, cases: Sequence[Case], path: Path, title: str
-) -> None:
+def do(work: Work, cases: Sequence[Case], path: Path, title: str) -> None:
     """Do what is not in the file yet; a line for each as soon as it is done."""
     done = {line["session"] for line in lines(path)}
     left = [case for case in cases if case.session not in done]
     start = time.monotonic()
-    for number, document in enumerate(pool.map(work, left, chunksize=4), start=1):
+    for number, document in enumerate(in_parallel(work, left), start=1):
         append(path, document)
         if number % 200 == 0 or number == len(left):
             seconds = time.monotonic() - start
@@ -85,13 +84,12 @@ def do(
 def run(cases: Sequence[Case], folder: Folder, seed: int, workers: int) -> Told:
     """Everything that is missing of a run, then what is known of it."""
     start = time.monotonic()
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
-        do(pool, partial(generated, folder, seed), cases, folder.truths, "sessions")
+    with joblib.parallel_config(n_jobs=workers, inner_max_num_threads=1):
+        do(partial(generated, folder, seed), cases, folder.truths, "sessions")
         seal(folder, (case.session for case in cases))
-        do(pool, partial(diagnosed, folder), cases, folder.results, "diagnosed")
+        do(partial(diagnosed, folder), cases, folder.results, "diagnosed")
         some = [case for case in cases if for_baselines(case)]
-        do(pool, partial(compared, seed), some, folder.baselines, "baselines")
+        do(partial(compared, seed), some, folder.baselines, "baselines")
     return told(cases, folder, seed, time.monotonic() - start)
 
 

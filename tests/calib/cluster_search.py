@@ -1,0 +1,39 @@
+"""A search here and on a local cluster of dask: ends with 0 where both find the same.
+
+A process of its own: dask leaves threads behind that end with it.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import distributed
+import joblib
+import numpy as np
+
+from calib.hexaslide.planning import BestPostures, HexaSlide, best_postures
+from calib.hexaslide.procedures import Procedure
+from protocols.hexaslide_machine import load_hexaslide
+
+
+def search() -> BestPostures:
+    """A short search from three starts."""
+    own = load_hexaslide(None)
+    machine = HexaSlide(own.geometry(), own.posture_box(), own.link())
+    return best_postures(Procedure.of("pose-inverse"), machine, 9, seed=3, starts=3)
+
+
+def main() -> int:
+    """Compare."""
+    here = search()
+    cluster = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
+    )
+    with cluster, distributed.Client(cluster), joblib.parallel_config(backend="dask"):
+        there = search()
+    same = np.array_equal(there.refined.coordinates, here.refined.coordinates)
+    return 0 if same and there.values == here.values else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,1 +1,1 @@
-"""Mathematics of calibration on arrays: knows numpy, scipy and joblib, no file, no port, no screen."""
+"""Mathematics of calibration on arrays: numpy, scipy, joblib; no file, no port, no screen."""

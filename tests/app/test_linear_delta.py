@@ -138,4 +138,4 @@ def test_the_program_knows_no_machine_of_the_family_by_name() -> None:
     rooms = [ROOT / room for room in ("app", "protocols", "drivers", "calib")]
     code = [path for room in rooms for path in room.rglob("*.py")]
     naming = [p for p in code if re.search(r"\bdelta\b", p.read_text("utf-8"), re.IGNORECASE)]
-    assert {p.relative_to(ROOT).parts[:2] for p in naming} <= {("calib", "orthoglide")}
+    assert {p.relative_to(ROOT).parts[:2] for p in naming} <= {("calib", "tripod")}

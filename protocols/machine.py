@@ -7,9 +7,11 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from calib.errors import CalibrationError
+from calib.observations import FloatArray
 from calib.tripod.geometry import Geometry
 from protocols.documents import Document, FigureMm, LengthMm, Name, Tolerance, read_text, read_toml
 from protocols.errors import RecordError, UsageError
@@ -133,9 +135,9 @@ class Machine(Document):
             raise ValueError(str(problem)) from problem
         return self
 
-    def tolerances_mm(self) -> tuple[float, ...]:
-        """Tolerance of each base parameter, in their order."""
-        return (self.offset_tolerance_mm,) * 3 + (self.length_tolerance_mm,) * 3
+    def tolerances_mm(self) -> FloatArray:
+        """Tolerance of each base parameter ``(6,)``, in their order."""
+        return np.repeat([self.offset_tolerance_mm, self.length_tolerance_mm], 3)
 
     @property
     def usual_procedure(self) -> str:

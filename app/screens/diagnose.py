@@ -15,7 +15,7 @@ from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
 from textual.worker import get_current_worker
 
 from app.evaluating.adoption import adopt, write_procedure
-from app.evaluating.diagnosis import Cell, Diagnosed, diagnose_files, residual_cells
+from app.evaluating.diagnosis import Diagnosed, diagnose_files
 from app.evaluating.own_effects import known_laws
 from app.report.charts.charts import residuals_before_and_after
 from app.report.text.diagnose_screen import (
@@ -123,13 +123,12 @@ class DiagnoseScreen(PagedScreen):
         worker = get_current_worker()
         try:
             found = diagnose_files(self.paths, model=self.model, laws=known_laws())
-            cells = residual_cells(found)
         except GlidecalError as problem:
             if not worker.is_cancelled:
                 self.app.call_from_thread(self._found, partial(self._fail, problem))
         else:
             if not worker.is_cancelled:
-                self.app.call_from_thread(self._found, partial(self._show, found, cells))
+                self.app.call_from_thread(self._found, partial(self._show, found))
 
     def _found(self, show: Callable[[], None]) -> None:
         if self in self.app.screen_stack:  # nobody left it meanwhile
@@ -139,7 +138,7 @@ class DiagnoseScreen(PagedScreen):
         self.looking = False
         self._say_everywhere(problem_text(problem))
 
-    def _show(self, found: Diagnosed, cells: tuple[Cell, ...]) -> None:
+    def _show(self, found: Diagnosed) -> None:
         self.looking, self.diagnosed = False, found
         self.refresh_bindings()
         now = found.diagnosis.gap_before.rms_mm
@@ -147,12 +146,12 @@ class DiagnoseScreen(PagedScreen):
         if self.model is not None and self._gap_before_mm is not None:
             adopted = adopted_words(self.model, self._gap_before_mm, now)
         self._page_text("verdict").update(verdict_text(found, adopted))
-        self._page_text("where").update(where_text(found, cells))
+        self._page_text("where").update(where_text(found))
         self._page_text("candidates").update(ranking_text(found))
-        self._page_text(CHANGE).update(change_text(cells))
+        self._page_text(CHANGE).update(change_text(found))
         chart = self.query_one("#change-chart", ChartPlot)
         chart.display = True
-        chart.show(residuals_before_and_after(cells))
+        chart.show(residuals_before_and_after(found.diagnosis.residuals.cells))
 
     def action_page(self, name: str) -> None:
         """One of the four pages."""

@@ -65,11 +65,6 @@ def clean(
     return cleaned, mistakes
 
 
-def cleaned(cases: Sequence[Case]) -> list[Case]:
-    """The sessions as they are diagnosed: mistakes corrected or set aside."""
-    return clean(cases)[0]
-
-
 def _blunders_of(case: Case, laws: Sequence[Law]) -> list[Blunder]:
     """One after the other, each in the data that the one before left."""
     found = _slips(case.observed)

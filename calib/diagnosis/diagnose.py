@@ -36,7 +36,7 @@ def diagnose(
     where a session cannot be fitted at all.
     """
     ready, mistakes = clean(cases, laws)
-    problem = Problem.of([case.sit() for case in ready])
+    problem = first = Problem.of([case.sit() for case in ready])
     every = entries_of(problem, laws)
     blocks = [problem.block(entry.columns) for entry in every]
     seen = [k for k, block in enumerate(blocks) if _may_run(problem, every[k], block)]
@@ -50,7 +50,7 @@ def diagnose(
     if doubts:
         outcome = replace(outcome, kept=None)
         naming = replace(naming, outcome=outcome)
-    return Report(fitting, naming, outcome, mistakes, held_out, doubts).make()
+    return Report(first, fitting, naming, outcome, mistakes, held_out, doubts).make()
 
 
 def _race(

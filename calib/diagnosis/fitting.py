@@ -53,15 +53,18 @@ class Fitting:
         for _ in range(CORRECTIONS):
             placed = tuple(effect for _, effects in found.values() for effect in effects)
             try:
-                y = self._left_with(placed) + self._linear_share(found, members)
+                y = self.left_with(placed) + self._linear_share(found, members)
             except NotIdentifiable:
                 return found, self.problem.y
             beyond = y - self.problem.y
             found = self.values(members, self.problem.y + onto(basis, beyond))
         return found, y
 
-    def _left_with(self, placed: tuple[Placed, ...]) -> FloatArray:
-        """Whitened residual ``(n,)`` with these effects in the model, nuisance projected out."""
+    def left_with(self, placed: tuple[Placed, ...]) -> FloatArray:
+        """Whitened residual ``(n,)`` with these effects in the model, nuisance projected out.
+
+        Raises NotIdentifiable where the legs cannot meet.
+        """
         adopted = []
         for case, one in zip(self.cases, self.problem.sittings, strict=True):
             model = case.model.with_effects((*case.model.effects, *placed))

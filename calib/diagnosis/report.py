@@ -18,6 +18,7 @@ from calib.diagnosis.naming import Naming
 from calib.diagnosis.problem import Problem, Sitting
 from calib.diagnosis.proposing import propose
 from calib.diagnosis.race import LEVEL, Outcome, Race
+from calib.diagnosis.residuals import residuals
 from calib.diagnosis.results import (
     Contender,
     Detectable,
@@ -31,6 +32,7 @@ from calib.diagnosis.results import (
 from calib.diagnosis.selection import Weighed, heaviest_first
 from calib.diagnosis.strays import belongs_elsewhere
 from calib.diagnosis.verify import left_out_postures, on_other_sessions, structure_rms_mm
+from calib.errors import NotIdentifiable
 from calib.observations import FloatArray
 from calib.tripod.effects.effect import Placed
 
@@ -41,8 +43,9 @@ LEAST_LOG = -690.0
 
 @dataclass(eq=False)
 class Report:
-    """From the outcome of the race to the answer."""
+    """From the outcome of the race to the answer; ``first`` is the problem as it was measured."""
 
+    first: Problem
     fitting: Fitting
     naming: Naming
     outcome: Outcome
@@ -84,6 +87,7 @@ class Report:
             smallest_detectable=smallest_detectable(
                 self.problem, self.fitting.entries, self.fitting.race
             ),
+            residuals=residuals(self.first, self._after(named)),
             remarks=(
                 *remarks(self.problem, verdict, left),
                 *self.doubts,
@@ -91,6 +95,14 @@ class Report:
             ),
             left_over=left,
         )
+
+    def _after(self, named: Sequence[Finding]) -> FloatArray | None:
+        """Whitened residual ``(n,)`` with what was named adopted; None where nothing can be."""
+        placed = tuple(effect for finding in named for effect in finding.effects)
+        try:
+            return self.fitting.left_with(placed) if placed else None
+        except NotIdentifiable:
+            return None
 
     def _half_seen(self, kept: Weighed) -> tuple[str, ...]:
         """Effects of whose values the readings see combinations only."""
@@ -167,18 +179,21 @@ class Report:
 
     def _contenders(self, kept: Weighed | None) -> tuple[Contender, ...]:
         found: dict[tuple[str, str], Contender] = {}
+        before = self._gap(()).rms_mm
         for model in heaviest_first(self.outcome.singles):
             member = model.members[0]
             entry = self.fitting.entries[member]
             if (entry.id, entry.where) in found:
                 continue
             parameters, placed = self.fitting.values((member,))[member]
+            after = self._gap((member,)).rms_mm
             found[entry.id, entry.where] = Contender(
                 entry.id,
                 entry.where,
                 parameters,
                 math.exp(max(float(self.outcome.local_log_p[member]), LEAST_LOG)),
-                self._gap((member,)).rms_mm,
+                after,
+                explained_share(before, after),
                 self._held_out_of(placed),
                 self._reason(kept, member),
                 placed,
@@ -243,6 +258,13 @@ def _of_mistake(mistake: Mistake) -> Finding:
         after,
         blunder.or_else,
     )
+
+
+def explained_share(before_rms_mm: float, after_rms_mm: float) -> float:
+    """The part of the gap's square that is gone, between 0 and 1."""
+    if before_rms_mm <= 0.0:
+        return 0.0
+    return min(max(1.0 - (after_rms_mm / before_rms_mm) ** 2, 0.0), 1.0)
 
 
 NO_LAW = "what is left follows no simple law of displacement, approach, time or temperature"

@@ -85,13 +85,17 @@ class LeftOver:
 
 @dataclass(frozen=True)
 class Contender:
-    """A candidate as it stands in the race, and why it was not named."""
+    """A candidate as it stands in the race, and why it was not named.
+
+    ``explained`` is the part of the gap's square that it takes away alone, between 0 and 1.
+    """
 
     id: str
     where: str
     parameters: tuple[Value, ...]
     p_value: float
     gap_rms_after_mm: float
+    explained: float
     held_out_gap_rms_mm: float | None
     reason_rejected: str
     effects: tuple[Placed, ...] = field(default=(), repr=False)
@@ -134,6 +138,49 @@ class NextMeasurement:
     load: float = 1.0
 
 
+SEEN = 2.0
+"""Standard deviations of a mean beyond which it is more than noise."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """The mean residual of one leg, axis, station, displacement and side of approach, in mm.
+
+    One of the tool has a ``position_mm`` and no displacement or side.
+    ``after_mm`` is None where nothing was named that could be adopted. ``noise_mm`` is the
+    standard deviation of the mean.
+    """
+
+    leg: str
+    axis: str
+    station: float
+    displacement_mm: float
+    approach: int
+    before_mm: float
+    after_mm: float | None
+    noise_mm: float
+    position_mm: tuple[float, ...] | None = None
+
+    @property
+    def strength(self) -> float:
+        """The residual before, in standard deviations of its mean."""
+        return self.before_mm / self.noise_mm
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Mean residuals of the readings as they were diagnosed, offsets, lengths and zeros fitted.
+
+    Mistakes that were found are corrected or left out. The r.m.s. are over the cells, that after
+    None where they have none.
+    """
+
+    cells: tuple[Cell, ...]
+    before_rms_mm: float
+    after_rms_mm: float | None
+    noise_rms_mm: float
+
+
 @dataclass(frozen=True)
 class Diagnosis:
     """The whole answer. ``sentence`` is the verdict for a machinist."""
@@ -151,5 +198,6 @@ class Diagnosis:
     candidates: tuple[Contender, ...]
     next_measurement: NextMeasurement | None
     smallest_detectable: tuple[Detectable, ...]
+    residuals: Residuals
     remarks: tuple[str, ...] = ()
     left_over: LeftOver | None = None

@@ -8,23 +8,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.evaluating.diagnosis import diagnose_files, explained_share, residual_cells, rms_um
+from app.evaluating.diagnosis import diagnose_files
 from app.report.charts.charts import residuals_before_and_after
 from app.report.text.diagnose_screen import where_text
+from calib.diagnosis.report import explained_share
 from tests.hidden_sessions import bowed_session
 
 
 def test_residuals_against_the_readings_themselves(tmp_path: Path) -> None:
     """Adopted, each cell is within five of its standard deviations; before, many are not."""
-    cells = residual_cells(diagnose_files([bowed_session(tmp_path)]))
+    found = diagnose_files([bowed_session(tmp_path)]).diagnosis.residuals
+    cells = found.cells
     assert max(abs(cell.strength) for cell in cells) > 10.0
     for cell in cells:
         assert cell.after_mm is not None
         assert abs(cell.after_mm) < 5.0 * cell.noise_mm
-    before, after, noise = rms_um(cells)
-    assert before == pytest.approx(1e3 * np.std([c.before_mm for c in cells], mean=0.0))
-    assert after is not None
-    assert after < 1.5 * noise < before / 3
+    before_mm = np.std([c.before_mm for c in cells], mean=0.0)
+    assert found.before_rms_mm == pytest.approx(before_mm)
+    assert found.after_rms_mm is not None
+    assert found.after_rms_mm < 1.5 * found.noise_rms_mm < found.before_rms_mm / 3
     chart = residuals_before_and_after(cells)
     held = {series.name: series for series in chart.series}
     assert list(held) == ["noise", "before", "after adopting"]
@@ -34,8 +36,8 @@ def test_residuals_against_the_readings_themselves(tmp_path: Path) -> None:
 
 def test_the_map_marks_what_is_more_than_noise(tmp_path: Path) -> None:
     found = diagnose_files([bowed_session(tmp_path)])
-    cells = residual_cells(found)
-    shown = where_text(found, cells)
+    cells = found.diagnosis.residuals.cells
+    shown = where_text(found)
     strong = [cell for cell in cells if abs(cell.strength) > 5.0]
     table = shown.split("▲ ▼ more")[0]
     assert strong

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from app.evaluating.diagnosis import SEEN, Cell
 from app.measuring.leg_review import leg_rows
+from calib.diagnosis.results import SEEN, Cell
 from calib.identify.solution import Solution
 from protocols.procedure import Step
 from protocols.session import Session

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from app.evaluating.diagnosis import SEEN, Cell, Diagnosed, explained_share, rms_um
+from app.evaluating.diagnosis import Diagnosed
 from app.report.text.diagnosis import (
     SHOWN_CANDIDATES,
     detectable_text,
@@ -16,7 +16,7 @@ from app.report.text.diagnosis import (
     shares_text,
 )
 from app.report.text.tables import new_table, signed, table_text, wrapped
-from calib.diagnosis.results import Contender, Finding
+from calib.diagnosis.results import SEEN, Cell, Contender, Finding
 from calib.tripod.effects.empirical import EMPIRICAL
 
 DIAGNOSE_HELP = """\
@@ -93,8 +93,9 @@ def adopted_words(model: Path, before_rms_mm: float, now_rms_mm: float) -> str:
     return f"Adopted in {model.name}: gap {before_rms_mm:.4f} → {now_rms_mm:.4f} mm."
 
 
-def where_text(diagnosed: Diagnosed, cells: Sequence[Cell]) -> str:
+def where_text(diagnosed: Diagnosed) -> str:
     """The residual map, a table for each station, and the shares of the gap."""
+    cells = diagnosed.diagnosis.residuals.cells
     stations = sorted({cell.station for cell in cells})
     parts = []
     for station in stations:
@@ -154,15 +155,15 @@ def ranking_text(diagnosed: Diagnosed) -> str:
     table = new_table(*columns, left=3)
     table.columns[-1].justify = "left"
     for one in found.candidates[:SHOWN_CANDIDATES]:
-        table.add_row(*_ranked(one, found.gap_before.rms_mm, held=held))
+        table.add_row(*_ranked(one, held=held))
     parts = ["Candidates, best first; gaps in mm\n" + table_text(table)]
     parts += [wrapped(_alike(one)) for one in found.effects if one.effects]
     return "\n\n".join(parts)
 
 
-def _ranked(one: Contender, before_rms_mm: float, *, held: bool) -> list[str]:
-    share = explained_share(before_rms_mm, one.gap_rms_after_mm)
-    row = [one.id, one.where, f"{'█' * round(BAR * share):<{BAR}} {share:>4.0%}"]
+def _ranked(one: Contender, *, held: bool) -> list[str]:
+    bar = "█" * round(BAR * one.explained)
+    row = [one.id, one.where, f"{bar:<{BAR}} {one.explained:>4.0%}"]
     row.append(f"{one.gap_rms_after_mm:.4f}")
     if held:
         left = one.held_out_gap_rms_mm
@@ -177,17 +178,18 @@ def _alike(one: Finding) -> str:
     return f"These readings cannot tell {one.id} ({one.where}) from: {rivals}."
 
 
-def change_text(cells: tuple[Cell, ...]) -> str:
+def change_text(diagnosed: Diagnosed) -> str:
     """The chart in one line."""
-    before, after, noise = rms_um(cells)
-    if after is None:
+    found = diagnosed.diagnosis.residuals
+    before, noise = 1000.0 * found.before_rms_mm, 1000.0 * found.noise_rms_mm
+    if found.after_rms_mm is None:
         return wrapped(
             f"Mean residuals {before:.1f} µm r.m.s., their noise {noise:.1f} µm, drawn twice "
             "as large. This diagnosis names nothing to adopt."
         )
     return wrapped(
-        f"Mean residuals {before:.1f} µm r.m.s. before, {after:.1f} µm after adopting what was "
-        f"named; their noise {noise:.1f} µm, drawn twice as large."
+        f"Mean residuals {before:.1f} µm r.m.s. before, {1000.0 * found.after_rms_mm:.1f} µm after "
+        f"adopting what was named; their noise {noise:.1f} µm, drawn twice as large."
     )
 
 

@@ -5,24 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from app.evaluating.solution import Solved, indicator_figures
 from calib.identify.accuracy import Decision, ToolMap, decide, tool_map
 from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identify
-from calib.identify.solution import SUBSETS
 from calib.identify.subset_choice import left_after
-from calib.noise.reading import visits
-from calib.noise.rounding import scatter_of_shown
 from protocols.errors import UsageError
 from protocols.observations import to_observations
 
 PLANES = ((0, 1), (1, 2), (0, 2))
 POINTS = 5
-
-STEPS_APART = 10.0
-"""Spread of the simulated machines in steps of the display: one machine alone would always meet the
-same rounding."""
 
 
 @dataclass(frozen=True)
@@ -72,18 +63,6 @@ def monte_carlo(
             f"noise from {solution.noise.source}, set {solution.subset}",
             "a session with repeats or a stated indicator, and one of the plain sets",
         )
-    figures = indicator_figures(solved.sessions)
-    shown = float(np.mean([one.shown_mm2 for one in solution.noise.indicators]))
-    rounded = any(one.locked_mm2 > 1e-6 * shown for one in solution.noise.indicators)
-    stated = solution.noise.repeated in ("nothing", "equal")
-    step = max(figures.resolution_mm or 0.0, figures.step_mm or 0.0) if rounded else 0.0
-    campaign = Campaign(
-        solution.model,
-        visits(to_observations(solved.sessions)),
-        SUBSETS[solution.subset],
-        scatter_of_shown(shown, step),
-        step,
-        np.full(6, STEPS_APART * step),
-        noise_known=stated,
-    )
+    observed, figures = to_observations(solved.sessions), indicator_figures(solved.sessions)
+    campaign = Campaign.like(solution, observed, figures)
     return simulate_and_identify(campaign, sessions, seed, progress)

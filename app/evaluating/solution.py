@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from calib.errors import NotIdentifiable
 from calib.identify.accuracy import ToolError
 from calib.identify.solution import Method, Solution, Subset, Weights
 from calib.identify.subset_choice import SubsetChoice, choose_subset
-from calib.noise.reading import IndicatorFigures, Noise, visit_numbers
-from calib.observations import Observations
-from calib.ties import descending
+from calib.noise.reading import IndicatorFigures, visit_starts
+from calib.noise.standing_out import lost_rows, loud_indicators
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 from protocols.errors import RecordError
@@ -140,12 +136,14 @@ def solve_sessions(
         method,
         weights=weights,
         indicator=indicator_figures(sessions),
-        tolerance_mm=np.array(sessions[0].opened.machine.tolerances_mm()),
+        tolerance_mm=sessions[0].opened.machine.tolerances_mm(),
     )
     wanted = subset or choice.recommended
     if wanted not in choice.solutions:
         raise choice.refused[wanted]
     solution = choice.solutions[wanted]
+    known = [(name, r) for name, one in zip(names, sessions, strict=True) for r in one.readings]
+    starts: list[int] = visit_starts(observed).tolist()
     return Solved(
         names=tuple(names),
         sessions=tuple(sessions),
@@ -154,66 +152,20 @@ def solve_sessions(
         solution=solution,
         tool_before=choice.error_before(wanted, nominal),
         tool_after=choice.tool_after[wanted],
-        tool_factor=_tool_factor(choice, wanted),
-        enlarged=solution.spread**0.5,
-        visit_count=int(visit_numbers(observed).max()) + 1,
-        suspects=_suspects(names, sessions, observed, solution),
-        loud=_loud(names, sessions, observed, solution.noise),
-        alone=_alone(names, sessions),
-    )
-
-
-def _tool_factor(choice: SubsetChoice, subset: Subset) -> float:
-    """Coverage factor of what the tool's error is worked out from: of the full set if there is one.
-
-    What the model leaves counts as noise there, with its own degrees of freedom.
-    """
-    return choice.solutions.get("both", choice.solutions[subset]).left_over_factor
-
-
-def _alone(names: Sequence[str], sessions: Sequence[Session]) -> tuple[Alone, ...]:
-    """Mountings of a single posture, as breaks can leave them."""
-    found = []
-    for name, session in zip(names, sessions, strict=True):
-        mountings: dict[str, list[Reading]] = {}
-        for reading in session.readings:
-            mountings.setdefault(reading.mount, []).append(reading)
-        found += [
-            Alone(name, tuple(readings))
-            for readings in mountings.values()
-            if len({reading.posture_mm for reading in readings}) == 1
-        ]
-    return tuple(found)
-
-
-def _loud(
-    names: Sequence[str], sessions: Sequence[Session], observed: Observations, noise: Noise
-) -> tuple[Loud, ...]:
-    """Indicators with an estimate of their own, the loudest first."""
-    known = [(name, r) for name, one in zip(names, sessions, strict=True) for r in one.readings]
-    quiet = min(one.variance_mm2 for one in noise.indicators)
-    first = np.unique(observed.indicator, return_index=True)[1]
-    found = []
-    for k, one in enumerate(noise.indicators):
-        if one.variance_mm2 > quiet:
-            mounts = np.unique(observed.mount[observed.indicator == k])
-            name, reading = known[int(first[k])]
-            scatter = math.sqrt(one.variance_mm2)
-            found.append(Loud(name, reading, len(mounts) == 1, k + 1, scatter))
-    return tuple(descending(found, lambda one: one.scatter_mm))
-
-
-def _suspects(
-    names: Sequence[str],
-    sessions: Sequence[Session],
-    observed: Observations,
-    solution: Solution,
-) -> tuple[Suspect, ...]:
-    """The wild readings of a solution, as the sessions know them."""
-    known = [(name, r) for name, one in zip(names, sessions, strict=True) for r in one.readings]
-    first = np.unique(visit_numbers(observed), return_index=True)[1]
-    return tuple(
-        Suspect(*known[int(first[wild.row])], wild.studentised) for wild in solution.noise.wild
+        tool_factor=choice.tool_factor(wanted),
+        enlarged=solution.enlarged,
+        visit_count=len(starts),
+        suspects=tuple(
+            Suspect(*known[starts[wild.row]], wild.studentised) for wild in solution.noise.wild
+        ),
+        loud=tuple(
+            Loud(*known[one.row], one.mounting, one.number, one.scatter_mm)
+            for one in loud_indicators(observed, solution.noise)
+        ),
+        alone=tuple(
+            Alone(known[rows[0]][0], tuple(known[row][1] for row in rows))
+            for rows in lost_rows(observed)
+        ),
     )
 
 

@@ -104,6 +104,13 @@ class Calibration:
     steps: int
     converged: bool
 
+    @property
+    def lack_of_fit(self) -> float | None:
+        """Mean square of what is left in stated noise variances; None where there is none."""
+        if self.square_sum is None or not self.free_values:
+            return None
+        return self.square_sum / self.free_values
+
 
 @dataclass(frozen=True, eq=False)
 class _Point:

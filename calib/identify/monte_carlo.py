@@ -9,15 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from calib.clusters import in_parallel
 from calib.identify.fit import PlainFit
+from calib.identify.solution import SUBSETS, Solution
 from calib.newton import Optimum, normal_equations, solve_positive
-from calib.noise.reading import IndicatorFigures, IndicatorNoise, Noise, reading_weights
+from calib.noise.reading import IndicatorFigures, IndicatorNoise, Noise, reading_weights, visits
 from calib.noise.repeats import Repeats
-from calib.noise.rounding import locked_of_shown
+from calib.noise.rounding import locked_of_shown, scatter_of_shown
 from calib.observations import FloatArray, Observations
 from calib.stats import coverage_factors
 from calib.tripod.geometry import PARAMETER_NAMES
@@ -25,6 +27,13 @@ from calib.tripod.pipeline import ZERO_SPREAD_MM, Model, round_to
 
 CHUNK = 2048
 """Sessions at once: about 20 MB of work arrays for a standard session."""
+
+STEPS_APART = 10.0
+"""Spread of the simulated machines in steps of the display: one machine alone would always meet the
+same rounding."""
+
+LEAST_LOCKED = 1e-6
+"""Of the variance that repeats show: with less that they share, the display is fine enough."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +53,26 @@ class Campaign:
     resolution_mm: float
     spread_mm: FloatArray
     noise_known: bool = False
+
+    @classmethod
+    def like(cls, solution: Solution, observed: Observations, figures: IndicatorFigures) -> Self:
+        """Sessions like the one of a solution, on machines like the one it found.
+
+        All indicators scatter alike there; with a coarse display the machines differ by some steps.
+        """
+        noise = solution.noise
+        shown = float(np.mean([one.shown_mm2 for one in noise.indicators]))
+        rounded = any(one.locked_mm2 > LEAST_LOCKED * shown for one in noise.indicators)
+        step = max(figures.resolution_mm or 0.0, figures.step_mm or 0.0) if rounded else 0.0
+        return cls(
+            solution.model,
+            visits(observed),
+            SUBSETS[solution.subset],
+            scatter_of_shown(shown, step),
+            step,
+            np.full(len(PARAMETER_NAMES), STEPS_APART * step),
+            noise_known=noise.repeated in ("nothing", "equal"),
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,6 +13,7 @@ from calib.linalg import without_means
 from calib.noise.reading import Noise
 from calib.observations import FloatArray, Observations
 from calib.stats import coverage_factor, variance_ratio_p_value
+from calib.ties import largest
 from calib.tripod.differences import Differences
 from calib.tripod.pipeline import Model
 
@@ -34,6 +36,15 @@ class LackOfFit:
     statistic: float
     degrees_of_freedom: float
     p_value: float
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """Two parameters, by name, and how much their errors go together, -1 to 1."""
+
+    first: str
+    second: str
+    value: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +95,25 @@ class Solution:
         return self.coverage_factors * self.uncertainty_mm
 
     @property
+    def strongest_correlation(self) -> Correlation | None:
+        """The two parameters that are known least independently; None where that has no sense."""
+        u = self.uncertainty_mm
+        if len(u) < 2 or not u.all():
+            return None
+        first, second = np.triu_indices(len(u), 1)
+        pairs = (self.covariance_mm2 / np.outer(u, u))[first, second]
+        at = largest(np.abs(pairs))
+        return Correlation(self.names[first[at]], self.names[second[at]], float(pairs[at]))
+
+    @property
     def spread(self) -> float:
         """Factor on the variance of the noise where the model leaves more than that; at least 1."""
         return max(1.0, self.lack_of_fit.statistic) if self.lack_of_fit else 1.0
+
+    @property
+    def enlarged(self) -> float:
+        """The same factor on its standard deviation."""
+        return math.sqrt(self.spread)
 
     def enlarged_mm2(self, factor: float) -> FloatArray:
         """Covariance ``(k, k)`` in mm² with so many times the variance of the noise."""

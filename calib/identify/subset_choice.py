@@ -41,6 +41,14 @@ class SubsetChoice:
         """The expected r.m.s. error of the tool for each subset, mm."""
         return {subset: found.rms_mm for subset, found in self.tool_after.items()}
 
+    def tool_factor(self, subset: Subset) -> float:
+        """Coverage factor (95 %) of what the tool's error is worked out from: of the full set, or
+        of this one where there is none.
+
+        What the model leaves counts as noise there, with its own degrees of freedom.
+        """
+        return self.solutions.get("both", self.solutions[subset]).left_over_factor
+
     def error_before(self, subset: Subset, model: Model) -> ToolError:
         """The tool's error with what the controller holds now, as far as this subset tells.
 

@@ -75,6 +75,11 @@ class Noise:
         return math.sqrt(sum(one.variance_mm2 for one in self.indicators) / len(self.indicators))
 
     @property
+    def quiet_mm2(self) -> float:
+        """Variance of a single reading of the quietest indicator."""
+        return min(one.variance_mm2 for one in self.indicators)
+
+    @property
     def degrees_of_freedom(self) -> float:
         """Degrees of freedom of that standard deviation (Welch and Satterthwaite, GUM G.4.1)."""
         total = sum(one.variance_mm2 for one in self.indicators)
@@ -161,10 +166,10 @@ def visits(observed: Observations) -> Observations:
 
     Such repeats share the error of their approach, so they count as one reading, not as several.
     """
-    visit = visit_numbers(observed)
-    if len(np.unique(visit)) == len(observed):
-        return observed
+    visit = _visit_numbers(observed)
     first = np.unique(visit, return_index=True)[1]
+    if len(first) == len(observed):
+        return observed
     weight = np.bincount(visit, observed.averaged)
     mean = np.bincount(visit, observed.averaged * observed.value_mm) / weight
     return replace(
@@ -172,7 +177,12 @@ def visits(observed: Observations) -> Observations:
     )
 
 
-def visit_numbers(observed: Observations) -> IntArray:
+def visit_starts(observed: Observations) -> IntArray:
+    """Row of the first reading of each visit ``(n_visits,)``, in the order of `visits`."""
+    return np.asarray(np.unique(_visit_numbers(observed), return_index=True)[1])
+
+
+def _visit_numbers(observed: Observations) -> IntArray:
     """Number of the visit that each reading ``(n_readings,)`` belongs to, counted as they begin."""
     visit = np.zeros(len(observed), dtype=np.intp)
     last: dict[int, tuple[int, int]] = {}

@@ -158,8 +158,7 @@ def _lack_of_fit(solved: Calibrated) -> LackOfFit:
     """Variance that is left by the stated one."""
     if solved.p_value is None:
         return LackOfFit()
-    ratio = (solved.found.square_sum or 0.0) / solved.found.free_values
-    return LackOfFit(statistic=ratio, p_value=solved.p_value)
+    return LackOfFit(statistic=solved.found.lack_of_fit, p_value=solved.p_value)
 
 
 @dataclass(frozen=True)

@@ -122,7 +122,7 @@ def _cures(solved: Solved) -> list[str]:
 def _unequal_indicators(solved: Solved) -> list[str]:
     if not solved.loud:
         return []
-    quiet_mm = math.sqrt(min(one.variance_mm2 for one in solved.solution.noise.indicators))
+    quiet_mm = math.sqrt(solved.solution.noise.quiet_mm2)
     shown = "; ".join(map(_loud, solved.loud[:MOST_NAMED]))
     rest = len(solved.loud) - MOST_NAMED
     return [

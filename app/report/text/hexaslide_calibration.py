@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
 from app.planning.hexaslide_calibration import Calibrated
 from app.report.schema.hexaslide import INNER_NAMES, CalibrationReport, Rms
@@ -82,7 +82,7 @@ def _both(before: Rms, after: Rms, between: str) -> list[str]:
 def _warnings(solved: Calibrated) -> list[str]:
     found = solved.found
     if solved.p_value is not None and solved.p_value < LACK_OF_FIT_LEVEL:
-        ratio = float(np.sqrt((found.square_sum or 0.0) / found.free_values))
+        ratio = math.sqrt(found.lack_of_fit or 0.0)
         return [
             f"WARNING: what is left is {ratio:.1f} times the stated noise: a wrong reading, a "
             "noise that is stated too small, or something that the model does not have. The "

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
 from rich.table import Table
 
 from app.evaluating.comparison import Comparison
@@ -17,7 +16,6 @@ from app.report.text.tables import decimals_for, new_table, signed, table_text, 
 from calib.identify.accuracy import ToolError
 from calib.identify.solution import SUBSETS, Solution
 from calib.noise.reading import Noise
-from calib.ties import largest
 
 
 def solution_text(solved: Solved) -> str:
@@ -155,19 +153,11 @@ def _source_words(noise: Noise) -> str:
 
 def correlation_words(solution: Solution) -> str:
     """The two parameters that are known least independently."""
-    u = solution.uncertainty_mm
-    if len(u) < 2 or not u.all():
+    found = solution.strongest_correlation
+    shown = signed(found.value, 2) if found else "0"
+    if found is None or float(shown) == 0.0:
         return "no correlation to state."
-    first, second = np.triu_indices(len(u), 1)
-    pairs = (solution.covariance_mm2 / np.outer(u, u))[first, second]
-    at = largest(np.abs(pairs))
-    shown = signed(float(pairs[at]), 2)
-    if float(shown) == 0.0:
-        return "no correlation to state."
-    return (
-        f"strongest correlation {shown}, {solution.names[first[at]]} and"
-        f" {solution.names[second[at]]}."
-    )
+    return f"strongest correlation {shown}, {found.first} and {found.second}."
 
 
 def comparison_text(before: Solution, after: Solution) -> str:

@@ -6,10 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.measuring.hidden_effect import hidden_effect
-from app.measuring.simulated import hidden_machine, planned_readings, simulated_session
+from app.measuring.simulated import planned_readings, simulated_session
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import Placed
 from calib.tripod.effects.empirical import Empirical
+from calib.tripod.simulation import hidden_machine
 from protocols.journal import write_whole
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure

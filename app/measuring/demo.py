@@ -13,7 +13,8 @@ from app.measuring.hidden_effect import hidden_effect
 from app.measuring.indicators import DEFAULT_PROFILE, simulated_indicators
 from app.measuring.opening import Plan, session_name
 from app.measuring.session import GuidedSession, Taken
-from app.measuring.simulated import BenchSettings, hidden_machine, planned_readings
+from app.measuring.simulated import BenchSettings, planned_readings
+from calib.tripod.simulation import hidden_machine
 from drivers.errors import IndicatorError
 from protocols.files import unused_path
 from protocols.machine import Machine, load_machine

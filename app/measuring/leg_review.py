@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
-import numpy as np
-
+from app.evaluating.solution import indicator_figures
 from calib.noise.reading import visits
 from calib.noise.repeats import Repeats
 from calib.tripod.differences import differences
@@ -108,9 +106,7 @@ def review_leg(session: Session, step: Step) -> LegReview:
 
 def _review_axis(session: Session, step: Step, axis: str) -> AxisReview:
     here = [(r.leg, r.axis, r.station) == (step.leg, axis, step.station) for r in session.readings]
-    repeats = Repeats.of(visits(to_observations([session]).take(np.array(here))))
-    free = float(repeats.degrees_of_freedom.sum())
-    left = repeats.sums_of_squares(repeats.observed.value_mm[:, None])
+    repeats = Repeats.of(visits(to_observations([session]).take(here)))
     returns = [
         row.back_at_zero_mm
         for row in leg_rows(session, step)
@@ -118,15 +114,8 @@ def _review_axis(session: Session, step: Step, axis: str) -> AxisReview:
     ]
     return AxisReview(
         axis=axis,
-        standard_deviation_mm=math.sqrt(float(left.sum()) / free) if free else None,
-        degrees_of_freedom=round(free),
-        stated_mm=_stated(session),
+        standard_deviation_mm=repeats.standard_deviation_mm,
+        degrees_of_freedom=round(float(repeats.degrees_of_freedom.sum())),
+        stated_mm=indicator_figures([session]).stated_mm,
         worst_return_mm=max(returns, key=abs) if returns else None,
     )
-
-
-def _stated(session: Session) -> float | None:
-    """Repeatability and rounding of the indicators together, where repeatability is stated."""
-    if not session.repeatability_mm:
-        return None
-    return math.hypot(session.repeatability_mm, (session.resolution_mm or 0.0) / math.sqrt(12.0))

@@ -20,9 +20,10 @@ from app.measuring.indicators import (
     this_computer,
 )
 from app.measuring.session import GuidedSession
-from app.measuring.simulated import BenchSettings, SimulatedBench, hidden_machine
+from app.measuring.simulated import BenchSettings, SimulatedBench
 from app.version import program
 from calib.errors import GlidecalError
+from calib.tripod.simulation import hidden_machine
 from drivers.twin_port import Transport, default_transport
 from protocols.errors import RecordError, UsageError
 from protocols.events import Opened

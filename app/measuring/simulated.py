@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import math
 import time
-import zlib
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from app.measuring.indicators import SIMULATED
 from app.version import program
-from calib.observations import Conditions, Observations, conditions
-from calib.tripod.geometry import Geometry
-from calib.tripod.pipeline import ZERO_SPREAD_MM, Effect, Model, measure
+from calib.observations import Observations
+from calib.tripod.pipeline import Effect, Model, measure
+from calib.tripod.simulation import SimulatedMachine, Target
 from drivers.profile import LARGEST_MM, Profile
 from drivers.rig import SimulatedRig
 from drivers.twin_port import Transport
@@ -24,9 +20,6 @@ from protocols.machine import Instrument, Machine
 from protocols.observations import to_observations
 from protocols.procedure import Procedure, Step, default_mount, leg_number
 from protocols.session import fold
-
-OFFSET_LIMIT_MM = 2.0
-LENGTH_SPREAD_MM = 0.03
 
 
 @dataclass(frozen=True)
@@ -42,19 +35,6 @@ class BenchSettings:
     motion_s: float = 0.0
     effects: tuple[Effect, ...] = ()
     clock_rate: float = 1.0
-
-
-def hidden_machine(
-    geometry: Geometry, seed: int, entered_offsets_mm: Sequence[float] = (0.0, 0.0, 0.0)
-) -> Model:
-    """A machine with joint offsets up to 2 mm and well made legs, to be found by measuring.
-
-    Offsets that were entered in its controller no longer show.
-    """
-    generator = np.random.default_rng([seed, 1])
-    offsets = generator.uniform(-OFFSET_LIMIT_MM, OFFSET_LIMIT_MM, 3) - entered_offsets_mm
-    lengths = generator.normal(scale=LENGTH_SPREAD_MM, size=3)
-    return Model(geometry, tuple(np.concatenate([offsets, lengths]).tolist()))
 
 
 class SimulatedBench:
@@ -73,12 +53,9 @@ class SimulatedBench:
         transport: Transport,
         settings: BenchSettings,
     ) -> None:
-        self._truth = replace(truth, effects=(*truth.effects, *settings.effects))
-        self._seed = seed
-        self._run = zlib.crc32(run_name.encode())
-        self._scatter_mm = settings.scatter_mm
-        self._visits = 0
-        self._path = _Path(settings.clock_rate)
+        truth = truth.with_effects((*truth.effects, *settings.effects))
+        self._machine = SimulatedMachine(truth, seed, run_name, settings.scatter_mm)
+        self._clock_rate, self._start_s = settings.clock_rate, time.monotonic()
         self.rig = SimulatedRig(
             profiles,
             resolution_mm=settings.resolution_mm,
@@ -89,51 +66,20 @@ class SimulatedBench:
 
     def go(self, step: Step) -> None:
         """Move the machine to a step; each approach scatters a little."""
-        exact = self._truth.readings(self._path.conditions_at(step))
-        self._visits += 1
-        generator = np.random.default_rng([self._seed, self._run, step.number, self._visits])
-        zeros = [self._zero_mm(default_mount(step.leg, axis, step.station)) for axis in step.axes]
-        scatter = generator.normal(scale=self._scatter_mm, size=len(zeros))
-        self.rig.go((exact + zeros + scatter).tolist())
-
-    def _zero_mm(self, mount: str) -> float:
-        generator = np.random.default_rng([self._seed, 3, zlib.crc32(mount.encode())])
-        return float(generator.normal(scale=ZERO_SPREAD_MM))
+        target = Target(
+            step.number,
+            leg_number(step.leg),
+            tuple(leg_number(axis) for axis in step.axes),
+            step.station,
+            step.displacement_mm,
+            tuple(default_mount(step.leg, axis, step.station) for axis in step.axes),
+        )
+        on_s = (time.monotonic() - self._start_s) * self._clock_rate
+        self.rig.go(self._machine.go(target, on_s))
 
     def close(self) -> None:
         """Switch everything off."""
         self.rig.close()
-
-
-class _Path:
-    """Where the machine came from and how long it has been on: what some effects depend on."""
-
-    def __init__(self, clock_rate: float) -> None:
-        self._clock_rate = clock_rate
-        self._before: Step | None = None
-        self._approach = 0.0
-        self._start_s = time.monotonic()
-
-    def conditions_at(self, step: Step) -> Conditions:
-        """The conditions of the step's readings; the first approach to a place is not known."""
-        before, self._before = self._before, step
-        if before is None or before.place != step.place:
-            self._approach = 0.0
-        else:
-            moved = float(np.sign(step.displacement_mm - before.displacement_mm))
-            self._approach = moved or self._approach
-        count = len(step.axes)
-        taken = conditions(
-            [leg_number(step.leg)] * count,
-            [leg_number(axis) for axis in step.axes],
-            [step.displacement_mm] * count,
-            station=step.station,
-        )
-        return replace(
-            taken,
-            approach=np.full(count, self._approach),
-            time_s=np.full(count, (time.monotonic() - self._start_s) * self._clock_rate),
-        )
 
 
 EXACT_DECIMALS = 15
@@ -168,12 +114,13 @@ def simulated_session(
         to_observations([fold([opened, *blank])]),
         scatter_mm=scatter_mm,
         resolution_mm=resolution_mm,
-        generator=np.random.default_rng(seed),
+        generator=seed,
     )
-    if not np.all(np.abs(values) <= LARGEST_MM):  # nor anything that is no number
+    largest_mm = float(abs(values).max())
+    if not largest_mm <= LARGEST_MM:  # nor anything that is no number
         raise RecordError(
             "simulated readings",
-            f"{np.abs(values).max():g} mm",
+            f"{largest_mm:g} mm",
             f"up to {LARGEST_MM:g} mm, what a record holds",
             "The model has an effect of impossible size.",
         )

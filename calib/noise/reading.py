@@ -147,6 +147,13 @@ class IndicatorFigures:
     repeatability_mm: float | None = None
     step_mm: float | None = None
 
+    @property
+    def stated_mm(self) -> float | None:
+        """Standard deviation of a reading, rounding included, where repeatability is stated."""
+        if not self.repeatability_mm:
+            return None
+        return math.hypot(self.repeatability_mm, (self.resolution_mm or 0.0) / math.sqrt(12.0))
+
     def noise(self, indicator_count: int = 1) -> Noise | None:
         """Noise from resolution and repeatability, None where neither is stated.
 

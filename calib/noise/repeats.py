@@ -67,6 +67,13 @@ class Repeats:
         free = np.bincount(visited.indicator, 1.0 - leverage, visited.indicator_count)
         return cls(visited, cell, tuple(cycles), leverage, np.round(free, 9))
 
+    @property
+    def standard_deviation_mm(self) -> float | None:
+        """Of a single value, all indicators pooled, mm; None without repeats."""
+        free = float(self.degrees_of_freedom.sum())
+        square = float(self.sums_of_squares(self.observed.value_mm[:, None]).sum())
+        return math.sqrt(square / free) if free else None
+
     def scatter(self, value_mm: FloatArray) -> FloatArray:
         """What repeats leave of values ``(n_readings, b)``, weighted; same shape, mm."""
         left = _without_cells(np.sqrt(self.observed.averaged), self.cell, value_mm)

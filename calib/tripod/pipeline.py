@@ -301,13 +301,14 @@ def measure(
     *,
     scatter_mm: float,
     resolution_mm: float,
-    generator: np.random.Generator,
+    generator: np.random.Generator | int,
 ) -> FloatArray:
     """Readings ``(n_readings,)`` in mm as indicators would show them.
 
     ``scatter_mm`` is the standard deviation of each re-approach, ``resolution_mm`` the step of the
-    display (0 for none).
+    display (0 for none). The generator, or its seed, draws zeros and scatter.
     """
+    generator = np.random.default_rng(generator)
     zeros = generator.normal(scale=ZERO_SPREAD_MM, size=taken.mount_count)
     values = model.readings(taken) + zeros[taken.mount]
     values = values + generator.normal(scale=1.0, size=len(taken)) * scatter_mm

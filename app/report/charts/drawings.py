@@ -7,12 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-import numpy as np
-
 from app.planning.hexaslide_seen import Found
 from app.report.charts.charts import Chart, Series
-from calib.hexaslide.geometry import CHAINS, Box
-from calib.hexaslide.kinematics import joints, legs
+from calib.hexaslide.drawing import lines_at, outline
+from calib.hexaslide.geometry import Box
 from calib.hexaslide.planning import HexaSlide
 from calib.observations import FloatArray
 
@@ -96,8 +94,6 @@ def ticks_within(limits: Limits, most: int) -> tuple[float, ...]:
     return ()
 
 
-RAIL_DOTS, BOX_DOTS = 24, 12
-
 FRONT, ABOVE = (0, 2), (0, 1)
 """Coordinates across and upwards."""
 
@@ -112,27 +108,14 @@ def drawn_machine(machine: HexaSlide, posture: FloatArray) -> tuple[Drawing, Dra
 
     Rails are drawn as far as the sliders go in the box.
     """
-    geometry = machine.geometry
-    sliders = legs(geometry, machine.box.grid()).sliders
-    rails = [
-        geometry.base + to[:, None] * geometry.rails
-        for to in (np.minimum(sliders.min(axis=0), 0.0), sliders.max(axis=0))
-    ]
-    at = legs(geometry, posture[None]).sliders[0]
-    carriages = geometry.base + at[:, None] * geometry.rails
-    platform = geometry.base + joints(geometry, posture[None])[0]
-    ring = platform[_around_centre(geometry.platform)]
-    strokes = [(Look.DOTTED, np.linspace(rails[0][k], rails[1][k], RAIL_DOTS)) for k in _chains()]
-    strokes += [(Look.THIN, np.stack([carriages[k], platform[k]])) for k in _chains()]
-    strokes.append((Look.THICK, ring))
+    lines = lines_at(machine, posture)
+    strokes = [(Look.DOTTED, rail) for rail in lines.rails]
+    strokes += [(Look.THIN, link) for link in lines.links]
+    strokes.append((Look.THICK, lines.platform))
     return (
-        _seen_from("From the front", FRONT, machine.box, strokes, carriages),
-        _seen_from("From above", ABOVE, machine.box, strokes, carriages),
+        _seen_from("From the front", FRONT, machine.box, strokes, lines.carriages),
+        _seen_from("From above", ABOVE, machine.box, strokes, lines.carriages),
     )
-
-
-def _chains() -> range:
-    return range(CHAINS)
 
 
 def _seen_from(
@@ -157,13 +140,6 @@ def _seen_from(
     )
 
 
-def _around_centre(platform: FloatArray) -> list[int]:
-    """The joints in their order around the platform, the first one once more."""
-    apart = platform - platform.mean(axis=0)
-    order = [int(k) for k in np.argsort(np.arctan2(apart[:, 1], apart[:, 0]))]
-    return [*order, order[0]]
-
-
 def drawn_postures(machine: HexaSlide, found: Found | None) -> tuple[Drawing, ...]:
     """The four projections of start and optimum in the box."""
     sets = () if found is None else (("start", found.begin), ("optimum", found.postures))
@@ -176,7 +152,7 @@ def _projected(
     scale, unit = _scale_of(axes)
     across, upwards = axes
     series = tuple(
-        Series(name, _values(scale * postures[:, across]), _values(scale * postures[:, upwards]))
+        Series(name, *(tuple((scale * postures[:, axis]).tolist()) for axis in axes))
         for name, postures in sets
     )
     return Drawing(
@@ -190,25 +166,13 @@ def _projected(
 
 def _outline(box: Box, axes: tuple[int, int]) -> Stroke:
     """Dots on the edges of the box."""
-    scale, seen = _scale_of(axes)[0], list(axes)
-    steps = np.linspace(0.0, 1.0, BOX_DOTS)
-    ends = (np.zeros(BOX_DOTS), np.ones(BOX_DOTS))
-    unit = np.concatenate(
-        [np.column_stack([steps, end]) for end in ends]
-        + [np.column_stack([end, steps]) for end in ends]
-    )
-    lower, upper = box.lower[seen], box.upper[seen]
-    return Stroke(Look.MARKED, _points(scale * (lower + unit * (upper - lower))))
+    return Stroke(Look.MARKED, _points(_scale_of(axes)[0] * outline(box, axes)))
 
 
 def _scale_of(axes: tuple[int, int]) -> tuple[float, str]:
     """Places are shown in metres, angles in degrees."""
-    return (1.0, "m") if axes[0] < len("xyz") else (180.0 / np.pi, "°")
+    return (1.0, "m") if axes[0] < len("xyz") else (180.0 / math.pi, "°")
 
 
 def _points(places: FloatArray) -> tuple[Point, ...]:
-    return tuple((float(x), float(y)) for x, y in places)
-
-
-def _values(values: FloatArray) -> tuple[float, ...]:
-    return tuple(float(value) for value in values)
+    return tuple((x, y) for x, y in places.tolist())

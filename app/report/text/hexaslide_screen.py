@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-
-import numpy as np
 
 from app.planning.hexaslide import COORDINATES
 from app.planning.hexaslide_seen import KINDS, Found, PublishedSet, View
@@ -159,10 +158,10 @@ def list_text(found: Found | None) -> str:
 def postures_table(postures: FloatArray) -> str:
     """Postures ``(p, 6)`` in metres and degrees."""
     table = new_table("", *COORDINATES)
-    shown = np.column_stack([postures[:, :3], np.degrees(postures[:, 3:])])
-    for number, posture in enumerate(shown, start=1):
+    for number, posture in enumerate(postures.tolist(), start=1):
         places = (f"{value + 0.0:.4f}" for value in posture[:3])
-        table.add_row(f"{number}", *places, *(f"{value + 0.0:.2f}" for value in posture[3:]))
+        angles = (f"{math.degrees(value) + 0.0:.2f}" for value in posture[3:])
+        table.add_row(f"{number}", *places, *angles)
     return table_text(table)
 
 

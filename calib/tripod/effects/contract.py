@@ -1,0 +1,95 @@
+"""What a law must keep to, tried on a machine that is a little off: see `Law`."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.observations import Conditions, conditions
+from calib.tripod.effects.effect import EffectParameter, Kind, Law, Placed
+from calib.tripod.geometry import Geometry
+from calib.tripod.pipeline import Stage, simulate
+
+ID = re.compile(r"[a-z][a-z0-9_]{1,39}")
+WORDS = ("id", "title", "controller")
+
+TRIED_MM = (1.0, -0.7, 0.5, 0.1, -0.1, 0.05)
+"""Offsets and lengths of the machine on which a law is tried: its indicators show something."""
+
+LEAST_TOLERANCE, MOST_TOLERANCE = 1e-9, 1e9
+
+
+def fault_of(given: object) -> str:
+    """Why it is no law that can be used, tried at every place; empty if nothing.
+
+    Raises whatever the code of the law raises.
+    """
+    fault = _fault_of_form(given)
+    if fault:
+        return fault
+    law = cast(Law, given)
+    fault = _fault_of_change(law)
+    return f"{law.id}: {fault}" if fault else ""
+
+
+def _fault_of_form(given: object) -> str:
+    """What it lacks to be a law; empty if nothing."""
+    if not all(isinstance(getattr(given, name, None), str) for name in WORDS):
+        return f"{given!r:.80}, which lacks one of the texts {', '.join(WORDS)}"
+    law = cast(Law, given)
+    if not ID.fullmatch(law.id):
+        return f"the id {law.id!r}, not of small letters, digits and _"
+    if not isinstance(law.kind, Kind) or not isinstance(law.stage, Stage):
+        return f"{law.id}: kind or stage that is no Kind or no Stage"
+    parameters = law.parameters
+    if not parameters or not all(isinstance(p, EffectParameter) for p in parameters):
+        return f"{law.id}: parameters that are no EffectParameter"
+    if not all(LEAST_TOLERANCE <= p.tolerance <= MOST_TOLERANCE for p in parameters):
+        return f"{law.id}: a tolerance outside {LEAST_TOLERANCE:g} … {MOST_TOLERANCE:g}"
+    return ""
+
+
+@np.errstate(all="ignore")  # what is not finite is told below
+def _fault_of_change(law: Law) -> str:
+    """What is wrong with the readings that it makes; empty if nothing."""
+    legs, axes = [0, 0, 1, 1, 2, 2] * 3, [1, 2, 0, 2, 0, 1] * 3
+    taken = conditions(legs, axes, [0.0] * 6 + [60.0] * 6 + [-100.0] * 6)
+    places = law.places(taken)
+    if not places or not all(isinstance(place, str) for place in places):
+        return "places that are no texts, or none"
+    faults = (_fault_at(_Trial(law, place, taken)) for place in places)
+    return next((fault for fault in faults if fault), "")
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A law at one place of a machine that is a little off."""
+
+    law: Law
+    place: str
+    taken: Conditions
+
+    def readings(self, step: complex, size: float = 1.0) -> NDArray[Any]:
+        """Readings with every value, and the machine, a step further."""
+        values = tuple(size * p.tolerance * (1 + step) for p in self.law.parameters)
+        parameters = np.array(TRIED_MM) * (1 + step)
+        effect = Placed(self.law, self.place, values)
+        return simulate(Geometry(), parameters, self.taken, (effect,))
+
+
+def _fault_at(trial: _Trial) -> str:
+    plain = simulate(Geometry(), TRIED_MM, trial.taken)
+    shown = trial.readings(0.0)
+    if shown.shape != plain.shape or not np.all(np.isfinite(shown)):
+        return f"readings of shape {shown.shape} or not finite at {trial.place}"
+    if np.abs(trial.readings(0.0, size=0.0) - plain).max() > 1e-12:
+        return f"a value of 0 changes readings at {trial.place}"
+    exact = trial.readings(1e-20j).imag / 1e-20
+    central = (trial.readings(1e-5) - trial.readings(-1e-5)) / 2e-5
+    if np.abs(exact - central).max() > 1e-6:
+        return f"complex values do not pass at {trial.place}"
+    return ""

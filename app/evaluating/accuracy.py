@@ -10,7 +10,6 @@ from calib.identify.accuracy import Decision, ToolMap, decide, tool_map
 from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identify
 from calib.identify.subset_choice import left_after
 from protocols.errors import UsageError
-from protocols.observations import to_observations
 
 PLANES = ((0, 1), (1, 2), (0, 2))
 POINTS = 5
@@ -63,6 +62,5 @@ def monte_carlo(
             f"noise from {solution.noise.source}, set {solution.subset}",
             "a session with repeats or a stated indicator, and one of the plain sets",
         )
-    observed, figures = to_observations(solved.sessions), indicator_figures(solved.sessions)
-    campaign = Campaign.like(solution, observed, figures)
+    campaign = Campaign.like(solution, solved.observed, indicator_figures(solved.sessions))
     return simulate_and_identify(campaign, sessions, seed, progress)

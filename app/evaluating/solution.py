@@ -12,6 +12,7 @@ from calib.identify.solution import Method, Solution, Subset, Weights
 from calib.identify.subset_choice import SubsetChoice, choose_subset
 from calib.noise.reading import IndicatorFigures, visit_starts
 from calib.noise.standing_out import lost_rows, loud_indicators
+from calib.observations import Observations
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 from protocols.errors import RecordError
@@ -35,7 +36,7 @@ class Solved:
 
     names: tuple[str, ...]
     sessions: tuple[Session, ...]
-    reading_count: int
+    observed: Observations
     choice: SubsetChoice
     solution: Solution
     tool_before: ToolError
@@ -46,6 +47,15 @@ class Solved:
     suspects: tuple[Suspect, ...]
     loud: tuple[Loud, ...]
     alone: tuple[Alone, ...]
+
+    def with_subset(self, subset: Subset) -> Solved:
+        """Another set of the same choice; nothing is fitted again. Raises NotIdentifiable."""
+        return _solved(self.names, self.sessions, self.observed, self.choice, subset)
+
+    @property
+    def reading_count(self) -> int:
+        """How many readings count."""
+        return len(self.observed)
 
     @property
     def joint_offsets_mm(self) -> tuple[float, float, float]:
@@ -129,30 +139,41 @@ def solve_sessions(
     Raises NotIdentifiable where the readings do not determine what was asked for.
     """
     observed = to_observations(sessions)
-    nominal = Model(sessions[0].opened.machine.geometry())
+    machine = sessions[0].opened.machine
     choice = choose_subset(
-        nominal,
+        Model(machine.geometry()),
         observed,
         method,
         weights=weights,
         indicator=indicator_figures(sessions),
-        tolerance_mm=sessions[0].opened.machine.tolerances_mm(),
+        tolerance_mm=machine.tolerances_mm(),
     )
-    wanted = subset or choice.recommended
-    if wanted not in choice.solutions:
-        raise choice.refused[wanted]
-    solution = choice.solutions[wanted]
+    return _solved(names, sessions, observed, choice, subset or choice.recommended)
+
+
+def _solved(
+    names: Sequence[str],
+    sessions: Sequence[Session],
+    observed: Observations,
+    choice: SubsetChoice,
+    subset: Subset,
+) -> Solved:
+    """One set of a choice, with what its readings tell, as the sessions know them."""
+    if subset not in choice.solutions:
+        raise choice.refused[subset]
+    solution = choice.solutions[subset]
+    nominal = Model(sessions[0].opened.machine.geometry())
     known = [(name, r) for name, one in zip(names, sessions, strict=True) for r in one.readings]
     starts: list[int] = visit_starts(observed).tolist()
     return Solved(
         names=tuple(names),
         sessions=tuple(sessions),
-        reading_count=len(observed),
+        observed=observed,
         choice=choice,
         solution=solution,
-        tool_before=choice.error_before(wanted, nominal),
-        tool_after=choice.tool_after[wanted],
-        tool_factor=choice.tool_factor(wanted),
+        tool_before=choice.error_before(subset, nominal),
+        tool_after=choice.tool_after[subset],
+        tool_factor=choice.tool_factor(subset),
         enlarged=solution.enlarged,
         visit_count=len(starts),
         suspects=tuple(

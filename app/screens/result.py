@@ -12,7 +12,7 @@ from textual.containers import Horizontal, VerticalScroll
 from textual.events import Resize
 from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
 
-from app.evaluating.solution import Solved, solve_sessions
+from app.evaluating.solution import Solved
 from app.exports import export_offsets
 from app.measuring.demo import verification_plan
 from app.measuring.opening import Plan
@@ -130,8 +130,7 @@ class ResultScreen(PagedScreen):
     def action_choose(self, key: str) -> None:
         """Show another set of parameters."""
         try:
-            names, sessions = self.solved.names, self.solved.sessions
-            self.solved = solve_sessions(names, sessions, subset=CHOICES[key])
+            self.solved = self.solved.with_subset(CHOICES[key])
         except GlidecalError as problem:
             self.app.complain(problem)
         else:
@@ -150,7 +149,7 @@ class ResultScreen(PagedScreen):
             self.app.call_from_thread(self.app.notify, said, timeout=10, markup=False)
 
     def _joint_offsets(self) -> Solved:
-        return solve_sessions(self.solved.names, self.solved.sessions, subset="joint-offsets")
+        return self.solved.with_subset("joint-offsets")
 
     def action_verify(self) -> None:
         """The same procedure again, after the offsets were entered in the controller."""

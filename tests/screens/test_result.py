@@ -229,11 +229,9 @@ async def test_a_set_that_is_not_seen_is_refused(
     published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     solved, path = published
-
-    def refuse(*_: object, **__: object) -> Solved:
-        raise NotIdentifiable("set [both]", "two differences", "six")
-
-    monkeypatch.setattr("app.screens.result.solve_sessions", refuse)
+    unseen = NotIdentifiable("set [both]", "two differences", "six")
+    choice = replace(solved.choice, solutions={}, refused={"both": unseen, "joint-offsets": unseen})
+    solved = replace(solved, choice=choice)
     interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path))
     said = hear(interface, monkeypatch)
     async with interface.run_test(size=SIZE) as pilot:

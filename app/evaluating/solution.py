@@ -11,7 +11,7 @@ from calib.identify.accuracy import ToolError
 from calib.identify.solution import Method, Solution, Subset, Weights
 from calib.identify.subset_choice import SubsetChoice, choose_subset
 from calib.noise.reading import IndicatorFigures, visit_starts
-from calib.noise.standing_out import lost_rows, loud_indicators
+from calib.noise.standing_out import LoudIndicator, lost_rows, loud_indicators
 from calib.observations import Observations
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
@@ -28,9 +28,8 @@ class Solved:
 
     ``tool_before`` is the tool's error with what the controller holds now, ``tool_after`` what
     is expected with the solution entered, each with its standard uncertainty, for which
-    ``tool_factor`` is the coverage factor (95 %). ``enlarged`` is the factor on the standard
-    deviation of the noise if what the model leaves is counted as noise. ``visit_count`` counts
-    readings without a movement between them as one. ``suspects`` do not fit their own repeats;
+    ``tool_factor`` is the coverage factor (95 %). ``visit_count`` counts readings without a
+    movement between them as one. ``suspects`` do not fit their own repeats;
     those ``alone`` have no other posture to compare with.
     """
 
@@ -42,7 +41,6 @@ class Solved:
     tool_before: ToolError
     tool_after: ToolError
     tool_factor: float
-    enlarged: float
     visit_count: int
     suspects: tuple[Suspect, ...]
     loud: tuple[Loud, ...]
@@ -75,16 +73,11 @@ class Alone:
 
 @dataclass(frozen=True)
 class Loud:
-    """An indicator that scatters more than the quietest: its first reading and its scatter, mm.
-
-    ``mounting`` is False where it was used in more than one mounting; ``number`` counts from 1.
-    """
+    """An indicator that scatters more than the quietest, and its first reading."""
 
     session: str
     reading: Reading
-    mounting: bool
-    number: int
-    scatter_mm: float
+    indicator: LoudIndicator
 
 
 @dataclass(frozen=True)
@@ -174,15 +167,11 @@ def _solved(
         tool_before=choice.error_before(subset, nominal),
         tool_after=choice.tool_after[subset],
         tool_factor=choice.tool_factor(subset),
-        enlarged=solution.enlarged,
         visit_count=len(starts),
         suspects=tuple(
             Suspect(*known[starts[wild.row]], wild.studentised) for wild in solution.noise.wild
         ),
-        loud=tuple(
-            Loud(*known[one.row], one.mounting, one.number, one.scatter_mm)
-            for one in loud_indicators(observed, solution.noise)
-        ),
+        loud=tuple(Loud(*known[one.row], one) for one in loud_indicators(observed, solution.noise)),
         alone=tuple(
             Alone(known[rows[0]][0], tuple(known[row][1] for row in rows))
             for rows in lost_rows(observed)

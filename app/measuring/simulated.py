@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 from app.measuring.indicators import SIMULATED
 from app.version import program
-from calib.observations import Observations
+from calib.observations import Observations, conditions
 from calib.tripod.pipeline import Effect, Model, measure
-from calib.tripod.simulation import SimulatedMachine, Target
+from calib.tripod.simulation import SimulatedMachine
 from drivers.profile import LARGEST_MM, Profile
 from drivers.rig import SimulatedRig
 from drivers.twin_port import Transport
@@ -66,16 +66,15 @@ class SimulatedBench:
 
     def go(self, step: Step) -> None:
         """Move the machine to a step; each approach scatters a little."""
-        target = Target(
-            step.number,
-            leg_number(step.leg),
-            tuple(leg_number(axis) for axis in step.axes),
-            step.station,
-            step.displacement_mm,
-            tuple(default_mount(step.leg, axis, step.station) for axis in step.axes),
+        to = conditions(
+            [leg_number(step.leg)] * len(step.axes),
+            [leg_number(axis) for axis in step.axes],
+            [step.displacement_mm] * len(step.axes),
+            station=step.station,
         )
-        on_s = (time.monotonic() - self._start_s) * self._clock_rate
-        self.rig.go(self._machine.go(target, on_s))
+        mounts = [default_mount(step.leg, axis, step.station) for axis in step.axes]
+        time_s = (time.monotonic() - self._start_s) * self._clock_rate
+        self.rig.go(self._machine.go(to, mounts, step.number, time_s))
 
     def close(self) -> None:
         """Switch everything off."""

@@ -99,6 +99,16 @@ class MonteCarlo:
     error_covariance_mm2: FloatArray
     predicted_mm2: FloatArray
 
+    @property
+    def true_mm(self) -> FloatArray:
+        """Standard uncertainties as they were ``(k,)``, mm."""
+        return np.sqrt(self.error_covariance_mm2.diagonal())
+
+    @property
+    def stated_mm(self) -> FloatArray:
+        """Standard uncertainties as they were stated ``(k,)``, mm."""
+        return np.sqrt(self.predicted_mm2)
+
 
 def simulate_and_identify(
     campaign: Campaign,

@@ -38,15 +38,6 @@ class LackOfFit:
     p_value: float
 
 
-@dataclass(frozen=True)
-class Correlation:
-    """Two parameters, by name, and how much their errors go together, -1 to 1."""
-
-    first: str
-    second: str
-    value: float
-
-
 @dataclass(frozen=True, eq=False)
 class Solution:
     """Identified parameters of one subset with everything needed to trust them or not.
@@ -85,6 +76,11 @@ class Solution:
         return float(self.coverage_factors.max())
 
     @property
+    def left_mm(self) -> FloatArray:
+        """What is left of each difference ``(n_differences,)``, mm."""
+        return np.asarray(self.differences.value_mm - self.predicted_mm)
+
+    @property
     def uncertainty_mm(self) -> FloatArray:
         """Standard uncertainties ``(k,)``, mm."""
         return np.sqrt(self.covariance_mm2.diagonal())
@@ -95,15 +91,15 @@ class Solution:
         return self.coverage_factors * self.uncertainty_mm
 
     @property
-    def strongest_correlation(self) -> Correlation | None:
-        """The two parameters that are known least independently; None where that has no sense."""
+    def strongest_correlation(self) -> tuple[float, str, str] | None:
+        """That of the two parameters known least independently; None where there are no two."""
         u = self.uncertainty_mm
         if len(u) < 2 or not u.all():
             return None
         first, second = np.triu_indices(len(u), 1)
         pairs = (self.covariance_mm2 / np.outer(u, u))[first, second]
         at = largest(np.abs(pairs))
-        return Correlation(self.names[first[at]], self.names[second[at]], float(pairs[at]))
+        return float(pairs[at]), self.names[first[at]], self.names[second[at]]
 
     @property
     def spread(self) -> float:

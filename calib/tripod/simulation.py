@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib.observations import Conditions, conditions
+from calib.observations import Conditions
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import ZERO_SPREAD_MM, Model
 
@@ -33,25 +33,6 @@ def hidden_machine(
     return Model(geometry, tuple(np.concatenate([offsets, lengths]).tolist()))
 
 
-@dataclass(frozen=True)
-class Target:
-    """Where a machine is sent and what reads there: `TOOL` or a leg, and for each of ``axes`` the
-    name of its mounting. A new leg, station or set of axes is a new place of the stand.
-    """
-
-    step: int
-    leg: int
-    axes: tuple[int, ...]
-    station: float
-    displacement_mm: float
-    mounts: tuple[str, ...]
-
-    @property
-    def place(self) -> tuple[int, float, tuple[int, ...]]:
-        """Where the stand is."""
-        return self.leg, self.station, self.axes
-
-
 @dataclass
 class SimulatedMachine:
     """The machine ``truth`` on its way; ``scatter_mm`` is that of a re-approach."""
@@ -60,17 +41,22 @@ class SimulatedMachine:
     seed: int
     run_name: str
     scatter_mm: float
-    _before: Target | None = field(default=None, init=False)
+    _before: Conditions | None = field(default=None, init=False)
     _approach: float = field(default=0.0, init=False)
     _visits: int = field(default=0, init=False)
 
-    def go(self, to: Target, time_s: float) -> list[float]:
-        """Readings in mm, one for each of the target's axes, at a time since the start."""
-        exact = self.truth.readings(self._conditions_at(to, time_s))
+    def go(self, to: Conditions, mounts: Sequence[str], step: int, time_s: float) -> list[float]:
+        """Readings in mm of one posture, one for each named mounting, so long after the start."""
+        on_the_way = replace(
+            to,
+            approach=np.full(len(to), self._approach_to(to)),
+            time_s=np.full(len(to), time_s),
+        )
+        exact = self.truth.readings(on_the_way)
         self._visits += 1
         run = zlib.crc32(self.run_name.encode())
-        generator = np.random.default_rng([self.seed, run, to.step, self._visits])
-        zeros = [self._zero_mm(mount) for mount in to.mounts]
+        generator = np.random.default_rng([self.seed, run, step, self._visits])
+        zeros = [self._zero_mm(mount) for mount in mounts]
         scatter = generator.normal(scale=self.scatter_mm, size=len(zeros))
         values: list[float] = (exact + zeros + scatter).tolist()
         return values
@@ -79,18 +65,18 @@ class SimulatedMachine:
         generator = np.random.default_rng([self.seed, 3, zlib.crc32(mount.encode())])
         return float(generator.normal(scale=ZERO_SPREAD_MM))
 
-    def _conditions_at(self, to: Target, time_s: float) -> Conditions:
-        """The conditions of these readings; the first approach to a place is not known."""
+    def _approach_to(self, to: Conditions) -> float:
+        """Sign of the last movement; the first approach to another leg, axis or station has none.
+
+        What did not move keeps the approach that it had.
+        """
         before, self._before = self._before, to
-        if before is None or before.place != to.place:
+        if before is None or any(
+            not np.array_equal(getattr(before, name), getattr(to, name))
+            for name in ("leg", "axis", "station")
+        ):
             self._approach = 0.0
         else:
-            moved = float(np.sign(to.displacement_mm - before.displacement_mm))
+            moved = float(np.sign(to.displacement_mm[0] - before.displacement_mm[0]))
             self._approach = moved or self._approach
-        count = len(to.axes)
-        taken = conditions(
-            [to.leg] * count, to.axes, [to.displacement_mm] * count, station=to.station
-        )
-        return replace(
-            taken, approach=np.full(count, self._approach), time_s=np.full(count, time_s)
-        )
+        return self._approach

@@ -57,9 +57,9 @@ class Difference:
 
 
 def _differences(solution: Solution) -> dict[str, Difference]:
-    measured, predicted = solution.differences, solution.predicted_mm
-    residual, u = measured.value_mm - predicted, solution.difference_uncertainty_mm
-    every = rows(Difference, measured.names, measured.value_mm, u, predicted, residual)
+    measured, u = solution.differences, solution.difference_uncertainty_mm
+    columns = (measured.value_mm, u, solution.predicted_mm, solution.left_mm)
+    every = rows(Difference, measured.names, *columns)
     return {name: every[name] for name in (measured.names[k] for k in measured.published_rows)}
 
 
@@ -143,8 +143,7 @@ class Covered:
 
 
 def _covered(found: MonteCarlo) -> dict[str, Covered]:
-    variances = (found.error_covariance_mm2.diagonal(), found.predicted_mm2)
-    return rows(Covered, found.names, found.covered, *(one**0.5 for one in variances))
+    return rows(Covered, found.names, found.covered, found.true_mm, found.stated_mm)
 
 
 class SimulatedSessions(Report):
@@ -178,7 +177,7 @@ class SolutionReport(Report):
     lost_readings: tuple[LostReadings, ...] = at("solved.alone")
     tool_error: ToolErrors = at("solved")
     enlarged_by_lack_of_fit: float = at(
-        "solved.enlarged",
+        "solved.solution.enlarged",
         "factor on the standard deviation of the noise if what the model leaves is taken for "
         "noise; 1 if that is no more",
     )

@@ -36,13 +36,7 @@ def maps_text(maps: tuple[ToolMap, ...]) -> str:
 def monte_carlo_text(found: MonteCarlo) -> str:
     """Stated against true uncertainty."""
     table = new_table("parameter", "stated u, mm", "true, mm", "95 % held")
-    rows = zip(
-        found.names,
-        found.predicted_mm2,
-        found.error_covariance_mm2.diagonal(),
-        found.covered,
-        strict=True,
-    )
-    for name, stated, true, covered in rows:
-        table.add_row(name, f"{stated**0.5:.4f}", f"{true**0.5:.4f}", f"{covered:.1%}")
+    for row in zip(found.names, found.stated_mm, found.true_mm, found.covered, strict=True):
+        name, stated, true, covered = row
+        table.add_row(name, f"{stated:.4f}", f"{true:.4f}", f"{covered:.1%}")
     return f"{found.sessions} simulated sessions, {found.failed} failed\n{table_text(table)}"

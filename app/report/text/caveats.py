@@ -146,8 +146,9 @@ def _loud(loud: Loud) -> str:
     r = loud.reading
     touched = f"leg {r.leg.upper()}" if r.leg != "tool" else "the tool"
     place = f"{touched} along {r.axis.upper()}, mounting {r.mount} of {loud.session}"
-    where = place if loud.mounting else f"indicator {loud.number}"
-    return f"{where} {uncertain(loud.scatter_mm, 4)} mm"
+    found = loud.indicator
+    where = place if found.mounting else f"indicator {found.number}"
+    return f"{where} {uncertain(found.scatter_mm, 4)} mm"
 
 
 def _more(kind: str, count: int) -> list[str]:

@@ -100,13 +100,12 @@ def difference_table(solution: Solution) -> Table:
     table = new_table("difference", "measured, mm", "u, mm", "predicted, mm", "left, mm")
     measured = solution.differences
     for k in measured.published_rows:
-        value, predicted = float(measured.value_mm[k]), float(solution.predicted_mm[k])
         table.add_row(
             measured.names[k],
-            signed(value),
+            signed(float(measured.value_mm[k])),
             uncertain(float(solution.difference_uncertainty_mm[k]), 4),
-            signed(predicted),
-            signed(value - predicted),
+            signed(float(solution.predicted_mm[k])),
+            signed(float(solution.left_mm[k])),
         )
     return table
 
@@ -153,11 +152,11 @@ def _source_words(noise: Noise) -> str:
 
 def correlation_words(solution: Solution) -> str:
     """The two parameters that are known least independently."""
-    found = solution.strongest_correlation
-    shown = signed(found.value, 2) if found else "0"
-    if found is None or float(shown) == 0.0:
+    value, first, second = solution.strongest_correlation or (0.0, "", "")
+    shown = signed(value, 2)
+    if float(shown) == 0.0:
         return "no correlation to state."
-    return f"strongest correlation {shown}, {found.first} and {found.second}."
+    return f"strongest correlation {shown}, {first} and {second}."
 
 
 def comparison_text(before: Solution, after: Solution) -> str:

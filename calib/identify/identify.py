@@ -11,7 +11,8 @@ Three ways, told apart by ``method`` and ``weights``:
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from calib.noise.reading import (
 )
 from calib.observations import FloatArray, Observations
 from calib.stats import coverage_factor
-from calib.tripod.differences import differences
+from calib.tripod.differences import Differences, differences
 from calib.tripod.geometry import PARAMETER_NAMES, TOLERANCE_MM, Geometry
 from calib.tripod.pipeline import Model
 from calib.tripod.workspace import workspace_jacobian
@@ -53,10 +54,38 @@ def identify(
     exact method and always determines everything; its covariance holds the tolerances too. Raises
     NotIdentifiable where the readings do not determine the subset.
     """
+    told = Told.of(model, observed, indicator or IndicatorFigures())
+    return identify_from(told, subset, method, weights=weights, tolerance_mm=tolerance_mm)
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What readings tell before any set of parameters is chosen; ``noise`` None: nothing of it."""
+
+    model: Model
+    visited: Observations
+    measured: Differences
+    noise: Noise | None
+
+    @classmethod
+    def of(cls, model: Model, observed: Observations, indicator: IndicatorFigures) -> Self:
+        """Raises NotIdentifiable where no mounting has two postures."""
+        visited = visits(observed)
+        measured = differences(model.geometry, visited)
+        return cls(model, visited, measured, reading_noise(visited, indicator))
+
+
+def identify_from(
+    told: Told,
+    subset: Subset,
+    method: Method,
+    *,
+    weights: Weights,
+    tolerance_mm: FloatArray | None,
+) -> Solution:
+    """As `identify`, of what was worked out once for all sets."""
     free = SUBSETS[subset]
-    visited = visits(observed)
-    measured = differences(model.geometry, visited)
-    noise = reading_noise(visited, indicator or IndicatorFigures())
+    model, visited, measured, noise = told.model, told.visited, told.measured, told.noise
     weight = reading_weights(visited, noise)
     efficient = _efficient_fit(model, visited, subset, method, noise, tolerance_mm)
     held = subset == "with-tolerances"

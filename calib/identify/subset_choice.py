@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.errors import NotIdentifiable
 from calib.identify.accuracy import ToolError, tool_error
-from calib.identify.identify import identify
+from calib.identify.identify import Told, identify_from
 from calib.identify.solution import SUBSETS, Method, Solution, Subset, Weights
 from calib.noise.reading import IndicatorFigures
 from calib.observations import FloatArray, Observations
@@ -79,19 +79,14 @@ def choose_subset(
     outside the six parameters are not in these figures. Raises NotIdentifiable where not even one
     subset is determined.
     """
+    told = Told.of(model, observed, indicator or IndicatorFigures())
     solutions: dict[Subset, Solution] = {}
     refused: dict[Subset, NotIdentifiable] = {}
     wanted = [s for s in SUBSETS if s != "with-tolerances" or tolerance_mm is not None]
     for subset in wanted:
         try:
-            solutions[subset] = identify(
-                model,
-                observed,
-                subset,
-                method,
-                weights=weights,
-                indicator=indicator,
-                tolerance_mm=tolerance_mm,
+            solutions[subset] = identify_from(
+                told, subset, method, weights=weights, tolerance_mm=tolerance_mm
             )
         except NotIdentifiable as problem:
             refused[subset] = problem

@@ -7,7 +7,21 @@ from pathlib import Path
 
 import pytest
 
+from app.evaluating.solution import solve_files
+from app.report.text.result import solution_text
+from calib.identify.solution import SUBSETS
 from tests.app.cli import glidecal, refused
+
+
+def test_another_set_comes_from_the_choice_and_tells_what_a_solution_of_its_own_tells(
+    samples: Path,
+) -> None:
+    session = samples / "experiment_2_twelve.jsonl"
+    solved, _ = solve_files([session])
+    for subset in SUBSETS:
+        shown, (alone, _) = solved.with_subset(subset), solve_files([session], subset=subset)
+        assert shown.solution is solved.choice.solutions[subset]
+        assert solution_text(shown) == solution_text(alone)
 
 
 def test_everything_at_once(samples: Path) -> None:

@@ -20,6 +20,7 @@ class Exit(IntEnum):
 
 _BY_CLASS = {
     "UsageError": Exit.USAGE,
+    "ImpossibleRequest": Exit.USAGE,
     "RecordError": Exit.RECORD,
     "IndicatorError": Exit.INDICATOR,
     "CalibrationError": Exit.RESULT,

@@ -20,7 +20,8 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize
 
-from calib.hexaslide.planning import HexaSlide, best_postures, rows_seen
+from calib.hexaslide.geometry import HexaSlide
+from calib.hexaslide.planning import best_postures, rows_seen
 from calib.hexaslide.procedures import Kind, Procedure
 from calib.observations import FloatArray
 from protocols.hexaslide_machine import load_hexaslide
@@ -130,7 +131,7 @@ def postures_of_procedures(
 ) -> list[str]:
     """The table: condition numbers on H60, the less the better."""
     own = load_hexaslide()
-    machine = HexaSlide(own.geometry(), own.posture_box(), own.link())
+    machine = own.whole()
     lines = [
         "| H60, fewest postures, condition number | by | starts | best | median | worst "
         "| s a start | ratio of medians | of times |",

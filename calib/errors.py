@@ -3,7 +3,8 @@
 GlidecalError
 ├── CalibrationError           (calib)
 │   ├── UnreachablePosture     the legs cannot meet
-│   └── NotIdentifiable        the data cannot give the result
+│   ├── NotIdentifiable        the data cannot give the result
+│   └── ImpossibleRequest      what is asked for cannot be; a wrong name or option, too
 ├── RecordError                (protocols/errors.py) a file or record that cannot be used
 ├── UsageError                 (protocols/errors.py) a wrong name or option
 └── IndicatorError             (drivers/errors.py) an indicator or port that cannot be used
@@ -58,3 +59,7 @@ class UnreachablePosture(CalibrationError):
 
 class NotIdentifiable(CalibrationError):
     """The readings do not determine what was asked for."""
+
+
+class ImpossibleRequest(CalibrationError):
+    """What is asked for does not exist or cannot be had."""

@@ -10,7 +10,15 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
 from calib.errors import CalibrationError
-from calib.hexaslide.geometry import CHAINS, LEVEL, NOT_UNIT, Box, ConstraintLink, Geometry
+from calib.hexaslide.geometry import (
+    CHAINS,
+    LEVEL,
+    NOT_UNIT,
+    Box,
+    ConstraintLink,
+    Geometry,
+    HexaSlide,
+)
 from calib.hexaslide.kinematics import inverse
 from protocols.documents import Document, Name, read_toml
 
@@ -104,8 +112,12 @@ class HexaSlideMachine(Document):
                 raise ValueError(f"{problem.thing}: {problem.found}") from problem
         return box
 
+    def whole(self) -> HexaSlide:
+        """The machine for the mathematics."""
+        return HexaSlide(self.geometry(), self.posture_box(), self.link())
+
     def geometry(self) -> Geometry:
-        """The geometry for the mathematics."""
+        """Its geometry."""
         return _geometry(self.chain)
 
     def posture_box(self) -> Box:

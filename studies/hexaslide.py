@@ -14,14 +14,15 @@ from pathlib import Path
 import jinja2
 import numpy as np
 
-from app.planning.hexaslide import BoxedPostures, boxed_postures
-from app.planning.hexaslide_seen import KINDS, PUBLISHED_SETS, View, conditions_by_units, look_at
-from app.planning.machines import Request
+from app.planning.hexaslide import hexaslide_planning
+from app.planning.request import Request
 from app.report.text.hexaslide_screen import postures_table
 from calib.design.criteria import Criterion
 from calib.errors import GlidecalError
 from calib.hexaslide.planning import sensitivity
 from calib.hexaslide.procedures import Kind
+from calib.hexaslide.search import BoxedPostures, boxed_postures
+from calib.hexaslide.seen import KINDS, PUBLISHED_SETS, View, conditions_by_units, look_at
 from calib.observations import FloatArray
 from protocols.hexaslide_machine import load_hexaslide
 from studies import THREADS, tables
@@ -86,7 +87,7 @@ def kinds_of(asked: Request) -> tuple[Kind, ...]:
 
 def study(request: Request, effort: Effort) -> Studied:
     """Everything that the page tells of a procedure."""
-    view = look_at(request)
+    view = look_at(hexaslide_planning(request))
     kind = view.procedure.kind
     random = random_conditions(view, view.fewest, effort.random_sets)
     paper = PUBLISHED_SETS[kind].count
@@ -101,7 +102,7 @@ def study(request: Request, effort: Effort) -> Studied:
 
 def searched(view: View, count: int, starts: int) -> BoxedPostures:
     """As ``glidecal postures hexaslide --criterion condition``."""
-    return boxed_postures(view.request, count, Criterion.CONDITION, seed=SEED, starts=starts)
+    return boxed_postures(view.planned, count, Criterion.CONDITION, seed=SEED, starts=starts)
 
 
 def random_conditions(view: View, count: int, sets: int) -> dict[str, FloatArray]:

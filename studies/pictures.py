@@ -21,7 +21,7 @@ from app.commands.simulate import simulate
 from app.measuring.demo import demo_plan
 from app.measuring.gauges import Gauge
 from app.measuring.simulated import BenchSettings
-from app.planning.machines import Request
+from app.planning.request import Request
 from app.screens.check import CheckScreen
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.dialogs import ChoiceDialog

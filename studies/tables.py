@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.planning.hexaslide_seen import PUBLISHED_SETS, View, conditions_at, look_at
-from app.planning.machines import Request
+from app.planning.hexaslide import hexaslide_planning
+from app.planning.request import Request
 from app.report.text.hexaslide_screen import lost_words
 from calib.design.identifiability import classical_qr
 from calib.design.refinement import ON_BOUND
 from calib.hexaslide.procedures import Kind, differenced
+from calib.hexaslide.seen import PUBLISHED_SETS, View, conditions_at, look_at
 from calib.observations import FloatArray
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def row_counts(asked: Request, kinds: Sequence[Kind]) -> str:
             continue
         said = []
         for count in counts:
-            view = look_at(replace(asked, procedure=kind.value, postures=count))
+            view = look_at(hexaslide_planning(replace(asked, procedure=kind.value, postures=count)))
             found = view.seen.found
             said.append(f"{count}: {found.row_count} rows, rank {found.rank}")
         rows.append([kind.value, "; ".join(said)])
@@ -202,7 +203,7 @@ def subsets(asked: Request) -> str:
     rows = []
     for measured in SHOWN_SUBSETS:
         parts = tuple(measured.split(","))
-        view = look_at(replace(asked, procedure="pose-forward", measured=parts))
+        view = look_at(hexaslide_planning(replace(asked, procedure="pose-forward", measured=parts)))
         found = view.seen.found
         rows.append(
             [

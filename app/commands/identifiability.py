@@ -11,7 +11,7 @@ from app.commands.options import AsJson, Known, Measured, finite
 from protocols.machine_files import machine_names
 
 if TYPE_CHECKING:
-    from app.planning.machines import Request as Asked
+    from app.planning.request import Request as Asked
 
 MachineName = Annotated[
     str,
@@ -63,7 +63,7 @@ def identifiability(
     as_json: AsJson = False,
 ) -> None:
     """Which parameters a procedure can and cannot see, and what would help."""
-    from app.planning.machines import Request
+    from app.planning.request import Request
 
     components = _parts(measured)
     request = Request(
@@ -106,19 +106,21 @@ def _told(machine: str, request: Asked, *, as_json: bool) -> str:
     from app.report.schema.document import to_json
 
     if machine == "hexaslide":
-        from app.planning.hexaslide_seen import hexaslide_seen
+        from app.planning.hexaslide import hexaslide_planning
         from app.report.schema.hexaslide import HexaSlideIdentifiabilityReport
         from app.report.text.hexaslide import seen_text
+        from calib.hexaslide.seen import hexaslide_seen
 
-        found = hexaslide_seen(request)
+        found = hexaslide_seen(hexaslide_planning(request))
         if not as_json:
             return seen_text(found)
         return to_json(HexaSlideIdentifiabilityReport.of(seen=found.seen, found=found))
-    from app.planning.machines import seen_by
+    from app.planning.machines import planned_machine
     from app.report.schema.planning import IdentifiabilityReport
     from app.report.text.planning import identifiability_text
+    from calib.design.planning import seen_by
 
-    seen = seen_by(machine, request)
+    seen = seen_by(planned_machine(machine, request))
     return to_json(IdentifiabilityReport.of(seen=seen)) if as_json else identifiability_text(seen)
 
 

@@ -18,7 +18,7 @@ from app.commands.identifiability import (
 from app.commands.options import AsJson, Known, Measured, finite, say
 
 if TYPE_CHECKING:
-    from app.planning.machines import Request as Asked
+    from app.planning.request import Request as Asked
     from calib.design.criteria import Criterion
 
 
@@ -87,12 +87,14 @@ def postures(
     as_json: AsJson = False,
 ) -> None:
     """Optimum postures, beside those of the procedure."""
-    from app.planning.machines import Request
-    from app.planning.postures import optimum_postures, write_procedures
+    from app.planning.machines import of_three_drives
+    from app.planning.request import Request
+    from app.planning.tripod import write_procedures
     from app.report.schema.document import to_json
     from app.report.schema.planning import PosturesReport
     from app.report.text.planning import postures_text
     from calib.design.criteria import Criterion
+    from calib.design.optimum import optimum_postures
 
     request = Request(
         procedure,
@@ -111,9 +113,9 @@ def postures(
         _boxed(request, count, wanted, starts, output, as_is=as_is, as_json=as_json)
         return
     _refuse("--as-is", as_is, machine, "hexaslide")
+    planned, like = of_three_drives(machine, request)
     chosen = optimum_postures(
-        machine,
-        request,
+        planned,
         _needed(count),
         criterion=wanted or Criterion.DETERMINANT,
         budget_min=budget,
@@ -124,7 +126,7 @@ def postures(
         refine=refine,
     )
     if output:
-        for path in write_procedures(chosen, output):
+        for path in write_procedures(chosen.orders, like, output):
             say(f"procedure written to {path}")
     typer.echo(to_json(PosturesReport.of(chosen=chosen)) if as_json else postures_text(chosen))
 

@@ -1,143 +1,37 @@
-"""What to measure: what the three planning verbs share. A machine plugs in through `MACHINES`.
-
-A machine hands over arrays: what a procedure sees (`Examined`), what could be measured instead
-(`Pool`) and how its postures are written down. Everything else, the choice and the documents, is
-the same for all machines.
-"""
+"""The machines by name: one function each, from a request to what can be planned for."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
-from calib.design.criteria import Aim
-from calib.design.exchange import Candidates, Choice
-from calib.design.identifiability import (
-    ClassicalQr,
-    Identifiability,
-    Sensitivity,
-    analyse,
-    classical_qr,
-    combinations,
-)
-from calib.observations import FloatArray, IntArray
+from app.planning.request import Request
+from calib.design.planning import PlannedMachine
 from protocols.errors import UsageError
 from protocols.machine_files import machine_names
 
-Coordinates = dict[str, float | str]
-"""One posture: names with their unit, such as ``displacement_mm``."""
+if TYPE_CHECKING:
+    from calib.tripod.planning import TripodPlanning
+    from protocols.procedure import Procedure
 
 
-@dataclass(frozen=True)
-class Request:
-    """What a person asks a machine about. ``noise_mm`` None: what the machine file states."""
+def planned_machine(name: str, request: Request) -> PlannedMachine:
+    """The machine of that name, or of a file. Raises UsageError for a name that is not known."""
+    if name == "hexaslide":
+        from app.planning.hexaslide import hexaslide_planning
 
-    procedure: str
-    machine_file: Path | None = None
-    noise_mm: float | None = None
-    minutes_per_mounting: float = 2.0
-    measured: tuple[str, ...] = ()
-    known: tuple[str, ...] | None = None
-    postures: int | None = None
-    posture_file: Path | None = None
-    seed: int = 0
+        return hexaslide_planning(request)
+    return of_three_drives(name, request)[0]
 
 
-@dataclass(frozen=True, eq=False)
-class Examined:
-    """A procedure as its machine sees it.
+def of_three_drives(name: str, request: Request) -> tuple[TripodPlanning, Procedure]:
+    """Such a machine with its procedure. Raises UsageError for a name that is not known."""
+    from app.planning.tripod import tripod_planning
 
-    ``measured`` names what is read, ``row_count`` counts independent values; ``bare`` are the
-    derivatives ``(n_values, k)`` in the parameters' own units; ``noise_words`` tell where the
-    noise is from.
-    """
-
-    procedure: str
-    sensitivity: Sensitivity
-    bare: FloatArray
-    measured: tuple[str, ...]
-    posture_count: int
-    independent_count: int
-    minutes: float
-    units: str
-    noise_words: str
-    source: str = "procedure"
-    fewest_postures: int | None = None
-    reachable_rank: int | None = None
-    published_rank: int | None = None
-    remark: str = ""
-
-
-@dataclass(frozen=True)
-class Cure:
-    """The added posture that helps one combination most, and its uncertainty then."""
-
-    where: str
-    standard_uncertainty: float
-
-
-class Pool(Protocol):
-    """Candidates of one machine."""
-
-    @property
-    def candidates(self) -> Candidates:
-        """Rows ready for `calib.design.exchange.choose`."""
-
-    @property
-    def wanted(self) -> tuple[int, ...]:
-        """The machine's parameters among the columns."""
-
-    def coordinates(self, chosen: Sequence[int]) -> tuple[Coordinates, ...]:
-        """Postures with names and units, in the order to measure."""
-
-    def on_bound(self, chosen: Sequence[int]) -> int:
-        """How many coordinates of the chosen postures stand on a bound."""
-
-    def minutes(self, chosen: Sequence[int]) -> float:
-        """Time for the chosen postures with all set-up."""
-
-    def reduced(self, chosen: Sequence[int]) -> IntArray | None:
-        """Candidates left when the least useful set-up is given up; None where one is left."""
-
-    def symmetric(self, count: int, aim: Aim, seed: int) -> Sequence[Choice]:
-        """Sets of this size that treat equal parts of the machine alike, or none."""
-
-    def take(self, kept: IntArray) -> Pool:
-        """Only these candidates."""
-
-    def moved(self, chosen: Sequence[int], aim: Aim) -> Pool:
-        """The chosen postures alone, moved off the grid where that is better, in their order."""
-
-    def files(self, chosen: Sequence[int]) -> dict[str, str]:
-        """Runnable procedures as texts, by what is put before the suffix of the file's name."""
-
-
-class PlannedMachine(Protocol):
-    """A kind of machine that can be planned for."""
-
-    @property
-    def name(self) -> str:
-        """The name on the command line."""
-
-    def examine(self) -> Examined:
-        """What the procedure of the request sees."""
-
-    def pool(self) -> Pool:
-        """What could be measured."""
-
-    def metric(self) -> FloatArray:
-        """Mean square at the tool for a change of the parameters ``(k, k)``."""
-
-    def cures(self, vectors: Sequence[FloatArray]) -> tuple[Cure | None, ...]:
-        """For each combination ``(k,)`` the best added posture; None where none is known."""
-
-
-def _of_three_drives(name: str, request: Request) -> PlannedMachine:
-    from app.planning.tripod import OrthoglidePlanning
-
+    names = (*machine_names(), "hexaslide")
+    if name not in names and not Path(name).suffix and not Path(name).exists():
+        listed = ", ".join(sorted(names))
+        raise UsageError("machine", repr(name), f"{listed}, or the path of a machine file")
     own = (request.known, request.postures, request.posture_file)
     if request.measured or any(one is not None for one in own):
         raise UsageError(
@@ -145,98 +39,4 @@ def _of_three_drives(name: str, request: Request) -> PlannedMachine:
             f"the machine {name}",
             "the machine hexaslide",
         )
-    return OrthoglidePlanning.of(name, request)
-
-
-def _hexaslide(request: Request) -> PlannedMachine:
-    from app.planning.hexaslide import HexaSlidePlanning
-
-    return HexaSlidePlanning.of(request)
-
-
-MACHINES: dict[str, Callable[[Request], PlannedMachine]] = {
-    **{name: partial(_of_three_drives, name) for name in machine_names()},
-    "hexaslide": _hexaslide,
-}
-
-
-def planned_machine(name: str, request: Request) -> PlannedMachine:
-    """The machine of that name, or of a file. Raises UsageError for a name that is not known."""
-    if name in MACHINES:
-        return MACHINES[name](request)
-    if not Path(name).suffix and not Path(name).exists():
-        names = ", ".join(sorted(MACHINES))
-        raise UsageError("machine", repr(name), f"{names}, or the path of a machine file")
-    return _of_three_drives(name, request)
-
-
-@dataclass(frozen=True, eq=False)
-class Combination:
-    """A combination that is weak or lost, and what would help.
-
-    ``standard_uncertainty`` and ``tool_mm`` are None where it is lost.
-    """
-
-    name: str
-    shares: dict[str, float]
-    standard_uncertainty: float | None
-    tool_mm: float | None
-    cure: Cure | None
-
-
-@dataclass(frozen=True, eq=False)
-class SeenBy:
-    """What a procedure can and cannot see, ready for words and documents."""
-
-    machine: str
-    examined: Examined
-    found: Identifiability
-    lost: tuple[Combination, ...]
-    weak: tuple[Combination, ...]
-    qr: ClassicalQr
-
-    @property
-    def limited_by(self) -> str:
-        """Too few values for the parameters, or nothing but the geometry."""
-        reachable = self.examined.reachable_rank
-        if reachable is not None:
-            return "too-few-postures" if self.found.rank < reachable else "nothing"
-        few = self.examined.independent_count < len(self.found.names)
-        return "too-few-postures" if few else "nothing"
-
-
-def seen_by(name: str, request: Request) -> SeenBy:
-    """Rank, lost and weak combinations with their cures, and the classical test."""
-    machine = planned_machine(name, request)
-    examined = machine.examine()
-    sensitivity = examined.sensitivity
-    found = analyse(sensitivity)
-    lost = combinations(found.unseen_vectors, sensitivity)
-    weak = combinations(found.weak_vectors, sensitivity)
-    cures = machine.cures([vector for vector, _ in (*lost, *weak)])
-    return SeenBy(
-        machine=name,
-        examined=examined,
-        found=found,
-        lost=tuple(
-            Combination(words, _shares(vector, sensitivity.names), None, None, cure)
-            for (vector, words), cure in zip(lost, cures[: len(lost)], strict=True)
-        ),
-        weak=tuple(
-            Combination(
-                words,
-                _shares(vector, sensitivity.names),
-                direction.standard_uncertainty_mm,
-                direction.tool_mm,
-                cure,
-            )
-            for (vector, words), direction, cure in zip(
-                weak, found.weak, cures[len(lost) :], strict=True
-            )
-        ),
-        qr=classical_qr(examined.bare, sensitivity.names),
-    )
-
-
-def _shares(vector: FloatArray, names: Sequence[str]) -> dict[str, float]:
-    return {name: float(v) for name, v in zip(names, vector, strict=True) if v != 0.0}
+    return tripod_planning(name, request)

@@ -15,8 +15,8 @@ from textual.events import Resize
 from textual.message import Message
 from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
 
-from app.planning.hexaslide_seen import KINDS, Found, View, conditions_at, find_postures, look_at
-from app.planning.machines import Request
+from app.planning.hexaslide import hexaslide_planning
+from app.planning.request import Request
 from app.report.charts.drawings import drawn_machine, drawn_postures
 from app.report.text.hexaslide_screen import (
     HEXASLIDE_HELP,
@@ -42,6 +42,8 @@ from app.screens.interface import Interface
 from app.screens.pages import PagedScreen
 from calib.errors import GlidecalError
 from calib.hexaslide.procedures import Kind
+from calib.hexaslide.search import Found, find_postures
+from calib.hexaslide.seen import KINDS, View, conditions_at, look_at
 
 STARTS = 8
 WIDE = 110
@@ -190,7 +192,7 @@ class HexaSlideScreen(PagedScreen):
     @work(thread=True, group="look")
     def _look_apart(self, request: Request, asked: int) -> None:
         try:
-            view: View | GlidecalError = look_at(request)
+            view: View | GlidecalError = look_at(hexaslide_planning(request))
         except GlidecalError as problem:
             view = problem
         self.post_message(Looked(asked, view))
@@ -304,7 +306,7 @@ class HexaSlideScreen(PagedScreen):
         problem: GlidecalError | None = None
         try:
             find_postures(
-                view, count, starts=STARTS, heard=heard, going_on=lambda: not stop.is_set()
+                view.planned, count, starts=STARTS, heard=heard, going_on=lambda: not stop.is_set()
             )
         except GlidecalError as failure:
             problem = failure

@@ -38,7 +38,7 @@ from protocols.files import unused_path
 if TYPE_CHECKING:
     from app.evaluating.comparison import Comparison
     from app.evaluating.solution import Solved
-    from app.planning.machines import Request
+    from app.planning.request import Request
 
 PALETTE = (
     ("Theme", "Choose the colours; kept in the settings"),

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from app.evaluating.comparison import Comparison
     from app.evaluating.solution import Solved
     from app.measuring.session import GuidedSession
-    from app.planning.machines import Request
+    from app.planning.request import Request
 
 
 class Glidecal(Interface):
@@ -92,10 +92,10 @@ def open_replay(paths: Sequence[Path], *, read_only: bool = False) -> int:
 def open_hexaslide(request: Request) -> int:
     """What a procedure sees of a Hexa Slide. Raises UsageError, RecordError for a wrong request."""
     need_terminal("--screen", "the verb without it")
-    from app.planning.hexaslide import HexaSlidePlanning
+    from app.planning.hexaslide import hexaslide_planning
     from app.screens.hexaslide import HexaSlideScreen
 
-    HexaSlidePlanning.of(request)
+    hexaslide_planning(request)
     return _run(HexaSlideScreen(request))
 
 

@@ -11,17 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.errors import CalibrationError, NotIdentifiable
-from calib.hexaslide.geometry import (
-    END_NAMES,
-    LENGTH_NAME,
-    NAMES,
-    Box,
-    ConstraintLink,
-    Geometry,
-    motions,
-    values,
-    with_values,
-)
+from calib.hexaslide.geometry import HexaSlide, motions
 from calib.hexaslide.residuals import Left, Readings, postures_of, residuals, whitening
 from calib.linalg import EXACT_BLIND, condition, named_inside, names_outside, svd_of_all
 from calib.observations import FloatArray
@@ -40,39 +30,6 @@ ROUNDING_M = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
-class Machine:
-    """What is identified: geometry and, for that procedure, the constraint link."""
-
-    geometry: Geometry
-    box: Box
-    link: ConstraintLink | None = None
-
-    def parameters(self, names: tuple[str, ...]) -> FloatArray:
-        """Their values ``(k,)`` in metres; components of rails have no unit."""
-        known = self._by_name()
-        return np.array([known[name] for name in names])
-
-    def _by_name(self) -> dict[str, float]:
-        found = dict(zip(NAMES, values(self.geometry).tolist(), strict=True))
-        if self.link is not None:
-            ends = np.concatenate([self.link.platform_end, self.link.base_end])
-            found |= zip(END_NAMES, ends.tolist(), strict=True)
-            found[LENGTH_NAME] = self.link.length_m
-        return found
-
-    def with_parameters(self, names: tuple[str, ...], parameters: FloatArray) -> Machine:
-        """The same with these ``(k,)``. Raises CalibrationError for what is no machine."""
-        found = self._by_name() | dict(zip(names, parameters.tolist(), strict=True))
-        with np.errstate(invalid="ignore"):  # a rail longer than 1: refused by the geometry
-            geometry = with_values(self.geometry, np.array([found[name] for name in NAMES]))
-        link = self.link
-        if link is not None:
-            ends = np.array([found[name] for name in END_NAMES])
-            link = ConstraintLink(ends[:3], ends[3:], found[LENGTH_NAME])
-        return Machine(geometry, self.box, link)
-
-
-@dataclass(frozen=True, eq=False)
 class Calibration:
     """What was identified from ``p`` postures with ``r`` values each.
 
@@ -85,7 +42,7 @@ class Calibration:
     ``degrees_of_freedom`` are those of the noise: infinite where it was stated.
     """
 
-    machine: Machine
+    machine: HexaSlide
     names: tuple[str, ...]
     parameters: FloatArray
     covariance: FloatArray | None
@@ -116,7 +73,7 @@ class Calibration:
 class _Point:
     """One set of parameters: whitened residuals ``(n,)`` and derivatives ``(n, k)``."""
 
-    machine: Machine
+    machine: HexaSlide
     left: Left
     residual: FloatArray
     design: FloatArray
@@ -142,7 +99,7 @@ class _Seen:
         return np.asarray(self.turned.T @ ((self.left.T @ residual) / self.singular))
 
 
-def calibrate(readings: Readings, start: Machine, *, fewest: int = 1) -> Calibration:
+def calibrate(readings: Readings, start: HexaSlide, *, fewest: int = 1) -> Calibration:
     """Identify from ``start``, at most a dozen steps, each shortened until it is an improvement.
 
     ``fewest`` postures are what the procedure needs; `calib.hexaslide.planning.fewest_postures`
@@ -173,7 +130,7 @@ def calibrate(readings: Readings, start: Machine, *, fewest: int = 1) -> Calibra
     )
 
 
-def _at(readings: Readings, machine: Machine, white: FloatArray, guess: Left | None) -> _Point:
+def _at(readings: Readings, machine: HexaSlide, white: FloatArray, guess: Left | None) -> _Point:
     near = None if guess is None else guess.postures
     postures = postures_of(readings, machine.geometry, machine.box, near)
     left, slopes = residuals(readings, machine.geometry, machine.link, postures)
@@ -246,7 +203,7 @@ def _condition(readings: Readings, point: _Point, rank: int) -> float:
     return condition(bare.reshape(point.residual.size, -1), rank)
 
 
-def _lost(machine: Machine, null: FloatArray, names: tuple[str, ...]) -> tuple[str, ...]:
+def _lost(machine: HexaSlide, null: FloatArray, names: tuple[str, ...]) -> tuple[str, ...]:
     """Names of motions of frames that lie in the space of what is lost, each a new one."""
     found, _ = named_inside(null, motions(machine.geometry, machine.link, names))
     return tuple(name for _, name in found)
@@ -256,7 +213,7 @@ def _rms(values_m: FloatArray) -> float:
     return float(np.sqrt((values_m * values_m).mean()))
 
 
-def left_of(readings: Readings, machine: Machine) -> Left:
+def left_of(readings: Readings, machine: HexaSlide) -> Left:
     """What a machine leaves of readings it was not fitted to. Raises UnreachablePosture."""
     postures = postures_of(readings, machine.geometry, machine.box)
     return residuals(readings, machine.geometry, machine.link, postures)[0]

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.hexaslide.geometry import Box
 from calib.hexaslide.kinematics import joints, legs
-from calib.hexaslide.planning import HexaSlide
+from calib.hexaslide.geometry import HexaSlide
 from calib.observations import FloatArray
 
 RAIL_POINTS, EDGE_POINTS = 24, 12

@@ -26,6 +26,9 @@ LEVEL = 1e-3
 OFF_FRAME_M = 1e-9
 """How far the first two rails may start from where the base frame puts them."""
 
+ROUNDING = 1e-9
+"""How far a bound may be passed by writing it down, metres or radians."""
+
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
@@ -116,6 +119,26 @@ class Box:
         axes = np.linspace(self.lower, self.upper, 3).T
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 6)
 
+    def inside(self, postures: FloatArray) -> FloatArray:
+        """The postures ``(p, 6)``, on the bounds where only rounding is outside.
+
+        Raises CalibrationError for one that is farther outside.
+        """
+        outside = (postures < self.lower - ROUNDING) | (postures > self.upper + ROUNDING)
+        if outside.any():
+            row, column = (int(part[0]) for part in np.nonzero(outside))
+            unit = 1.0 if column < 3 else np.degrees(1.0)
+            low, high = unit * self.lower[column], unit * self.upper[column]
+            raise CalibrationError(
+                f"posture {row + 1}, {COORDINATES[column]}",
+                f"{unit * postures[row, column]:g}",
+                f"{low:g} to {high:g}, the machine's box",
+            )
+        return np.asarray(np.clip(postures, self.lower, self.upper))
+
+
+COORDINATES = ("x_m", "y_m", "z_m", "theta_deg", "psi_deg", "phi_deg")
+"""Names of a posture's coordinates where a person reads them."""
 
 PER_CHAIN = ("Bx", "By", "Bz", "Ax", "Ay", "Az", "ax", "ay", "l")
 ALL_NAMES = tuple(f"{part}{chain}" for chain in range(1, CHAINS + 1) for part in PER_CHAIN)
@@ -147,6 +170,39 @@ def with_values(geometry: Geometry, parameters: Numbers) -> Geometry:
     z = sign * np.sqrt(1.0 - (level * level).sum(axis=1))
     rails = np.column_stack([level, z])
     return Geometry(rows[:, 3:6], rails, rows[:, :3], rows[:, 8])
+
+
+@dataclass(frozen=True, eq=False)
+class HexaSlide:
+    """A machine with the box of its postures and, for that procedure, the constraint link."""
+
+    geometry: Geometry
+    box: Box
+    link: ConstraintLink | None = None
+
+    def parameters(self, names: tuple[str, ...]) -> FloatArray:
+        """Their values ``(k,)`` in metres; components of rails have no unit."""
+        known = self._by_name()
+        return np.array([known[name] for name in names])
+
+    def _by_name(self) -> dict[str, float]:
+        found = dict(zip(NAMES, values(self.geometry).tolist(), strict=True))
+        if self.link is not None:
+            ends = np.concatenate([self.link.platform_end, self.link.base_end])
+            found |= zip(END_NAMES, ends.tolist(), strict=True)
+            found[LENGTH_NAME] = self.link.length_m
+        return found
+
+    def with_parameters(self, names: tuple[str, ...], parameters: FloatArray) -> HexaSlide:
+        """The same with these ``(k,)``. Raises CalibrationError for what is no machine."""
+        found = self._by_name() | dict(zip(names, parameters.tolist(), strict=True))
+        with np.errstate(invalid="ignore"):  # a rail longer than 1: refused by the geometry
+            geometry = with_values(self.geometry, np.array([found[name] for name in NAMES]))
+        link = self.link
+        if link is not None:
+            ends = np.array([found[name] for name in END_NAMES])
+            link = ConstraintLink(ends[:3], ends[3:], found[LENGTH_NAME])
+        return HexaSlide(geometry, self.box, link)
 
 
 def motions(

@@ -12,7 +12,7 @@ from calib.design.criteria import Aim, Criterion, Observability, observability
 from calib.design.identifiability import Identifiability, Sensitivity, analyse
 from calib.design.refinement import Pull, Refined, count_on_bound, judged, refine
 from calib.errors import NotIdentifiable
-from calib.hexaslide.geometry import Box, ConstraintLink, Geometry, motions, unit_of
+from calib.hexaslide.geometry import Box, HexaSlide, motions, unit_of
 from calib.hexaslide.gradients import RowMaker
 from calib.hexaslide.procedures import Procedure, held_postures, jacobian
 from calib.linalg import EXACT_BLIND, null_space, rank_of
@@ -23,15 +23,6 @@ PLENTY = 100
 
 SHARPNESS = (8.0, 32.0, 128.0, 512.0, 2048.0)
 """Criteria of single singular values are made smooth, less and less."""
-
-
-@dataclass(frozen=True, eq=False)
-class HexaSlide:
-    """A machine with the box of its postures."""
-
-    geometry: Geometry
-    box: Box
-    link: ConstraintLink | None = None
 
 
 def sensitivity(procedure: Procedure, machine: HexaSlide, postures: FloatArray) -> Sensitivity:

@@ -12,7 +12,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from calib.errors import CalibrationError
+from calib.errors import CalibrationError, ImpossibleRequest
 from calib.hexaslide.geometry import (
     CHAINS,
     END_NAMES,
@@ -80,12 +80,12 @@ class Procedure:
 
     def __post_init__(self) -> None:
         if not set(self.known) <= set(ENDS) or len(set(self.known)) < len(self.known):
-            raise CalibrationError(
+            raise ImpossibleRequest(
                 "known parts of the link", _list(self.known), f"different ones of {_list(ENDS)}"
             )
         wrong = [name for name in self.measured if name not in COMPONENTS]
         if wrong or not self.measured or len(set(self.measured)) < len(self.measured):
-            raise CalibrationError(
+            raise ImpossibleRequest(
                 "measured components",
                 _list(self.measured),
                 f"different ones of {_list(COMPONENTS)}",
@@ -98,20 +98,20 @@ class Procedure:
         """The procedure of that name; ``measured`` replaces what it measures, ``known`` what is
         known of its link.
 
-        Raises CalibrationError for a name or component that is not known.
+        Raises ImpossibleRequest for a name or component that is not known.
         """
         if name not in list(Kind):
-            raise CalibrationError("procedure", repr(name), ", ".join(Kind))
+            raise ImpossibleRequest("procedure", repr(name), ", ".join(Kind))
         kind = Kind(name)
         if measured and kind in (Kind.POSE_INVERSE, Kind.CONSTRAINT_LINK):
-            raise CalibrationError(
+            raise ImpossibleRequest(
                 f"measured components with {name}",
                 _list(measured),
                 f"none: {name} fixes what is measured",
                 "Use --procedure pose-forward with --measured.",
             )
         if known is not None and kind is not Kind.CONSTRAINT_LINK:
-            raise CalibrationError(
+            raise ImpossibleRequest(
                 f"known parts of a link with {name}", _list(known), "constraint-link only"
             )
         usual = COMPONENTS[:3] if kind is Kind.POSITION else COMPONENTS

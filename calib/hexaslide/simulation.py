@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.errors import CalibrationError
-from calib.hexaslide.calibration import Machine
-from calib.hexaslide.geometry import Box, ConstraintLink
+from calib.hexaslide.geometry import Box, ConstraintLink, HexaSlide
 from calib.hexaslide.kinematics import inverse, rotation
 from calib.hexaslide.procedures import COMPONENTS, Kind, Procedure
 from calib.hexaslide.residuals import Readings, standing
@@ -15,9 +14,37 @@ from calib.observations import FloatArray
 MOST_ROUNDS = 50
 
 
+def simulate(
+    procedure: Procedure,
+    nominal: HexaSlide,
+    postures: FloatArray | int,
+    seed: int,
+    *,
+    errors_m: float,
+    length_noise_m: float,
+    angle_noise_rad: float,
+) -> tuple[Readings, HexaSlide]:
+    """Readings of a machine that differs from its drawing by ``errors_m``, and that machine.
+
+    Raises as `disturbed` and `measure`.
+    """
+    generator = np.random.default_rng(seed)
+    truth = disturbed(nominal, procedure, errors_m, generator)
+    readings = measure(
+        procedure,
+        nominal,
+        truth,
+        postures,
+        generator,
+        length_noise_m=length_noise_m,
+        angle_noise_rad=angle_noise_rad,
+    )
+    return readings, truth
+
+
 def disturbed(
-    machine: Machine, procedure: Procedure, size_m: float, generator: np.random.Generator
-) -> Machine:
+    machine: HexaSlide, procedure: Procedure, size_m: float, generator: np.random.Generator
+) -> HexaSlide:
     """The machine with a normal error of standard deviation ``size_m`` in every parameter of the
     procedure; components of rails by the same number, so that 1e-3 is 1 mm in 1 m.
 
@@ -30,8 +57,8 @@ def disturbed(
 
 def measure(
     procedure: Procedure,
-    nominal: Machine,
-    truth: Machine,
+    nominal: HexaSlide,
+    truth: HexaSlide,
     postures: FloatArray | int,
     generator: np.random.Generator,
     *,
@@ -61,7 +88,7 @@ def measure(
 
 
 def _on_link(
-    truth: Machine, postures: FloatArray | int, generator: np.random.Generator, play_m: float
+    truth: HexaSlide, postures: FloatArray | int, generator: np.random.Generator, play_m: float
 ) -> FloatArray:
     """Sliders ``(p, 6)`` of postures at which the ends are as far apart as the link is long."""
     if truth.link is None:

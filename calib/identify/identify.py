@@ -16,7 +16,7 @@ from typing import Self
 
 import numpy as np
 
-from calib.design.identifiability import Identifiability, Sensitivity, analyse, refuse_unseen
+from calib.design.identifiability import Identifiability, analyse, refuse_unseen
 from calib.errors import NotIdentifiable
 from calib.identify.fit import Fit, exact_fit, papers_fit, prior_fit, weighted_fit, without_zeros
 from calib.identify.propagation import Propagated, propagate, uncertainties
@@ -34,7 +34,7 @@ from calib.stats import coverage_factor
 from calib.tripod.differences import Differences, differences
 from calib.tripod.geometry import PARAMETER_NAMES, TOLERANCE_MM, Geometry
 from calib.tripod.pipeline import Model
-from calib.tripod.workspace import workspace_jacobian
+from calib.tripod.sensitivity import sensitivity_of_readings
 
 
 def identify(
@@ -215,29 +215,3 @@ def _noise_from_residuals(visited: Observations, efficient: Fit) -> Noise:
 
 def _rms(values_mm: FloatArray) -> float:
     return float(np.sqrt(np.mean(values_mm**2)))
-
-
-def sensitivity_of_readings(
-    geometry: Geometry,
-    observed: Observations,
-    weight: FloatArray,
-    design: FloatArray,
-    free: tuple[int, ...],
-    *,
-    noise_known: bool,
-) -> Sensitivity:
-    """Readings with a free zero for each mounting; ``design`` ``(n_readings, k)``.
-
-    ``weight`` ``(n_readings,)`` in 1/mm² holds the noise, or none where it is not known.
-    """
-    jacobian = np.sqrt(weight)[:, None] * without_zeros(observed, weight, design)
-    tool = workspace_jacobian(geometry)[:, :, list(free)]
-    return Sensitivity(
-        names=tuple(PARAMETER_NAMES[k] for k in free),
-        units=("mm",) * len(free),
-        jacobian=jacobian,
-        tolerance=np.full(len(free), TOLERANCE_MM),
-        cost=tool.reshape(-1, len(free)),
-        points=len(tool),
-        noise_known=noise_known,
-    )

@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.observations import LEG_NAMES, Conditions, FloatArray, IntArray, conditions
+from calib.observations import Conditions, FloatArray, IntArray, conditions
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.pipeline import derivatives
 
@@ -25,6 +25,7 @@ LEVEL_COUNT = 17
 """Displacements between the joint limits: steps of 10 mm on the prototype."""
 
 PARAMETERS = len(PARAMETER_NAMES)
+FREE = tuple(range(PARAMETERS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,11 +186,6 @@ def information_with_zeros(
         second = int(across(np.array([leg]), 1)[0] == axis)
         rows[n, PARAMETERS + 2 * number[int(leg), float(station)] + second] = 1.0
     return np.asarray((rows.T * weight) @ rows)
-
-
-def leg_of(number: int) -> str:
-    """x, y or z."""
-    return LEG_NAMES[number]
 
 
 def visiting_order(visits: Sequence[tuple[float, int]], geometry: Geometry) -> list[float]:

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from app.exit_codes import Exit, exit_code
-from app.planning.hexaslide_seen import hexaslide_seen
-from app.planning.machines import Request
+from app.planning.hexaslide import hexaslide_planning
+from app.planning.request import Request
 from app.report.schema.hexaslide import HexaSlideIdentifiabilityReport, PaperRules
 from app.report.text.hexaslide import seen_text
 from calib.hexaslide.procedures import Procedure, held_postures, jacobian
+from calib.hexaslide.seen import HexaSlideSeen, hexaslide_seen
 from protocols.errors import RecordError
 from protocols.hexaslide_machine import load_hexaslide
 from protocols.hexaslide_postures import load_postures
@@ -47,9 +48,13 @@ def test_ranks_beside_those_of_the_paper(
     assert bool(found["remark"]) == (rank != published)
 
 
+def seen_of(request: Request) -> HexaSlideSeen:
+    return hexaslide_seen(hexaslide_planning(request))
+
+
 def told(request: Request) -> str:
     """What the verb says, as one line."""
-    return " ".join(seen_text(hexaslide_seen(request)).split())
+    return " ".join(seen_text(seen_of(request)).split())
 
 
 def test_too_few_postures_say_the_minimum_and_what_is_lost_in_whole() -> None:
@@ -93,7 +98,7 @@ def test_the_rule_of_the_paper_is_told_beside_with_what_decides_it() -> None:
     assert "at 16 postures it counts 48. WARNING: that is the number of rows" in said
     assert "at 100 postures it counts 49. WARNING: that is the number of parameters" in said
     assert "orders of magnitude too tight" in said
-    rules = PaperRules.model_validate(hexaslide_seen(Request("constraint-link")))
+    rules = PaperRules.model_validate(seen_of(Request("constraint-link")))
     whole, few = rules.forward_differences
     assert rules.rank == 48
     assert (whole.rank, whole.true_rank, whole.decided_by) == (55, 48, "parameters")
@@ -109,7 +114,7 @@ def test_the_rule_of_the_paper_is_told_beside_with_what_decides_it() -> None:
 
 
 def test_condition_numbers_have_their_units() -> None:
-    seen = hexaslide_seen(Request("pose-forward"))
+    seen = seen_of(Request("pose-forward"))
     found = HexaSlideIdentifiabilityReport.of(seen=seen.seen, found=seen)
     figures = found.condition_numbers
     assert set(figures) == {"m, rad", "mm, rad", "m, °"}
@@ -152,7 +157,7 @@ def test_postures_of_a_file(tmp_path: Path) -> None:
     written = tmp_path / "own.json"
     named = [dict(zip(columns.split(","), row, strict=True)) for row in postures.tolist()]
     written.write_text(json.dumps({"schema": "x", "postures": named}), encoding="utf-8")
-    assert hexaslide_seen(Request("position", posture_file=written)).seen.found.rank == 32
+    assert seen_of(Request("position", posture_file=written)).seen.found.rank == 32
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.planning.hexaslide import asked_postures, write_postures
-from app.planning.machines import Request
+from app.planning.request import Request
 from app.report.schema.hexaslide import HexaSlidePosturesReport
 from app.report.text.hexaslide import PUBLISHED_WORDS, boxed_text
 from calib.design.criteria import Criterion

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.planning.hexaslide_seen import KINDS, look_at
-from app.planning.machines import Request
+from app.planning.hexaslide import hexaslide_planning
+from app.planning.request import Request
 from app.report.charts.drawings import (
     Drawing,
     Look,
@@ -18,8 +18,9 @@ from app.report.charts.drawings import (
     drawn_postures,
     ticks_within,
 )
-from calib.hexaslide.planning import HexaSlide
+from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.procedures import DEGREES, MILLIMETRES, in_units, jacobian
+from calib.hexaslide.seen import KINDS, look_at
 from calib.linalg import condition
 from protocols.hexaslide_machine import load_hexaslide
 from tests.app.cli import refused
@@ -31,7 +32,7 @@ VERB = ("identifiability", "hexaslide", "--procedure", "position", "--screen")
 @pytest.fixture
 def machine() -> HexaSlide:
     own = load_hexaslide()
-    return HexaSlide(own.geometry(), own.posture_box(), own.link())
+    return own.whole()
 
 
 def strokes(drawing: Drawing, look: Look) -> list[np.ndarray]:
@@ -100,7 +101,7 @@ def test_postures_of_nothing_found_show_the_box_alone(machine: HexaSlide) -> Non
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_millimetres_as_if_the_machine_were_written_in_them(kind: str) -> None:
-    view = look_at(Request(kind, postures=60))
+    view = look_at(hexaslide_planning(Request(kind, postures=60)))
     metres, link = view.machine.geometry, view.machine.link
     assert link is not None
     big = replace(
@@ -127,7 +128,7 @@ def test_millimetres_as_if_the_machine_were_written_in_them(kind: str) -> None:
 
 
 def test_degrees_change_the_rows_of_angles_alone() -> None:
-    view = look_at(Request("pose-forward", postures=20))
+    view = look_at(hexaslide_planning(Request("pose-forward", postures=20)))
     rows = view.seen.examined.sensitivity.jacobian
     turned = in_units(view.procedure, rows, DEGREES).reshape(20, 6, -1)
     assert turned[:, :3] == pytest.approx(rows.reshape(20, 6, -1)[:, :3])

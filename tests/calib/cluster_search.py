@@ -11,7 +11,8 @@ import distributed
 import joblib
 import numpy as np
 
-from calib.hexaslide.planning import BestPostures, HexaSlide, best_postures
+from calib.hexaslide.geometry import HexaSlide
+from calib.hexaslide.planning import BestPostures, best_postures
 from calib.hexaslide.procedures import Procedure
 from protocols.hexaslide_machine import load_hexaslide
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.hexaslide.geometry import Box, ConstraintLink, Geometry
-from calib.hexaslide.planning import HexaSlide
+from calib.hexaslide.geometry import Box, ConstraintLink, Geometry, HexaSlide
 from calib.hexaslide.procedures import Procedure, jacobian
 from calib.observations import FloatArray
 

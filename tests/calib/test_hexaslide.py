@@ -7,10 +7,17 @@ import pytest
 
 from calib.design.identifiability import classical_qr
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
-from calib.hexaslide.geometry import NAMES, Box, ConstraintLink, Geometry, values, with_values
+from calib.hexaslide.geometry import (
+    NAMES,
+    Box,
+    ConstraintLink,
+    Geometry,
+    HexaSlide,
+    values,
+    with_values,
+)
 from calib.hexaslide.kinematics import forward, forward_near, inverse, rotation
 from calib.hexaslide.planning import (
-    HexaSlide,
     best_postures,
     fewest_postures,
     reachable,
@@ -39,7 +46,7 @@ TINY = 1e-30
 
 def example() -> HexaSlide:
     machine = load_hexaslide()
-    return HexaSlide(machine.geometry(), machine.posture_box(), machine.link())
+    return machine.whole()
 
 
 H60 = example()

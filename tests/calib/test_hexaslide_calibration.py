@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
-from calib.hexaslide.calibration import Calibration, Machine, calibrate, left_of
+from calib.hexaslide.calibration import Calibration, calibrate, left_of
 from calib.hexaslide.frames import frames_apart, inner_lengths, inner_slopes
-from calib.hexaslide.geometry import Box, values, with_values
+from calib.hexaslide.geometry import Box, HexaSlide, values, with_values
 from calib.hexaslide.kinematics import forward, rotation
 from calib.hexaslide.procedures import Procedure, jacobian
 from calib.hexaslide.residuals import Readings, residuals, shares, stretch, whitening
@@ -19,10 +19,10 @@ from calib.observations import FloatArray
 from calib.stats import coverage_factor
 from tests.calib.test_hexaslide import H60, random_machine
 
-NOMINAL = Machine(H60.geometry, H60.box, H60.link)
+NOMINAL = HexaSlide(H60.geometry, H60.box, H60.link)
 NOISE_M, NOISE_RAD = 1e-5, 2e-5
 MACHINES = [NOMINAL] + [
-    Machine(one.geometry, one.box, one.link) for one in (random_machine(1), random_machine(2))
+    HexaSlide(one.geometry, one.box, one.link) for one in (random_machine(1), random_machine(2))
 ]
 
 
@@ -30,9 +30,9 @@ def calibrated(
     kind: str,
     count: int,
     seed: int,
-    nominal: Machine = NOMINAL,
+    nominal: HexaSlide = NOMINAL,
     noise: tuple[float, float] = (0.0, 0.0),
-) -> tuple[Calibration, Machine, Readings]:
+) -> tuple[Calibration, HexaSlide, Readings]:
     """Result, true machine with errors of 1 mm, and what was measured on it."""
     generator = np.random.default_rng(seed)
     truth = disturbed(nominal, Procedure.of(kind), 1e-3, generator)
@@ -48,11 +48,11 @@ def calibrated(
     return calibrate(readings, nominal), truth, readings
 
 
-def stand(machine: Machine, sliders: FloatArray) -> FloatArray:
+def stand(machine: HexaSlide, sliders: FloatArray) -> FloatArray:
     return np.asarray(forward(machine.geometry, sliders, machine.box))
 
 
-def elsewhere(truth: Machine, count: int = 100) -> FloatArray:
+def elsewhere(truth: HexaSlide, count: int = 100) -> FloatArray:
     """Sliders ``(count, 6)`` of postures that no calibration here has used."""
     procedure, generator = Procedure.of("position"), np.random.default_rng(987)
     return measure(procedure, truth, truth, count, generator).sliders
@@ -61,7 +61,7 @@ def elsewhere(truth: Machine, count: int = 100) -> FloatArray:
 @pytest.mark.parametrize("machine", MACHINES, ids=["H60", "other 1", "other 2"])
 @pytest.mark.parametrize(("kind", "count"), [("pose-inverse", 12), ("pose-forward", 12)])
 def test_whole_postures_without_noise_give_every_parameter(
-    kind: str, count: int, machine: Machine
+    kind: str, count: int, machine: HexaSlide
 ) -> None:
     found, truth, _ = calibrated(kind, count, 1, machine)
     assert (found.rank, found.lost, found.steps <= 12) == (49, (), True)
@@ -70,7 +70,7 @@ def test_whole_postures_without_noise_give_every_parameter(
 
 
 @pytest.mark.parametrize("machine", MACHINES, ids=["H60", "other 1", "other 2"])
-def test_positions_without_noise_give_positions_and_one_constant_turn(machine: Machine) -> None:
+def test_positions_without_noise_give_positions_and_one_constant_turn(machine: HexaSlide) -> None:
     found, truth, _ = calibrated("position", 24, 2, machine)
     assert (found.rank, found.lost_count, len(found.known)) == (46, 3, 31)
     assert found.lost == tuple(f"platform frame turned about its {axis}" for axis in "XYZ")
@@ -89,7 +89,9 @@ def test_positions_without_noise_give_positions_and_one_constant_turn(machine: M
 
 
 @pytest.mark.parametrize("machine", MACHINES, ids=["H60", "other 1", "other 2"])
-def test_a_constraint_link_without_noise_gives_all_that_no_frame_changes(machine: Machine) -> None:
+def test_a_constraint_link_without_noise_gives_all_that_no_frame_changes(
+    machine: HexaSlide,
+) -> None:
     found, truth, readings = calibrated("constraint-link", 60, 3, machine)
     assert (found.rank, found.lost_count, len(found.lost)) == (48, 7, 7)
     assert found.steps <= 12
@@ -265,9 +267,9 @@ def test_readings_of_a_wrong_shape_or_value_are_refused() -> None:
 def test_a_link_that_cannot_be_kept_in_the_box_is_refused() -> None:
     assert NOMINAL.link is not None
     low = Box(NOMINAL.box.lower, NOMINAL.box.upper)
-    short = Machine(NOMINAL.geometry, low, replace(NOMINAL.link, length_m=0.05))
+    short = HexaSlide(NOMINAL.geometry, low, replace(NOMINAL.link, length_m=0.05))
     with pytest.raises(CalibrationError, match="random postures keep"):
         measure(Procedure.of("constraint-link"), short, short, 10, np.random.default_rng(0))
-    none = Machine(NOMINAL.geometry, low)
+    none = HexaSlide(NOMINAL.geometry, low)
     with pytest.raises(CalibrationError, match="constraint link: found none"):
         measure(Procedure.of("constraint-link"), none, none, 10, np.random.default_rng(0))

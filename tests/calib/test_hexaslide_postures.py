@@ -12,9 +12,9 @@ from benchmarks.hexaslide import ours, peer
 from calib.design.criteria import Criterion, observability
 from calib.design.refinement import OF_ENDS
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
-from calib.hexaslide.geometry import ConstraintLink, Geometry
+from calib.hexaslide.geometry import ConstraintLink, Geometry, HexaSlide
 from calib.hexaslide.gradients import RowMaker
-from calib.hexaslide.planning import BestPostures, HexaSlide, best_postures, judged_postures
+from calib.hexaslide.planning import BestPostures, best_postures, judged_postures
 from calib.hexaslide.procedures import Kind, Procedure, jacobian
 from calib.observations import FloatArray
 from tests.calib.hexaslide_draws import jacobian_and_slopes

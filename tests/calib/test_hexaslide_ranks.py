@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from calib.design.identifiability import analyse
+from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.planning import (
-    HexaSlide,
     enough_postures,
     fewest_postures,
     reachable,
@@ -57,7 +57,7 @@ KNOWN = subsets(tuple(ENDS), 0)
 
 def example() -> HexaSlide:
     machine = load_hexaslide()
-    return HexaSlide(machine.geometry(), machine.posture_box(), machine.link())
+    return machine.whole()
 
 
 @pytest.mark.parametrize("shape", SHAPES)

@@ -16,9 +16,8 @@ from textual.containers import VerticalScroll
 from textual.pilot import Pilot
 from textual.widgets import Input, OptionList, TabbedContent
 
-import app.planning.hexaslide_seen as views
-from app.planning.hexaslide import BoxedPostures, boxed_postures
-from app.planning.machines import Request
+import calib.hexaslide.search as searching
+from app.planning.request import Request
 from app.screens.dialogs import HelpDialog, TextDialog
 from app.screens.drawing import DrawingPlot
 from app.screens.hexaslide import HexaSlideScreen
@@ -27,6 +26,8 @@ from app.screens.interface import Interface
 from app.screens.start import Glidecal
 from calib.design.criteria import Criterion
 from calib.hexaslide.procedures import jacobian
+from calib.hexaslide.search import BoxedPostures, boxed_postures
+from calib.hexaslide.seen import HexaSlidePlanning
 from tests.screens.driving import SIZE, looked, said, text, until
 
 BRAILLE = range(0x2801, 0x2900)
@@ -78,7 +79,7 @@ class Gate:
 
     def boxed_postures(
         self,
-        request: Request,
+        planned: HexaSlidePlanning,
         count: int,
         criterion: Criterion,
         *,
@@ -89,10 +90,10 @@ class Gate:
         self.counts.append(count)
         if len(self.counts) == 1:
             assert self.first.wait(20.0)
-            return boxed_postures(request, count, criterion, seed=seed, starts=starts, watch=watch)
+            return boxed_postures(planned, count, criterion, seed=seed, starts=starts, watch=watch)
         try:
             while True:  # ends by what `watch` raises
-                boxed_postures(request, count, criterion, seed=seed, starts=starts, watch=watch)
+                boxed_postures(planned, count, criterion, seed=seed, starts=starts, watch=watch)
         finally:
             self.left += 1
             self.ended.set()
@@ -101,7 +102,7 @@ class Gate:
 @pytest.fixture
 def gate(monkeypatch: pytest.MonkeyPatch) -> Iterator[Gate]:
     made = Gate()
-    monkeypatch.setattr(views, "boxed_postures", made.boxed_postures)
+    monkeypatch.setattr(searching, "boxed_postures", made.boxed_postures)
     yield made
     made.first.set()
 

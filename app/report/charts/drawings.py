@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from app.planning.hexaslide_seen import Found
 from app.report.charts.charts import Chart, Series
 from calib.hexaslide.drawing import lines_at, outline
-from calib.hexaslide.geometry import Box
-from calib.hexaslide.planning import HexaSlide
+from calib.hexaslide.geometry import Box, HexaSlide
+from calib.hexaslide.search import Found
 from calib.observations import FloatArray
 
 Point = tuple[float, float]

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Annotated, Literal
 
-from app.planning.hexaslide import UNITS
 from app.planning.hexaslide_calibration import Calibrated
-from app.planning.hexaslide_seen import HexaSlideSeen
 from app.report.schema.document import (
     Count,
     LackOfFit,
@@ -27,6 +25,7 @@ from calib.hexaslide.frames import PAIRS, inner_lengths
 from calib.hexaslide.geometry import unit_of
 from calib.hexaslide.procedures import DIFFERENCE_STEP, Kind
 from calib.hexaslide.residuals import ANGLES, Left
+from calib.hexaslide.seen import UNITS, HexaSlideSeen
 
 
 class HexaSlideDirection(Direction):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from app.planning.next_measurement import Proposal
 from app.report.schema.document import Count, Finite, Report, at, made, schema
 from calib.design.criteria import Criterion
+from calib.identify.next_mounting import Proposal
 from calib.tripod.pool import STATIONS
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from statistics import median
 
-from app.planning.hexaslide import UNITS, BoxedPostures
-from app.planning.hexaslide_seen import HexaSlideSeen, PaperRule
 from app.report.text.tables import new_table, table_text, wrapped
 from calib.hexaslide.procedures import DIFFERENCE_STEP
+from calib.hexaslide.search import BoxedPostures
+from calib.hexaslide.seen import UNITS, HexaSlideSeen, PaperRule
 
 PUBLISHED_WORDS = {
     "log10_determinant": "log10 det(JᵀJ)",

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from app.planning.hexaslide import COORDINATES
-from app.planning.hexaslide_seen import KINDS, Found, PublishedSet, View
 from app.report.text.tables import new_table, table_text, wrapped
+from calib.hexaslide.geometry import COORDINATES
 from calib.hexaslide.procedures import COMPONENTS, Kind
+from calib.hexaslide.search import Found
+from calib.hexaslide.seen import KINDS, PublishedSet, View
 from calib.observations import FloatArray
 
 HEXASLIDE_HELP = """\

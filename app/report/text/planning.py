@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 
-from app.planning.machines import Combination, SeenBy
-from app.planning.next_measurement import NextMeasurement, Proposal
-from app.planning.postures import Chosen, Figures
+from app.planning.next_measurement import NextMeasurement
 from app.report.text.tables import new_table, table_text, wrapped
 from calib.design.criteria import Criterion
+from calib.design.optimum import Chosen, Figures
+from calib.design.planning import Combination, SeenBy
 from calib.diagnosis.aliases import AliasMap
+from calib.identify.next_mounting import Proposal
 from calib.stats import coverage_factor
 
 COVERAGE = coverage_factor(math.inf)

@@ -1,22 +1,19 @@
-"""Optimum postures of any machine of `app.planning.machines`, within a budget of minutes."""
+"""Optimum postures of any machine that chooses from a list, within a budget of minutes."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from app.planning.machines import Coordinates, Pool, Request, planned_machine
 from calib.design.criteria import Aim, Criterion, value_of, wanted_information
 from calib.design.exchange import Choice, choose
-from calib.errors import NotIdentifiable
+from calib.design.planning import Coordinates, Orders, Pool, PooledMachine
+from calib.errors import ImpossibleRequest, NotIdentifiable
 from calib.observations import FloatArray
 from calib.ties import descending
-from protocols.errors import UsageError
-from protocols.files import write_files
 
 
 @dataclass(frozen=True)
@@ -53,12 +50,11 @@ class Chosen:
     seed: int
     exchanges: int
     noise_words: str
-    files: dict[str, str]
+    orders: Orders
 
 
 def optimum_postures(
-    name: str,
-    request: Request,
+    machine: PooledMachine,
     count: int,
     *,
     criterion: Criterion = Criterion.DETERMINANT,
@@ -74,10 +70,9 @@ def optimum_postures(
     ``common`` allows only sets that treat equal parts of the machine alike: one procedure file.
     With ``refine`` the chosen ones are then moved off the grid, as far as they stay distinct.
 
-    Raises UsageError for an impossible count or budget, NotIdentifiable where so few postures
-    cannot determine the parameters.
+    Raises ImpossibleRequest for a count or budget that cannot be, NotIdentifiable where so few
+    postures cannot determine the parameters.
     """
-    machine = planned_machine(name, request)
     examined, pool, metric = machine.examine(), machine.pool(), machine.metric()
     _check_count(count, len(pool.candidates.rows), repeats=repeats)
     aim = Aim(criterion, pool.wanted, metric)
@@ -93,7 +88,7 @@ def optimum_postures(
     left = wanted_information(information, aim)
     plain = Aim(criterion, None, metric)
     return Chosen(
-        machine=name,
+        machine=machine.name,
         procedure=examined.procedure,
         criterion=criterion,
         before=_figures(whitened.T @ whitened, plain, examined.minutes, examined.posture_count),
@@ -107,7 +102,7 @@ def optimum_postures(
         seed=seed,
         exchanges=found.exchanges,
         noise_words=examined.noise_words,
-        files=pool.files(chosen),
+        orders=pool.orders(chosen),
     )
 
 
@@ -123,7 +118,7 @@ class _Search:
     common: bool
 
     def best_of(self, pool: Pool) -> Choice:
-        """Raises UsageError where no common set has this size."""
+        """Raises ImpossibleRequest where no common set has this size."""
         symmetric = pool.symmetric(self.count, self.aim, self.seed)
         if not self.common:
             return choose(
@@ -136,7 +131,7 @@ class _Search:
                 begin_with=[np.array(one.chosen, dtype=np.intp) for one in symmetric],
             )
         if not symmetric:
-            raise UsageError(
+            raise ImpossibleRequest(
                 "--count",
                 f"{self.count} with --common",
                 "a multiple of the number of legs that determines the parameters",
@@ -171,8 +166,8 @@ def _moved(
     return moved, every
 
 
-def _too_little_time(budget_min: float, needed_min: float, count: int) -> UsageError:
-    return UsageError(
+def _too_little_time(budget_min: float, needed_min: float, count: int) -> ImpossibleRequest:
+    return ImpossibleRequest(
         "--budget",
         f"{budget_min:g} min",
         f"about {needed_min:.0f} min for {count} postures",
@@ -182,7 +177,7 @@ def _too_little_time(budget_min: float, needed_min: float, count: int) -> UsageE
 
 def _check_count(count: int, size: int, *, repeats: bool) -> None:
     if count < 1 or (count > size and not repeats):
-        raise UsageError(
+        raise ImpossibleRequest(
             "--count", f"{count}", f"1 to {size}, the number of candidates", "Or add --repeats."
         )
 
@@ -203,17 +198,3 @@ def _figures(information: FloatArray, aim: Aim, minutes: float, count: int) -> F
         minutes=minutes,
         count=count,
     )
-
-
-def write_procedures(chosen: Chosen, path: Path) -> list[Path]:
-    """Write the procedure, or one for each mounting with its name before the suffix.
-
-    Raises UsageError for a path that ``run --protocol`` would not take, RecordError where the disk
-    refuses.
-    """
-    if path.suffix != ".toml":
-        raise UsageError("--output", f"{path}", "a path that ends with .toml")
-    if list(chosen.files) == [""]:
-        return write_files(path, chosen.files)
-    named = {f"{path.stem}{name}.toml": text for name, text in chosen.files.items()}
-    return write_files(path.parent, named)

@@ -1,0 +1,43 @@
+"""What readings see of the six parameters, and what these do to the tool."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib.design.identifiability import Sensitivity
+from calib.linalg import without_means
+from calib.observations import FloatArray, Observations
+from calib.tripod.geometry import PARAMETER_NAMES, TOLERANCE_MM, Geometry
+from calib.tripod.workspace import workspace_jacobian
+
+
+def tool_metric(geometry: Geometry) -> FloatArray:
+    """Mean square movement of the tool over the workspace ``(6, 6)``, mm² per mm²."""
+    jacobian = workspace_jacobian(geometry)
+    return np.asarray(np.einsum("pij,pik->jk", jacobian, jacobian) / len(jacobian))
+
+
+def sensitivity_of_readings(
+    geometry: Geometry,
+    observed: Observations,
+    weight: FloatArray,
+    design: FloatArray,
+    free: tuple[int, ...],
+    *,
+    noise_known: bool,
+) -> Sensitivity:
+    """Readings with a free zero for each mounting; ``design`` ``(n_readings, k)``.
+
+    ``weight`` ``(n_readings,)`` in 1/mm² holds the noise, or none where it is not known.
+    """
+    jacobian = np.sqrt(weight)[:, None] * without_means(observed.mount, weight, design)
+    tool = workspace_jacobian(geometry)[:, :, list(free)]
+    return Sensitivity(
+        names=tuple(PARAMETER_NAMES[k] for k in free),
+        units=("mm",) * len(free),
+        jacobian=jacobian,
+        tolerance=np.full(len(free), TOLERANCE_MM),
+        cost=tool.reshape(-1, len(free)),
+        points=len(tool),
+        noise_known=noise_known,
+    )

@@ -17,17 +17,12 @@ from calib.hexaslide.procedures import Kind, Procedure
 from calib.hexaslide.residuals import Readings, measured_names
 from protocols.documents import Document, Name, describe, read_text
 from protocols.errors import RecordError
-from protocols.files import open_to_read
 from protocols.hexaslide_machine import Chain, HexaSlideMachine, LinkEnds, Point
 
 MeasurementsSchema = Literal["glidecal.hexaslide-measurements/1"]
 TruthSchema = Literal["glidecal.hexaslide-truth/1"]
 SCHEMA: MeasurementsSchema = "glidecal.hexaslide-measurements/1"
 TRUTH_SCHEMA: TruthSchema = "glidecal.hexaslide-truth/1"
-MARK = b"glidecal.hexaslide-measurements"
-"""Stands near the beginning of every such file, whole or cut."""
-
-BEGINNING_BYTES = 400
 MOST_POSTURES = 10_000
 EACH_OWN_LINE = ",\n  "
 NUMBER_OF_POSTURE = re.compile(r"postures\.(\d+)")
@@ -146,15 +141,6 @@ def _lines(header: dict[str, object]) -> str:
     """One key a line, without the last bracket."""
     rows = (f' "{key}": {json.dumps(value, ensure_ascii=False)}' for key, value in header.items())
     return "{\n" + ",\n".join(rows)
-
-
-def is_measurements(path: Path) -> bool:
-    """Whether the file begins as one; False where it cannot be read."""
-    try:
-        with open_to_read(path) as file:
-            return MARK in file.read(BEGINNING_BYTES)
-    except OSError:
-        return False
 
 
 def read_measurements(path: Path) -> HexaSlideMeasurements:

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import Annotated
 
 import typer
 
-from app.commands.options import AsJson, Known, Measured, finite
-from protocols.machine_files import machine_names
-
-if TYPE_CHECKING:
-    from app.planning.request import Request as Asked
+from app.commands.options import AsJson, Known, Measured, finite, parts
+from app.machines.registry import NAMES, family_of, refuse_foreign
+from app.planning.request import Request
 
 MachineName = Annotated[
     str,
     typer.Argument(
-        help=f"{', '.join((*machine_names(), 'hexaslide'))}, or a machine file (TOML).",
+        help=f"{', '.join(NAMES)}, or a machine file (TOML).",
         show_default=False,
     ),
 ]
@@ -40,6 +38,7 @@ MountingSeconds = Annotated[
 
 
 def identifiability(
+    context: typer.Context,
     machine: MachineName,
     procedure: Annotated[
         str | None,
@@ -63,73 +62,18 @@ def identifiability(
     as_json: AsJson = False,
 ) -> None:
     """Which parameters a procedure can and cannot see, and what would help."""
-    from app.planning.request import Request
-
-    components = _parts(measured)
+    family = family_of(machine)
+    refuse_foreign(context, family, f"the machine {machine}")
     request = Request(
-        procedure or _usual(machine, components),
+        procedure or "",
         machine_file,
         noise,
-        measured=components,
-        known=None if known is None else _parts(known.replace("none", "")),
+        measured=parts(measured),
+        known=None if known is None else parts(known.replace("none", "")),
         postures=postures,
         posture_file=posture_file,
         seed=seed,
     )
-    if screen:
-        _show(machine, request)
-    typer.echo(_told(machine, request, as_json=as_json))
-
-
-def _parts(text: str) -> tuple[str, ...]:
-    return tuple(part.strip() for part in text.split(",")) if text.strip() else ()
-
-
-def _usual(machine: str, measured: tuple[str, ...]) -> str:
-    """Measured components alone are those of a posture; other machines have a usual procedure.
-
-    Raises UsageError without either.
-    """
-    from protocols.errors import UsageError
-
-    if machine != "hexaslide":
-        return ""
-    if not measured:
-        raise UsageError(
-            "--procedure", "none", "the name of a procedure", "For hexaslide --measured also does."
-        )
-    return "pose-forward"
-
-
-def _told(machine: str, request: Asked, *, as_json: bool) -> str:
-    """The document of the machine, or its words."""
-    from app.report.schema.document import to_json
-
-    if machine == "hexaslide":
-        from app.planning.hexaslide import hexaslide_planning
-        from app.report.schema.hexaslide import HexaSlideIdentifiabilityReport
-        from app.report.text.hexaslide import seen_text
-        from calib.hexaslide.seen import hexaslide_seen
-
-        found = hexaslide_seen(hexaslide_planning(request))
-        if not as_json:
-            return seen_text(found)
-        return to_json(HexaSlideIdentifiabilityReport.of(seen=found.seen, found=found))
-    from app.planning.machines import planned_machine
-    from app.report.schema.planning import IdentifiabilityReport
-    from app.report.text.planning import identifiability_text
-    from calib.design.planning import seen_by
-
-    seen = seen_by(planned_machine(machine, request))
-    return to_json(IdentifiabilityReport.of(seen=seen)) if as_json else identifiability_text(seen)
-
-
-def _show(machine: str, request: Asked) -> NoReturn:
-    """The screen of the machine; leaves with its exit status."""
-    from protocols.errors import UsageError
-
-    if machine != "hexaslide":
-        raise UsageError("--screen", f"the machine {machine}", "hexaslide")
-    from app.screens.start import open_hexaslide
-
-    raise typer.Exit(open_hexaslide(request))
+    if screen and family.look is not None:
+        raise typer.Exit(family.look(request))
+    typer.echo(family.identifiability(machine, request).shown(as_json=as_json))

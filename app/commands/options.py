@@ -101,6 +101,11 @@ def _no_trace(value_mm: float | None) -> float | None:
     return finite(value_mm)
 
 
+def parts(listed: str) -> tuple[str, ...]:
+    """What stands between commas."""
+    return tuple(part.strip() for part in listed.split(",")) if listed.strip() else ()
+
+
 def say(text: str) -> None:
     """Progress and warnings go to standard error."""
     typer.echo(text, err=True)

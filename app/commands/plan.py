@@ -27,7 +27,7 @@ def plan(
     """The one added mounting that lowers the expected tool error most per minute."""
     from app.planning.next_measurement import next_measurement
     from app.report.schema.document import to_json
-    from app.report.schema.planning import PlanReport
+    from app.report.schema.plan import PlanReport
     from app.report.text.planning import plan_text
 
     found = next_measurement(

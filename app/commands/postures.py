@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -15,11 +15,10 @@ from app.commands.identifiability import (
     Noise,
     Procedure,
 )
-from app.commands.options import AsJson, Known, Measured, finite, say
-
-if TYPE_CHECKING:
-    from app.planning.request import Request as Asked
-    from calib.design.criteria import Criterion
+from app.commands.options import AsJson, Known, Measured, finite, parts, say
+from app.machines.family import Search
+from app.machines.registry import family_of, refuse_foreign
+from app.planning.request import Request
 
 
 class CriterionName(StrEnum):
@@ -34,6 +33,7 @@ class CriterionName(StrEnum):
 
 
 def postures(
+    context: typer.Context,
     machine: MachineName,
     procedure: Procedure,
     count: Annotated[
@@ -87,89 +87,29 @@ def postures(
     as_json: AsJson = False,
 ) -> None:
     """Optimum postures, beside those of the procedure."""
-    from app.planning.machines import of_three_drives
-    from app.planning.request import Request
-    from app.planning.tripod import write_procedures
-    from app.report.schema.document import to_json
-    from app.report.schema.planning import PosturesReport
-    from app.report.text.planning import postures_text
     from calib.design.criteria import Criterion
-    from calib.design.optimum import optimum_postures
 
+    family = family_of(machine)
+    refuse_foreign(context, family, f"the machine {machine}")
     request = Request(
         procedure,
         machine_file,
         noise,
         mounting_seconds / 60.0,
-        measured=_parts(measured),
-        known=None if known is None else _parts(known.replace("none", "")),
+        measured=parts(measured),
+        known=None if known is None else parts(known.replace("none", "")),
         posture_file=posture_file,
         seed=seed,
     )
-    wanted = None if criterion is None else Criterion(criterion.value)
-    if machine == "hexaslide":
-        _refuse("--budget, --repeats and --common", repeats or common or budget is not None)
-        _refuse("--no-refine", not refine)
-        _boxed(request, count, wanted, starts, output, as_is=as_is, as_json=as_json)
-        return
-    _refuse("--as-is", as_is, machine, "hexaslide")
-    planned, like = of_three_drives(machine, request)
-    chosen = optimum_postures(
-        planned,
-        _needed(count),
-        criterion=wanted or Criterion.DETERMINANT,
+    search = Search(
+        count=count,
+        criterion=None if criterion is None else Criterion(criterion.value),
         budget_min=budget,
-        seed=seed,
         starts=starts,
         repeats=repeats,
         common=common,
         refine=refine,
+        as_is=as_is,
+        output=output,
     )
-    if output:
-        for path in write_procedures(chosen.orders, like, output):
-            say(f"procedure written to {path}")
-    typer.echo(to_json(PosturesReport.of(chosen=chosen)) if as_json else postures_text(chosen))
-
-
-def _parts(listed: str) -> tuple[str, ...]:
-    return tuple(part.strip() for part in listed.split(",")) if listed else ()
-
-
-def _refuse(
-    option: str, asked: bool, machine: str = "hexaslide", allowed: str = "orthoglide"
-) -> None:
-    """Raises UsageError for an option of the other machine."""
-    from protocols.errors import UsageError
-
-    if asked:
-        raise UsageError(option, f"the machine {machine}", f"the machine {allowed}")
-
-
-def _needed(count: int | None) -> int:
-    from protocols.errors import UsageError
-
-    if count is None:
-        raise UsageError("--count", "none", "how many postures to choose")
-    return count
-
-
-def _boxed(
-    request: Asked,
-    count: int | None,
-    criterion: Criterion | None,
-    starts: int,
-    output: Path | None,
-    *,
-    as_is: bool,
-    as_json: bool,
-) -> None:
-    """Postures anywhere in the box of a Hexa Slide."""
-    from app.planning.hexaslide import asked_postures, write_postures
-    from app.report.schema.document import to_json
-    from app.report.schema.hexaslide import HexaSlidePosturesReport
-    from app.report.text.hexaslide import boxed_text
-
-    found = asked_postures(request, count, criterion, starts=starts, as_is=as_is, output=output)
-    if output:
-        say(f"postures written to {write_postures(found, output)}")
-    typer.echo(to_json(HexaSlidePosturesReport.of(boxed=found)) if as_json else boxed_text(found))
+    typer.echo(family.postures(machine, request, search, say).shown(as_json=as_json))

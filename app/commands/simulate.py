@@ -6,21 +6,24 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer.models import OptionInfo
 
-from app.commands.hexaslide_calibration import (
-    Own,
-    optional_figure,
-    refuse_own,
-    simulate_hexaslide,
-)
-from app.commands.options import Output, Protocol, Seed, figure, finite, say
-from protocols.machine_files import USUAL_MACHINE, machine_names
+from app.commands.options import Output, Protocol, Seed, figure, finite, parts, say
+from app.machines.family import Simulation
+from app.machines.registry import NAMES, family_of, refuse_foreign
+from protocols.machine_files import USUAL_MACHINE
 
-HEXASLIDE = "hexaslide"
-SCATTER_MM, RESOLUTION_MM = 0.002, 0.001
+SCATTER_MM, RESOLUTION_MM = Simulation.scatter_mm, Simulation.resolution_mm
+
+
+def optional_figure(help_text: str) -> OptionInfo:
+    """An option for a small number; None where it is not given."""
+    option: OptionInfo = typer.Option(help=help_text, min=0.0, max=10.0, callback=finite)
+    return option
 
 
 def simulate(
+    context: typer.Context,
     output: Output,
     protocol: Protocol = None,
     model: Annotated[Path | None, typer.Option(help="Model file (JSON).", readable=False)] = None,
@@ -28,7 +31,7 @@ def simulate(
         str | None,
         typer.Option(
             "--machine",
-            help=f"{', '.join((*machine_names(), HEXASLIDE))}, or a machine file (TOML).",
+            help=f"{', '.join(NAMES)}, or a machine file (TOML).",
             show_default=USUAL_MACHINE,
         ),
     ] = None,
@@ -76,62 +79,29 @@ def simulate(
     ] = None,
 ) -> None:
     """A session from the simulation: the nominal machine, or that of a model file."""
-    own = Own(
-        procedure=procedure,
-        postures=postures,
-        noise=noise,
-        angle_noise=angle_noise,
-        errors=errors,
-        measured=measured,
-        machine_file=machine_file,
-        posture_file=posture_file,
-        truth=truth,
-    )
-    usual = (protocol, scatter, resolution) == (None, SCATTER_MM, RESOLUTION_MM)
-    if machine == HEXASLIDE:
-        foreign = not usual or any(one is not None for one in (model, effect, size))
-        simulate_hexaslide(own, output, seed, foreign=foreign)
-        return
-    refuse_own(own)
-    from dataclasses import replace
-
-    from app.evaluating.own_effects import known_laws
-    from app.measuring.hidden_effect import hidden_effect
-    from app.measuring.simulated import planned_readings, simulated_session
-    from calib.tripod.pipeline import Model
-    from protocols.errors import UsageError
-    from protocols.journal import write_whole
-    from protocols.machine import load_machine
-    from protocols.model_file import read_model
-    from protocols.procedure import load_procedure
-
-    if size is not None and effect is None:
-        raise UsageError("--size", "no --effect", "the size of an effect: both options, or none")
-    if model and machine:
-        raise UsageError("--model and --machine", "both", "one: a model brings its own machine")
-    known = load_machine(machine)
-    real = Model(known.geometry())
-    if model:
-        real, known = read_model(model, known_laws())
-    planned = load_procedure(protocol or known.usual_procedure, known.geometry())
-    if effect is not None:
-        hidden = hidden_effect(
-            effect,
-            real,
-            planned_readings(planned, known),
-            laws=known_laws(),
-            seed=seed,
-            noise_mm=max(scatter, resolution),
+    name = machine or USUAL_MACHINE
+    family = family_of(name)
+    refuse_foreign(context, family, f"the machine {name}")
+    family.simulate(
+        Simulation(
+            output,
+            seed,
+            machine,
+            protocol,
+            model,
+            scatter_mm=scatter,
+            resolution_mm=resolution,
+            effect=effect,
             size=size,
-        )
-        real = replace(real, effects=(*real.effects, *hidden))
-    opened, readings = simulated_session(
-        planned,
-        known,
-        real,
-        seed=seed,
-        scatter_mm=scatter,
-        resolution_mm=resolution,
+            procedure=procedure,
+            postures=postures,
+            noise_mm=noise,
+            angle_noise_mrad=angle_noise,
+            errors_mm=errors,
+            measured=parts(measured or ""),
+            machine_file=machine_file,
+            posture_file=posture_file,
+            truth=truth,
+        ),
+        say,
     )
-    write_whole(output, opened, list(readings))
-    say(f"{len(readings)} simulated readings written to {output}")

@@ -16,7 +16,6 @@ from protocols.errors import RecordError, UsageError
 from protocols.files import write_files
 from protocols.hexaslide_machine import HexaSlideMachine, load_hexaslide
 from protocols.hexaslide_postures import load_postures
-from protocols.table import csv_text
 
 MOST_MOVED = 1000
 """More postures would take hours."""
@@ -29,8 +28,6 @@ def hexaslide_planning(request: Request) -> HexaSlidePlanning:
     file = request.posture_file
     if file is not None and request.postures is not None:
         raise UsageError("--posture-file and --postures", "both", "one of them")
-    if request.noise_mm is not None:
-        raise UsageError("--noise", "the machine hexaslide", "the machine orthoglide")
     own = load_hexaslide(request.machine_file)
     return HexaSlidePlanning(
         procedure_on(own, request.procedure, request.measured, request.known),
@@ -110,5 +107,5 @@ def write_postures(found: BoxedPostures, path: Path) -> Path:
     """A table that ``--posture-file`` reads, units in its header line. Raises RecordError."""
     _check_output(path)
     rows = [[f"{value:.12g}" for value in row.values()] for row in found.postures]
-    write_files(path, {"": csv_text([COORDINATES, *rows])})
+    write_files(path, {"": "".join(f"{','.join(row)}\n" for row in [COORDINATES, *rows])})
     return path

@@ -20,8 +20,9 @@ from app.report.text.hexaslide_calibration import calibration_text
 from calib.errors import GlidecalError, NotIdentifiable
 from calib.hexaslide.kinematics import forward
 from protocols.errors import RecordError, UsageError
+from protocols.hexaslide_files import is_measurements
 from protocols.hexaslide_machine import load_hexaslide
-from protocols.hexaslide_measurements import is_measurements, read_measurements, read_truth
+from protocols.hexaslide_measurements import read_measurements, read_truth
 from tests.app.cli import glidecal, refused
 
 H60_FILE = Path(__file__).parents[2] / "protocols" / "machines" / "hexaslide-h60.toml"
@@ -324,7 +325,9 @@ def test_options_of_the_wrong_machine_are_exit_2(tmp_path: Path) -> None:
     assert "--scatter" in told(2, *SIMULATE, *asked, "--scatter", "0.1")
     assert "'sideways'" in told(2, *SIMULATE, "sideways", "--postures", "9", "-o", out)
     assert "--angle-noise" in told(2, *SIMULATE, *asked, "--noise", "0", "--angle-noise", "1")
-    assert "--machine hexaslide with these" in told(2, "simulate", "--noise", "1", "-o", out)
+    assert "--noise: found the machine orthoglide. Allowed: the machine hexaslide" in told(
+        2, "simulate", "--noise", "1", "-o", out
+    )
     assert "--subset" in told(2, "solve", path, "--subset", "both")
     assert "2 files" in told(2, "solve", path, truth, "--machine", "hexaslide")
     assert "'tripod'" in told(2, "solve", path, "--machine", "tripod")

@@ -138,4 +138,4 @@ def test_degrees_change_the_rows_of_angles_alone() -> None:
 def test_the_screen_needs_a_terminal_and_the_hexaslide() -> None:
     assert "no terminal" in refused(2, *VERB)
     said = refused(2, "identifiability", "orthoglide", "--procedure", "sweep", "--screen")
-    assert "Allowed: hexaslide" in said
+    assert "--screen: found the machine orthoglide. Allowed: the machine hexaslide" in said

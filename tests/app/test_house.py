@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
 import tomllib
+from pathlib import Path
 
 import pytest
 
+from app.planning.hexaslide_calibration import Asked, write_simulated
+from protocols.machine_files import machine_names
 from tests.conftest import ROOT
 
 ROOMS = ("app", "calib", "drivers", "protocols")
@@ -41,6 +45,44 @@ def modules(room: str) -> str:
 )
 def test_a_room_pulls_in_nothing_it_must_not_know(room: str, unknown: set[str]) -> None:
     assert imported(modules(room)) & unknown == set()
+
+
+@pytest.mark.parametrize(
+    ("other", "arguments"),
+    [
+        ("hexaslide", ["solve", "sample_sessions/experiment_1_six.jsonl", "--json"]),
+        ("hexaslide", ["identifiability", "linear-delta"]),
+        ("tripod", ["solve", "--machine", "hexaslide", "measured.json", "--json"]),
+        ("tripod", ["identifiability", "hexaslide", "--procedure", "pose-inverse"]),
+    ],
+)
+def test_a_machine_loads_nothing_of_another(
+    other: str, arguments: list[str], tmp_path: Path
+) -> None:
+    measured = str(tmp_path / "measured.json")
+    write_simulated(Asked("pose-inverse", 10, 0.01), Path(measured), None)
+    asked = [measured if one == "measured.json" else one for one in arguments]
+    script = f"""
+import atexit, sys
+from app.cli import main
+atexit.register(lambda: print(*sys.modules, file=sys.stderr))
+sys.argv = ["glidecal", *{asked!r}]
+main()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60
+    )
+    loaded = done.stderr.splitlines()[-1].split()
+    assert "calib.design.identifiability" in loaded
+    assert not [name for name in loaded if name.startswith(f"calib.{other}")]
+
+
+def test_no_command_knows_the_name_of_a_machine() -> None:
+    names = {*machine_names(), "hexaslide"}
+    for path in (*(ROOT / "app/commands").glob("*.py"), ROOT / "app/machines/registry.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        words = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)}
+        assert not words & names, path
 
 
 def test_every_top_level_package_is_in_the_contract() -> None:

@@ -16,7 +16,8 @@ from app.report.schema.hexaslide import (
     HexaSlideIdentifiabilityReport,
     HexaSlidePosturesReport,
 )
-from app.report.schema.planning import IdentifiabilityReport, PlanReport, PosturesReport
+from app.report.schema.plan import PlanReport
+from app.report.schema.planning import IdentifiabilityReport, PosturesReport
 from app.report.schema.readings import FaultReport, PortsReport, ReadingReport, ReplayReport
 from app.report.schema.solution import ComparisonReport, OffsetsReport, SolutionReport
 from protocols.events import Event

@@ -1,5 +1,5 @@
 """What to measure next, and which postures show most.
 
-Asks the machines; the choice itself is mathematics of `calib.design`. May import
+Reads files and options and calls; what is computed is mathematics of `calib`. May import
 `app.measuring`, `app.evaluating`, protocols, calib.
 """

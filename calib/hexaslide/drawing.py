@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.hexaslide.geometry import Box
+from calib.hexaslide.geometry import Box, HexaSlide
 from calib.hexaslide.kinematics import joints, legs
-from calib.hexaslide.geometry import HexaSlide
 from calib.observations import FloatArray
 
 RAIL_POINTS, EDGE_POINTS = 24, 12

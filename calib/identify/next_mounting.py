@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -49,7 +48,7 @@ class NextMountings:
 
 def next_mountings(
     model: Model,
-    tolerance_mm: Sequence[float],
+    tolerance_mm: FloatArray,
     noise: tuple[Noise, str],
     minutes_per_mounting: float,
     observed: Observations | None = None,
@@ -61,11 +60,11 @@ def next_mountings(
     comes with words on where it is from. With ``figures`` of the indicators the noise that the
     readings show themselves takes its place.
     """
-    information, (stated, words) = np.diag(np.array(tolerance_mm) ** -2.0), noise
+    information, (stated, words) = np.diag(tolerance_mm**-2.0), noise
     if observed is not None:
         visited, shown = visits(observed), None
         if figures is not None:
-            shown, said = _noise_of(visited, model, figures, np.array(tolerance_mm))
+            shown, said = _noise_of(visited, model, figures, tolerance_mm)
             words = said or words
         stated = shown or Noise(stated.indicators[:1] * visited.indicator_count, "instrument")
         information = information + _measured(visited, model, stated)

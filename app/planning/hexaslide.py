@@ -70,14 +70,14 @@ def asked_postures(
     criterion = criterion or Criterion.CONDITION
     if criterion is Criterion.TOOL_VARIANCE:
         raise UsageError("--criterion", criterion.value, "the other five for the hexaslide")
-    planned = hexaslide_planning(request)
+    planned, given = hexaslide_planning(request), None
     if planned.given is not None:
         fixed = len(planned.given)
         if count not in (None, fixed):
             raise UsageError("--count", f"{count}", f"{fixed} as in the posture file, or none")
         if as_is:
             return postures_as_given(planned, criterion)
-        inside_box(planned.given, planned.machine, AS_IS)
+        given = inside_box(planned.given, planned.machine, AS_IS)
         count = fixed
     elif as_is:
         raise UsageError("--as-is", "no --posture-file", "one to judge")
@@ -85,7 +85,7 @@ def asked_postures(
         raise UsageError("--count", "none", "how many postures to find, or a --posture-file")
     if count > MOST_MOVED:
         raise UsageError("--count", f"{count}", f"{MOST_MOVED} postures at most")
-    return boxed_postures(planned, count, criterion, seed=request.seed, starts=starts)
+    return boxed_postures(planned, count, criterion, seed=request.seed, starts=starts, given=given)
 
 
 def inside_box(given: FloatArray, machine: HexaSlide, advice: str = "") -> FloatArray:

@@ -46,13 +46,12 @@ def boxed_postures(
     *,
     seed: int,
     starts: int,
+    given: FloatArray | None = None,
     watch: Callable[[], object] = lambda: None,
 ) -> BoxedPostures:
-    """The best ``count`` postures; those given are the first start.
-
-    Raises NotIdentifiable for too few, CalibrationError for given ones outside the box.
+    """The best ``count`` postures; ``given`` ``(count, 6)``, those of the planning, are the first
+    start. Raises NotIdentifiable for too few.
     """
-    given = None if planned.given is None else planned.machine.box.inside(planned.given)
     begin = time.perf_counter()
     best = best_postures(
         planned.procedure,
@@ -65,7 +64,8 @@ def boxed_postures(
         watch=watch,
     )
     seconds = time.perf_counter() - begin
-    return BoxedPostures(planned.procedure, best, seed, seconds, planned.source or "random")
+    source = "random" if given is None else planned.source
+    return BoxedPostures(planned.procedure, best, seed, seconds, source)
 
 
 def postures_as_given(planned: HexaSlidePlanning, criterion: Criterion) -> BoxedPostures:
@@ -110,7 +110,10 @@ def find_postures(
     for k in range(starts):
         seed = planned.seed + k
         try:
-            best = _one_start(planned, count, seed, watch)
+            watch()
+            best = boxed_postures(
+                planned, count, Criterion.CONDITION, seed=seed, starts=1, watch=watch
+            )
         except _NotWanted:
             return
         if found is None or best.best.condition_number < found.best.best.condition_number:
@@ -121,13 +124,6 @@ def find_postures(
 
 class _NotWanted(Exception):
     """The search was left."""
-
-
-def _one_start(
-    planned: HexaSlidePlanning, count: int, seed: int, watch: Callable[[], object]
-) -> BoxedPostures:
-    watch()
-    return boxed_postures(planned, count, Criterion.CONDITION, seed=seed, starts=1, watch=watch)
 
 
 def begin_of(box: Box, count: int, seed: int) -> FloatArray:

@@ -19,8 +19,9 @@ from app.report.charts.drawings import (
     ticks_within,
 )
 from calib.hexaslide.geometry import HexaSlide
-from calib.hexaslide.procedures import DEGREES, MILLIMETRES, in_units, jacobian
-from calib.hexaslide.seen import KINDS, look_at
+from calib.hexaslide.procedures import DEGREES, MILLIMETRES, Procedure, in_units, jacobian
+from calib.hexaslide.search import Found, find_postures
+from calib.hexaslide.seen import KINDS, HexaSlidePlanning, look_at
 from calib.linalg import condition
 from protocols.hexaslide_machine import load_hexaslide
 from tests.app.cli import refused
@@ -133,6 +134,23 @@ def test_degrees_change_the_rows_of_angles_alone() -> None:
     turned = in_units(view.procedure, rows, DEGREES).reshape(20, 6, -1)
     assert turned[:, :3] == pytest.approx(rows.reshape(20, 6, -1)[:, :3])
     assert turned[:, 3:] == pytest.approx(np.degrees(rows.reshape(20, 6, -1)[:, 3:]))
+
+
+def test_postures_to_look_at_are_no_start_of_the_search(machine: HexaSlide) -> None:
+    given = machine.box.random(20, np.random.default_rng(1))
+    procedure = Procedure.of("pose-inverse")
+    heard: list[Found] = []
+    find_postures(
+        HexaSlidePlanning(procedure, machine, 3, given=given, source="file"),
+        9,
+        starts=1,
+        heard=heard.append,
+        going_on=lambda: True,
+    )
+    (found,) = heard
+    assert found.postures.shape == (9, 6)
+    assert found.begin == pytest.approx(machine.box.random(9, np.random.default_rng(3)))
+    assert found.best.source == "random"
 
 
 def test_the_screen_needs_a_terminal_and_the_hexaslide() -> None:

@@ -32,7 +32,7 @@ from calib.noise.reading import (
 from calib.observations import FloatArray, Observations
 from calib.stats import coverage_factor
 from calib.tripod.differences import Differences, differences
-from calib.tripod.geometry import PARAMETER_NAMES, TOLERANCE_MM, Geometry
+from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 from calib.tripod.sensitivity import sensitivity_of_readings
 

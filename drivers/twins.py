@@ -53,7 +53,7 @@ class Disconnected(Exception):
     """The device pulled its cable."""
 
 
-class Troubled:
+class SuspectData:
     """A twin with a fault: one of `Trouble`, or the name of one of the profile's bad replies.
 
     ``split`` cuts the answer in the middle of a line, ``noise`` puts stray bytes in front of it,
@@ -100,4 +100,4 @@ def faults_of(profile: Profile) -> tuple[str, ...]:
 def twin_of(profile: Profile, spindle: Spindle, fault: str | None = None) -> Twin:
     """The simulated device, with a fault if one is named."""
     twin = profile.make_twin(spindle)
-    return Troubled(twin, profile, fault) if fault else twin
+    return SuspectData(twin, profile, fault) if fault else twin

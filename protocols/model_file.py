@@ -14,7 +14,7 @@ from pydantic import AwareDatetime, Field, ValidationError
 from calib.observations import TOOL, conditions
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.catalogue import laws_of
-from calib.tripod.effects.effect import EffectParameter, Law, Placed
+from calib.tripod.effects.effect import EffectInstance, EffectParameter, Law
 from calib.tripod.effects.empirical import BASES, EMPIRICAL, empirical_law
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.pipeline import Model
@@ -68,7 +68,7 @@ class EffectEntry(Document):
 
 def effect_entry(
     where: str,
-    placed: Sequence[Placed],
+    placed: Sequence[EffectInstance],
     uncertainties: Mapping[str, tuple[float, float | None]] | None = None,
     provenance: Provenance | None = None,
 ) -> EffectEntry:
@@ -102,7 +102,7 @@ def _name(
     value: float,
     known: Mapping[str, tuple[float, float | None]],
     place: str,
-    placed: Sequence[Placed],
+    placed: Sequence[EffectInstance],
 ) -> str:
     """The stated name of this value, else the catalogue's with the place where there are more."""
     stated = [
@@ -124,7 +124,7 @@ def _real(law: Law, value: float | complex) -> float:
 
 def placed_effects(
     entry: EffectEntry, laws: Sequence[Law], geometry: Geometry, thing: str
-) -> tuple[Placed, ...]:
+) -> tuple[EffectInstance, ...]:
     """The entry for the simulation; ``thing`` begins the message of an error.
 
     Raises RecordError for an effect, parameter, unit or place that is not known.
@@ -143,7 +143,8 @@ def placed_effects(
                 f"{thing}, {entry.id} at {place}", ", ".join(given), " and ".join(names)
             )
     return tuple(
-        Placed(law, place, tuple(given[name] for name in names)) for place, given in values.items()
+        EffectInstance(law, place, tuple(given[name] for name in names))
+        for place, given in values.items()
     )
 
 
@@ -236,7 +237,7 @@ def model_file(model: Model, machine: Machine) -> ModelFile:
 
     Raises RecordError for an effect that is not of the catalogue's kind.
     """
-    strangers = [effect.id for effect in model.effects if not isinstance(effect, Placed)]
+    strangers = [effect.id for effect in model.effects if not isinstance(effect, EffectInstance)]
     if strangers:
         raise RecordError("model", ", ".join(strangers), "effects that are laws with values")
     return ModelFile(
@@ -245,7 +246,7 @@ def model_file(model: Model, machine: Machine) -> ModelFile:
         effects=tuple(
             effect_entry(effect.place, [effect])
             for effect in model.effects
-            if isinstance(effect, Placed)
+            if isinstance(effect, EffectInstance)
         ),
     )
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from app.measuring.hidden_effect import hidden_effect
 from app.measuring.simulated import planned_readings, simulated_session
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.effects.empirical import Empirical
 from calib.tripod.simulation import hidden_machine
 from protocols.journal import write_whole
@@ -16,7 +16,7 @@ from protocols.machine import load_machine
 from protocols.procedure import load_procedure
 
 SCATTER_MM = 0.002
-CUBE = Placed(Empirical(("travel_cube_at_100mm",)), "x", (900.0,))
+CUBE = EffectInstance(Empirical(("travel_cube_at_100mm",)), "x", (900.0,))
 
 
 def write_session(
@@ -26,7 +26,7 @@ def write_session(
     effect: str = "",
     size: float = 0.0,
     *,
-    law: Placed | None = None,
+    law: EffectInstance | None = None,
 ) -> Path:
     """A simulated session, with an effect hidden in its machine."""
     machine = load_machine(None)

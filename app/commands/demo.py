@@ -14,7 +14,7 @@ from app.commands.options import Protocol, Seed, say
 if TYPE_CHECKING:  # heavy: imported where used
     from collections.abc import Callable
 
-    from app.evaluating.solution import Solved
+    from app.evaluating.solution import SessionSolution
     from app.measuring.opening import Plan
 
 HIDDEN = "The machine has more than offsets. To look for what is missing: glidecal diagnose {}"
@@ -67,7 +67,7 @@ def demo(
         typer.echo("\n" + HIDDEN.format(plan.path))
 
 
-def run_headless(plan: Plan, say: Callable[[str], None]) -> tuple[Solved, Solved]:
+def run_headless(plan: Plan, say: Callable[[str], None]) -> tuple[SessionSolution, SessionSolution]:
     """Measure, identify, export, measure again; the two solutions to compare."""
     from app.exports import export_offsets
     from app.measuring.demo import verification_plan
@@ -88,7 +88,7 @@ def run_headless(plan: Plan, say: Callable[[str], None]) -> tuple[Solved, Solved
     return before, after
 
 
-def _measured(plan: Plan, say: Callable[[str], None]) -> Solved:
+def _measured(plan: Plan, say: Callable[[str], None]) -> SessionSolution:
     from app.evaluating.solution import solve_for_controller
     from app.measuring.demo import measure_all
     from app.measuring.opening import start_session

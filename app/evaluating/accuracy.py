@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from app.evaluating.solution import Solved, indicator_figures
+from app.evaluating.solution import SessionSolution, indicator_figures
 from calib.identify.accuracy import Decision, ToolMap, decide, tool_map
 from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identify
 from calib.identify.subset_choice import left_after
@@ -16,7 +16,7 @@ POINTS = 5
 
 
 @dataclass(frozen=True)
-class Judged:
+class Judgement:
     """The tool's expected error against a tolerance, before and after, with guard bands."""
 
     tolerance_mm: float
@@ -24,7 +24,7 @@ class Judged:
     after: Decision
 
 
-def judge(solved: Solved, tolerance_mm: float) -> Judged:
+def judge(solved: SessionSolution, tolerance_mm: float) -> Judgement:
     """Pass, fail or undecided, now and with the solution entered (ISO 14253-1).
 
     Raises UsageError for a tolerance that is no positive length.
@@ -32,14 +32,14 @@ def judge(solved: Solved, tolerance_mm: float) -> Judged:
     if not tolerance_mm > 0.0:
         raise UsageError("--tolerance", f"{tolerance_mm:g} mm", "a positive length in mm")
     factor = solved.tool_factor
-    return Judged(
+    return Judgement(
         tolerance_mm,
         decide(solved.tool_before, tolerance_mm, factor),
         decide(solved.tool_after, tolerance_mm, factor),
     )
 
 
-def maps(solved: Solved) -> tuple[ToolMap, ...]:
+def maps(solved: SessionSolution) -> tuple[ToolMap, ...]:
     """Expected error of the tool with the solution entered, on the three planes through Zero."""
     geometry = solved.solution.model.geometry
     bias, covariance = left_after(solved.choice.solutions, solved.solution.subset)
@@ -47,7 +47,7 @@ def maps(solved: Solved) -> tuple[ToolMap, ...]:
 
 
 def monte_carlo(
-    solved: Solved, sessions: int, seed: int, progress: Callable[[int], None]
+    solved: SessionSolution, sessions: int, seed: int, progress: Callable[[int], None]
 ) -> MonteCarlo:
     """Sessions like this one on machines like this one, identified as this one was.
 

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TypeGuard
 
-from app.evaluating.diagnosis import Diagnosed
+from app.evaluating.diagnosis import SessionDiagnosis
 from calib.diagnosis.results import Contender, Finding
 from calib.tripod.effects.empirical import EMPIRICAL
 from protocols.errors import UsageError
@@ -27,7 +27,7 @@ from protocols.record import read_record
 MOST_OFFERED = 8
 
 
-def left_behind(diagnosed: Diagnosed, candidate: str | None) -> bool:
+def left_behind(diagnosed: SessionDiagnosis, candidate: str | None) -> bool:
     """Whether adopting this leaves an unnamed law that could be adopted, too."""
     found = diagnosed.diagnosis
     named = any(one.effects for one in found.effects)
@@ -35,7 +35,7 @@ def left_behind(diagnosed: Diagnosed, candidate: str | None) -> bool:
 
 
 def adopt(
-    diagnosed: Diagnosed,
+    diagnosed: SessionDiagnosis,
     paths: Sequence[Path],
     target: Path,
     *,
@@ -78,7 +78,7 @@ def write_model(path: Path, model: ModelFile) -> None:
     write_files(path, {"": model.text()})
 
 
-def _chosen(diagnosed: Diagnosed, candidate: str | None) -> list[Finding | Contender]:
+def _chosen(diagnosed: SessionDiagnosis, candidate: str | None) -> list[Finding | Contender]:
     found = diagnosed.diagnosis
     named: list[Finding | Contender] = [e for e in found.effects if e.effects]
     law: list[Finding | Contender] = [found.left_over.law] if found.left_over else []
@@ -114,7 +114,7 @@ def _entry(one: Finding | Contender, source: Provenance) -> EffectEntry:
     return effect_entry(one.where, one.effects, values, source)
 
 
-def write_procedure(diagnosed: Diagnosed, path: Path) -> None:
+def write_procedure(diagnosed: SessionDiagnosis, path: Path) -> None:
     """The proposed measurement as a procedure file. Raises UsageError where there is none."""
     proposed = diagnosed.diagnosis.next_measurement
     if proposed is None or not proposed.protocol.startswith("schema"):

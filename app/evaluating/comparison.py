@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.evaluating.solution import Solved, end_warning, solve_sessions
+from app.evaluating.solution import SessionSolution, end_warning, solve_sessions
 from calib.errors import CalibrationError
 from calib.identify.solution import Solution
 from protocols.errors import RecordError
@@ -21,8 +21,8 @@ class Comparison:
     must know before trusting the comparison.
     """
 
-    before: Solved
-    after: Solved
+    before: SessionSolution
+    after: SessionSolution
     common: tuple[str, ...]
     remarks: tuple[str, ...]
 
@@ -51,7 +51,7 @@ def compare_files(before: Path, after: Path) -> Comparison:
     return Comparison(first, second, common, tuple(_remarks(earlier, later, first, common)))
 
 
-def _solved(record: Record) -> Solved:
+def _solved(record: Record) -> SessionSolution:
     return solve_sessions([record.path.name], [fold(record.events)], subset="joint-offsets")
 
 
@@ -75,7 +75,9 @@ def _common(before: Solution, after: Solution) -> tuple[str, ...]:
     return tuple(name for name in _names(before) if name in later)
 
 
-def _remarks(earlier: Record, later: Record, first: Solved, common: tuple[str, ...]) -> list[str]:
+def _remarks(
+    earlier: Record, later: Record, first: SessionSolution, common: tuple[str, ...]
+) -> list[str]:
     said = [end_warning(record) for record in (earlier, later) if record.end != "closed"]
     measured = len(_names(first.solution))
     if len(common) < measured:

@@ -21,7 +21,7 @@ from protocols.session import Session
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosed:
+class SessionDiagnosis:
     """A diagnosis with the sessions it was made from."""
 
     names: tuple[str, ...]
@@ -38,7 +38,7 @@ def diagnose_files(
     model: Path | None = None,
     held_out: Sequence[Path] = (),
     laws: Sequence[Law] | None = None,
-) -> Diagnosed:
+) -> SessionDiagnosis:
     """Diagnose sessions against their nominal machine, or against a model with effects.
 
     Sessions may have different joint offsets entered; their geometry must be one. Raises
@@ -52,7 +52,7 @@ def diagnose_files(
     used = known_laws() if laws is None else tuple(laws)
     nominal = Model(sessions[0].opened.machine.geometry())
     known = read_model(model, used)[0] if model else nominal
-    return Diagnosed(
+    return SessionDiagnosis(
         names=tuple(path.name for path in paths),
         held_out=tuple(path.name for path in held_out),
         sessions=tuple(sessions),

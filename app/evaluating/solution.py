@@ -23,7 +23,7 @@ from protocols.session import Session, fold
 
 
 @dataclass(frozen=True, eq=False)
-class Solved:
+class SessionSolution:
     """A solution with the choice it was made from.
 
     ``tool_before`` is the tool's error with what the controller holds now, ``tool_after`` what
@@ -43,10 +43,10 @@ class Solved:
     tool_factor: float
     visit_count: int
     suspects: tuple[Suspect, ...]
-    loud: tuple[Loud, ...]
-    alone: tuple[Alone, ...]
+    loud: tuple[NoisyChannel, ...]
+    alone: tuple[IsolatedReadings, ...]
 
-    def with_subset(self, subset: Subset) -> Solved:
+    def with_subset(self, subset: Subset) -> SessionSolution:
         """Another set of the same choice; nothing is fitted again. Raises NotIdentifiable."""
         return _solved(self.names, self.sessions, self.observed, self.choice, subset)
 
@@ -64,7 +64,7 @@ class Solved:
 
 
 @dataclass(frozen=True)
-class Alone:
+class IsolatedReadings:
     """Readings of a mounting in one posture: without another posture they say nothing."""
 
     session: str
@@ -72,7 +72,7 @@ class Alone:
 
 
 @dataclass(frozen=True)
-class Loud:
+class NoisyChannel:
     """An indicator that scatters more than the quietest, and its first reading."""
 
     session: str
@@ -126,7 +126,7 @@ def solve_sessions(
     subset: Subset | None = None,
     method: Method = "exact",
     weights: Weights = "equal",
-) -> Solved:
+) -> SessionSolution:
     """Identify; without a subset the recommended one is taken.
 
     Raises NotIdentifiable where the readings do not determine what was asked for.
@@ -150,7 +150,7 @@ def _solved(
     observed: Observations,
     choice: SubsetChoice,
     subset: Subset,
-) -> Solved:
+) -> SessionSolution:
     """One set of a choice, with what its readings tell, as the sessions know them."""
     if subset not in choice.solutions:
         raise choice.refused[subset]
@@ -158,7 +158,7 @@ def _solved(
     nominal = Model(sessions[0].opened.machine.geometry())
     known = [(name, r) for name, one in zip(names, sessions, strict=True) for r in one.readings]
     starts: list[int] = visit_starts(observed).tolist()
-    return Solved(
+    return SessionSolution(
         names=tuple(names),
         sessions=tuple(sessions),
         observed=observed,
@@ -171,9 +171,11 @@ def _solved(
         suspects=tuple(
             Suspect(*known[starts[wild.row]], wild.studentised) for wild in solution.noise.wild
         ),
-        loud=tuple(Loud(*known[one.row], one) for one in loud_indicators(observed, solution.noise)),
+        loud=tuple(
+            NoisyChannel(*known[one.row], one) for one in loud_indicators(observed, solution.noise)
+        ),
         alone=tuple(
-            Alone(known[rows[0]][0], tuple(known[row][1] for row in rows))
+            IsolatedReadings(known[rows[0]][0], tuple(known[row][1] for row in rows))
             for rows in lost_rows(observed)
         ),
     )
@@ -198,7 +200,7 @@ def solve_files(
     subset: Subset | None = None,
     method: Method = "exact",
     weights: Weights = "equal",
-) -> tuple[Solved, list[str]]:
+) -> tuple[SessionSolution, list[str]]:
     """`load_sessions` and `solve_sessions` in one step, with the warnings."""
     sessions, warnings = load_sessions(paths)
     if not sessions:
@@ -207,7 +209,7 @@ def solve_files(
     return solve_sessions(names, sessions, subset=subset, method=method, weights=weights), warnings
 
 
-def solve_for_controller(path: Path) -> Solved:
+def solve_for_controller(path: Path) -> SessionSolution:
     """The solution whose offsets go into the controller: joint offsets, exact fit."""
     solved, _ = solve_files([path], subset="joint-offsets")
     return solved

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from app.evaluating.solution import Solved
+from app.evaluating.solution import SessionSolution
 from app.exports import linuxcnc, plain
 from app.report.offsets import offsets_from_solved
 from protocols.files import write_files
@@ -23,7 +23,7 @@ FORMATS = {
 FILE_NAMES = {"json": "offsets.json", "csv": "offsets.csv", "model": "model.json"}
 
 
-def export_offsets(solved: Solved, folder: Path) -> list[Path]:
+def export_offsets(solved: SessionSolution, folder: Path) -> list[Path]:
     """Offsets of a solution in every format, into a folder. Raises RecordError."""
     offsets = offsets_from_solved(solved)
     paths: list[Path] = []

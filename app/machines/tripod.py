@@ -11,7 +11,7 @@ from app.planning.request import Request
 from protocols.machine_files import USUAL_MACHINE, machine_names
 
 if TYPE_CHECKING:  # heavy: imported where used
-    from app.evaluating.solution import Solved
+    from app.evaluating.solution import SessionSolution
     from calib.identify.monte_carlo import MonteCarlo
 
 
@@ -129,7 +129,7 @@ def solve(asked: Solving, say: Say) -> Answer:
     )
 
 
-def _monte_carlo(solved: Solved, count: int, seed: int) -> MonteCarlo:
+def _monte_carlo(solved: SessionSolution, count: int, seed: int) -> MonteCarlo:
     """Many sessions with a progress bar on standard error."""
     from rich.console import Console
     from rich.progress import Progress

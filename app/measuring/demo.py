@@ -8,11 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.evaluating.own_effects import known_laws
-from app.evaluating.solution import Solved
+from app.evaluating.solution import SessionSolution
 from app.measuring.hidden_effect import hidden_effect
 from app.measuring.indicators import DEFAULT_PROFILE, simulated_indicators
 from app.measuring.opening import Plan, session_name
-from app.measuring.session import GuidedSession, Taken
+from app.measuring.session import GuidedSession, TakenStep
 from app.measuring.simulated import BenchSettings, planned_readings
 from calib.tripod.simulation import hidden_machine
 from drivers.errors import IndicatorError
@@ -66,7 +66,7 @@ def with_hidden_effect(plan: Plan, effect: str) -> Plan:
     return replace(plan, bench=replace(plan.bench, effects=effects, clock_rate=clock_rate))
 
 
-def verification_plan(plan: Plan, before: Solved) -> Plan:
+def verification_plan(plan: Plan, before: SessionSolution) -> Plan:
     """The same procedure after the offsets were entered in the controller."""
     found = before.joint_offsets_mm
     entered = [old + new for old, new in zip(plan.machine.entered_offsets_mm, found, strict=True)]
@@ -82,7 +82,9 @@ def verification_plan(plan: Plan, before: Solved) -> Plan:
     return replace(plan, path=path, machine=machine, before=before, verifies=plan.path.name)
 
 
-def measure_all(guided: GuidedSession, progress: Callable[[Taken], None] = lambda _: None) -> None:
+def measure_all(
+    guided: GuidedSession, progress: Callable[[TakenStep], None] = lambda _: None
+) -> None:
     """Take every step of a simulated session unattended and close the record.
 
     Raises IndicatorError where an indicator gives no value.

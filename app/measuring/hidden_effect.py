@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from calib.observations import TOOL, Conditions
 from calib.tripod.effects.candidates import candidates
-from calib.tripod.effects.effect import Law, Placed
+from calib.tripod.effects.effect import EffectInstance, Law
 from calib.tripod.effects.hidden import hidden_among
 from calib.tripod.pipeline import Model
 from protocols.errors import UsageError
@@ -21,7 +21,7 @@ def hidden_effect(
     seed: int,
     noise_mm: float,
     size: float | None = None,
-) -> tuple[Placed, ...]:
+) -> tuple[EffectInstance, ...]:
     """The effect ``wanted`` (id, or id:where) for the machine ``truth``; see `hidden_among`.
 
     Raises UsageError where it is not known, or these readings cannot show it.

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
-from app.evaluating.solution import Solved, solve_for_controller
+from app.evaluating.solution import SessionSolution, solve_for_controller
 from app.measuring.gauges import Gauge
 from app.measuring.indicators import (
     SIMULATED,
@@ -54,7 +54,7 @@ class Plan:
     operator: str = ""
     temperature_c: float | None = None
     seed: int = 1
-    before: Solved | None = None
+    before: SessionSolution | None = None
     verifies: str | None = None
     bench: BenchSettings = BenchSettings()
     transport: Transport = field(default_factory=default_transport)
@@ -218,7 +218,7 @@ def _known_here(path: Path, opened: Opened) -> tuple[Instrument, ...]:
     return instruments
 
 
-def _verified(path: Path, verifies: str | None) -> Solved | None:
+def _verified(path: Path, verifies: str | None) -> SessionSolution | None:
     """The solution that a session verifies, if its file is still beside it."""
     beside = path.with_name(verifies) if verifies else None
     if beside is None or not beside.is_file():

@@ -27,7 +27,7 @@ from protocols.session_clock import SessionClock
 
 
 @dataclass(frozen=True)
-class Taken:
+class TakenStep:
     """What came of one take: the readings on the disk, or the faults that prevented it.
 
     ``questioned`` are those of the readings that disagree with earlier repeats.
@@ -99,7 +99,7 @@ class GuidedSession:
                 gauge.restart_window()
             self._go(step)
 
-    def take(self) -> Taken | None:
+    def take(self) -> TakenStep | None:
         """Read every indicator of the present step and write the readings to the disk.
 
         None when the procedure is done. Raises RecordError where the disk refuses; then nothing is
@@ -128,7 +128,7 @@ class GuidedSession:
             said = f"the computer's clock was set {way} by {abs(jump_s):.0f} s; time_s goes on"
             self._append([Noted(text=said)])
 
-    def _take(self, step: Step) -> Taken:
+    def _take(self, step: Step) -> TakenStep:
         self._mark_jump()
         asked = [gauge.ask() for gauge in self.gauges[: len(step.axes)]]
         outcomes = [_plausible(one.result()) for one in asked]
@@ -141,11 +141,11 @@ class GuidedSession:
                 if isinstance(outcome, Fault)
             ]
             self._append(events)
-            return Taken(step, (), faults)
+            return TakenStep(step, (), faults)
         mounts, mounting = self._mounting(step)
         readings = self._readings(step, outcomes, mounts)
         self._append([*mounting, *self._supersede_leftovers(step), *readings])
-        return Taken(step, readings, (), disagreements(self.session, readings))
+        return TakenStep(step, readings, (), disagreements(self.session, readings))
 
     def undo(self, reason: str = "repeated by the operator") -> Step | None:
         """Supersede the readings of the last step taken; it becomes the present step again."""

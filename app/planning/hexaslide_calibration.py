@@ -117,14 +117,14 @@ def write_simulated(asked: Asked, output: Path, truth: Path | None) -> HexaSlide
 
 
 @dataclass(frozen=True, eq=False)
-class Calibrated(Checked):
+class CalibratedMachine(Checked):
     """A calibration with its checks, and the file that it is from."""
 
     name: str
     source: HexaSlideMeasurements
 
 
-def calibrate_file(path: Path, truth: Path | None, share: float) -> Calibrated:
+def calibrate_file(path: Path, truth: Path | None, share: float) -> CalibratedMachine:
     """Identify from a file of measured postures, about ``share`` of them kept out.
 
     Raises RecordError for a file, CalibrationError where the postures give no result.
@@ -132,4 +132,4 @@ def calibrate_file(path: Path, truth: Path | None, share: float) -> Calibrated:
     source = read_measurements(path)
     true = None if truth is None else read_truth(truth, source).whole()
     checked = checked_calibration(source.readings(), source.machine.whole(), true, share)
-    return Calibrated(**vars(checked), name=path.name, source=source)
+    return CalibratedMachine(**vars(checked), name=path.name, source=source)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.evaluating.own_effects import known_laws
-from app.evaluating.solution import Solved, solve_files
+from app.evaluating.solution import SessionSolution, solve_files
 from app.report.text.caveats import caveats
 from calib.identify.solution import LACK_OF_FIT_LEVEL, Method, Solution, Subset
 from calib.printable import printable
@@ -77,7 +77,7 @@ class Offsets:
         return {name: self.values_mm[name] for name in names if self.values_mm.get(name)}
 
 
-def offsets_from_solved(solved: Solved) -> Offsets:
+def offsets_from_solved(solved: SessionSolution) -> Offsets:
     """Offsets of a solution."""
     solution = solved.solution
     machine = solved.sessions[0].opened.machine

@@ -15,7 +15,7 @@ from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
 from textual.worker import get_current_worker
 
 from app.evaluating.adoption import adopt, write_procedure
-from app.evaluating.diagnosis import Diagnosed, diagnose_files
+from app.evaluating.diagnosis import SessionDiagnosis, diagnose_files
 from app.evaluating.own_effects import known_laws
 from app.report.charts.charts import residuals_before_and_after
 from app.report.text.diagnose_screen import (
@@ -77,7 +77,7 @@ class DiagnoseScreen(PagedScreen):
         super().__init__()
         self.paths = tuple(paths)
         self.model = model
-        self.diagnosed: Diagnosed | None = None
+        self.diagnosed: SessionDiagnosis | None = None
         self.looking = False
         self._gap_before_mm: float | None = None
 
@@ -138,7 +138,7 @@ class DiagnoseScreen(PagedScreen):
         self.looking = False
         self._say_everywhere(problem_text(problem))
 
-    def _show(self, found: Diagnosed) -> None:
+    def _show(self, found: SessionDiagnosis) -> None:
         self.looking, self.diagnosed = False, found
         self.refresh_bindings()
         now = found.diagnosis.gap_before.rms_mm
@@ -175,7 +175,7 @@ class DiagnoseScreen(PagedScreen):
         """Why nothing is written."""
         self.app.complain(self._why_not(action))
 
-    def _ready(self) -> Diagnosed | None:
+    def _ready(self) -> SessionDiagnosis | None:
         """The diagnosis; where there is none, the reason is said."""
         if self.diagnosed is None:
             self.app.complain(NOT_YET if self.looking else NOTHING_FOUND)
@@ -232,7 +232,7 @@ class DiagnoseScreen(PagedScreen):
         else:
             self._write_next(found, path)
 
-    def _write_next(self, found: Diagnosed, path: Path) -> None:
+    def _write_next(self, found: SessionDiagnosis, path: Path) -> None:
         try:
             write_procedure(found, path)
         except GlidecalError as problem:

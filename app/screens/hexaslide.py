@@ -55,7 +55,7 @@ TEXTS = {"sees": "sees-text", "machine": "drawn-text", "places": "search-text", 
 
 
 @dataclass
-class Looked(Message):
+class ShownProcedure(Message):
     """What a procedure sees, or why that cannot be told."""
 
     asked: int
@@ -195,10 +195,10 @@ class HexaSlideScreen(PagedScreen):
             view: View | GlidecalError = look_at(hexaslide_planning(request))
         except GlidecalError as problem:
             view = problem
-        self.post_message(Looked(asked, view))
+        self.post_message(ShownProcedure(asked, view))
 
-    @on(Looked)
-    def _show_view(self, message: Looked) -> None:
+    @on(ShownProcedure)
+    def _show_view(self, message: ShownProcedure) -> None:
         if message.asked != self._asked:
             return
         self.looking = False

@@ -37,7 +37,7 @@ from protocols.files import unused_path
 
 if TYPE_CHECKING:
     from app.evaluating.comparison import Comparison
-    from app.evaluating.solution import Solved
+    from app.evaluating.solution import SessionSolution
     from app.planning.request import Request
 
 PALETTE = (
@@ -255,7 +255,7 @@ class Interface(App[str]):
         """A session under way."""
 
     @abstractmethod
-    def result(self, solved: Solved, plan: Plan | None, path: Path) -> Screen[None]:
+    def result(self, solved: SessionSolution, plan: Plan | None, path: Path) -> Screen[None]:
         """What a session gave."""
 
     @abstractmethod

@@ -17,7 +17,7 @@ from textual.geometry import Size
 from app.evaluating.solution import solve_for_controller
 from app.measuring.gauges import Live, Motion
 from app.measuring.opening import Plan
-from app.measuring.session import GuidedSession, Taken
+from app.measuring.session import GuidedSession, TakenStep
 from app.report.text.session import (
     MEASURE_HELP,
     QUESTION_CHOICES,
@@ -30,8 +30,8 @@ from app.report.text.session import (
 )
 from app.screens.corrections import Corrections
 from app.screens.dialogs import ChoiceDialog
-from app.screens.kept import Kept
 from app.screens.leg_review import LegReviewScreen
+from app.screens.line_cache import CachedLines
 from app.screens.news import News
 from app.screens.session_view import SessionView
 from app.screens.widgets import KeyLine
@@ -74,7 +74,7 @@ WIDE = 110
 """Columns from which table and plot stand side by side."""
 
 
-class MeasureScreen(Corrections, Kept):
+class MeasureScreen(Corrections, CachedLines):
     """One step after the other; Space takes it."""
 
     HELP = MEASURE_HELP
@@ -247,7 +247,7 @@ class MeasureScreen(Corrections, Kept):
         else:
             self.app.call_from_thread(self._taken, taken)
 
-    def _taken(self, taken: Taken | None) -> None:
+    def _taken(self, taken: TakenStep | None) -> None:
         self.busy = False
         if taken is None:
             return
@@ -266,7 +266,7 @@ class MeasureScreen(Corrections, Kept):
         else:
             self._go_on(taken.step)
 
-    def _answered(self, answer: str, taken: Taken) -> None:
+    def _answered(self, answer: str, taken: TakenStep) -> None:
         """What the operator says to a reading that disagrees with earlier ones."""
         reason = repeat_reason(answer, taken)
         if answer == "keep":

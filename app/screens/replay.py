@@ -13,7 +13,7 @@ from textual.events import Resize
 from textual.screen import Screen
 from textual.widgets import Footer, Log
 
-from app.evaluating.solution import Solved, solve_files
+from app.evaluating.solution import SessionSolution, solve_files
 from app.measuring.playback import Playback
 from app.report.text.replay import (
     REPLAY_HELP,
@@ -245,7 +245,7 @@ class ReplayScreen(Screen[None]):
         else:
             self.app.call_from_thread(self._solved, solved)
 
-    def _solved(self, found: Solved | str) -> None:
+    def _solved(self, found: SessionSolution | str) -> None:
         self._solving = False
         if isinstance(found, str):
             self.say(unsolved_text(found))

@@ -12,7 +12,7 @@ from textual.containers import Horizontal, VerticalScroll
 from textual.events import Resize
 from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
 
-from app.evaluating.solution import Solved
+from app.evaluating.solution import SessionSolution
 from app.exports import export_offsets
 from app.measuring.demo import verification_plan
 from app.measuring.opening import Plan
@@ -66,7 +66,7 @@ class ResultScreen(PagedScreen):
         Binding("f10", "app.quit", "Quit", id="result.quit"),
     ]
 
-    def __init__(self, solved: Solved, plan: Plan | None, path: Path) -> None:
+    def __init__(self, solved: SessionSolution, plan: Plan | None, path: Path) -> None:
         super().__init__()
         self.solved = solved
         self.plan = plan
@@ -86,7 +86,7 @@ class ResultScreen(PagedScreen):
                     yield from self._compose_comparison(self.before)
         yield Footer(compact=True, show_command_palette=False)
 
-    def _compose_comparison(self, before: Solved) -> ComposeResult:
+    def _compose_comparison(self, before: SessionSolution) -> ComposeResult:
         now = self.solved.solution
         with VerticalScroll(id="comparison"):
             yield Static(comparison_text(before.solution, now), id="compared", markup=False)
@@ -148,7 +148,7 @@ class ResultScreen(PagedScreen):
         else:
             self.app.call_from_thread(self.app.notify, said, timeout=10, markup=False)
 
-    def _joint_offsets(self) -> Solved:
+    def _joint_offsets(self) -> SessionSolution:
         return self.solved.with_subset("joint-offsets")
 
     def action_verify(self) -> None:

@@ -13,7 +13,7 @@ from app.measuring.gauges import Live
 from app.measuring.leg_review import leg_rows
 from app.report.charts.charts import readings_by_posture
 from app.report.text.session import leg_table_text, step_text
-from app.screens.kept import Kept
+from app.screens.line_cache import CachedLines
 from app.screens.plot import ChartPlot
 from app.screens.widgets import GaugeDisplay, Line, StepList
 from protocols.procedure import Step
@@ -23,11 +23,11 @@ CHART_S = 0.06
 """The chart is half of a step's picture; it comes later, so that readings need not wait for it."""
 
 
-class Row(Horizontal, Kept):
+class Row(Horizontal, CachedLines):
     """Side by side."""
 
 
-class SessionView(Vertical, Kept):
+class SessionView(Vertical, CachedLines):
     """The same picture whether a session is measured or replayed."""
 
     def __init__(self, gauge_count: int) -> None:

@@ -25,7 +25,7 @@ from protocols.record import read_record
 
 if TYPE_CHECKING:
     from app.evaluating.comparison import Comparison
-    from app.evaluating.solution import Solved
+    from app.evaluating.solution import SessionSolution
     from app.measuring.session import GuidedSession
     from app.planning.request import Request
 
@@ -45,7 +45,7 @@ class Glidecal(Interface):
     def measuring(self, guided: GuidedSession, plan: Plan) -> Screen[None]:
         return MeasureScreen(guided, plan)
 
-    def result(self, solved: Solved, plan: Plan | None, path: Path) -> Screen[None]:
+    def result(self, solved: SessionSolution, plan: Plan | None, path: Path) -> Screen[None]:
         from app.screens.result import ResultScreen
 
         return ResultScreen(solved, plan, path)

@@ -19,7 +19,7 @@ from textual.widgets import Footer, Static
 
 from app.measuring.gauges import Live, Motion
 from app.report.text.tables import signed
-from app.screens.kept import Kept, KeptRows
+from app.screens.line_cache import CachedLines, CachedRows
 from calib.tripod.geometry import Geometry
 from drivers.profile import Fault, Reading
 from protocols.procedure import Step
@@ -60,7 +60,7 @@ def decimals_of(resolution_mm: float) -> int:
     return max(0, len(f"{resolution_mm:.6f}".rstrip("0")) - 2)
 
 
-class GaugeDisplay(KeptRows):
+class GaugeDisplay(CachedRows):
     """One indicator: big digits, unit, a word for its state, age, trend.
 
     One widget draws it all: widgets within it would cost more than the drawing.
@@ -153,11 +153,11 @@ class GaugeDisplay(KeptRows):
         return f"{state}  {live.age_s:.0f} s old" if live.age_s >= OLD_S else state
 
 
-class Line(Static, Kept):
+class Line(Static, CachedLines):
     """Words that seldom change, on a screen of which something else changes often."""
 
 
-class KeyLine(Footer, Kept):
+class KeyLine(Footer, CachedLines):
     """The keys of a screen."""
 
 

@@ -29,7 +29,7 @@ class Figures:
 
 
 @dataclass(frozen=True, eq=False)
-class Chosen:
+class ChosenPostures:
     """Optimum postures beside the procedure that they were asked for.
 
     ``grid_value`` is the criterion before the postures were moved off the grid; None where they
@@ -64,7 +64,7 @@ def optimum_postures(
     repeats: bool = False,
     common: bool = False,
     refine: bool = True,
-) -> Chosen:
+) -> ChosenPostures:
     """The best set of ``count`` postures that fits into the budget.
 
     ``common`` allows only sets that treat equal parts of the machine alike: one procedure file.
@@ -87,7 +87,7 @@ def optimum_postures(
     information = pool.candidates.information(np.array(chosen, dtype=np.intp))
     left = wanted_information(information, aim)
     plain = Aim(criterion, None, metric)
-    return Chosen(
+    return ChosenPostures(
         machine=machine.name,
         procedure=examined.procedure,
         criterion=criterion,

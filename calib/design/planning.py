@@ -1,7 +1,7 @@
 """What a machine hands over to be planned for, and what its procedures see.
 
-A machine tells in arrays what a procedure sees (`Examined`), what could be measured instead
-(`Pool`) and what would help (`Cure`). The rest is the same for all machines.
+A machine tells in arrays what a procedure sees (`Examination`), what could be measured instead
+(`Pool`) and what would help (`AddedMeasurement`). The rest is the same for all machines.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Orders = dict[tuple[int, float], list[float]]
 
 
 @dataclass(frozen=True, eq=False)
-class Examined:
+class Examination:
     """A procedure as its machine sees it.
 
     ``measured`` names what is read, ``row_count`` counts independent values; ``bare`` are the
@@ -55,7 +55,7 @@ class Examined:
 
 
 @dataclass(frozen=True)
-class Cure:
+class AddedMeasurement:
     """The added posture that helps one combination most, and its uncertainty then."""
 
     where: str
@@ -105,10 +105,10 @@ class PlannedMachine(Protocol):
     def name(self) -> str:
         """The name on the command line."""
 
-    def examine(self) -> Examined:
+    def examine(self) -> Examination:
         """What the procedure of the request sees."""
 
-    def cures(self, vectors: Sequence[FloatArray]) -> tuple[Cure | None, ...]:
+    def cures(self, vectors: Sequence[FloatArray]) -> tuple[AddedMeasurement | None, ...]:
         """For each combination ``(k,)`` the best added posture; None where none is known."""
 
 
@@ -133,7 +133,7 @@ class Combination:
     shares: dict[str, float]
     standard_uncertainty: float | None
     tool_mm: float | None
-    cure: Cure | None
+    cure: AddedMeasurement | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +141,7 @@ class SeenBy:
     """What a procedure can and cannot see, ready for words and documents."""
 
     machine: str
-    examined: Examined
+    examined: Examination
     found: Identifiability
     lost: tuple[Combination, ...]
     weak: tuple[Combination, ...]

@@ -38,7 +38,7 @@ apart than the rows.
 
 
 @dataclass(frozen=True, eq=False)
-class Refined:
+class RefinedPostures:
     """Coordinates ``(p, d)`` with the value before and after; never worse than before.
 
     ``on_bound`` counts the coordinates that stand on a bound of the box.
@@ -71,7 +71,7 @@ def refine(
     *,
     fixed: FloatArray | None = None,
     sharpness: Sequence[float] = (),
-) -> Refined:
+) -> RefinedPostures:
     """Improve postures ``(p, d)`` inside the box ``(d,)`` to ``(d,)`` by L-BFGS-B.
 
     ``rows_at`` is a smooth map of the machine; ``fixed`` ``(k, k)`` as for the exchange.
@@ -102,7 +102,7 @@ def refine(
     after = judged(rows_at(moved)[0], aim, fixed)
     if (after <= before) if aim.criterion.larger_is_better else (after >= before):
         moved, after = start, before
-    return Refined(moved, after, before, count_on_bound(moved, lower, upper))
+    return RefinedPostures(moved, after, before, count_on_bound(moved, lower, upper))
 
 
 def _descended(

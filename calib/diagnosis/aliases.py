@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.problem import Problem, Sitting
+from calib.diagnosis.problem import FittedSession, Problem
 from calib.diagnosis.selection import ALIKE, contained
 from calib.linalg import without
 from calib.noise.reading import IndicatorFigures
@@ -51,8 +51,8 @@ def alias_map(
     """
     tolerance = np.array([2.0] * 3 + [0.1] * 3)
     figures = IndicatorFigures(repeatability_mm=noise_mm)
-    problem = Problem.of([Sitting.of(model, taken, figures, tolerance)])
-    observed = problem.sittings[0].observed
+    problem = Problem.of([FittedSession.of(model, taken, figures, tolerance)])
+    observed = problem.fitted_sessions[0].observed
     runners = [c for c in candidates(model, observed, laws) if c.arrangement != "each"]
     blocks = [problem.block(c.columns) for c in runners]
     found = []

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from calib.diagnosis.beside import needed_beside_effects
-from calib.diagnosis.blunders import Blunder, place_of, suspect_blunders
-from calib.diagnosis.problem import Problem, Sitting
-from calib.diagnosis.slips import find_slip
-from calib.diagnosis.strays import set_strays_right
+from calib.diagnosis.gross_errors import GrossError, place_of, suspect_blunders
+from calib.diagnosis.gross_errors_given_effects import needed_beside_effects
+from calib.diagnosis.outliers import set_strays_right
+from calib.diagnosis.problem import FittedSession, Problem
+from calib.diagnosis.setup_shifts import find_slip
 from calib.diagnosis.verify import structure_rms_mm
 from calib.errors import NotIdentifiable
 from calib.noise.reading import IndicatorFigures
@@ -32,9 +32,9 @@ class Case:
     indicator: IndicatorFigures
     tolerance_mm: FloatArray
 
-    def sit(self) -> Sitting:
+    def sit(self) -> FittedSession:
         """Fit the base parameters. Raises NotIdentifiable."""
-        return Sitting.of(self.model, self.observed, self.indicator, self.tolerance_mm)
+        return FittedSession.of(self.model, self.observed, self.indicator, self.tolerance_mm)
 
     def with_readings(self, observed: Observations) -> Case:
         """The same session with other readings."""
@@ -45,7 +45,7 @@ class Case:
 class Mistake:
     """A mistake in one session, and the gap (r.m.s., mm) with it and without."""
 
-    blunder: Blunder
+    blunder: GrossError
     before_rms_mm: float
     after_rms_mm: float
 
@@ -65,7 +65,7 @@ def clean(
     return cleaned, mistakes
 
 
-def _blunders_of(case: Case, laws: Sequence[Law]) -> list[Blunder]:
+def _blunders_of(case: Case, laws: Sequence[Law]) -> list[GrossError]:
     """One after the other, each in the data that the one before left."""
     found = _slips(case.observed)
     observed = found[-1].corrected if found else case.observed
@@ -79,7 +79,7 @@ def _blunders_of(case: Case, laws: Sequence[Law]) -> list[Blunder]:
     return [*found, *set_strays_right(observed, _step_mm(case.indicator))]
 
 
-def _blunder_in(case: Case, laws: Sequence[Law]) -> Blunder | None:
+def _blunder_in(case: Case, laws: Sequence[Law]) -> GrossError | None:
     suspicions = suspect_blunders(case.model, case.observed, case.tolerance_mm)
     if not suspicions or suspicions[0].proven:
         return suspicions[0].blunder if suspicions else None
@@ -90,7 +90,7 @@ def _blunder_in(case: Case, laws: Sequence[Law]) -> Blunder | None:
     return needed_beside_effects(before, [(one, after) for one, after in fitted if after], laws)
 
 
-def _fitted(case: Case) -> Sitting | None:
+def _fitted(case: Case) -> FittedSession | None:
     """None where these readings, wrong as they may be, fit no machine."""
     try:
         return case.sit()
@@ -102,9 +102,9 @@ def _step_mm(indicator: IndicatorFigures) -> float:
     return max(indicator.resolution_mm or 0.0, indicator.step_mm or 0.0)
 
 
-def _slips(observed: Observations) -> list[Blunder]:
+def _slips(observed: Observations) -> list[GrossError]:
     """Slips of stands that the repeats show clearly."""
-    found: list[Blunder] = []
+    found: list[GrossError] = []
     while len(found) < MOST_BLUNDERS and (slip := find_slip(observed)) is not None:
         first = slip.rows[0]
         where = place_of(observed, slip.rows)
@@ -112,7 +112,7 @@ def _slips(observed: Observations) -> list[Blunder]:
             f"the stand moved by {slip.shift_mm:+.4f} mm before the reading at "
             f"{observed.posture_words(first)}, cycle {observed.cycle[first]}"
         )
-        found.append(Blunder("stand_slip", where, title, slip.rows, slip.corrected))
+        found.append(GrossError("stand_slip", where, title, slip.rows, slip.corrected))
         observed = slip.corrected
     return found
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from calib.diagnosis.attribution import DOUBT, Attribution, repeats_explain_as_much
 from calib.diagnosis.cleaning import Case, clean
-from calib.diagnosis.entries import Entry, entries_of, implausible, prices
 from calib.diagnosis.fitting import Fitting
-from calib.diagnosis.naming import DOUBT, Naming, repeats_explain_as_much
+from calib.diagnosis.hypotheses import Hypothesis, entries_of, implausible, log_priors
+from calib.diagnosis.model_selection import ModelSelection, Outcome
+from calib.diagnosis.outliers import WILD_DISTANCE
 from calib.diagnosis.problem import Problem
-from calib.diagnosis.race import Outcome, Race
 from calib.diagnosis.report import Report
 from calib.diagnosis.results import Diagnosis
-from calib.diagnosis.strays import WILD_DISTANCE
 from calib.linalg import squares_in
 from calib.observations import FloatArray
 from calib.tripod.effects.effect import Law
@@ -45,7 +45,7 @@ def diagnose(
     race, outcome = _followed_far_enough(race, entries, ready)
     problem = race.problem
     fitting = Fitting(problem, entries, race, ready)
-    naming = Naming(problem, entries, race, outcome)
+    naming = Attribution(problem, entries, race, outcome)
     doubts = (DOUBT,) if repeats_explain_as_much(naming) else ()
     if doubts:
         outcome = replace(outcome, kept=None)
@@ -54,19 +54,19 @@ def diagnose(
 
 
 def _race(
-    problem: Problem, entries: Sequence[Entry], blocks: tuple[FloatArray, ...], seed: int
-) -> Race:
+    problem: Problem, entries: Sequence[Hypothesis], blocks: tuple[FloatArray, ...], seed: int
+) -> ModelSelection:
     causes = tuple(entry.causes for entry in entries)
 
     def loss(members: tuple[int, ...]) -> float:
         return implausible(problem, [entries[k] for k in members])
 
-    return Race(problem, blocks, prices(problem, entries), causes, seed, loss)
+    return ModelSelection(problem, blocks, log_priors(problem, entries), causes, seed, loss)
 
 
 def _followed_far_enough(
-    race: Race, entries: Sequence[Entry], ready: Sequence[Case]
-) -> tuple[Race, Outcome]:
+    race: ModelSelection, entries: Sequence[Hypothesis], ready: Sequence[Case]
+) -> tuple[ModelSelection, Outcome]:
     """The race once more where large effects do more than their derivatives say.
 
     What they do beyond would be named as something else.
@@ -87,7 +87,7 @@ def _followed_far_enough(
     return race, outcome
 
 
-def _may_run(problem: Problem, entry: Entry, block: FloatArray) -> bool:
+def _may_run(problem: Problem, entry: Hypothesis, block: FloatArray) -> bool:
     """What shows at all; a lone reading only where no repeat has judged it, and if it is far off.
 
     Far off is beyond what heavy tails reach.

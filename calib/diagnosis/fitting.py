@@ -8,18 +8,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calib.diagnosis.cleaning import Case
-from calib.diagnosis.entries import FAR, Entry, held
+from calib.diagnosis.hypotheses import FAR, Hypothesis, held
+from calib.diagnosis.model_selection import ModelSelection
 from calib.diagnosis.problem import Problem
-from calib.diagnosis.race import Race
 from calib.diagnosis.results import Value
 from calib.errors import NotIdentifiable
 from calib.linalg import onto
 from calib.observations import FloatArray
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance
 
 CORRECTIONS = 2
 
-Sizes = dict[int, tuple[tuple[Value, ...], tuple[Placed, ...]]]
+Sizes = dict[int, tuple[tuple[Value, ...], tuple[EffectInstance, ...]]]
 """Parameters of each entry, and the effects that they make."""
 
 
@@ -28,8 +28,8 @@ class Fitting:
     """Entries of one race, fitted to its sessions."""
 
     problem: Problem
-    entries: Sequence[Entry]
-    race: Race
+    entries: Sequence[Hypothesis]
+    race: ModelSelection
     cases: Sequence[Case]
     _found: dict[tuple[int, ...], tuple[Sizes, FloatArray]] = field(default_factory=dict)
 
@@ -60,13 +60,13 @@ class Fitting:
             found = self.values(members, self.problem.y + onto(basis, beyond))
         return found, y
 
-    def left_with(self, placed: tuple[Placed, ...]) -> FloatArray:
+    def left_with(self, placed: tuple[EffectInstance, ...]) -> FloatArray:
         """Whitened residual ``(n,)`` with these effects in the model, nuisance projected out.
 
         Raises NotIdentifiable where the legs cannot meet.
         """
         adopted = []
-        for case, one in zip(self.cases, self.problem.sittings, strict=True):
+        for case, one in zip(self.cases, self.problem.fitted_sessions, strict=True):
             model = case.model.with_effects((*case.model.effects, *placed))
             adopted.append(one.again(model, case.tolerance_mm))
         return Problem.of(adopted).y

@@ -45,7 +45,7 @@ VISIBLE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Sitting:
+class FittedSession:
     """One session ready for diagnosis: its visits, its noise, and the model fitted to it.
 
     ``left_mm`` ``(n,)`` is measured minus predicted without zeros, ``weight`` ``(n,)`` in 1/mm²,
@@ -67,7 +67,7 @@ class Sitting:
         observed: Observations,
         indicator: IndicatorFigures,
         tolerance_mm: FloatArray,
-    ) -> Sitting:
+    ) -> FittedSession:
         """Fit the base parameters, held by their tolerances, as the place to linearise at.
 
         Raises NotIdentifiable where the legs cannot meet.
@@ -79,7 +79,7 @@ class Sitting:
             weight = weight / _rough_variance(visited)
         return cls._fitted(model, visited, noise, weight, tolerance_mm)
 
-    def again(self, model: Model, tolerance_mm: FloatArray) -> Sitting:
+    def again(self, model: Model, tolerance_mm: FloatArray) -> FittedSession:
         """The same readings with another model. Raises NotIdentifiable."""
         return self._fitted(model, self.observed, self.noise, self.weight, tolerance_mm)
 
@@ -91,7 +91,7 @@ class Sitting:
         noise: Noise | None,
         weight: FloatArray,
         tolerance_mm: FloatArray,
-    ) -> Sitting:
+    ) -> FittedSession:
         fit = prior_fit(model, visited, weight, tolerance_mm)
         fitted = model.with_parameters(fit.parameters_mm)
         base = derivatives(model.geometry, fit.parameters_mm, visited, model.effects)
@@ -116,7 +116,7 @@ class Problem:
     the whitening used, 0 where none is known.
     """
 
-    sittings: tuple[Sitting, ...]
+    fitted_sessions: tuple[FittedSession, ...]
     left: FloatArray
     y: FloatArray
     root_weight: FloatArray
@@ -127,28 +127,28 @@ class Problem:
     mount: IntArray
 
     @classmethod
-    def of(cls, sittings: Sequence[Sitting]) -> Problem:
+    def of(cls, fitted_sessions: Sequence[FittedSession]) -> Problem:
         """Stack the sittings."""
-        root = np.concatenate([np.sqrt(one.weight) for one in sittings])
-        left = np.concatenate([one.left_mm for one in sittings])
-        columns = [_zeros_and_base(one) for one in sittings]
+        root = np.concatenate([np.sqrt(one.weight) for one in fitted_sessions])
+        left = np.concatenate([one.left_mm for one in fitted_sessions])
+        columns = [_zeros_and_base(one) for one in fitted_sessions]
         nuisance = block_diag(*(basis_of(c / lengths(c), DEPENDENT) for c in columns))
-        structure = block_diag(*(_structure(one) for one in sittings))
+        structure = block_diag(*(_structure(one) for one in fitted_sessions))
         residual = without(nuisance, root * left)
         df = structure.shape[1] - nuisance.shape[1]
         mounts, count = [], 0
-        for one in sittings:
+        for one in fitted_sessions:
             mounts.append(one.observed.mount + count)
             count += one.observed.mount_count
         return cls(
-            tuple(sittings),
+            tuple(fitted_sessions),
             root * left,
             residual,
             root,
             nuisance,
             structure,
             max(df, 0),
-            _noise_df(sittings),
+            _noise_df(fitted_sessions),
             np.concatenate(mounts),
         )
 
@@ -168,11 +168,11 @@ class Problem:
 
     def nuisance_columns(self) -> FloatArray:
         """Zeros and base columns of every session, whitened ``(n, q)``; its base comes last."""
-        return np.asarray(block_diag(*(_zeros_and_base(one) for one in self.sittings)))
+        return np.asarray(block_diag(*(_zeros_and_base(one) for one in self.fitted_sessions)))
 
     def conditions(self, name: str) -> NDArray[Any]:
         """One array of the conditions of all sittings ``(n,)``."""
-        return np.concatenate([getattr(one.observed, name) for one in self.sittings])
+        return np.concatenate([getattr(one.observed, name) for one in self.fitted_sessions])
 
     def has_repeats(self) -> bool:
         """Whether there is scatter of repeats: readings beyond cells and cycles."""
@@ -205,19 +205,19 @@ class Problem:
         return squares_in(self.structure, residual)
 
 
-def _noise_df(sittings: Sequence[Sitting]) -> float:
+def _noise_df(fitted_sessions: Sequence[FittedSession]) -> float:
     """Degrees of freedom of the noise of all sittings together; 0 where one has none."""
-    if any(one.noise is None for one in sittings):
+    if any(one.noise is None for one in fitted_sessions):
         return 0.0
-    return float(sum(one.noise.degrees_of_freedom for one in sittings if one.noise))
+    return float(sum(one.noise.degrees_of_freedom for one in fitted_sessions if one.noise))
 
 
-def _zeros_and_base(one: Sitting) -> FloatArray:
+def _zeros_and_base(one: FittedSession) -> FloatArray:
     columns = np.hstack([incidence(one.observed.mount), one.base])
     return np.asarray(np.sqrt(one.weight)[:, None] * columns)
 
 
-def _structure(one: Sitting) -> FloatArray:
+def _structure(one: FittedSession) -> FloatArray:
     """Basis of cells and cycles of each mounting; without repeats, of everything."""
     observed = one.observed
     root = np.sqrt(one.weight)

@@ -9,15 +9,16 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.diagnosis.attribution import Attribution
 from calib.diagnosis.cleaning import Case, Mistake
-from calib.diagnosis.entries import Entry
+from calib.diagnosis.discrepancy import left_over
 from calib.diagnosis.fitting import Fitting
-from calib.diagnosis.left_over import left_over
+from calib.diagnosis.hypotheses import Hypothesis
 from calib.diagnosis.locate import left_over_words, locate
-from calib.diagnosis.naming import Naming
-from calib.diagnosis.problem import Problem, Sitting
-from calib.diagnosis.proposing import propose
-from calib.diagnosis.race import LEVEL, Outcome, Race
+from calib.diagnosis.model_selection import LEVEL, ModelSelection, Outcome
+from calib.diagnosis.next_measurement import propose
+from calib.diagnosis.outliers import belongs_elsewhere
+from calib.diagnosis.problem import FittedSession, Problem
 from calib.diagnosis.residuals import residuals
 from calib.diagnosis.results import (
     Contender,
@@ -26,15 +27,14 @@ from calib.diagnosis.results import (
     Finding,
     Gap,
     HeldOutGap,
-    LeftOver,
+    ModelDiscrepancy,
     Verdict,
 )
-from calib.diagnosis.selection import Weighed, heaviest_first
-from calib.diagnosis.strays import belongs_elsewhere
+from calib.diagnosis.selection import WeighedModel, heaviest_first
 from calib.diagnosis.verify import left_out_postures, on_other_sessions, structure_rms_mm
 from calib.errors import NotIdentifiable
 from calib.observations import FloatArray
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance
 
 MOST_CONTENDERS = 20
 WITH_NAMES: tuple[Verdict, ...] = ("explained", "ambiguous", "partly-explained")
@@ -47,12 +47,12 @@ class Report:
 
     first: Problem
     fitting: Fitting
-    naming: Naming
+    naming: Attribution
     outcome: Outcome
     mistakes: Sequence[Mistake]
     held_out: Sequence[Case]
     doubts: tuple[str, ...]
-    _others: list[Sitting] = field(default_factory=list)
+    _others: list[FittedSession] = field(default_factory=list)
 
     @property
     def problem(self) -> Problem:
@@ -68,7 +68,7 @@ class Report:
         verdict = self._verdict
         shares = locate(self.problem)
         told = bool(self.held_out) or verdict != "cannot-tell"
-        noise = self.problem.sittings[0].noise
+        noise = self.problem.fitted_sessions[0].noise
         named = [f for f in findings if f.kind == "blunder" or verdict in WITH_NAMES]
         left = self._left_over(verdict, findings)
         return Diagnosis(
@@ -104,7 +104,7 @@ class Report:
         except NotIdentifiable:
             return None
 
-    def _half_seen(self, kept: Weighed) -> tuple[str, ...]:
+    def _half_seen(self, kept: WeighedModel) -> tuple[str, ...]:
         """Effects of whose values the readings see combinations only."""
         seen = [(self.fitting.entries[k], self.fitting.race.blocks[k]) for k in kept.members]
         return tuple(
@@ -114,13 +114,13 @@ class Report:
             if block.shape[1] < entry.columns.shape[1]
         )
 
-    def _left_where(self, kept: Weighed | None) -> str:
+    def _left_where(self, kept: WeighedModel | None) -> str:
         """Where what is left shows, in words."""
         members = kept.members if kept else ()
         left = replace(self.problem, y=self.fitting.race.left(members))
         return left_over_words(locate(left), LEVEL)
 
-    def _left_over(self, verdict: Verdict, findings: Sequence[Finding]) -> LeftOver | None:
+    def _left_over(self, verdict: Verdict, findings: Sequence[Finding]) -> ModelDiscrepancy | None:
         """The unnamed law of what is left, where something is."""
         if verdict not in ("partly-explained", "unexplained"):
             return None
@@ -139,7 +139,7 @@ class Report:
         race = self.fitting.race
         return Gap(structure_rms_mm(self.problem, race.left(members)), *race.gap(members))
 
-    def _findings(self, kept: Weighed) -> list[Finding]:
+    def _findings(self, kept: WeighedModel) -> list[Finding]:
         values = self.fitting.refined(kept.members)
         rivals = self.naming.names(kept)
         before = self._gap(()).rms_mm
@@ -166,18 +166,18 @@ class Report:
             before = after
         return found
 
-    def _label(self, entry: Entry) -> tuple[str, str]:
+    def _label(self, entry: Hypothesis) -> tuple[str, str]:
         """A lone wild reading may be one under a wrong label."""
         if entry.id != "wild_reading":
             return entry.id, entry.title
         single = int(entry.columns[:, 0].argmax())
-        observed = self.problem.sittings[0].observed
+        observed = self.problem.fitted_sessions[0].observed
         belongs = belongs_elsewhere(observed, single) if single < len(observed) else None
         if belongs is None:
             return entry.id, entry.title
         return "label_error", f"{entry.title}: it belongs to {belongs}"
 
-    def _contenders(self, kept: Weighed | None) -> tuple[Contender, ...]:
+    def _contenders(self, kept: WeighedModel | None) -> tuple[Contender, ...]:
         found: dict[tuple[str, str], Contender] = {}
         before = self._gap(()).rms_mm
         for model in heaviest_first(self.outcome.singles):
@@ -202,19 +202,19 @@ class Report:
                 break
         return tuple(found.values())
 
-    def _held_out_of(self, placed: tuple[Placed, ...]) -> float | None:
+    def _held_out_of(self, placed: tuple[EffectInstance, ...]) -> float | None:
         if not self.held_out or not placed:
             return None
         found = on_other_sessions(self.others(), placed, self.held_out[0].tolerance_mm)
         return found.after_rms_mm if found else None
 
-    def others(self) -> list[Sitting]:
+    def others(self) -> list[FittedSession]:
         """The held-out sessions, fitted once."""
         if not self._others:
             self._others = [case.sit() for case in self.held_out]
         return self._others
 
-    def _reason(self, kept: Weighed | None, member: int) -> str:
+    def _reason(self, kept: WeighedModel | None, member: int) -> str:
         if kept is None:
             return "no better than chance among so many candidates"
         if member in kept.members:
@@ -238,7 +238,7 @@ class Report:
             self.fitting.cases[0].tolerance_mm,
         )
 
-    def _columns_of_as_many_causes(self, kept: Weighed) -> list[FloatArray]:
+    def _columns_of_as_many_causes(self, kept: WeighedModel) -> list[FloatArray]:
         """Columns of what could have been kept in place of one of its members."""
         most = max(self.fitting.entries[k].causes for k in kept.members)
         return [e.columns for e in self.fitting.entries if e.kind != "blunder" and e.causes <= most]
@@ -294,7 +294,9 @@ def sentence(verdict: Verdict, findings: Sequence[Finding], where: str, doubt: s
     }[verdict]
 
 
-def remarks(problem: Problem, verdict: Verdict, left_over: LeftOver | None) -> tuple[str, ...]:
+def remarks(
+    problem: Problem, verdict: Verdict, left_over: ModelDiscrepancy | None
+) -> tuple[str, ...]:
     """What else a person must know."""
     said = []
     if problem.noise_df <= 0.0:
@@ -307,7 +309,7 @@ def remarks(problem: Problem, verdict: Verdict, left_over: LeftOver | None) -> t
 
 
 def smallest_detectable(
-    problem: Problem, entries: Sequence[Entry], race: Race
+    problem: Problem, entries: Sequence[Hypothesis], race: ModelSelection
 ) -> tuple[Detectable, ...]:
     """Size of each single-parameter effect that would have been found nine times of ten."""
     found: dict[str, Detectable] = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance
 
 Verdict = Literal[
     "agrees", "explained", "ambiguous", "partly-explained", "unexplained", "cannot-tell"
@@ -68,11 +68,11 @@ class Finding:
     gap_rms_before_mm: float
     gap_rms_after_mm: float
     indistinguishable_from: tuple[Named, ...] = ()
-    effects: tuple[Placed, ...] = field(default=(), repr=False)
+    effects: tuple[EffectInstance, ...] = field(default=(), repr=False)
 
 
 @dataclass(frozen=True)
-class LeftOver:
+class ModelDiscrepancy:
     """What is left without a name, as an unnamed law; beside it the gap that it did not see.
 
     ``whole`` is True where the law takes the place of what was named, and not what that leaves.
@@ -98,7 +98,7 @@ class Contender:
     explained: float
     held_out_gap_rms_mm: float | None
     reason_rejected: str
-    effects: tuple[Placed, ...] = field(default=(), repr=False)
+    effects: tuple[EffectInstance, ...] = field(default=(), repr=False)
 
 
 @dataclass(frozen=True)
@@ -200,4 +200,4 @@ class Diagnosis:
     smallest_detectable: tuple[Detectable, ...]
     residuals: Residuals
     remarks: tuple[str, ...] = ()
-    left_over: LeftOver | None = None
+    left_over: ModelDiscrepancy | None = None

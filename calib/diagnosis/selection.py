@@ -28,7 +28,7 @@ LOG_UNIT = 1e3
 
 
 @dataclass(frozen=True)
-class Weighed:
+class WeighedModel:
     """A model: indices of its candidates, what it explains, its rank and posterior share."""
 
     members: tuple[int, ...]
@@ -88,13 +88,13 @@ class Search:
     y: FloatArray
     blocks: tuple[FloatArray, ...]
     spread: Spread
-    prices: FloatArray
-    """Log weight that each candidate costs, see `calib.diagnosis.entries.prices` ``(J,)``."""
+    log_priors: FloatArray
+    """What each candidate costs, see `calib.diagnosis.hypotheses.log_priors` ``(J,)``."""
 
     causes: tuple[int, ...]
     """How many things are wrong at once where a candidate is true."""
 
-    def by_causes(self, singles: Sequence[Weighed], most: int) -> Iterator[list[Weighed]]:
+    def by_causes(self, singles: Sequence[WeighedModel], most: int) -> Iterator[list[WeighedModel]]:
         """Models of one cause, of two, and so on; worked out only when they are asked for."""
         yield [m for m in singles if self.count(m) == 1]
         known = list(singles)
@@ -102,31 +102,31 @@ class Search:
             known += self.pairs(singles) if count == 2 else self.triples(known)
             yield [m for m in known if self.count(m) == count]
 
-    def count(self, model: Weighed) -> int:
+    def count(self, model: WeighedModel) -> int:
         """Causes of all members together."""
         return sum(self.causes[k] for k in model.members)
 
-    def singles(self) -> list[Weighed]:
+    def singles(self) -> list[WeighedModel]:
         """Every candidate alone."""
         return [self.weigh((k,)) for k in range(len(self.blocks))]
 
-    def pairs(self, singles: Sequence[Weighed]) -> list[Weighed]:
+    def pairs(self, singles: Sequence[WeighedModel]) -> list[WeighedModel]:
         """Every candidate beside each of the most promising ones."""
         first = self._promising(singles, PAIRS_AMONG)
         return self._all_beside([(k,) for k in first])
 
-    def triples(self, pairs: Sequence[Weighed]) -> list[Weighed]:
+    def triples(self, pairs: Sequence[WeighedModel]) -> list[WeighedModel]:
         """Every candidate beside the best pairs."""
         two = [m for m in pairs if len(m.members) == 2]
         best = heaviest_first(two)[:TRIPLES_AMONG]
         return self._all_beside([m.members for m in best])
 
-    def _all_beside(self, bases: Sequence[tuple[int, ...]]) -> list[Weighed]:
+    def _all_beside(self, bases: Sequence[tuple[int, ...]]) -> list[WeighedModel]:
         """Every candidate beside each of these, every model once."""
         found = {model.members: model for base in bases for model in self.beside(base)}
         return [found[members] for members in sorted(found)]
 
-    def beside(self, base: tuple[int, ...]) -> list[Weighed]:
+    def beside(self, base: tuple[int, ...]) -> list[WeighedModel]:
         """Every other candidate beside these ones: what `weigh` gives, all at once."""
         known = union([self.blocks[k] for k in base]) if base else self.y[:, None][:, :0]
         inside = known.T @ self.y
@@ -153,7 +153,7 @@ class Search:
         squares = (along @ axes)[:, 0] ** 2 / np.where(seen, size, 1.0)
         return np.where(seen, squares, 0.0).sum(axis=1), seen.sum(axis=1)
 
-    def _promising(self, singles: Sequence[Weighed], count: int) -> list[int]:
+    def _promising(self, singles: Sequence[WeighedModel], count: int) -> list[int]:
         """Best alone, and best beside the best one."""
         alone = heaviest_first(singles)
         lead = alone[0].members[0]
@@ -161,29 +161,29 @@ class Search:
         others = [next(k for k in m.members if k != lead) for m in beside[: count // 2]]
         return list(dict.fromkeys([m.members[0] for m in alone[:count]] + others))
 
-    def weigh(self, members: tuple[int, ...]) -> Weighed:
+    def weigh(self, members: tuple[int, ...]) -> WeighedModel:
         """One model of these candidates."""
         basis = union([self.blocks[k] for k in members])
         return self._weighed(members, squares_in(basis, self.y), basis.shape[1])
 
-    def _weighed(self, members: tuple[int, ...], explained: float, rank: int) -> Weighed:
+    def _weighed(self, members: tuple[int, ...], explained: float, rank: int) -> WeighedModel:
         members = tuple(sorted(members))
-        price = float(self.prices[list(members)].sum())
-        weight = log_bayes_factor(explained, rank, self.spread) - price
-        return Weighed(members, explained, rank, weight)
+        log_prior = float(self.log_priors[list(members)].sum())
+        weight = log_bayes_factor(explained, rank, self.spread) - log_prior
+        return WeighedModel(members, explained, rank, weight)
 
 
-def foremost(models: Sequence[Weighed]) -> Weighed:
+def foremost(models: Sequence[WeighedModel]) -> WeighedModel:
     """The model of most weight; of those that are one and the same, that with fewest members."""
     return heaviest_first(sorted(models, key=lambda m: len(m.members)))[0]
 
 
-def heaviest_first(models: Sequence[Weighed]) -> list[Weighed]:
+def heaviest_first(models: Sequence[WeighedModel]) -> list[WeighedModel]:
     """Models by their weight; of those that are one and the same the earlier candidate first."""
     return descending(models, lambda m: m.log_weight, LOG_UNIT)
 
 
-def credible_set(models: Sequence[Weighed]) -> list[Weighed]:
+def credible_set(models: Sequence[WeighedModel]) -> list[WeighedModel]:
     """The smallest set of models that holds 95 % of the weight, best first, with their shares."""
     ordered = heaviest_first(models)
     top = ordered[0].log_weight
@@ -192,7 +192,9 @@ def credible_set(models: Sequence[Weighed]) -> list[Weighed]:
     kept, held = [], 0.0
     for model, weight in zip(ordered, weights, strict=True):
         share = weight / total
-        kept.append(Weighed(model.members, model.explained, model.rank, model.log_weight, share))
+        kept.append(
+            WeighedModel(model.members, model.explained, model.rank, model.log_weight, share)
+        )
         held += share
         if held >= SET_SHARE:
             break

@@ -156,7 +156,7 @@ class Judge:
         self._spans = [
             np.arange(b - len(e.values), b) for b, e in zip(ends, self._all, strict=True)
         ]
-        rows = [self._columns(one.model, one.observed) for one in self.problem.sittings]
+        rows = [self._columns(one.model, one.observed) for one in self.problem.fitted_sessions]
         old = self.problem.root_weight[:, None] * np.vstack(rows)
         rest = without(self.problem.nuisance, old)
         self._noise_mm = float(np.sqrt(np.mean(self.problem.root_weight**-2.0)))

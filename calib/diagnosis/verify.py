@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from calib.diagnosis.problem import Problem, Sitting
+from calib.diagnosis.problem import FittedSession, Problem
 from calib.diagnosis.results import HeldOutGap
 from calib.diagnosis.selection import KNOWN, Search, Spread, heaviest_first
 from calib.errors import NotIdentifiable
 from calib.linalg import DEPENDENT, EXACT_BLIND, basis_of, lengths, new_directions, onto, without
 from calib.observations import LEG_NAMES, TOOL, FloatArray, IntArray
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance
 
 
 def left_out_postures(
@@ -103,7 +103,7 @@ def _held_fit(
     """
     hold, middle = np.zeros(design.shape[1]), np.zeros(design.shape[1])
     start = 0
-    for one in problem.sittings:
+    for one in problem.fitted_sessions:
         start += one.observed.mount_count
         here = slice(start, start + len(tolerance_mm))
         hold[here] = 1.0 / tolerance_mm
@@ -117,7 +117,7 @@ def _held_fit(
 
 
 def on_other_sessions(
-    others: Sequence[Sitting], effects: tuple[Placed, ...], tolerance_mm: FloatArray
+    others: Sequence[FittedSession], effects: tuple[EffectInstance, ...], tolerance_mm: FloatArray
 ) -> HeldOutGap | None:
     """The gap on sessions that were not used at all: effects as they were found, base anew.
 

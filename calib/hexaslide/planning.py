@@ -10,7 +10,7 @@ import numpy as np
 from calib.clusters import in_parallel
 from calib.design.criteria import Aim, Criterion, Observability, observability
 from calib.design.identifiability import Identifiability, Sensitivity, analyse
-from calib.design.refinement import Pull, Refined, count_on_bound, judged, refine
+from calib.design.refinement import Pull, RefinedPostures, count_on_bound, judged, refine
 from calib.errors import NotIdentifiable
 from calib.hexaslide.geometry import Box, HexaSlide, motions, unit_of
 from calib.hexaslide.gradients import RowMaker
@@ -72,7 +72,7 @@ class BestPostures:
     papers/001 before and after.
     """
 
-    refined: Refined
+    refined: RefinedPostures
     criterion: Criterion
     start: Observability
     found: Observability
@@ -118,7 +118,7 @@ def best_postures(
         watch()
         return rows_at(postures)
 
-    def refined(begin: FloatArray) -> Refined:
+    def refined(begin: FloatArray) -> RefinedPostures:
         return refine(watched, begin, box.lower, box.upper, aim, sharpness=SHARPNESS)
 
     found = list(in_parallel(refined, begins))
@@ -141,7 +141,7 @@ def judged_postures(
     _refuse_few(procedure, machine, len(postures))
     rows_at, box = rows_seen(procedure, machine), machine.box
     value = judged(rows_at(postures)[0], Aim(criterion))
-    kept = Refined(postures, value, value, count_on_bound(postures, box.lower, box.upper))
+    kept = RefinedPostures(postures, value, value, count_on_bound(postures, box.lower, box.upper))
     return _described(rows_at, box, criterion, postures, kept, [])
 
 
@@ -164,7 +164,7 @@ def _described(
     box: Box,
     criterion: Criterion,
     begin: FloatArray,
-    refined: Refined,
+    refined: RefinedPostures,
     values: Sequence[float],
 ) -> BestPostures:
     def figures(postures: FloatArray) -> Observability:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.design.identifiability import ClassicalQr, analyse, classical_qr
-from calib.design.planning import Combination, Cure, Examined, SeenBy, seen_by
+from calib.design.planning import AddedMeasurement, Combination, Examination, SeenBy, seen_by
 from calib.errors import CalibrationError
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.planning import enough_postures, fewest_postures, reachable, sensitivity
@@ -86,13 +86,13 @@ class HexaSlidePlanning:
         """Whether the procedure is one of papers/001."""
         return self.procedure == Procedure.of(self.procedure.kind.value)
 
-    def examine(self) -> Examined:
+    def examine(self) -> Examination:
         """What the procedure sees at the postures."""
         postures = self.postures()
         # nothing is left out of what is told to be lost
         seen = replace(sensitivity(self.procedure, self.machine, postures), whole_shares=True)
         kind = self.procedure.kind
-        return Examined(
+        return Examination(
             procedure=kind.value,
             sensitivity=seen,
             bare=seen.jacobian,
@@ -117,7 +117,7 @@ class HexaSlidePlanning:
             return enough_postures(self.procedure, self.machine, self.seed)
         return held_postures(self.machine.geometry, self.machine.box, self.count, self.seed)
 
-    def cures(self, vectors: Sequence[FloatArray]) -> tuple[Cure | None, ...]:
+    def cures(self, vectors: Sequence[FloatArray]) -> tuple[AddedMeasurement | None, ...]:
         """None: what is lost is lost at every posture."""
         return (None,) * len(vectors)
 

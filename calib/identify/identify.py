@@ -19,7 +19,7 @@ import numpy as np
 from calib.design.identifiability import Identifiability, analyse, refuse_unseen
 from calib.errors import NotIdentifiable
 from calib.identify.fit import Fit, exact_fit, papers_fit, prior_fit, weighted_fit, without_zeros
-from calib.identify.propagation import Propagated, propagate, uncertainties
+from calib.identify.propagation import Propagation, propagate, uncertainties
 from calib.identify.solution import SUBSETS, Method, Solution, Subset, Weights, lack_of_fit
 from calib.noise.reading import (
     IndicatorFigures,
@@ -178,7 +178,7 @@ def _seen(
     return analyse(seen)
 
 
-def _coverage(spread: Propagated) -> FloatArray:
+def _coverage(spread: Propagation) -> FloatArray:
     """Factor for 95 % of each parameter; Student's t with its own degrees of freedom."""
     return np.array([coverage_factor(float(nu)) for nu in spread.degrees_of_freedom])
 

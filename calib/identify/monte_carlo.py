@@ -19,7 +19,7 @@ from calib.identify.solution import SUBSETS, Solution
 from calib.newton import Optimum, normal_equations, solve_positive
 from calib.noise.reading import IndicatorFigures, IndicatorNoise, Noise, reading_weights, visits
 from calib.noise.repeats import Repeats
-from calib.noise.rounding import locked_of_shown, scatter_of_shown
+from calib.noise.rounding import quantisation_of_repeatability, scatter_of_shown
 from calib.observations import FloatArray, Observations
 from calib.stats import coverage_factors
 from calib.tripod.geometry import PARAMETER_NAMES
@@ -61,8 +61,8 @@ class Campaign:
         All indicators scatter alike there; with a coarse display the machines differ by some steps.
         """
         noise = solution.noise
-        shown = float(np.mean([one.shown_mm2 for one in noise.indicators]))
-        rounded = any(one.locked_mm2 > LEAST_LOCKED * shown for one in noise.indicators)
+        shown = float(np.mean([one.repeatability_mm2 for one in noise.indicators]))
+        rounded = any(one.quantisation_mm2 > LEAST_LOCKED * shown for one in noise.indicators)
         step = max(figures.resolution_mm or 0.0, figures.step_mm or 0.0) if rounded else 0.0
         return cls(
             solution.model,
@@ -249,10 +249,14 @@ class _Kind:
         """Degrees of freedom, and the variances shown and locked of each session ``(b,)``, mm²."""
         if self.campaign.noise_known:
             ones = np.ones(values.shape[1])
-            return math.inf, self.expected.shown_mm2 * ones, self.expected.locked_mm2 * ones
+            return (
+                math.inf,
+                self.expected.repeatability_mm2 * ones,
+                self.expected.quantisation_mm2 * ones,
+            )
         free = float(self.repeats.degrees_of_freedom.sum())
         shown = self.repeats.sums_of_squares(values).sum(axis=0) / free
-        return free, shown, locked_of_shown(shown, self.campaign.resolution_mm, free)
+        return free, shown, quantisation_of_repeatability(shown, self.campaign.resolution_mm, free)
 
 
 def _unit_noise(observed: Observations) -> Noise:

@@ -13,7 +13,7 @@ from calib.observations import FloatArray, Observations
 
 
 @dataclass(frozen=True, eq=False)
-class Propagated:
+class Propagation:
     """Covariance ``(k, k)`` in mm² and the degrees of freedom ``(k,)`` of each variance.
 
     ``held_mm2`` ``(k, k)`` is the part of the covariance that is not noise of the readings but what
@@ -35,7 +35,7 @@ class Propagated:
         weight: FloatArray,
         design: FloatArray,
         tolerance_mm: FloatArray,
-    ) -> Propagated:
+    ) -> Propagation:
         """The same with what tolerances ``(k,)`` leave open: the covariance of Bayes' estimate."""
         centred = without_zeros(observed, weight, design)
         seen = (centred.T * weight) @ centred
@@ -44,28 +44,28 @@ class Propagated:
         with np.errstate(divide="ignore"):
             degrees = np.asarray(self.degrees_of_freedom / share**2)
         held = np.asarray(posterior - self.covariance_mm2, dtype=np.float64)
-        return Propagated(np.asarray(posterior, dtype=np.float64), degrees, held)
+        return Propagation(np.asarray(posterior, dtype=np.float64), degrees, held)
 
 
-def propagate(estimator: FloatArray, observed: Observations, noise: Noise) -> Propagated:
+def propagate(estimator: FloatArray, observed: Observations, noise: Noise) -> Propagation:
     """Law of propagation (GUM 5.2) for a linear map ``(k, n_readings)`` of the readings.
 
     Each reading has a scatter of its own; rounding that is locked is common to the readings of a
     posture. Degrees of freedom after Welch and Satterthwaite (GUM G.4.1), one contribution for each
     indicator, one in all where they are pooled.
     """
-    shown = noise.shown_mm2(observed)
+    shown = noise.repeatability_mm2(observed)
     covariance = (estimator * shown) @ estimator.T
     together = np.asarray((_at_places(observed, noise).T @ estimator.T).T)
     covariance = covariance + together @ together.T
     own = estimator**2 * shown
     degrees = _degrees_of_freedom(covariance.diagonal(), own, observed, noise)
-    return Propagated(covariance, degrees, np.zeros_like(covariance))
+    return Propagation(covariance, degrees, np.zeros_like(covariance))
 
 
 def uncertainties(combine: csr_array, observed: Observations, noise: Noise) -> FloatArray:
     """Standard uncertainties ``(k,)`` for a sparse map ``(k, n_readings)``, mm; no covariances."""
-    own = combine.multiply(combine) @ noise.shown_mm2(observed)
+    own = combine.multiply(combine) @ noise.repeatability_mm2(observed)
     together = combine @ _at_places(observed, noise)
     shared = together.multiply(together).sum(axis=1)
     return np.sqrt(np.asarray(own, dtype=np.float64) + np.asarray(shared, dtype=np.float64))
@@ -76,7 +76,7 @@ def _at_places(observed: Observations, noise: Noise) -> csr_array:
     place = observed.posture
     rows = np.arange(len(place))
     return csr_array(
-        (np.sqrt(noise.locked_mm2(observed)), (rows, place)),
+        (np.sqrt(noise.quantisation_mm2(observed)), (rows, place)),
         shape=(len(place), int(place.max()) + 1),
     )
 

@@ -150,8 +150,8 @@ def lack_of_fit(
     together = np.bincount(cell, visited.averaged)
     mean = np.bincount(cell, visited.averaged * left_mm) / together
     mount, indicator = visited.mount[first], visited.indicator[first]
-    shown = np.array([one.shown_mm2 for one in noise.indicators])[indicator]
-    locked = np.array([one.locked_mm2 for one in noise.indicators])[indicator]
+    shown = np.array([one.repeatability_mm2 for one in noise.indicators])[indicator]
+    locked = np.array([one.quantisation_mm2 for one in noise.indicators])[indicator]
     weight = 1.0 / (shown / together + locked)
     statistic = float((weight * without_means(mount, weight, mean) ** 2).sum()) / free
     p_value = variance_ratio_p_value(statistic, free, noise.degrees_of_freedom)

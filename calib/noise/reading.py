@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from calib.noise.repeats import Repeats, WildReading, wander, wild_readings
-from calib.noise.rounding import locked_of_shown, locked_variance
+from calib.noise.repeats import Outlier, Repeats, cycle_drift, outlying_readings
+from calib.noise.rounding import quantisation_of_repeatability, quantisation_variance
 from calib.observations import FloatArray, IntArray, Observations
 from calib.stats import variance_ratio_p_values
 from calib.ties import ranks
@@ -36,18 +36,18 @@ can be far too small by chance."""
 class IndicatorNoise:
     """Variance (mm²) of one indicator's readings: what repeats show, and what they all share.
 
-    ``locked_mm2`` is the part of the rounding that repeats in one posture have in common
-    (`calib.noise.rounding`). ``degrees_of_freedom`` belong to ``shown_mm2``.
+    ``quantisation_mm2`` is the part of the rounding that repeats in one posture have in common
+    (`calib.noise.rounding`). ``degrees_of_freedom`` belong to ``repeatability_mm2``.
     """
 
-    shown_mm2: float
-    locked_mm2: float
+    repeatability_mm2: float
+    quantisation_mm2: float
     degrees_of_freedom: float
 
     @property
     def variance_mm2(self) -> float:
         """Variance of a single reading."""
-        return self.shown_mm2 + self.locked_mm2
+        return self.repeatability_mm2 + self.quantisation_mm2
 
 
 @dataclass(frozen=True)
@@ -58,16 +58,16 @@ class Noise:
     that do not fit their own repeats; they are counted nevertheless. Degrees of freedom are
     infinite for a stated instrument: taken as known (GUM 4.3, type B).
     ``repeated`` is what repeats show: nothing where there are none, equal readings, less scatter
-    than rounding, or scatter. ``wander_mm`` is how far readings wander from cycle to cycle where
-    that is more than chance; it is not in the variances.
+    than rounding, or scatter. ``cycle_drift_mm`` is how far readings wander from cycle to cycle
+    where that is more than chance; it is not in the variances.
     """
 
     indicators: tuple[IndicatorNoise, ...]
     source: NoiseSource
     pooled: bool = True
-    wild: tuple[WildReading, ...] = ()
+    wild: tuple[Outlier, ...] = ()
     repeated: Repeated = "nothing"
-    wander_mm: float | None = None
+    cycle_drift_mm: float | None = None
 
     @property
     def standard_deviation_mm(self) -> float:
@@ -83,7 +83,7 @@ class Noise:
     def degrees_of_freedom(self) -> float:
         """Degrees of freedom of that standard deviation (Welch and Satterthwaite, GUM G.4.1)."""
         total = sum(one.variance_mm2 for one in self.indicators)
-        shown = np.array([one.shown_mm2 for one in self.indicators])
+        shown = np.array([one.repeatability_mm2 for one in self.indicators])
         spread = sum(
             float(shown[self.estimates == number].sum()) ** 2
             / self.indicators[number].degrees_of_freedom
@@ -98,14 +98,14 @@ class Noise:
         numbers = [first.setdefault(one, k) for k, one in enumerate(self.indicators)]
         return np.array(numbers, dtype=np.intp)
 
-    def shown_mm2(self, observed: Observations) -> FloatArray:
+    def repeatability_mm2(self, observed: Observations) -> FloatArray:
         """Variance of each value ``(n_readings,)`` that repeats reduce, mm²."""
-        shown = np.array([one.shown_mm2 for one in self.indicators])
+        shown = np.array([one.repeatability_mm2 for one in self.indicators])
         return np.asarray(shown[observed.indicator] / observed.averaged)
 
-    def locked_mm2(self, observed: Observations) -> FloatArray:
+    def quantisation_mm2(self, observed: Observations) -> FloatArray:
         """Variance that each value ``(n_readings,)`` shares with its repeats, mm²."""
-        locked = np.array([one.locked_mm2 for one in self.indicators])
+        locked = np.array([one.quantisation_mm2 for one in self.indicators])
         return np.asarray(locked[observed.indicator])
 
     def scaled(self, factor: float) -> Noise:
@@ -113,7 +113,11 @@ class Noise:
         return replace(
             self,
             indicators=tuple(
-                replace(one, shown_mm2=one.shown_mm2 * factor, locked_mm2=one.locked_mm2 * factor)
+                replace(
+                    one,
+                    repeatability_mm2=one.repeatability_mm2 * factor,
+                    quantisation_mm2=one.quantisation_mm2 * factor,
+                )
                 for one in self.indicators
             ),
         )
@@ -129,9 +133,9 @@ def reading_weights(observed: Observations, noise: Noise | None) -> FloatArray:
         return observed.averaged
     place = observed.level
     together = np.bincount(place, observed.averaged)[place]
-    shown = np.array([one.shown_mm2 for one in noise.indicators])[observed.indicator]
+    shown = np.array([one.repeatability_mm2 for one in noise.indicators])[observed.indicator]
     return np.asarray(
-        observed.averaged / together / (shown / together + noise.locked_mm2(observed))
+        observed.averaged / together / (shown / together + noise.quantisation_mm2(observed))
     )
 
 
@@ -160,7 +164,7 @@ class IndicatorFigures:
         Rounding to a step r adds a variance of ``r² / 12`` (GUM F.2.2.1).
         """
         scatter, step = self.repeatability_mm or 0.0, self.resolution_mm or 0.0
-        locked = float(locked_variance(np.array([scatter]), step)[0])
+        locked = float(quantisation_variance(np.array([scatter]), step)[0])
         shown = scatter**2 + step**2 / 12.0 - locked
         if shown + locked <= LEAST_NOISE_MM**2:
             return None
@@ -223,15 +227,18 @@ def reading_noise(visited: Observations, indicator: IndicatorFigures) -> Noise |
         known = _stated(indicator, step, visited.indicator_count)
         return replace(known, repeated="equal") if known else None
     ones = _noise_of_indicators(squares, free, step)
-    shown, locked = sum(one.shown_mm2 for one in ones), sum(one.locked_mm2 for one in ones)
+    shown, locked = (
+        sum(one.repeatability_mm2 for one in ones),
+        sum(one.quantisation_mm2 for one in ones),
+    )
     floor = step**2 / 12.0
     found = Noise(
         ones,
         "repeats",
         len(set(ones)) == 1,
-        wild_readings(repeats, floor),
+        outlying_readings(repeats, floor),
         "scatter",
-        wander(repeats, floor),
+        cycle_drift(repeats, floor),
     )
     return found if shown >= locked else replace(found, source="instrument", repeated="rounding")
 
@@ -267,7 +274,7 @@ def _noise_of_indicators(
 
 def _split(square_sum: float, degrees_of_freedom: float, step: float) -> IndicatorNoise:
     shown = square_sum / degrees_of_freedom
-    locked = float(locked_of_shown(np.array([shown]), step, degrees_of_freedom)[0])
+    locked = float(quantisation_of_repeatability(np.array([shown]), step, degrees_of_freedom)[0])
     return IndicatorNoise(shown, locked, degrees_of_freedom)
 
 
@@ -286,6 +293,6 @@ def may_be_pooled(squares: FloatArray, free: FloatArray, step: float) -> bool:
     return bool((variance_ratio_p_values(ratio, nu, nu_rest) * len(nu) >= POOLING_LEVEL).all())
 
 
-def _variances(shown_mm2: FloatArray, step: float, free: FloatArray) -> FloatArray:
-    shown = np.maximum(shown_mm2, 0.0)
-    return np.asarray(shown + locked_of_shown(shown, step, free))
+def _variances(repeatability_mm2: FloatArray, step: float, free: FloatArray) -> FloatArray:
+    shown = np.maximum(repeatability_mm2, 0.0)
+    return np.asarray(shown + quantisation_of_repeatability(shown, step, free))

@@ -29,7 +29,7 @@ TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True)
-class WildReading:
+class Outlier:
     """A reading that does not fit its own repeats: its row, its distance in standard deviations."""
 
     row: int
@@ -103,7 +103,7 @@ def _cycles_beside_cells(visited: Observations, rows: IntArray, cell: IntArray) 
     return basis_by_products(_without_cells(root, numbered(cell), columns))
 
 
-def wild_readings(repeats: Repeats, floor_mm2: float) -> tuple[WildReading, ...]:
+def outlying_readings(repeats: Repeats, floor_mm2: float) -> tuple[Outlier, ...]:
     """Readings whose externally studentised residual in their own cell is too large to be chance.
 
     Student's t with one degree of freedom less, Bonferroni over all readings. The scatter is that
@@ -126,11 +126,11 @@ def wild_readings(repeats: Repeats, floor_mm2: float) -> tuple[WildReading, ...]
         t = float(np.sign(left[row])) * math.sqrt(square / max(variance, floor_mm2, TINY))
         p = min(1.0, two_sided_p_value(t, nu) * len(judged))
         if p < WILD_LEVEL:
-            found.append(WildReading(int(row), t, p))
+            found.append(Outlier(int(row), t, p))
     return tuple(found)
 
 
-def wander(repeats: Repeats, floor_mm2: float) -> float | None:
+def cycle_drift(repeats: Repeats, floor_mm2: float) -> float | None:
     """How far readings wander from cycle to cycle, r.m.s. in mm; None where chance may do that.
 
     Mean square of the cycles, cells taken out, against that of the repeats (variance ratio). What

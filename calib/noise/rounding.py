@@ -29,7 +29,7 @@ STEPS_AROUND = 8
 TERMS = 2000
 
 
-def locked_variance(scatter_mm: FloatArray, step_mm: float) -> FloatArray:
+def quantisation_variance(scatter_mm: FloatArray, step_mm: float) -> FloatArray:
     """The part B of the variance (mm²) that repeats in one posture share; shape of the scatter."""
     if step_mm <= 0.0:
         return np.zeros_like(scatter_mm)
@@ -37,16 +37,16 @@ def locked_variance(scatter_mm: FloatArray, step_mm: float) -> FloatArray:
     return np.asarray(step_mm**2 * np.interp(scatter_mm / step_mm, ratio, locked))
 
 
-def scatter_of_shown(shown_mm2: float, step_mm: float) -> float:
+def scatter_of_shown(repeatability_mm2: float, step_mm: float) -> float:
     """Scatter (mm) of readings before rounding whose repeats show this variance."""
-    if step_mm <= 0.0 or shown_mm2 >= RATIO_LIMIT * step_mm**2:
-        return float(np.sqrt(max(shown_mm2 - step_mm**2 / 12.0 * (step_mm > 0.0), 0.0)))
+    if step_mm <= 0.0 or repeatability_mm2 >= RATIO_LIMIT * step_mm**2:
+        return float(np.sqrt(max(repeatability_mm2 - step_mm**2 / 12.0 * (step_mm > 0.0), 0.0)))
     ratio, _, shown = _table()
-    return float(step_mm * np.interp(shown_mm2 / step_mm**2, shown, ratio))
+    return float(step_mm * np.interp(repeatability_mm2 / step_mm**2, shown, ratio))
 
 
-def locked_of_shown(
-    shown_mm2: FloatArray, step_mm: float, degrees_of_freedom: float | FloatArray
+def quantisation_of_repeatability(
+    repeatability_mm2: FloatArray, step_mm: float, degrees_of_freedom: float | FloatArray
 ) -> FloatArray:
     """Estimate of the locked variance (mm²) from the variance that repeats show; same shape.
 
@@ -54,9 +54,9 @@ def locked_of_shown(
     too large on average: that part, to second order, is taken off.
     """
     if step_mm <= 0.0:
-        return np.zeros_like(shown_mm2)
+        return np.zeros_like(repeatability_mm2)
     _, locked, shown = _table()
-    relative = shown_mm2 / step_mm**2
+    relative = repeatability_mm2 / step_mm**2
     value = np.interp(relative, shown, locked, right=0.0)
     excess = np.interp(relative, shown, _excess(), right=0.0) / degrees_of_freedom
     return np.asarray(np.clip(value - excess, 0.0, 1.0 / 12.0) * step_mm**2)

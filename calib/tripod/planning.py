@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calib.design.criteria import Aim, covariances_after, inverse
 from calib.design.exchange import Candidates, Choice, choose
-from calib.design.planning import Coordinates, Cure, Examined, Orders
+from calib.design.planning import AddedMeasurement, Coordinates, Examination, Orders
 from calib.errors import ImpossibleRequest, NotIdentifiable
 from calib.linalg import without_means
 from calib.noise.reading import Noise, reading_weights, visits
@@ -55,13 +55,13 @@ class TripodPlanning:
     noise: Noise
     noise_words: str
 
-    def examine(self) -> Examined:
+    def examine(self) -> Examination:
         """Readings of the procedure with a free zero for each mounting."""
         visited, weight, design = self._readings()
         axes = zip(visited.axis, visited.leg, strict=True)
         names = [f"{LEG_NAMES[axis]}_{TOUCHED_NAMES[leg]}" for axis, leg in axes]
         minutes = self.step_count * self.seconds_per_step / 60.0
-        return Examined(
+        return Examination(
             procedure=self.procedure,
             sensitivity=sensitivity_of_readings(
                 self.geometry, visited, weight, design, FREE, noise_known=True
@@ -98,7 +98,7 @@ class TripodPlanning:
         """Mean square of the tool's movement over the workspace."""
         return tool_metric(self.geometry)
 
-    def cures(self, vectors: Sequence[FloatArray]) -> tuple[Cure | None, ...]:
+    def cures(self, vectors: Sequence[FloatArray]) -> tuple[AddedMeasurement | None, ...]:
         """The best one of a level added to a mounting, or a new mounting read there and at Zero.
 
         None where the tool is read: no more positions show what one set-up cannot.
@@ -125,14 +125,14 @@ class TripodPlanning:
 
     def _cure(
         self, pool: LegPool, mounted: NDArray[np.bool_], after: FloatArray, vector: FloatArray
-    ) -> Cure:
+    ) -> AddedMeasurement:
         variance = np.einsum("i,bij,j->b", vector, after, vector)
         best = largest(-variance)
         where = f"leg {LEG_NAMES[pool.leg[best]]} at {pool.displacement_mm[best]:+g} mm"
         station = f"station {pool.station[best]:g}"
         if not mounted[best]:
             where, station = f"{where} and at Zero", f"{station}, a new mounting"
-        return Cure(f"{where} ({station})", float(np.sqrt(variance[best])))
+        return AddedMeasurement(f"{where} ({station})", float(np.sqrt(variance[best])))
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from app.measuring.opening import Plan, start_session
 from app.measuring.simulated import BenchSettings, planned_readings
 from calib.observations import Observations
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import derivatives
 from calib.tripod.simulation import hidden_machine
 from protocols.errors import UsageError
@@ -88,7 +88,9 @@ def test_drift_of_the_bench_follows_the_recorded_times(tmp_path: Path) -> None:
     plan = plan_with(tmp_path, "thermal_drift")
     observed = measured(plan)
     truth = hidden_machine(plan.machine.geometry(), plan.seed)
-    rates = {one.place: one.values[0] for one in plan.bench.effects if isinstance(one, Placed)}
+    rates = {
+        one.place: one.values[0] for one in plan.bench.effects if isinstance(one, EffectInstance)
+    }
     left = observed.value_mm - truth.readings(observed)
     for mount in range(observed.mount_count):
         rows = observed.mount == mount

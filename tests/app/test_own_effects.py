@@ -11,7 +11,7 @@ import pytest
 from app.evaluating.own_effects import effects_folder, known_laws
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import candidates
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model
 from protocols.errors import RecordError
 from protocols.machine import Machine
@@ -65,7 +65,7 @@ def test_the_documented_effect_is_a_candidate(folder: Path) -> None:
 def test_the_documented_effect_in_a_model(folder: Path, tmp_path: Path) -> None:
     write(folder, documented())
     law = known_laws()[-1]
-    model = Model(parameters_mm=OFF, effects=(Placed(law, "xy", (40.0,)),))
+    model = Model(parameters_mm=OFF, effects=(EffectInstance(law, "xy", (40.0,)),))
     path = tmp_path / "model.json"
     path.write_text(model_to_json(model, Machine()), encoding="utf-8")
     again, _ = read_model(path, known_laws())

@@ -119,7 +119,7 @@ def test_readings_and_faults_keep_their_schema() -> None:
         kept(whole.replace('"value_mm": 1.5', '"value_mm": "1.5"'))
 
 
-class Judged(Report):
+class Judgement(Report):
     """Of two kinds of figures: its own, and those of a result as it stands."""
 
     gap: Gap
@@ -129,8 +129,8 @@ class Judged(Report):
 @pytest.mark.parametrize("wrong", [math.nan, math.inf])
 def test_no_figure_leaves_that_is_not_finite(wrong: float) -> None:
     gap = Gap(rms_mm=1.0, chi_square=1.0, degrees_of_freedom=1, p_value=0.5)
-    assert '"figure": 1.0' in to_json(Judged.of(gap=gap, figure=1.0))
+    assert '"figure": 1.0' in to_json(Judgement.of(gap=gap, figure=1.0))
     with pytest.raises(ValueError, match="finite"):
-        Judged.of(gap=gap, figure=wrong)
+        Judgement.of(gap=gap, figure=wrong)
     with pytest.raises(ValueError, match="JSON"):
-        to_json(Judged.of(gap=Gap(wrong, 1.0, 1, 0.5), figure=1.0))
+        to_json(Judgement.of(gap=Gap(wrong, 1.0, 1, 0.5), figure=1.0))

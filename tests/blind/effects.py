@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from tests.blind.forward import Entry
+from tests.blind.forward import Hypothesis
 
 LETTERS = "xyz"
 PAIRS = ((0, 1), (0, 2), (1, 2))
-Direction = tuple[tuple[Entry, float], ...]
+Direction = tuple[tuple[Hypothesis, float], ...]
 
 MACHINE_IDS = (
     "axis_squareness",

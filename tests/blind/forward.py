@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
-Entry = tuple[str, tuple[int, ...]]
+Hypothesis = tuple[str, tuple[int, ...]]
 
 LEG_MM = 310.25
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -80,7 +80,7 @@ class Hidden:
     saw_period_mm: float = 23.0
     waves: tuple[tuple[float, float], ...] = ((0.021, 0.3), (0.047, 1.9))
 
-    def plus(self, changes: Sequence[tuple[Entry, float]]) -> Hidden:
+    def plus(self, changes: Sequence[tuple[Hypothesis, float]]) -> Hidden:
         """The same machine with these entries larger by so much."""
         amounts = {name: array.copy() for name, array in self.amounts.items()}
         for (name, index), amount in changes:

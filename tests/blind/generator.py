@@ -12,7 +12,7 @@ import numpy as np
 from tests.blind import blunders
 from tests.blind.cases import Case
 from tests.blind.effects import LARGEST, LETTERS, PAIRS, Candidate, Direction, candidates, rivals
-from tests.blind.forward import Entry, FloatArray, Hidden, Rows, readings
+from tests.blind.forward import FloatArray, Hidden, Hypothesis, Rows, readings
 from tests.blind.noise import RESOLUTION_MM, Noise, draw
 from tests.blind.signatures import (
     BASE,
@@ -26,7 +26,7 @@ from tests.blind.signatures import (
 from tests.blind.steps import PLANS, Visit, rows_of, rows_of_visits, sorted_by_cycle
 
 Json = dict[str, Any]
-Change = tuple[Entry, float]
+Change = tuple[Hypothesis, float]
 
 OFFSET_LIMIT_MM = 2.0
 LENGTH_SPREAD_MM = 0.03
@@ -55,7 +55,7 @@ class Made:
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class EffectInstance:
     """One hidden effect: changes of the machine and what they leave in the readings."""
 
     candidate: Candidate
@@ -141,7 +141,7 @@ def _machine(case: Case, rows: Rows, rng: np.random.Generator) -> tuple[Hidden, 
 
 def _placed(
     case: Case, effect: str, size_mm: float, columns: Columns, rng: np.random.Generator
-) -> Placed:
+) -> EffectInstance:
     """The effect at a drawn place with r.m.s. ``size_mm`` after base and zeros are refitted."""
     candidate = _outside(effect, rng) if case.shape else _drawn(effect, rng)
     left = columns.left_over(columns.raw(candidate))
@@ -157,7 +157,7 @@ def _placed(
         signal = _signal(columns, candidate, changes)
         weights *= size_mm / _rms(signal)
     _check_size(changes)
-    return Placed(candidate, changes, signal, candidate.lead_mm)
+    return EffectInstance(candidate, changes, signal, candidate.lead_mm)
 
 
 def _rms(values: FloatArray) -> float:
@@ -186,14 +186,14 @@ def _outside(shape: str, rng: np.random.Generator) -> Candidate:
 def _changes(
     directions: tuple[Direction, ...], weights: FloatArray, rng: np.random.Generator
 ) -> list[Change]:
-    found: dict[Entry, float] = {}
+    found: dict[Hypothesis, float] = {}
     for direction, weight in zip(directions, weights, strict=True):
         for entry, part in direction:
             found[entry] = found.get(entry, 0.0) + part * float(weight)
     return [each for entry, amount in found.items() for each in _shared(entry, amount, rng)]
 
 
-def _shared(entry: Entry, amount: float, rng: np.random.Generator) -> list[Change]:
+def _shared(entry: Hypothesis, amount: float, rng: np.random.Generator) -> list[Change]:
     """Squareness of a pair: which of the two axes leans cannot be seen, so both do."""
     if entry[0] != "lean":
         return [(entry, amount)]
@@ -257,7 +257,7 @@ def _text(table: blunders.Table, resolution_mm: float | None) -> str:
 def _truth(
     case: Case,
     columns: Columns,
-    placed: list[Placed],
+    placed: list[EffectInstance],
     noise: Noise,
     blunder_where: tuple[str, ...],
 ) -> Json:
@@ -276,12 +276,12 @@ def _truth(
     }
 
 
-def _beside(one: Placed, placed: list[Placed], columns: Columns) -> Columns:
+def _beside(one: EffectInstance, placed: list[EffectInstance], columns: Columns) -> Columns:
     """Of two effects each counts for what the other cannot take over."""
     return columns.beside([each.candidate for each in placed if each is not one])
 
 
-def _described(placed: Placed, case: Case, columns: Columns, noise_mm: float) -> Json:
+def _described(placed: EffectInstance, case: Case, columns: Columns, noise_mm: float) -> Json:
     mine = placed.candidate
     # With no blunder tested the whole catalogue competes, but for what was left out of it.
     others = [c for c in rivals() if c.id != mine.id and c.id not in case.without]
@@ -312,7 +312,7 @@ def _described(placed: Placed, case: Case, columns: Columns, noise_mm: float) ->
     }
 
 
-def _also_right(placed: Placed) -> list[str]:
+def _also_right(placed: EffectInstance) -> list[str]:
     """A shift of one axis towards another may be told as that pair."""
     towards = {index for (name, index), _ in placed.changes if name == "shift"}
     if len(towards) != 1:
@@ -334,7 +334,7 @@ def _lean_sum(changes: list[Change], pair: tuple[int, int]) -> float:
     )
 
 
-def _oracle_mm(columns: Columns, placed: list[Placed], noise: Noise) -> float:
+def _oracle_mm(columns: Columns, placed: list[EffectInstance], noise: Noise) -> float:
     """R.m.s. of one side of one leg left out, where the true effects are fitted to the rest."""
     design = np.column_stack([columns.base, *(columns.raw(p.candidate) for p in placed)])
     rows = columns.rows

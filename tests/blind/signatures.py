@@ -13,13 +13,15 @@ from dataclasses import replace
 import numpy as np
 
 from tests.blind.effects import LATERAL, Candidate, Direction
-from tests.blind.forward import Entry, FloatArray, Hidden, Rows, readings
+from tests.blind.forward import FloatArray, Hidden, Hypothesis, Rows, readings
 
 STEP = {"offset": 1e-3, "length": 1e-3, "lean": 1e-6, "curve": 1e-8, "bow": 1e-8, "drift": 1e-6}
 USUAL_STEP = 1e-5
 RANK_TOLERANCE = 1e-6
 JUDGED = 200
-BASE: tuple[Entry, ...] = tuple((name, (i,)) for name in ("offset", "length") for i in range(3))
+BASE: tuple[Hypothesis, ...] = tuple(
+    (name, (i,)) for name in ("offset", "length") for i in range(3)
+)
 
 
 class Columns:
@@ -28,7 +30,7 @@ class Columns:
     def __init__(self, rows: Rows, hidden: Hidden) -> None:
         self.rows = rows
         self.hidden = hidden
-        self._found: dict[tuple[Entry, float], FloatArray] = {}
+        self._found: dict[tuple[Hypothesis, float], FloatArray] = {}
         zeros = np.equal.outer(rows.mount, np.arange(rows.mount.max() + 1)).astype(np.float64)
         self._plain: dict[float, FloatArray] = {}
         self._spans: dict[Candidate, FloatArray] = {}
@@ -46,7 +48,7 @@ class Columns:
         joint.nuisance = np.linalg.qr(np.column_stack([self.nuisance, *spans]))[0]
         return joint
 
-    def _entry(self, entry: Entry, lead_mm: float) -> FloatArray:
+    def _entry(self, entry: Hypothesis, lead_mm: float) -> FloatArray:
         key = (entry, lead_mm)
         if key not in self._found:
             step = STEP.get(entry[0], USUAL_STEP)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.blind.effects import EFFECT_IDS, candidates
-from tests.blind.forward import LEG_MM, Entry, FloatArray, Hidden, Rows, carriages, readings
+from tests.blind.forward import LEG_MM, FloatArray, Hidden, Hypothesis, Rows, carriages, readings
 from tests.blind.forward import three_spheres as meet
 from tests.blind.signatures import Columns, left_out_rms
 from tests.blind.steps import PLANS, Plan, rows_of, sorted_by_cycle, visits
@@ -18,7 +18,7 @@ def taken(plan: Plan = THREE, in_place: bool = False) -> Rows:
     return rows_of(plan, np.random.default_rng(1), in_place)
 
 
-def change(entry: Entry, size: float, leg: int, axis: int) -> tuple[float, float]:
+def change(entry: Hypothesis, size: float, leg: int, axis: int) -> tuple[float, float]:
     """Derivative of the differences Max − Zero and Min − Zero of one indicator."""
     rows = taken()
     up, down = (readings(rows, Hidden().plus([(entry, s * size)])) for s in (1, -1))

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from calib.diagnosis.cleaning import Case
-from calib.diagnosis.problem import Problem, Sitting
+from calib.diagnosis.problem import FittedSession, Problem
 from calib.diagnosis.results import Diagnosis
 from calib.noise.reading import IndicatorFigures
 from calib.observations import Observations, observe
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model, measure
 from tests.builders import conditions_of
 
@@ -23,7 +23,7 @@ SWEEP, TWO_STATION, SHORT = map(conditions_of, ("sweep", "two-station", "zero-ma
 
 def case(
     taken: Observations,
-    *effects: Placed,
+    *effects: EffectInstance,
     seed: int = 0,
     scatter_mm: float = 0.002,
     model: Model | None = None,
@@ -37,7 +37,7 @@ def case(
 
 def problem(taken: Observations, seed: int) -> Problem:
     one = case(taken, seed=seed)
-    return Problem.of([Sitting.of(one.model, one.observed, one.indicator, one.tolerance_mm)])
+    return Problem.of([FittedSession.of(one.model, one.observed, one.indicator, one.tolerance_mm)])
 
 
 def names(found: Diagnosis) -> list[tuple[str, str]]:

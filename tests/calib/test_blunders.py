@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.diagnosis.attribution import DOUBT
 from calib.diagnosis.cleaning import Case, Mistake, clean
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.labels import Label, relabelled
-from calib.diagnosis.naming import DOUBT
-from calib.diagnosis.slips import find_slip
-from calib.diagnosis.strays import belongs_elsewhere, set_strays_right
+from calib.diagnosis.outliers import belongs_elsewhere, set_strays_right
+from calib.diagnosis.setup_shifts import find_slip
 from calib.observations import IntArray, Observations
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance
 from tests.calib.diagnosed_sessions import LAWS, SHORT, SWEEP, TWO_STATION, case
 
 SCATTER_MM = 0.002
@@ -76,7 +76,7 @@ def test_a_slip_is_no_drift_and_no_wild_reading(
 @pytest.mark.parametrize("play_mm", [0.0, 0.03])
 def test_a_steady_drift_is_no_slip_whatever_the_play(taken: Observations, play_mm: float) -> None:
     for seed in range(4):
-        effects = (Placed(LAWS["backlash"], "y", (play_mm,)),) if play_mm else ()
+        effects = (EffectInstance(LAWS["backlash"], "y", (play_mm,)),) if play_mm else ()
         observed = case(taken, *effects, seed=seed).observed
         drift = 0.05 * (observed.time_s - observed.time_s[0]) / 3600.0
         for size in (1.0, 5.0, 25.0):
@@ -122,7 +122,7 @@ def test_a_reading_under_the_other_leg(taken: Observations) -> None:
 
 
 def test_a_wrong_label_beside_a_drift() -> None:
-    one = case(SHORT, Placed(LAWS["thermal_drift"], "x", (400.0,)), seed=4)
+    one = case(SHORT, EffectInstance(LAWS["thermal_drift"], "x", (400.0,)), seed=4)
     mount = int(one.observed.mount[(one.observed.leg == 1) & (one.observed.axis == 0)][0])
     row = int(rows_of(one.observed, mount)[2])
     (found,) = mistakes(one, under_level(one.observed, row, 0.0))
@@ -169,7 +169,7 @@ def test_a_flicker_of_the_display_is_no_wild_reading() -> None:
 
 @pytest.mark.parametrize("factor", [25.4, 1.0 / 25.4])
 def test_readings_in_inches_bring_their_scatter_with_them(factor: float) -> None:
-    one = case(SWEEP, Placed(LAWS["gauge_gain"], "xy", (1.0,)), seed=8)
+    one = case(SWEEP, EffectInstance(LAWS["gauge_gain"], "xy", (1.0,)), seed=8)
     rows = rows_of(one.observed, 3)
     value = one.observed.value_mm.copy()
     value[rows] *= factor
@@ -214,7 +214,7 @@ def test_indicators_swapped_at_all_stations_are_one_mistake(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_swapped_indicators_beside_a_strong_effect(seed: int) -> None:
-    one = case(SWEEP, Placed(LAWS["axis_offset"], "xy", (0.6,)), seed=seed)
+    one = case(SWEEP, EffectInstance(LAWS["axis_offset"], "xy", (0.6,)), seed=seed)
     first, second = (
         np.flatnonzero((one.observed.leg == 1) & (one.observed.axis == axis)) for axis in (0, 2)
     )
@@ -242,7 +242,7 @@ def test_strong_effects_are_no_mistakes(
 ) -> None:
     """Each is ten times the scatter of a reading or more, somewhere in the session."""
     for seed in range(2):
-        one = case(taken, Placed(LAWS[effect], where, values), seed=seed)
+        one = case(taken, EffectInstance(LAWS[effect], where, values), seed=seed)
         plain = case(taken, seed=seed)
         assert np.abs(one.observed.value_mm - plain.observed.value_mm).max() > 10.0 * SCATTER_MM
         assert mistakes(one, one.observed) == []

@@ -12,7 +12,7 @@ from calib.diagnosis.results import Diagnosis
 from calib.observations import Observations
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.actuators import ActuatorCyclic
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model
 from tests.calib.diagnosed_sessions import LAWS, SHORT, SWEEP, TWO_STATION, case, names
 
@@ -39,7 +39,9 @@ def test_nothing_missing_agrees_and_says_what_would_have_been_seen(taken: Observ
 def test_one_effect_is_named_with_place_and_size(
     name: str, place: str, value: float, where: str
 ) -> None:
-    found = diagnose([case(TWO_STATION, Placed(LAWS[name], place, (value,)), seed=3)], CATALOGUE)
+    found = diagnose(
+        [case(TWO_STATION, EffectInstance(LAWS[name], place, (value,)), seed=3)], CATALOGUE
+    )
     assert found.verdict == "explained"
     assert names(found) == [(name, where)]
     (parameter,) = found.effects[0].parameters
@@ -52,7 +54,9 @@ def test_one_effect_is_named_with_place_and_size(
 
 def test_look_alikes_are_not_told_apart() -> None:
     """With Zero, Max and Min an offset axis and a tapered bar can be one and the same."""
-    found = diagnose([case(SHORT, Placed(LAWS["leg_taper"], "xy", (0.4,)), seed=1)], CATALOGUE)
+    found = diagnose(
+        [case(SHORT, EffectInstance(LAWS["leg_taper"], "xy", (0.4,)), seed=1)], CATALOGUE
+    )
     assert found.verdict == "ambiguous"
     every = {found.effects[0].id} | {r.id for r in found.effects[0].indistinguishable_from}
     assert "leg_taper" in every
@@ -62,14 +66,17 @@ def test_look_alikes_are_not_told_apart() -> None:
 
 
 def test_two_effects() -> None:
-    both = (Placed(LAWS["axis_squareness"], "xy", (0.8,)), Placed(LAWS["backlash"], "z", (0.03,)))
+    both = (
+        EffectInstance(LAWS["axis_squareness"], "xy", (0.8,)),
+        EffectInstance(LAWS["backlash"], "z", (0.03,)),
+    )
     found = diagnose([case(TWO_STATION, *both, seed=5)], CATALOGUE)
     assert sorted(names(found)) == [("axis_squareness", "xy"), ("backlash", "z")]
     assert found.verdict == "explained"
 
 
 def test_sessions_share_effects_and_keep_their_own_offsets() -> None:
-    effect = Placed(LAWS["axis_squareness"], "yz", (0.4,))
+    effect = EffectInstance(LAWS["axis_squareness"], "yz", (0.4,))
     sessions = [case(SWEEP, effect, seed=seed) for seed in (1, 2)]
     found = diagnose(sessions, CATALOGUE, held_out=[case(SWEEP, effect, seed=9)])
     assert names(found) == [("axis_squareness", "yz")]
@@ -80,7 +87,7 @@ def test_sessions_share_effects_and_keep_their_own_offsets() -> None:
 
 
 def test_a_model_that_has_the_effect_agrees() -> None:
-    effect = Placed(LAWS["backlash"], "x", (0.05,))
+    effect = EffectInstance(LAWS["backlash"], "x", (0.05,))
     known = Model(effects=(effect,))
     found = diagnose([case(SWEEP, effect, seed=2, model=known)], CATALOGUE)
     assert found.verdict == "agrees"
@@ -88,13 +95,15 @@ def test_a_model_that_has_the_effect_agrees() -> None:
 
 def test_an_effect_out_of_the_catalogue_is_not_given_a_name_with_confidence() -> None:
     others = [law for law in CATALOGUE if law.id not in ("backlash",)]
-    found = diagnose([case(TWO_STATION, Placed(LAWS["backlash"], "x", (0.05,)))], others)
+    found = diagnose([case(TWO_STATION, EffectInstance(LAWS["backlash"], "x", (0.05,)))], others)
     assert found.verdict in ("unexplained", "partly-explained")
 
 
 def test_without_repeats_and_noise_nothing_is_judged() -> None:
     first = SWEEP.take(np.unique(SWEEP.displacement_mm * 10 + SWEEP.mount, return_index=True)[1])
-    found = diagnose([case(first, Placed(LAWS["axis_squareness"], "xy", (1.0,)))], CATALOGUE)
+    found = diagnose(
+        [case(first, EffectInstance(LAWS["axis_squareness"], "xy", (1.0,)))], CATALOGUE
+    )
     assert found.verdict == "cannot-tell"
     assert found.effects == ()
     assert found.next_measurement is not None
@@ -122,7 +131,7 @@ def test_a_near_alias_is_a_rival_of_a_small_effect_and_none_of_a_large_one() -> 
     """Sag has 99 % of the direction of scale: a matter of size, not of the procedure alone."""
 
     def with_scale(value: float) -> Diagnosis:
-        effect = Placed(LAWS["actuator_scale"], "x", (value,))
+        effect = EffectInstance(LAWS["actuator_scale"], "x", (value,))
         return diagnose([case(TWO_STATION, effect, seed=1)], CATALOGUE)
 
     small, large = with_scale(0.3), with_scale(6.0)
@@ -136,7 +145,10 @@ def test_a_near_alias_is_a_rival_of_a_small_effect_and_none_of_a_large_one() -> 
 
 def test_two_effects_do_not_pass_for_one_in_every_place() -> None:
     """Six tapers can imitate nearly every pair of effects on the bars."""
-    pair = Placed(LAWS["gauge_gain"], "yx", (2.0,)), Placed(LAWS["axis_squareness"], "xy", (0.7,))
+    pair = (
+        EffectInstance(LAWS["gauge_gain"], "yx", (2.0,)),
+        EffectInstance(LAWS["axis_squareness"], "xy", (0.7,)),
+    )
     found = diagnose([case(SWEEP, *pair, seed=1)], CATALOGUE)
     named = {name for name, _ in names(found)}
     rivals = {r.id for one in found.effects for r in one.indistinguishable_from}
@@ -146,7 +158,7 @@ def test_two_effects_do_not_pass_for_one_in_every_place() -> None:
 
 def test_two_leads_of_one_screw_are_terms_of_a_series() -> None:
     both = [
-        Placed(law, "y", (0.0, 30.0))
+        EffectInstance(law, "y", (0.0, 30.0))
         for law in CATALOGUE
         if isinstance(law, ActuatorCyclic) and law.lead_mm in (5.0, 20.0)
     ]

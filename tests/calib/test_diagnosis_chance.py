@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.stats import f as f_distribution
 
-from calib.diagnosis.problem import Problem, Sitting
+from calib.diagnosis.problem import FittedSession, Problem
 from calib.diagnosis.scan import Reference, gap_p_value, null_scores, scores
-from calib.diagnosis.slips import find_slip
+from calib.diagnosis.setup_shifts import find_slip
 from tests.calib.diagnosed_sessions import SWEEP, case, problem
 
 
@@ -80,7 +80,7 @@ def test_unevenness_is_seen_where_stands_scatter_differently() -> None:
     scatter = np.array([0.0, 0.0, 0.0, 0.01, 0.01, 0.01])[one.observed.mount]
     value = one.observed.value_mm + scatter * np.random.default_rng(3).normal(size=len(scatter))
     uneven = replace(one.observed, value_mm=value)
-    own = Problem.of([Sitting.of(one.model, uneven, one.indicator, one.tolerance_mm)])
+    own = Problem.of([FittedSession.of(one.model, uneven, one.indicator, one.tolerance_mm)])
     seen = own.unevenness()
     assert seen[own.mount >= 3].min() > 1.3 * seen[own.mount < 3].max()
 

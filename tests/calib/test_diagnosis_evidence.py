@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.aliases import alias_map
-from calib.diagnosis.entries import entries_of
+from calib.diagnosis.hypotheses import entries_of
 from calib.diagnosis.locate import locate
-from calib.diagnosis.problem import Problem, Sitting
-from calib.diagnosis.race import Race
+from calib.diagnosis.model_selection import ModelSelection
+from calib.diagnosis.problem import FittedSession, Problem
 from calib.diagnosis.selection import (
     KNOWN,
     Search,
@@ -23,7 +23,7 @@ from calib.diagnosis.selection import (
 )
 from calib.linalg import union
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model
 from tests.calib.diagnosed_sessions import LAWS, SHORT, TWO_STATION, case, problem
 
@@ -79,7 +79,7 @@ def test_the_fewest_causes_are_kept() -> None:
     assert np.abs(few.T @ further).max() < 1e-6
     moved = replace(made, y=made.y + 30.0 * few[:, 0] + (3.2 - further @ made.y) * further)
     kept = [
-        Race(moved, (few, many), np.zeros(2), causes, 1).run().kept
+        ModelSelection(moved, (few, many), np.zeros(2), causes, 1).run().kept
         for causes in ((one.causes, every.causes), (1, 1))
     ]
     assert [model.members for model in kept if model] == [(0,), (1,)]
@@ -96,9 +96,9 @@ def test_causes_of_an_entry() -> None:
 
 
 def test_where_points_at_the_leg_and_the_direction() -> None:
-    made = case(TWO_STATION, Placed(LAWS["leg_bow"], "xy", (0.15,)), seed=6)
+    made = case(TWO_STATION, EffectInstance(LAWS["leg_bow"], "xy", (0.15,)), seed=6)
     shares = locate(
-        Problem.of([Sitting.of(made.model, made.observed, made.indicator, made.tolerance_mm)])
+        Problem.of([FittedSession.of(made.model, made.observed, made.indicator, made.tolerance_mm)])
     )
     first = next(s for s in shares if s.leg and s.axis)
     assert (first.leg, first.axis) == ("x", "y")

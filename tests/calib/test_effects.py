@@ -16,7 +16,7 @@ from calib.tripod.effects.actuators import last_movement
 from calib.tripod.effects.bars import pull_of_weight
 from calib.tripod.effects.candidates import Candidate, candidates, invisible
 from calib.tripod.effects.catalogue import laws_of
-from calib.tripod.effects.effect import Law, Placed
+from calib.tripod.effects.effect import EffectInstance, Law
 from calib.tripod.geometry import Geometry
 from calib.tripod.kinematics import trilaterate
 from calib.tripod.pipeline import Model, derivatives, simulate
@@ -82,7 +82,7 @@ def change(
 ) -> FloatArray:
     """What an effect changes in the readings of the nominal machine."""
     model = Model(geometry or Geometry())
-    placed = Placed(law(effect_id, parameter), place, (value,))
+    placed = EffectInstance(law(effect_id, parameter), place, (value,))
     return replace(model, effects=(placed,)).readings(taken) - model.readings(taken)
 
 
@@ -110,7 +110,9 @@ def test_zero_changes_nothing_and_columns_are_central_differences(
     model = Model(geometry, OFF)
     plain = model.readings(taken)
     for place in known.places(taken):
-        none = replace(model, effects=(Placed(known, place, (0.0,) * len(known.parameters)),))
+        none = replace(
+            model, effects=(EffectInstance(known, place, (0.0,) * len(known.parameters)),)
+        )
         assert none.readings(taken) == pytest.approx(plain, abs=1e-13)
     found = [c for c in candidates(model, taken, [known]) if c.arrangement != "each"]
     assert found
@@ -131,7 +133,7 @@ def test_base_derivatives_pass_through_every_effect(
 ) -> None:
     """A batch of complex machines with the effect adopted equals differences of single ones."""
     sizes = tuple(p.tolerance for p in known.parameters)
-    effects = tuple(Placed(known, place, sizes) for place in known.places(taken))
+    effects = tuple(EffectInstance(known, place, sizes) for place in known.places(taken))
     exact = derivatives(geometry, OFF, taken, effects)
     for number in range(6):
         step = 1e-3 * np.eye(6)[number]
@@ -204,7 +206,7 @@ def test_scale_and_cyclic_are_errors_of_the_carriage(displacement: float) -> Non
         assert change("actuator_scale", "x", 0.5, taken)[0] == pytest.approx(scaled, abs=1e-11)
         turn = 2 * np.pi * travel / 4.0
         error = 1e-3 * (3.0 * np.sin(turn) + 5.0 * (np.cos(turn) - 1.0))
-        cyclic = Placed(law("actuator_cyclic", "sine_4mm"), "x", (3.0, 5.0))
+        cyclic = EffectInstance(law("actuator_cyclic", "sine_4mm"), "x", (3.0, 5.0))
         found = Model(effects=(cyclic,)).readings(taken)[0]
         assert found == pytest.approx(reads(leg, axis, displacement, (error, 0.0, 0.0)), abs=1e-11)
 
@@ -320,11 +322,15 @@ def test_gain_and_tilt() -> None:
     taken = conditions([0, 0, 1], [1, 2, 0], [60.0] * 3)
     model = Model(parameters_mm=OFF)
     plain = model.readings(taken)
-    gain = replace(model, effects=(Placed(law("gauge_gain"), "xy", (2.0,)),)).readings(taken)
+    gain = replace(model, effects=(EffectInstance(law("gauge_gain"), "xy", (2.0,)),)).readings(
+        taken
+    )
     assert gain == pytest.approx(plain * [1.02, 1.0, 1.0])
     both = conditions([0] * 4, [1, 2, 1, 2], [60.0, 60.0, 0.0, 0.0])
     plain = model.readings(both)
-    tilt = replace(model, effects=(Placed(law("gauge_tilt"), "xy", (10.0,)),)).readings(both)
+    tilt = replace(model, effects=(EffectInstance(law("gauge_tilt"), "xy", (10.0,)),)).readings(
+        both
+    )
     moved = tilt - plain
     assert moved[[1, 3]] == pytest.approx([0.0, 0.0])
     own, across = plain[[0, 1]] - plain[[2, 3]]
@@ -396,7 +402,7 @@ def test_what_nothing_shows_is_listed() -> None:
 
 def test_candidates_of_a_model_that_has_effects() -> None:
     """Derivatives are taken with the adopted effects acting."""
-    gain = Placed(law("gauge_gain"), "xy", (50.0,))
+    gain = EffectInstance(law("gauge_gain"), "xy", (50.0,))
     squareness = [law("axis_squareness")]
     plain = candidates(Model(parameters_mm=OFF), TAKEN, squareness)[0].columns
     model = Model(parameters_mm=OFF, effects=(gain,))

@@ -6,19 +6,21 @@ import math
 
 import pytest
 
-from calib.diagnosis.entries import Entry, chosen, entries_of
+from calib.diagnosis.hypotheses import Hypothesis, chosen, entries_of
 from calib.tripod.effects import CATALOGUE
 from tests.calib.diagnosed_sessions import TWO_STATION, problem
 
 
-def visible() -> list[Entry]:
+def visible() -> list[Hypothesis]:
     made = problem(TWO_STATION, 0)
     return [e for e in entries_of(made, CATALOGUE) if made.block(e.columns).shape[1]]
 
 
 def test_an_effect_then_one_part_or_all_then_which() -> None:
     entries = visible()
-    cost = {(e.id, e.where): price for e, price in zip(entries, chosen(entries), strict=True)}
+    cost = {
+        (e.id, e.where): log_prior for e, log_prior in zip(entries, chosen(entries), strict=True)
+    }
     effects = len({e.id for e in entries})
     assert cost["gravity_sag", "all"] == pytest.approx(math.log(effects * 2))
     assert cost["gravity_sag", "x"] == pytest.approx(math.log(effects * 2 * 3))
@@ -35,8 +37,8 @@ def test_the_effects_share_their_chances_evenly() -> None:
     effects = {e.id for e in entries}
     for name in effects:
         chances = {
-            e.way: math.exp(-price)
-            for e, price in zip(entries, chosen(entries), strict=True)
+            e.way: math.exp(-log_prior)
+            for e, log_prior in zip(entries, chosen(entries), strict=True)
             if e.id == name and e.causes == 1
         }
         assert sum(chances.values()) == pytest.approx(1.0 / len(effects))

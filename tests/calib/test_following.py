@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.problem import Problem, Sitting
-from calib.diagnosis.proposing import ENOUGH, GOAL, best_addition, options
+from calib.diagnosis.next_measurement import ENOUGH, GOAL, best_addition, options
+from calib.diagnosis.problem import FittedSession, Problem
 from calib.diagnosis.separating import Added, Explanation, Judge, Preparation, added_conditions
 from calib.noise.reading import IndicatorFigures
 from calib.observations import Conditions, FloatArray, Observations, observe
 from calib.tripod.effects.candidates import Candidate, candidates
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, derivatives, measure
 from tests.calib.diagnosed_sessions import LAWS, SHORT, TOLERANCE_MM
@@ -22,7 +22,7 @@ NOISE_MM = 0.002
 OFF = (1.2, -0.9, 0.6, 0.03, -0.02, 0.01)
 
 
-def problem(taken: Observations = SHORT, *effects: Placed) -> Problem:
+def problem(taken: Observations = SHORT, *effects: EffectInstance) -> Problem:
     truth = Model(parameters_mm=OFF, effects=effects)
     value = measure(
         truth,
@@ -32,7 +32,7 @@ def problem(taken: Observations = SHORT, *effects: Placed) -> Problem:
         generator=np.random.default_rng(2),
     )
     figures = IndicatorFigures(repeatability_mm=NOISE_MM)
-    return Problem.of([Sitting.of(Model(), observe(taken, value), figures, TOLERANCE_MM)])
+    return Problem.of([FittedSession.of(Model(), observe(taken, value), figures, TOLERANCE_MM)])
 
 
 def candidate(model: Model, taken: Conditions, name: str, where: str) -> Candidate:
@@ -41,14 +41,14 @@ def candidate(model: Model, taken: Conditions, name: str, where: str) -> Candida
 
 
 def explanation(made: Problem, name: str, where: str, *values: float) -> Explanation:
-    one = made.sittings[0]
+    one = made.fitted_sessions[0]
     return Explanation(candidate(one.model, one.observed, name, where), np.array(values))
 
 
 def stacked(made: Problem, model: Model, taken: Conditions, one: Candidate) -> FloatArray:
     """Whitened columns on old and new readings together."""
-    sitting = made.sittings[0]
-    old = candidate(sitting.model, sitting.observed, one.id, one.where).columns
+    fitted_session = made.fitted_sessions[0]
+    old = candidate(fitted_session.model, fitted_session.observed, one.id, one.where).columns
     new = candidate(model, taken, one.id, one.where).columns
     noise_mm = float(np.sqrt(np.mean(made.root_weight**-2.0)))
     return np.vstack([made.root_weight[:, None] * old, new / noise_mm])
@@ -56,7 +56,7 @@ def stacked(made: Problem, model: Model, taken: Conditions, one: Candidate) -> F
 
 def left(made: Problem, added: Added, true: Explanation, other: Explanation) -> float:
     """What the other leaves of the true one: least squares over both sessions, all columns free."""
-    model = added.preparation.model(made.sittings[0].model)
+    model = added.preparation.model(made.fitted_sessions[0].model)
     taken = added_conditions([(added.stations[0], added.levels_mm)])
     taken = taken.take([k for k in range(len(taken)) if "xyz"[taken.leg[k]] in added.legs])
     signal = stacked(made, model, taken, true.candidate) @ true.values
@@ -83,7 +83,7 @@ def test_separations_against_least_squares(preparation: Preparation, legs: tuple
     third = explanation(made, "gravity_sag", "y", 0.2)
     added = Added(legs, (0.3,), (24.0, 55.0, -40.0, -90.0), preparation)
     judge = Judge(made, [[first], [second], [third]], ())
-    model = preparation.model(made.sittings[0].model)
+    model = preparation.model(made.fitted_sessions[0].model)
     (found,) = judge.separations(model, [added])
     for a, b, one, other in ((0, 1, first, second), (0, 2, first, third), (1, 2, second, third)):
         expected = min(left(made, added, one, other), left(made, added, other, one))
@@ -96,7 +96,7 @@ def test_several_explanations_of_a_name_count_by_the_nearest() -> None:
     play = explanation(made, "backlash", "x", 0.02)
     bow = explanation(made, "leg_bow", "xy", 0.05)
     added = Added(("x",), (0.5,), (24.0, 60.0, -40.0, -100.0))
-    model = made.sittings[0].model
+    model = made.fitted_sessions[0].model
     (each,) = Judge(made, [[scale], [play], [bow]], ()).separations(model, [added])
     (both,) = Judge(made, [[scale], [play, bow]], ()).separations(model, [added])
     assert both[0, 1] == pytest.approx(min(each[0, 1], each[0, 2]))
@@ -109,7 +109,7 @@ def test_what_stays_is_no_help_to_tell_them_apart() -> None:
     taper = explanation(made, "leg_taper", "yz", 0.5)
     tilt = explanation(made, "gauge_tilt", "yz", 0.0)
     added = Added(("y",), (0.3,), (24.0, 55.0, -40.0, -90.0), Preparation((0.0, 0.0, 5.0)))
-    model = added.preparation.model(made.sittings[0].model)
+    model = added.preparation.model(made.fitted_sessions[0].model)
     (alone,) = Judge(made, [[gain], [taper]], ()).separations(model, [added])
     (beside,) = Judge(made, [[gain], [taper]], (tilt,)).separations(model, [added])
     assert beside[0, 1] < 0.9 * alone[0, 1]
@@ -136,7 +136,7 @@ def test_weight_is_told_from_a_scale_by_weight() -> None:
     as_it_stands, _ = best_addition(made, names, np.ones(2))
     loaded, apart = best_addition(made, names, np.ones(2), load_tells=True)
     judge = Judge(made, names, ())
-    model = made.sittings[0].model
+    model = made.fitted_sessions[0].model
     plain = judge.separations(model, list(options(model.geometry, Preparation())))
     assert as_it_stands.preparation.load == 1.0
     assert loaded.preparation.load == 2.0

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.results import Diagnosis, LeftOver
+from calib.diagnosis.results import Diagnosis, ModelDiscrepancy
 from calib.observations import Observations
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.effects.empirical import BASES, Empirical, empirical_law
 from calib.tripod.pipeline import Model, Stage
 from tests.calib.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case
@@ -17,11 +17,11 @@ from tests.calib.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case
 OFF = (1.2, -0.9, 0.6, 0.03, -0.02, 0.01)
 
 
-def cube(size: float, leg: str = "x") -> Placed:
-    return Placed(Empirical(("travel_cube_at_100mm",)), leg, (size,))
+def cube(size: float, leg: str = "x") -> EffectInstance:
+    return EffectInstance(Empirical(("travel_cube_at_100mm",)), leg, (size,))
 
 
-def law_of(found: Diagnosis) -> LeftOver:
+def law_of(found: Diagnosis) -> ModelDiscrepancy:
     assert found.left_over is not None
     return found.left_over
 
@@ -57,7 +57,7 @@ def test_held_out_sessions_judge_the_law() -> None:
 def test_readings_that_depend_on_time_and_direction() -> None:
     """Without anything in the catalogue that could be named in its place."""
     term = Empirical(("cube_at_100mm", "up_less_down"))
-    effects = [Placed(term, place, (60.0, 25.0)) for place in ("yx", "yz")]
+    effects = [EffectInstance(term, place, (60.0, 25.0)) for place in ("yx", "yz")]
     found = diagnose([case(SWEEP, *effects, seed=6)], [LAWS["thermal_drift"]])
     assert found.verdict == "unexplained"
     assert found.effects == ()
@@ -76,8 +76,8 @@ def test_readings_that_depend_on_time_and_direction() -> None:
 def test_a_law_beside_what_was_named() -> None:
     """A name is kept, and what it leaves is described by itself."""
     effects = (
-        Placed(LAWS["backlash"], "z", (0.05,)),
-        Placed(Empirical(("fourth_at_100mm",)), "xy", (30.0,)),
+        EffectInstance(LAWS["backlash"], "z", (0.05,)),
+        EffectInstance(Empirical(("fourth_at_100mm",)), "xy", (30.0,)),
     )
     found = diagnose([case(TWO_STATION, *effects, seed=7)], [LAWS["backlash"]])
     assert [(one.id, one.where) for one in found.effects] == [("backlash", "z")]
@@ -120,14 +120,16 @@ def test_what_follows_no_law_is_said_to_follow_none() -> None:
 def test_bases_and_laws_by_hand() -> None:
     readings = Empirical(("square_at_100mm", "per_hour"))
     plain, taken = Model(parameters_mm=OFF), TWO_STATION
-    changed = Model(parameters_mm=OFF, effects=(Placed(readings, "xz", (20.0, 6.0)),))
+    changed = Model(parameters_mm=OFF, effects=(EffectInstance(readings, "xz", (20.0, 6.0)),))
     moved = changed.readings(taken) - plain.readings(taken)
     here = (taken.leg == 0) & (taken.axis == 2)
     expected = 0.020 * (taken.displacement_mm / 100.0) ** 2 + 0.006 * taken.time_s / 3600.0
     assert moved == pytest.approx(np.where(here, expected, 0.0), abs=1e-12)
     carriage = Empirical(("travel_square_at_100mm",))
-    off = Model(parameters_mm=OFF, effects=(Placed(carriage, "y", (100.0,)),))
-    scale = Model(parameters_mm=OFF, effects=(Placed(LAWS["actuator_scale"], "y", (-0.6,)),))
+    off = Model(parameters_mm=OFF, effects=(EffectInstance(carriage, "y", (100.0,)),))
+    scale = Model(
+        parameters_mm=OFF, effects=(EffectInstance(LAWS["actuator_scale"], "y", (-0.6,)),)
+    )
     low = (taken.leg == 1) & (np.abs(taken.displacement_mm) == 60.0)
     for at in np.flatnonzero(low & (taken.displacement_mm > 0)):
         # 100 µm · 0.6² = 36 µm at +60 mm, as much as -0.6 mm/m · 60 mm, but the other way

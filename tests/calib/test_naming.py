@@ -7,23 +7,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.diagnosis.attribution import Attribution
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.entries import chosen, entries_of, implausible
-from calib.diagnosis.naming import Naming
-from calib.diagnosis.problem import Problem, Sitting
-from calib.diagnosis.race import Race
+from calib.diagnosis.hypotheses import chosen, entries_of, implausible
+from calib.diagnosis.model_selection import ModelSelection
+from calib.diagnosis.problem import FittedSession, Problem
 from calib.diagnosis.report import sentence
 from calib.diagnosis.results import Named
 from calib.observations import FloatArray
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance
 from tests.calib.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case, names, problem
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_two_indicators_are_a_rival_of_one_bar(seed: int) -> None:
     """Both indicators of a leg askew do what the shape of one bar does."""
-    tilts = [Placed(LAWS["gauge_tilt"], place, (v,)) for place, v in (("yx", 30.0), ("yz", -40.0))]
+    tilts = [
+        EffectInstance(LAWS["gauge_tilt"], place, (v,))
+        for place, v in (("yx", 30.0), ("yz", -40.0))
+    ]
     found = diagnose([case(SWEEP, *tilts, seed=seed)], CATALOGUE)
     possible = {one.id for one in found.effects}
     possible |= {rival.id for one in found.effects for rival in one.indistinguishable_from}
@@ -33,7 +36,9 @@ def test_two_indicators_are_a_rival_of_one_bar(seed: int) -> None:
 def test_six_indicators_that_all_differ_are_one_name() -> None:
     gains = (7.0, -2.6, -3.7, -3.6, 3.2, 7.0)
     places = ("xy", "xz", "yx", "yz", "zx", "zy")
-    effects = [Placed(LAWS["gauge_gain"], p, (g,)) for p, g in zip(places, gains, strict=True)]
+    effects = [
+        EffectInstance(LAWS["gauge_gain"], p, (g,)) for p, g in zip(places, gains, strict=True)
+    ]
     found = diagnose([case(TWO_STATION, *effects, seed=2, scatter_mm=0.0002)], CATALOGUE)
     assert found.verdict == "explained"
     assert names(found) == [("gauge_gain", "x,y,z")]
@@ -45,7 +50,7 @@ def test_six_indicators_that_all_differ_are_one_name() -> None:
 @pytest.mark.parametrize("seed", [5, 6, 7])
 def test_a_large_effect_is_followed_beyond_its_derivatives(seed: int) -> None:
     """Six milliradians beside 0.2 µm of noise: squares of the lean are many times that."""
-    lean = Placed(LAWS["axis_squareness"], "xz", (6.0,))
+    lean = EffectInstance(LAWS["axis_squareness"], "xz", (6.0,))
     found = diagnose([case(TWO_STATION, lean, seed=seed, scatter_mm=0.0002)], CATALOGUE)
     assert names(found) == [("axis_squareness", "xz")]
     assert found.verdict == "explained"
@@ -70,7 +75,7 @@ def test_sizes_that_only_each_other_call_for_cost() -> None:
         return implausible(moved, [pair[k] for k in members])
 
     blocks = tuple(moved.block(e.columns) for e in pair)
-    race = Race(moved, blocks, chosen(pair), (1, 1), 1, loss)
+    race = ModelSelection(moved, blocks, chosen(pair), (1, 1), 1, loss)
     assert loss((0,)) < 1.0
     assert loss((1,)) < 1.0
     assert race.far_together((0, 1)) > 10.0
@@ -91,12 +96,12 @@ def without_a_row(one: Problem, columns: FloatArray, row: int) -> float:
 
 
 def test_evidence_without_any_one_reading_is_that_of_fits_without_it() -> None:
-    made = case(SWEEP, Placed(LAWS["backlash"], "y", (0.006,)), seed=8)
-    sitting = Sitting.of(made.model, made.observed, made.indicator, made.tolerance_mm)
-    one = Problem.of([sitting])
+    made = case(SWEEP, EffectInstance(LAWS["backlash"], "y", (0.006,)), seed=8)
+    fitted_session = FittedSession.of(made.model, made.observed, made.indicator, made.tolerance_mm)
+    one = Problem.of([fitted_session])
     entries = [e for e in entries_of(one, CATALOGUE) if (e.id, e.where) == ("backlash", "y")]
-    race = Race(one, (one.block(entries[0].columns),), np.zeros(1), (1,), 1)
-    naming = Naming(one, entries, race, race.run())
+    race = ModelSelection(one, (one.block(entries[0].columns),), np.zeros(1), (1,), 1)
+    naming = Attribution(one, entries, race, race.run())
     kept = naming.outcome.kept
     assert kept is not None
     columns = one.root_weight[:, None] * entries[0].columns
@@ -114,8 +119,8 @@ def test_one_reading_gives_no_name() -> None:
     y = 9.0 * spike[:, 0]
     moved = replace(one, y=one.y + y - one.nuisance @ (one.nuisance.T @ y))
     entry = replace(entries_of(one, CATALOGUE)[0], columns=spike / one.root_weight[row])
-    race = Race(moved, (moved.block(entry.columns),), np.zeros(1), (1,), 1)
-    naming = Naming(moved, [entry], race, race.run())
+    race = ModelSelection(moved, (moved.block(entry.columns),), np.zeros(1), (1,), 1)
+    naming = Attribution(moved, [entry], race, race.run())
     assert naming.outcome.kept is not None
     assert naming.evidence(naming.outcome.kept, 0) > 25.0
     assert naming.without_any_one(naming.outcome.kept, 0) < 0.0
@@ -123,7 +128,9 @@ def test_one_reading_gives_no_name() -> None:
 
 
 def test_the_first_sentence_stays_a_sentence() -> None:
-    found = diagnose([case(SWEEP, Placed(LAWS["gauge_tilt"], "xy", (9.0,)), seed=1)], CATALOGUE)
+    found = diagnose(
+        [case(SWEEP, EffectInstance(LAWS["gauge_tilt"], "xy", (9.0,)), seed=1)], CATALOGUE
+    )
     many = tuple(Named(f"name_{k}", "x") for k in range(9))
     finding = replace(found.effects[0], indistinguishable_from=many)
     said = sentence("ambiguous", [finding], "", "")
@@ -142,8 +149,8 @@ def test_one_direction_that_one_reading_carries_is_not_the_whole_evidence() -> N
     white = columns @ np.array([3.0, 2.5])
     moved = replace(one, y=one.y + white - one.nuisance @ (one.nuisance.T @ white))
     entry = replace(entries_of(one, CATALOGUE)[0], columns=columns / one.root_weight[:, None])
-    race = Race(moved, (moved.block(entry.columns),), np.zeros(1), (1,), 1)
-    naming = Naming(moved, [entry], race, race.run())
+    race = ModelSelection(moved, (moved.block(entry.columns),), np.zeros(1), (1,), 1)
+    naming = Attribution(moved, [entry], race, race.run())
     kept = naming.outcome.kept
     assert kept is not None
     least = min(without_a_row(moved, columns, k) for k in range(len(one.y)))

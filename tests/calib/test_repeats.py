@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.noise.reading import IndicatorFigures, IndicatorNoise, Noise, reading_noise
-from calib.noise.repeats import Repeats, wild_readings
+from calib.noise.repeats import Repeats, outlying_readings
 from calib.observations import Observations, observe
 from tests.builders import postures
 
@@ -45,9 +45,9 @@ def test_wandering_is_told_by_its_size_and_quiet_sessions_have_none() -> None:
         restless = reading_noise(session(0.002, drift_mm=0.05, seed=seed), IndicatorFigures())
         assert calm is not None
         assert restless is not None
-        assert restless.wander_mm is not None
-        quiet += calm.wander_mm is None
-        sizes.append(restless.wander_mm)
+        assert restless.cycle_drift_mm is not None
+        quiet += calm.cycle_drift_mm is None
+        sizes.append(restless.cycle_drift_mm)
     assert quiet >= 192, "1 % of 200 sessions, with room for chance (p < 0.001)"
     assert np.sqrt(np.mean(np.square(sizes))) == pytest.approx(0.05, rel=0.05)
 
@@ -85,7 +85,7 @@ def test_an_indicator_with_ten_times_the_noise_is_kept_apart() -> None:
         assert not noise.pooled
         quiet, loud = (np.sqrt(one.variance_mm2) for one in noise.indicators)
         assert 3.0 < loud / quiet < 35.0
-        shown = noise.shown_mm2(data)
+        shown = noise.repeatability_mm2(data)
         assert shown[data.indicator == 1].min() > 9.0 * shown[data.indicator == 0].max()
 
 
@@ -140,7 +140,7 @@ def test_a_wild_reading_is_flagged_and_still_counts() -> None:
 
 def test_clean_sessions_have_no_wild_reading() -> None:
     flagged = sum(
-        bool(wild_readings(Repeats.of(data), 0.0))
+        bool(outlying_readings(Repeats.of(data), 0.0))
         for data in (session(0.002, seed=seed) for seed in range(400))
     )
     assert flagged <= 12, "1 % of 400 sessions, with room for chance (p < 0.001)"
@@ -154,7 +154,7 @@ def test_studentised_residual_against_leaving_the_reading_out() -> None:
     value[row] += 0.2
     data = replace(data, value_mm=value)
     repeats = Repeats.of(data)
-    found = {w.row: w.studentised for w in wild_readings(repeats, 0.0)}
+    found = {w.row: w.studentised for w in outlying_readings(repeats, 0.0)}
     rest = np.delete(np.arange(len(data)), row)
     others = Repeats.of(data.take(rest))
     variance = float(others.sums_of_squares(value[rest, None]).sum())

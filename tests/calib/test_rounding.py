@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.noise.rounding import locked_of_shown, locked_variance, scatter_of_shown
+from calib.noise.rounding import (
+    quantisation_of_repeatability,
+    quantisation_variance,
+    scatter_of_shown,
+)
 
 PLACES = 20_000
 
@@ -23,7 +27,7 @@ def simulated(ratio: float, repeats: int, seed: int = 0) -> tuple[float, float]:
 @pytest.mark.parametrize("ratio", [0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 0.9])
 def test_locked_and_shown_variance(ratio: float) -> None:
     locked, shown = simulated(ratio, 20)
-    found = float(locked_variance(np.array([ratio]), 1.0)[0])
+    found = float(quantisation_variance(np.array([ratio]), 1.0)[0])
     assert found == pytest.approx(locked, abs=0.002)
     assert ratio**2 + 1 / 12 - found == pytest.approx(shown, abs=0.002 + 0.005 * ratio)
 
@@ -36,19 +40,21 @@ def test_estimate_of_the_locked_part_is_right_on_average(ratio: float, step_mm: 
     place = generator.uniform(0.0, 1.0, (4000, 12, 1))
     shown = np.round(place + ratio * generator.normal(size=(4000, 12, 3)))
     variance = shown.var(axis=2, ddof=1).mean(axis=1) * step_mm**2
-    found = locked_of_shown(variance, step_mm, 24.0).mean() / step_mm**2
-    truth = float(locked_variance(np.array([ratio]), 1.0)[0])
+    found = quantisation_of_repeatability(variance, step_mm, 24.0).mean() / step_mm**2
+    truth = float(quantisation_variance(np.array([ratio]), 1.0)[0])
     assert found == pytest.approx(truth, abs=0.0025)
 
 
 def test_no_step_locks_nothing() -> None:
     some = np.array([0.0, 1.0, 4.0])
-    assert locked_variance(some, 0.0).tolist() == [0.0, 0.0, 0.0]
-    assert locked_of_shown(some, 0.0, 10.0).tolist() == [0.0, 0.0, 0.0]
+    assert quantisation_variance(some, 0.0).tolist() == [0.0, 0.0, 0.0]
+    assert quantisation_of_repeatability(some, 0.0, 10.0).tolist() == [0.0, 0.0, 0.0]
 
 
 def test_identical_repeats_leave_the_whole_step_locked() -> None:
-    assert float(locked_of_shown(np.zeros(1), 0.01, 24.0)[0]) == pytest.approx(0.01**2 / 12)
+    assert float(quantisation_of_repeatability(np.zeros(1), 0.01, 24.0)[0]) == pytest.approx(
+        0.01**2 / 12
+    )
 
 
 @pytest.mark.parametrize("ratio", [0.2, 0.5, 0.9, 1.5])

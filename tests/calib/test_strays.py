@@ -20,11 +20,11 @@ from calib.diagnosis.labels import (
     other_labels,
     relabelled,
 )
+from calib.diagnosis.outliers import WILD_DISTANCE, set_strays_right
 from calib.diagnosis.results import Named
-from calib.diagnosis.strays import WILD_DISTANCE, set_strays_right
 from calib.observations import IntArray, Observations
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance
 from tests.calib.diagnosed_sessions import LAWS, SHORT, SWEEP, TWO_STATION, case
 
 SCATTER_MM = 0.002
@@ -193,7 +193,7 @@ def test_two_wrong_labels_are_both_put_right() -> None:
 @pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
 def test_first_readings_off_by_a_large_play_are_not_wild(taken: Observations) -> None:
     """Before the first reading nobody knows from where the machine came."""
-    plays = [Placed(LAWS["backlash"], leg, (0.5,)) for leg in "xyz"]
+    plays = [EffectInstance(LAWS["backlash"], leg, (0.5,)) for leg in "xyz"]
     for seed in range(4):
         assert set_strays_right(case(taken, *plays, seed=seed).observed) == []
 

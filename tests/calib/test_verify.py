@@ -8,17 +8,19 @@ import pytest
 from calib.diagnosis.diagnose import diagnose
 from calib.observations import Observations
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model, derivatives
 from tests.calib.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case
 
 
-def left_by_the_true_effect_mm(taken: Observations, effect: Placed, value: np.ndarray) -> float:
+def left_by_the_true_effect_mm(
+    taken: Observations, effect: EffectInstance, value: np.ndarray
+) -> float:
     """One side of one leg at a time predicted from the rest: nothing held, the effect known."""
     model = Model()
     base = derivatives(model.geometry, model.parameters_mm, taken, (effect,))
     small = 1e-6
-    bigger = Placed(effect.law, effect.place, tuple(v + small for v in effect.values))
+    bigger = EffectInstance(effect.law, effect.place, tuple(v + small for v in effect.values))
     readings = [Model(effects=(e,)).readings(taken) for e in (effect, bigger)]
     column = (readings[1] - readings[0]) / small
     zeros = np.eye(taken.mount_count)[taken.mount]
@@ -37,7 +39,7 @@ def left_by_the_true_effect_mm(taken: Observations, effect: Placed, value: np.nd
 @pytest.mark.parametrize("taken", [SWEEP, TWO_STATION])
 def test_readings_left_out_are_predicted_as_well_as_by_the_true_effect(taken: Observations) -> None:
     """Axes out of square pull the offsets of a fit without them 3 mm away: that must not hold."""
-    effect = Placed(LAWS["axis_squareness"], "xy", (2.0,))
+    effect = EffectInstance(LAWS["axis_squareness"], "xy", (2.0,))
     made = case(taken, effect, seed=4)
     found = diagnose([made], CATALOGUE)
     assert [(one.id, one.where) for one in found.effects] == [("axis_squareness", "xy")]

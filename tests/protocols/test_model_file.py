@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.actuators import ActuatorCyclic
 from calib.tripod.effects.candidates import candidates
-from calib.tripod.effects.effect import Law, Placed
+from calib.tripod.effects.effect import EffectInstance, Law
 from calib.tripod.effects.empirical import Empirical
 from calib.tripod.pipeline import Flow, Model, Stage
 from protocols.errors import RecordError, UsageError
@@ -44,7 +44,7 @@ def written(tmp_path: Path, found: ModelFile) -> Path:
     return path
 
 
-def adopted(arrangement: str = "mirror") -> tuple[tuple[Placed, ...], EffectEntry]:
+def adopted(arrangement: str = "mirror") -> tuple[tuple[EffectInstance, ...], EffectEntry]:
     """An effect as a diagnosis adopts it, with uncertainties."""
     model = Model(parameters_mm=OFF)
     candidate = next(
@@ -67,7 +67,9 @@ def test_every_effect_of_the_catalogue_comes_back(tmp_path: Path, law: Law) -> N
     places = law.places(postures())
     sizes = tuple(0.5 * p.tolerance for p in law.parameters)
     machine = Machine()
-    model = Model(machine.geometry(), OFF, tuple(Placed(law, place, sizes) for place in places))
+    model = Model(
+        machine.geometry(), OFF, tuple(EffectInstance(law, place, sizes) for place in places)
+    )
     path = tmp_path / "model.json"
     path.write_text(model_to_json(model, machine), encoding="utf-8")
     assert read_model(path) == (model, machine)
@@ -75,7 +77,7 @@ def test_every_effect_of_the_catalogue_comes_back(tmp_path: Path, law: Law) -> N
 
 def test_a_lead_of_the_machine_file(tmp_path: Path) -> None:
     machine = Machine(screw_lead_mm=7.5)
-    effect = Placed(ActuatorCyclic(7.5), "y", (3.0, -2.0))
+    effect = EffectInstance(ActuatorCyclic(7.5), "y", (3.0, -2.0))
     model = Model(machine.geometry(), OFF, (effect,))
     path = tmp_path / "model.json"
     path.write_text(model_to_json(model, machine), encoding="utf-8")
@@ -129,7 +131,7 @@ def test_a_short_hand_written_effect(tmp_path: Path) -> None:
         '{"effects": [{"id": "backlash", "where": "all",'
         ' "parameters": {"play": {"value": 0.02, "unit": "mm"}}}]}'
     )
-    effects = [e for e in read_model(path)[0].effects if isinstance(e, Placed)]
+    effects = [e for e in read_model(path)[0].effects if isinstance(e, EffectInstance)]
     assert [(e.id, e.place, e.values) for e in effects] == [
         ("backlash", leg, (0.02,)) for leg in "xyz"
     ]
@@ -182,7 +184,7 @@ UNNAMED = {
 
 def test_a_law_without_a_name_comes_back(tmp_path: Path) -> None:
     law = Empirical(("cube_at_100mm", "per_hour"))
-    placed = (Placed(law, "xy", (12.0, 3.0)), Placed(law, "xz", (-5.0, 1.0)))
+    placed = (EffectInstance(law, "xy", (12.0, 3.0)), EffectInstance(law, "xz", (-5.0, 1.0)))
     known = {
         name: (value, 0.5) for name, value in zip(UNNAMED, (12.0, 3.0, -5.0, 1.0), strict=True)
     }
@@ -237,7 +239,7 @@ def test_old_files_that_call_a_place_each_are_read(tmp_path: Path) -> None:
     old = effect_text(id="actuator_scale", where="each", parameters=shifts)
     path.write_text(old, encoding="utf-8")
     effects = read_model(path)[0].effects
-    assert [(e.id, e.place) for e in effects if isinstance(e, Placed)] == [
+    assert [(e.id, e.place) for e in effects if isinstance(e, EffectInstance)] == [
         ("actuator_scale", leg) for leg in "xyz"
     ]
     assert without_effect(read_model_file(path), "actuator_scale", "each", "set").effects == ()
@@ -246,8 +248,8 @@ def test_old_files_that_call_a_place_each_are_read(tmp_path: Path) -> None:
 def test_the_load_of_the_tool(tmp_path: Path) -> None:
     """A sag under twice the weight is twice as large; nothing else knows of the load."""
     taken = postures()
-    sag = Placed(next(law for law in CATALOGUE if law.id == "gravity_sag"), "z", (0.1,))
-    twice = Placed(sag.law, "z", (0.2,))
+    sag = EffectInstance(next(law for law in CATALOGUE if law.id == "gravity_sag"), "z", (0.1,))
+    twice = EffectInstance(sag.law, "z", (0.2,))
     loaded = Machine(load=2.0)
     assert Machine.model_validate_json(loaded.model_dump_json()) == loaded
     one = Model(loaded.geometry(), OFF, (sag,)).readings(taken)
@@ -274,7 +276,7 @@ def test_what_cannot_be_written() -> None:
     with pytest.raises(RecordError, match="stranger"):
         model_to_json(Model(effects=(Stranger(),)), Machine())
     with pytest.raises(RecordError, match="real numbers"):
-        model_to_json(Model(effects=(Placed(CATALOGUE[0], "xy", (1j,)),)), Machine())
+        model_to_json(Model(effects=(EffectInstance(CATALOGUE[0], "xy", (1j,)),)), Machine())
 
 
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, 0.0), (0.0, float("nan"), 1.0)])

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from app.evaluating.solution import Solved, solve_files, solve_for_controller
+from app.evaluating.solution import SessionSolution, solve_files, solve_for_controller
 from app.measuring.demo import measure_all
 from app.measuring.opening import start_session
 from app.report.text.result import solution_text
@@ -39,7 +39,7 @@ async def test_a_result_that_cannot_be_computed_yet(
     """The record is closed; words say why there is no result; Space tries again; F10 leaves."""
     tries: list[Path] = []
 
-    def refuse(path: Path) -> Solved:
+    def refuse(path: Path) -> SessionSolution:
         tries.append(path)
         raise NotIdentifiable("offsets", "nothing [seen]", "both postures of a leg")
 
@@ -70,9 +70,9 @@ async def test_trying_again_may_succeed(
     tmp_path: Path, samples: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     solved, _ = solve_files([samples / "experiment_2_twelve.jsonl"])
-    answers: list[Solved | None] = [None, solved]
+    answers: list[SessionSolution | None] = [None, solved]
 
-    def at_last(path: Path) -> Solved:
+    def at_last(path: Path) -> SessionSolution:
         if answer := answers.pop(0):
             return answer
         raise NotIdentifiable("offsets", "nothing", "something")
@@ -97,7 +97,7 @@ async def test_space_twice_computes_the_result_once(
     tries: list[Path] = []
     allowed = threading.Event()
 
-    def slowly(path: Path) -> Solved:
+    def slowly(path: Path) -> SessionSolution:
         tries.append(path)
         allowed.wait(20.0)
         return solved

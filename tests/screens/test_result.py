@@ -13,7 +13,7 @@ from textual.screen import Screen
 from textual.widgets import TabbedContent
 from textual.widgets._footer import FooterKey
 
-from app.evaluating.solution import Solved, solve_files, solve_for_controller
+from app.evaluating.solution import SessionSolution, solve_files, solve_for_controller
 from app.measuring.demo import demo_plan, measure_all, verification_plan
 from app.measuring.opening import Plan, start_session
 from app.measuring.simulated import BenchSettings
@@ -51,7 +51,7 @@ NAMES = list(PUBLISHED_MM)
 
 
 @pytest.fixture
-def published(samples: Path, tmp_path: Path) -> tuple[Solved, Path]:
+def published(samples: Path, tmp_path: Path) -> tuple[SessionSolution, Path]:
     """A published session in a folder of its own, solved."""
     path = tmp_path / "published.jsonl"
     path.write_bytes((samples / "experiment_2_twelve.jsonl").read_bytes())
@@ -59,7 +59,7 @@ def published(samples: Path, tmp_path: Path) -> tuple[Solved, Path]:
 
 
 @pytest.fixture(scope="module")
-def verified(tmp_path_factory: pytest.TempPathFactory) -> tuple[Solved, Plan]:
+def verified(tmp_path_factory: pytest.TempPathFactory) -> tuple[SessionSolution, Plan]:
     """A simulated machine, calibrated and measured again."""
     plan = replace(
         demo_plan(tmp_path_factory.mktemp("demo"), "zero-max-min", 1, BenchSettings()),
@@ -95,7 +95,9 @@ def drawn(interface: Interface, selector: str) -> list[str]:
 
 
 @pytest.mark.parametrize("kind", ["measured", "replay", "replayed"])
-async def test_the_last_line_has_room_for_help(published: tuple[Solved, Path], kind: str) -> None:
+async def test_the_last_line_has_room_for_help(
+    published: tuple[SessionSolution, Path], kind: str
+) -> None:
     solved, path = published
     screens: dict[str, Callable[[], Screen[None]]] = {
         "measured": lambda: ResultScreen(solved, quick_plan(path.parent), path),
@@ -111,7 +113,7 @@ async def test_the_last_line_has_room_for_help(published: tuple[Solved, Path], k
         assert max(region.right for region in keys.values()) <= SIZE[0]
 
 
-async def test_keys_turn_the_pages(published: tuple[Solved, Path]) -> None:
+async def test_keys_turn_the_pages(published: tuple[SessionSolution, Path]) -> None:
     solved, path = published
     interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE) as pilot:
@@ -131,7 +133,9 @@ async def test_keys_turn_the_pages(published: tuple[Solved, Path]) -> None:
         await until(pilot, "help", lambda: isinstance(interface.screen, HelpDialog))
 
 
-async def test_names_points_and_zero_line_at_80_columns(published: tuple[Solved, Path]) -> None:
+async def test_names_points_and_zero_line_at_80_columns(
+    published: tuple[SessionSolution, Path],
+) -> None:
     solved, path = published
     interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE) as pilot:
@@ -162,7 +166,7 @@ def rows_of_points(lines: list[str]) -> list[int]:
     return [found[column] for column in sorted(found)]
 
 
-async def test_text_and_plot_side_by_side(published: tuple[Solved, Path]) -> None:
+async def test_text_and_plot_side_by_side(published: tuple[SessionSolution, Path]) -> None:
     solved, path = published
     interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=WIDE) as pilot:
@@ -179,7 +183,7 @@ async def test_text_and_plot_side_by_side(published: tuple[Solved, Path]) -> Non
 
 
 async def test_nothing_is_drawn_twice(
-    published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
+    published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     solved, path = published
     interface = Glidecal(ResultScreen(solved, None, path), read_only=True)
@@ -206,7 +210,7 @@ async def test_nothing_is_drawn_twice(
         await until(pilot, "other colours", lambda: len(builds) == 2)
 
 
-async def test_sets_of_parameters(published: tuple[Solved, Path]) -> None:
+async def test_sets_of_parameters(published: tuple[SessionSolution, Path]) -> None:
     solved, path = published
     interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE) as pilot:
@@ -226,7 +230,7 @@ async def test_sets_of_parameters(published: tuple[Solved, Path]) -> None:
 
 
 async def test_a_set_that_is_not_seen_is_refused(
-    published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
+    published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     solved, path = published
     unseen = NotIdentifiable("set [both]", "two differences", "six")
@@ -245,7 +249,7 @@ async def test_a_set_that_is_not_seen_is_refused(
 
 
 async def test_export_names_what_it_wrote(
-    published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
+    published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     solved, path = published
     interface = Glidecal(ResultScreen(solved, None, path))
@@ -260,7 +264,7 @@ async def test_export_names_what_it_wrote(
 
 
 async def test_export_that_the_disk_refuses(
-    published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
+    published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     solved, path = published
     path.with_suffix("").write_text("a file where the folder must be")
@@ -273,7 +277,7 @@ async def test_export_that_the_disk_refuses(
 
 
 async def test_a_program_that_only_shows(
-    published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
+    published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     solved, path = published
     interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path), read_only=True)
@@ -290,7 +294,7 @@ async def test_a_program_that_only_shows(
 
 
 async def test_verify_needs_the_plan_of_the_session(
-    published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
+    published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     solved, path = published
     interface = Glidecal(ResultScreen(solved, None, path))
@@ -305,7 +309,7 @@ async def test_verify_needs_the_plan_of_the_session(
         assert isinstance(interface.screen, ResultScreen)
 
 
-async def test_another_key_of_the_settings(published: tuple[Solved, Path]) -> None:
+async def test_another_key_of_the_settings(published: tuple[SessionSolution, Path]) -> None:
     solved, path = published
     settings = Settings(keys={"result.export": "x"})
     interface = Glidecal(ResultScreen(solved, None, path), settings=settings)
@@ -317,7 +321,7 @@ async def test_another_key_of_the_settings(published: tuple[Solved, Path]) -> No
 
 
 async def test_copy_says_how_much(
-    published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch
+    published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     solved, path = published
     interface = Glidecal(ResultScreen(solved, None, path))
@@ -330,7 +334,9 @@ async def test_copy_says_how_much(
     assert "set-clipboard on" in said[0]
 
 
-async def test_home(published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_home(
+    published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
     solved, path = published
     monkeypatch.chdir(path.parent)
     interface = Glidecal(ResultScreen(solved, None, path))
@@ -339,7 +345,7 @@ async def test_home(published: tuple[Solved, Path], monkeypatch: pytest.MonkeyPa
         await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
 
 
-async def test_comparison_is_a_page_of_its_own(verified: tuple[Solved, Plan]) -> None:
+async def test_comparison_is_a_page_of_its_own(verified: tuple[SessionSolution, Plan]) -> None:
     solved, plan = verified
     assert plan.before is not None
     before, after = plan.before.solution.rms_before_mm, solved.solution.rms_before_mm
@@ -361,7 +367,7 @@ async def test_comparison_is_a_page_of_its_own(verified: tuple[Solved, Plan]) ->
 
 
 async def test_a_result_without_verification_has_no_such_page(
-    published: tuple[Solved, Path],
+    published: tuple[SessionSolution, Path],
 ) -> None:
     solved, path = published
     interface = Glidecal(ResultScreen(solved, quick_plan(path.parent), path))

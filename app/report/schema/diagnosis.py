@@ -10,7 +10,7 @@ from calib.diagnosis.results import (
     Detectable,
     Gap,
     HeldOutGap,
-    LeftOver,
+    ModelDiscrepancy,
     Named,
     Value,
     Verdict,
@@ -61,7 +61,7 @@ class UnnamedLaw(Effect):
     held_out_gap: HeldOutGap | None
 
 
-def _unnamed(left: LeftOver) -> SimpleNamespace:
+def _unnamed(left: ModelDiscrepancy) -> SimpleNamespace:
     return SimpleNamespace(
         **vars(left.law), instead_of_what_was_named=left.whole, held_out_gap=left.held_out
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Annotated, Literal
 
-from app.planning.hexaslide_calibration import Calibrated
+from app.planning.hexaslide_calibration import CalibratedMachine
 from app.report.schema.document import (
     Count,
     LackOfFit,
@@ -139,7 +139,7 @@ class MeasuringNoise:
     degrees_of_freedom: float | None
 
 
-def _noise(solved: Calibrated) -> MeasuringNoise:
+def _noise(solved: CalibratedMachine) -> MeasuringNoise:
     found, own = solved.found, solved.source.noise
     stated = math.isinf(found.degrees_of_freedom)
     length = None if found.noise_m is None else 1000.0 * found.noise_m
@@ -153,7 +153,7 @@ def _noise(solved: Calibrated) -> MeasuringNoise:
     )
 
 
-def _lack_of_fit(solved: Calibrated) -> LackOfFit:
+def _lack_of_fit(solved: CalibratedMachine) -> LackOfFit:
     """Variance that is left by the stated one."""
     if solved.p_value is None:
         return LackOfFit()
@@ -173,7 +173,7 @@ class HexaSlideParameter:
     coverage_factor: float | None = None
 
 
-def _parameters(solved: Calibrated) -> dict[str, HexaSlideParameter]:
+def _parameters(solved: CalibratedMachine) -> dict[str, HexaSlideParameter]:
     found, u, factor = solved.found, solved.uncertainty, solved.factor
     rows = {}
     for k, name in enumerate(found.names):
@@ -200,7 +200,7 @@ INNER_NAMES = (
 )
 
 
-def _inner(solved: Calibrated) -> dict[str, InnerLength]:
+def _inner(solved: CalibratedMachine) -> dict[str, InnerLength]:
     u = solved.inner_uncertainty_m
     uncertain = () if u is None else (u,)
     return rows(InnerLength, INNER_NAMES, inner_lengths(solved.found.machine.geometry), *uncertain)
@@ -216,7 +216,7 @@ class ComponentLeft:
     share: float
 
 
-def _by_component(solved: Calibrated) -> tuple[ComponentLeft, ...]:
+def _by_component(solved: CalibratedMachine) -> tuple[ComponentLeft, ...]:
     left = solved.found.after
     sizes = 1000.0 * (left.values**2).mean(axis=0) ** 0.5
     columns = zip(left.names, sizes.tolist(), left.angular, solved.by_column.tolist(), strict=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from app.evaluating.accuracy import Judged
+from app.evaluating.accuracy import Judgement
 from app.evaluating.comparison import Comparison
 from app.report.schema.document import (
     Finite,
@@ -75,7 +75,7 @@ class IndicatorScatter(Report):
     """One indicator; repeats in a posture share a part of the rounding."""
 
     standard_deviation_mm: Root = at("variance_mm2")
-    rounding_shared_by_repeats_mm: Root = at("locked_mm2")
+    rounding_shared_by_repeats_mm: Root = at("quantisation_mm2")
 
 
 class ReadingNoise(Report):
@@ -86,7 +86,7 @@ class ReadingNoise(Report):
     source: NoiseSource
     pooled: bool
     repeats_show: Repeated = at("repeated")
-    wander_mm: float | None = at("wander_mm", "from cycle to cycle; null if chance may do it")
+    wander_mm: float | None = at("cycle_drift_mm", "from cycle to cycle; null if chance may do it")
     indicators: tuple[IndicatorScatter, ...]
 
 
@@ -155,7 +155,7 @@ class SimulatedSessions(Report):
 
 
 class SolutionReport(Report):
-    """``solve --json``: `Solved`; what was asked beyond it is there only then."""
+    """``solve --json``: `SessionSolution`; what was asked beyond it is there only then."""
 
     schema_id: Literal["glidecal.solution/1"] = schema("glidecal.solution/1")
     sessions: tuple[str, ...] = at("solved.names")
@@ -191,7 +191,7 @@ class SolutionReport(Report):
     weak_directions: tuple[WeakDirection, ...] = at("solved.solution.weak_directions")
     recommended_subset: Subset = at("solved.choice.recommended")
     reasons: tuple[str, ...] = at("solved.choice.reasons")
-    tolerance: Judged | None = asked("judged", "with --tolerance")
+    tolerance: Judgement | None = asked("judged", "with --tolerance")
     tool_maps: tuple[ToolMap, ...] | None = asked("maps", "with --map")
     monte_carlo: Annotated[SimulatedSessions | None, called("simulated")] = asked(
         "simulated", "with --monte-carlo"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from app.evaluating.accuracy import Judged
+from app.evaluating.accuracy import Judgement
 from app.report.text.tables import new_table, table_text, wrapped
 from calib.identify.accuracy import ToolMap
 from calib.identify.monte_carlo import MonteCarlo
@@ -10,7 +10,7 @@ from calib.identify.monte_carlo import MonteCarlo
 WORDS = {"pass": "passes", "fail": "fails", "undecided": "cannot be decided"}
 
 
-def judged_text(judged: Judged) -> str:
+def judged_text(judged: Judgement) -> str:
     """Against the tolerance, with the guard band."""
     return wrapped(
         f"Tolerance {judged.tolerance_mm:g} mm for the tool, r.m.s., with a guard band of the "

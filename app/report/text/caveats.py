@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import math
 
-from app.evaluating.solution import Alone, Loud, Solved, Suspect, indicator_figures
+from app.evaluating.solution import (
+    IsolatedReadings,
+    NoisyChannel,
+    SessionSolution,
+    Suspect,
+    indicator_figures,
+)
 from app.report.text.tables import decimals_for, signed, uncertain
 from calib.design.identifiability import Direction
 from calib.identify.solution import LACK_OF_FIT_LEVEL, Solution, Subset
@@ -25,7 +31,7 @@ MOST_NAMED = 8
 """So many of a kind are named; nobody reads hundreds."""
 
 
-def caveats(solved: Solved) -> list[str]:
+def caveats(solved: SessionSolution) -> list[str]:
     """One line each, the gravest first."""
     solution = solved.solution
     factor = solution.coverage_factor
@@ -50,7 +56,7 @@ def caveats(solved: Solved) -> list[str]:
     ]
 
 
-def _lack_of_fit(solved: Solved) -> list[str]:
+def _lack_of_fit(solved: SessionSolution) -> list[str]:
     fit = solved.solution.lack_of_fit
     if not fit or fit.p_value >= LACK_OF_FIT_LEVEL:
         return []
@@ -63,7 +69,7 @@ def _lack_of_fit(solved: Solved) -> list[str]:
     ]
 
 
-def _useless(solved: Solved) -> list[str]:
+def _useless(solved: SessionSolution) -> list[str]:
     """Values that would leave as much as there is, for all that is known."""
     if solved.tool_after.rms_mm < solved.tool_before.rms_mm:
         return []
@@ -73,7 +79,7 @@ def _useless(solved: Solved) -> list[str]:
     ]
 
 
-def _left_out(solved: Solved) -> list[str]:
+def _left_out(solved: SessionSolution) -> list[str]:
     """Sets that the readings do not determine: what they would add is in no figure."""
     said = [
         f"LEFT OUT: {SUBSET_WORDS[subset]}: {problem.found}."
@@ -109,17 +115,17 @@ def _weak(direction: Direction, factor: float) -> str:
     return f"{said}; at the tool that is {uncertain(direction.tool_mm * factor, 2)} mm."
 
 
-def _reads_tool(solved: Solved) -> bool:
+def _reads_tool(solved: SessionSolution) -> bool:
     return any(r.leg == "tool" for session in solved.sessions for r in session.readings)
 
 
-def _cures(solved: Solved) -> list[str]:
+def _cures(solved: SessionSolution) -> list[str]:
     if not solved.solution.weak_directions or _reads_tool(solved):
         return []
     return ["What to measure against that: glidecal plan."]
 
 
-def _unequal_indicators(solved: Solved) -> list[str]:
+def _unequal_indicators(solved: SessionSolution) -> list[str]:
     if not solved.loud:
         return []
     quiet_mm = math.sqrt(solved.solution.noise.quiet_mm2)
@@ -133,16 +139,17 @@ def _unequal_indicators(solved: Solved) -> list[str]:
 
 
 def _wander(noise: Noise) -> list[str]:
-    if noise.wander_mm is None:
+    if noise.cycle_drift_mm is None:
         return []
     return [
-        f"NOTE: the readings wander from cycle to cycle by {uncertain(noise.wander_mm)} mm r.m.s. "
+        f"NOTE: the readings wander from cycle to cycle by {uncertain(noise.cycle_drift_mm)} mm "
+        "r.m.s. "
         "That is not counted as noise, but what wanders within a cycle goes into the differences. "
         "Is the machine warm, is the stand firm? glidecal diagnose looks for drift."
     ]
 
 
-def _loud(loud: Loud) -> str:
+def _loud(loud: NoisyChannel) -> str:
     r = loud.reading
     touched = f"leg {r.leg.upper()}" if r.leg != "tool" else "the tool"
     place = f"{touched} along {r.axis.upper()}, mounting {r.mount} of {loud.session}"
@@ -170,7 +177,7 @@ def _place(r: Reading) -> str:
     return f"leg {r.leg.upper()}, along {r.axis.upper()}, at {r.displacement_mm:+g} mm"
 
 
-def _alone(alone: Alone) -> str:
+def _alone(alone: IsolatedReadings) -> str:
     first = alone.readings[0]
     numbers = ", ".join(str(reading.reading) for reading in alone.readings)
     return (
@@ -179,7 +186,7 @@ def _alone(alone: Alone) -> str:
     )
 
 
-def _equal_repeats(solved: Solved) -> list[str]:
+def _equal_repeats(solved: SessionSolution) -> list[str]:
     """Repeats that agree to the last digit tell only that the noise is below the display's step."""
     noise = solved.solution.noise
     step_mm = indicator_figures(solved.sessions).step_mm
@@ -192,7 +199,7 @@ def _equal_repeats(solved: Solved) -> list[str]:
     ]
 
 
-def _in_place(solved: Solved) -> list[str]:
+def _in_place(solved: SessionSolution) -> list[str]:
     rest = solved.reading_count - solved.visit_count
     if not rest:
         return []
@@ -202,7 +209,7 @@ def _in_place(solved: Solved) -> list[str]:
     ]
 
 
-def _missing_legs(solved: Solved) -> list[str]:
+def _missing_legs(solved: SessionSolution) -> list[str]:
     touched = {reading.leg for session in solved.sessions for reading in session.readings}
     missing = [leg.upper() for leg in LEG_NAMES if leg not in touched]
     if not missing or _reads_tool(solved):
@@ -227,7 +234,7 @@ def _no_check(solution: Solution) -> list[str]:
     return ["NOTE: no degree of freedom is left: whether the model fits cannot be told."]
 
 
-def _recommended(solved: Solved) -> list[str]:
+def _recommended(solved: SessionSolution) -> list[str]:
     choice = solved.choice
     same = solved.solution.subset == choice.recommended
     begin = "Recommended set" if same else "RECOMMENDED instead"

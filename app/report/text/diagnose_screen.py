@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from app.evaluating.diagnosis import Diagnosed
+from app.evaluating.diagnosis import SessionDiagnosis
 from app.report.text.diagnosis import (
     SHOWN_CANDIDATES,
     detectable_text,
@@ -62,7 +62,7 @@ def heading_text(names: Sequence[str], model: Path | None) -> str:
     return f"{', '.join(names)}   against: {against}"
 
 
-def verdict_text(diagnosed: Diagnosed, adopted: str = "") -> str:
+def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
     """The sentence first, then what supports it; ``adopted`` says what a step before did."""
     found = diagnosed.diagnosis
     parts = [wrapped(f"{found.verdict.upper()}. {found.sentence}")]
@@ -93,7 +93,7 @@ def adopted_words(model: Path, before_rms_mm: float, now_rms_mm: float) -> str:
     return f"Adopted in {model.name}: gap {before_rms_mm:.4f} → {now_rms_mm:.4f} mm."
 
 
-def where_text(diagnosed: Diagnosed) -> str:
+def where_text(diagnosed: SessionDiagnosis) -> str:
     """The residual map, a table for each station, and the shares of the gap."""
     cells = diagnosed.diagnosis.residuals.cells
     stations = sorted({cell.station for cell in cells})
@@ -145,7 +145,7 @@ def _cell_text(cell: Cell | None) -> str:
     return f"{signed(1000.0 * cell.before_mm, 1)} {mark * times:<2}"
 
 
-def ranking_text(diagnosed: Diagnosed) -> str:
+def ranking_text(diagnosed: SessionDiagnosis) -> str:
     """The candidates, best first, with what each explains alone; then what looks the same."""
     found = diagnosed.diagnosis
     if not found.candidates:
@@ -178,7 +178,7 @@ def _alike(one: Finding) -> str:
     return f"These readings cannot tell {one.id} ({one.where}) from: {rivals}."
 
 
-def change_text(diagnosed: Diagnosed) -> str:
+def change_text(diagnosed: SessionDiagnosis) -> str:
     """The chart in one line."""
     found = diagnosed.diagnosis.residuals
     before, noise = 1000.0 * found.before_rms_mm, 1000.0 * found.noise_rms_mm
@@ -193,7 +193,7 @@ def change_text(diagnosed: Diagnosed) -> str:
     )
 
 
-def adopt_choices(diagnosed: Diagnosed) -> list[tuple[str, str]]:
+def adopt_choices(diagnosed: SessionDiagnosis) -> list[tuple[str, str]]:
     """What can be adopted: answers for a dialog with their words. The first is what was named.
 
     An answer is ``named``, ``empirical`` (what was named and the unnamed law of what is left), or

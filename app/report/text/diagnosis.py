@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from textwrap import fill
 
-from app.evaluating.diagnosis import Diagnosed
+from app.evaluating.diagnosis import SessionDiagnosis
 from app.report.text.tables import WIDTH, new_table, table_text, wrapped
 from calib.diagnosis.results import (
     Contender,
     Diagnosis,
     Finding,
     HeldOutGap,
-    LeftOver,
+    ModelDiscrepancy,
     Share,
     Value,
 )
@@ -25,7 +25,7 @@ SHOWN_MM = 0.00005
 """A gap below this is shown as nothing."""
 
 
-def diagnosis_text(diagnosed: Diagnosed) -> str:
+def diagnosis_text(diagnosed: SessionDiagnosis) -> str:
     """The verdict first, then what supports it."""
     found = diagnosed.diagnosis
     parts = [wrapped(f"{found.verdict.upper()}. {found.sentence}")]
@@ -85,7 +85,7 @@ def hanging(line: str) -> str:
     return fill(line, WIDTH, subsequent_indent=indent, break_long_words=False)
 
 
-def left_over_text(left: LeftOver) -> str:
+def left_over_text(left: ModelDiscrepancy) -> str:
     """The unnamed law of what is left, its values, and what it would take away."""
     law = left.law
     begin = (
@@ -174,7 +174,7 @@ def _shown(candidates: tuple[Contender, ...]) -> tuple[Contender, ...]:
     return (*first, *(one for one in best if one in rest))
 
 
-def detectable_text(diagnosed: Diagnosed) -> str:
+def detectable_text(diagnosed: SessionDiagnosis) -> str:
     """What would have been found."""
     table = new_table("would have been found", "from", "", left=1)
     for one in diagnosed.diagnosis.smallest_detectable:

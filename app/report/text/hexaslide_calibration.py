@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from app.planning.hexaslide_calibration import Calibrated
+from app.planning.hexaslide_calibration import CalibratedMachine
 from app.report.schema.hexaslide import INNER_NAMES, CalibrationReport, Rms
 from app.report.text.tables import new_table, signed, table_text, wrapped
 from calib.hexaslide.geometry import unit_of
@@ -23,7 +23,7 @@ def simulated_text(measured: HexaSlideMeasurements) -> str:
     )
 
 
-def calibration_text(solved: Calibrated) -> str:
+def calibration_text(solved: CalibratedMachine) -> str:
     """The sentences that matter, parameters, what is left, then the checks."""
     said = CalibrationReport.of(solved=solved)  # words and JSON tell the same numbers
     parts = [
@@ -37,7 +37,7 @@ def calibration_text(solved: Calibrated) -> str:
     return "\n\n".join(part for part in parts if part)
 
 
-def _heading(solved: Calibrated) -> str:
+def _heading(solved: CalibratedMachine) -> str:
     source = solved.source
     measured = ", ".join(source.measured)
     read = f"sliders and {measured}" if measured else "sliders on the constraint link"
@@ -47,7 +47,7 @@ def _heading(solved: Calibrated) -> str:
     )
 
 
-def _verdict(solved: Calibrated, said: CalibrationReport) -> list[str]:
+def _verdict(solved: CalibratedMachine, said: CalibrationReport) -> list[str]:
     found = solved.found
     return [
         f"{found.rank} of {len(found.names)} combinations of the parameters identified from "
@@ -58,7 +58,7 @@ def _verdict(solved: Calibrated, said: CalibrationReport) -> list[str]:
     ]
 
 
-def _what(solved: Calibrated) -> str:
+def _what(solved: CalibratedMachine) -> str:
     kind = solved.source.procedure
     if kind is Kind.POSE_INVERSE:
         return "Sliders, read less predicted"
@@ -79,7 +79,7 @@ def _both(before: Rms, after: Rms, between: str) -> list[str]:
     return parts
 
 
-def _warnings(solved: Calibrated) -> list[str]:
+def _warnings(solved: CalibratedMachine) -> list[str]:
     found = solved.found
     if solved.p_value is not None and solved.p_value < LACK_OF_FIT_LEVEL:
         ratio = math.sqrt(found.lack_of_fit or 0.0)
@@ -96,7 +96,7 @@ def _warnings(solved: Calibrated) -> list[str]:
     return []
 
 
-def _lost(solved: Calibrated) -> list[str]:
+def _lost(solved: CalibratedMachine) -> list[str]:
     found = solved.found
     if not found.lost_count:
         return ["Nothing is lost: every parameter is known by itself."]
@@ -111,7 +111,7 @@ def _lost(solved: Calibrated) -> list[str]:
     return lines
 
 
-def _parameters(solved: Calibrated) -> str:
+def _parameters(solved: CalibratedMachine) -> str:
     """Individually known parameters; lengths in mm, components of directions in mm/m."""
     found, u, factor = solved.found, solved.uncertainty, solved.factor
     if not found.known:
@@ -126,7 +126,7 @@ def _parameters(solved: Calibrated) -> str:
     return table_text(table)
 
 
-def _figures(solved: Calibrated, said: CalibrationReport) -> list[str]:
+def _figures(solved: CalibratedMachine, said: CalibrationReport) -> list[str]:
     lines = []
     others = [name for name in solved.found.names if name not in solved.found.known]
     if others:
@@ -140,7 +140,7 @@ def _figures(solved: Calibrated, said: CalibrationReport) -> list[str]:
     return lines
 
 
-def _noise(solved: Calibrated, said: CalibrationReport) -> list[str]:
+def _noise(solved: CalibratedMachine, said: CalibrationReport) -> list[str]:
     noise, source = said.noise, solved.source
     if noise.length_mm is None:
         return []
@@ -155,7 +155,7 @@ def _noise(solved: Calibrated, said: CalibrationReport) -> list[str]:
     return [f"{words}; coverage factor {solved.factor:.3f}."]
 
 
-def _inner(solved: Calibrated) -> list[str]:
+def _inner(solved: CalibratedMachine) -> list[str]:
     u, factor = solved.inner_uncertainty_m, solved.factor
     if u is None or factor is None:
         return []
@@ -167,7 +167,7 @@ def _inner(solved: Calibrated) -> list[str]:
     ]
 
 
-def _left(solved: Calibrated, said: CalibrationReport) -> str:
+def _left(solved: CalibratedMachine, said: CalibrationReport) -> str:
     left = said.residuals
     heading = "chain" if solved.source.procedure is Kind.POSE_INVERSE else "measured"
     table = new_table(heading, "left, r.m.s.", "unit", "share")
@@ -188,7 +188,7 @@ def _left(solved: Calibrated, said: CalibrationReport) -> str:
     )
 
 
-def _held_out(solved: Calibrated, said: CalibrationReport) -> str:
+def _held_out(solved: CalibratedMachine, said: CalibrationReport) -> str:
     held = said.held_out
     if solved.held_out is None or held is None:
         return "No posture was kept out of the fit as a check."

@@ -7,7 +7,7 @@ import math
 from app.planning.next_measurement import NextMeasurement
 from app.report.text.tables import new_table, table_text, wrapped
 from calib.design.criteria import Criterion
-from calib.design.optimum import Chosen, Figures
+from calib.design.optimum import ChosenPostures, Figures
 from calib.design.planning import Combination, SeenBy
 from calib.diagnosis.aliases import AliasMap
 from calib.identify.next_mounting import Proposal
@@ -102,7 +102,7 @@ def _classical(seen: SeenBy) -> str:
     )
 
 
-def postures_text(chosen: Chosen) -> str:
+def postures_text(chosen: ChosenPostures) -> str:
     """Before and after, then the postures."""
     words = wrapped(
         f"{chosen.machine}: {chosen.after.count} postures for the {chosen.criterion.value} "
@@ -130,7 +130,7 @@ def postures_text(chosen: Chosen) -> str:
     return "\n\n".join([words, table_text(figures), table_text(table), _moved(chosen), last])
 
 
-def _moved(chosen: Chosen) -> str:
+def _moved(chosen: ChosenPostures) -> str:
     """What it helped to leave the grid; a file holds just what is judged here."""
     grid, value = chosen.grid_value, chosen.after.value
     if grid is None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.table import Table
 
 from app.evaluating.comparison import Comparison
-from app.evaluating.solution import Solved
+from app.evaluating.solution import SessionSolution
 from app.report.offsets import UNKNOWN_HOME_OFFSET
 from app.report.text.caveats import SUBSET_WORDS, caveats
 from app.report.text.tables import decimals_for, new_table, signed, table_text, uncertain, wrapped
@@ -18,7 +18,7 @@ from calib.identify.solution import SUBSETS, Solution
 from calib.noise.reading import Noise
 
 
-def solution_text(solved: Solved) -> str:
+def solution_text(solved: SessionSolution) -> str:
     """The whole result: the sentence that matters, warnings, then the tables."""
     solution = solved.solution
     parts = [
@@ -52,7 +52,7 @@ def method_words(solution: Solution) -> str:
     return "linear system (11), pseudoinverse as in the papers"
 
 
-def verdict(solved: Solved) -> str:
+def verdict(solved: SessionSolution) -> str:
     """The first lines of a result."""
     solution = solved.solution
     expanded = uncertain(float(solution.expanded_mm.max()))
@@ -66,7 +66,7 @@ def verdict(solved: Solved) -> str:
     )
 
 
-def _what(solved: Solved) -> str:
+def _what(solved: SessionSolution) -> str:
     of_tool = any(reading.leg == "tool" for one in solved.sessions for reading in one.readings)
     return "Tool" if of_tool else "Leg"
 
@@ -80,7 +80,7 @@ def _held_words(solution: Solution) -> str:
     return "95 %, reading noise only"
 
 
-def _tool(solved: Solved, error: ToolError) -> str:
+def _tool(solved: SessionSolution, error: ToolError) -> str:
     half_mm = solved.tool_factor * error.standard_uncertainty_mm
     return f"{error.rms_mm:.{decimals_for(half_mm)}f} ± {uncertain(half_mm)}"
 
@@ -110,7 +110,7 @@ def difference_table(solution: Solution) -> Table:
     return table
 
 
-def subset_table(solved: Solved) -> Table:
+def subset_table(solved: SessionSolution) -> Table:
     """What each set of parameters would leave, and its expected error at the tool."""
     table = new_table("set of parameters", "left, r.m.s.", "tool, mm", "")
     for subset in SUBSETS:
@@ -201,7 +201,9 @@ ONLY_SHOWN = "This program only shows: nothing is written and nothing is measure
 NO_PLAN = "Verify is offered right after a session was measured."
 
 
-def result_text(solved: Solved, before: Solved | None, *, measured_here: bool) -> str:
+def result_text(
+    solved: SessionSolution, before: SessionSolution | None, *, measured_here: bool
+) -> str:
     """The text of the result; what to do next, or what the verification says, stands first."""
     if before is not None:
         first = comparison_sentence(before.solution, solved.solution) + "\n\n"
@@ -210,7 +212,7 @@ def result_text(solved: Solved, before: Solved | None, *, measured_here: bool) -
     return first + solution_text(solved)
 
 
-def exported_text(folder: Path, paths: Sequence[Path], solved: Solved) -> str:
+def exported_text(folder: Path, paths: Sequence[Path], solved: SessionSolution) -> str:
     """What was written where, and what could not be known."""
     said = f"Written to {folder}: {', '.join(path.name for path in paths)}"
     if solved.sessions[0].opened.machine.home_offset_mm is None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from app.measuring.indicators import profile_of
 from app.measuring.leg_review import LegReview, LegRow
 from app.measuring.opening import Plan
-from app.measuring.session import Taken
+from app.measuring.session import TakenStep
 from app.report.schema.readings import ReplayReport
 from app.report.text.tables import new_table, signed, table_text, wrapped
 from calib.observations import LEG_NAMES, conditions
@@ -150,7 +150,7 @@ def progress_text(session: Session, steps: Sequence[Step], mode: str) -> str:
     )
 
 
-def taken_text(taken: Taken) -> str:
+def taken_text(taken: TakenStep) -> str:
     """What was written to the disk."""
     shown = ", ".join(f"{r.axis.upper()} {signed(r.value_mm, 4)} mm" for r in taken.readings)
     return f"Taken and on the disk, step {taken.step.number}: {shown}"
@@ -212,7 +212,7 @@ def replay_text(report: ReplayReport) -> str:
     return "\n\n".join([title, *remarks, table_text(readings), "Averages", table_text(averages)])
 
 
-def question_text(taken: Taken) -> str:
+def question_text(taken: TakenStep) -> str:
     """Why a reading is questioned."""
     lines = [f"Step {taken.step.number} does not agree with earlier repeats of its posture:"]
     for one in taken.questioned:
@@ -231,7 +231,7 @@ QUESTION_CHOICES = (
 )
 
 
-def repeat_reason(answer: str, taken: Taken) -> str:
+def repeat_reason(answer: str, taken: TakenStep) -> str:
     """The reason that goes into the record with the answer to a question."""
     worst = max(taken.questioned, key=lambda one: abs(one.difference_mm))
     how = {"read": "read again in place", "approach": "approached again", "keep": "kept"}[answer]

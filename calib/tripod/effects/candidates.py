@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 
 from calib.observations import LEG_NAMES, Conditions, FloatArray
 from calib.tripod.effects.catalogue import CATALOGUE, laws_of
-from calib.tripod.effects.effect import EffectParameter, Kind, Law, Placed
+from calib.tripod.effects.effect import EffectInstance, EffectParameter, Kind, Law
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import COMPLEX_STEP_MM, Flow, Model, Stage, simulate
 
@@ -48,10 +48,10 @@ class Candidate:
     columns: FloatArray
     shares: tuple[Share, ...] = ()
 
-    def effects(self, values: FloatArray) -> tuple[Placed, ...]:
+    def effects(self, values: FloatArray) -> tuple[EffectInstance, ...]:
         """The effects of these values ``(r,)``, for `Model.effects`."""
         return tuple(
-            Placed(share.law, share.place, tuple(float(values[k]) for k in share.values))
+            EffectInstance(share.law, share.place, tuple(float(values[k]) for k in share.values))
             for share in self.shares
         )
 
@@ -86,7 +86,7 @@ def invisible(
 class _Together:
     """Effects of one stage side by side: each on its own machine, along a new leading axis."""
 
-    effects: tuple[Placed, ...]
+    effects: tuple[EffectInstance, ...]
     stage: Stage
     id: str = "together"
 
@@ -104,7 +104,7 @@ def place_columns(
     found: list[dict[str, list[FloatArray]]] = [{} for _ in laws]
     for stage in Stage:
         stepped = [
-            (rows.setdefault(place, []), Placed(law, place, tuple(step.tolist())))
+            (rows.setdefault(place, []), EffectInstance(law, place, tuple(step.tolist())))
             for law, rows in zip(laws, found, strict=True)
             if law.stage == stage
             for place in law.places(observed)

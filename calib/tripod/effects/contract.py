@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.observations import Conditions, conditions
-from calib.tripod.effects.effect import EffectParameter, Kind, Law, Placed
+from calib.tripod.effects.effect import EffectInstance, EffectParameter, Kind, Law
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Stage, simulate
 
@@ -77,7 +77,7 @@ class _Trial:
         """Readings with every value, and the machine, a step further."""
         values = tuple(size * p.tolerance * (1 + step) for p in self.law.parameters)
         parameters = np.array(TRIED_MM) * (1 + step)
-        effect = Placed(self.law, self.place, values)
+        effect = EffectInstance(self.law, self.place, values)
         return simulate(Geometry(), parameters, self.taken, (effect,))
 
 

@@ -82,7 +82,7 @@ class Law(Protocol):
 
 
 @dataclass(frozen=True)
-class Placed:
+class EffectInstance:
     """A law at one place with values in its units: an effect for the pipeline."""
 
     law: Law

@@ -10,7 +10,7 @@ import numpy as np
 from calib.linalg import DEPENDENT, basis_of, incidence, without
 from calib.observations import Conditions, FloatArray
 from calib.tripod.effects.candidates import Candidate
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model, derivatives
 
 LEAST_SIGNAL, MOST_SIGNAL = 3.0, 5.0
@@ -40,7 +40,7 @@ def hidden_among(
     seed: int,
     noise_mm: float,
     size: float | None = None,
-) -> tuple[Placed, ...]:
+) -> tuple[EffectInstance, ...]:
     """One of the candidates that these readings show plainly, and its values, by the seed.
 
     ``size`` is its largest value in its own unit; without it the effect is made three to five times

@@ -22,7 +22,7 @@ BETTER = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Slip:
+class SetupShift:
     """Readings of one mounting from a row on are shifted; ``corrected`` has them put back."""
 
     rows: IntArray
@@ -31,12 +31,12 @@ class Slip:
     corrected: Observations
 
 
-def find_slip(observed: Observations) -> Slip | None:
+def find_slip(observed: Observations) -> SetupShift | None:
     """The clearest slip, or None. Judged by repeats alone, without a model."""
     noise = _robust_variance(observed)
     if noise is None:
         return None
-    best: tuple[float, Slip] | None = None
+    best: tuple[float, SetupShift] | None = None
     for rows in observed.mountings:
         found = _in_mounting(observed, rows, noise)
         if found and (best is None or found[0] > best[0]):
@@ -44,7 +44,9 @@ def find_slip(observed: Observations) -> Slip | None:
     return best[1] if best else None
 
 
-def _in_mounting(observed: Observations, rows: IntArray, noise: float) -> tuple[float, Slip] | None:
+def _in_mounting(
+    observed: Observations, rows: IntArray, noise: float
+) -> tuple[float, SetupShift] | None:
     close = _step(observed, rows, cell_basis(observed, rows), noise)
     if close is None or close.gain < CLEAR * noise:
         return None
@@ -56,7 +58,9 @@ def _in_mounting(observed: Observations, rows: IntArray, noise: float) -> tuple[
     corrected = observed.value_mm.copy()
     corrected[moved] -= step.shift_mm
     uncertainty = float(np.sqrt(noise / step.share))
-    return step.gain, Slip(moved, step.shift_mm, uncertainty, replace(observed, value_mm=corrected))
+    return step.gain, SetupShift(
+        moved, step.shift_mm, uncertainty, replace(observed, value_mm=corrected)
+    )
 
 
 @dataclass(frozen=True)

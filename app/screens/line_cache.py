@@ -18,7 +18,7 @@ MOST_ROWS_KEPT = 96
 """A last digit that flickers comes back to the same few rows."""
 
 
-class Kept(Widget):
+class CachedLines(Widget):
     """Keeps its rows as drawn, with border and colours, until something changes."""
 
     _whole: Region | None = None
@@ -55,7 +55,7 @@ class Kept(Widget):
         super().notify_style_update()
 
 
-class KeptRows(Kept):
+class CachedRows(CachedLines):
     """Draws single rows again, by `render_line`, between what stands left and right of them."""
 
     _stale: frozenset[int] = frozenset()

@@ -40,7 +40,7 @@ MOST_SUSPECTED = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Blunder:
+class GrossError:
     """A mistake: its name and place, the rows it touches, and the data as they should be.
 
     ``corrected`` holds the session without the mistake: transformed readings, or fewer of them.
@@ -74,7 +74,7 @@ class Suspicion:
     having been chosen among all.
     """
 
-    blunder: Blunder
+    blunder: GrossError
     clear: bool
     log_tried: float
 
@@ -120,9 +120,9 @@ def suspect_blunders(
     return tuple(one for one in ordered if one.blunder.id in KEEP_SCALE)[:MOST_SUSPECTED]
 
 
-def _named(observed: Observations, found: _Hypothesis) -> Blunder:
+def _named(observed: Observations, found: _Hypothesis) -> GrossError:
     corrected = replace(observed, value_mm=found.value_mm)
-    return Blunder(found.id, found.where, found.title, found.rows, corrected)
+    return GrossError(found.id, found.where, found.title, found.rows, corrected)
 
 
 def _hypotheses(observed: Observations) -> Iterator[_Hypothesis]:

@@ -8,11 +8,11 @@ from itertools import combinations
 
 import numpy as np
 
+from calib.diagnosis.attribution import Attribution
 from calib.diagnosis.fitting import Fitting
-from calib.diagnosis.naming import Naming
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.results import Named, NextMeasurement, Verdict
-from calib.diagnosis.selection import LOG_UNIT, Weighed
+from calib.diagnosis.selection import LOG_UNIT, WeighedModel
 from calib.diagnosis.separating import Added, Explanation, Judge, Name, Preparation
 from calib.observations import LEG_NAMES, TOOL, FloatArray
 from calib.ties import descending
@@ -47,10 +47,10 @@ MATTERS_OF_LOAD = "gravity_sag"
 
 
 def propose(
-    verdict: Verdict, kept: Weighed | None, naming: Naming, fitting: Fitting
+    verdict: Verdict, kept: WeighedModel | None, naming: Attribution, fitting: Fitting
 ) -> NextMeasurement | None:
     """The measurement that separates the strongest effect that stayed ambiguous, if any does."""
-    of_tool = any(TOOL in one.observed.leg for one in fitting.problem.sittings)
+    of_tool = any(TOOL in one.observed.leg for one in fitting.problem.fitted_sessions)
     if verdict == "cannot-tell" and fitting.problem.noise_df <= 0.0:
         return replace(REPEATS_FIRST, protocol="plate-rings") if of_tool else REPEATS_FIRST
     if verdict not in ("ambiguous", "cannot-tell"):
@@ -64,7 +64,7 @@ def propose(
     return next((one for one in proposals if one), None) if doubtful else MORE_PLACES
 
 
-def _doubtful(kept: Weighed, naming: Naming) -> list[tuple[int, tuple[Named, ...]]]:
+def _doubtful(kept: WeighedModel, naming: Attribution) -> list[tuple[int, tuple[Named, ...]]]:
     """Effects with rivals, the strongest first."""
     found = [(member, naming.rivals(kept, member)) for member in naming.by_evidence(kept)]
     return [(member, rivals) for member, rivals in found if rivals]
@@ -75,8 +75,8 @@ class _Pairing:
     """One effect that was kept, and the names that fit as well in its place."""
 
     fitting: Fitting
-    naming: Naming
-    kept: Weighed
+    naming: Attribution
+    kept: WeighedModel
     member: int
     rivals: tuple[Named, ...]
 
@@ -224,7 +224,7 @@ def best_addition(
     scores: list[float] = []
     for preparations in _preparations(problem, load_tells=load_tells):
         for preparation in preparations:
-            model = preparation.model(problem.sittings[-1].model)
+            model = preparation.model(problem.fitted_sessions[-1].model)
             some = list(options(model.geometry, preparation))
             found += zip(some, judge.separations(model, some), strict=True)
         scores = [_score(separations, weights) for _, separations in found]
@@ -238,7 +238,7 @@ def _preparations(problem: Problem, *, load_tells: bool) -> Iterator[tuple[Prepa
     yield (Preparation(),)
     if load_tells:
         yield (Preparation(load=LOAD),)
-    offsets = problem.sittings[-1].model.parameters_mm[:3]
+    offsets = problem.fitted_sessions[-1].model.parameters_mm[:3]
     shifts = -SHIFT_MM * np.where(np.array(offsets) < 0.0, -1.0, 1.0) * np.eye(3)
     both = [a + sign * b for a, b in combinations(shifts, 2) for sign in (1.0, -1.0)]
     for changes in (shifts, both):

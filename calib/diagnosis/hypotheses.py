@@ -24,7 +24,7 @@ ALL = "all"
 
 
 @dataclass(frozen=True, eq=False)
-class Entry:
+class Hypothesis:
     """A runner in the race: a candidate of the catalogue or a lone wild reading."""
 
     id: str
@@ -53,11 +53,11 @@ class Entry:
         return 1 + self.where.count(",")
 
 
-def entries_of(problem: Problem, laws: Sequence[Law]) -> list[Entry]:
+def entries_of(problem: Problem, laws: Sequence[Law]) -> list[Hypothesis]:
     """Every candidate that the sessions can show, stacked over them, and lone wild readings."""
-    sessions = [(one.model, one.observed) for one in problem.sittings]
+    sessions = [(one.model, one.observed) for one in problem.fitted_sessions]
     found = [
-        Entry(
+        Hypothesis(
             candidate.id,
             str(candidate.kind),
             candidate.title,
@@ -72,13 +72,13 @@ def entries_of(problem: Problem, laws: Sequence[Law]) -> list[Entry]:
     return [*found, *(_lone_readings(problem) if problem.has_repeats() else ())]
 
 
-def prices(problem: Problem, entries: Sequence[Entry]) -> FloatArray:
+def log_priors(problem: Problem, entries: Sequence[Hypothesis]) -> FloatArray:
     """What each candidate costs in log weight ``(J,)``: to be chosen, and for its size."""
     sizes = [min(implausible(problem, [entry]), MOST_LOSS) for entry in entries]
     return np.asarray(chosen(entries) + np.array(sizes))
 
 
-def chosen(entries: Sequence[Entry]) -> FloatArray:
+def chosen(entries: Sequence[Hypothesis]) -> FloatArray:
     """What it costs to choose each ``(J,)``, every cause of it anew, before any reading.
 
     All effects are equally likely; then whether one part errs or identical parts err alike; then
@@ -96,7 +96,7 @@ def chosen(entries: Sequence[Entry]) -> FloatArray:
     return np.asarray(np.array(causes) * np.log(np.array(choices, dtype=np.float64)))
 
 
-def implausible(problem: Problem, entries: Sequence[Entry]) -> float:
+def implausible(problem: Problem, entries: Sequence[Hypothesis]) -> float:
     """What candidates lose for the sizes that they would need together, in log weight.
 
     A normal prior on each parameter, thirty times the unremarkable size wide: a fit that needs more
@@ -117,7 +117,7 @@ def held(white: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.asarray(inverse @ y), np.asarray(inverse)
 
 
-def _lone_readings(problem: Problem) -> list[Entry]:
+def _lone_readings(problem: Problem) -> list[Hypothesis]:
     """The first and the last reading of each mounting, which repeats alone cannot judge."""
     found = []
     leg, axis = problem.conditions("leg"), problem.conditions("axis")
@@ -129,6 +129,8 @@ def _lone_readings(problem: Problem) -> list[Entry]:
             title = f"the {word} reading of this mounting is wild"
             shift = (("shift", "mm"),)
             found.append(
-                Entry("wild_reading", "blunder", title, where, columns, None, shift, np.ones(1))
+                Hypothesis(
+                    "wild_reading", "blunder", title, where, columns, None, shift, np.ones(1)
+                )
             )
     return found

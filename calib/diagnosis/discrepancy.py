@@ -17,8 +17,8 @@ import numpy as np
 from scipy.special import fdtrc
 
 from calib.diagnosis.fitting import Fitting
-from calib.diagnosis.problem import Problem, Sitting
-from calib.diagnosis.results import Finding, HeldOutGap, LeftOver, Value
+from calib.diagnosis.problem import FittedSession, Problem
+from calib.diagnosis.results import Finding, HeldOutGap, ModelDiscrepancy, Value
 from calib.diagnosis.scan import gap_p_value
 from calib.diagnosis.selection import LOG_UNIT
 from calib.diagnosis.verify import left_out_postures, on_other_sessions, structure_rms_mm
@@ -26,7 +26,7 @@ from calib.linalg import NEW_DIRECTION, lengths
 from calib.observations import LEG_NAMES, FloatArray, IntArray
 from calib.ties import descending
 from calib.tripod.effects.candidates import stacked_columns
-from calib.tripod.effects.effect import Placed
+from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.effects.empirical import BASES, Empirical, law_words
 from calib.tripod.pipeline import Stage
 
@@ -110,17 +110,17 @@ class _Rest:
 def left_over(
     fitting: Fitting,
     members: tuple[int, ...],
-    named: tuple[Placed, ...],
-    others: Sequence[Sitting],
-) -> LeftOver | None:
+    named: tuple[EffectInstance, ...],
+    others: Sequence[FittedSession],
+) -> ModelDiscrepancy | None:
     """The law of the whole gap, where it closes it; else of what is left beside what was named."""
     whole = _describe(fitting, (), (), others)
     if whole and (whole.closes or not members):
-        return LeftOver(whole.finding, whole.held_out, whole=bool(members))
+        return ModelDiscrepancy(whole.finding, whole.held_out, whole=bool(members))
     if not members:
         return None
     rest = _describe(fitting, members, named, others)
-    return LeftOver(rest.finding, rest.held_out) if rest else None
+    return ModelDiscrepancy(rest.finding, rest.held_out) if rest else None
 
 
 @dataclass(frozen=True)
@@ -135,8 +135,8 @@ class _Described:
 def _describe(
     fitting: Fitting,
     members: tuple[int, ...],
-    named: tuple[Placed, ...],
-    others: Sequence[Sitting],
+    named: tuple[EffectInstance, ...],
+    others: Sequence[FittedSession],
 ) -> _Described | None:
     """The law that what is left follows beside ``named`` effects; None where it follows none.
 
@@ -161,7 +161,7 @@ def _describe(
 def _terms(problem: Problem) -> tuple[dict[tuple[str, str], int], FloatArray]:
     """Every basis that varies at every place (place, basis), and its columns in mm per unit."""
     laws = [Empirical((name,)) for name in BASES]
-    stacked = stacked_columns([(one.model, one.observed) for one in problem.sittings], laws)
+    stacked = stacked_columns([(one.model, one.observed) for one in problem.fitted_sessions], laws)
     terms: dict[tuple[str, str], int] = {}
     columns = [np.zeros((len(problem.y), 0))]
     for name, of_it in zip(BASES, stacked, strict=True):
@@ -232,7 +232,7 @@ def _finding(rest: _Rest, law: _Law, p: float) -> Finding:
         structure_rms_mm(rest.problem, rest.y - free @ scaled),
         (),
         tuple(
-            Placed(term, place, tuple(values[k * width : (k + 1) * width].tolist()))
+            EffectInstance(term, place, tuple(values[k * width : (k + 1) * width].tolist()))
             for k, place in enumerate(law.places)
         ),
     )
@@ -285,8 +285,8 @@ def _held_out(
     fitting: Fitting,
     members: tuple[int, ...],
     laws: Sequence[FloatArray],
-    effects: tuple[Placed, ...],
-    others: Sequence[Sitting],
+    effects: tuple[EffectInstance, ...],
+    others: Sequence[FittedSession],
 ) -> HeldOutGap | None:
     """The gap that the choice of the law did not see."""
     tolerance = fitting.cases[0].tolerance_mm

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib.diagnosis.blunders import Blunder, Suspicion
-from calib.diagnosis.entries import MOST_LOSS, Entry, chosen, entries_of, implausible
-from calib.diagnosis.problem import Problem, Sitting
+from calib.diagnosis.gross_errors import GrossError, Suspicion
+from calib.diagnosis.hypotheses import MOST_LOSS, Hypothesis, chosen, entries_of, implausible
+from calib.diagnosis.problem import FittedSession, Problem
 from calib.diagnosis.results import Named
 from calib.diagnosis.selection import LOG_UNIT
 from calib.linalg import squares_in, union, without
@@ -41,15 +41,15 @@ class _Field:
     """Every effect that may stand beside a mistake, as orthonormal blocks ``(n, r)``."""
 
     problem: Problem
-    entries: Sequence[Entry]
+    entries: Sequence[Hypothesis]
     blocks: Sequence[FloatArray]
     chosen: FloatArray
     _prices: dict[int, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, sitting: Sitting, laws: Sequence[Law]) -> _Field:
+    def of(cls, fitted_session: FittedSession, laws: Sequence[Law]) -> _Field:
         """All candidates of the catalogue that show in this session."""
-        problem = Problem.of([sitting])
+        problem = Problem.of([fitted_session])
         every = [e for e in entries_of(problem, laws) if e.kind != "blunder"]
         blocks = [problem.block(e.columns) for e in every]
         shown = [k for k, block in enumerate(blocks) if block.shape[1]]
@@ -66,7 +66,7 @@ class _Field:
         rank = max(block.shape[1], 1)
         return float(0.5 * block.shape[1] * math.log(max(explained / rank, 1.0)))
 
-    def price(self, member: int) -> float:
+    def log_prior(self, member: int) -> float:
         """What it costs to have been chosen, and to be of implausible size."""
         if member not in self._prices:
             size = min(implausible(self.problem, [self.entries[member]]), MOST_LOSS)
@@ -80,13 +80,15 @@ class _Account:
 
     members: tuple[int, ...]
     basis: FloatArray
-    price: float
+    log_prior: float
     log_weight: float
 
 
 def needed_beside_effects(
-    before: Sitting, suspicions: Sequence[tuple[Suspicion, Sitting]], laws: Sequence[Law]
-) -> Blunder | None:
+    before: FittedSession,
+    suspicions: Sequence[tuple[Suspicion, FittedSession]],
+    laws: Sequence[Law],
+) -> GrossError | None:
     """The mistake, of those suspected, that is needed whatever effects there are; or None.
 
     Each comes with its corrected session, fitted. One that is not clear must be beyond doubt and
@@ -96,8 +98,8 @@ def needed_beside_effects(
     if not alone.problem.has_repeats() or alone.problem.structure_df < 1:
         return next((one.blunder for one, _ in suspicions if one.clear), None)
     without = _best(alone, MOST_EFFECTS)
-    for one, sitting in sorted(suspicions, key=lambda each: not each[0].clear):
-        corrected = _Field.of(sitting, laws)
+    for one, fitted_session in sorted(suspicions, key=lambda each: not each[0].clear):
+        corrected = _Field.of(fitted_session, laws)
         account = _best(corrected, MOST_EFFECTS if one.clear else MOST_EFFECTS - 1)
         without = _heaviest_first([without, _same(corrected, account, alone)])[0]
         likelier = account.log_weight - without.log_weight
@@ -182,7 +184,7 @@ def _weighed(among: _Field, members: tuple[int, ...], upon: _Account | None = No
     basis = union([before.basis, among.blocks[members[-1]]])
     more = basis[:, before.basis.shape[1] :]
     explained = squares_in(more, y)
-    price = before.price + among.width(explained, more) + among.price(members[-1])
+    log_prior = before.log_prior + among.width(explained, more) + among.log_prior(members[-1])
     left = without(basis, y)
-    weight = -0.5 * among.freedom * math.log(left @ left) - price
-    return _Account(tuple(sorted(members)), basis, price, weight)
+    weight = -0.5 * among.freedom * math.log(left @ left) - log_prior
+    return _Account(tuple(sorted(members)), basis, log_prior, weight)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.blunders import Blunder, place_of
+from calib.diagnosis.gross_errors import GrossError, place_of
 from calib.diagnosis.labels import (
     evened,
     labels_within_reach,
@@ -21,7 +21,7 @@ from calib.diagnosis.labels import (
     relabelled,
 )
 from calib.diagnosis.results import Named
-from calib.diagnosis.slips import cell_basis, level_basis, posture_basis
+from calib.diagnosis.setup_shifts import cell_basis, level_basis, posture_basis
 from calib.linalg import DEPENDENT, basis_of, without
 from calib.observations import FloatArray, IntArray, Observations
 from calib.ties import descending, largest, ranks
@@ -151,13 +151,13 @@ def _scatter(observed: Observations, basis: Basis) -> tuple[FloatArray, FloatArr
     return left, share
 
 
-def set_strays_right(observed: Observations, step_mm: float = 0.0) -> list[Blunder]:
+def set_strays_right(observed: Observations, step_mm: float = 0.0) -> list[GrossError]:
     """Readings that do not belong, worst first, each in the data that the one before left.
 
     ``step_mm`` is the step of the display: less than its rounding is no scatter.
     """
     least = max(LEAST_VARIANCE_MM2, step_mm**2 / 12.0)
-    found: list[Blunder] = []
+    found: list[GrossError] = []
     while len(found) < MOST_STRAYS:
         stray = _worst(found[-1].corrected if found else observed, least)
         if stray is None:
@@ -166,7 +166,7 @@ def set_strays_right(observed: Observations, step_mm: float = 0.0) -> list[Blund
     return found
 
 
-def _worst(observed: Observations, least_mm2: float) -> Blunder | None:
+def _worst(observed: Observations, least_mm2: float) -> GrossError | None:
     judged = _Judged.of(observed, least_mm2)
     worst = float(judged.distance.max(initial=0.0))
     if worst < MISLABELLED_DISTANCE:
@@ -229,23 +229,25 @@ def _likeliest(fits: list[_Fit]) -> list[_Fit]:
     return [one for one in alike if one.row == best.row and one.odds * CERTAIN > best.odds]
 
 
-def _mislabelled(observed: Observations, places: list[_Fit]) -> Blunder:
+def _mislabelled(observed: Observations, places: list[_Fit]) -> GrossError:
     """It is put where it belongs; where several places fit as well, it is left out."""
     best = places[0]
     title = f"the reading {_posture(observed, best.row)} belongs to "
     title += " or ".join(one.words for one in places)
     corrected = best.observed if len(places) == 1 else _without(observed, [best.row])
     rows = np.array([best.row], dtype=np.intp)
-    return Blunder("label_error", place_of(observed, rows), title, rows, corrected)
+    return GrossError("label_error", place_of(observed, rows), title, rows, corrected)
 
 
-def _mislabelled_or_wild(observed: Observations, places: list[_Fit], wild: Blunder) -> Blunder:
+def _mislabelled_or_wild(
+    observed: Observations, places: list[_Fit], wild: GrossError
+) -> GrossError:
     """Nothing tells which; the likelier name goes first, and the reading is not used."""
     label = _mislabelled(observed, places)
     names = [(label, label.title), (wild, _wild_in_words(observed, wild.rows)[0])]
     (first, words), (second, other) = names if places[0].odds >= 1.0 else reversed(names)
     rows = np.union1d(wild.rows, label.rows)
-    return Blunder(
+    return GrossError(
         first.id,
         first.where,
         f"{words}, or {other}; {_unused(rows)}",
@@ -264,7 +266,7 @@ def belongs_elsewhere(observed: Observations, row: int) -> str | None:
     return None
 
 
-def _wild(observed: Observations, suspects: IntArray, least_mm2: float) -> Blunder:
+def _wild(observed: Observations, suspects: IntArray, least_mm2: float) -> GrossError:
     """The reading without which the repeats agree best; all where several do as well."""
     left = [_Judged.of(_without(observed, [row]), least_mm2).left_mm2 for row in suspects.tolist()]
     best = largest(-np.array(left), least_mm2)
@@ -277,7 +279,7 @@ def _wild(observed: Observations, suspects: IntArray, least_mm2: float) -> Blund
     title = f"{title}; {_unused(rows)}" if len(rows) > 1 else title
     where = place_of(observed, rows)
     instead = (Named("stand_slip", where),) if at_the_end else ()
-    return Blunder("wild_reading", where, title, rows, _without(observed, rows), instead)
+    return GrossError("wild_reading", where, title, rows, _without(observed, rows), instead)
 
 
 def _wild_in_words(observed: Observations, rows: IntArray) -> tuple[str, bool]:

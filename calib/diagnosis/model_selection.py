@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.scan import Null, Reference, gap_p_value, null_scores, scores
-from calib.diagnosis.selection import Search, Weighed, credible_set, foremost, heaviest_first
+from calib.diagnosis.selection import Search, WeighedModel, credible_set, foremost, heaviest_first
 from calib.linalg import NEW_DIRECTION, new_directions, rank_of, squares_in, union, without
 from calib.observations import FloatArray
 
@@ -37,9 +37,9 @@ class Outcome:
     ``adequate`` tells whether what is left agrees with the noise.
     """
 
-    kept: Weighed | None
-    models: tuple[Weighed, ...]
-    singles: tuple[Weighed, ...]
+    kept: WeighedModel | None
+    models: tuple[WeighedModel, ...]
+    singles: tuple[WeighedModel, ...]
     step_p: tuple[float, ...]
     local_log_p: FloatArray
     adequate: bool
@@ -48,15 +48,15 @@ class Outcome:
 
 
 @dataclass(eq=False)
-class Race:
-    """Candidates as blocks ``(n, r)`` over one problem; ``prices``, ``causes`` as in `Search`.
+class ModelSelection:
+    """Candidates as blocks ``(n, r)`` over one problem; ``log_priors``, ``causes`` as in `Search`.
 
     ``loss`` tells what members together lose for the sizes they need (`entries.implausible`).
     """
 
     problem: Problem
     blocks: tuple[FloatArray, ...]
-    prices: FloatArray
+    log_priors: FloatArray
     causes: tuple[int, ...]
     seed: int
     loss: Callable[[tuple[int, ...]], float] = lambda _: 0.0
@@ -64,7 +64,9 @@ class Race:
 
     def run(self) -> Outcome:
         """Name what can be named."""
-        search = Search(self.problem.y, self.blocks, self.problem.spread, self.prices, self.causes)
+        search = Search(
+            self.problem.y, self.blocks, self.problem.spread, self.log_priors, self.causes
+        )
         singles = search.singles()
         before = self.gap(())
         by_cells = self.problem.noise_df <= 0.0
@@ -83,8 +85,8 @@ class Race:
         return Outcome(chosen, models, tuple(singles), steps, local, adequate, before, after)
 
     def _grow(
-        self, search: Search, singles: Sequence[Weighed], first_p: float, by_cells: bool
-    ) -> tuple[Weighed, list[Weighed], tuple[float, ...]]:
+        self, search: Search, singles: Sequence[WeighedModel], first_p: float, by_cells: bool
+    ) -> tuple[WeighedModel, list[WeighedModel], tuple[float, ...]]:
         """The smallest number of causes whose best model leaves nothing that stands out."""
         sizes = search.by_causes(singles, MOST_EFFECTS)
         everything = self._paid(next(sizes))
@@ -101,9 +103,9 @@ class Race:
             steps.append(p)
         return best, everything, tuple(steps)
 
-    def _paid(self, models: Sequence[Weighed]) -> list[Weighed]:
+    def _paid(self, models: Sequence[WeighedModel]) -> list[WeighedModel]:
         """Less what they lose for their sizes together; without those far behind."""
-        found: list[Weighed] = []
+        found: list[WeighedModel] = []
         for model in heaviest_first(models)[:MOST_LOOKED_AT]:
             best = max((m.log_weight for m in found), default=-np.inf)
             if model.log_weight < best - OUT_OF_THE_RACE:
@@ -121,10 +123,10 @@ class Race:
     def _only_what_stands_out(
         self,
         search: Search,
-        singles: Sequence[Weighed],
-        best: Weighed,
-        weighed: Sequence[Weighed],
-    ) -> tuple[Weighed | None, list[Weighed], tuple[float, ...]]:
+        singles: Sequence[WeighedModel],
+        best: WeighedModel,
+        weighed: Sequence[WeighedModel],
+    ) -> tuple[WeighedModel | None, list[WeighedModel], tuple[float, ...]]:
         """Where a gap remains the noise of repeats proves nothing: judge by what the cells leave.
 
         Errors that stay with a posture would otherwise be named after whatever resembles them.
@@ -142,8 +144,8 @@ class Race:
         return kept, held, steps
 
     def _one_after_the_other(
-        self, search: Search, singles: Sequence[Weighed], best: Weighed
-    ) -> tuple[Weighed | None, list[Weighed], tuple[float, ...]]:
+        self, search: Search, singles: Sequence[WeighedModel], best: WeighedModel
+    ) -> tuple[WeighedModel | None, list[WeighedModel], tuple[float, ...]]:
         kept: tuple[int, ...] = ()
         steps: list[float] = []
         model = best
@@ -217,7 +219,7 @@ class Race:
 
     def _nothing(
         self,
-        singles: Sequence[Weighed],
+        singles: Sequence[WeighedModel],
         steps: tuple[float, ...],
         local: FloatArray,
         before: tuple[float, int, float],

@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.diagnosis.entries import Entry
+from calib.diagnosis.hypotheses import Hypothesis
+from calib.diagnosis.model_selection import LEVEL, MOST_EFFECTS, ModelSelection, Outcome
 from calib.diagnosis.problem import Problem
-from calib.diagnosis.race import LEVEL, MOST_EFFECTS, Outcome, Race
 from calib.diagnosis.results import Named, Verdict
-from calib.diagnosis.selection import ALIKE, Weighed, contained, log_bayes_factor
+from calib.diagnosis.selection import ALIKE, WeighedModel, contained, log_bayes_factor
 from calib.linalg import NEW_DIRECTION, incidence, rank_of, squares_in, union
 from calib.observations import FloatArray, numbered
 from calib.ties import descending
@@ -39,12 +39,12 @@ places by this much, D being normal with variance 4 D, at most once in 700 times
 
 
 @dataclass(frozen=True, eq=False)
-class Naming:
+class Attribution:
     """Names for what the race kept."""
 
     problem: Problem
-    entries: Sequence[Entry]
-    race: Race
+    entries: Sequence[Hypothesis]
+    race: ModelSelection
     outcome: Outcome
 
     def verdict(self, blunders_found: bool) -> Verdict:
@@ -78,7 +78,7 @@ class Naming:
         )
         return next((words for holds, words in reasons if holds), "")
 
-    def _is_weak(self, kept: Weighed) -> bool:
+    def _is_weak(self, kept: WeighedModel) -> bool:
         return any(self.evidence(kept, k) < LEAST_EVIDENCE for k in kept.members)
 
     def _verdict_without_names(self, blunders_found: bool) -> Verdict:
@@ -89,14 +89,14 @@ class Naming:
             return "explained" if closed else "partly-explained"
         return "agrees" if closed else "unexplained"
 
-    def evidence(self, kept: Weighed, member: int) -> float:
+    def evidence(self, kept: WeighedModel, member: int) -> float:
         """Non-centrality of one member beside the others."""
         others = tuple(k for k in kept.members if k != member)
         blocks, y = self.race.beside(others)
         block = blocks[member]
         return squares_in(block, y) - float(block.shape[1])
 
-    def without_any_one(self, kept: Weighed, member: int) -> float:
+    def without_any_one(self, kept: WeighedModel, member: int) -> float:
         """The least evidence that remains for one member when any one reading is left out."""
         others = tuple(k for k in kept.members if k != member)
         blocks, y = self.race.beside(others)
@@ -122,7 +122,7 @@ class Naming:
         rank = rank_of(np.hstack(inside), NEW_DIRECTION, 1.0)
         return self.problem.structure_df - rank >= ROOM
 
-    def _is_series(self, kept: Weighed) -> bool:
+    def _is_series(self, kept: WeighedModel) -> bool:
         """Whether the members look like the terms of a series, which fits any shape.
 
         One screw has one lead, and of all triples of the catalogue some fit nearly everything.
@@ -133,11 +133,11 @@ class Naming:
         many = len(names) > MOST_NAMES or (len(names) > 1 and causes > MOST_EFFECTS)
         return many or len(set(named)) < len(named)
 
-    def names(self, kept: Weighed) -> dict[int, tuple[Named, ...]]:
+    def names(self, kept: WeighedModel) -> dict[int, tuple[Named, ...]]:
         """For each member of the best model the other names that fit as well in its place."""
         return {member: self.rivals(kept, member) for member in kept.members}
 
-    def rivals(self, kept: Weighed, member: int) -> tuple[Named, ...]:
+    def rivals(self, kept: WeighedModel, member: int) -> tuple[Named, ...]:
         """Names that fit as well in its place: from the 95 % set, and look-alikes."""
         own = self.entries[member]
         found: dict[Named, None] = {}
@@ -152,7 +152,7 @@ class Naming:
         found.pop(Named(own.id, own.where), None)
         return tuple(found)
 
-    def _as_simple(self, model: Weighed, kept: Weighed, member: int) -> bool:
+    def _as_simple(self, model: WeighedModel, kept: WeighedModel, member: int) -> bool:
         """Whether a model has as many causes; or no more, instead of a name with several."""
         own, other = (sum(self.entries[k].causes for k in m.members) for m in (kept, model))
         return other == own or (other < own and self.entries[member].causes > 1)
@@ -165,7 +165,7 @@ class Naming:
         nested = max(contained(first, second), contained(second, first)) > ALIKE
         return nested or self.entries[member].where == self.entries[other].where
 
-    def _look_alikes(self, kept: Weighed, member: int) -> list[int]:
+    def _look_alikes(self, kept: WeighedModel, member: int) -> list[int]:
         """Candidates of no higher rank that fit these readings as well, likely or not.
 
         Two indicators that err are two causes, and still what they do may be what one bar does.
@@ -180,13 +180,13 @@ class Naming:
             and not self._same_on_other_places(member, k)
         ]
 
-    def _lost(self, kept: Weighed, member: int, other: int) -> float:
+    def _lost(self, kept: WeighedModel, member: int, other: int) -> float:
         """Noise variances that are left more with another candidate in its place."""
         members = tuple(other if k == member else k for k in kept.members)
         explained = squares_in(self.race.basis(members), self.problem.y)
         return 2.0 * self.problem.spread.log_ratio(kept.explained, explained)
 
-    def by_evidence(self, kept: Weighed) -> tuple[int, ...]:
+    def by_evidence(self, kept: WeighedModel) -> tuple[int, ...]:
         """Members of the model, the strongest first."""
         return tuple(descending(kept.members, lambda k: self.evidence(kept, k)))
 
@@ -197,7 +197,7 @@ DOUBT = (
 )
 
 
-def repeats_explain_as_much(naming: Naming) -> bool:
+def repeats_explain_as_much(naming: Attribution) -> bool:
     """Whether the names are weak and postures that vary by themselves do no worse."""
     kept = naming.outcome.kept
     if kept is None or not naming.problem.has_repeats() or not naming.problem.noise_df > 0.0:

@@ -23,7 +23,7 @@ from typing import Any
 from threadpoolctl import threadpool_info  # type: ignore[import-untyped]  # it has no types
 
 from tests.app.cli import glidecal
-from tests.app.test_golden import GOLDEN, TEXTS
+from tests.app.report.test_golden import GOLDEN, TEXTS
 from tests.blind.bench_files import write_session
 from tests.blind.cases import Case, plan
 from tests.blind.documents import of_the_program, row_of

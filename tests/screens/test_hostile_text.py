@@ -16,7 +16,7 @@ from app.screens.interface import Interface
 from app.screens.replay import ReplayScreen
 from app.screens.start import Glidecal
 from calib.printable import HIDDEN
-from tests.app.hostile_files import ESCAPES, chained
+from tests.app.commands.hostile_files import ESCAPES, chained
 from tests.conftest import SAMPLES
 from tests.screens.driving import SIZE, text, until
 

@@ -14,7 +14,7 @@ import pytest
 from calib.printable import HIDDEN, printable
 from protocols.documents import is_deep
 from tests.app.cli import glidecal, refused, run_here
-from tests.app.hostile_files import chained
+from tests.app.commands.hostile_files import chained
 from tests.conftest import ROOT
 
 EXPERIMENT = ROOT / "sample_sessions" / "experiment_2_twelve.jsonl"

@@ -17,7 +17,7 @@ from calib.hexaslide.residuals import Readings, residuals, shares, stretch, whit
 from calib.hexaslide.simulation import disturbed, measure
 from calib.observations import FloatArray
 from calib.stats import coverage_factor
-from tests.calib.test_hexaslide import H60, random_machine
+from tests.calib.hexaslide.test_hexaslide import H60, random_machine
 
 NOMINAL = HexaSlide(H60.geometry, H60.box, H60.link)
 NOISE_M, NOISE_RAD = 1e-5, 2e-5

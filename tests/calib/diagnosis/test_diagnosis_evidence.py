@@ -25,7 +25,7 @@ from calib.linalg import union
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model
-from tests.calib.diagnosed_sessions import LAWS, SHORT, TWO_STATION, case, problem
+from tests.calib.diagnosis.diagnosed_sessions import LAWS, SHORT, TWO_STATION, case, problem
 
 
 def test_evidence_and_sets() -> None:

@@ -16,7 +16,7 @@ from calib.tripod.effects.candidates import Candidate, candidates
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, derivatives, measure
-from tests.calib.diagnosed_sessions import LAWS, SHORT, TOLERANCE_MM
+from tests.calib.diagnosis.diagnosed_sessions import LAWS, SHORT, TOLERANCE_MM
 
 NOISE_MM = 0.002
 OFF = (1.2, -0.9, 0.6, 0.03, -0.02, 0.01)

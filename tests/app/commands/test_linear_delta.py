@@ -16,10 +16,10 @@ from protocols.record import read_record
 from protocols.session import fold
 from tests.app.cli import glidecal, refused
 from tests.blind.linear_delta import Hidden, table
+from tests.conftest import ROOT
 
 MACHINE = ("--machine", "linear-delta")
 PERFECT = Hidden()
-ROOT = Path(__file__).parent.parent.parent
 
 
 def ran(*arguments: str | Path) -> str:

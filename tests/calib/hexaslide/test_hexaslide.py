@@ -33,7 +33,7 @@ from calib.hexaslide.procedures import (
 )
 from calib.observations import FloatArray
 from protocols.hexaslide_machine import load_hexaslide
-from tests.calib.hexaslide_draws import SHAPES, drawn_machine, jacobian_and_slopes
+from tests.calib.hexaslide.hexaslide_draws import SHAPES, drawn_machine, jacobian_and_slopes
 
 RANKS = {
     Kind.POSE_INVERSE: (49, 49, 9),

@@ -24,8 +24,9 @@ from protocols.hexaslide_files import is_measurements
 from protocols.hexaslide_machine import load_hexaslide
 from protocols.hexaslide_measurements import read_measurements, read_truth
 from tests.app.cli import glidecal, refused
+from tests.conftest import ROOT
 
-H60_FILE = Path(__file__).parents[2] / "protocols" / "machines" / "hexaslide-h60.toml"
+H60_FILE = ROOT / "protocols" / "machines" / "hexaslide-h60.toml"
 SIMULATE = ("simulate", "--machine", "hexaslide", "--procedure")
 
 
@@ -199,7 +200,7 @@ def test_a_measured_subset_and_a_machine_of_ones_own(tmp_path: Path) -> None:
     path, truth = written(tmp_path, "pose-forward", 40, measured=("x", "y", "z", "theta"))
     found = document(path, truth)
     assert (found["rank"], found["lost_motions"]) == (48, ["platform frame turned about its Z"])
-    text = (Path(__file__).parents[2] / "protocols/machines/hexaslide-h60.toml").read_text("utf-8")
+    text = (ROOT / "protocols/machines/hexaslide-h60.toml").read_text("utf-8")
     own = tmp_path / "own.toml"
     own.write_text(text.replace("link_m = 0.88", "link_m = 0.9", 1), encoding="utf-8")
     path, _ = written(tmp_path, "pose-inverse", 30, machine_file=own)
@@ -365,7 +366,7 @@ def test_the_seed_decides_everything(tmp_path: Path) -> None:
 
 
 def test_simulating_what_cannot_be_is_told(tmp_path: Path) -> None:
-    text = (Path(__file__).parents[2] / "protocols/machines/hexaslide-h60.toml").read_text("utf-8")
+    text = (ROOT / "protocols/machines/hexaslide-h60.toml").read_text("utf-8")
     own = tmp_path / "own.toml"
     own.write_text(text[: text.index("[constraint_link]")], encoding="utf-8")
     with pytest.raises(UsageError, match="constraint_link"):

@@ -12,7 +12,7 @@ from scipy.stats import f as f_distribution
 from calib.diagnosis.problem import FittedSession, Problem
 from calib.diagnosis.scan import Reference, gap_p_value, null_scores, scores
 from calib.diagnosis.setup_shifts import find_slip
-from tests.calib.diagnosed_sessions import SWEEP, case, problem
+from tests.calib.diagnosis.diagnosed_sessions import SWEEP, case, problem
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -17,7 +17,7 @@ import pytest
 
 from calib.printable import HIDDEN
 from tests.app.cli import run_here
-from tests.app.hostile_files import KINDS, hostile_case
+from tests.app.commands.hostile_files import KINDS, hostile_case
 
 SEEDS = int(os.environ.get("GLIDECAL_FUZZ", "0")) or 2 * len(KINDS)
 AT_ONCE = 10

@@ -16,6 +16,7 @@ from protocols.errors import RecordError
 from protocols.files import write_files
 from protocols.table import csv_text
 from tests.app.cli import glidecal, refused
+from tests.conftest import ROOT
 
 LINEAR = ("--method", "linear")
 
@@ -59,7 +60,7 @@ def test_linuxcnc_includes_as_golden_text(session: Path, tmp_path: Path) -> None
     )
     assert run.status == 0, run.err
     assert "HOME_OFFSET" not in run.err
-    golden = Path(__file__).parent.parent / "golden" / "linuxcnc"
+    golden = ROOT / "tests" / "golden" / "linuxcnc"
     names = sorted(p.name for p in out.iterdir())
     assert names == ["calib_joint0.inc", "calib_joint1.inc", "calib_joint2.inc"]
     for name in names:

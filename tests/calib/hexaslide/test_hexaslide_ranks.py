@@ -20,8 +20,8 @@ from calib.hexaslide.planning import (
 from calib.hexaslide.procedures import COMPONENTS, ENDS, Kind, Procedure
 from calib.observations import FloatArray
 from protocols.hexaslide_machine import load_hexaslide
-from tests.calib import prime_field as exact
-from tests.calib.hexaslide_draws import SHAPES, drawn_machine
+from tests.calib.hexaslide import prime_field as exact
+from tests.calib.hexaslide.hexaslide_draws import SHAPES, drawn_machine
 
 FUZZ = bool(os.environ.get("GLIDECAL_FUZZ"))
 SEEDS = 100 if FUZZ else 17

@@ -10,7 +10,7 @@ from calib.observations import Observations
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model, derivatives
-from tests.calib.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case
+from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case
 
 
 def left_by_the_true_effect_mm(

@@ -12,7 +12,7 @@ from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.effects.empirical import BASES, Empirical, empirical_law
 from calib.tripod.pipeline import Model, Stage
-from tests.calib.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case
+from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case
 
 OFF = (1.2, -0.9, 0.6, 0.03, -0.02, 0.01)
 

@@ -17,8 +17,8 @@ from calib.hexaslide.gradients import RowMaker
 from calib.hexaslide.planning import BestPostures, best_postures, judged_postures
 from calib.hexaslide.procedures import Kind, Procedure, jacobian
 from calib.observations import FloatArray
-from tests.calib.hexaslide_draws import jacobian_and_slopes
-from tests.calib.test_hexaslide import H60, random_machine, some
+from tests.calib.hexaslide.hexaslide_draws import jacobian_and_slopes
+from tests.calib.hexaslide.test_hexaslide import H60, random_machine, some
 
 PROCEDURES = {
     "pose-inverse": Procedure.of("pose-inverse"),

@@ -17,7 +17,7 @@ from calib.diagnosis.results import Named
 from calib.observations import FloatArray
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
-from tests.calib.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case, names, problem
+from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case, names, problem
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -25,7 +25,7 @@ from calib.diagnosis.results import Named
 from calib.observations import IntArray, Observations
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
-from tests.calib.diagnosed_sessions import LAWS, SHORT, SWEEP, TWO_STATION, case
+from tests.calib.diagnosis.diagnosed_sessions import LAWS, SHORT, SWEEP, TWO_STATION, case
 
 SCATTER_MM = 0.002
 

@@ -14,7 +14,7 @@ from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.actuators import ActuatorCyclic
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model
-from tests.calib.diagnosed_sessions import LAWS, SHORT, SWEEP, TWO_STATION, case, names
+from tests.calib.diagnosis.diagnosed_sessions import LAWS, SHORT, SWEEP, TWO_STATION, case, names
 
 
 @pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])

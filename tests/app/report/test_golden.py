@@ -1,18 +1,18 @@
 """Texts that people read, compared with files; a changed text is a decision, not an accident.
 
-To accept a changed text: GLIDECAL_GOLDEN=write pytest tests/app/test_golden.py
+To accept a changed text: GLIDECAL_GOLDEN=write pytest tests/app/report/test_golden.py
 """
 
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 import pytest
 
 from tests.app.cli import glidecal
+from tests.conftest import ROOT
 
-GOLDEN = Path(__file__).parent.parent / "golden"
+GOLDEN = ROOT / "tests" / "golden"
 SAMPLE = "sample_sessions/experiment_2_twelve.jsonl"
 TEXTS: dict[str, tuple[str, ...]] = {
     "solve_linear": ("solve", SAMPLE, "--method", "linear", "--subset", "joint-offsets"),

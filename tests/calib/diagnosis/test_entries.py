@@ -8,7 +8,7 @@ import pytest
 
 from calib.diagnosis.hypotheses import Hypothesis, chosen, entries_of
 from calib.tripod.effects import CATALOGUE
-from tests.calib.diagnosed_sessions import TWO_STATION, problem
+from tests.calib.diagnosis.diagnosed_sessions import TWO_STATION, problem
 
 
 def visible() -> list[Hypothesis]:

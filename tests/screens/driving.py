@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -20,6 +21,7 @@ from app.screens.interface import Interface
 from app.screens.leg_review import LegReviewScreen
 from app.screens.measure import MeasureScreen
 from app.screens.widgets import GaugeDisplay
+from drivers.profile import Outcome
 
 SIZE = (80, 24)
 PATIENCE = 1500
@@ -89,3 +91,10 @@ async def take(pilot: Pilot[str], screen: MeasureScreen) -> None:
     )
     if isinstance(screen.app.screen, LegReviewScreen):
         await pilot.press("space")
+
+
+def answered(outcome: Outcome) -> Future[Outcome]:
+    """What a gauge that was asked gives at once."""
+    given = Future[Outcome]()
+    given.set_result(outcome)
+    return given

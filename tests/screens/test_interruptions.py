@@ -18,7 +18,7 @@ from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.twin_port import TwinPort, default_transport
 from protocols.record import read_record
 from protocols.session import fold
-from tests.screens.driving import SIZE, quick_plan, take, text, to_measuring, until
+from tests.screens.driving import SIZE, answered, quick_plan, take, text, to_measuring, until
 
 
 async def test_continue_at_the_first_unfinished_step(tmp_path: Path) -> None:
@@ -86,7 +86,7 @@ async def test_indicator_fault_is_not_taken(
         screen = await to_measuring(pilot, interface)
         silence = Fault(FaultKind.NO_ANSWER, "", "no answer [1]: is it on?")
         with monkeypatch.context() as patched:
-            patched.setattr(Gauge, "ask", lambda _: silence)
+            patched.setattr(Gauge, "ask", lambda _: answered(silence))
             await until(pilot, "stillness", screen.ready_by_hand)
             await pilot.press("space")
             await until(pilot, "refusal", lambda: "no answer [1]" in text(interface, "#said"))

@@ -21,7 +21,16 @@ from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.twin_port import TwinPort
 from protocols.record import read_record
 from protocols.session import fold
-from tests.screens.driving import SIZE, numbers, quick_plan, take, text, to_measuring, until
+from tests.screens.driving import (
+    SIZE,
+    answered,
+    numbers,
+    quick_plan,
+    take,
+    text,
+    to_measuring,
+    until,
+)
 
 
 async def test_instrument_check_shows_live_values(tmp_path: Path) -> None:
@@ -238,7 +247,7 @@ async def test_a_reading_from_another_world_is_a_fault(
         far = Reading("+99999.999", 99999.999, 0.001, unit_assumed=True)
         await until(pilot, "stillness", screen.ready_by_hand)
         with monkeypatch.context() as patched:
-            patched.setattr(Gauge, "ask", lambda _: far)
+            patched.setattr(Gauge, "ask", lambda _: answered(far))
             await pilot.press("space")
             await until(pilot, "refusal", lambda: "further than any" in text(interface, "#said"))
         assert screen.guided.session.all_readings == ()

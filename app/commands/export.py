@@ -38,7 +38,8 @@ def export(
     """Offsets for the controller: a file, or for linuxcnc a folder with three includes."""
     from app.exports import FORMATS
     from app.exports.linuxcnc import read_home_offsets
-    from app.report.offsets import UNKNOWN_HOME_OFFSET, offsets_from_file, with_home_offset
+    from app.report.offsets import offsets_from_file, with_home_offset
+    from app.report.text.caveats import UNKNOWN_HOME_OFFSET
     from protocols.errors import UsageError
     from protocols.files import write_files
 

@@ -12,6 +12,7 @@ from protocols.machine_files import USUAL_MACHINE, machine_names
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.evaluating.solution import SessionSolution
+    from app.report.schema.document import Report
     from calib.identify.monte_carlo import MonteCarlo
 
 
@@ -101,32 +102,40 @@ def simulate(asked: Simulation, say: Say) -> None:
 
 def solve(asked: Solving, say: Say) -> Answer:
     """Parameters with uncertainties from sessions. Raises UsageError for what they do not allow."""
-    from app.evaluating.accuracy import judge, maps
     from app.evaluating.solution import solve_files
-    from app.report.schema.solution import SolutionReport
-    from app.report.text.accuracy import judged_text, maps_text, monte_carlo_text
-    from app.report.text.result import solution_text
 
     solved, warnings = solve_files(
         asked.files, subset=asked.subset, method=asked.method, weights=asked.weights
     )
     for warning in warnings:
         say(f"glidecal: {warning}")
-    judged = None if asked.tolerance_mm is None else judge(solved, asked.tolerance_mm)
-    mapped = maps(solved) if asked.show_map else None
-    simulated = _monte_carlo(solved, asked.monte_carlo, asked.seed) if asked.monte_carlo else None
+    judged = mapped = simulated = None
+    if asked.tolerance_mm is not None or asked.show_map:
+        from app.evaluating.accuracy import judge, maps
+
+        judged = None if asked.tolerance_mm is None else judge(solved, asked.tolerance_mm)
+        mapped = maps(solved) if asked.show_map else None
+    if asked.monte_carlo:
+        simulated = _monte_carlo(solved, asked.monte_carlo, asked.seed)
 
     def text() -> str:
+        from app.report.text.result import solution_text
+
         parts = [solution_text(solved)]
-        parts += [judged_text(judged)] if judged else []
-        parts += [maps_text(mapped)] if mapped else []
-        parts += [monte_carlo_text(simulated)] if simulated else []
+        if judged or mapped or simulated:
+            from app.report.text.accuracy import judged_text, maps_text, monte_carlo_text
+
+            parts += [judged_text(judged)] if judged else []
+            parts += [maps_text(mapped)] if mapped else []
+            parts += [monte_carlo_text(simulated)] if simulated else []
         return "\n\n".join(parts)
 
-    return Answer(
-        text,
-        lambda: SolutionReport.of(solved=solved, judged=judged, maps=mapped, simulated=simulated),
-    )
+    def document() -> Report:
+        from app.report.schema.solution import SolutionReport
+
+        return SolutionReport.of(solved=solved, judged=judged, maps=mapped, simulated=simulated)
+
+    return Answer(text, document)
 
 
 def _monte_carlo(solved: SessionSolution, count: int, seed: int) -> MonteCarlo:

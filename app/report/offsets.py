@@ -18,10 +18,6 @@ from protocols.model_file import is_model, read_model_file, to_model
 
 JOINT_OFFSETS = PARAMETER_NAMES[:3]
 
-UNKNOWN_HOME_OFFSET = (
-    "nobody stated the present HOME_OFFSET, 0 was assumed for every joint; state it in the "
-    "machine file, or give --ini or --home-offset to glidecal export."
-)
 NOT_KNOWN = "NOTE: the values are of a model file: it does not hold how well they are known."
 
 

@@ -27,6 +27,11 @@ SUBSET_WORDS: dict[Subset, str] = {
 }
 
 
+UNKNOWN_HOME_OFFSET = (
+    "nobody stated the present HOME_OFFSET, 0 was assumed for every joint; state it in the "
+    "machine file, or give --ini or --home-offset to glidecal export."
+)
+
 MOST_NAMED = 8
 """So many of a kind are named; nobody reads hundreds."""
 

@@ -10,8 +10,7 @@ from rich.table import Table
 
 from app.evaluating.comparison import Comparison
 from app.evaluating.solution import SessionSolution
-from app.report.offsets import UNKNOWN_HOME_OFFSET
-from app.report.text.caveats import SUBSET_WORDS, caveats
+from app.report.text.caveats import SUBSET_WORDS, UNKNOWN_HOME_OFFSET, caveats
 from app.report.text.tables import decimals_for, new_table, signed, table_text, uncertain, wrapped
 from calib.identify.accuracy import ToolError
 from calib.identify.solution import SUBSETS, Solution

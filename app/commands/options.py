@@ -36,9 +36,6 @@ class WeightsName(StrEnum):
     COVARIANCE = "covariance"
 
 
-LEAST_MM = 1e-9
-"""As `protocols.documents.LEAST_FIGURE_MM`, which is not imported for ``--help``."""
-
 # readable=False: our own message and exit status for a file without permission
 Sessions = Annotated[
     list[Path], typer.Argument(help="Session files.", show_default=False, readable=False)
@@ -96,8 +93,10 @@ def figure(help_text: str) -> OptionInfo:
 
 def _no_trace(value_mm: float | None) -> float | None:
     """Refuse what is neither 0 nor a length that any indicator could have."""
-    if value_mm and value_mm < LEAST_MM:
-        raise typer.BadParameter(f"0, or {LEAST_MM:g} mm at least")
+    from protocols.documents import LEAST_FIGURE_MM
+
+    if value_mm and value_mm < LEAST_FIGURE_MM:
+        raise typer.BadParameter(f"0, or {LEAST_FIGURE_MM:g} mm at least")
     return finite(value_mm)
 
 

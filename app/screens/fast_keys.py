@@ -69,8 +69,8 @@ class Palette(CommandPalette):
 
     def run_worker(  # its arguments are Textual's
         self,
-        *arguments: Any,  # noqa: ANN401
-        **options: Any,  # noqa: ANN401
+        *arguments: Any,  # noqa: ANN401 (Textual's)
+        **options: Any,  # noqa: ANN401 (Textual's)
     ) -> Worker[Any]:
         """A search; a key that comes while the palette goes starts one that finds no list."""
         return super().run_worker(*arguments, **(options | {"exit_on_error": False}))

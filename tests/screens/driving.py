@@ -19,12 +19,13 @@ from app.screens.diagnose import DiagnoseScreen
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.interface import Interface
 from app.screens.leg_review import LegReviewScreen
-from app.screens.measure import MeasureScreen
+from app.screens.measure import HELD_KEY_S, MeasureScreen
 from app.screens.widgets import GaugeDisplay
 from drivers.profile import Outcome
 
 SIZE = (80, 24)
 PATIENCE = 1500
+PRESSES = 5
 Looking = TypeVar("Looking", DiagnoseScreen, HexaSlideScreen)
 
 
@@ -81,14 +82,20 @@ async def to_measuring(pilot: Pilot[str], interface: Interface) -> MeasureScreen
 
 
 async def take(pilot: Pilot[str], screen: MeasureScreen) -> None:
+    """As an operator does: press once all stand still, and again where the press came too soon."""
     before = len(screen.guided.session.all_readings)
-    await until(pilot, "stillness", screen.ready_by_hand)
-    await pilot.press("space")
-    await until(
-        pilot,
-        "a reading taken",
-        lambda: len(screen.guided.session.all_readings) > before and not screen.busy,
-    )
+
+    def taken() -> bool:
+        return len(screen.guided.session.all_readings) > before and not screen.busy
+
+    for _ in range(PRESSES):
+        await until(pilot, "stillness", screen.ready_by_hand)
+        await pilot.press("space")
+        await until(pilot, "an answer", lambda: not screen.busy)
+        if taken():
+            break
+        await pilot.pause(HELD_KEY_S)  # a press sooner than this is a key held down
+    assert taken(), f"no reading after {PRESSES} presses: {said(screen.app)}"
     if isinstance(screen.app.screen, LegReviewScreen):
         await pilot.press("space")
 

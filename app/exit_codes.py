@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from calib.errors import GlidecalError
+from calib.errors import (
+    GlidecalError,
+    ImpossibleRequest,
+    IndicatorError,
+    RecordError,
+    UsageError,
+)
 
 
 class Exit(IntEnum):
@@ -18,18 +24,14 @@ class Exit(IntEnum):
     INTERRUPTED = 130
 
 
-_BY_CLASS = {
-    "UsageError": Exit.USAGE,
-    "ImpossibleRequest": Exit.USAGE,
-    "RecordError": Exit.RECORD,
-    "IndicatorError": Exit.INDICATOR,
-    "CalibrationError": Exit.RESULT,
+_STATUS = {
+    UsageError: Exit.USAGE,
+    ImpossibleRequest: Exit.USAGE,
+    RecordError: Exit.RECORD,
+    IndicatorError: Exit.INDICATOR,
 }
 
 
 def exit_code(problem: GlidecalError) -> Exit:
-    """The status for an error; by class name, so that start-up imports none of the rooms."""
-    for kind in type(problem).__mro__:
-        if kind.__name__ in _BY_CLASS:
-            return _BY_CLASS[kind.__name__]
-    return Exit.RESULT
+    """The status for an error."""
+    return next((code for kind, code in _STATUS.items() if isinstance(problem, kind)), Exit.RESULT)

@@ -11,8 +11,8 @@ from typing import Any
 
 from pydantic import Field, field_validator
 
+from calib.errors import RecordError
 from protocols.documents import Document, read_text, read_toml
-from protocols.errors import RecordError
 
 FILE_VARIABLE = "GLIDECAL_SETTINGS"
 """Environment variable that names another settings file."""

@@ -1,13 +1,13 @@
-"""What can go wrong, as one tree; every room adds its own leaves.
+"""What can go wrong, as one tree; every room raises its own leaves.
 
 GlidecalError
-├── CalibrationError           (calib)
-│   ├── UnreachablePosture     the legs cannot meet
-│   ├── NotIdentifiable        the data cannot give the result
-│   └── ImpossibleRequest      what is asked for cannot be; a wrong name or option, too
-├── RecordError                (protocols/errors.py) a file or record that cannot be used
-├── UsageError                 (protocols/errors.py) a wrong name or option
-└── IndicatorError             (drivers/errors.py) an indicator or port that cannot be used
+├── CalibrationError           what mathematics meets
+│   ├── UnreachablePosture
+│   ├── NotIdentifiable
+│   └── ImpossibleRequest
+├── RecordError                what a file or record meets
+├── UsageError                 what a command line meets
+└── IndicatorError             what a port meets
 
 An error says four things: the thing, the value found, what is allowed, and what to do next.
 """
@@ -63,3 +63,15 @@ class NotIdentifiable(CalibrationError):
 
 class ImpossibleRequest(CalibrationError):
     """What is asked for does not exist or cannot be had."""
+
+
+class RecordError(GlidecalError):
+    """A file or record that cannot be used."""
+
+
+class UsageError(GlidecalError):
+    """A name or option that does not exist or does not fit."""
+
+
+class IndicatorError(GlidecalError):
+    """An indicator or port that cannot be used."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.errors import IndicatorError
+from calib.errors import IndicatorError
 from drivers.line import IndicatorLine
 from drivers.profile import Asked, Fault, FaultKind, Outcome, Profile, Reading, Unit, Verified
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import serial
 
-from drivers.errors import IndicatorError
+from calib.errors import IndicatorError
 from drivers.port import PORT_ERRORS, SLICE_S, ask_by_pulse, close_port, open_port
 from drivers.profile import Asked, Fault, FaultKind, Outcome, Profile, Reading
 

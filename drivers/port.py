@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import serial
 
-from drivers.errors import IndicatorError
+from calib.errors import IndicatorError
 from drivers.profile import LineSettings, Profile
 
 try:

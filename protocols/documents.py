@@ -11,8 +11,8 @@ from typing import Annotated, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
+from calib.errors import RecordError
 from calib.printable import printable
-from protocols.errors import RecordError
 from protocols.files import open_to_read
 
 Name = Annotated[str, AfterValidator(printable)]

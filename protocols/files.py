@@ -15,7 +15,7 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Literal
 
-from protocols.errors import RecordError, UsageError
+from calib.errors import RecordError, UsageError
 
 Written = dict[str, str]
 """Texts of files by their names; '' is the path itself."""

@@ -11,12 +11,11 @@ from typing import Annotated, Literal, TypeVar
 import numpy as np
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from calib.errors import CalibrationError
+from calib.errors import CalibrationError, RecordError
 from calib.hexaslide.geometry import ConstraintLink, Geometry, Numbers
 from calib.hexaslide.procedures import Kind, Procedure
 from calib.hexaslide.residuals import Readings, measured_names
 from protocols.documents import Document, Name, describe, read_text
-from protocols.errors import RecordError
 from protocols.hexaslide_machine import Chain, HexaSlideMachine, LinkEnds, Point
 
 MeasurementsSchema = Literal["glidecal.hexaslide-measurements/1"]

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from calib.errors import RecordError
 from protocols.documents import Document, describe, read_text
-from protocols.errors import RecordError
 
 MOST_POSTURES = 10_000
 

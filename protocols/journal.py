@@ -12,8 +12,8 @@ from typing import NoReturn
 
 from pydantic_core import PydanticSerializationError
 
+from calib.errors import RecordError
 from protocols import files
-from protocols.errors import RecordError
 from protocols.events import EVENT, FIRST_DIGEST, Closed, Continued, Event, Line, Opened
 from protocols.record import check_record, check_size, count_readings, digest_of, unreadable
 

@@ -10,11 +10,10 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from calib.errors import CalibrationError
+from calib.errors import CalibrationError, RecordError, UsageError
 from calib.observations import FloatArray
 from calib.tripod.geometry import Geometry
 from protocols.documents import Document, FigureMm, LengthMm, Name, Tolerance, read_text, read_toml
-from protocols.errors import RecordError, UsageError
 from protocols.machine_files import (
     SCHEMA,
     USUAL_MACHINE,

@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AwareDatetime, Field, ValidationError
 
+from calib.errors import RecordError, UsageError
 from calib.observations import TOOL, conditions
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.catalogue import laws_of
@@ -26,7 +27,6 @@ from protocols.documents import (
     describe,
     read_text,
 )
-from protocols.errors import RecordError, UsageError
 from protocols.files import open_to_read
 from protocols.machine import Machine
 

@@ -7,10 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from calib.errors import NotIdentifiable
+from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.observations import FloatArray, Observations
 from calib.tripod.pipeline import carriage_movement
-from protocols.errors import RecordError, UsageError
 from protocols.events import Reading
 from protocols.procedure import leg_number
 from protocols.session import Session

@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from calib.errors import UnreachablePosture
+from calib.errors import RecordError, UnreachablePosture, UsageError
 from calib.observations import LEG_NAMES, TOOL
 from calib.tripod.geometry import Geometry
 from calib.tripod.kinematics import inverse
@@ -28,7 +28,6 @@ from protocols.documents import (
     read_text,
     read_toml,
 )
-from protocols.errors import RecordError, UsageError
 
 Leg = Literal["x", "y", "z"]
 Touched = Literal["x", "y", "z", "tool"]

@@ -17,8 +17,8 @@ from typing import Literal
 
 from pydantic import ValidationError
 
+from calib.errors import RecordError
 from protocols.documents import describe
-from protocols.errors import RecordError
 from protocols.events import (
     EVENT,
     FIRST_DIGEST,

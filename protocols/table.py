@@ -13,10 +13,10 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import ValidationError
 
+from calib.errors import RecordError
 from calib.printable import printable
 from calib.tripod.geometry import Geometry
 from protocols.documents import describe, read_text
-from protocols.errors import RecordError
 from protocols.events import Reading
 from protocols.procedure import Leg, default_mount, may_stand
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from app.commands.options import Protocol, Seed, say
+from calib.errors import CalibrationError
 
 if TYPE_CHECKING:  # heavy: imported where used
     from collections.abc import Callable
@@ -71,7 +72,6 @@ def run_headless(plan: Plan, say: Callable[[str], None]) -> tuple[SessionSolutio
     """Measure, identify, export, measure again; the two solutions to compare."""
     from app.exports import export_offsets
     from app.measuring.demo import verification_plan
-    from calib.errors import CalibrationError
 
     before = _measured(plan, say)
     folder = plan.path.with_suffix("")

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from app.commands.options import AsJson, say
+from calib.errors import UsageError
 from protocols.machine_files import USUAL_MACHINE, machine_names
 
 
@@ -56,8 +57,6 @@ def diagnose(
     as_json: AsJson = False,
 ) -> None:
     """Where simulation and measurement disagree, the missing effect, the gap before and after."""
-    from protocols.errors import UsageError
-
     if aliases:
         _show_aliases(procedure, machine, as_json=as_json)
         return

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from app.commands.options import Method, MethodName, Output, SubsetName, say
+from calib.errors import UsageError
 
 
 class Format(StrEnum):
@@ -40,7 +41,6 @@ def export(
     from app.exports.linuxcnc import read_home_offsets
     from app.report.offsets import offsets_from_file, with_home_offset
     from app.report.text.caveats import UNKNOWN_HOME_OFFSET
-    from protocols.errors import UsageError
     from protocols.files import write_files
 
     if home_offset is not None and ini:
@@ -60,7 +60,6 @@ def export(
 
 def _triple(text: str) -> tuple[float, float, float]:
     from app.exports.linuxcnc import LARGEST_MM
-    from protocols.errors import UsageError
     from protocols.table import NUMBER
 
     parts = text.split(",")

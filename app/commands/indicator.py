@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from app.commands.options import AsJson, Channel, ProfileName, Unit, say
+from calib.errors import IndicatorError
 
 indicator_verbs = typer.Typer(help="One indicator outside any session.", no_args_is_help=True)
 
@@ -28,7 +29,6 @@ def read(
     from app.report.schema.document import to_json
     from app.report.schema.readings import outcome_report
     from app.report.text.indicator import outcome_text
-    from drivers.errors import IndicatorError
     from drivers.line import IndicatorLine
     from drivers.profile import Fault, Verified
     from drivers.profiles import profile_named

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from app.commands.options import AsJson, say
+from calib.errors import UsageError
 
 
 def model(
@@ -21,7 +22,6 @@ def model(
     """Parameters, effects and history of a model; effects can be removed again."""
     from app.evaluating.adoption import remove as take_out
     from app.report.text.model import model_text
-    from protocols.errors import UsageError
     from protocols.model_file import read_model_file
 
     if remove and not why:

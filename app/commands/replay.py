@@ -13,6 +13,7 @@ import typer
 from app.commands.options import AsJson, Sessions, say
 from app.exit_codes import Exit
 from app.report.streams import need_terminal
+from calib.errors import UsageError
 
 
 def replay(
@@ -36,7 +37,6 @@ def replay(
     from app.report.schema.document import to_json
     from app.report.schema.readings import ReplayReport
     from app.report.text.session import replay_text
-    from protocols.errors import UsageError
     from protocols.record import read_record
     from protocols.session import fold
 

@@ -10,6 +10,7 @@ import typer
 
 from app.commands.options import Machine, Protocol, Seed, finite, say
 from app.report.streams import need_terminal
+from calib.errors import UsageError
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.measuring.opening import Plan
@@ -98,7 +99,6 @@ def _measure(plan: Plan, *, continued: bool, headless: bool) -> None:
     """On the screen, or unattended for a simulated machine."""
     from app.measuring.demo import measure_all
     from app.measuring.opening import continue_session, start_session
-    from protocols.errors import UsageError
     from protocols.journal import check_new
 
     if not continued:

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from app.commands.options import Sessions, say
+from calib.errors import UsageError
 
 DEFAULT_PORT = 8765
 
@@ -18,7 +19,6 @@ def serve(
     ] = DEFAULT_PORT,
 ) -> None:
     """Recorded sessions in a browser of this computer, to look at only; Ctrl-C ends it."""
-    from protocols.errors import UsageError
     from protocols.record import read_record
 
     for path in sessions:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from app.commands.options import Channel, figure, say
+from calib.errors import UsageError
 
 
 def simulate_indicator(
@@ -28,7 +29,6 @@ def simulate_indicator(
     from drivers.profiles import profile_named
     from drivers.twin_port import TwinPort, default_transport
     from drivers.twins import faults_of, twin_of
-    from protocols.errors import UsageError
 
     known = profile_named(profile)
     names = faults_of(known)

@@ -6,6 +6,7 @@ import typer
 
 from app.commands.options import Sessions, say
 from app.exit_codes import Exit, exit_code
+from calib.errors import GlidecalError
 
 
 def validate(sessions: Sessions) -> None:
@@ -15,7 +16,6 @@ def validate(sessions: Sessions) -> None:
     """
     from app.evaluating.solution import end_warning
     from app.measuring.value_check import check_values
-    from calib.errors import GlidecalError
     from protocols.record import read_record
     from protocols.session import fold
 

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from app.evaluating.solution import SessionSolution, indicator_figures
+from calib.errors import UsageError
 from calib.identify.accuracy import Decision, ToolMap, decide, tool_map
 from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identify
 from calib.identify.subset_choice import left_after
-from protocols.errors import UsageError
 
 PLANES = ((0, 1), (1, 2), (0, 2))
 POINTS = 5

@@ -9,8 +9,8 @@ from typing import TypeGuard
 
 from app.evaluating.diagnosis import SessionDiagnosis
 from calib.diagnosis.results import Contender, Finding
+from calib.errors import UsageError
 from calib.tripod.effects.empirical import EMPIRICAL
-from protocols.errors import UsageError
 from protocols.files import write_files
 from protocols.model_file import (
     EffectEntry,

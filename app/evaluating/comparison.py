@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.evaluating.solution import SessionSolution, end_warning, solve_sessions
-from calib.errors import CalibrationError
+from calib.errors import CalibrationError, RecordError
 from calib.identify.solution import Solution
-from protocols.errors import RecordError
 from protocols.record import Record, read_record
 from protocols.session import fold
 

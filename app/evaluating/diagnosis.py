@@ -11,10 +11,9 @@ from app.evaluating.solution import indicator_figures, load_sessions
 from calib.diagnosis.cleaning import Case
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.results import Diagnosis
-from calib.errors import NotIdentifiable
+from calib.errors import NotIdentifiable, UsageError
 from calib.tripod.effects.effect import Law
 from calib.tripod.pipeline import Model
-from protocols.errors import UsageError
 from protocols.model_file import read_model
 from protocols.observations import to_observations
 from protocols.session import Session

@@ -10,12 +10,11 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TypeVar, cast
 
-from calib.errors import GlidecalError
+from calib.errors import GlidecalError, RecordError
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.contract import fault_of
 from calib.tripod.effects.effect import Law
 from protocols.documents import MOST_WRITTEN_BYTES, read_text
-from protocols.errors import RecordError
 
 FOLDER_VARIABLE = "GLIDECAL_EFFECTS"
 """Environment variable that names another folder of effects."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from calib.errors import NotIdentifiable
+from calib.errors import NotIdentifiable, RecordError
 from calib.identify.accuracy import ToolError
 from calib.identify.solution import Method, Solution, Subset, Weights
 from calib.identify.subset_choice import SubsetChoice, choose_subset
@@ -15,7 +15,6 @@ from calib.noise.standing_out import LoudIndicator, lost_rows, loud_indicators
 from calib.observations import Observations
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
-from protocols.errors import RecordError
 from protocols.events import Reading
 from protocols.observations import to_observations
 from protocols.record import Record, read_record

@@ -14,9 +14,9 @@ from textwrap import wrap
 
 from app.report.offsets import Offsets, Uncertainty, one_line
 from app.report.text.tables import WIDTH, uncertain
+from calib.errors import RecordError, UsageError
 from calib.observations import LEG_NAMES
 from protocols.documents import read_text
-from protocols.errors import RecordError, UsageError
 from protocols.files import Written
 from protocols.table import NUMBER
 

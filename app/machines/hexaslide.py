@@ -43,7 +43,7 @@ def _with_procedure(request: Request) -> Request:
     if request.procedure:
         return request
     if not request.measured:
-        from protocols.errors import UsageError
+        from calib.errors import UsageError
 
         raise UsageError(
             "--procedure", "none", "the name of a procedure", "For hexaslide --measured also does."
@@ -74,7 +74,7 @@ def simulate(asked: Simulation, say: Say) -> None:
     """Measured postures into a file."""
     from app.planning.hexaslide_calibration import Asked, write_simulated
     from app.report.text.hexaslide_calibration import simulated_text
-    from protocols.errors import UsageError
+    from calib.errors import UsageError
 
     postures = asked.posture_file or asked.postures
     if asked.procedure is None or postures is None or (asked.posture_file and asked.postures):
@@ -104,7 +104,7 @@ def solve(asked: Solving, _say: Say) -> Answer:
     from app.planning.hexaslide_calibration import calibrate_file
     from app.report.schema.hexaslide import CalibrationReport
     from app.report.text.hexaslide_calibration import calibration_text
-    from protocols.errors import UsageError
+    from calib.errors import UsageError
 
     if len(asked.files) != 1:
         raise UsageError(FAMILY.measured, f"{len(asked.files)} files", "one file")

@@ -23,7 +23,7 @@ def family_of(name: str) -> Family:
             return family
     path = Path(name)
     if path.name == name and not path.suffix and not path.exists():
-        from protocols.errors import UsageError
+        from calib.errors import UsageError
 
         listed = ", ".join(sorted(NAMES))
         raise UsageError("machine", repr(name), f"{listed}, or the path of a machine file")
@@ -35,7 +35,7 @@ def family_of_files(name: str | None, files: Sequence[Path]) -> Family:
     if name is None:
         return next((one for one in FAMILIES if any(map(one.reads, files))), FAMILIES[0])
     if name not in NAMES:
-        from protocols.errors import UsageError
+        from calib.errors import UsageError
 
         raise UsageError("--machine", repr(name), f"{', '.join(NAMES)}, or none: by the file")
     return family_of(name)
@@ -58,7 +58,7 @@ def refuse_foreign(
         foreign = other.own.get(verb, frozenset()) - family.own.get(verb, frozenset())
         wrong = [one for one in given if one.name in foreign]
         if wrong and other is not family:
-            from protocols.errors import UsageError
+            from calib.errors import UsageError
 
             names = [
                 (one.opts if context.params[one.name or ""] is not False else one.secondary_opts)[0]

@@ -34,7 +34,7 @@ def postures(name: str, request: Request, search: Search, say: Say) -> Answer:
     from app.report.text.planning import postures_text
     from calib.design.criteria import Criterion
     from calib.design.optimum import optimum_postures
-    from protocols.errors import UsageError
+    from calib.errors import UsageError
 
     if search.count is None:
         raise UsageError("--count", "none", "how many postures to choose")
@@ -61,8 +61,8 @@ def simulate(asked: Simulation, say: Say) -> None:
     from app.evaluating.own_effects import known_laws
     from app.measuring.hidden_effect import hidden_effect
     from app.measuring.simulated import planned_readings, simulated_session
+    from calib.errors import UsageError
     from calib.tripod.pipeline import Model
-    from protocols.errors import UsageError
     from protocols.journal import write_whole
     from protocols.machine import load_machine
     from protocols.model_file import read_model

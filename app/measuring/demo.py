@@ -14,8 +14,8 @@ from app.measuring.indicators import DEFAULT_PROFILE, simulated_indicators
 from app.measuring.opening import Plan, session_name
 from app.measuring.session import GuidedSession, TakenStep
 from app.measuring.simulated import BenchSettings, planned_readings
+from calib.errors import IndicatorError
 from calib.tripod.simulation import hidden_machine
-from drivers.errors import IndicatorError
 from protocols.files import unused_path
 from protocols.machine import Machine, load_machine
 from protocols.procedure import load_procedure

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from calib.errors import UsageError
 from calib.observations import TOOL, Conditions
 from calib.tripod.effects.candidates import candidates
 from calib.tripod.effects.effect import EffectInstance, Law
 from calib.tripod.effects.hidden import hidden_among
 from calib.tripod.pipeline import Model
-from protocols.errors import UsageError
 
 
 def hidden_effect(

@@ -11,12 +11,11 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from calib.errors import GlidecalError
+from calib.errors import GlidecalError, UsageError
 from drivers.port import check_port
 from drivers.profile import Asked, Profile, Unit
 from drivers.profiles import profile_named
 from drivers.profiles.ascii_line import ascii_line
-from protocols.errors import UsageError
 from protocols.machine import Instrument, Machine
 from protocols.procedure import ALL_AXES, axes_on_leg
 

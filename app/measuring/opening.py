@@ -22,10 +22,9 @@ from app.measuring.indicators import (
 from app.measuring.session import GuidedSession
 from app.measuring.simulated import BenchSettings, SimulatedBench
 from app.version import program
-from calib.errors import GlidecalError
+from calib.errors import GlidecalError, RecordError, UsageError
 from calib.tripod.simulation import hidden_machine
 from drivers.twin_port import Transport, default_transport
-from protocols.errors import RecordError, UsageError
 from protocols.events import Opened
 from protocols.files import unused_path
 from protocols.journal import Journal

@@ -13,9 +13,9 @@ from statistics import median
 from app.evaluating.solution import end_warning
 from app.measuring.gauges import HISTORY, Live, Motion
 from app.measuring.playback_frames import SHORTEST_S, Frame, frames_of
+from calib.errors import UsageError
 from drivers.profile import Fault, FaultKind
 from drivers.profile import Reading as IndicatorReading
-from protocols.errors import UsageError
 from protocols.events import Closed, Event, Faulted, Mounted, Noted, Reading, Skipped
 from protocols.procedure import Leg, Step
 from protocols.record import Record

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 from app.measuring.indicators import SIMULATED
 from app.version import program
+from calib.errors import RecordError
 from calib.observations import Observations, conditions
 from calib.tripod.pipeline import Effect, Model, measure
 from calib.tripod.simulation import SimulatedMachine
 from drivers.profile import LARGEST_MM, Profile
 from drivers.rig import SimulatedRig
 from drivers.twin_port import Transport
-from protocols.errors import RecordError
 from protocols.events import Opened, Reading
 from protocols.machine import Instrument, Machine
 from protocols.observations import to_observations

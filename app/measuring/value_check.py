@@ -7,10 +7,9 @@ from functools import partial
 from itertools import takewhile
 
 from app.measuring.indicators import SIMULATED, asked_of, profile_of
-from calib.errors import GlidecalError
+from calib.errors import GlidecalError, RecordError
 from drivers.profile import Asked, Profile
 from drivers.profile import Reading as IndicatorReading
-from protocols.errors import RecordError
 from protocols.events import Continued, Event, Reading
 from protocols.machine import Instrument
 from protocols.record import Record

@@ -6,13 +6,12 @@ from pathlib import Path
 
 from app.planning.request import Request
 from calib.design.criteria import Criterion
-from calib.errors import CalibrationError
+from calib.errors import CalibrationError, RecordError, UsageError
 from calib.hexaslide.geometry import COORDINATES, HexaSlide
 from calib.hexaslide.procedures import Kind, Procedure
 from calib.hexaslide.search import BoxedPostures, boxed_postures, postures_as_given
 from calib.hexaslide.seen import HexaSlidePlanning
 from calib.observations import FloatArray
-from protocols.errors import RecordError, UsageError
 from protocols.files import write_files
 from protocols.hexaslide_machine import HexaSlideMachine, load_hexaslide
 from protocols.hexaslide_postures import load_postures

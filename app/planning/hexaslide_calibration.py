@@ -7,12 +7,12 @@ from pathlib import Path
 
 from app.planning.hexaslide import inside_box, procedure_on
 from app.version import program
+from calib.errors import RecordError, UsageError
 from calib.hexaslide.checked import Checked, checked_calibration
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.residuals import measured_names
 from calib.hexaslide.simulation import simulate
 from calib.observations import FloatArray
-from protocols.errors import RecordError, UsageError
 from protocols.files import write_files
 from protocols.hexaslide_machine import load_hexaslide
 from protocols.hexaslide_measurements import (

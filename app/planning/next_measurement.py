@@ -9,9 +9,9 @@ from pathlib import Path
 from app.evaluating.own_effects import known_laws
 from app.evaluating.solution import indicator_figures, load_sessions
 from app.planning.tripod import stated_noise
+from calib.errors import UsageError
 from calib.identify.next_mounting import Proposal, next_mountings
 from calib.tripod.pipeline import Model
-from protocols.errors import UsageError
 from protocols.machine import Machine, load_machine
 from protocols.model_file import read_model
 from protocols.observations import to_observations

@@ -9,10 +9,10 @@ from pathlib import Path
 from app.evaluating.own_effects import known_laws
 from app.evaluating.solution import SessionSolution, solve_files
 from app.report.text.caveats import caveats
+from calib.errors import RecordError
 from calib.identify.solution import LACK_OF_FIT_LEVEL, Method, Solution, Subset
 from calib.printable import printable
 from calib.tripod.geometry import PARAMETER_NAMES
-from protocols.errors import RecordError
 from protocols.machine import Machine
 from protocols.model_file import is_model, read_model_file, to_model
 

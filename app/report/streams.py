@@ -6,6 +6,7 @@ import io
 import sys
 from typing import TextIO
 
+from calib.errors import UsageError
 from calib.printable import printable
 
 LAYOUT = "\n\t"
@@ -59,7 +60,5 @@ def guard_standard_streams() -> None:
 
 def need_terminal(what: str, instead: str) -> None:
     """Raises UsageError where there is no terminal to show a screen on."""
-    from protocols.errors import UsageError
-
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UsageError(what, "no terminal", f"a terminal, or {instead}")

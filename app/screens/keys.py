@@ -16,8 +16,8 @@ from textual.screen import Screen
 from textual.theme import BUILTIN_THEMES
 
 from app.settings import WHAT, Settings, read_settings
+from calib.errors import RecordError
 from protocols.documents import line_of, read_text
-from protocols.errors import RecordError
 
 MODIFIERS = ("ctrl", "shift", "alt", "super", "hyper", "meta")
 NAMED_KEYS = frozenset(key.value for key in Keys) | {"space", "comma"}

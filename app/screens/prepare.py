@@ -26,8 +26,7 @@ from app.report.text.session import dry_run_text, procedure_sentence
 from app.screens.dry_run import DryRunScreen
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
-from calib.errors import GlidecalError
-from protocols.errors import UsageError
+from calib.errors import GlidecalError, UsageError
 from protocols.machine import Instrument, Machine, load_machine
 from protocols.procedure import Procedure, leg_procedure_names, load_procedure, shuffled
 from protocols.table import NUMBER

@@ -29,7 +29,7 @@ from textual_serve.app_service import AppService
 from textual_serve.download_manager import DownloadManager
 from textual_serve.server import Server, to_int
 
-from protocols.errors import UsageError
+from calib.errors import UsageError
 
 HOST = "127.0.0.1"
 CLOSING_S = 3.0

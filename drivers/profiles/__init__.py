@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.errors import IndicatorError
+from calib.errors import IndicatorError
 from drivers.profile import Profile
 from drivers.profiles.ascii_line import ASCII_LINE
 from drivers.profiles.cdi import CDI

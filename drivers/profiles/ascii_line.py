@@ -13,7 +13,7 @@ from itertools import product
 
 import re2
 
-from drivers.errors import IndicatorError
+from calib.errors import IndicatorError
 from drivers.profile import (
     Asked,
     BadReply,

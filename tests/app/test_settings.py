@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from app.settings import Settings, read_settings, save_theme, settings_path, with_theme
-from protocols.errors import RecordError
+from calib.errors import RecordError
 from tests.app.cli import glidecal, refused
 
 OWN = """\

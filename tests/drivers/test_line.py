@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import pytest
 
-from drivers.errors import IndicatorError
+from calib.errors import IndicatorError
 from drivers.line import IndicatorLine
 from drivers.port import open_port
 from drivers.profile import Fault, FaultKind, Outcome, Profile, Reading, Spindle

@@ -13,8 +13,8 @@ from unittest import mock
 
 import pytest
 
+from calib.errors import RecordError
 from protocols import files
-from protocols.errors import RecordError
 from protocols.events import Line, Noted, Reading
 from protocols.journal import Journal
 from protocols.record import read_record

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from calib.errors import RecordError
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
-from protocols.errors import RecordError
 from protocols.machine import Machine, load_machine
 from protocols.model_file import model_to_json, read_model
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from calib.errors import RecordError
 from protocols import files
-from protocols.errors import RecordError
 from protocols.events import Line, Noted, Opened, Reading, Restored, Superseded
 from protocols.journal import Journal, write_whole
 from protocols.machine import Machine
@@ -410,9 +410,9 @@ def test_real_file_size_limit(path: Path) -> None:
     script = f"""
 import resource, signal, sys
 from pathlib import Path
+from calib.errors import RecordError
 from protocols.journal import Journal
 from protocols.record import read_record
-from protocols.errors import RecordError
 from tests.protocols.test_journal import opened, reading
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (1500, 1500))

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from calib.errors import RecordError, UsageError
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.actuators import ActuatorCyclic
 from calib.tripod.effects.candidates import candidates
 from calib.tripod.effects.effect import EffectInstance, Law
 from calib.tripod.effects.empirical import Empirical
 from calib.tripod.pipeline import Flow, Model, Stage
-from protocols.errors import RecordError, UsageError
 from protocols.machine import Machine
 from protocols.model_file import (
     EffectEntry,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib.errors import NotIdentifiable
-from protocols.errors import UsageError
+from calib.errors import NotIdentifiable, UsageError
 from protocols.events import Opened, Reading, Superseded
 from protocols.machine import Machine
 from protocols.observations import to_observations

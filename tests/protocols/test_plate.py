@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from protocols.errors import RecordError, UsageError
+from calib.errors import RecordError, UsageError
 from protocols.events import Opened, Reading
 from protocols.machine import Machine, load_machine
 from protocols.observations import to_observations

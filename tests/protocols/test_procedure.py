@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
+from calib.errors import RecordError, UsageError
 from calib.tripod.geometry import Geometry
-from protocols.errors import RecordError, UsageError
 from protocols.procedure import Procedure, leg_procedure_names, load_procedure
 
 FILE = """

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from calib.errors import RecordError
 from calib.tripod.geometry import Geometry
-from protocols.errors import RecordError
 from protocols.events import Reading
 from protocols.table import read_table
 

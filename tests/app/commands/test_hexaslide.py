@@ -16,9 +16,9 @@ from app.planning.hexaslide import hexaslide_planning
 from app.planning.request import Request
 from app.report.schema.hexaslide import HexaSlideIdentifiabilityReport, PaperRules
 from app.report.text.hexaslide import seen_text
+from calib.errors import RecordError
 from calib.hexaslide.procedures import Procedure, held_postures, jacobian
 from calib.hexaslide.seen import HexaSlideSeen, hexaslide_seen
-from protocols.errors import RecordError
 from protocols.hexaslide_machine import load_hexaslide
 from protocols.hexaslide_postures import load_postures
 from tests.app.cli import glidecal, refused

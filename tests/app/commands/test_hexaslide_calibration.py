@@ -17,9 +17,8 @@ from app.exit_codes import exit_code
 from app.planning.hexaslide_calibration import Asked, calibrate_file, write_simulated
 from app.report.schema.hexaslide import CalibrationReport
 from app.report.text.hexaslide_calibration import calibration_text
-from calib.errors import GlidecalError, NotIdentifiable
+from calib.errors import GlidecalError, NotIdentifiable, RecordError, UsageError
 from calib.hexaslide.kinematics import forward
-from protocols.errors import RecordError, UsageError
 from protocols.hexaslide_files import is_measurements
 from protocols.hexaslide_machine import load_hexaslide
 from protocols.hexaslide_measurements import read_measurements, read_truth

@@ -13,9 +13,8 @@ from app.planning.request import Request
 from app.report.schema.hexaslide import HexaSlidePosturesReport
 from app.report.text.hexaslide import PUBLISHED_WORDS, boxed_text
 from calib.design.criteria import Criterion
-from calib.errors import NotIdentifiable
+from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.hexaslide.procedures import Procedure, jacobian
-from protocols.errors import RecordError, UsageError
 from protocols.hexaslide_machine import load_hexaslide
 from protocols.hexaslide_postures import load_postures
 from tests.app.cli import glidecal, refused

@@ -11,8 +11,7 @@ import pytest
 
 from app.evaluating.comparison import compare_files, partner_of
 from app.report.schema.solution import ComparisonReport
-from calib.errors import CalibrationError
-from protocols.errors import RecordError
+from calib.errors import CalibrationError, RecordError
 from tests.app.cli import glidecal, refused
 
 # papers/000, twelve differences of experiments 2 and 3 in mm, in the order of the tables

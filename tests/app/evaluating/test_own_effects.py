@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from app.evaluating.own_effects import effects_folder, known_laws
+from calib.errors import RecordError
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import candidates
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model
-from protocols.errors import RecordError
 from protocols.machine import Machine
 from protocols.model_file import model_to_json, read_model
 from tests.app.cli import glidecal, refused

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from protocols.errors import RecordError
+from calib.errors import RecordError
 from protocols.files import write_files
 from protocols.table import csv_text
 from tests.app.cli import glidecal, refused

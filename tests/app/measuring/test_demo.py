@@ -14,12 +14,12 @@ from app.measuring.demo import demo_plan, measure_all, verification_plan, with_h
 from app.measuring.hidden_effect import hidden_effect
 from app.measuring.opening import Plan, start_session
 from app.measuring.simulated import BenchSettings, planned_readings
+from calib.errors import UsageError
 from calib.observations import Observations
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import derivatives
 from calib.tripod.simulation import hidden_machine
-from protocols.errors import UsageError
 from protocols.machine import load_machine
 from protocols.observations import to_observations
 from protocols.procedure import load_procedure

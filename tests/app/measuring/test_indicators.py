@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from app.measuring.indicators import check_indicators, parse_indicator
-from protocols.errors import UsageError
+from calib.errors import UsageError
 from protocols.machine import Instrument
 from protocols.procedure import axes_on_leg
 from tests.app.cli import glidecal, refused

@@ -14,8 +14,8 @@ from app.measuring.gauges import Motion
 from app.measuring.playback import SPEEDS, Playback, State
 from app.measuring.playback_frames import BREAK_S, SHORTEST_S, frames_of
 from app.report.text.replay import reading_lines, said_text
+from calib.errors import RecordError, UsageError
 from drivers.profile import Fault, FaultKind, Reading
-from protocols.errors import RecordError, UsageError
 from protocols.events import Event
 from protocols.events import Reading as Recorded
 from protocols.record import Record, read_record

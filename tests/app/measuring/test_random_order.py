@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from protocols.errors import UsageError
+from calib.errors import UsageError
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure, shuffled
 from tests.app.cli import glidecal, refused

@@ -16,10 +16,9 @@ from app.screens.check import CheckScreen
 from app.screens.dialogs import TextDialog
 from app.screens.home import HomeScreen
 from app.screens.start import Glidecal
-from drivers.errors import IndicatorError
+from calib.errors import IndicatorError, UsageError
 from drivers.port import open_port
 from drivers.profiles import profile_named
-from protocols.errors import UsageError
 from protocols.journal import Journal
 from protocols.machine import Instrument
 from tests.app.cli import refused

@@ -11,7 +11,7 @@ from app.measuring.demo import demo_plan
 from app.measuring.opening import begin, open_indicators
 from app.measuring.simulated import BenchSettings
 from app.measuring.value_check import check_values
-from protocols.errors import RecordError
+from calib.errors import RecordError
 from protocols.events import Continued, Reading
 from protocols.journal import Journal
 from protocols.record import Record, check_record, read_record

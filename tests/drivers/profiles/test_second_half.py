@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.errors import IndicatorError
+from calib.errors import IndicatorError
 from drivers.profile import Asked, Fault, FaultKind, Outcome, Profile, Reading, Spindle, Unit
 from drivers.profiles.ascii_line import ASCII_LINE, ascii_line
 from drivers.profiles.cdi import CDI

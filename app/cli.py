@@ -9,27 +9,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands import (
-    compare,
-    demo,
-    diagnose,
-    export,
-    identifiability,
-    import_table,
-    indicator,
-    model,
-    plan,
-    ports,
-    postures,
-    replay,
-    run,
-    serve,
-    settings,
-    simulate,
-    simulate_indicator,
-    solve,
-    validate,
-)
+from app.commands import diagnose, indicators, planning, records, results, sessions
 from app.exit_codes import Exit, exit_code
 from app.report.streams import guard_standard_streams
 from app.version import VERSION
@@ -69,25 +49,37 @@ def home(
         raise typer.Exit(open_interface())
 
 
-cli.command("demo")(demo.demo)
-cli.command("run")(run.run)
-cli.command("import")(import_table.import_table)
-cli.command("replay")(replay.replay)
-cli.command("serve")(serve.serve)
-cli.command("solve")(solve.solve)
+def settings() -> None:
+    """The settings file, its present values, and every key with its id."""
+    from app.report.text.settings import settings_text
+    from app.screens.keys import known_keys, settings_for_screens
+    from app.settings import settings_path
+
+    path = settings_path()
+    present = settings_for_screens(path)
+    rows = [(known.key_id, known.keys, known.words) for known in known_keys().values()]
+    typer.echo(settings_text(path, path.exists(), present, rows))
+
+
+cli.command("demo")(sessions.demo)
+cli.command("run")(sessions.run)
+cli.command("import")(records.import_table)
+cli.command("replay")(records.replay)
+cli.command("serve")(records.serve)
+cli.command("solve")(results.solve)
 cli.command("diagnose")(diagnose.diagnose)
-cli.command("model")(model.model)
-cli.command("compare")(compare.compare)
-cli.command("simulate")(simulate.simulate)
-cli.command("plan")(plan.plan)
-cli.command("identifiability")(identifiability.identifiability)
-cli.command("postures")(postures.postures)
-cli.command("export")(export.export)
-cli.command("validate")(validate.validate)
-cli.command("ports")(ports.ports)
-cli.command("settings")(settings.settings)
-cli.add_typer(indicator.indicator_verbs, name="indicator")
-cli.command("simulate-indicator")(simulate_indicator.simulate_indicator)
+cli.command("model")(diagnose.model)
+cli.command("compare")(results.compare)
+cli.command("simulate")(sessions.simulate)
+cli.command("plan")(planning.plan)
+cli.command("identifiability")(planning.identifiability)
+cli.command("postures")(planning.postures)
+cli.command("export")(results.export)
+cli.command("validate")(records.validate)
+cli.command("ports")(indicators.ports)
+cli.command("settings")(settings)
+cli.add_typer(indicators.indicator_verbs, name="indicator")
+cli.command("simulate-indicator")(indicators.simulate_indicator)
 
 
 def main() -> None:

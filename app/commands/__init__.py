@@ -1,4 +1,4 @@
-"""One file a verb: parse, call, print. Heavy imports stand inside the functions.
+"""Verbs, together where they share options: parse, call, print. Heavy imports stand in functions.
 
 May import every room of app.
 """

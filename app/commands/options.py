@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from typer.models import OptionInfo
@@ -13,82 +12,11 @@ from typer.models import OptionInfo
 from protocols.machine_files import USUAL_MACHINE, machine_names
 
 
-class SubsetName(StrEnum):
-    """Which parameters to identify."""
-
-    JOINT_OFFSETS = "joint-offsets"
-    LEG_LENGTHS = "leg-lengths"
-    BOTH = "both"
-    WITH_TOLERANCES = "with-tolerances"
-
-
-class MethodName(StrEnum):
-    """How to identify."""
-
-    LINEAR = "linear"
-    EXACT = "exact"
-
-
-class WeightsName(StrEnum):
-    """Weighting of the linear method."""
-
-    EQUAL = "equal"
-    COVARIANCE = "covariance"
-
-
-# readable=False: our own message and exit status for a file without permission
-Sessions = Annotated[
-    list[Path], typer.Argument(help="Session files.", show_default=False, readable=False)
-]
-OneSession = Annotated[
-    Path, typer.Argument(help="Session file.", show_default=False, readable=False)
-]
-Output = Annotated[
-    Path,
-    typer.Option("--output", "-o", help="File to write.", show_default=False, readable=False),
-]
-Machine = Annotated[
-    str | None,
-    typer.Option(
-        "--machine",
-        help=f"{', '.join(machine_names())}, or a machine file (TOML).",
-        show_default=USUAL_MACHINE,
-    ),
-]
-Protocol = Annotated[
-    str | None,
-    typer.Option(
-        "--protocol",
-        help="Procedure by name, or a .toml file of your own.",
-        show_default="the machine's",
-    ),
-]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of the simulation.")]
-AsJson = Annotated[bool, typer.Option("--json", help="One JSON document on standard output.")]
-ProfileName = Annotated[str, typer.Option("--profile", help="Indicator profile.")]
-Unit = Annotated[str, typer.Option("--unit", help="Unit of the display: mm, inch or µm.")]
-Channel = Annotated[int, typer.Option("--channel", min=1, max=99, help="Input of an interface.")]
-Subset = Annotated[
-    SubsetName | None,
-    typer.Option("--subset", help="Parameters to identify; default: the recommended set."),
-]
-Method = Annotated[
-    MethodName,
-    typer.Option("--method", help="linear: system (11); exact: nonlinear, raw readings."),
-]
-
-
 def finite(value: float | None) -> float | None:
     """Refuse NaN, which no range excludes, and infinity."""
     if value is not None and not math.isfinite(value):
         raise typer.BadParameter("a finite number is needed")
     return value
-
-
-def figure(help_text: str) -> OptionInfo:
-    """An option for a small length of an indicator, mm."""
-    option: OptionInfo = typer.Option(help=help_text, min=0.0, max=10.0, callback=_no_trace)
-    return option
 
 
 def _no_trace(value_mm: float | None) -> float | None:
@@ -100,9 +28,34 @@ def _no_trace(value_mm: float | None) -> float | None:
     return finite(value_mm)
 
 
-def parts(listed: str) -> tuple[str, ...]:
+def figure(help_text: str) -> OptionInfo:
+    """An option for a small length of an indicator, mm."""
+    option: OptionInfo = typer.Option(help=help_text, min=0.0, max=10.0, callback=_no_trace)
+    return option
+
+
+def number(help_text: str, least: float | None = None, most: float | None = None) -> OptionInfo:
+    """An option for a finite number."""
+    option: OptionInfo = typer.Option(help=help_text, min=least, max=most, callback=finite)
+    return option
+
+
+def file(help_text: str, *names: str, default: str | bool = True) -> OptionInfo:
+    """An option for a file; ``default`` as in typer's ``show_default``."""
+    # readable=False: our own message and exit status for a file without permission
+    option: OptionInfo = typer.Option(*names, help=help_text, show_default=default, readable=False)
+    return option
+
+
+def machine_option(help_text: str) -> OptionInfo:
+    """An option for a machine, by name or file; without it the usual one is taken."""
+    option: OptionInfo = typer.Option(help=help_text, show_default=USUAL_MACHINE)
+    return option
+
+
+def parts(listed: str | None) -> tuple[str, ...]:
     """What stands between commas."""
-    return tuple(part.strip() for part in listed.split(",")) if listed.strip() else ()
+    return tuple(part.strip() for part in listed.split(",")) if listed and listed.strip() else ()
 
 
 def say(text: str) -> None:
@@ -110,6 +63,27 @@ def say(text: str) -> None:
     typer.echo(text, err=True)
 
 
+Sessions = Annotated[
+    list[Path], typer.Argument(help="Session files.", show_default=False, readable=False)
+]
+Output = Annotated[Path, file("File to write.", "--output", "-o", default=False)]
+Machine = Annotated[
+    str | None, machine_option(f"{', '.join(machine_names())}, or a machine file (TOML).")
+]
+Protocol = Annotated[
+    str | None,
+    typer.Option(
+        help="Procedure by name, or a .toml file of your own.", show_default="the machine's"
+    ),
+]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the simulation.")]
+AsJson = Annotated[bool, typer.Option("--json", help="One JSON document on standard output.")]
+Channel = Annotated[int, typer.Option(min=1, max=99, help="Input of an interface.")]
+SubsetName = Literal["joint-offsets", "leg-lengths", "both", "with-tolerances"]
+Method = Annotated[
+    Literal["linear", "exact"],
+    typer.Option(help="linear: system (11); exact: nonlinear, raw readings."),
+]
 Measured = Annotated[str, typer.Option(help="Hexa Slide: what is measured, such as x,y,z,theta.")]
 Known = Annotated[
     str | None,

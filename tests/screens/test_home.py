@@ -10,7 +10,7 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input, OptionList, Select
 
-from app.commands.demo import run_headless
+from app.commands.sessions import run_headless
 from app.exports import FILE_NAMES
 from app.screens.check import CheckScreen
 from app.screens.compare import CompareScreen

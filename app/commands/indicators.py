@@ -1,0 +1,137 @@
+"""``glidecal indicator``, ``ports`` and ``simulate-indicator``: indicators outside any session."""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated
+
+import typer
+
+from app.commands.options import AsJson, Channel, figure, number, say
+from calib.errors import IndicatorError, UsageError
+
+indicator_verbs = typer.Typer(help="One indicator outside any session.", no_args_is_help=True)
+
+ProfileName = Annotated[str, typer.Option(help="Indicator profile.")]
+Unit = Annotated[str, typer.Option(help="Unit of the display: mm, inch or µm.")]
+PortName = Annotated[str, typer.Argument(help="Port of the indicator.", show_default=False)]
+
+
+@indicator_verbs.command("read")
+def read(
+    port: PortName,
+    profile: ProfileName = "mitutoyo-01a",
+    watch: Annotated[bool, typer.Option("--watch", help="Go on until Ctrl-C.")] = False,
+    unit: Unit = "mm",
+    channel: Channel = 1,
+    as_json: AsJson = False,
+) -> None:
+    """One reading, or one after the other."""
+    from app.measuring.indicators import asked_for
+    from app.report.schema.document import to_json
+    from app.report.schema.readings import outcome_report
+    from app.report.text.indicator import outcome_text
+    from drivers.line import IndicatorLine
+    from drivers.profile import Fault, Verified
+    from drivers.profiles import profile_named
+
+    known = profile_named(profile)
+    if known.verified is Verified.UNVERIFIED:
+        say(f"glidecal: profile {known.name} is unverified: {known.source}")
+    line = IndicatorLine(known, port, asked=asked_for(unit, channel))
+    line.start()
+    try:
+        while True:
+            outcome = line.ask().result()
+            if as_json:
+                typer.echo(to_json(outcome_report(known.name, outcome)))
+            elif watch or not isinstance(outcome, Fault):
+                typer.echo(outcome_text(outcome))
+            if not watch:
+                break
+            time.sleep(known.interval_s)
+    finally:
+        line.close()
+    if isinstance(outcome, Fault):
+        thing = f"indicator on {port}"
+        raise IndicatorError(thing, f"{outcome.kind}: {outcome.words}", "", known.hint)
+
+
+@indicator_verbs.command("doctor")
+def doctor(
+    port: PortName,
+    profile: ProfileName = "mitutoyo-01a",
+    unit: Unit = "mm",
+    channel: Channel = 1,
+) -> None:
+    """Everything that can be wrong, each with the next thing to do."""
+    from app.exit_codes import Exit
+    from app.measuring.indicators import asked_for
+    from app.report.text.indicator import findings_text
+    from drivers.doctor import examine
+    from drivers.profiles import PROFILES, profile_named
+
+    known = profile_named(profile)
+    findings = examine(known, port, asked_for(unit, channel), PROFILES.values())
+    typer.echo(findings_text(findings))
+    raise typer.Exit(Exit.DONE if all(f.well for f in findings) else Exit.INDICATOR)
+
+
+def ports(as_json: AsJson = False) -> None:
+    """Serial ports of this computer and the indicator profiles that exist."""
+    from serial.tools import list_ports
+
+    from app.report.schema.document import to_json
+    from app.report.schema.readings import PortsReport
+    from drivers.profiles import PROFILES
+
+    found = PortsReport.of(
+        ports=tuple(sorted(list_ports.comports())), profiles=tuple(PROFILES.values())
+    )
+    if as_json:
+        typer.echo(to_json(found))
+        return
+    typer.echo("Serial ports:")
+    for one in found.ports:
+        typer.echo(f"  {one.port}  {one.description}  {one.hardware}")
+    if not found.ports:
+        typer.echo("  none; plug the indicator in and try again")
+    typer.echo("Indicator profiles:")
+    for profile in found.profiles:
+        typer.echo(f"  {profile.name}  {profile.title}  ({profile.verified})")
+
+
+def simulate_indicator(
+    profile: Annotated[str, typer.Argument(help="Indicator profile.", show_default=False)],
+    fault: Annotated[str | None, typer.Option(help="A fault to show; 'list' names them.")] = None,
+    tcp: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="Listen on this loopback TCP port; 0: any.")
+    ] = None,
+    resolution: Annotated[float, figure("Step of the display, mm.")] = 0.001,
+    channel: Channel = 1,
+    seconds: Annotated[float | None, number("Stop after this time.", 0.0, 1e6)] = None,
+) -> None:
+    """Open a port and answer as the device would, until Ctrl-C."""
+    from app.measuring.indicators import swinging
+    from drivers.profile import Spindle
+    from drivers.profiles import profile_named
+    from drivers.twin_port import TwinPort, default_transport
+    from drivers.twins import faults_of, twin_of
+
+    known = profile_named(profile)
+    names = faults_of(known)
+    if fault == "list":
+        typer.echo("\n".join(names))
+        return
+    if fault is not None and fault not in names:
+        raise UsageError("--fault", repr(fault), ", ".join(names))
+    if not resolution > 0.0:
+        raise UsageError("--resolution", f"{resolution:g}", "more than 0 mm")
+    transport = default_transport() if tcp is None else "tcp"
+    twin = twin_of(known, Spindle(swinging(), resolution, channel), fault)
+    with TwinPort(twin, transport, stream_s=known.stream_s, tcp_port=tcp or 0) as port:
+        typer.echo(port.url)
+        say(f"{known.title} listens there; Ctrl-C ends it.")
+        started = time.monotonic()
+        while seconds is None or time.monotonic() - started < seconds:
+            time.sleep(0.1)

@@ -1,0 +1,165 @@
+"""``glidecal import``, ``validate``, ``replay`` and ``serve``: records that are there already."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import threading
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from app.commands.options import AsJson, Machine, Output, Sessions, figure, say
+from app.exit_codes import Exit, exit_code
+from app.report.streams import need_terminal
+from calib.errors import GlidecalError, UsageError
+
+DEFAULT_PORT = 8765
+
+
+def import_table(
+    table: Annotated[
+        Path, typer.Argument(help="Table of readings (CSV).", show_default=False, readable=False)
+    ],
+    output: Output,
+    machine: Machine = None,
+    resolution: Annotated[float | None, figure("Resolution of the indicators, mm.")] = None,
+    repeatability: Annotated[
+        float | None, figure("Repeatability of the indicators (standard deviation), mm.")
+    ] = None,
+    remark: Annotated[
+        list[str] | None, typer.Option(help="A remark for the record; may be repeated.")
+    ] = None,
+) -> None:
+    """A session from a table of readings."""
+    from app.version import program
+    from protocols.events import Opened
+    from protocols.journal import write_whole
+    from protocols.machine import Instrument, load_machine
+    from protocols.table import read_table, within_limits
+
+    known = load_machine(machine)
+    readings, unknown = read_table(table, known.geometry())
+    opened = Opened(
+        program=program(),
+        origin="imported",
+        machine=known,
+        instruments=(
+            Instrument(
+                profile="table",
+                port=table.name,
+                resolution_mm=resolution,
+                repeatability_mm=repeatability,
+            ),
+        ),
+        remarks=tuple(remark or ()),
+    )
+    write_whole(output, opened, list(readings))
+    if unknown:
+        say(f"glidecal: columns kept but not used: {', '.join(unknown)}")
+    outside = sum(not within_limits(reading, known.geometry()) for reading in readings)
+    if outside:
+        say(f"glidecal: {outside} readings lie outside the joint limits of the machine file")
+    if len({reading.posture_mm for reading in readings}) < 2:
+        say("glidecal: only one posture in this table; it cannot be solved alone")
+    say(f"{len(readings)} readings written to {output}")
+
+
+def validate(sessions: Sessions) -> None:
+    """Check records: complete, unbroken, unaltered; names the first broken line.
+
+    What it proves holds against accidents and careless edits: the digests have no key.
+    """
+    from app.evaluating.solution import end_warning
+    from app.measuring.value_check import check_values
+    from protocols.record import read_record
+    from protocols.session import fold
+
+    status = Exit.DONE
+    for path in sessions:
+        try:
+            record = read_record(path)
+            check_values(record)
+        except GlidecalError as problem:
+            say(f"glidecal: {problem}")
+            status = exit_code(problem)
+            continue
+        if record.end != "closed":
+            say(f"glidecal: {end_warning(record)} Continue it with: glidecal run --continue {path}")
+            status = Exit.RECORD
+            continue
+        session = fold(record.events)
+        typer.echo(
+            f"{path}: unbroken and closed, {len(record.events)} lines, "
+            f"{len(session.all_readings)} readings, {len(session.superseded)} superseded"
+        )
+    raise typer.Exit(status)
+
+
+def replay(
+    session: Sessions,
+    headless: Annotated[
+        bool, typer.Option("--headless", help="Print readings and averages, open no screen.")
+    ] = False,
+    as_json: AsJson = False,
+    served: Annotated[bool, typer.Option("--served", hidden=True)] = False,
+) -> None:
+    """A recorded session again on the screen, or its readings and averages."""
+    if not headless and not as_json:
+        if served:  # a page of glidecal serve: no terminal, and only to look at
+            threading.Thread(target=_end_with_the_server, daemon=True).start()
+        else:
+            need_terminal("replay", "--headless")
+        from app.screens.start import open_replay
+
+        raise typer.Exit(open_replay(session, read_only=served))
+    from app.evaluating.solution import end_warning
+    from app.report.schema.document import to_json
+    from app.report.schema.readings import ReplayReport
+    from app.report.text.session import replay_text
+    from protocols.record import read_record
+    from protocols.session import fold
+
+    if len(session) > 1:
+        raise UsageError("replay without a screen", f"{len(session)} sessions", "one session")
+    record = read_record(session[0])
+    if record.end != "closed":
+        say(f"glidecal: {end_warning(record)}")
+    report = ReplayReport.of(name=session[0].name, session=fold(record.events), end=record.end)
+    typer.echo(to_json(report) if as_json else replay_text(report))
+
+
+def _end_with_the_server() -> None:
+    """A server that was killed says nothing, but its end of the pipe is gone."""
+    if hasattr(select, "poll"):  # not on Windows
+        pipe = select.poll()
+        pipe.register(sys.stdin.fileno(), 0)
+        pipe.poll()
+        os._exit(Exit.INTERRUPTED)  # nothing is open that could be lost
+
+
+def serve(
+    sessions: Sessions,
+    port: Annotated[
+        int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.", min=0, max=65535)
+    ] = DEFAULT_PORT,
+) -> None:
+    """Recorded sessions in a browser of this computer, to look at only; Ctrl-C ends it."""
+    from protocols.record import read_record
+
+    for path in sessions:
+        read_record(path)
+    try:
+        from app.screens.serving import Pages, listen
+    except ImportError as problem:
+        raise UsageError(
+            "glidecal serve",
+            f"no package {problem.name or 'textual-serve'}",
+            "an installation with the extra serve",
+            'Install it with: pip install "glidecal[serve]"',
+        ) from problem
+    pages = Pages(sessions, listen(port))
+    say(pages.announcement())
+    pages.serve()

@@ -80,24 +80,11 @@ class Session:
         return next((r for (a, _), (b, r) in pairwise(timed) if b < a), None)
 
     @property
-    def resolution_mm(self) -> float | None:
-        """The coarsest stated resolution of the indicators and of the readings' own text."""
-        stated = [i.resolution_mm for i in self.opened.instruments]
-        shown = [r.resolution_mm for r in self.readings]
-        return max((v for v in stated + shown if v is not None), default=None)
-
-    @property
     def step_mm(self) -> float | None:
         """The step in which the readings are written down: the finest decimal of any text."""
         found = (DECIMALS.search(reading.text) for reading in self.readings)
         decimals = [len(match[1]) for match in found if match]
         return 10.0 ** -max(decimals) if decimals else None
-
-    @property
-    def repeatability_mm(self) -> float | None:
-        """The largest stated repeatability of the indicators."""
-        stated = [i.repeatability_mm for i in self.opened.instruments]
-        return max((v for v in stated if v is not None), default=None)
 
 
 def fold(events: Iterable[Event]) -> Session:

@@ -7,22 +7,16 @@ from pathlib import Path
 
 from app.evaluating.solution import SessionSolution, end_warning, solve_sessions
 from calib.errors import CalibrationError, RecordError
-from calib.identify.solution import Solution
 from protocols.record import Record, read_record
 from protocols.session import fold
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """The joint-offset solutions of two sessions.
-
-    ``common`` names the tabulated differences that both measured; ``remarks`` are what a reader
-    must know before trusting the comparison.
-    """
+    """The joint-offset solutions of two sessions, and what a reader must know to trust them."""
 
     before: SessionSolution
     after: SessionSolution
-    common: tuple[str, ...]
     remarks: tuple[str, ...]
 
 
@@ -39,15 +33,21 @@ def compare_files(before: Path, after: Path) -> Comparison:
         )
     _same_machine(earlier, later)
     first, second = _solved(earlier), _solved(later)
-    common = _common(first.solution, second.solution)
-    if not common:
+    measured, again = _differences(first), _differences(second)
+    if not measured & again:
         raise CalibrationError(
             f"sessions {before} and {after}",
             "no difference that both measured",
             "two sessions with the same postures",
             "Measure both with the same procedure.",
         )
-    return Comparison(first, second, common, tuple(_remarks(earlier, later, first, common)))
+    remarks = [end_warning(record) for record in (earlier, later) if record.end != "closed"]
+    if not measured <= again:
+        remarks.append(
+            f"Only {len(measured & again)} of {len(measured)} differences are in both sessions; "
+            "each r.m.s. is over its own session."
+        )
+    return Comparison(first, second, (*remarks, *_order_remarks(earlier, later)))
 
 
 def _solved(record: Record) -> SessionSolution:
@@ -65,25 +65,15 @@ def _same_machine(earlier: Record, later: Record) -> None:
         )
 
 
-def _names(solution: Solution) -> tuple[str, ...]:
-    return tuple(solution.differences.names[k] for k in solution.differences.published_rows)
+def _differences(solved: SessionSolution) -> set[str]:
+    """Names of the tabulated differences that a session measured."""
+    found = solved.solution.differences
+    return {found.names[k] for k in found.published_rows}
 
 
-def _common(before: Solution, after: Solution) -> tuple[str, ...]:
-    later = set(_names(after))
-    return tuple(name for name in _names(before) if name in later)
-
-
-def _remarks(
-    earlier: Record, later: Record, first: SessionSolution, common: tuple[str, ...]
-) -> list[str]:
-    said = [end_warning(record) for record in (earlier, later) if record.end != "closed"]
-    measured = len(_names(first.solution))
-    if len(common) < measured:
-        said.append(
-            f"Only {len(common)} of {measured} differences are in both sessions; "
-            "each r.m.s. is over its own session."
-        )
+def _order_remarks(earlier: Record, later: Record) -> list[str]:
+    """Whether the later session is the one that verifies the earlier."""
+    said = []
     verifies = later.opened.verifies
     if verifies is not None and verifies != earlier.path.name:
         said.append(f"{later.path.name} was measured to verify {verifies}.")

@@ -181,14 +181,22 @@ def _solved(
 
 
 def indicator_figures(sessions: Sequence[Session]) -> IndicatorFigures:
-    """The worst that is stated or seen of the indicators of all sessions."""
+    """The worst that is stated or seen of the indicators of all sessions.
+
+    ``resolution_mm`` is the coarsest stated of an indicator or with a reading, ``step_mm`` the
+    coarsest step in which the readings of a session are written down.
+    """
 
     def worst(figures: Iterable[float | None]) -> float | None:
         return max((figure for figure in figures if figure is not None), default=None)
 
+    stated = [one for session in sessions for one in session.opened.instruments]
+    shown = [reading for session in sessions for reading in session.readings]
     return IndicatorFigures(
-        resolution_mm=worst(session.resolution_mm for session in sessions),
-        repeatability_mm=worst(session.repeatability_mm for session in sessions),
+        resolution_mm=worst(
+            [*(one.resolution_mm for one in stated), *(one.resolution_mm for one in shown)]
+        ),
+        repeatability_mm=worst(one.repeatability_mm for one in stated),
         step_mm=worst(session.step_mm for session in sessions),
     )
 

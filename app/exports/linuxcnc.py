@@ -12,7 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from textwrap import wrap
 
-from app.report.offsets import Offsets, Uncertainty, one_line
+from app.report.offsets import Offsets, one_line
+from app.report.schema.solution import Offset
 from app.report.text.tables import WIDTH, uncertain
 from calib.errors import RecordError, UsageError
 from calib.observations import LEG_NAMES
@@ -49,8 +50,7 @@ def _include(offsets: Offsets, joint: int, old_mm: float, offset_mm: float) -> s
         f"from {one_line(offsets.source)}",
         f"old HOME_OFFSET {old_mm:.6f} mm + {name} {offset_mm:+.6f} mm",
     ]
-    if name in offsets.uncertainty:
-        said.append(_known(name, offsets.uncertainty[name], lacks_fit=offsets.lacks_fit))
+    said += _known(name, offsets.parameters[name], lacks_fit=offsets.lacks_fit)
     put = f"# put '#INCLUDE calib_joint{joint}.inc' directly under [JOINT_{joint}]; "
     return (
         "".join(f"# {line}\n" for text in [*said, *offsets.cautions] for line in _lines(text))
@@ -58,15 +58,19 @@ def _include(offsets: Offsets, joint: int, old_mm: float, offset_mm: float) -> s
     )
 
 
-def _known(name: str, u: Uncertainty, *, lacks_fit: bool) -> str:
+def _known(name: str, one: Offset, *, lacks_fit: bool) -> list[str]:
     """The figures of the result: the larger one first where it warns of what the model leaves."""
-    noise = f"u = {uncertain(u.standard_mm, 4)} mm"
-    if lacks_fit:
-        return (
-            f"{name} is known to ±{uncertain(u.enlarged_mm)} mm (95 %, what the model leaves "
-            f"counted as noise); with reading noise only ±{uncertain(u.expanded_mm, 4)} mm, {noise}"
-        )
-    return f"{name} is known to ±{uncertain(u.expanded_mm, 4)} mm (95 %), {noise}"
+    if one.standard_uncertainty is None or one.expanded_uncertainty is None:
+        return []
+    known = f"±{uncertain(one.expanded_uncertainty, 4)} mm"
+    noise = f"u = {uncertain(one.standard_uncertainty, 4)} mm"
+    if lacks_fit and one.expanded_with_lack_of_fit is not None:
+        larger = f"±{uncertain(one.expanded_with_lack_of_fit)} mm"
+        return [
+            f"{name} is known to {larger} (95 %, what the model leaves counted as noise); with "
+            f"reading noise only {known}, {noise}"
+        ]
+    return [f"{name} is known to {known} (95 %), {noise}"]
 
 
 def _lines(text: str) -> list[str]:

@@ -21,7 +21,8 @@ def as_json(offsets: Offsets) -> Written:
 
 def as_model(offsets: Offsets) -> Written:
     """Schema ``glidecal.model/1``: for ``glidecal simulate --model``."""
-    values = tuple(offsets.values_mm.get(name, 0.0) for name in PARAMETER_NAMES)
+    known = offsets.parameters
+    values = tuple(known[name].value if name in known else 0.0 for name in PARAMETER_NAMES)
     model = Model(offsets.machine.geometry(), values)
     return {"": model_to_json(model, offsets.machine, offsets.cautions)}
 
@@ -40,9 +41,12 @@ def as_csv(offsets: Offsets) -> Written:
             "expanded_with_lack_of_fit_mm",
         )
     ]
-    for name, value in offsets.values_mm.items():
-        u = offsets.uncertainty.get(name)
-        known = (u.standard_mm, u.expanded_mm, u.enlarged_mm) if u else ()
-        shown = [f"{mm:.6f}" for mm in known] or ["", "", ""]
-        rows.append((name, f"{value:.6f}", *shown))
+    for name, one in offsets.parameters.items():
+        known = (
+            one.value,
+            one.standard_uncertainty,
+            one.expanded_uncertainty,
+            one.expanded_with_lack_of_fit,
+        )
+        rows.append((name, *("" if mm is None else f"{mm:.6f}" for mm in known)))
     return {"": csv_text(rows, offsets.cautions)}

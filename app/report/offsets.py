@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.evaluating.own_effects import known_laws
 from app.evaluating.solution import SessionSolution, solve_files
+from app.report.schema.document import rows
+from app.report.schema.solution import Offset
 from app.report.text.caveats import caveats
 from calib.errors import RecordError
-from calib.identify.solution import LACK_OF_FIT_LEVEL, Method, Solution, Subset
+from calib.identify.solution import LACK_OF_FIT_LEVEL, Method, Subset
 from calib.printable import printable
 from calib.tripod.geometry import PARAMETER_NAMES
 from protocols.machine import Machine
@@ -19,20 +21,6 @@ from protocols.model_file import is_model, read_model_file, to_model
 JOINT_OFFSETS = PARAMETER_NAMES[:3]
 
 NOT_KNOWN = "NOTE: the values are of a model file: it does not hold how well they are known."
-
-
-@dataclass(frozen=True)
-class Uncertainty:
-    """How well one parameter is known, as the result states it, mm.
-
-    ``expanded_mm`` (95 %) is of the reading noise, ``enlarged_mm`` (95 %) counts what the model
-    leaves as noise, too.
-    """
-
-    standard_mm: float
-    coverage_factor: float
-    expanded_mm: float
-    enlarged_mm: float
 
 
 @dataclass(frozen=True)
@@ -47,8 +35,7 @@ class Offsets:
 
     source: str
     machine: Machine
-    values_mm: dict[str, float]
-    uncertainty: dict[str, Uncertainty]
+    parameters: dict[str, Offset]
     home_offset_mm: tuple[float, float, float] | None
     remarks: tuple[str, ...] = ()
     cautions: tuple[str, ...] = ()
@@ -60,17 +47,15 @@ class Offsets:
 
         Raises RecordError where one is not stated.
         """
-        missing = [name for name in JOINT_OFFSETS if name not in self.values_mm]
-        if missing:
-            raise _not_stated(f"offsets of {self.source}", missing)
-        x, y, z = (self.values_mm[name] for name in JOINT_OFFSETS)
+        _all_stated(f"offsets of {self.source}", self.parameters)
+        x, y, z = (self.parameters[name].value for name in JOINT_OFFSETS)
         return x, y, z
 
     @property
     def lengths_mm(self) -> dict[str, float]:
         """The leg length errors that are not zero."""
-        names = PARAMETER_NAMES[3:]
-        return {name: self.values_mm[name] for name in names if self.values_mm.get(name)}
+        names = [name for name in PARAMETER_NAMES[3:] if name in self.parameters]
+        return {name: mm for name in names if (mm := self.parameters[name].value)}
 
 
 def offsets_from_solved(solved: SessionSolution) -> Offsets:
@@ -87,8 +72,15 @@ def offsets_from_solved(solved: SessionSolution) -> Offsets:
     return Offsets(
         source=", ".join(solved.names),
         machine=machine,
-        values_mm=dict(zip(solution.names, map(float, solution.values_mm), strict=True)),
-        uncertainty=_uncertainty(solution),
+        parameters=rows(
+            Offset,
+            solution.names,
+            solution.values_mm,
+            solution.uncertainty_mm,
+            solution.expanded_mm,
+            solution.coverage_factors,
+            solution.enlarged_expanded_mm,
+        ),
         home_offset_mm=machine.home_offset_mm,
         remarks=tuple(remarks),
         cautions=tuple(map(one_line, caveats(solved))),
@@ -99,18 +91,6 @@ def offsets_from_solved(solved: SessionSolution) -> Offsets:
 def one_line(text: str) -> str:
     """Whatever line breaks a name or a sentence has: a file of lines must not break there."""
     return printable(" ".join(text.split()))
-
-
-def _uncertainty(solution: Solution) -> dict[str, Uncertainty]:
-    rows = zip(
-        solution.uncertainty_mm,
-        solution.coverage_factors,
-        solution.expanded_mm,
-        solution.enlarged_expanded_mm,
-        strict=True,
-    )
-    known = [Uncertainty(*map(float, row)) for row in rows]
-    return dict(zip(solution.names, known, strict=True))
 
 
 def offsets_from_file(path: Path, subset: Subset, method: Method) -> Offsets:
@@ -128,29 +108,26 @@ def offsets_from_file(path: Path, subset: Subset, method: Method) -> Offsets:
 def _offsets_from_model(path: Path) -> Offsets:
     found = read_model_file(path)
     to_model(found, f"model {path}", known_laws())
-    stated = {
-        name: v for name in PARAMETER_NAMES if (v := found.parameters_mm.get(name)) is not None
-    }
-    missing = [name for name in JOINT_OFFSETS if name not in stated]
-    if missing:
-        raise _not_stated(f"model {path}, parameters_mm", missing)
+    _all_stated(f"model {path}, parameters_mm", found.parameters_mm)
+    stated = [name for name in PARAMETER_NAMES if name in found.parameters_mm]
     return Offsets(
         source=path.name,
         machine=found.machine,
-        values_mm=stated,
-        uncertainty={},
+        parameters={name: Offset(found.parameters_mm[name]) for name in stated},
         home_offset_mm=found.machine.home_offset_mm,
         cautions=tuple(dict.fromkeys([NOT_KNOWN, *(found.cautions or ())])),
     )
 
 
-def _not_stated(thing: str, missing: Sequence[str]) -> RecordError:
-    return RecordError(
-        thing,
-        f"no {' and no '.join(missing)}",
-        ", ".join(JOINT_OFFSETS) + ": an offset that nobody stated is not 0",
-        "Identify the joint offsets, or state every one of them.",
-    )
+def _all_stated(thing: str, names: Container[str]) -> None:
+    missing = [name for name in JOINT_OFFSETS if name not in names]
+    if missing:
+        raise RecordError(
+            thing,
+            f"no {' and no '.join(missing)}",
+            ", ".join(JOINT_OFFSETS) + ": an offset that nobody stated is not 0",
+            "Identify the joint offsets, or state every one of them.",
+        )
 
 
 def with_home_offset(offsets: Offsets, home_offset_mm: tuple[float, float, float]) -> Offsets:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from app.evaluating.accuracy import Judgement
 from app.evaluating.comparison import Comparison
@@ -25,9 +25,6 @@ from calib.identify.accuracy import ToolError
 from calib.identify.monte_carlo import MonteCarlo
 from calib.identify.solution import Method, Solution, Subset, Weights
 from calib.noise.reading import NoiseSource, Repeated
-
-if TYPE_CHECKING:  # its package imports this module
-    from app.report.offsets import Offsets
 
 
 @dataclass(frozen=True)
@@ -247,14 +244,6 @@ class Offset:
     expanded_with_lack_of_fit: float | None = None
 
 
-def _offsets(offsets: Offsets) -> dict[str, Offset]:
-    known = {
-        name: (u.standard_mm, u.expanded_mm, u.coverage_factor, u.enlarged_mm)
-        for name, u in offsets.uncertainty.items()
-    }
-    return {name: Offset(v, *known.get(name, ())) for name, v in offsets.values_mm.items()}
-
-
 class OffsetsReport(Report):
     """``export --format json``: for another controller."""
 
@@ -264,5 +253,5 @@ class OffsetsReport(Report):
     convention: str = CONVENTION
     unit: Literal["mm"] = "mm"
     cautions: tuple[str, ...] = at("offsets.cautions", "the lines that solve says of this result")
-    parameters: Annotated[dict[str, Offset], made(_offsets)] = at("offsets")
+    parameters: dict[str, Offset] = at("offsets.parameters")
     remarks: tuple[str, ...] = at("offsets.remarks")

@@ -18,25 +18,25 @@ from app.evaluating.adoption import adopt, write_procedure
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_files
 from app.evaluating.own_effects import known_laws
 from app.report.charts.charts import residuals_before_and_after
-from app.report.text.diagnose_screen import (
+from app.report.text.diagnosis import (
+    ADOPTED,
     DIAGNOSE_HELP,
     LOOKING,
+    MODEL_WRITTEN,
+    NEXT_WRITTEN,
+    NO_FILE_NEEDED,
     NO_NEXT,
+    NOT_REPLACED,
     NOT_YET,
     NOTHING_FOUND,
     NOTHING_NAMED,
     WHAT_TO_ADOPT,
     WHICH_FILE,
     adopt_choices,
-    adopted_words,
     change_text,
     heading_text,
-    model_written,
-    next_written,
     problem_text,
     ranking_text,
-    run_named,
-    taken_words,
     verdict_text,
     where_text,
 )
@@ -144,7 +144,7 @@ class DiagnoseScreen(PagedScreen):
         now = found.diagnosis.gap_before.rms_mm
         adopted = ""
         if self.model is not None and self._gap_before_mm is not None:
-            adopted = adopted_words(self.model, self._gap_before_mm, now)
+            adopted = ADOPTED.format(self.model.name, self._gap_before_mm, now)
         self._page_text("verdict").update(verdict_text(found, adopted))
         self._page_text("where").update(where_text(found))
         self._page_text("candidates").update(ranking_text(found))
@@ -207,14 +207,14 @@ class DiagnoseScreen(PagedScreen):
         if found is None:
             return
         if target.exists() and target != self.model:
-            self.app.complain(taken_words(target))
+            self.app.complain(NOT_REPLACED.format(target))
             return
         try:
             adopt(found, self.paths, target, known=self.model, candidate=candidate)
         except GlidecalError as problem:
             self.app.complain(problem)
             return
-        self.app.notify(model_written(target), timeout=10, markup=False)
+        self.app.notify(MODEL_WRITTEN.format(target), timeout=10, markup=False)
         self.model, self._gap_before_mm = target, found.diagnosis.gap_before.rms_mm
         self._look()
 
@@ -228,7 +228,7 @@ class DiagnoseScreen(PagedScreen):
         path = unused_path(first.with_name(f"{first.stem}_next.toml"))
         assert proposed is not None
         if not proposed.protocol.startswith("schema"):
-            self.app.notify(run_named(proposed.protocol), timeout=12, markup=False)
+            self.app.notify(NO_FILE_NEEDED.format(proposed.protocol), timeout=12, markup=False)
         else:
             self._write_next(found, path)
 
@@ -238,7 +238,7 @@ class DiagnoseScreen(PagedScreen):
         except GlidecalError as problem:
             self.app.complain(problem)
         else:
-            self.app.notify(next_written(path), timeout=12, markup=False)
+            self.app.notify(NEXT_WRITTEN.format(path), timeout=12, markup=False)
 
     def action_copy(self) -> None:
         """The text of this page to the clipboard of the terminal."""

@@ -16,13 +16,13 @@ from textual.widgets import Footer, Log
 from app.evaluating.solution import SessionSolution, solve_files
 from app.measuring.playback import Playback
 from app.report.text.replay import (
+    COPIED,
+    JUMP_QUESTION,
     REPLAY_HELP,
-    copied_text,
-    jump_question,
+    UNSOLVED,
     progress_line,
     reading_lines,
     said_text,
-    unsolved_text,
 )
 from app.screens.dialogs import TextDialog
 from app.screens.interface import Interface
@@ -185,7 +185,8 @@ class ReplayScreen(Screen[None]):
     def action_jump(self) -> None:
         """Ask for a step, go there."""
         self._pause()
-        question, hint = jump_question(self.playback.unit, len(self.playback.steps))
+        question = JUMP_QUESTION.format(self.playback.unit)
+        hint = f"1 … {len(self.playback.steps)}"
         self.app.push_screen(TextDialog(question, hint), self._jump)
 
     def _jump(self, text: str | None) -> None:
@@ -219,7 +220,7 @@ class ReplayScreen(Screen[None]):
         """Every reading so far to the clipboard of the terminal."""
         lines = reading_lines(self.playback.session)
         self.app.copy_to_clipboard("\n".join(lines) + "\n")
-        self.say(copied_text(len(lines)))
+        self.say(COPIED.format(len(lines)))
 
     def action_back(self) -> None:
         """To the screen that this one was opened from."""
@@ -248,6 +249,6 @@ class ReplayScreen(Screen[None]):
     def _solved(self, found: SessionSolution | str) -> None:
         self._solving = False
         if isinstance(found, str):
-            self.say(unsolved_text(found))
+            self.say(UNSOLVED.format(found))
         elif self.is_current:
             self.app.push_screen(ReplayedResult(found, None, self.path))

@@ -1,13 +1,17 @@
-"""A diagnosis in words and tables."""
+"""A diagnosis in words and tables: what the command prints, and the pages of the screen."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from textwrap import fill
 
 from app.evaluating.diagnosis import SessionDiagnosis
-from app.report.text.tables import WIDTH, new_table, table_text, wrapped
+from app.report.text.tables import WIDTH, new_table, signed, table_text, wrapped
 from calib.diagnosis.results import (
+    SEEN,
+    Cell,
     Contender,
     Diagnosis,
     Finding,
@@ -17,34 +21,101 @@ from calib.diagnosis.results import (
     Value,
 )
 from calib.ties import descending
+from calib.tripod.effects.empirical import EMPIRICAL
+
+DIAGNOSE_HELP = """\
+1 2 3 4       Verdict, Where, Candidates, Before/after
+Tab, arrows   the next page; up and down scroll it
+A             adopt what was named, another effect that fits as well, or
+              what is left as a law without a name: writes a model file
+              and diagnoses again with it
+N             write the next measurement, the one that separates what
+              stayed ambiguous, as a procedure file
+Y             copy the text of this page to the clipboard
+Escape, F10   back, quit
+
+Where shows what the model leaves of the readings at each place, in µm,
+offsets, lengths and zeros fitted. ▲ and ▼ are more than noise, ▲▲ and ▼▼
+much more. Adopting changes the model alone, never the readings."""
+
+LOOKING = "Looking for what is missing …"
+NOT_YET = "The diagnosis is not ready yet."
+NOTHING_FOUND = "There is no diagnosis, so there is nothing to adopt, write or copy."
+NOTHING_NAMED = (
+    "Nothing to adopt: the diagnosis names no effect of the machine or its indicators, and what is "
+    "left, if anything, follows no simple law."
+)
+NO_NEXT = "No measurement is proposed: nothing stayed ambiguous between two effects."
+WHAT_TO_ADOPT = "What shall become part of the model?"
+WHICH_FILE = "Write the model to which file?"
+ADOPTED = "Adopted in {}: gap {:.4f} → {:.4f} mm."
+MODEL_WRITTEN = "Model written: {}. Diagnosing again with it."
+NEXT_WRITTEN = "Written. Measure it with: glidecal run --protocol {}"
+NO_FILE_NEEDED = "No file is needed: glidecal run --protocol {}"
+NOT_REPLACED = "{} is there already and is not replaced. Give another name."
 
 SHOWN_CANDIDATES = 8
 SHOWN_SHARES = 6
-BAR = 20
+MOST_RIVALS = 8
+STRONG = 5.0
+"""Standard deviations of a mean residual that get a second mark."""
+
 SHOWN_MM = 0.00005
 """A gap below this is shown as nothing."""
+
+SHORT = {
+    "no better than chance among so many candidates": "no more than chance",
+    "another one explains it with more weight": "another weighs more",
+}
+"""Reasons that would not fit on the line of a candidate."""
 
 
 def diagnosis_text(diagnosed: SessionDiagnosis) -> str:
     """The verdict first, then what supports it."""
     found = diagnosed.diagnosis
-    parts = [wrapped(f"{found.verdict.upper()}. {found.sentence}")]
-    parts.append(wrapped(gap_text(found)))
-    if found.effects:
-        parts.append(effects_text(found.effects))
-    if found.held_out:
-        parts.append(wrapped(held_out_words(found.held_out)))
-    if found.left_over:
-        parts.append(left_over_text(found.left_over))
-    if found.next_measurement:
-        parts.append(wrapped(f"Next measurement: {found.next_measurement.reason}."))
-    parts.append("Where it disagrees\n" + shares_text(found.where))
-    if found.candidates:
-        parts.append("Candidates, best first\n" + candidates_text(found.candidates))
-    if found.verdict == "agrees":
-        parts.append(detectable_text(diagnosed))
-    parts += [wrapped(f"Remark: {remark}") for remark in found.remarks]
-    return "\n\n".join(parts)
+    listed = candidates_text(found.candidates)
+    return _joined(
+        wrapped(f"{found.verdict.upper()}. {found.sentence}"),
+        wrapped(gap_text(found)),
+        effects_text(found.effects),
+        *_support(found),
+        "Where it disagrees\n" + shares_text(found.where),
+        "Candidates, best first\n" + listed if found.candidates else "",
+        detectable_text(found),
+        *_remarks(found.remarks),
+    )
+
+
+def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
+    """The first page of the screen; ``adopted`` says what a step before did."""
+    found = diagnosed.diagnosis
+    return _joined(
+        wrapped(f"{found.verdict.upper()}. {found.sentence}"),
+        wrapped(adopted),
+        effects_text(found.effects),
+        wrapped(gap_text(found)),
+        *_support(found, " Key N."),
+        detectable_text(found),
+        *_remarks((*diagnosed.warnings, *found.remarks)),
+    )
+
+
+def _joined(*parts: str) -> str:
+    return "\n\n".join(part for part in parts if part)
+
+
+def _support(found: Diagnosis, key: str = "") -> list[str]:
+    """What held-out readings say, what has no name, and what to measure next."""
+    proposed = found.next_measurement
+    return [
+        wrapped(held_out_words(found.held_out)) if found.held_out else "",
+        left_over_text(found.left_over) if found.left_over else "",
+        wrapped(f"Next measurement: {proposed.reason}.{key}") if proposed else "",
+    ]
+
+
+def _remarks(remarks: Iterable[str]) -> list[str]:
+    return [wrapped(f"Remark: {remark}") for remark in remarks]
 
 
 def gap_text(found: Diagnosis) -> str:
@@ -71,12 +142,16 @@ def effects_text(findings: tuple[Finding, ...]) -> str:
     lines = []
     for one in findings:
         lines.append(f"{one.id} ({one.where}), {one.kind}: {one.title}")
-        lines += [f"    {value_words(value)}" for value in one.parameters]
-        lines.append(f"    gap {one.gap_rms_before_mm:.4f} → {one.gap_rms_after_mm:.4f} mm")
+        lines += _values_and_gap(one)
         if one.indistinguishable_from:
             rivals = ", ".join(f"{r.id} ({r.where})" for r in one.indistinguishable_from)
             lines.append(f"    these data cannot tell it from: {rivals}")
     return "\n".join(wrapped(line) if not line.startswith(" ") else hanging(line) for line in lines)
+
+
+def _values_and_gap(one: Finding) -> list[str]:
+    gap = f"    gap {one.gap_rms_before_mm:.4f} → {one.gap_rms_after_mm:.4f} mm"
+    return [*(f"    {value_words(value)}" for value in one.parameters), gap]
 
 
 def hanging(line: str) -> str:
@@ -86,16 +161,12 @@ def hanging(line: str) -> str:
 
 
 def left_over_text(left: ModelDiscrepancy) -> str:
-    """The unnamed law of what is left, its values, and what it would take away."""
-    law = left.law
-    begin = (
-        "A law without a name explains all, in place of what was named"
-        if left.whole
-        else "What is left has no name, but follows a law"
-    )
-    lines = [wrapped(f"{begin}: {law.title}.")]
-    lines += [f"    {value_words(value)}" for value in law.parameters]
-    lines.append(f"    gap {law.gap_rms_before_mm:.4f} → {law.gap_rms_after_mm:.4f} mm")
+    """The unnamed effect of what is left, its values, and what it would take away."""
+    effect = left.law
+    begin = "What is left has no name, but follows a law"
+    if left.whole:
+        begin = "A law without a name explains all, in place of what was named"
+    lines = [wrapped(f"{begin}: {effect.title}."), *_values_and_gap(effect)]
     if left.held_out:
         lines.append(hanging("    " + held_out_words(left.held_out)))
     return "\n".join(lines)
@@ -136,7 +207,7 @@ def shares_text(shares: tuple[Share, ...]) -> str:
     """The parts of the readings where the gap lies."""
     table = new_table("part", "share", "", "chance", left=1)
     for share in shares[:SHOWN_SHARES]:
-        bar = "█" * round(BAR * min(share.share, 1.0))
+        bar = "█" * round(20 * min(share.share, 1.0))
         table.add_row(part_words(share), f"{share.share:.0%}", bar, chance(share.p_value))
     return table_text(table)
 
@@ -153,17 +224,25 @@ def part_words(share: Share) -> str:
 
 
 def candidates_text(candidates: tuple[Contender, ...]) -> str:
-    """The race, with what each would leave."""
-    held = any(one.held_out_gap_rms_mm is not None for one in candidates)
+    """The candidates, with the gap that each would leave."""
+    held = _any_held_out(candidates)
     columns = ["effect", "where", "gap left, mm", *(["held out, mm"] if held else []), ""]
     table = new_table(*columns, left=2)
     for one in _shown(candidates):
-        row = [one.id, one.where, f"{one.gap_rms_after_mm:.4f}"]
-        if held:
-            left = one.held_out_gap_rms_mm
-            row.append("" if left is None else f"{left:.4f}")
-        table.add_row(*row, one.reason_rejected or "named")
+        gaps = _gaps(one, held_out=held)
+        table.add_row(one.id, one.where, *gaps, one.reason_rejected or "named")
     return table_text(table)
+
+
+def _any_held_out(candidates: Iterable[Contender]) -> bool:
+    return any(one.held_out_gap_rms_mm is not None for one in candidates)
+
+
+def _gaps(one: Contender, *, held_out: bool) -> list[str]:
+    """The gap that a candidate leaves, and on readings that it never saw."""
+    unseen_mm = one.held_out_gap_rms_mm
+    unseen = "" if unseen_mm is None else f"{unseen_mm:.4f}"
+    return [f"{one.gap_rms_after_mm:.4f}", *([unseen] if held_out else [])]
 
 
 def _shown(candidates: tuple[Contender, ...]) -> tuple[Contender, ...]:
@@ -174,9 +253,138 @@ def _shown(candidates: tuple[Contender, ...]) -> tuple[Contender, ...]:
     return (*first, *(one for one in best if one in rest))
 
 
-def detectable_text(diagnosed: SessionDiagnosis) -> str:
-    """What would have been found."""
-    table = new_table("would have been found", "from", "", left=1)
-    for one in diagnosed.diagnosis.smallest_detectable:
+def detectable_text(found: Diagnosis) -> str:
+    """What would have been found, where readings and model agree."""
+    if found.verdict != "agrees":
+        return ""
+    table = new_table("would have been found", "from", "")
+    for one in found.smallest_detectable:
         table.add_row(one.id, figures(one.size), one.unit)
     return table_text(table)
+
+
+def heading_text(names: Sequence[str], model: Path | None) -> str:
+    """What is diagnosed, on one line."""
+    against = f"model {model.name}" if model else "nominal machine"
+    return f"{', '.join(names)}   against: {against}"
+
+
+def problem_text(problem: Exception) -> str:
+    """Why there is no diagnosis."""
+    return wrapped(f"This cannot be diagnosed.\n\n{problem}")
+
+
+def where_text(diagnosed: SessionDiagnosis) -> str:
+    """The residual map, a table for each station, and the shares of the gap."""
+    cells = diagnosed.diagnosis.residuals.cells
+    stations = sorted({cell.station for cell in cells})
+    parts = []
+    for station in stations:
+        at = f", {station:.0%} from the tool end" if len(stations) > 1 else ""
+        here = [cell for cell in cells if cell.station == station]
+        parts.append(f"Mean residual of each leg, µm{at}\n{_map_text(here)}")
+    parts.append(
+        f"▲ ▼ more than {SEEN:.0f}, ▲▲ ▼▼ more than {STRONG:.0f} standard deviations of a mean"
+        + ("\n↑ ↓ reached while moving up, down" if _both_ways(cells) else "")
+    )
+    parts.append("Where the gap lies\n" + shares_text(diagnosed.diagnosis.where))
+    return "\n\n".join(parts)
+
+
+def _map_text(cells: Sequence[Cell]) -> str:
+    columns = list(dict.fromkeys((cell.leg, cell.axis) for cell in cells))
+    both = _both_ways(cells)
+    table = new_table("at, mm", left=0)
+    for leg, axis in columns:
+        touched = "tool" if leg == "tool" else f"leg {leg.upper()}"
+        table.add_column(f"{touched}\nalong {axis.upper()}", justify="right")
+    held = {(c.leg, c.axis, c.displacement_mm, c.approach, c.position_mm or ()): c for c in cells}
+    for displacement, approach, position in sorted({key[2:] for key in held}, reverse=True):
+        arrow = {1: " ↑", -1: " ↓"}.get(approach, "  ") if displacement in both else ""
+        row = [held.get((*column, displacement, approach, position)) for column in columns]
+        place = f"{displacement:+.0f}" if displacement else "Zero"
+        if any(position):
+            place = ", ".join(f"{part:g}" for part in position)
+        table.add_row(f"{place}{arrow}", *(_cell_text(one) for one in row))
+    return table_text(table)
+
+
+def _both_ways(cells: Sequence[Cell]) -> set[float]:
+    """Displacements that were reached from more than one side."""
+    sides = {(cell.displacement_mm, cell.approach) for cell in cells}
+    places = [displacement for displacement, _ in sides]
+    return {place for place in places if places.count(place) > 1}
+
+
+def _cell_text(cell: Cell | None) -> str:
+    if cell is None:
+        return "-"
+    mark = "▲" if cell.strength > 0 else "▼"
+    times = 2 if abs(cell.strength) > STRONG else 1 if abs(cell.strength) > SEEN else 0
+    return f"{signed(1000.0 * cell.before_mm, 1)} {mark * times:<2}"
+
+
+def ranking_text(diagnosed: SessionDiagnosis) -> str:
+    """The candidates, best first, with what each explains alone; then what looks the same."""
+    found = diagnosed.diagnosis
+    if not found.candidates:
+        return "No effect of the catalogue shows in these readings."
+    held = _any_held_out(found.candidates)
+    columns = ["effect", "where", "explains", "gap left", *(["held out"] if held else []), "why"]
+    table = new_table(*columns, left=3)
+    table.columns[-1].justify = "left"
+    for one in found.candidates[:SHOWN_CANDIDATES]:
+        bar = "█" * round(10 * one.explained)
+        why = SHORT.get(one.reason_rejected, one.reason_rejected) or "named"
+        explains = f"{bar:<10} {one.explained:>4.0%}"
+        table.add_row(one.id, one.where, explains, *_gaps(one, held_out=held), why)
+    parts = ["Candidates, best first; gaps in mm\n" + table_text(table)]
+    parts += [wrapped(_alike(one)) for one in found.effects if one.effects]
+    return "\n\n".join(parts)
+
+
+def _alike(one: Finding) -> str:
+    rivals = ", ".join(f"{r.id} ({r.where})" for r in one.indistinguishable_from)
+    if not rivals:
+        return f"No other effect looks like {one.id} ({one.where}) in these readings."
+    return f"These readings cannot tell {one.id} ({one.where}) from: {rivals}."
+
+
+def change_text(diagnosed: SessionDiagnosis) -> str:
+    """The chart in one line."""
+    found = diagnosed.diagnosis.residuals
+    before, noise = 1000.0 * found.before_rms_mm, 1000.0 * found.noise_rms_mm
+    if found.after_rms_mm is None:
+        return wrapped(
+            f"Mean residuals {before:.1f} µm r.m.s., their noise {noise:.1f} µm, drawn twice "
+            "as large. This diagnosis names nothing to adopt."
+        )
+    return wrapped(
+        f"Mean residuals {before:.1f} µm r.m.s. before, {1000.0 * found.after_rms_mm:.1f} µm after "
+        f"adopting what was named; their noise {noise:.1f} µm, drawn twice as large."
+    )
+
+
+def adopt_choices(diagnosed: SessionDiagnosis) -> list[tuple[str, str]]:
+    """What can be adopted: answers for a dialog with their words. The first is what was named.
+
+    An answer is ``named``, ``empirical`` (what was named and the unnamed law of what is left), or
+    a candidate as ``id:where``.
+    """
+    found = diagnosed.diagnosis
+    named = [one for one in found.effects if one.effects]
+    words = " and ".join(f"{one.id} ({one.where})" for one in named)
+    rivals = {(r.id, r.where) for one in named for r in one.indistinguishable_from}
+    others = [c for c in found.candidates if (c.id, c.where) in rivals and c.effects]
+    choices = [("named", f"what was named: {words}")] if named else []
+    if found.left_over:
+        where = found.left_over.law.where
+        also = f"{words} and what is left" if named else "what is left"
+        said = f"{also}, as a law without a name ({where})"
+        if found.left_over.whole:
+            said = f"instead a law without a name ({where}), which explains all"
+        choices.append((EMPIRICAL, said))
+    choices += [
+        (f"{one.id}:{one.where}", f"instead {one.id} ({one.where})") for one in others[:MOST_RIVALS]
+    ]
+    return [(answer, f"{k}  {said}") for k, (answer, said) in enumerate(choices, start=1)]

@@ -164,18 +164,6 @@ def _reading_line(r: Reading) -> str:
 
 
 REPLAY_QUESTION = "Which session do you want to see? Arrow keys and Enter."
-
-
-def jump_question(unit: str, count: int) -> tuple[str, str]:
-    """What the dialog asks, and the hint in its field."""
-    return f"To which {unit}?", f"1 … {count}"
-
-
-def copied_text(line_count: int) -> str:
-    """What went to the clipboard; whether the terminal took it is not known here."""
-    return f"Copied {line_count} lines, if this terminal lets programs use the clipboard (OSC 52)."
-
-
-def unsolved_text(problem: str) -> str:
-    """Why there is no result."""
-    return f"No result of this session: {problem}"
+JUMP_QUESTION = "To which {}?"
+COPIED = "Copied {} lines, if this terminal lets programs use the clipboard (OSC 52)."
+UNSOLVED = "No result of this session: {}"

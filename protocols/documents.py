@@ -19,6 +19,8 @@ Name = Annotated[str, AfterValidator(printable)]
 """One line: line breaks and other hidden characters are shown, nothing is obeyed."""
 
 LengthMm = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
+Triple = tuple[LengthMm, LengthMm, LengthMm]
+ZERO: Triple = (0.0, 0.0, 0.0)
 LEAST_FIGURE_MM = 1e-9
 """Smaller figures of an indicator are none: the squares of readings over them have no room."""
 

@@ -17,9 +17,10 @@ from protocols.documents import (
     Name,
     Seconds,
     Seed,
+    Triple,
 )
 from protocols.machine import Instrument, Machine
-from protocols.procedure import Leg, Procedure, Step, Touched, Triple, position_words
+from protocols.procedure import Leg, Procedure, Step, Touched, position_words
 
 SCHEMA = "glidecal.session/1"
 FIRST_DIGEST = "0" * 64

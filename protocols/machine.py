@@ -8,12 +8,22 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from calib.errors import CalibrationError, RecordError, UsageError
 from calib.observations import FloatArray
 from calib.tripod.geometry import Geometry
-from protocols.documents import Document, FigureMm, LengthMm, Name, Tolerance, read_text, read_toml
+from protocols.documents import (
+    ZERO,
+    Document,
+    FigureMm,
+    LengthMm,
+    Name,
+    Tolerance,
+    Triple,
+    read_text,
+    read_toml,
+)
 from protocols.machine_files import (
     SCHEMA,
     USUAL_MACHINE,
@@ -23,7 +33,6 @@ from protocols.machine_files import (
 )
 
 Length = Annotated[float, Field(ge=0.001, le=100_000.0)]
-Triple = tuple[LengthMm, LengthMm, LengthMm]
 
 LEAST_LENGTH = 1e-6
 """A shorter vector tells no direction."""
@@ -35,6 +44,10 @@ def _somewhere(vector: Triple) -> Triple:
     if math.hypot(*vector) < LEAST_LENGTH:
         raise ValueError("a direction, such as [0.0, 0.0, -1.0], not of length 0")
     return vector
+
+
+Direction = Annotated[Triple, AfterValidator(_somewhere)]
+"""Of any length but 0."""
 
 
 class Instrument(Document):
@@ -64,17 +77,11 @@ class Drive(Document):
     """
 
     origin_mm: Triple
-    direction: Triple
-    platform_mm: Triple = (0.0, 0.0, 0.0)
+    direction: Direction
+    platform_mm: Triple = ZERO
     leg_length_mm: Length | None = None
 
-    @field_validator("direction")
-    @classmethod
-    def _points_somewhere(cls, direction: Triple) -> Triple:
-        return _somewhere(direction)
 
-
-ZERO: Triple = (0.0, 0.0, 0.0)
 ORTHOGLIDE_DRIVES = (
     Drive(origin_mm=ZERO, direction=(1.0, 0.0, 0.0)),
     Drive(origin_mm=ZERO, direction=(0.0, 1.0, 0.0)),
@@ -108,10 +115,10 @@ class Machine(Document):
     parallelogram_width_mm: Length = 80.0
     tool_radius_mm: Length = 31.0
     home_offset_mm: Triple | None = None
-    entered_offsets_mm: Triple = (0.0, 0.0, 0.0)
+    entered_offsets_mm: Triple = ZERO
     offset_tolerance_mm: Tolerance = 2.0
     length_tolerance_mm: Tolerance = 0.1
-    gravity: Triple = (0.0, 0.0, -1.0)
+    gravity: Direction = (0.0, 0.0, -1.0)
     load: Annotated[float, Field(ge=0.001, le=1000.0)] = 1.0
     screw_lead_mm: Annotated[float, Field(ge=0.001, le=1000.0)] | None = None
     mdi: Literal["tool", "joint"] = "tool"
@@ -120,11 +127,6 @@ class Machine(Document):
     workspace_mm: tuple[Triple, Triple] | None = None
     set_at_zero: bool | None = None
     procedure: str | None = None
-
-    @field_validator("gravity")
-    @classmethod
-    def _pulls_somewhere(cls, gravity: Triple) -> Triple:
-        return _somewhere(gravity)
 
     @model_validator(mode="after")
     def _possible(self) -> Machine:

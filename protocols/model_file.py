@@ -232,7 +232,7 @@ class ModelFile(Document):
         return self.model_dump_json(indent=1, exclude_none=True) + "\n"
 
 
-def model_file(model: Model, machine: Machine) -> ModelFile:
+def model_file(model: Model, machine: Machine, cautions: Sequence[str] = ()) -> ModelFile:
     """A file of this model, each of its effects at one place, without a history.
 
     Raises RecordError for an effect that is not of the catalogue's kind.
@@ -248,18 +248,11 @@ def model_file(model: Model, machine: Machine) -> ModelFile:
             for effect in model.effects
             if isinstance(effect, EffectInstance)
         ),
+        cautions=tuple(cautions) or None,
     )
 
 
-def model_to_json(model: Model, machine: Machine, cautions: Sequence[str] = ()) -> str:
-    """The model as JSON text. Raises RecordError as `model_file` does."""
-    held = {"cautions": tuple(cautions) or None}
-    return model_file(model, machine).model_copy(update=held).text()
-
-
-def with_effect(
-    known: ModelFile, entry: EffectEntry, why: str, at: datetime | None = None
-) -> ModelFile:
+def with_effect(known: ModelFile, entry: EffectEntry, why: str) -> ModelFile:
     """The model with one more effect. Raises UsageError where it has it there already."""
     if any((e.id, e.where) == (entry.id, entry.where) for e in known.effects):
         raise UsageError(
@@ -268,17 +261,10 @@ def with_effect(
             "each effect once at a place",
             "Remove the old one first.",
         )
-    return known.model_copy(
-        update={
-            "effects": (*known.effects, entry),
-            "history": (*known.history, _noted("added", entry, why, at)),
-        }
-    )
+    return _changed(known, (*known.effects, entry), "added", [entry], why)
 
 
-def without_effect(
-    known: ModelFile, effect_id: str, where: str | None, why: str, at: datetime | None = None
-) -> ModelFile:
+def without_effect(known: ModelFile, effect_id: str, where: str | None, why: str) -> ModelFile:
     """The model without an effect; without ``where`` at every place of it.
 
     What was removed stays in the history. Raises UsageError where the model has no such effect.
@@ -288,18 +274,20 @@ def without_effect(
         present = ", ".join(f"{e.id} at {e.where}" for e in known.effects)
         named = effect_id if where is None else f"{effect_id} at {where}"
         raise UsageError("effect to remove", named, present or "no effect: the model has none")
-    return known.model_copy(
-        update={
-            "effects": tuple(e for e in known.effects if e not in gone),
-            "history": (*known.history, *(_noted("removed", e, why, at) for e in gone)),
-        }
-    )
+    return _changed(known, tuple(e for e in known.effects if e not in gone), "removed", gone, why)
 
 
-def _noted(
-    action: Literal["added", "removed"], entry: EffectEntry, why: str, at: datetime | None
-) -> HistoryEntry:
-    return HistoryEntry(action=action, at=at or datetime.now(UTC), why=why, effect=entry)
+def _changed(
+    known: ModelFile,
+    effects: tuple[EffectEntry, ...],
+    action: Literal["added", "removed"],
+    entries: Sequence[EffectEntry],
+    why: str,
+) -> ModelFile:
+    """With these effects; the history tells of the entries that came or went."""
+    now = datetime.now(UTC)
+    noted = [HistoryEntry(action=action, at=now, why=why, effect=entry) for entry in entries]
+    return known.model_copy(update={"effects": effects, "history": (*known.history, *noted)})
 
 
 def is_model(path: Path) -> bool:

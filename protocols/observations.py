@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -79,16 +79,20 @@ def _indicators(session: Session) -> list[str]:
     ]
 
 
+def _by_mounting(readings: Iterable[Reading]) -> Iterable[list[Reading]]:
+    found: dict[str, list[Reading]] = {}
+    for reading in readings:
+        found.setdefault(reading.mount, []).append(reading)
+    return found.values()
+
+
 def _approaches(session: Session) -> list[float]:
     """Sign of the last movement before each reading that counts, from the rows of its mounting.
 
     Superseded readings do not count, but the machine was there.
     """
     found: dict[int, float] = {}
-    by_mount: dict[str, list[Reading]] = {}
-    for reading in session.all_readings:
-        by_mount.setdefault(reading.mount, []).append(reading)
-    for members in by_mount.values():
+    for members in _by_mounting(session.all_readings):
         last = 0.0
         for before, after in pairwise(members):
             moved = float(np.sign(after.displacement_mm - before.displacement_mm))
@@ -104,11 +108,7 @@ def _movements(session: Session) -> FloatArray:
     """
     found = {reading.reading: np.zeros(3) for reading in session.readings}
     geometry = session.opened.machine.geometry()
-    by_mount: dict[str, list[Reading]] = {}
-    for reading in session.all_readings:
-        if reading.position_mm is not None:
-            by_mount.setdefault(reading.mount, []).append(reading)
-    for members in by_mount.values():
+    for members in _by_mounting(r for r in session.all_readings if r.position_mm is not None):
         there = np.array([reading.position_mm for reading in members])
         before = np.vstack([there[:1], there[:-1]])
         lifted = np.array([reading.lift_mm or 0.0 for reading in members])[:, None]

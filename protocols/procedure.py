@@ -19,11 +19,13 @@ from calib.observations import LEG_NAMES, TOOL
 from calib.tripod.geometry import Geometry
 from calib.tripod.kinematics import inverse
 from protocols.documents import (
+    ZERO,
     Document,
     LengthMm,
     Name,
     Seed,
     Tolerance,
+    Triple,
     line_of,
     read_text,
     read_toml,
@@ -32,14 +34,12 @@ from protocols.documents import (
 Leg = Literal["x", "y", "z"]
 Touched = Literal["x", "y", "z", "tool"]
 """A leg, or the tool itself, as against a plate."""
-Triple = tuple[LengthMm, LengthMm, LengthMm]
 Level = Literal["zero", "max", "min"] | LengthMm
 
-
+WHAT = "procedure file"
 MOST_STEPS = 20_000
 """Four days of measuring at 20 s a step."""
 
-ZERO: Triple = (0.0, 0.0, 0.0)
 ALL_AXES: tuple[Leg, ...] = ("x", "y", "z")
 BOTH = ("xyz", "xyz")
 """Two indicators that may measure along any axis."""
@@ -148,50 +148,38 @@ class Procedure(Document):
         axis. Raises RecordError where a joint limit does not allow a level, UsageError where the
         indicators do not fit a leg.
         """
-        if self.plate is not None:
-            return tuple(self._plate_steps(self.plate, geometry))
-        if not geometry.orthogonal:
+        if self.plate is None and not geometry.orthogonal:
             raise UsageError(
                 f"procedure {self.name}",
                 "readings of legs, on a machine whose drives are not square to each other",
                 "a procedure with [plate], readings of the tool",
                 "plate-rings is one.",
             )
-        visits = self._visits(geometry, axes)
+        self.check_limits(geometry)
+        visits = self._of_tool(self.plate) if self.plate else self._of_legs(geometry, axes)
         return tuple(Step(number, *visit) for number, visit in enumerate(visits, start=1))
 
-    def _plate_steps(self, plate: Plate, geometry: Geometry) -> Iterator[Step]:
-        outside = self.first_outside(geometry)
-        if outside is not None:
-            raise self.outside(f"procedure {self.name}, position", outside, geometry)
-        places = [
-            (place, cycle)
-            for cycle in range(1, self.cycles + 1)
-            for place in self._plate_cycle(plate, cycle)
-        ]
+    def _of_tool(self, plate: Plate) -> Iterator[Visit]:
+        for cycle in range(1, self.cycles + 1):
+            places = plate.places_mm()
+            if self.random_seed is not None:
+                random.Random(f"{self.random_seed}/tool/{cycle}").shuffle(places)
+            if self.return_to_zero and places[0] != ZERO:
+                places.insert(0, ZERO)
+            for place in places:
+                yield "tool", 0.0, cycle, 0.0, (plate.axis,), place
         if self.return_to_zero:
-            places.append((ZERO, self.cycles))
-        for number, (place, cycle) in enumerate(places, start=1):
-            yield Step(number, "tool", 0.0, cycle, 0.0, (plate.axis,), place)
+            yield "tool", 0.0, self.cycles, 0.0, (plate.axis,), ZERO
 
-    def _plate_cycle(self, plate: Plate, cycle: int) -> list[Triple]:
-        places = plate.places_mm()
-        if self.random_seed is not None:
-            random.Random(f"{self.random_seed}/tool/{cycle}").shuffle(places)
-        return [ZERO, *places] if self.return_to_zero and places[0] != ZERO else places
-
-    def _visits(self, geometry: Geometry, axes: Sequence[str]) -> Iterator[Visit]:
-        outside = self.first_outside(geometry)
-        if outside is not None:
-            raise self.outside(f"procedure {self.name}, level", outside, geometry)
+    def _of_legs(self, geometry: Geometry, axes: Sequence[str]) -> Iterator[Visit]:
         for station in self.stations:
             for leg in self.legs:
                 for together in axes_on_leg(leg, axes):
                     for cycle in range(1, self.cycles + 1):
                         for displacement in self._cycle(geometry, leg, station, cycle):
-                            yield leg, displacement, cycle, station, together
+                            yield leg, displacement, cycle, station, together, None
                     if self.return_to_zero:
-                        yield leg, 0.0, self.cycles, station, together
+                        yield leg, 0.0, self.cycles, station, together, None
 
     def _cycle(self, geometry: Geometry, leg: Leg, station: float, cycle: int) -> list[float]:
         """Displacements of one cycle: Zero first where it is checked, shuffled where asked for."""
@@ -205,32 +193,34 @@ class Procedure(Document):
             levels.insert(0, 0.0)
         return levels
 
-    def first_outside(self, geometry: Geometry) -> int | None:
-        """Index of the first level, or position, that the joint limits do not allow."""
-        if self.plate is not None:
-            places = enumerate(self.plate.places_mm())
-            return next((k for k, place in places if not may_stand(geometry, place)), None)
-        low, high = geometry.travel_min_mm, geometry.travel_max_mm
-        return next(
-            (
-                k
-                for k, level in enumerate(self.levels)
-                if not low <= _displacement(level, geometry) <= high
-            ),
-            None,
-        )
+    def check_limits(self, geometry: Geometry, path: Path | None = None) -> None:
+        """Raises RecordError for the first level, or position, outside the joint limits.
 
-    def outside(self, where: str, index: int, geometry: Geometry) -> RecordError:
-        """The error that the level or position of this index deserves."""
+        With the ``path`` of its file the error names the line.
+        """
+        low, high = geometry.travel_min_mm, geometry.travel_max_mm
+        allowed = f"the joint limits {low:g} … {high:g} mm"
+        wrong: list[tuple[tuple[str | int, ...], str]]
         if self.plate is not None:
-            return RecordError(
-                where,
-                position_words(self.plate.places_mm()[index]),
-                "a position that the bars reach within the joint limits "
-                f"{geometry.travel_min_mm:g} … {geometry.travel_max_mm:g} mm",
-                "Change the position, or the limits in the machine file.",
-            )
-        return _outside_limits(where, self.levels[index], geometry)
+            what, allowed = "position", f"a position that the bars reach within {allowed}"
+            outside = (place for place in self.plate.places_mm() if not may_stand(geometry, place))
+            wrong = [(("plate",), position_words(place)) for place in outside]
+        else:
+            what = "level"
+            displacements = enumerate(_displacement(level, geometry) for level in self.levels)
+            wrong = [
+                (("levels", k), f"{displacement:g} mm")
+                for k, displacement in displacements
+                if not low <= displacement <= high
+            ]
+        if not wrong:
+            return
+        key, found = wrong[0]
+        where = f"procedure {self.name}"
+        if path is not None:
+            where = f"procedure file {path}, line {line_of(read_text(path, WHAT), key)}"
+        next_step = f"Change the {what}, or the limits in the machine file."
+        raise RecordError(f"{where}, {what}", found, allowed, next_step)
 
     def read_in_place(self, geometry: Geometry) -> int:
         """How many steps repeat a posture without leaving it; they show the indicator only."""
@@ -245,7 +235,8 @@ class Procedure(Document):
         return len(self.steps(geometry, axes)) * self.seconds_per_step
 
 
-Visit = tuple[Leg, float, int, float, tuple[Leg, ...]]
+Visit = tuple[Touched, float, int, float, tuple[Leg, ...], Triple | None]
+"""A step but for its number."""
 
 
 @dataclass(frozen=True)
@@ -378,14 +369,8 @@ def shuffled(procedure: Procedure, seed: int) -> Procedure:
 
 
 def _read_procedure(path: Path, geometry: Geometry) -> Procedure:
-    procedure = read_toml(path, Procedure, "procedure file")
-    outside = procedure.first_outside(geometry)
-    if outside is not None:
-        key = ("plate",) if procedure.plate else ("levels", outside)
-        line = line_of(read_text(path, "procedure file"), key)
-        what = "position" if procedure.plate else "level"
-        where = f"procedure file {path}, line {line}, {what}"
-        raise procedure.outside(where, outside, geometry)
+    procedure = read_toml(path, Procedure, WHAT)
+    procedure.check_limits(geometry, path)
     return procedure
 
 
@@ -398,12 +383,3 @@ def _displacement(level: Level, geometry: Geometry) -> float:
         levels = {"zero": 0.0, "max": geometry.travel_max_mm, "min": geometry.travel_min_mm}
         return levels[level]
     return float(level)
-
-
-def _outside_limits(where: str, level: Level, geometry: Geometry) -> RecordError:
-    return RecordError(
-        where,
-        f"{_displacement(level, geometry):g} mm",
-        f"the joint limits {geometry.travel_min_mm:g} … {geometry.travel_max_mm:g} mm",
-        "Change the level, or the limits in the machine file.",
-    )

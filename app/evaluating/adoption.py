@@ -61,7 +61,7 @@ def adopt(
     for one in chosen:
         why = f"a law without a name: {one.title}" if _is_law(one) else diagnosed.diagnosis.sentence
         model = with_effect(model, _entry(one, source), why)
-    write_model(target, model)
+    write_files(target, {"": model.text()})
     return model
 
 
@@ -69,13 +69,8 @@ def remove(path: Path, effect: str, why: str) -> ModelFile:
     """Take an effect (``id`` or ``id:where``) out of a model; the history keeps it."""
     name, _, where = effect.partition(":")
     model = without_effect(read_model_file(path), name, where or None, why)
-    write_model(path, model)
-    return model
-
-
-def write_model(path: Path, model: ModelFile) -> None:
-    """Write the file. Raises RecordError."""
     write_files(path, {"": model.text()})
+    return model
 
 
 def _chosen(diagnosed: SessionDiagnosis, candidate: str | None) -> list[Finding | Contender]:

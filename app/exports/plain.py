@@ -10,7 +10,7 @@ from app.report.schema.solution import OffsetsReport
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 from protocols.files import Written
-from protocols.model_file import model_to_json
+from protocols.model_file import model_file
 from protocols.table import csv_text
 
 
@@ -24,7 +24,7 @@ def as_model(offsets: Offsets) -> Written:
     known = offsets.parameters
     values = tuple(known[name].value if name in known else 0.0 for name in PARAMETER_NAMES)
     model = Model(offsets.machine.geometry(), values)
-    return {"": model_to_json(model, offsets.machine, offsets.cautions)}
+    return {"": model_file(model, offsets.machine, offsets.cautions).text()}
 
 
 def as_csv(offsets: Offsets) -> Written:

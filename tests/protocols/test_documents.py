@@ -10,7 +10,7 @@ from calib.errors import RecordError
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
 from protocols.machine import Machine, load_machine
-from protocols.model_file import model_to_json, read_model
+from protocols.model_file import model_file, read_model
 
 
 def test_default_machine_is_the_prototype() -> None:
@@ -47,7 +47,7 @@ def test_model_round_trip(tmp_path: Path) -> None:
     machine = Machine(name="bench 2", leg_length_mm=400.0, home_offset_mm=(1.0, 2.0, 3.0))
     model = Model(machine.geometry(), (0.1, -0.2, 0.3, 0.01, -0.02, 0.03))
     path = tmp_path / "model.json"
-    path.write_text(model_to_json(model, machine), encoding="utf-8")
+    path.write_text(model_file(model, machine).text(), encoding="utf-8")
     assert read_model(path) == (model, machine)
     assert '"schema": "glidecal.model/1"' in path.read_text(encoding="utf-8")
 

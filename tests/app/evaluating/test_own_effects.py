@@ -15,7 +15,7 @@ from calib.tripod.effects.candidates import candidates
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model
 from protocols.machine import Machine
-from protocols.model_file import model_to_json, read_model
+from protocols.model_file import model_file, read_model
 from tests.app.cli import glidecal, refused
 from tests.builders import postures
 from tests.conftest import ROOT
@@ -67,7 +67,7 @@ def test_the_documented_effect_in_a_model(folder: Path, tmp_path: Path) -> None:
     law = known_laws()[-1]
     model = Model(parameters_mm=OFF, effects=(EffectInstance(law, "xy", (40.0,)),))
     path = tmp_path / "model.json"
-    path.write_text(model_to_json(model, Machine()), encoding="utf-8")
+    path.write_text(model_file(model, Machine()).text(), encoding="utf-8")
     again, _ = read_model(path, known_laws())
     taken = postures()
     assert again.readings(taken) == pytest.approx(model.readings(taken), abs=1e-15)

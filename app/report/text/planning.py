@@ -42,7 +42,11 @@ def identifiability_text(seen: SeenBy) -> str:
     parts.append(
         wrapped(
             f"Condition number {found.condition_number:.1f} of what is seen "
-            f"({examined.units}; 1 is the least possible).\n{_classical(seen)}"
+            f"({examined.units}; 1 is the least possible).\n"
+            f"Classical QR (papers/001), |r_ii| ≤ {seen.qr.tolerance:.2g}: flags "
+            f"{', '.join(seen.qr.flagged) or 'none'}. "
+            "WARNING: that test knows neither noise nor tolerance and depends on the order of the "
+            "parameters; the lines above decide."
         )
     )
     return "\n\n".join(parts)
@@ -93,15 +97,6 @@ def _cure(one: Combination, without: str = "") -> str:
     return f"  Best single addition: {one.cure.where}; then ±{half:.3f} mm."
 
 
-def _classical(seen: SeenBy) -> str:
-    flagged = ", ".join(seen.qr.flagged) or "none"
-    return (
-        f"Classical QR (papers/001), |r_ii| ≤ {seen.qr.tolerance:.2g}: flags {flagged}. "
-        "WARNING: that test knows neither noise nor tolerance and depends on the order of the "
-        "parameters; the lines above decide."
-    )
-
-
 def postures_text(chosen: ChosenPostures) -> str:
     """Before and after, then the postures."""
     words = wrapped(
@@ -121,7 +116,8 @@ def postures_text(chosen: ChosenPostures) -> str:
     names = list(chosen.postures[0])
     table = new_table(*(name.replace("_mm", ", mm") for name in names))
     for posture in chosen.postures:
-        table.add_row(*(_coordinate(posture[name]) for name in names))
+        coordinates = (posture[name] for name in names)
+        table.add_row(*(one if isinstance(one, str) else f"{one:g}" for one in coordinates))
     last = wrapped(
         f"{chosen.coordinates_on_bound} coordinates stand on a bound of the search. Best of "
         f"{chosen.starts} starts, seed {chosen.seed}, {chosen.exchanges} exchanges, "
@@ -146,10 +142,6 @@ def _moved(chosen: ChosenPostures) -> str:
 def _figure(figures: Figures, kind: str) -> str:
     value = getattr(figures, kind)
     return "not seen" if value is None else f"{value:.4g}"
-
-
-def _coordinate(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:g}"
 
 
 def plan_text(plan: NextMeasurement) -> str:

@@ -51,31 +51,35 @@ def progress_line(name: str, place: str, speed: int, state: str) -> str:
 
 def said_text(playback: Playback) -> str:
     """One line for what is shown last; at both ends also what is wrong with the record."""
-    text = frame_text(playback.events_shown_last)
+    text = _frame_text(playback.events_shown_last)
     if not playback.warning or not playback.at_either_end:
         return text
     return f"{text} {playback.warning}"
 
 
-def frame_text(events: Sequence[Event]) -> str:
+def _frame_text(events: Sequence[Event]) -> str:
     """One line for what happened at one moment of the record."""
-    first = events[0]
     taken = [event for event in events if isinstance(event, Reading)]
     faults = [event for event in events if isinstance(event, Faulted)]
     if taken:
         return _taken(taken)
-    if faults:
-        return "; ".join(_fault(fault) for fault in faults)
-    return one_line(_event(first))
+    return "; ".join(one_line(_event(event)) for event in faults or events[:1])
 
 
 def _event(event: Event) -> str:
-    """A single event that is no reading and no fault."""
+    """A single event that is no reading."""
     match event:
         case Opened():
-            said = _opened(event)
+            by = f" by {event.operator}" if event.operator else ""
+            begun = f"Begun {event.at:%Y-%m-%d %H:%M %Z}{by}, {event.origin}."
+            said = " ".join([begun, *event.remarks])
         case Mounted():
-            said = _mounted(event)
+            axes = " and ".join(axis.upper() for axis in event.mounts)
+            said = f"Mounted on leg {event.leg.upper()} along {axes}: a new zero."
+        case Faulted():
+            step = "" if event.step is None else f", step {event.step}"
+            text = f" (received {event.text!r})" if event.text else ""
+            said = f"Fault of the indicator along {event.axis.upper()}{step}: {event.kind}{text}"
         case Superseded():
             said = f"Superseded readings {_numbers(event.readings)}: {event.reason}"
         case Skipped():
@@ -95,17 +99,6 @@ def _event(event: Event) -> str:
     return said
 
 
-def _mounted(event: Mounted) -> str:
-    axes = " and ".join(axis.upper() for axis in event.mounts)
-    return f"Mounted on leg {event.leg.upper()} along {axes}: a new zero."
-
-
-def _opened(event: Opened) -> str:
-    by = f" by {event.operator}" if event.operator else ""
-    said = f"Begun {event.at:%Y-%m-%d %H:%M %Z}{by}, {event.origin}."
-    return " ".join([said, *event.remarks])
-
-
 def _taken(readings: Sequence[Reading]) -> str:
     first = readings[0]
     shown = ", ".join(f"{r.axis.upper()} {signed(r.value_mm, 4)} mm" for r in readings)
@@ -115,12 +108,6 @@ def _taken(readings: Sequence[Reading]) -> str:
     if first.position_mm is not None:
         where = first.place_words
     return f"Reading {first.reading}, {where}: {shown}"
-
-
-def _fault(event: Faulted) -> str:
-    step = "" if event.step is None else f", step {event.step}"
-    text = f" (received {event.text!r})" if event.text else ""
-    return one_line(f"Fault of the indicator along {event.axis.upper()}{step}: {event.kind}{text}")
 
 
 def _restored(event: Restored) -> str:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-
-from rich.table import Table
 
 from app.evaluating.comparison import Comparison
 from app.evaluating.solution import SessionSolution
@@ -23,27 +21,23 @@ def solution_text(solved: SessionSolution) -> str:
     parts = [
         wrapped(
             f"{', '.join(solved.names)}: {SUBSET_WORDS[solution.subset]}, "
-            f"{method_words(solution)}, {solved.reading_count} readings"
+            f"{_method_words(solution)}, {solved.reading_count} readings"
         ),
-        wrapped("\n".join([verdict(solved), *caveats(solved)])),
-        table_text(parameter_table(solution)),
-        table_text(difference_table(solution)),
-        table_text(subset_table(solved)),
-        wrapped(noise_words(solution)),
+        wrapped("\n".join([_verdict(solved), *caveats(solved)])),
+        _parameter_table(solution),
+        _difference_table(solution),
+        _subset_table(solved),
+        wrapped(_noise_words(solution)),
     ]
     remarks = [remark for session in solved.sessions for remark in session.opened.remarks]
-    remarks += [skipped_words(s.skipped) for s in solved.sessions if s.skipped]
+    for session in solved.sessions:
+        if count := len(session.skipped):
+            reasons = "; ".join(dict.fromkeys(session.skipped.values()))
+            remarks.append(f"{count} step{'s' if count > 1 else ''} left out: {reasons}")
     return "\n\n".join([*parts, *(wrapped(f"Remark: {remark}") for remark in remarks)])
 
 
-def skipped_words(skipped: Mapping[int, str]) -> str:
-    """How many steps were left out, and why."""
-    reasons = "; ".join(dict.fromkeys(skipped.values()))
-    return f"{len(skipped)} step{'s' if len(skipped) > 1 else ''} left out: {reasons}"
-
-
-def method_words(solution: Solution) -> str:
-    """Which estimate this is."""
+def _method_words(solution: Solution) -> str:
     if solution.method == "exact":
         return "exact fit"
     if solution.weights == "covariance":
@@ -51,26 +45,21 @@ def method_words(solution: Solution) -> str:
     return "linear system (11), pseudoinverse as in the papers"
 
 
-def verdict(solved: SessionSolution) -> str:
-    """The first lines of a result."""
+def _verdict(solved: SessionSolution) -> str:
     solution = solved.solution
+    of_tool = any(reading.leg == "tool" for one in solved.sessions for reading in one.readings)
     expanded = uncertain(float(solution.expanded_mm.max()))
     return (
         f"{SUBSET_WORDS[solution.subset].capitalize()} known to ±{expanded} mm "
-        f"({_held_words(solution)}).\n"
-        f"{_what(solved)} deviations {solution.rms_before_mm:.4f} → "
+        f"({_source_of_uncertainty(solution)}).\n"
+        f"{'Tool' if of_tool else 'Leg'} deviations {solution.rms_before_mm:.4f} → "
         f"{solution.rms_after_mm:.4f} mm r.m.s.\n"
         f"Tool over the workspace: off by {_tool(solved, solved.tool_before)} mm r.m.s. now, "
         f"{_tool(solved, solved.tool_after)} mm expected with these values."
     )
 
 
-def _what(solved: SessionSolution) -> str:
-    of_tool = any(reading.leg == "tool" for one in solved.sessions for reading in one.readings)
-    return "Tool" if of_tool else "Leg"
-
-
-def _held_words(solution: Solution) -> str:
+def _source_of_uncertainty(solution: Solution) -> str:
     """What the uncertainty in the first line is made of."""
     if solution.subset == "with-tolerances":
         return "95 %, reading noise and the parts' tolerances"
@@ -84,17 +73,16 @@ def _tool(solved: SessionSolution, error: ToolError) -> str:
     return f"{error.rms_mm:.{decimals_for(half_mm)}f} ± {uncertain(half_mm)}"
 
 
-def parameter_table(solution: Solution) -> Table:
-    """Identified values with their uncertainties."""
+def _parameter_table(solution: Solution) -> str:
     table = new_table("parameter", "value, mm", "± U (95 %), mm", "u, mm")
     rows = (solution.names, solution.values_mm, solution.expanded_mm, solution.uncertainty_mm)
     decimals = decimals_for(float(solution.expanded_mm.min()), 4)
     for name, value, expanded, u in zip(*rows, strict=True):
         table.add_row(name, signed(value, decimals), uncertain(expanded, 4), uncertain(u, 4))
-    return table
+    return table_text(table)
 
 
-def difference_table(solution: Solution) -> Table:
+def _difference_table(solution: Solution) -> str:
     """The (up to) twelve differences with what the model predicts."""
     table = new_table("difference", "measured, mm", "u, mm", "predicted, mm", "left, mm")
     measured = solution.differences
@@ -106,32 +94,36 @@ def difference_table(solution: Solution) -> Table:
             signed(float(solution.predicted_mm[k])),
             signed(float(solution.left_mm[k])),
         )
-    return table
+    return table_text(table)
 
 
-def subset_table(solved: SessionSolution) -> Table:
+def _subset_table(solved: SessionSolution) -> str:
     """What each set of parameters would leave, and its expected error at the tool."""
     table = new_table("set of parameters", "left, r.m.s.", "tool, mm", "")
     for subset in SUBSETS:
+        residual, expected = "left out", ""
         if subset in solved.choice.solutions:
-            left = f"{solved.choice.solutions[subset].rms_after_mm:.4f}"
+            residual = f"{solved.choice.solutions[subset].rms_after_mm:.4f}"
             expected = uncertain(solved.choice.tool_error_mm[subset])
-        else:
-            left, expected = "left out", ""
         mark = "recommended" if subset == solved.choice.recommended else ""
-        table.add_row(SUBSET_WORDS[subset], left, expected, mark)
-    return table
+        table.add_row(SUBSET_WORDS[subset], residual, expected, mark)
+    return table_text(table)
 
 
-def noise_words(solution: Solution) -> str:
-    """Where the noise figure comes from."""
+def _noise_words(solution: Solution) -> str:
+    """Where the noise figure comes from, and the parameters known least independently."""
     noise = solution.noise
     mean = "" if noise.pooled else " r.m.s. over the indicators"
+    value, first, second = solution.strongest_correlation or (0.0, "", "")
+    shown = signed(value, 2)
+    correlation = f"strongest correlation {shown}, {first} and {second}."
+    if float(shown) == 0.0:
+        correlation = "no correlation to state."
     return (
         f"Noise of a single reading {uncertain(noise.standard_deviation_mm, 4)} mm{mean}, "
         f"{_source_words(noise)}.\n"
         f"Coverage factor {solution.coverage_factor:.3f}; condition number "
-        f"{solution.condition_number:.1f}; {correlation_words(solution)}"
+        f"{solution.condition_number:.1f}; {correlation}"
     )
 
 
@@ -147,15 +139,6 @@ def _source_words(noise: Noise) -> str:
     if noise.repeated == "equal":
         return "from resolution and repeatability as stated or seen in the digits"
     return "from the indicator's stated resolution and repeatability"
-
-
-def correlation_words(solution: Solution) -> str:
-    """The two parameters that are known least independently."""
-    value, first, second = solution.strongest_correlation or (0.0, "", "")
-    shown = signed(value, 2)
-    if float(shown) == 0.0:
-        return "no correlation to state."
-    return f"strongest correlation {shown}, {first} and {second}."
 
 
 def comparison_text(before: Solution, after: Solution) -> str:

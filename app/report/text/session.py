@@ -15,7 +15,7 @@ from calib.tripod.geometry import Geometry
 from calib.tripod.kinematics import inverse
 from calib.tripod.pipeline import command
 from drivers.profile import Verified
-from protocols.machine import Instrument, Machine
+from protocols.machine import Machine
 from protocols.procedure import Procedure, Step, leg_number, posture_name
 from protocols.session import Session
 
@@ -36,32 +36,19 @@ The word in each panel tells moving from standing still. A reading is
 on the disk before this screen says that it is taken."""
 
 
-def instruction(step: Step) -> str:
-    """What to do now, in one sentence."""
-    return (
-        f"Move the tool to {step.leg.upper()} {step.displacement_mm:+.2f} mm; "
-        "take when the readings stand still."
-    )
-
-
-def set_up(step: Step) -> str:
-    """How to mount the stand for the leg of this step."""
-    axes = " and ".join(axis.upper() for axis in step.axes)
-    return (
-        f"First, at Zero: indicators on leg {step.leg.upper()} along {axes}, "
-        f"{step.station:.0%} from the tool end."
-    )
-
-
-def mdi_line(step: Step, machine: Machine) -> str:
+def _mdi_line(step: Step, machine: Machine) -> str:
     """The line to type at the controller, in the coordinates that it takes."""
-    joint = machine.mdi == "joint"
-    position = joints_mm(step, machine.geometry()) if joint else tool_mm(step)
+    if machine.mdi == "joint":
+        position = _joints_mm(step, machine.geometry())
+    elif step.position_mm is not None:
+        position = dict(zip(LEG_NAMES, step.position_mm, strict=True))
+    else:
+        position = dict.fromkeys(LEG_NAMES, 0.0) | {step.leg: step.displacement_mm}
     words = " ".join(f"{name.upper()}{value:.3f}" for name, value in position.items())
     return f"G53 G0 {words}"
 
 
-def joints_mm(step: Step, geometry: Geometry) -> dict[str, float]:
+def _joints_mm(step: Step, geometry: Geometry) -> dict[str, float]:
     """Joint coordinates that the controller commands for this step."""
     if step.position_mm is not None:
         found = inverse(geometry, step.position_mm)
@@ -69,19 +56,6 @@ def joints_mm(step: Step, geometry: Geometry) -> dict[str, float]:
         leg, axis = leg_number(step.leg), leg_number(step.axes[0])
         found = command(geometry, conditions([leg], [axis], [step.displacement_mm]))[0]
     return dict(zip(LEG_NAMES, found.tolist(), strict=True))
-
-
-def tool_mm(step: Step) -> dict[str, float]:
-    """Tool coordinates that the controller is told for this step."""
-    if step.position_mm is not None:
-        return dict(zip(LEG_NAMES, step.position_mm, strict=True))
-    return dict.fromkeys(LEG_NAMES, 0.0) | {step.leg: step.displacement_mm}
-
-
-def joints_text(step: Step, geometry: Geometry) -> str:
-    """The joint coordinates of all three actuators in one line."""
-    joints = joints_mm(step, geometry)
-    return "joints " + "  ".join(f"{name} {value:.3f}" for name, value in joints.items())
 
 
 def procedure_sentence(procedure: Procedure, geometry: Geometry, axes: Sequence[str]) -> str:
@@ -109,7 +83,7 @@ def dry_run_text(procedure: Procedure, machine: Machine, axes: Sequence[str]) ->
     table = new_table("step", "leg", "posture", "cycle", "station", "axes", "controller", left=7)
     for step in procedure.steps(geometry, axes):
         place = (str(step.number), step.leg, step.posture(geometry), str(step.cycle))
-        table.add_row(*place, f"{step.station:g}", " ".join(step.axes), mdi_line(step, machine))
+        table.add_row(*place, f"{step.station:g}", " ".join(step.axes), _mdi_line(step, machine))
     sentence = wrapped(procedure_sentence(procedure, geometry, axes))
     return f"{sentence}\n\n{table_text(table)}"
 
@@ -120,7 +94,11 @@ def check_text(plan: Plan, *, continued: bool) -> str:
         check = "The machine is simulated; its indicators speak real bytes over real ports."
     else:
         check = "Move each spindle by hand: the right display must follow, and read in mm."
-    unverified = [i.profile for i in plan.instruments if not _is_verified(i)]
+    unverified = [
+        instrument.profile
+        for instrument in plan.instruments
+        if profile_of(instrument).verified is Verified.UNVERIFIED
+    ]
     if unverified:
         check += f"\nUNVERIFIED profile: {', '.join(unverified)}. Compare with the display first."
     sentence = procedure_sentence(plan.procedure, plan.machine.geometry(), plan.axes)
@@ -131,10 +109,6 @@ def check_text(plan: Plan, *, continued: bool) -> str:
     if plan.before is not None:
         entered = "Verification: the exported offsets must now be in the controller.\n"
     return f"{entered}{plan.machine.name}. {sentence}\n\n{check}\n\n{begin}: {plan.path}"
-
-
-def _is_verified(instrument: Instrument) -> bool:
-    return profile_of(instrument).verified is not Verified.UNVERIFIED
 
 
 def progress_text(session: Session, steps: Sequence[Step], mode: str) -> str:
@@ -161,10 +135,18 @@ def step_text(step: Step, session: Session) -> str:
     machine = session.opened.machine
     geometry = machine.geometry()
     cycles = session.opened.procedure.cycles if session.opened.procedure else 1
-    where = f"LEG {step.leg.upper()}   {step.posture(geometry)}   cycle {step.cycle} of {cycles}"
-    lines = [where, instruction(step), mdi_line(step, machine), joints_text(step, geometry)]
+    leg, joints = step.leg.upper(), _joints_mm(step, geometry)
+    lines = [
+        f"LEG {leg}   {step.posture(geometry)}   cycle {step.cycle} of {cycles}",
+        f"Move the tool to {leg} {step.displacement_mm:+.2f} mm; take when the readings stand "
+        "still.",
+        _mdi_line(step, machine),
+        "joints " + "  ".join(f"{name} {value:.3f}" for name, value in joints.items()),
+    ]
     if session.is_new_place(step):
-        lines.insert(1, set_up(step))
+        axes = " and ".join(axis.upper() for axis in step.axes)
+        at = f"along {axes}, {step.station:.0%} from the tool end."
+        lines.insert(1, f"First, at Zero: indicators on leg {leg} {at}")
     elif session.needs_new_zero(step):
         lines.insert(1, "After the break: readings from here on have a zero of their own.")
     return "\n".join(lines)

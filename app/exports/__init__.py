@@ -1,21 +1,67 @@
-"""Offsets for controllers: one file a format.
+"""Offsets for controllers: as JSON, as CSV, as a model, and for LinuxCNC.
 
 May import `app.report` and what that may import.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from app.evaluating.solution import SessionSolution
-from app.exports import linuxcnc, plain
-from app.report.offsets import offsets_from_solved
-from protocols.files import write_files
+from app.exports import linuxcnc
+from app.report.offsets import Offsets, offsets_from_solved
+from app.report.schema.document import to_json
+from app.report.schema.solution import OffsetsReport
+from calib.tripod.geometry import PARAMETER_NAMES
+from calib.tripod.pipeline import Model
+from protocols.files import Written, write_files
+from protocols.model_file import model_file
+from protocols.table import csv_text
+
+
+def as_json(offsets: Offsets) -> Written:
+    """Schema ``glidecal.offsets/1``."""
+    return {"": to_json(OffsetsReport.of(offsets=offsets)) + "\n"}
+
+
+def as_model(offsets: Offsets) -> Written:
+    """Schema ``glidecal.model/1``: for ``glidecal simulate --model``."""
+    known = offsets.parameters
+    values = tuple(known[name].value if name in known else 0.0 for name in PARAMETER_NAMES)
+    model = Model(offsets.machine.geometry(), values)
+    return {"": model_file(model, offsets.machine, offsets.cautions).text()}
+
+
+def as_csv(offsets: Offsets) -> Written:
+    """One row a parameter, below the cautions as ``#`` lines; point as decimal mark.
+
+    An unknown uncertainty stays empty.
+    """
+    rows: list[Sequence[str]] = [
+        (
+            "parameter",
+            "value_mm",
+            "standard_uncertainty_mm",
+            "expanded_uncertainty_mm",
+            "expanded_with_lack_of_fit_mm",
+        )
+    ]
+    for name, one in offsets.parameters.items():
+        known = (
+            one.value,
+            one.standard_uncertainty,
+            one.expanded_uncertainty,
+            one.expanded_with_lack_of_fit,
+        )
+        rows.append((name, *("" if mm is None else f"{mm:.6f}" for mm in known)))
+    return {"": csv_text(rows, offsets.cautions)}
+
 
 FORMATS = {
-    "json": plain.as_json,
-    "csv": plain.as_csv,
-    "model": plain.as_model,
+    "json": as_json,
+    "csv": as_csv,
+    "model": as_model,
     "linuxcnc": linuxcnc.joint_includes,
 }
 """Each takes offsets and gives the texts of the files to write, by name ('' is the path itself)."""

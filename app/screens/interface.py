@@ -26,7 +26,7 @@ from textual.widget import Widget
 from app.exit_codes import Exit
 from app.measuring.opening import Indicators, Plan
 from app.measuring.session import GuidedSession
-from app.report.text.settings import key_list_text
+from app.report.text.home import key_list_text
 from app.screens.dialogs import HelpDialog
 from app.screens.fast_keys import Palette, ready
 from app.screens.leaving import on_signals

@@ -89,22 +89,36 @@ def readings_by_posture(session: Session, step: Step) -> Chart:
 
 def measured_and_predicted(solution: Solution) -> Chart:
     """The differences as measured, and what the model leaves of them."""
-    rows = list(solution.differences.published_rows)
-    left = solution.differences.value_mm - solution.predicted_mm
-    measured = [float(solution.differences.value_mm[k]) for k in rows]
-    names = tuple(solution.differences.names[k] for k in rows)
-    pair = _pair("measured", measured, "left", [float(left[k]) for k in rows])
-    return Chart("Differences", "", "mm", pair, names)
+    found, rows = solution.differences, list(solution.differences.published_rows)
+    names = [found.names[k] for k in rows]
+    measured, residual = found.value_mm[rows], solution.left_mm[rows]
+    return _differences(names, "measured", measured.tolist(), "left", residual.tolist())
 
 
 def before_and_after(before: Solution, after: Solution) -> Chart:
     """The differences before and after the offsets were entered."""
-    later = dict(zip(after.differences.names, after.differences.value_mm, strict=True))
-    rows = [k for k in before.differences.published_rows if before.differences.names[k] in later]
-    names = tuple(before.differences.names[k] for k in rows)
-    earlier = [float(before.differences.value_mm[k]) for k in rows]
-    pair = _pair("before", earlier, "after", [float(later[name]) for name in names])
-    return Chart("Differences", "", "mm", pair, names)
+    found = before.differences
+    later = dict(zip(after.differences.names, after.differences.value_mm.tolist(), strict=True))
+    rows = [k for k in found.published_rows if found.names[k] in later]
+    names = [found.names[k] for k in rows]
+    earlier = found.value_mm[rows].tolist()
+    return _differences(names, "before", earlier, "after", [later[name] for name in names])
+
+
+def _differences(
+    names: Sequence[str],
+    first: str,
+    values: Sequence[float],
+    second: str,
+    others: Sequence[float],
+) -> Chart:
+    """Two series over the same names, beside each other so that none hides the other."""
+    places = range(1, len(names) + 1)
+    series = (
+        Series(first, tuple(k - ASIDE for k in places), tuple(values)),
+        Series(second, tuple(k + ASIDE for k in places), tuple(others)),
+    )
+    return Chart("Differences", "", "mm", series, tuple(names))
 
 
 def thinned(series: Series, columns: int) -> Series:
@@ -177,7 +191,7 @@ def even_limits(ticks: Sequence[float], cells: int) -> tuple[float, float]:
 
 def spread(ticks: Sequence[float], room: int, each: int) -> tuple[float, ...]:
     """Those of round ticks that get a label: each takes so many cells of the room; zero is kept."""
-    every = _every(len(ticks) - 1, room - 1, each)
+    every = max(1, math.ceil((len(ticks) - 1) * each / max(1, room - 1)))
     zero = ticks.index(0.0) if 0.0 in ticks else 0
     return tuple(tick for k, tick in enumerate(ticks) if (k - zero) % every == 0)
 
@@ -194,24 +208,8 @@ def label_cells(labels: Sequence[str]) -> int:
     return longest + longest // 2 + 2
 
 
-def _every(steps: int, room: int, each: int) -> int:
-    """Every how manyth step has the room that it needs."""
-    return max(1, math.ceil(steps * each / max(1, room)))
-
-
 def _series(name: str, points: Sequence[tuple[float, float]]) -> Series:
     return Series(name, tuple(x for x, _ in points), tuple(y for _, y in points))
-
-
-def _pair(
-    name: str, values: Sequence[float], other_name: str, others: Sequence[float]
-) -> tuple[Series, Series]:
-    """Two series over the same names, beside each other so that none hides the other."""
-    places = range(1, len(values) + 1)
-    return (
-        Series(name, tuple(k - ASIDE for k in places), tuple(values)),
-        Series(other_name, tuple(k + ASIDE for k in places), tuple(others)),
-    )
 
 
 HALF = 0.36
@@ -229,9 +227,9 @@ def residuals_before_and_after(cells: Sequence[Cell]) -> Chart:
     The noise is drawn at two standard deviations of a mean, on both sides of zero.
     """
     stations = {cell.station for cell in cells}
-    mounts = sorted({_mount(cell) for cell in cells})
-    places = {mount: float(k) for k, mount in enumerate(mounts, start=1)}
-    names = tuple(mount_name(*mount, stations=len(stations)) for mount in mounts)
+    set_ups = sorted({_set_up(cell) for cell in cells})
+    places = {set_up: float(k) for k, set_up in enumerate(set_ups, start=1)}
+    names = tuple(_name(*set_up, stations=len(stations)) for set_up in set_ups)
     adopted = any(cell.after_mm is not None for cell in cells)
     aside = BESIDE if adopted else 0.0
     series = [_noise(cells, places), _residuals("before", cells, places, -aside)]
@@ -241,14 +239,14 @@ def residuals_before_and_after(cells: Sequence[Cell]) -> Chart:
     return Chart("Mean residual", words, "µm", tuple(series), names)
 
 
-def mount_name(leg: str, axis: str, station: float, *, stations: int) -> str:
+def _name(leg: str, axis: str, station: float, *, stations: int) -> str:
     """A mounting in a few letters; the station, in percent, only where there are several."""
     if stations > 1:
         return f"{leg}{axis}{100.0 * station:.0f}"
     return f"{leg.upper()} along {axis.upper()}"
 
 
-def _mount(cell: Cell) -> tuple[str, str, float]:
+def _set_up(cell: Cell) -> tuple[str, str, float]:
     return cell.leg, cell.axis, cell.station
 
 
@@ -265,7 +263,7 @@ def _residuals(
     for cell in cells:
         value_mm = cell.after_mm if after else cell.before_mm
         if value_mm is not None:
-            x.append(places[_mount(cell)] + HALF * cell.displacement_mm / reach + aside)
+            x.append(places[_set_up(cell)] + HALF * cell.displacement_mm / reach + aside)
             y.append(1000.0 * value_mm)
     return Series(name, tuple(x), tuple(y))
 
@@ -273,8 +271,8 @@ def _residuals(
 def _noise(cells: Sequence[Cell], places: dict[tuple[str, str, float], float]) -> Series:
     x: list[float] = []
     y: list[float] = []
-    for mount, place in places.items():
-        floor = SEEN * 1000.0 * max(cell.noise_mm for cell in cells if _mount(cell) == mount)
+    for set_up, place in places.items():
+        floor = SEEN * 1000.0 * max(cell.noise_mm for cell in cells if _set_up(cell) == set_up)
         for side in (-EDGE, EDGE):
             x += [place + side, place + side]
             y += [-floor, floor]

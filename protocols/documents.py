@@ -70,8 +70,9 @@ def read_toml(path: Path, kind: type[D], what: str) -> D:
     try:
         return kind.model_validate_json(content)
     except ValidationError as problem:
+        keys = (field.alias or name for name, field in kind.model_fields.items())
         raise RecordError(
-            f"{what} {path}", describe(problem, text), next_step=_keys(kind)
+            f"{what} {path}", describe(problem, text), next_step="Keys: " + ", ".join(keys)
         ) from problem
 
 
@@ -114,10 +115,6 @@ def describe(problem: ValidationError, text: str | None = None) -> str:
     return "; ".join(faults) + (f"; and {more} more" if more > 0 else "")
 
 
-def _keys(kind: type[BaseModel]) -> str:
-    return "Keys: " + ", ".join(field.alias or name for name, field in kind.model_fields.items())
-
-
 STRING = r'"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\''
 LONG_STRING = r'"""(?:\\.|[^\\])*?"{3,5}|\'\'\'.*?\'{3,5}'
 COMMENT = r"#[^\n]*"
@@ -137,7 +134,8 @@ def line_of(text: str, location: Sequence[str | int]) -> int | None:
     if not tables:
         return None
     lines = TEXTS.sub(_shortened, text).split("\n")
-    headers = [k for k, line in enumerate(lines) if _is_header(line, tables[0])]
+    found = ((k, HEADER.match(line)) for k, line in enumerate(lines))
+    headers = [k for k, header in found if header and header[1] == tables[0]]
     if headers:
         start = headers[min(numbers[0] if numbers else 0, len(headers) - 1)]
         inside = _key_line(lines, start + 1, tables[1]) if len(tables) > 1 else None
@@ -145,7 +143,8 @@ def line_of(text: str, location: Sequence[str | int]) -> int | None:
     at = _key_line(lines, 0, tables[0])
     if at is None:
         return None
-    return at + 1 + (_entry_offset(lines[at:], numbers[0]) if numbers else 0)
+    entries = _entries("\n".join(lines[at:]).split("=", 1)[1]) if numbers else ()
+    return at + 1 + next((offset for entry, offset in entries if entry == numbers[0]), 0)
 
 
 def is_deep(text: str) -> bool:
@@ -164,11 +163,6 @@ def _shortened(found: re.Match[str]) -> str:
     return '""' + "\n" * text.count("\n") if text[:3] in {'"""', "'''"} else text
 
 
-def _is_header(line: str, name: str) -> bool:
-    found = HEADER.match(line)
-    return found is not None and found[1] == name
-
-
 def _key_line(lines: Sequence[str], start: int, key: str) -> int | None:
     """The line ``key = …`` from here to the next header."""
     wanted = re.compile(rf"""^\s*["']?{re.escape(key)}["']?\s*=""")
@@ -178,14 +172,6 @@ def _key_line(lines: Sequence[str], start: int, key: str) -> int | None:
         if HEADER.match(lines[k]) and "=" not in lines[k]:
             return None
     return None
-
-
-def _entry_offset(lines: Sequence[str], wanted: int) -> int:
-    """How many lines below its key entry number ``wanted`` of an array begins."""
-    for entry, offset in _entries("\n".join(lines).split("=", 1)[1]):
-        if entry == wanted:
-            return offset
-    return 0
 
 
 def _entries(text: str) -> Iterator[tuple[int, int]]:

@@ -264,18 +264,16 @@ def check_new(path: Path) -> None:
     """
     if not path.name:
         raise RecordError("session", f"'{path}', a folder", "the name of a file")
-    if os.path.lexists(path) and not _is_empty(path):
+    # a regular file without a byte is left by a program that was killed as it began
+    if os.path.lexists(path) and not (
+        path.is_file() and not path.is_symlink() and path.stat().st_size == 0
+    ):
         raise RecordError(
             f"session {path}",
             "a file that exists already",
             "a new file: a record is never overwritten",
             "Choose another name, or continue it with: glidecal run --continue SESSION.",
         )
-
-
-def _is_empty(path: Path) -> bool:
-    """A regular file without a byte, as a program leaves it that was killed as it began."""
-    return path.is_file() and not path.is_symlink() and path.stat().st_size == 0
 
 
 def _open_new(path: Path) -> io.FileIO:

@@ -15,7 +15,7 @@ from calib.errors import RecordError, UsageError
 from calib.observations import TOOL, conditions
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.catalogue import laws_of
-from calib.tripod.effects.effect import EffectInstance, EffectParameter, Law
+from calib.tripod.effects.effect import EffectInstance, Law
 from calib.tripod.effects.empirical import BASES, EMPIRICAL, empirical_law
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.pipeline import Model
@@ -130,20 +130,22 @@ def placed_effects(
     Raises RecordError for an effect, parameter, unit or place that is not known.
     """
     law = _law_of(entry, laws, geometry, thing)
+    units = {parameter.name: parameter.unit for parameter in law.parameters}
     values: dict[str, dict[str, float]] = {}
     for name, parameter in entry.parameters.items():
         base = parameter.of or name
-        _check_unit(law, base, parameter, f"{thing}, {entry.id}, {name}")
+        if parameter.unit != units[base]:
+            where = f"{thing}, {entry.id}, {name}, unit"
+            raise RecordError(where, repr(parameter.unit), units[base])
         for place in _places(entry, parameter, law, geometry, thing):
             values.setdefault(place, {})[base] = parameter.value
-    names = [parameter.name for parameter in law.parameters]
     for place, given in values.items():
-        if set(given) != set(names):
+        if set(given) != set(units):
             raise RecordError(
-                f"{thing}, {entry.id} at {place}", ", ".join(given), " and ".join(names)
+                f"{thing}, {entry.id} at {place}", ", ".join(given), " and ".join(units)
             )
     return tuple(
-        EffectInstance(law, place, tuple(given[name] for name in names))
+        EffectInstance(law, place, tuple(given[name] for name in units))
         for place, given in values.items()
     )
 
@@ -183,12 +185,6 @@ def _unnamed_law(entry: EffectEntry, thing: str) -> Law:
             ", ".join(BASES),
         )
     return law
-
-
-def _check_unit(law: Law, base: str, given: ParameterEntry, thing: str) -> None:
-    known: dict[str, EffectParameter] = {p.name: p for p in law.parameters}
-    if given.unit != known[base].unit:
-        raise RecordError(f"{thing}, unit", repr(given.unit), known[base].unit)
 
 
 def _places(

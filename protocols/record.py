@@ -229,7 +229,8 @@ def _check_chain(path: Path, number: int, lines: list[bytes], digest: str, event
     """
     line = lines[number - 1]
     if event.seal or isinstance(event, Closed):
-        own_fits = event.seal == digest_of(_unsealed(line, event.seal))
+        unsealed = line.replace(f'"seal":"{event.seal}"'.encode(), b'"seal":""', 1)
+        own_fits = event.seal == digest_of(unsealed)
         fits = own_fits and event.previous == digest
     else:  # of an older program: the line after it tells
         fits = event.previous == digest
@@ -242,10 +243,6 @@ def _check_chain(path: Path, number: int, lines: list[bytes], digest: str, event
             "an unaltered record",
             "Use an unaltered copy.",
         )
-
-
-def _unsealed(line: bytes, seal: str) -> bytes:
-    return line.replace(f'"seal":"{seal}"'.encode(), b'"seal":""', 1)
 
 
 def count_readings(events: Sequence[Event]) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TypeGuard
 
 from app.evaluating.diagnosis import SessionDiagnosis
 from calib.diagnosis.results import Contender, Finding
@@ -13,7 +12,6 @@ from calib.errors import UsageError
 from calib.tripod.effects.empirical import EMPIRICAL
 from protocols.files import write_files
 from protocols.model_file import (
-    EffectEntry,
     ModelFile,
     Provenance,
     effect_entry,
@@ -59,8 +57,11 @@ def adopt(
         verdict=diagnosed.diagnosis.verdict,
     )
     for one in chosen:
-        why = f"a law without a name: {one.title}" if _is_law(one) else diagnosed.diagnosis.sentence
-        model = with_effect(model, _entry(one, source), why)
+        why = diagnosed.diagnosis.sentence
+        if isinstance(one, Finding) and one.id == EMPIRICAL:
+            why = f"a law without a name: {one.title}"
+        values = {v.name: (v.value, v.standard_uncertainty) for v in one.parameters}
+        model = with_effect(model, effect_entry(one.where, one.effects, values, source), why)
     write_files(target, {"": model.text()})
     return model
 
@@ -98,15 +99,6 @@ def _chosen(diagnosed: SessionDiagnosis, candidate: str | None) -> list[Finding 
         shown = ", ".join(f"{one.id}:{one.where}" for one in offered)
         raise UsageError("--candidate", repr(candidate), shown or "no candidate at all")
     return [fitting[0]]
-
-
-def _is_law(one: Finding | Contender) -> TypeGuard[Finding]:
-    return isinstance(one, Finding) and one.id == EMPIRICAL
-
-
-def _entry(one: Finding | Contender, source: Provenance) -> EffectEntry:
-    values = {v.name: (v.value, v.standard_uncertainty) for v in one.parameters}
-    return effect_entry(one.where, one.effects, values, source)
 
 
 def write_procedure(diagnosed: SessionDiagnosis, path: Path) -> None:

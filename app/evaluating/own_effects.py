@@ -32,14 +32,17 @@ def known_laws() -> tuple[Law, ...]:
 
     Raises RecordError naming the file or entry point that cannot be used, and why.
     """
-    laws = list(CATALOGUE)
+    effects = list(CATALOGUE)
     for source, given in (*_from_files(), *_from_entry_points()):
-        for law in _run(source, partial(_laws_in, given)):
-            checked = _checked(source, law)
-            if checked.id in {known.id for known in laws}:
-                raise _broken(source, f"the id '{checked.id}'", "an id that is not taken")
-            laws.append(checked)
-    return tuple(laws)
+        for one in _run(source, partial(_each, given)):
+            fault = _run(source, partial(fault_of, one))
+            if fault:
+                raise _broken(source, fault)
+            effect = cast(Law, one)
+            if effect.id in {known.id for known in effects}:
+                raise _broken(source, f"the id '{effect.id}'", "an id that is not taken")
+            effects.append(effect)
+    return tuple(effects)
 
 
 def effects_folder() -> Path:
@@ -78,16 +81,9 @@ def _run(source: str, load: Callable[[], T]) -> T:
         raise _broken(source, _said(problem)) from problem
 
 
-def _laws_in(given: object) -> tuple[object, ...]:
+def _each(given: object) -> tuple[object, ...]:
+    """What was given; a list of the user's own class runs strange code even here."""
     return tuple(given) if isinstance(given, tuple | list) else (given,)
-
-
-def _checked(source: str, given: object) -> Law:
-    """The law, tried at every place with an unremarkable size."""
-    fault = _run(source, partial(fault_of, given))
-    if fault:
-        raise _broken(source, fault)
-    return cast(Law, given)
 
 
 def _said(problem: BaseException) -> str:

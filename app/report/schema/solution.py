@@ -22,7 +22,6 @@ from app.report.schema.document import (
     schema,
 )
 from calib.identify.accuracy import ToolError
-from calib.identify.monte_carlo import MonteCarlo
 from calib.identify.solution import Method, Solution, Subset, Weights
 from calib.noise.reading import NoiseSource, Repeated
 
@@ -139,16 +138,15 @@ class Covered:
     stated_mm: float
 
 
-def _covered(found: MonteCarlo) -> dict[str, Covered]:
-    return rows(Covered, found.names, found.covered, found.true_mm, found.stated_mm)
-
-
 class SimulatedSessions(Report):
     """Sessions like this one, simulated and identified."""
 
     sessions: int = at("simulated.sessions")
     failed: int = at("simulated.failed")
-    parameters: Annotated[dict[str, Covered], made(_covered)] = at("simulated")
+    parameters: Annotated[
+        dict[str, Covered],
+        made(lambda it: rows(Covered, it.names, it.covered, it.true_mm, it.stated_mm)),
+    ] = at("simulated")
 
 
 class SolutionReport(Report):

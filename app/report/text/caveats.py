@@ -83,7 +83,8 @@ def _of_noise(solved: SessionSolution) -> Iterator[str]:
         )
     for direction in solution.weak_directions:
         yield _weak(direction, solution.coverage_factor)
-    if solution.weak_directions and not _reads_tool(solved):
+    reads_tool = any(r.leg == "tool" for session in solved.sessions for r in session.readings)
+    if solution.weak_directions and not reads_tool:
         yield "What to measure against that: glidecal plan."
     if solved.loud:
         shown = "; ".join(map(_noisy, solved.loud[:MOST_NAMED]))
@@ -112,10 +113,6 @@ def _weak(direction: Direction, factor: float) -> str:
         name, uncertainty = direction.against
         said += f" ({name} to ±{uncertain(uncertainty * factor)})"
     return f"{said}; at the tool that is {uncertain(direction.tool_mm * factor, 2)} mm."
-
-
-def _reads_tool(solved: SessionSolution) -> bool:
-    return any(r.leg == "tool" for session in solved.sessions for r in session.readings)
 
 
 def _noisy(channel: NoisyChannel) -> str:

@@ -18,7 +18,6 @@ from calib.diagnosis.results import (
     HeldOutGap,
     ModelDiscrepancy,
     Share,
-    Value,
 )
 from calib.ties import descending
 from calib.tripod.effects.empirical import EMPIRICAL
@@ -150,8 +149,13 @@ def effects_text(findings: tuple[Finding, ...]) -> str:
 
 
 def _values_and_gap(one: Finding) -> list[str]:
-    gap = f"    gap {one.gap_rms_before_mm:.4f} → {one.gap_rms_after_mm:.4f} mm"
-    return [*(f"    {value_words(value)}" for value in one.parameters), gap]
+    """Parameters to two figures of their standard uncertainty, then the gap before and after."""
+    lines = []
+    for value in one.parameters:
+        u = value.standard_uncertainty
+        places = decimals(u)
+        lines.append(f"    {value.name} = {value.value:+.{places}f} ± {u:.{places}f} {value.unit}")
+    return [*lines, f"    gap {one.gap_rms_before_mm:.4f} → {one.gap_rms_after_mm:.4f} mm"]
 
 
 def hanging(line: str) -> str:
@@ -170,13 +174,6 @@ def left_over_text(left: ModelDiscrepancy) -> str:
     if left.held_out:
         lines.append(hanging("    " + held_out_words(left.held_out)))
     return "\n".join(lines)
-
-
-def value_words(value: Value) -> str:
-    """A parameter with its standard uncertainty, both to two figures of the uncertainty."""
-    u = value.standard_uncertainty
-    places = decimals(u)
-    return f"{value.name} = {value.value:+.{places}f} ± {u:.{places}f} {value.unit}"
 
 
 def decimals(size: float) -> int:
@@ -339,15 +336,14 @@ def ranking_text(diagnosed: SessionDiagnosis) -> str:
         explains = f"{bar:<10} {one.explained:>4.0%}"
         table.add_row(one.id, one.where, explains, *_gaps(one, held_out=held), why)
     parts = ["Candidates, best first; gaps in mm\n" + table_text(table)]
-    parts += [wrapped(_alike(one)) for one in found.effects if one.effects]
+    for finding in (finding for finding in found.effects if finding.effects):
+        named = f"{finding.id} ({finding.where})"
+        rivals = ", ".join(f"{r.id} ({r.where})" for r in finding.indistinguishable_from)
+        said = f"No other effect looks like {named} in these readings."
+        if rivals:
+            said = f"These readings cannot tell {named} from: {rivals}."
+        parts.append(wrapped(said))
     return "\n\n".join(parts)
-
-
-def _alike(one: Finding) -> str:
-    rivals = ", ".join(f"{r.id} ({r.where})" for r in one.indistinguishable_from)
-    if not rivals:
-        return f"No other effect looks like {one.id} ({one.where}) in these readings."
-    return f"These readings cannot tell {one.id} ({one.where}) from: {rivals}."
 
 
 def change_text(diagnosed: SessionDiagnosis) -> str:

@@ -134,20 +134,18 @@ def reading_lines(session: Session) -> list[str]:
     """A heading, one line for each reading taken, below superseded ones the reason."""
     lines = [HEADING]
     for reading in session.all_readings:
-        lines.append(_reading_line(reading))
+        step = "" if reading.step is None else str(reading.step)
+        at = f"{reading.displacement_mm:+.2f}"
+        if reading.position_mm is not None:
+            at = ",".join(f"{v:g}" for v in reading.position_mm)
+        lines.append(
+            f"{reading.reading:>5}  {step:>4}  {reading.leg:<4}{reading.axis:<4} {at:>12}  "
+            f"{reading.cycle:>5}  {one_line(reading.mount):<12} {signed(reading.value_mm, 4):>10}"
+        )
         reason = session.superseded.get(reading.reading)
         if reason is not None:
             lines.append(f"     superseded: {one_line(reason)}")
     return lines
-
-
-def _reading_line(r: Reading) -> str:
-    step = "" if r.step is None else str(r.step)
-    at = f"{r.displacement_mm:+.2f}"
-    if r.position_mm is not None:
-        at = ",".join(f"{v:g}" for v in r.position_mm)
-    place = f"{r.leg:<4}{r.axis:<4} {at:>12}  {r.cycle:>5}  {one_line(r.mount):<12}"
-    return f"{r.reading:>5}  {step:>4}  {place} {signed(r.value_mm, 4):>10}"
 
 
 REPLAY_QUESTION = "Which session do you want to see? Arrow keys and Enter."

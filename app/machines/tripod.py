@@ -119,15 +119,12 @@ def solve(asked: Solving, say: Say) -> Answer:
         simulated = _monte_carlo(solved, asked.monte_carlo, asked.seed)
 
     def text() -> str:
-        from app.report.text.result import solution_text
+        from app.report.text.result import judged_text, maps_text, monte_carlo_text, solution_text
 
         parts = [solution_text(solved)]
-        if judged or mapped or simulated:
-            from app.report.text.accuracy import judged_text, maps_text, monte_carlo_text
-
-            parts += [judged_text(judged)] if judged else []
-            parts += [maps_text(mapped)] if mapped else []
-            parts += [monte_carlo_text(simulated)] if simulated else []
+        parts += [judged_text(judged)] if judged else []
+        parts += [maps_text(mapped)] if mapped else []
+        parts += [monte_carlo_text(simulated)] if simulated else []
         return "\n\n".join(parts)
 
     def document() -> Report:

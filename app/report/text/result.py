@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from app.evaluating.comparison import Comparison
 from app.evaluating.solution import SessionSolution
@@ -13,6 +14,11 @@ from app.report.text.tables import decimals_for, new_table, signed, table_text, 
 from calib.identify.accuracy import ToolError
 from calib.identify.solution import SUBSETS, Solution
 from calib.noise.reading import Noise
+
+if TYPE_CHECKING:  # asked for by option only, and heavy
+    from app.evaluating.accuracy import Judgement
+    from calib.identify.accuracy import ToolMap
+    from calib.identify.monte_carlo import MonteCarlo
 
 
 def solution_text(solved: SessionSolution) -> str:
@@ -139,6 +145,41 @@ def _source_words(noise: Noise) -> str:
     if noise.repeated == "equal":
         return "from resolution and repeatability as stated or seen in the digits"
     return "from the indicator's stated resolution and repeatability"
+
+
+DECISION_WORDS = {"pass": "passes", "fail": "fails", "undecided": "cannot be decided"}
+
+
+def judged_text(judged: Judgement) -> str:
+    """Against the tolerance, with the guard band."""
+    return wrapped(
+        f"Tolerance {judged.tolerance_mm:g} mm for the tool, r.m.s., with a guard band of the "
+        f"expanded uncertainty: now it {DECISION_WORDS[judged.before]}, with these values it "
+        f"{DECISION_WORDS[judged.after]}."
+    )
+
+
+def maps_text(maps: tuple[ToolMap, ...]) -> str:
+    """Expected tool error in µm on planes through Zero."""
+    parts = []
+    for one in maps:
+        table = new_table(
+            f"{one.up} \\ {one.across}, mm", *(f"{v:+.0f}" for v in one.coordinate_mm)
+        )
+        for k in range(len(one.up_mm) - 1, -1, -1):
+            row = (f"{1000.0 * v:.0f}" for v in one.error_mm[k])
+            table.add_row(f"{one.up_mm[k]:+.0f}", *row)
+        parts.append(table_text(table))
+    return "Expected tool error with these values, µm\n\n" + "\n\n".join(parts)
+
+
+def monte_carlo_text(found: MonteCarlo) -> str:
+    """Stated against true uncertainty."""
+    table = new_table("parameter", "stated u, mm", "true, mm", "95 % held")
+    for row in zip(found.names, found.stated_mm, found.true_mm, found.covered, strict=True):
+        name, stated, true, covered = row
+        table.add_row(name, f"{stated:.4f}", f"{true:.4f}", f"{covered:.1%}")
+    return f"{found.sessions} simulated sessions, {found.failed} failed\n{table_text(table)}"
 
 
 def comparison_text(before: Solution, after: Solution) -> str:

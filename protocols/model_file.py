@@ -72,28 +72,28 @@ def effect_entry(
     uncertainties: Mapping[str, tuple[float, float | None]] | None = None,
     provenance: Provenance | None = None,
 ) -> EffectEntry:
-    """The entry of an effect that acts at several places, all of one law.
+    """The entry of one effect that acts at several places.
 
     ``uncertainties`` gives for each parameter its value and standard uncertainty, under names such
     as ``shift_xy`` that begin with the catalogue's. Places of equal value share one parameter.
     Raises RecordError for a complex value.
     """
-    law = placed[0].law
+    effect = placed[0].law
     known = dict(uncertainties or {})
     found: dict[str, ParameterEntry] = {}
     for one in placed:
-        for parameter, value in zip(law.parameters, one.values, strict=True):
-            name = _name(parameter.name, _real(law, value), known, one.place, placed)
+        for parameter, value in zip(effect.parameters, one.values, strict=True):
+            name = _name(parameter.name, _real(effect, value), known, one.place, placed)
             places = (*found[name].places, one.place) if name in found else (one.place,)
             found[name] = ParameterEntry(
-                value=_real(law, value),
+                value=_real(effect, value),
                 unit=parameter.unit,
                 standard_uncertainty=known[name][1] if name in known else None,
                 of=parameter.name,
                 places=places,
             )
     return EffectEntry(
-        id=law.id, where=where, title=law.title, parameters=found, provenance=provenance
+        id=effect.id, where=where, title=effect.title, parameters=found, provenance=provenance
     )
 
 
@@ -116,28 +116,29 @@ def _name(
     return stated[0]
 
 
-def _real(law: Law, value: float | complex) -> float:
+def _real(effect: Law, value: float | complex) -> float:
     if isinstance(value, complex):
-        raise RecordError(f"effect {law.id}", f"the value {value}", "real numbers in a model file")
+        found = f"the value {value}"
+        raise RecordError(f"effect {effect.id}", found, "real numbers in a model file")
     return float(value)
 
 
 def placed_effects(
-    entry: EffectEntry, laws: Sequence[Law], geometry: Geometry, thing: str
+    entry: EffectEntry, effects: Sequence[Law], geometry: Geometry, thing: str
 ) -> tuple[EffectInstance, ...]:
     """The entry for the simulation; ``thing`` begins the message of an error.
 
     Raises RecordError for an effect, parameter, unit or place that is not known.
     """
-    law = _law_of(entry, laws, geometry, thing)
-    units = {parameter.name: parameter.unit for parameter in law.parameters}
+    effect = _effect_of(entry, effects, geometry, thing)
+    units = {parameter.name: parameter.unit for parameter in effect.parameters}
     values: dict[str, dict[str, float]] = {}
     for name, parameter in entry.parameters.items():
         base = parameter.of or name
         if parameter.unit != units[base]:
             where = f"{thing}, {entry.id}, {name}, unit"
             raise RecordError(where, repr(parameter.unit), units[base])
-        for place in _places(entry, parameter, law, geometry, thing):
+        for place in _places(entry, parameter, effect, geometry, thing):
             values.setdefault(place, {})[base] = parameter.value
     for place, given in values.items():
         if set(given) != set(units):
@@ -145,27 +146,28 @@ def placed_effects(
                 f"{thing}, {entry.id} at {place}", ", ".join(given), " and ".join(units)
             )
     return tuple(
-        EffectInstance(law, place, tuple(given[name] for name in units))
+        EffectInstance(effect, place, tuple(given[name] for name in units))
         for place, given in values.items()
     )
 
 
-def _law_of(entry: EffectEntry, laws: Sequence[Law], geometry: Geometry, thing: str) -> Law:
-    """The variant of the law that has these parameters."""
+def _effect_of(entry: EffectEntry, effects: Sequence[Law], geometry: Geometry, thing: str) -> Law:
+    """The variant of the effect that has these parameters."""
     if entry.id == EMPIRICAL:
-        return _unnamed_law(entry, thing)
-    variants = [law for law in (*laws_of(laws, geometry), *laws) if law.id == entry.id]
+        return _unnamed_effect(entry, thing)
+    known = (*laws_of(effects, geometry), *effects)
+    variants = [effect for effect in known if effect.id == entry.id]
     if not variants:
         raise RecordError(
             f"{thing}, effect",
             repr(entry.id),
-            ", ".join(dict.fromkeys(law.id for law in laws)),
+            ", ".join(dict.fromkeys(effect.id for effect in effects)),
             "An effect of your own must be in the folder of own effects, see docs/effects.md.",
         )
     named = {parameter.of or name for name, parameter in entry.parameters.items()}
-    fitting = [law for law in variants if named == {p.name for p in law.parameters}]
+    fitting = [effect for effect in variants if named == {p.name for p in effect.parameters}]
     if not fitting:
-        allowed = [" and ".join(p.name for p in law.parameters) for law in variants]
+        allowed = [" and ".join(p.name for p in effect.parameters) for effect in variants]
         raise RecordError(
             f"{thing}, parameters of {entry.id}",
             ", ".join(sorted(named)) or "none",
@@ -174,25 +176,25 @@ def _law_of(entry: EffectEntry, laws: Sequence[Law], geometry: Geometry, thing: 
     return fitting[0]
 
 
-def _unnamed_law(entry: EffectEntry, thing: str) -> Law:
-    """The law of these bases; it is not in the catalogue, for it is the name of nothing."""
+def _unnamed_effect(entry: EffectEntry, thing: str) -> Law:
+    """The effect of these bases; it is not in the catalogue, for it is the name of nothing."""
     named = [parameter.of or name for name, parameter in entry.parameters.items()]
-    law = empirical_law(named)
-    if law is None:
+    effect = empirical_law(named)
+    if effect is None:
         raise RecordError(
             f"{thing}, parameters of {EMPIRICAL}",
             ", ".join(dict.fromkeys(named)) or "none",
             ", ".join(BASES),
         )
-    return law
+    return effect
 
 
 def _places(
-    entry: EffectEntry, parameter: ParameterEntry, law: Law, geometry: Geometry, thing: str
+    entry: EffectEntry, parameter: ParameterEntry, effect: Law, geometry: Geometry, thing: str
 ) -> tuple[str, ...]:
     legs = ([0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]) if geometry.orthogonal else ([], [])
     at = [*legs[0], TOOL, TOOL, TOOL], [*legs[1], 0, 1, 2]
-    known = law.places(conditions(*at, np.zeros(len(at[0])).tolist()))
+    known = effect.places(conditions(*at, np.zeros(len(at[0])).tolist()))
     every = known if entry.where == "all" else (entry.where,)
     wanted = parameter.places or every
     unknown = [place for place in wanted if place not in known]
@@ -314,21 +316,21 @@ def read_model_file(path: Path) -> ModelFile:
         ) from problem
 
 
-def read_model(path: Path, laws: Sequence[Law] = CATALOGUE) -> tuple[Model, Machine]:
-    """A model and its machine from a JSON file; ``laws`` are the effects known.
+def read_model(path: Path, effects: Sequence[Law] = CATALOGUE) -> tuple[Model, Machine]:
+    """A model and its machine from a JSON file; ``effects`` are the effects known.
 
     Raises RecordError naming the file and the fault.
     """
     found = read_model_file(path)
-    return to_model(found, f"model {path}", laws), found.machine
+    return to_model(found, f"model {path}", effects), found.machine
 
 
-def to_model(found: ModelFile, thing: str, laws: Sequence[Law] = CATALOGUE) -> Model:
+def to_model(found: ModelFile, thing: str, effects: Sequence[Law] = CATALOGUE) -> Model:
     """The model of a file; ``thing`` names it in errors. Raises RecordError."""
     _check_parameters(found, thing)
     geometry = found.machine.geometry()
     values = tuple(found.parameters_mm.get(name, 0.0) for name in PARAMETER_NAMES)
-    placed = [placed_effects(entry, laws, geometry, thing) for entry in found.effects]
+    placed = [placed_effects(entry, effects, geometry, thing) for entry in found.effects]
     return Model(geometry, values, tuple(effect for each in placed for effect in each))
 
 

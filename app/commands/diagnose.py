@@ -43,7 +43,6 @@ def diagnose(
     """Where simulation and measurement disagree, the missing effect, the gap before and after."""
     from app.evaluating import adoption
     from app.evaluating.diagnosis import diagnose_files
-    from app.evaluating.own_effects import known_laws
     from app.report.schema.diagnosis import DiagnosisReport
     from app.report.schema.document import to_json
     from app.report.text.diagnosis import diagnosis_text
@@ -53,7 +52,7 @@ def diagnose(
         return
     if not sessions:
         raise UsageError("diagnose", "no session", "at least one, or --aliases --procedure NAME")
-    found = diagnose_files(sessions, model=model, held_out=held_out or [], laws=known_laws())
+    found = diagnose_files(sessions, model=model, held_out=held_out or [])
     for warning in found.warnings:
         say(f"glidecal: {warning}")
     if next_procedure:

@@ -26,7 +26,7 @@ MOST_OFFERED = 8
 
 
 def left_behind(diagnosed: SessionDiagnosis, candidate: str | None) -> bool:
-    """Whether adopting this leaves an unnamed law that could be adopted, too."""
+    """Whether adopting this leaves an unnamed effect that could be adopted, too."""
     found = diagnosed.diagnosis
     named = any(one.effects for one in found.effects)
     return candidate is None and named and found.left_over is not None
@@ -42,7 +42,7 @@ def adopt(
 ) -> ModelFile:
     """Write a model with the named effects added, or with one candidate (``id`` or ``id:where``).
 
-    ``empirical`` as candidate adds what was named and the unnamed law of what is left, or that law
+    ``empirical`` as candidate adds what was named and the unnamed effect of the residuals, or that
     alone where it explains all; where nothing was named it is added without asking for it. Blunders
     are mistakes of the data and are never adopted. Raises UsageError where there is nothing to
     adopt and RecordError where the file cannot be written.
@@ -77,25 +77,25 @@ def remove(path: Path, effect: str, why: str) -> ModelFile:
 def _chosen(diagnosed: SessionDiagnosis, candidate: str | None) -> list[Finding | Contender]:
     found = diagnosed.diagnosis
     named: list[Finding | Contender] = [e for e in found.effects if e.effects]
-    law: list[Finding | Contender] = [found.left_over.law] if found.left_over else []
+    unnamed: list[Finding | Contender] = [found.left_over.law] if found.left_over else []
     if candidate is None:
-        if not named and not law:
+        if not named and not unnamed:
             raise UsageError(
                 "--adopt",
                 f"the verdict '{found.verdict}' names no effect",
                 "a named effect, or one of the candidates by --candidate ID:WHERE",
             )
-        return named or law
+        return named or unnamed
     name, _, where = candidate.partition(":")
-    if name == EMPIRICAL and law and where in ("", law[0].where):
-        return law if found.left_over and found.left_over.whole else [*named, *law]
+    if name == EMPIRICAL and unnamed and where in ("", unnamed[0].where):
+        return unnamed if found.left_over and found.left_over.whole else [*named, *unnamed]
     fitting = [
         one
         for one in found.candidates
         if one.id == name and where in ("", one.where) and one.effects
     ]
     if not fitting:
-        offered = [*law, *found.candidates[:MOST_OFFERED]]
+        offered = [*unnamed, *found.candidates[:MOST_OFFERED]]
         shown = ", ".join(f"{one.id}:{one.where}" for one in offered)
         raise UsageError("--candidate", repr(candidate), shown or "no candidate at all")
     return [fitting[0]]

@@ -12,7 +12,6 @@ from calib.diagnosis.cleaning import Case
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.results import Diagnosis
 from calib.errors import NotIdentifiable, UsageError
-from calib.tripod.effects.effect import Law
 from calib.tripod.pipeline import Model
 from protocols.model_file import read_model
 from protocols.observations import to_observations
@@ -36,7 +35,6 @@ def diagnose_files(
     *,
     model: Path | None = None,
     held_out: Sequence[Path] = (),
-    laws: Sequence[Law] | None = None,
 ) -> SessionDiagnosis:
     """Diagnose sessions against their nominal machine, or against a model with effects.
 
@@ -48,15 +46,15 @@ def diagnose_files(
         raise NotIdentifiable("sessions", "none", "at least one session")
     others, more = load_sessions(held_out)
     _check(paths, held_out, sessions, others)
-    used = known_laws() if laws is None else tuple(laws)
+    effects = known_laws()
     nominal = Model(sessions[0].opened.machine.geometry())
-    known = read_model(model, used)[0] if model else nominal
+    known = read_model(model, effects)[0] if model else nominal
     return SessionDiagnosis(
         names=tuple(path.name for path in paths),
         held_out=tuple(path.name for path in held_out),
         sessions=tuple(sessions),
         model=known,
-        diagnosis=diagnose(cases(sessions, known), used, cases(others, known)),
+        diagnosis=diagnose(cases(sessions, known), effects, cases(others, known)),
         warnings=(*warnings, *more),
     )
 

@@ -16,7 +16,6 @@ from textual.worker import get_current_worker
 
 from app.evaluating.adoption import adopt, write_procedure
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_files
-from app.evaluating.own_effects import known_laws
 from app.report.charts.charts import residuals_before_and_after
 from app.report.text.diagnosis import (
     ADOPTED,
@@ -122,7 +121,7 @@ class DiagnoseScreen(PagedScreen):
     def _diagnose(self) -> None:
         worker = get_current_worker()
         try:
-            found = diagnose_files(self.paths, model=self.model, laws=known_laws())
+            found = diagnose_files(self.paths, model=self.model)
         except GlidecalError as problem:
             if not worker.is_cancelled:
                 self.app.call_from_thread(self._found, partial(self._fail, problem))

@@ -128,15 +128,15 @@ def thinned(series: Series, columns: int) -> Series:
     first = min(series.x)
     columns = max(1, columns)
     width = (max(series.x) - first) / columns or 1.0
-    held: dict[int, list[tuple[float, float]]] = {}
+    by_column: dict[int, list[tuple[float, float]]] = {}
     for point in zip(series.x, series.y, strict=True):
         column = min(int((point[0] - first) / width), columns - 1)
-        held.setdefault(column, []).append(point)
-    kept: list[tuple[float, float]] = []
-    for points in held.values():
+        by_column.setdefault(column, []).append(point)
+    extremes: list[tuple[float, float]] = []
+    for points in by_column.values():
         ends = (min(points, key=lambda p: p[1]), max(points, key=lambda p: p[1]))
-        kept += dict.fromkeys(ends)
-    return _series(series.name, kept)
+        extremes += dict.fromkeys(ends)
+    return _series(series.name, extremes)
 
 
 def turned(chart: Chart, rows: int) -> Chart:
@@ -164,8 +164,8 @@ def turned_limits(names: int, rows: int) -> tuple[float, float]:
 
 def round_ticks(values: Iterable[float]) -> tuple[float, ...]:
     """At most eight round numbers that hold all values and zero between them."""
-    held = [0.0, *values]
-    lower, upper = min(held), max(held)
+    shown = [0.0, *values]
+    lower, upper = min(shown), max(shown)
     span = upper - lower
     if span < LEAST_SPAN_MM:
         lower, upper, span = lower - LEAST_SPAN_MM / 2, upper + LEAST_SPAN_MM / 2, LEAST_SPAN_MM

@@ -108,7 +108,7 @@ def _support(found: Diagnosis, key: str = "") -> list[str]:
     proposed = found.next_measurement
     return [
         wrapped(held_out_words(found.held_out)) if found.held_out else "",
-        left_over_text(found.left_over) if found.left_over else "",
+        discrepancy_text(found.left_over) if found.left_over else "",
         wrapped(f"Next measurement: {proposed.reason}.{key}") if proposed else "",
     ]
 
@@ -164,15 +164,15 @@ def hanging(line: str) -> str:
     return fill(line, WIDTH, subsequent_indent=indent, break_long_words=False)
 
 
-def left_over_text(left: ModelDiscrepancy) -> str:
-    """The unnamed effect of what is left, its values, and what it would take away."""
-    effect = left.law
+def discrepancy_text(found: ModelDiscrepancy) -> str:
+    """The unnamed effect of the residuals, its values, and what it would take away."""
+    effect = found.law
     begin = "What is left has no name, but follows a law"
-    if left.whole:
+    if found.whole:
         begin = "A law without a name explains all, in place of what was named"
     lines = [wrapped(f"{begin}: {effect.title}."), *_values_and_gap(effect)]
-    if left.held_out:
-        lines.append(hanging("    " + held_out_words(left.held_out)))
+    if found.held_out:
+        lines.append(hanging("    " + held_out_words(found.held_out)))
     return "\n".join(lines)
 
 
@@ -187,15 +187,15 @@ def figures(size: float) -> str:
     return f"{rounded:.{decimals(rounded)}f}"
 
 
-def held_out_words(held: HeldOutGap) -> str:
+def held_out_words(gap: HeldOutGap) -> str:
     """Whether the gap shrinks on what the choice did not see."""
     said = (
-        f"Held out ({held.how}): {held.before_rms_mm:.4f} → {held.after_rms_mm:.4f} mm, "
-        f"noise {held.noise_rms_mm:.4f} mm."
+        f"Held out ({gap.how}): {gap.before_rms_mm:.4f} → {gap.after_rms_mm:.4f} mm, "
+        f"noise {gap.noise_rms_mm:.4f} mm."
     )
-    if held.before_rms_mm < SHOWN_MM:
+    if gap.before_rms_mm < SHOWN_MM:
         return said + " There is no gap that could shrink."
-    if held.after_rms_mm >= held.before_rms_mm:
+    if gap.after_rms_mm >= gap.before_rms_mm:
         said += " The gap shrinks only on the readings that were used."
     return said
 
@@ -222,11 +222,11 @@ def part_words(share: Share) -> str:
 
 def candidates_text(candidates: tuple[Contender, ...]) -> str:
     """The candidates, with the gap that each would leave."""
-    held = _any_held_out(candidates)
-    columns = ["effect", "where", "gap left, mm", *(["held out, mm"] if held else []), ""]
-    table = new_table(*columns, left=2)
+    held_out = _any_held_out(candidates)
+    columns = ["gap left, mm", "held out, mm"] if held_out else ["gap left, mm"]
+    table = new_table("effect", "where", *columns, "", left=2)
     for one in _shown(candidates):
-        gaps = _gaps(one, held_out=held)
+        gaps = _gaps(one, held_out=held_out)
         table.add_row(one.id, one.where, *gaps, one.reason_rejected or "named")
     return table_text(table)
 
@@ -245,8 +245,8 @@ def _gaps(one: Contender, *, held_out: bool) -> list[str]:
 def _shown(candidates: tuple[Contender, ...]) -> tuple[Contender, ...]:
     """The first ones, and the one that does most for readings it never saw."""
     first, rest = candidates[:SHOWN_CANDIDATES], candidates[SHOWN_CANDIDATES:]
-    held = [one for one in candidates if one.held_out_gap_rms_mm is not None]
-    best = descending(held, lambda one: -(one.held_out_gap_rms_mm or 0.0))[:1]
+    judged = [one for one in candidates if one.held_out_gap_rms_mm is not None]
+    best = descending(judged, lambda one: -(one.held_out_gap_rms_mm or 0.0))[:1]
     return (*first, *(one for one in best if one in rest))
 
 
@@ -295,10 +295,10 @@ def _map_text(cells: Sequence[Cell]) -> str:
     for leg, axis in columns:
         touched = "tool" if leg == "tool" else f"leg {leg.upper()}"
         table.add_column(f"{touched}\nalong {axis.upper()}", justify="right")
-    held = {(c.leg, c.axis, c.displacement_mm, c.approach, c.position_mm or ()): c for c in cells}
-    for displacement, approach, position in sorted({key[2:] for key in held}, reverse=True):
+    at = {(c.leg, c.axis, c.displacement_mm, c.approach, c.position_mm or ()): c for c in cells}
+    for displacement, approach, position in sorted({key[2:] for key in at}, reverse=True):
         arrow = {1: " ↑", -1: " ↓"}.get(approach, "  ") if displacement in both else ""
-        row = [held.get((*column, displacement, approach, position)) for column in columns]
+        row = [at.get((*column, displacement, approach, position)) for column in columns]
         place = f"{displacement:+.0f}" if displacement else "Zero"
         if any(position):
             place = ", ".join(f"{part:g}" for part in position)
@@ -326,15 +326,15 @@ def ranking_text(diagnosed: SessionDiagnosis) -> str:
     found = diagnosed.diagnosis
     if not found.candidates:
         return "No effect of the catalogue shows in these readings."
-    held = _any_held_out(found.candidates)
-    columns = ["effect", "where", "explains", "gap left", *(["held out"] if held else []), "why"]
-    table = new_table(*columns, left=3)
+    held_out = _any_held_out(found.candidates)
+    gaps = ["gap left", "held out"] if held_out else ["gap left"]
+    table = new_table("effect", "where", "explains", *gaps, "why", left=3)
     table.columns[-1].justify = "left"
     for one in found.candidates[:SHOWN_CANDIDATES]:
         bar = "█" * round(10 * one.explained)
         why = SHORT.get(one.reason_rejected, one.reason_rejected) or "named"
         explains = f"{bar:<10} {one.explained:>4.0%}"
-        table.add_row(one.id, one.where, explains, *_gaps(one, held_out=held), why)
+        table.add_row(one.id, one.where, explains, *_gaps(one, held_out=held_out), why)
     parts = ["Candidates, best first; gaps in mm\n" + table_text(table)]
     for finding in (finding for finding in found.effects if finding.effects):
         named = f"{finding.id} ({finding.where})"

@@ -117,10 +117,10 @@ def progress_text(session: Session, steps: Sequence[Step], mode: str) -> str:
     done = len(session.done() | session.skipped.keys())
     name = opened.procedure.name if opened.procedure else ""
     seconds = opened.procedure.seconds_per_step if opened.procedure else 0.0
-    left = round((len(steps) - done) * seconds)
+    remaining_s = round((len(steps) - done) * seconds)
     return (
         f"{opened.machine.name} · {name} · {mode}   {done} of {len(steps)} steps done, "
-        f"{left // 60:02d}:{left % 60:02d} left"
+        f"{remaining_s // 60:02d}:{remaining_s % 60:02d} left"
     )
 
 

@@ -187,6 +187,7 @@ class Procedure(Document):
         if self.random_seed is not None:
             zeros = [level for level in levels if level == 0.0]
             others = [level for level in levels if level != 0.0]
+            # seeded by text: the same order in every version of Python, for both axes of a leg
             random.Random(f"{self.random_seed}/{leg}/{station}/{cycle}").shuffle(others)
             levels = zeros + others
         if self.return_to_zero and levels[0] != 0.0:

@@ -81,6 +81,7 @@ class Row:
     def whole(self, column: str, least: int) -> int:
         """A whole number not below ``least``."""
         text = self.fields[column]
+        # int() raises ValueError for thousands of digits
         if not WHOLE.fullmatch(text) or len(text) > 9 or not least <= int(text) <= LARGEST_COUNT:
             raise self.fault(column, f"a whole number, {least} … {LARGEST_COUNT}")
         return int(text)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -118,7 +119,7 @@ def export(
     """Offsets for the controller: a file, or for linuxcnc a folder with three includes."""
     from app.exports import FORMATS
     from app.exports.linuxcnc import read_home_offsets
-    from app.report.offsets import offsets_from_file, with_home_offset
+    from app.report.offsets import offsets_from_file
     from app.report.text.caveats import UNKNOWN_HOME_OFFSET
     from protocols.files import write_files
 
@@ -126,9 +127,9 @@ def export(
         raise UsageError("--home-offset and --ini", "both", "one of them")
     offsets = offsets_from_file(source, subset, method)
     if home_offset is not None:
-        offsets = with_home_offset(offsets, _triple(home_offset))
+        offsets = replace(offsets, home_offset_mm=_triple(home_offset))
     if ini:
-        offsets = with_home_offset(offsets, read_home_offsets(ini))
+        offsets = replace(offsets, home_offset_mm=read_home_offsets(ini))
     for text in offsets.cautions:
         say(f"glidecal: {text}")
     if format_name == "linuxcnc" and offsets.home_offset_mm is None:

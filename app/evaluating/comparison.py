@@ -31,8 +31,18 @@ def compare_files(before: Path, after: Path) -> Comparison:
         raise RecordError(
             f"sessions {before} and {after}", "the same session", "two different ones"
         )
-    _same_machine(earlier, later)
-    first, second = _solved(earlier), _solved(later)
+    one, two = earlier.opened.machine, later.opened.machine
+    # entered offsets may differ, that is what is compared; the geometry may not
+    if one.geometry() != two.geometry():
+        raise CalibrationError(
+            f"sessions {before} and {after}",
+            f"machines of different geometry, {one.name} and {two.name}",
+            "two sessions of one machine",
+        )
+    first, second = (
+        solve_sessions([record.path.name], [fold(record.events)], subset="joint-offsets")
+        for record in (earlier, later)
+    )
     measured, again = _differences(first), _differences(second)
     if not measured & again:
         raise CalibrationError(
@@ -48,21 +58,6 @@ def compare_files(before: Path, after: Path) -> Comparison:
             "each r.m.s. is over its own session."
         )
     return Comparison(first, second, (*remarks, *_order_remarks(earlier, later)))
-
-
-def _solved(record: Record) -> SessionSolution:
-    return solve_sessions([record.path.name], [fold(record.events)], subset="joint-offsets")
-
-
-def _same_machine(earlier: Record, later: Record) -> None:
-    """Entered offsets may differ, that is what is compared; the geometry may not."""
-    one, two = earlier.opened.machine, later.opened.machine
-    if one.geometry() != two.geometry():
-        raise CalibrationError(
-            f"sessions {earlier.path} and {later.path}",
-            f"machines of different geometry, {one.name} and {two.name}",
-            "two sessions of one machine",
-        )
 
 
 def _differences(solved: SessionSolution) -> set[str]:

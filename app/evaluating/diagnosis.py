@@ -79,11 +79,9 @@ def _check(
     others: Sequence[Session],
 ) -> None:
     """One geometry for all, and no session on both sides."""
-    both = {path.resolve() for path in paths} & {path.resolve() for path in held_out}
-    same = both or {s.opened.previous + str(s.opened.at) for s in sessions} & {
-        s.opened.previous + str(s.opened.at) for s in others
-    }
-    if same:
+    same_file = {path.resolve() for path in paths} & {path.resolve() for path in held_out}
+    # a copy has another path, but it began at the same moment
+    if same_file or {one.opened.at for one in sessions} & {one.opened.at for one in others}:
         raise UsageError(
             "--held-out",
             "a session that is also diagnosed",

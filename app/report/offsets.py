@@ -128,8 +128,3 @@ def _all_stated(thing: str, names: Container[str]) -> None:
             ", ".join(JOINT_OFFSETS) + ": an offset that nobody stated is not 0",
             "Identify the joint offsets, or state every one of them.",
         )
-
-
-def with_home_offset(offsets: Offsets, home_offset_mm: tuple[float, float, float]) -> Offsets:
-    """The same offsets for a controller that now holds these HOME_OFFSET values."""
-    return replace(offsets, home_offset_mm=home_offset_mm)

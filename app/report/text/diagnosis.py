@@ -246,6 +246,7 @@ def _shown(candidates: tuple[Contender, ...]) -> tuple[Contender, ...]:
     """The first ones, and the one that does most for readings it never saw."""
     first, rest = candidates[:SHOWN_CANDIDATES], candidates[SHOWN_CANDIDATES:]
     judged = [one for one in candidates if one.held_out_gap_rms_mm is not None]
+    # through ties: every processor must show the same one
     best = descending(judged, lambda one: -(one.held_out_gap_rms_mm or 0.0))[:1]
     return (*first, *(one for one in best if one in rest))
 

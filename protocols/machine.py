@@ -155,19 +155,22 @@ class Machine(Document):
             travel_min_mm=self.travel_min_mm,
             parallelogram_width_mm=self.parallelogram_width_mm,
             tool_radius_mm=self.tool_radius_mm,
-            gravity=_direction(self.gravity),
+            gravity=_unit_vector(self.gravity),
             screw_lead_mm=self.screw_lead_mm,
             load=self.load,
             origin_mm=(x.origin_mm, y.origin_mm, z.origin_mm),
-            direction=(_direction(x.direction), _direction(y.direction), _direction(z.direction)),
+            direction=(
+                _unit_vector(x.direction),
+                _unit_vector(y.direction),
+                _unit_vector(z.direction),
+            ),
             platform_mm=(x.platform_mm, y.platform_mm, z.platform_mm),
             workspace_mm=self.workspace_mm,
             set_at_zero=self.set_at_zero or False,
         )
 
 
-def _direction(vector: Triple) -> Triple:
-    """Unit vector."""
+def _unit_vector(vector: Triple) -> Triple:
     x, y, z = (part / math.hypot(*vector) for part in vector)
     return x, y, z
 

@@ -8,7 +8,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import AwareDatetime, Field, ValidationError
 
 from calib.errors import RecordError, UsageError
@@ -78,49 +77,33 @@ def effect_entry(
     as ``shift_xy`` that begin with the catalogue's. Places of equal value share one parameter.
     Raises RecordError for a complex value.
     """
-    effect = placed[0].law
-    known = dict(uncertainties or {})
+    effect, known = placed[0].law, uncertainties or {}
     found: dict[str, ParameterEntry] = {}
     for one in placed:
         for parameter, value in zip(effect.parameters, one.values, strict=True):
-            name = _name(parameter.name, _real(effect, value), known, one.place, placed)
+            if isinstance(value, complex):
+                said = f"the value {value}"
+                raise RecordError(f"effect {effect.id}", said, "real numbers in a model file")
+            base, own = parameter.name, f"{parameter.name}_{one.place}"
+            stated = [
+                name
+                for name, (known_value, _) in known.items()
+                if (name == base or name.startswith(base + "_")) and known_value == value
+            ]
+            name = own if len(placed) > 1 else base
+            if stated and own not in stated:
+                name = stated[0]
             places = (*found[name].places, one.place) if name in found else (one.place,)
             found[name] = ParameterEntry(
-                value=_real(effect, value),
+                value=float(value),
                 unit=parameter.unit,
                 standard_uncertainty=known[name][1] if name in known else None,
-                of=parameter.name,
+                of=base,
                 places=places,
             )
     return EffectEntry(
         id=effect.id, where=where, title=effect.title, parameters=found, provenance=provenance
     )
-
-
-def _name(
-    base: str,
-    value: float,
-    known: Mapping[str, tuple[float, float | None]],
-    place: str,
-    placed: Sequence[EffectInstance],
-) -> str:
-    """The stated name of this value, else the catalogue's with the place where there are more."""
-    stated = [
-        name
-        for name, (known_value, _) in known.items()
-        if (name == base or name.startswith(base + "_")) and known_value == value
-    ]
-    own = f"{base}_{place}"
-    if own in stated or not stated:
-        return own if len(placed) > 1 else base
-    return stated[0]
-
-
-def _real(effect: Law, value: float | complex) -> float:
-    if isinstance(value, complex):
-        found = f"the value {value}"
-        raise RecordError(f"effect {effect.id}", found, "real numbers in a model file")
-    return float(value)
 
 
 def placed_effects(
@@ -194,7 +177,7 @@ def _places(
 ) -> tuple[str, ...]:
     legs = ([0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]) if geometry.orthogonal else ([], [])
     at = [*legs[0], TOOL, TOOL, TOOL], [*legs[1], 0, 1, 2]
-    known = effect.places(conditions(*at, np.zeros(len(at[0])).tolist()))
+    known = effect.places(conditions(*at, [0.0] * len(at[0])))
     every = known if entry.where == "all" else (entry.where,)
     wanted = parameter.places or every
     unknown = [place for place in wanted if place not in known]

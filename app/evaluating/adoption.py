@@ -43,9 +43,9 @@ def adopt(
     """Write a model with the named effects added, or with one candidate (``id`` or ``id:where``).
 
     ``empirical`` as candidate adds what was named and the unnamed effect of the residuals, or that
-    alone where it explains all; where nothing was named it is added without asking for it. Blunders
-    are mistakes of the data and are never adopted. Raises UsageError where there is nothing to
-    adopt and RecordError where the file cannot be written.
+    alone where it explains all; where nothing was named it is added without asking for it. Gross
+    errors are mistakes of the data and are never adopted. Raises UsageError where there is nothing
+    to adopt and RecordError where the file cannot be written.
     """
     chosen = _chosen(diagnosed, candidate)
     machine = diagnosed.sessions[0].opened.machine

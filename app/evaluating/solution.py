@@ -28,8 +28,8 @@ class SessionSolution:
     ``tool_before`` is the tool's error with what the controller holds now, ``tool_after`` what
     is expected with the solution entered, each with its standard uncertainty, for which
     ``tool_factor`` is the coverage factor (95 %). ``visit_count`` counts readings without a
-    movement between them as one. ``suspects`` do not fit their own repeats;
-    those ``alone`` have no other posture to compare with.
+    movement between them as one. ``suspects`` do not fit their own repeats,
+    ``isolated`` readings have no other posture to compare with.
     """
 
     names: tuple[str, ...]
@@ -42,8 +42,8 @@ class SessionSolution:
     tool_factor: float
     visit_count: int
     suspects: tuple[Suspect, ...]
-    loud: tuple[NoisyChannel, ...]
-    alone: tuple[IsolatedReadings, ...]
+    noisy: tuple[NoisyChannel, ...]
+    isolated: tuple[IsolatedReadings, ...]
 
     def with_subset(self, subset: Subset) -> SessionSolution:
         """Another set of the same choice; nothing is fitted again. Raises NotIdentifiable."""
@@ -170,10 +170,10 @@ def _solved(
         suspects=tuple(
             Suspect(*known[starts[wild.row]], wild.studentised) for wild in solution.noise.wild
         ),
-        loud=tuple(
+        noisy=tuple(
             NoisyChannel(*known[one.row], one) for one in loud_indicators(observed, solution.noise)
         ),
-        alone=tuple(
+        isolated=tuple(
             IsolatedReadings(known[rows[0]][0], tuple(known[row][1] for row in rows))
             for rows in lost_rows(observed)
         ),

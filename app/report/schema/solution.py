@@ -169,7 +169,7 @@ class SolutionReport(Report):
     degrees_of_freedom: int = at("solved.solution.degrees_of_freedom")
     noise: ReadingNoise = at("solved.solution.noise")
     suspect_readings: tuple[SuspectReading, ...] = at("solved.suspects")
-    lost_readings: tuple[LostReadings, ...] = at("solved.alone")
+    lost_readings: tuple[LostReadings, ...] = at("solved.isolated")
     tool_error: ToolErrors = at("solved")
     enlarged_by_lack_of_fit: float = at(
         "solved.solution.enlarged",

@@ -86,9 +86,9 @@ def _of_noise(solved: SessionSolution) -> Iterator[str]:
     reads_tool = any(r.leg == "tool" for session in solved.sessions for r in session.readings)
     if solution.weak_directions and not reads_tool:
         yield "What to measure against that: glidecal plan."
-    if solved.loud:
-        shown = "; ".join(map(_noisy, solved.loud[:MOST_NAMED]))
-        rest = len(solved.loud) - MOST_NAMED
+    if solved.noisy:
+        shown = "; ".join(map(_noisy, solved.noisy[:MOST_NAMED]))
+        rest = len(solved.noisy) - MOST_NAMED
         yield (
             f"NOTE: the indicators scatter differently: {shown}"
             f"{f'; {rest} more' if rest > 0 else ''}; the others "
@@ -133,14 +133,14 @@ def _of_readings(solved: SessionSolution) -> Iterator[str]:
             "measure it again."
         )
     yield from _more("SUSPECT", len(solved.suspects) - MOST_NAMED)
-    for alone in solved.alone[:MOST_NAMED]:
-        numbers = ", ".join(str(reading.reading) for reading in alone.readings)
+    for one in solved.isolated[:MOST_NAMED]:
+        numbers = ", ".join(str(reading.reading) for reading in one.readings)
         yield (
-            f"LOST: reading {numbers} of {alone.session} ({_place(alone.readings[0])}) has no "
+            f"LOST: reading {numbers} of {one.session} ({_place(one.readings[0])}) has no "
             "other posture to its zero, so it says nothing. Between two breaks measure at least "
             "two postures."
         )
-    yield from _more("LOST", len(solved.alone) - MOST_NAMED)
+    yield from _more("LOST", len(solved.isolated) - MOST_NAMED)
 
 
 def _more(kind: str, count: int) -> list[str]:

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands.options import AsJson, Machine, Output, Sessions, figure, say
+from app.commands.options import AsJson, Machine, Output, Sessions, argument, figure, say
 from app.exit_codes import Exit, exit_code
 from app.report.streams import need_terminal
 from calib.errors import GlidecalError, UsageError
@@ -20,9 +20,7 @@ DEFAULT_PORT = 8765
 
 
 def import_table(
-    table: Annotated[
-        Path, typer.Argument(help="Table of readings (CSV).", show_default=False, readable=False)
-    ],
+    table: Annotated[Path, argument("Table of readings (CSV).")],
     output: Output,
     machine: Machine = None,
     resolution: Annotated[float | None, figure("Resolution of the indicators, mm.")] = None,

@@ -15,6 +15,7 @@ from app.commands.options import (
     Seed,
     Sessions,
     SubsetName,
+    argument,
     file,
     number,
     say,
@@ -75,12 +76,8 @@ def solve(
 
 
 def compare(
-    before: Annotated[
-        Path, typer.Argument(help="Session before.", show_default=False, readable=False)
-    ],
-    after: Annotated[
-        Path, typer.Argument(help="Session after.", show_default=False, readable=False)
-    ],
+    before: Annotated[Path, argument("Session before.")],
+    after: Annotated[Path, argument("Session after.")],
     as_json: AsJson = False,
 ) -> None:
     """The differences before and after the offsets were entered in the controller."""

@@ -22,9 +22,9 @@ def identifiability(_name: str, request: Request) -> Answer:
     from app.planning.hexaslide import hexaslide_planning
     from app.report.schema.hexaslide import HexaSlideIdentifiabilityReport
     from app.report.text.hexaslide import seen_text
-    from calib.hexaslide.seen import hexaslide_seen
+    from calib.hexaslide.seen import look_at
 
-    found = hexaslide_seen(hexaslide_planning(_with_procedure(request)))
+    found = look_at(hexaslide_planning(_with_procedure(request)))
     return Answer(
         lambda: seen_text(found),
         lambda: HexaSlideIdentifiabilityReport.of(seen=found.seen, found=found),
@@ -55,7 +55,7 @@ def postures(_name: str, request: Request, search: Search, say: Say) -> Answer:
     """Postures anywhere in the box."""
     from app.planning.hexaslide import asked_postures, write_postures
     from app.report.schema.hexaslide import HexaSlidePosturesReport
-    from app.report.text.hexaslide import boxed_text
+    from app.report.text.hexaslide import postures_text
 
     found = asked_postures(
         request,
@@ -67,12 +67,12 @@ def postures(_name: str, request: Request, search: Search, say: Say) -> Answer:
     )
     if search.output:
         say(f"postures written to {write_postures(found, search.output)}")
-    return Answer(lambda: boxed_text(found), lambda: HexaSlidePosturesReport.of(boxed=found))
+    return Answer(lambda: postures_text(found), lambda: HexaSlidePosturesReport.of(best=found))
 
 
 def simulate(asked: Simulation, say: Say) -> None:
     """Measured postures into a file."""
-    from app.planning.hexaslide_calibration import Asked, write_simulated
+    from app.planning.hexaslide import Asked, write_simulated
     from app.report.text.hexaslide_calibration import simulated_text
     from calib.errors import UsageError
 
@@ -101,7 +101,7 @@ def simulate(asked: Simulation, say: Say) -> None:
 
 def solve(asked: Solving, _say: Say) -> Answer:
     """Identify from one file of measured postures."""
-    from app.planning.hexaslide_calibration import calibrate_file
+    from app.planning.hexaslide import calibrate_file
     from app.report.schema.hexaslide import CalibrationReport
     from app.report.text.hexaslide_calibration import calibration_text
     from calib.errors import UsageError

@@ -41,9 +41,9 @@ from app.screens.drawing import DrawingPlot
 from app.screens.interface import Interface
 from app.screens.pages import PagedScreen
 from calib.errors import GlidecalError
+from calib.hexaslide.planning import Found, find_postures
 from calib.hexaslide.procedures import Kind
-from calib.hexaslide.search import Found, find_postures
-from calib.hexaslide.seen import KINDS, View, conditions_at, look_at
+from calib.hexaslide.seen import KINDS, HexaSlideSeen, conditions_at, look_at
 
 STARTS = 8
 WIDE = 110
@@ -59,7 +59,7 @@ class ShownProcedure(Message):
     """What a procedure sees, or why that cannot be told."""
 
     asked: int
-    view: View | GlidecalError
+    view: HexaSlideSeen | GlidecalError
 
 
 @dataclass
@@ -111,7 +111,7 @@ class HexaSlideScreen(PagedScreen):
     def __init__(self, request: Request | None = None) -> None:
         super().__init__()
         self.request = request or Request(Kind.POSE_INVERSE)
-        self.view: View | None = None
+        self.view: HexaSlideSeen | None = None
         self.found: Found | None = None
         self.looking = False
         self._asked = 0
@@ -192,7 +192,7 @@ class HexaSlideScreen(PagedScreen):
     @work(thread=True, group="look")
     def _look_apart(self, request: Request, asked: int) -> None:
         try:
-            view: View | GlidecalError = look_at(hexaslide_planning(request))
+            view: HexaSlideSeen | GlidecalError = look_at(hexaslide_planning(request))
         except GlidecalError as problem:
             view = problem
         self.post_message(ShownProcedure(asked, view))
@@ -216,7 +216,7 @@ class HexaSlideScreen(PagedScreen):
         view, found = self.view, self.found
         if view is None:
             return
-        best = None if found is None else conditions_at(view, found.postures)
+        best = None if found is None else conditions_at(view, found.best.coordinates)
         self._say("sees-text", sees_text(view, found, best))
         self._say("list-text", list_text(found))
         self._show_search()
@@ -229,12 +229,12 @@ class HexaSlideScreen(PagedScreen):
             text = search_text(self.view, self._count, self.found, searching=self.searching)
             self._say("search-text", text)
 
-    def _draw_machine(self, view: View) -> None:
-        count = 0 if self.found is None else len(self.found.postures)
+    def _draw_machine(self, view: HexaSlideSeen) -> None:
+        count = 0 if self.found is None else len(self.found.best.coordinates)
         self._say("drawn-text", drawn_at_text(self._drawn_at, count))
         posture = view.machine.box.centre
         if self.found is not None and self._drawn_at:
-            posture = self.found.postures[self._drawn_at - 1]
+            posture = self.found.best.coordinates[self._drawn_at - 1]
         front, above = drawn_machine(view.machine, posture)
         for place in ("", "sketch-"):
             self.query_one(f"#{place}front", DrawingPlot).show(front)
@@ -299,14 +299,20 @@ class HexaSlideScreen(PagedScreen):
         self._search(self.view, self._count, self._stop)
 
     @work(thread=True, group="search")
-    def _search(self, view: View, count: int, stop: threading.Event) -> None:
+    def _search(self, view: HexaSlideSeen, count: int, stop: threading.Event) -> None:
         def heard(found: Found) -> None:
             self.post_message(Heard(stop, found))
 
         problem: GlidecalError | None = None
         try:
             find_postures(
-                view.planned, count, starts=STARTS, heard=heard, going_on=lambda: not stop.is_set()
+                view.procedure,
+                view.machine,
+                count,
+                seed=view.planned.seed,
+                starts=STARTS,
+                heard=heard,
+                going_on=lambda: not stop.is_set(),
             )
         except GlidecalError as failure:
             problem = failure
@@ -333,7 +339,7 @@ class HexaSlideScreen(PagedScreen):
     def action_draw(self, by: int) -> None:
         """The machine at the next of the postures that were found; 0 is the middle of the box."""
         if self.view is not None and self.found is not None:
-            self._drawn_at = (self._drawn_at + by) % (len(self.found.postures) + 1)
+            self._drawn_at = (self._drawn_at + by) % (len(self.found.best.coordinates) + 1)
             self._draw_machine(self.view)
 
     def action_copy(self) -> None:

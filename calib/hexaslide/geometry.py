@@ -92,6 +92,13 @@ class ConstraintLink:
             raise CalibrationError("constraint link", f"{self.length_m:g} m", "a positive length")
 
 
+def present(link: ConstraintLink | None) -> ConstraintLink:
+    """The link of a machine. Raises CalibrationError where it has none."""
+    if link is None:
+        raise CalibrationError("constraint link", "none", "one in the machine file")
+    return link
+
+
 @dataclass(frozen=True, eq=False)
 class Box:
     """Bounds ``(6,)`` of the coordinates x, y, z in metres and theta, psi, phi in radians."""

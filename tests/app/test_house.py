@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from app.planning.hexaslide_calibration import Asked, write_simulated
+from app.planning.hexaslide import Asked, write_simulated
 from protocols.machine_files import machine_names
 from tests.conftest import ROOT
 

@@ -10,7 +10,7 @@ from enum import StrEnum
 from app.report.charts.charts import Chart, Series
 from calib.hexaslide.drawing import lines_at, outline
 from calib.hexaslide.geometry import Box, HexaSlide
-from calib.hexaslide.search import Found
+from calib.hexaslide.planning import Found
 from calib.observations import FloatArray
 
 Point = tuple[float, float]
@@ -141,7 +141,9 @@ def _seen_from(
 
 def drawn_postures(machine: HexaSlide, found: Found | None) -> tuple[Drawing, ...]:
     """The four projections of start and optimum in the box."""
-    sets = () if found is None else (("start", found.begin), ("optimum", found.postures))
+    sets = (
+        () if found is None else (("start", found.best.begin), ("optimum", found.best.coordinates))
+    )
     return tuple(_projected(machine.box, axes, sets) for axes in PROJECTIONS)
 
 

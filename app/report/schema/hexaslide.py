@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Annotated, Literal
 
-from app.planning.hexaslide_calibration import CalibratedMachine
+from app.planning.hexaslide import CalibratedMachine
 from app.report.schema.document import (
     Count,
     LackOfFit,
@@ -21,11 +21,11 @@ from app.report.schema.document import (
 )
 from app.report.schema.planning import ClassicalQr, Direction, IdentifiabilityReport
 from calib.design.criteria import Criterion, Observability
-from calib.hexaslide.frames import PAIRS, inner_lengths
+from calib.hexaslide.checked import PAIRS, inner_lengths
 from calib.hexaslide.geometry import unit_of
-from calib.hexaslide.procedures import DIFFERENCE_STEP, Kind
-from calib.hexaslide.residuals import ANGLES, Left
-from calib.hexaslide.seen import UNITS, HexaSlideSeen
+from calib.hexaslide.procedures import ANGLES, Kind
+from calib.hexaslide.residuals import Left
+from calib.hexaslide.seen import DIFFERENCE_STEP, UNITS, HexaSlideSeen
 
 
 class HexaSlideDirection(Direction):
@@ -80,26 +80,26 @@ class HexaSlidePosturesReport(Report):
 
     schema_id: Literal["glidecal.postures/1"] = schema("glidecal.postures/1")
     machine: Literal["hexaslide"] = "hexaslide"
-    procedure: Kind = at("boxed.procedure.kind")
-    measured: tuple[str, ...] = at("boxed.procedure.read")
-    count: Count = at("boxed.best.refined.coordinates")
-    criterion: Criterion = at("boxed.best.criterion")
-    value: float = at("boxed.best.refined.value")
-    start_value: float = at("boxed.best.refined.start_value")
-    rank: int = at("boxed.best.rank", "combinations that are seen")
-    condition_number: float = at("boxed.best.condition_number")
-    start_condition_number: float = at("boxed.best.start_condition_number")
-    published_criteria: Observability = at("boxed.best.found")
-    start_published_criteria: Observability = at("boxed.best.start")
+    procedure: Kind = at("best.procedure.kind")
+    measured: tuple[str, ...] = at("best.procedure.read")
+    count: Count = at("best.refined.coordinates")
+    criterion: Criterion = at("best.criterion")
+    value: float = at("best.refined.value")
+    start_value: float = at("best.refined.start_value")
+    rank: int = at("best.rank", "combinations that are seen")
+    condition_number: float = at("best.condition_number")
+    start_condition_number: float = at("best.start_condition_number")
+    published_criteria: Observability = at("best.found")
+    start_published_criteria: Observability = at("best.start")
     units: str = UNITS
-    postures: tuple[dict[str, float], ...] = at("boxed.postures")
-    coordinates_on_bound: int = at("boxed.best.refined.on_bound")
-    start_coordinates_on_bound: int = at("boxed.best.start_on_bound")
-    source: str = at("boxed.source", "of the first start")
-    seconds: float = at("boxed.seconds")
-    starts: Count = at("boxed.best.values")
-    values_of_starts: tuple[float, ...] = at("boxed.best.values")
-    seed: int = at("boxed.seed")
+    postures: tuple[dict[str, float], ...] = at("best.postures")
+    coordinates_on_bound: int = at("best.refined.on_bound")
+    start_coordinates_on_bound: int = at("best.start_on_bound")
+    source: str = at("best.source", "of the first start")
+    seconds: float = at("best.seconds")
+    starts: Count = at("best.values")
+    values_of_starts: tuple[float, ...] = at("best.values")
+    seed: int = at("best.seed")
 
 
 @dataclass(frozen=True)

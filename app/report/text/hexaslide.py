@@ -6,9 +6,8 @@ import math
 from statistics import median
 
 from app.report.text.tables import new_table, table_text, wrapped
-from calib.hexaslide.procedures import DIFFERENCE_STEP
-from calib.hexaslide.search import BoxedPostures
-from calib.hexaslide.seen import UNITS, HexaSlideSeen, PaperRule
+from calib.hexaslide.planning import BestPostures
+from calib.hexaslide.seen import DIFFERENCE_STEP, UNITS, HexaSlideSeen, PaperRule
 
 PUBLISHED_WORDS = {
     "log10_determinant": "log10 det(JᵀJ)",
@@ -20,31 +19,30 @@ PUBLISHED_WORDS = {
 """The criteria of papers/001, section 4, in its order; the larger the better."""
 
 
-def boxed_text(found: BoxedPostures) -> str:
+def postures_text(found: BestPostures) -> str:
     """Before and after, then the postures and how they were found."""
     parts = [wrapped(_sentence(found)), _criteria(found), _postures(found.postures)]
     return "\n\n".join([*parts, wrapped(_search(found))])
 
 
-def _sentence(found: BoxedPostures) -> str:
-    best, procedure = found.best, found.procedure
-    moved = bool(best.values)
-    before = f" (start {best.refined.start_value:.4g})" if moved else ""
-    condition = f"{best.condition_number:.4g}"
-    condition += f", at the start {best.start_condition_number:.4g}" if moved else ""
+def _sentence(found: BestPostures) -> str:
+    procedure, moved = found.procedure, bool(found.values)
+    before = f" (start {found.refined.start_value:.4g})" if moved else ""
+    condition = f"{found.condition_number:.4g}"
+    condition += f", at the start {found.start_condition_number:.4g}" if moved else ""
     return (
         f"hexaslide, {procedure.kind.value}, reading {', '.join(procedure.read)}: "
-        f"{len(found.postures)} postures for the {best.criterion.value} criterion, "
-        f"{best.refined.value:.5g}{before}. "
-        f"Condition number {condition} ({UNITS}; of the {best.rank} combinations that are "
+        f"{len(found.postures)} postures for the {found.criterion.value} criterion, "
+        f"{found.refined.value:.5g}{before}. "
+        f"Condition number {condition} ({UNITS}; of the {found.rank} combinations that are "
         "seen)."
     )
 
 
-def _criteria(found: BoxedPostures) -> str:
-    best, moved = found.best, bool(found.best.values)
+def _criteria(found: BestPostures) -> str:
+    moved = bool(found.values)
     table = new_table("criteria of papers/001", *(["start", "found"] if moved else ["value"]))
-    sets = (best.start, best.found) if moved else (best.found,)
+    sets = (found.start, found.found) if moved else (found.found,)
     for name, words in PUBLISHED_WORDS.items():
         table.add_row(words, *(f"{getattr(one, name):.4g}" for one in sets))
     return table_text(table)
@@ -57,20 +55,20 @@ def _postures(postures: tuple[dict[str, float], ...]) -> str:
     return table_text(table)
 
 
-def _search(found: BoxedPostures) -> str:
-    best, size = found.best, found.best.refined.coordinates.size
-    share = f"{100.0 * best.refined.on_bound / size:.0f} %"
-    if not best.values:
+def _search(found: BestPostures) -> str:
+    size = found.coordinates.size
+    share = f"{100.0 * found.refined.on_bound / size:.0f} %"
+    if not found.values:
         return f"{share} of the coordinates stand on a bound of the box. From {found.source}."
     return (
         f"{share} of the coordinates stand on a bound of the box, at the start "
-        f"{100.0 * best.start_on_bound / size:.0f} %. {_starts(found)}, seed {found.seed}, "
+        f"{100.0 * found.start_on_bound / size:.0f} %. {_starts(found)}, seed {found.seed}, "
         f"{found.seconds:.1f} s."
     )
 
 
-def _starts(found: BoxedPostures) -> str:
-    values, random = found.best.values, found.source == "random"
+def _starts(found: BestPostures) -> str:
+    values, random = found.values, found.source == "random"
     if len(values) == 1:
         return f"One start, {'random' if random else found.source}"
     first = "" if random else f", the first of them {found.source}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from app.planning.hexaslide_calibration import CalibratedMachine
+from app.planning.hexaslide import CalibratedMachine
 from app.report.schema.hexaslide import INNER_NAMES, CalibrationReport, Rms
 from app.report.text.tables import new_table, signed, table_text, wrapped
 from calib.hexaslide.geometry import unit_of

@@ -17,8 +17,9 @@ from app.planning.request import Request
 from app.report.schema.hexaslide import HexaSlideIdentifiabilityReport, PaperRules
 from app.report.text.hexaslide import seen_text
 from calib.errors import RecordError
-from calib.hexaslide.procedures import Procedure, held_postures, jacobian
-from calib.hexaslide.seen import HexaSlideSeen, hexaslide_seen
+from calib.hexaslide.derivatives import jacobian
+from calib.hexaslide.procedures import Procedure, held_postures
+from calib.hexaslide.seen import HexaSlideSeen, look_at
 from protocols.hexaslide_machine import load_hexaslide
 from protocols.hexaslide_postures import load_postures
 from tests.app.cli import glidecal, refused
@@ -49,7 +50,7 @@ def test_ranks_beside_those_of_the_paper(
 
 
 def seen_of(request: Request) -> HexaSlideSeen:
-    return hexaslide_seen(hexaslide_planning(request))
+    return look_at(hexaslide_planning(request))
 
 
 def told(request: Request) -> str:

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.exit_codes import exit_code
-from app.planning.hexaslide_calibration import Asked, calibrate_file, write_simulated
+from app.planning.hexaslide import Asked, calibrate_file, write_simulated
 from app.report.schema.hexaslide import CalibrationReport
 from app.report.text.hexaslide_calibration import calibration_text
 from calib.errors import GlidecalError, NotIdentifiable, RecordError, UsageError

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from calib.design.identifiability import classical_qr
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
+from calib.hexaslide.derivatives import jacobian, slider_slopes
 from calib.hexaslide.geometry import (
     NAMES,
     Box,
@@ -26,11 +29,9 @@ from calib.hexaslide.procedures import (
     COMPONENTS,
     Kind,
     Procedure,
-    differenced,
     held_postures,
-    jacobian,
-    slider_slopes,
 )
+from calib.hexaslide.seen import differenced
 from calib.observations import FloatArray
 from protocols.hexaslide_machine import load_hexaslide
 from tests.calib.hexaslide.hexaslide_draws import SHAPES, drawn_machine, jacobian_and_slopes
@@ -295,7 +296,7 @@ def test_the_rule_of_the_paper_on_its_differences_counts_rows_or_parameters(
     kind: Kind, count: int, counted: int
 ) -> None:
     procedure, postures = Procedure.of(kind), some(H60, count)
-    rows = differenced(procedure, H60.geometry, postures, H60.link)
+    rows = differenced(procedure, H60, postures)
     exact = jacobian(procedure, H60.geometry, postures, H60.link)
     assert np.abs(rows - exact).max() < 1e-6 * np.abs(exact).max()
     names = procedure.parameters
@@ -306,11 +307,11 @@ def test_the_rule_of_the_paper_on_its_differences_counts_rows_or_parameters(
 def test_differences_through_the_inverse_kinematics_and_of_the_link_alone() -> None:
     procedure = Procedure.of("constraint-link", known=("d",))
     for one in (procedure, Procedure.of("pose-inverse")):
-        found = differenced(one, H60.geometry, some(H60, 5), H60.link)
+        found = differenced(one, H60, some(H60, 5))
         expected = jacobian(one, H60.geometry, some(H60, 5), H60.link)
         assert found == pytest.approx(expected, abs=2e-6)
     with pytest.raises(CalibrationError, match="one in the machine file"):
-        differenced(procedure, H60.geometry, some(H60, 5), None)
+        differenced(procedure, replace(H60, link=None), some(H60, 5))
 
 
 def test_wrong_input_is_refused() -> None:

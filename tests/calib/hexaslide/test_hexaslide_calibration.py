@@ -9,10 +9,11 @@ import pytest
 
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
 from calib.hexaslide.calibration import Calibration, calibrate, left_of
-from calib.hexaslide.frames import frames_apart, inner_lengths, inner_slopes
+from calib.hexaslide.checked import frames_apart, inner_lengths, inner_slopes
+from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.geometry import Box, HexaSlide, values, with_values
 from calib.hexaslide.kinematics import forward, rotation
-from calib.hexaslide.procedures import Procedure, jacobian
+from calib.hexaslide.procedures import Procedure
 from calib.hexaslide.residuals import Readings, residuals, shares, stretch, whitening
 from calib.hexaslide.simulation import disturbed, measure
 from calib.observations import FloatArray

@@ -79,7 +79,7 @@ class Studied:
 
 def kinds_of(asked: Request) -> tuple[Kind, ...]:
     """The procedures that this machine allows: without a link none that uses it."""
-    linked = load_hexaslide(asked.machine_file).link() is not None
+    linked = load_hexaslide(asked.machine_file).constraint_link is not None
     return tuple(kind for kind in KINDS if linked or kind is not Kind.CONSTRAINT_LINK)
 
 

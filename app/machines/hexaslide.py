@@ -113,11 +113,21 @@ def solve(asked: Solving, _say: Say) -> Answer:
     return Answer(lambda: calibration_text(solved), lambda: CalibrationReport.of(solved=solved))
 
 
-def reads(path: Path) -> bool:
-    """Whether the file begins as measured postures."""
-    from protocols.hexaslide_files import is_measurements
+MARK = b"glidecal.hexaslide-measurements"
+"""Stands near the beginning of every file of measured postures, whole or cut."""
 
-    return is_measurements(path)
+BEGINNING_BYTES = 400
+
+
+def reads(path: Path) -> bool:
+    """Whether the file begins as measured postures; False where it cannot be read."""
+    from protocols.files import open_to_read
+
+    try:
+        with open_to_read(path) as file:
+            return MARK in file.read(BEGINNING_BYTES)
+    except OSError:
+        return False
 
 
 FAMILY = Family(

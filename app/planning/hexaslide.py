@@ -19,7 +19,7 @@ from calib.hexaslide.simulation import simulate
 from calib.observations import FloatArray
 from protocols.files import write_files
 from protocols.hexaslide_machine import HexaSlideMachine, load_hexaslide
-from protocols.hexaslide_measurements import (
+from protocols.hexaslide_postures import (
     SCHEMA,
     TRUTH_SCHEMA,
     HexaSlideMeasurements,
@@ -27,11 +27,11 @@ from protocols.hexaslide_measurements import (
     MeasuredPosture,
     MeasuringNoise,
     Units,
+    load_postures,
     machine_like,
     read_measurements,
     read_truth,
 )
-from protocols.hexaslide_postures import load_postures
 
 EXAMPLE = "hexaslide-h60.toml"
 

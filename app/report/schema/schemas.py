@@ -22,7 +22,7 @@ from app.report.schema.readings import FaultReport, PortsReport, ReadingReport, 
 from app.report.schema.solution import ComparisonReport, OffsetsReport, SolutionReport
 from protocols.events import Event
 from protocols.hexaslide_machine import HexaSlideMachine
-from protocols.hexaslide_measurements import HexaSlideMeasurements, HexaSlideTruth
+from protocols.hexaslide_postures import HexaSlideMeasurements, HexaSlideTruth
 from protocols.machine import Machine
 from protocols.model_file import ModelFile
 from protocols.procedure import Procedure

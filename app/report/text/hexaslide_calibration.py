@@ -9,7 +9,7 @@ from app.report.schema.hexaslide import INNER_NAMES, CalibrationReport, Rms
 from app.report.text.tables import new_table, signed, table_text, wrapped
 from calib.hexaslide.geometry import unit_of
 from calib.hexaslide.procedures import Kind
-from protocols.hexaslide_measurements import HexaSlideMeasurements
+from protocols.hexaslide_postures import HexaSlideMeasurements
 
 LACK_OF_FIT_LEVEL = 0.01
 MOST_POSTURES = 5

@@ -68,7 +68,7 @@ def test_too_few_postures_say_the_minimum_and_what_is_lost_in_whole() -> None:
     lost = found["lost_directions"]
     assert [one["at_every_posture"] for one in lost] == [True, True, True, False]
     machine = load_hexaslide()
-    geometry, box = machine.geometry(), machine.posture_box()
+    geometry, box = machine.whole().geometry, machine.whole().box
     rows = jacobian(Procedure.of("position"), geometry, held_postures(geometry, box, 15, 0))
     names = found["parameters"]
     for one in lost:
@@ -144,7 +144,7 @@ def test_what_is_known_of_the_link() -> None:
 
 def test_postures_of_a_file(tmp_path: Path) -> None:
     machine, columns = load_hexaslide(), "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg"
-    postures = machine.posture_box().random(40, np.random.default_rng(3))
+    postures = machine.whole().box.random(40, np.random.default_rng(3))
     postures[:, 3:] = 0.0
     table = tmp_path / "own.csv"
     lines = [columns, *(",".join(map(str, row)) for row in postures)]

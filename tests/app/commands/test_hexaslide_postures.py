@@ -25,7 +25,7 @@ H60 = load_hexaslide()
 
 
 def random_file(folder: Path, count: int, *, factor: float = 1.0) -> Path:
-    box = H60.posture_box()
+    box = H60.whole().box
     postures = box.random(count, np.random.default_rng(11))
     postures = box.centre + factor * (postures - box.centre)
     postures[:, 3:] = np.degrees(postures[:, 3:])
@@ -36,7 +36,7 @@ def random_file(folder: Path, count: int, *, factor: float = 1.0) -> Path:
 
 
 def condition(path: Path) -> float:
-    rows = jacobian(Procedure.of("pose-inverse"), H60.geometry(), load_postures(path))
+    rows = jacobian(Procedure.of("pose-inverse"), H60.whole().geometry, load_postures(path))
     return float(np.linalg.cond(rows.reshape(-1, 49)))
 
 

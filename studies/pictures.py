@@ -18,7 +18,7 @@ from textual.pilot import Pilot
 from textual.screen import Screen
 
 from app.machines.family import Simulation
-from app.machines.tripod import simulate
+from app.machines.tripod import SimulateOptions, simulate
 from app.measuring.demo import demo_plan
 from app.measuring.gauges import Gauge
 from app.measuring.simulated import BenchSettings
@@ -164,7 +164,8 @@ async def pictures(folder: Path) -> None:
 async def diagnosis(folder: Path) -> None:
     """The verdict on a simulated session with play hidden in one carriage, and where it shows."""
     session = folder / "simulated.jsonl"
-    simulate(Simulation(session, protocol="two-station", effect="backlash:x", size=0.03), print)
+    hidden = SimulateOptions("two-station", effect="backlash:x", size=0.03)
+    simulate(Simulation(session), hidden, print)
     screen = DiagnoseScreen([session])
     interface = Glidecal(screen)
     interface.animation_level = "none"

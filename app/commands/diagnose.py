@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands.options import AsJson, argument, file, machine_option, say
+from app.machines.options import AsJson, argument, file, machine_option, say
 from calib.errors import UsageError
 from protocols.machine_files import machine_names
 

@@ -17,7 +17,7 @@ from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
 
 from app.planning.hexaslide import hexaslide_planning
 from app.planning.request import Request
-from app.report.charts.drawings import drawn_machine, drawn_postures
+from app.report.charts.hexaslide import drawn_machine, drawn_postures
 from app.report.text.hexaslide_screen import (
     HEXASLIDE_HELP,
     LOOKING,

@@ -77,7 +77,12 @@ class HomeScreen(Screen[None]):
 
     def _options(self) -> list[Option | None]:
         """What is listed; None is a line between."""
-        able = [c for c in HOME_CHOICES if c[0] in READING_ONLY or not self.app.read_only]
+        looks = [(look.name, look.choice) for look in self.app.looks]
+        able = [
+            choice
+            for choice in (*HOME_CHOICES, *looks)
+            if choice[0] in READING_ONLY or not self.app.read_only
+        ]
         going_on: list[Option | None] = []
         others: list[Option | None] = []
         for recent in self._recent:
@@ -116,8 +121,8 @@ class HomeScreen(Screen[None]):
                 self._demonstrate()
             elif what == "compare":
                 self._compare(session)
-            elif what == "hexaslide":
-                self._open_hexaslide()
+            elif look := next((one for one in self.app.looks if one.name == what), None):
+                self.app.push_screen(look.screen())
             elif session is None:
                 self._pick(WHICH[what], partial(self._do, what))
             elif what == "continue":
@@ -169,9 +174,6 @@ class HomeScreen(Screen[None]):
 
     def _diagnose(self, path: Path) -> None:
         self.app.push_screen(self.app.diagnosis([path]))
-
-    def _open_hexaslide(self) -> None:
-        self.app.push_screen(self.app.hexaslide())
 
     def _compare(self, session: Recent | None) -> None:
         """Find the two sessions; one that verifies another brings its partner."""

@@ -26,10 +26,11 @@ from textual.widget import Widget
 from app.exit_codes import Exit
 from app.measuring.opening import Indicators, Plan
 from app.measuring.session import GuidedSession
-from app.report.text.home import key_list_text
+from app.report.text.home import WORDS_OF_LOOKS, key_list_text
 from app.screens.dialogs import HelpDialog
 from app.screens.fast_keys import Palette, ready
 from app.screens.leaving import on_signals
+from app.screens.look import Look
 from app.settings import Settings, save_theme, settings_path
 from calib.errors import GlidecalError
 from calib.printable import HIDDEN
@@ -38,7 +39,6 @@ from protocols.files import unused_path
 if TYPE_CHECKING:
     from app.evaluating.comparison import Comparison
     from app.evaluating.solution import SessionSolution
-    from app.planning.request import Request
 
 PALETTE = (
     ("Theme", "Choose the colours; kept in the settings"),
@@ -90,10 +90,12 @@ class Interface(App[str]):
         *,
         settings: Settings | None = None,
         read_only: bool = False,
+        looks: Sequence[Look] = (),
     ) -> None:
         super().__init__()
         self._first = first
         self.read_only = read_only
+        self.looks = looks
         self._settings = settings or Settings()
         self._remembered = self._settings.theme or self.theme
         self._forget_signals: Callable[[], None] = lambda: None
@@ -187,7 +189,8 @@ class Interface(App[str]):
 
     def action_help(self) -> None:
         """Words about the focused panel, then about the screen."""
-        words = [self.screen.HELP or ""]
+        of_machines = "\n".join(look.words for look in self.looks)
+        words = [(self.screen.HELP or "").replace(WORDS_OF_LOOKS, of_machines)]
         panels = self.focused.ancestors_with_self if self.focused else []
         words[:0] = [_words_of(panel) for panel in panels if isinstance(panel, Widget)]
         said = "\n\n".join(dict.fromkeys(text for text in words if text))
@@ -269,10 +272,6 @@ class Interface(App[str]):
     @abstractmethod
     def replay(self, path: Path) -> Screen[None]:
         """A record again."""
-
-    @abstractmethod
-    def hexaslide(self, request: Request | None = None) -> Screen[None]:
-        """What a procedure sees of a Hexa Slide."""
 
     def go_to(self, screen: Screen[Any]) -> None:
         """Replace the present screen."""

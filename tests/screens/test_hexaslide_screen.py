@@ -17,6 +17,7 @@ from textual.pilot import Pilot
 from textual.widgets import Input, OptionList, TabbedContent
 
 import calib.hexaslide.planning as searching
+from app.machines.registry import LOOKS
 from app.planning.request import Request
 from app.screens.dialogs import HelpDialog, TextDialog
 from app.screens.drawing import DrawingPlot
@@ -237,7 +238,7 @@ async def check_drawn_at_postures(pilot: Pilot[str], interface: Interface) -> No
 
 
 async def test_leaving_while_it_searches(gate: Gate) -> None:
-    interface = Glidecal(HomeScreen())
+    interface = Glidecal(HomeScreen(), looks=LOOKS)
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         choices = interface.screen.query_one("#choices", OptionList)
         await until(pilot, "choices", lambda: choices.option_count > 0)

@@ -14,10 +14,9 @@ from app.report.charts.drawings import (
     Drawing,
     Look,
     Stroke,
-    drawn_machine,
-    drawn_postures,
     ticks_within,
 )
+from app.report.charts.hexaslide import drawn_machine, drawn_postures
 from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.planning import Found, find_postures

@@ -1,4 +1,4 @@
-"""Options that several verbs share."""
+"""Options that several verbs or machines share."""
 
 from __future__ import annotations
 
@@ -88,10 +88,6 @@ Method = Annotated[
     Literal["linear", "exact"],
     typer.Option(help="linear: system (11); exact: nonlinear, raw readings."),
 ]
-Measured = Annotated[str, typer.Option(help="Hexa Slide: what is measured, such as x,y,z,theta.")]
-Known = Annotated[
-    str | None,
-    typer.Option(
-        help="Constraint link: what is known of c,d,length, or none.", show_default="length"
-    ),
-]
+
+SCATTER_MM, RESOLUTION_MM = 0.002, 0.001
+"""Of a simulated machine and its indicators where nothing is asked for."""

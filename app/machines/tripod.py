@@ -78,8 +78,8 @@ def postures(asked: Question, search: Search, own: PostureOptions, say: Say) -> 
     from app.report.schema.planning import PosturesReport
     from app.report.text.planning import postures_text
     from calib.design.criteria import Criterion
-    from calib.design.optimum import optimum_postures
     from calib.errors import UsageError
+    from calib.tripod.optimum import optimum_postures
 
     if search.count is None:
         raise UsageError("--count", "none", "how many postures to choose")

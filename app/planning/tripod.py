@@ -7,11 +7,10 @@ from pathlib import Path
 
 from app.measuring.simulated import planned_readings
 from app.planning.request import Request
-from calib.design.planning import Orders
 from calib.errors import UsageError
 from calib.noise.reading import IndicatorFigures, Noise
 from calib.observations import LEG_NAMES
-from calib.tripod.planning import TripodPlanning
+from calib.tripod.planning import Orders, TripodPlanning
 from protocols.files import write_files
 from protocols.machine import Machine, load_machine
 from protocols.procedure import Procedure, load_procedure

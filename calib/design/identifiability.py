@@ -33,15 +33,17 @@ SMALL_SHARE = 0.25
 """Parameters with a smaller share of a combination are left out of its name."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Direction:
-    """A combination of parameters, its standard uncertainty, and what that does at the tool.
+    """A combination of parameters ``vector`` ``(k,)``, its standard uncertainty, and what that does
+    at the tool.
 
     In mm; infinite where the combination is not seen. Both belong to the combination as written.
     ``against`` is the same two parameters with the other sign, and its standard uncertainty.
     """
 
     combination: str
+    vector: FloatArray
     standard_uncertainty_mm: float
     tool_mm: float
     against: tuple[str, float] | None = None
@@ -91,7 +93,6 @@ class Identifiability:
     unseen: tuple[Direction, ...]
     individually_known: tuple[str, ...]
     unseen_vectors: FloatArray = field(repr=False)
-    weak_vectors: FloatArray = field(repr=False)
 
 
 def analyse(sensitivity: Sensitivity) -> Identifiability:
@@ -116,7 +117,6 @@ def analyse(sensitivity: Sensitivity) -> Identifiability:
         unseen=_named(lost, sensitivity, None),
         individually_known=names_outside(turned[unseen].T, sensitivity.names),
         unseen_vectors=lost,
-        weak_vectors=turned[weak] * sensitivity.tolerance,
     )
 
 
@@ -152,7 +152,7 @@ def _named(
         unit = combination / float(combination @ combination)
         cost = _cost(sensitivity, unit) * uncertainty
         against = _against(combination, sensitivity.names, covariance)
-        found.append(Direction(name, uncertainty, cost, against))
+        found.append(Direction(name, combination, uncertainty, cost, against))
     return tuple(found)
 
 

@@ -50,18 +50,6 @@ class RefinedPostures:
     on_bound: int
 
 
-def pulled_by_slopes(
-    rows_at: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
-) -> RowsAndPull:
-    """From a map to rows and their derivatives ``(p, r, k, d)``."""
-
-    def rows_and_pull(coordinates: FloatArray) -> tuple[FloatArray, Pull]:
-        rows, slopes = rows_at(coordinates)
-        return rows, lambda weights: np.asarray(np.einsum("prk,prkd->pd", weights, slopes))
-
-    return rows_and_pull
-
-
 def refine(
     rows_at: RowsAndPull,
     start: FloatArray,

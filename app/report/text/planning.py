@@ -7,11 +7,11 @@ import math
 from app.planning.next_measurement import NextMeasurement
 from app.report.text.tables import new_table, table_text, wrapped
 from calib.design.criteria import Criterion
-from calib.design.optimum import ChosenPostures, Figures
 from calib.design.planning import Combination, SeenBy
 from calib.diagnosis.aliases import AliasMap
 from calib.identify.next_mounting import Proposal
 from calib.stats import coverage_factor
+from calib.tripod.optimum import ChosenPostures, Figures
 
 COVERAGE = coverage_factor(math.inf)
 """Factor from standard to expanded uncertainty (95 %) with a known noise."""

@@ -16,17 +16,18 @@ from app.planning.next_measurement import next_measurement
 from app.planning.request import Request
 from app.planning.tripod import tripod_planning
 from calib.design.criteria import Criterion
-from calib.design.optimum import optimum_postures
-from calib.design.planning import PooledMachine, seen_by
+from calib.design.planning import seen_by
 from calib.observations import conditions
 from calib.ties import descending
 from calib.tripod.geometry import Geometry
+from calib.tripod.optimum import optimum_postures
 from calib.tripod.pipeline import derivatives
+from calib.tripod.planning import TripodPlanning
 from calib.tripod.pool import leg_pool, levels_mm, visiting_order
 from tests.app.cli import glidecal, refused
 
 
-def orthoglide(request: Request) -> PooledMachine:
+def orthoglide(request: Request) -> TripodPlanning:
     return tripod_planning("orthoglide", request)[0]
 
 

@@ -14,9 +14,9 @@ from calib.design.criteria import Aim, Criterion, value_of, wanted_information
 from calib.design.exchange import Candidates, choose, swap_ratios
 from calib.design.refinement import (
     OF_ENDS,
+    Pull,
     cost_and_slope,
     cost_by_rows,
-    pulled_by_slopes,
     refine,
 )
 from calib.errors import CalibrationError, NotIdentifiable
@@ -251,20 +251,18 @@ def test_slope_by_the_rows_is_that_of_differences(criterion: Criterion, weakness
         )
 
 
-def parabola(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A quadratic through points of [-1, 1]: rows (1, x, x²)."""
+def parabola(points: FloatArray) -> tuple[FloatArray, Pull]:
+    """A quadratic through points of [-1, 1]: rows (1, x, x²), and their pull."""
     x = points[:, :1]
     rows = np.stack([np.ones_like(x), x, x**2], axis=-1)
-    return rows, np.stack([np.zeros_like(x), np.ones_like(x), 2 * x], axis=-1)[..., None]
-
-
-PARABOLA = pulled_by_slopes(parabola)
+    slopes = np.stack([np.zeros_like(x), np.ones_like(x), 2 * x], axis=-1)
+    return rows, lambda weights: np.asarray((weights * slopes).sum(axis=-1))
 
 
 def test_refinement_finds_the_known_optimum_of_a_parabola() -> None:
     """D-optimum of a quadratic on [-1, 1]: the ends and the middle (Fedorov 1972)."""
     start = np.array([[-0.8], [0.3], [0.5]])
-    found = refine(PARABOLA, start, np.array([-1.0]), np.array([1.0]))
+    found = refine(parabola, start, np.array([-1.0]), np.array([1.0]))
     assert found.coordinates[:, 0] == pytest.approx([-1.0, 0.0, 1.0], abs=1e-5)
     assert found.on_bound == 2
     assert found.value > found.start_value
@@ -274,11 +272,11 @@ def test_refinement_finds_the_known_optimum_of_a_parabola() -> None:
 def test_refinement_is_never_worse_and_stays_in_the_box(criterion: Criterion) -> None:
     low, high = np.array([-1.0]), np.array([1.0])
     start = np.random.default_rng(4).uniform(-0.9, 0.9, (6, 1))
-    found = refine(PARABOLA, start, low, high, Aim(criterion, None, metric_of(3)))
+    found = refine(parabola, start, low, high, Aim(criterion, None, metric_of(3)))
     assert better(found.value, found.start_value, criterion)
     assert ((low <= found.coordinates) & (found.coordinates <= high)).all()
 
 
 def test_refinement_refuses_a_start_outside() -> None:
     with pytest.raises(CalibrationError, match="outside its box"):
-        refine(PARABOLA, np.array([[2.0], [0.0], [1.0]]), np.array([-1.0]), np.array([1.0]))
+        refine(parabola, np.array([[2.0], [0.0], [1.0]]), np.array([-1.0]), np.array([1.0]))

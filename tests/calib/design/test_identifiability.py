@@ -49,7 +49,7 @@ def test_weak_vectors_are_those_of_the_weak_combinations() -> None:
         Sensitivity(("a", "b"), ("mm", "mm"), np.diag([1000.0, 20.0]), np.array([1.0, 1.0]))
     )
     assert [direction.combination for direction in found.weak] == ["b"]
-    assert np.abs(found.weak_vectors) == pytest.approx(np.array([[0.0, 1.0]]))
+    assert np.abs(found.weak[0].vector) == pytest.approx([0.0, 1.0])
 
 
 def test_classical_qr_flags_the_last_of_dependent_columns() -> None:

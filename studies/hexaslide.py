@@ -14,8 +14,7 @@ from pathlib import Path
 import jinja2
 import numpy as np
 
-from app.planning.hexaslide import hexaslide_planning
-from app.planning.request import Request
+from app.planning.hexaslide import Request, hexaslide_planning
 from app.report.text.hexaslide_screen import postures_table
 from calib.errors import GlidecalError
 from calib.hexaslide.planning import BestPostures, best_postures, sensitivity

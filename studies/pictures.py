@@ -22,7 +22,7 @@ from app.machines.tripod import SimulateOptions, simulate
 from app.measuring.demo import demo_plan
 from app.measuring.gauges import Gauge
 from app.measuring.simulated import BenchSettings
-from app.planning.request import Request
+from app.planning.hexaslide import Request
 from app.screens.check import CheckScreen
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.dialogs import ChoiceDialog

@@ -20,11 +20,11 @@ from app.machines.family import (
     Simulation,
 )
 from app.machines.options import file, number, parts
-from app.planning.request import Request
 from app.screens.look import Look
 from calib.errors import UsageError
 
 if TYPE_CHECKING:  # heavy: imported where used
+    from app.planning.hexaslide import Request
     from app.screens.hexaslide import HexaSlideScreen
 
 NOISE_MM, ERRORS_MM = 0.01, 1.0
@@ -69,6 +69,12 @@ def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer | On
 
     Measured components alone are those of a posture. Raises UsageError without either.
     """
+    from app.planning.hexaslide import Request, hexaslide_planning
+    from app.report.schema.hexaslide import HexaSlideIdentifiabilityReport
+    from app.report.streams import need_terminal
+    from app.report.text.hexaslide import seen_text
+    from calib.hexaslide.seen import look_at
+
     request = Request(
         asked.procedure or "pose-forward",
         asked.machine_file,
@@ -82,12 +88,6 @@ def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer | On
         raise UsageError(
             "--procedure", "none", "the name of a procedure", "For hexaslide --measured also does."
         )
-    from app.planning.hexaslide import hexaslide_planning
-    from app.report.schema.hexaslide import HexaSlideIdentifiabilityReport
-    from app.report.streams import need_terminal
-    from app.report.text.hexaslide import seen_text
-    from calib.hexaslide.seen import look_at
-
     if own.screen:
         need_terminal("--screen", "the verb without it")
     planned = hexaslide_planning(request)
@@ -132,7 +132,7 @@ class PostureOptions:
 
 def postures(asked: Question, search: Search, own: PostureOptions, say: Say) -> Answer:
     """Postures anywhere in the box."""
-    from app.planning.hexaslide import asked_postures, write_postures
+    from app.planning.hexaslide import Request, asked_postures, write_postures
     from app.report.schema.hexaslide import HexaSlidePosturesReport
     from app.report.text.hexaslide import postures_text
 

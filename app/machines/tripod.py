@@ -22,7 +22,6 @@ from app.machines.options import (
     file,
     number,
 )
-from app.planning.request import Request
 from protocols.machine_files import USUAL_MACHINE, machine_names
 
 if TYPE_CHECKING:  # heavy: imported where used
@@ -49,8 +48,8 @@ def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer:
     from app.report.text.planning import identifiability_text
     from calib.design.planning import seen_by
 
-    request = Request(asked.procedure, asked.machine_file, own.noise)
-    seen = seen_by(tripod_planning(asked.machine, request)[0])
+    planned, _ = tripod_planning(asked.machine, asked.procedure, asked.machine_file, own.noise)
+    seen = seen_by(planned)
     return Answer(lambda: identifiability_text(seen), lambda: IdentifiabilityReport.of(seen=seen))
 
 
@@ -84,8 +83,9 @@ def postures(asked: Question, search: Search, own: PostureOptions, say: Say) -> 
     if search.count is None:
         raise UsageError("--count", "none", "how many postures to choose")
     minutes = own.mounting_seconds / 60.0
-    request = Request(asked.procedure, asked.machine_file, own.noise, minutes)
-    planned, like = tripod_planning(asked.machine, request)
+    planned, like = tripod_planning(
+        asked.machine, asked.procedure, asked.machine_file, own.noise, minutes
+    )
     chosen = optimum_postures(
         planned,
         search.count,

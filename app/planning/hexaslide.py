@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.planning.request import Request
 from app.version import program
 from calib.design.criteria import Criterion
 from calib.errors import CalibrationError, RecordError, UsageError
@@ -39,6 +38,19 @@ MOST_MOVED = 1000
 """More postures would take hours."""
 
 AS_IS = "With --as-is postures are judged wherever they are."
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked of a procedure; ``postures`` are so many random ones, None: enough."""
+
+    procedure: str
+    machine_file: Path | None = None
+    measured: tuple[str, ...] = ()
+    known: tuple[str, ...] | None = None
+    postures: int | None = None
+    posture_file: Path | None = None
+    seed: int = 0
 
 
 def hexaslide_planning(request: Request) -> HexaSlidePlanning:

@@ -15,8 +15,7 @@ from textual.events import Resize
 from textual.message import Message
 from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
 
-from app.planning.hexaslide import hexaslide_planning
-from app.planning.request import Request
+from app.planning.hexaslide import Request, hexaslide_planning
 from app.report.charts.hexaslide import drawn_machine, drawn_postures
 from app.report.text.hexaslide_screen import (
     HEXASLIDE_HELP,

@@ -18,7 +18,7 @@ from textual.widgets import Input, OptionList, TabbedContent
 
 import calib.hexaslide.planning as searching
 from app.machines.registry import LOOKS
-from app.planning.request import Request
+from app.planning.hexaslide import Request
 from app.screens.dialogs import HelpDialog, TextDialog
 from app.screens.drawing import DrawingPlot
 from app.screens.hexaslide import HexaSlideScreen

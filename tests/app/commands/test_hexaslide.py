@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from app.exit_codes import Exit, exit_code
-from app.planning.hexaslide import hexaslide_planning
-from app.planning.request import Request
+from app.planning.hexaslide import Request, hexaslide_planning
 from app.report.schema.hexaslide import HexaSlideIdentifiabilityReport, PaperRules
 from app.report.text.hexaslide import seen_text
 from calib.errors import RecordError

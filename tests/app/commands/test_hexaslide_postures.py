@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.planning.hexaslide import asked_postures, write_postures
-from app.planning.request import Request
+from app.planning.hexaslide import Request, asked_postures, write_postures
 from app.report.schema.hexaslide import HexaSlidePosturesReport
 from app.report.text.hexaslide import PUBLISHED_WORDS, postures_text
 from calib.design.criteria import Criterion

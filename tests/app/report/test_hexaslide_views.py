@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.planning.hexaslide import hexaslide_planning
-from app.planning.request import Request
+from app.planning.hexaslide import Request, hexaslide_planning
 from app.report.charts.drawings import (
     Drawing,
     Look,

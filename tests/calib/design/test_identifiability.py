@@ -7,15 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.planning.request import Request
 from app.planning.tripod import tripod_planning
 from calib.design.identifiability import Sensitivity, analyse, classical_qr
 from protocols.procedure import leg_procedure_names
 
 
 def sensitivity_of(procedure: str) -> Sensitivity:
-    request = Request(procedure, noise_mm=0.02)
-    return tripod_planning("orthoglide", request)[0].examine().sensitivity
+    return tripod_planning("orthoglide", procedure, noise_mm=0.02)[0].examine().sensitivity
 
 
 @pytest.mark.parametrize("procedure", leg_procedure_names())

@@ -36,7 +36,7 @@ samples: $(VENV)/runtime.stamp
 	$(BIN)/python sample_sessions/make.py
 
 schemas: $(VENV)/dev.stamp
-	$(BIN)/python -m app.machines.schemas docs/schemas
+	$(BIN)/python -m app.report.schema.schemas docs/schemas
 
 # beside what: lmfit and iminuit; figaroh where FIGAROH_PYTHON names a Python that has it
 $(VENV)/bench.stamp: $(VENV)/dev.stamp

@@ -66,14 +66,6 @@ class Simulation:
     seed: int = 1
 
 
-@dataclass(frozen=True)
-class Documents:
-    """Documents that are written, and files that are read again, by the names in their ids."""
-
-    written: Mapping[str, Any]
-    read: Mapping[str, Any]
-
-
 Plan = Callable[[str | None, Sequence[Path], Any, Say], Answer]
 """Proposes the next measurement of a machine, None: that of the sessions."""
 
@@ -101,6 +93,5 @@ class Family:
     postures: Callable[[Question, Search, Any, Say], Answer]
     simulate: Callable[[Simulation, Any, Say], None]
     solve: Callable[[Sequence[Path], Any, Say], Answer]
-    documents: Callable[[], Documents]
     plan: Plan | None = None
     look: Look | None = None

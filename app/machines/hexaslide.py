@@ -11,7 +11,6 @@ import typer
 
 from app.machines.family import (
     Answer,
-    Documents,
     Family,
     OnScreen,
     Question,
@@ -254,30 +253,6 @@ def reads(path: Path) -> bool:
         return False
 
 
-def documents() -> Documents:
-    """Those of this machine alone, and its own of those that others have, too."""
-    from app.report.schema.hexaslide import (
-        CalibrationReport,
-        HexaSlideIdentifiabilityReport,
-        HexaSlidePosturesReport,
-    )
-    from protocols.hexaslide_machine import HexaSlideMachine
-    from protocols.hexaslide_postures import HexaSlideMeasurements, HexaSlideTruth
-
-    return Documents(
-        written={
-            "hexaslide-calibration": CalibrationReport,
-            "identifiability": HexaSlideIdentifiabilityReport,
-            "postures": HexaSlidePosturesReport,
-        },
-        read={
-            "hexaslide": HexaSlideMachine,
-            "hexaslide-measurements": HexaSlideMeasurements,
-            "hexaslide-truth": HexaSlideTruth,
-        },
-    )
-
-
 FAMILY = Family(
     name="hexaslide",
     names=("hexaslide",),
@@ -295,6 +270,5 @@ FAMILY = Family(
     postures=postures,
     simulate=simulate,
     solve=solve,
-    documents=documents,
     look=LOOK,
 )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from app.machines.family import Answer, Documents, Family, Question, Say, Search, Simulation
+from app.machines.family import Answer, Family, Question, Say, Search, Simulation
 from app.machines.options import (
     RESOLUTION_MM,
     SCATTER_MM,
@@ -261,39 +261,6 @@ def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: S
     return Answer(lambda: plan_text(found), lambda: PlanReport.of(plan=found))
 
 
-def documents() -> Documents:
-    """Those of sessions and of what they give."""
-    from app.report.schema.diagnosis import AliasReport, DiagnosisReport
-    from app.report.schema.plan import PlanReport
-    from app.report.schema.planning import IdentifiabilityReport, PosturesReport
-    from app.report.schema.readings import ReplayReport
-    from app.report.schema.solution import ComparisonReport, OffsetsReport, SolutionReport
-    from protocols.events import Event
-    from protocols.machine import Machine
-    from protocols.model_file import ModelFile
-    from protocols.procedure import Procedure
-
-    return Documents(
-        written={
-            "aliases": AliasReport,
-            "comparison": ComparisonReport,
-            "diagnosis": DiagnosisReport,
-            "identifiability": IdentifiabilityReport,
-            "offsets": OffsetsReport,
-            "plan": PlanReport,
-            "postures": PosturesReport,
-            "replay": ReplayReport,
-            "solution": SolutionReport,
-        },
-        read={
-            "machine": Machine,
-            "model": ModelFile,
-            "procedure": Procedure,
-            "session": Event,  # one line of the record
-        },
-    )
-
-
 FAMILY = Family(
     name=USUAL_MACHINE,
     names=machine_names(),
@@ -313,5 +280,4 @@ FAMILY = Family(
     simulate=simulate,
     solve=solve,
     plan=plan,
-    documents=documents,
 )

@@ -14,9 +14,9 @@ import pytest
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import ValidationError
 
-from app.machines.schemas import schemas
 from app.report.schema.document import Report, to_json
 from app.report.schema.readings import outcome_report
+from app.report.schema.schemas import schemas
 from calib.diagnosis.results import Gap
 from drivers.profile import Fault, FaultKind, Reading
 from tests.app.cli import glidecal

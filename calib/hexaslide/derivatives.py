@@ -227,12 +227,6 @@ def _inverse(by_posture: Numbers, postures: Numbers) -> Numbers:
     )
 
 
-def slider_slopes(geometry: Geometry, postures: Numbers) -> tuple[Numbers, Numbers]:
-    """Derivatives of sliders by postures ``(p, 6, 6)`` and by the 49 parameters ``(p, 6, 49)``."""
-    chains = Chains.at(geometry, postures)
-    return chains.by_posture, chains.whole[..., list(FREE)]
-
-
 def jacobian(
     procedure: Procedure, geometry: Geometry, postures: Numbers, link: ConstraintLink | None = None
 ) -> Numbers:

@@ -104,7 +104,7 @@ def analyse(sensitivity: Sensitivity) -> Identifiability:
     best = float(uncertainty.min())
     weak = ~unseen & ((uncertainty > WEAK_RATIO * best) | (uncertainty > WEAK))
     covariance = _covariance(uncertainty, turned, sensitivity.tolerance, ~unseen)
-    lost = turned[unseen] * sensitivity.tolerance
+    unidentifiable = turned[unseen] * sensitivity.tolerance
     seen = singular[~unseen]
     return Identifiability(
         names=sensitivity.names,
@@ -114,9 +114,9 @@ def analyse(sensitivity: Sensitivity) -> Identifiability:
         condition_number=float(seen[0] / seen[-1]) if len(seen) else np.inf,
         unscaled_condition=condition(sensitivity.jacobian, int((~unseen).sum())),
         weak=_named(turned[weak] * sensitivity.tolerance, sensitivity, covariance),
-        unseen=_named(lost, sensitivity, None),
+        unseen=_named(unidentifiable, sensitivity, None),
         individually_known=names_outside(turned[unseen].T, sensitivity.names),
-        unseen_vectors=lost,
+        unseen_vectors=unidentifiable,
     )
 
 
@@ -217,9 +217,9 @@ def _echelon(rows: FloatArray) -> FloatArray:
 def _clean(row: FloatArray) -> FloatArray:
     """Shares below a quarter of the largest dropped; those near ±1 made so; first one positive."""
     size = np.abs(row)
-    kept = np.where(size > SMALL_SHARE * size.max(), row, 0.0)
-    kept = np.where(np.abs(np.abs(kept) - 1.0) < 0.1, np.sign(kept), kept)
-    return np.asarray(kept * np.sign(kept[np.flatnonzero(kept)[0]]))
+    large = np.where(size > SMALL_SHARE * size.max(), row, 0.0)
+    large = np.where(np.abs(np.abs(large) - 1.0) < 0.1, np.sign(large), large)
+    return np.asarray(large * np.sign(large[np.flatnonzero(large)[0]]))
 
 
 def _sum_of(row: FloatArray, names: Sequence[str]) -> str:

@@ -70,9 +70,9 @@ class PlannedMachine(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Combination:
-    """A combination that is weak or lost, and what would help.
+    """A combination that is weak or unidentifiable, and what would help.
 
-    ``standard_uncertainty`` and ``tool_mm`` are None where it is lost.
+    ``standard_uncertainty`` and ``tool_mm`` are None where it is unidentifiable.
     """
 
     name: str
@@ -89,7 +89,7 @@ class SeenBy:
     machine: str
     examined: Examination
     found: Identifiability
-    lost: tuple[Combination, ...]
+    unidentifiable: tuple[Combination, ...]
     weak: tuple[Combination, ...]
     qr: ClassicalQr
 
@@ -104,7 +104,7 @@ class SeenBy:
 
 
 def seen_by(machine: PlannedMachine) -> SeenBy:
-    """Rank, lost and weak combinations with their cures, and the classical test."""
+    """Rank, unidentifiable and weak combinations with what would help, and the classical test."""
     examined = machine.examine()
     names = examined.sensitivity.names
     found = analyse(examined.sensitivity)
@@ -119,13 +119,13 @@ def seen_by(machine: PlannedMachine) -> SeenBy:
         )
         for one, cure in zip((*found.unseen, *found.weak), cures, strict=True)
     )
-    lost = len(found.unseen)
+    first_weak = len(found.unseen)
     return SeenBy(
         machine=machine.name,
         examined=examined,
         found=found,
-        lost=every[:lost],
-        weak=every[lost:],
+        unidentifiable=every[:first_weak],
+        weak=every[first_weak:],
         qr=classical_qr(examined.bare, names),
     )
 

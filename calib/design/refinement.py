@@ -184,8 +184,8 @@ def cost_and_slope(
     largest = max(float(information.diagonal().max()), 1e-300)
     regular = information + ROUNDING * largest * np.eye(count)
     lift = _lift(regular, keep, drop)
-    left = lift.T @ regular @ lift
-    variance, turned = np.linalg.eigh(np.linalg.inv(left))
+    wanted = lift.T @ regular @ lift
+    variance, turned = np.linalg.eigh(np.linalg.inv(wanted))
     value, by_log = _log_cost(variance, turned, aim)
     if power < math.inf and aim.criterion in OF_ENDS:
         value, by_log = _smooth(np.log(variance), by_log, power)

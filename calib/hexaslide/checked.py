@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.hexaslide.calibration import Calibration, calibrate, left_of
+from calib.hexaslide.calibration import Calibration, calibrate, residuals_of
 from calib.hexaslide.geometry import NAMES, Geometry, HexaSlide, Numbers, values, with_values
 from calib.hexaslide.kinematics import forward, rotation
 from calib.hexaslide.planning import fewest_postures
-from calib.hexaslide.residuals import Left, Readings, shares
+from calib.hexaslide.residuals import Readings, Residuals, shares
 from calib.linalg import EXACT_BLIND
 from calib.observations import FloatArray
 from calib.stats import coverage_factor, variance_ratio_p_value
@@ -80,8 +80,8 @@ class HeldOut:
     """Postures kept out of the fit, by their numbers, and what each machine leaves of them."""
 
     numbers: tuple[int, ...]
-    before: Left
-    after: Left
+    before: Residuals
+    after: Residuals
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ class AgainstTruth:
     """Nominal and identified machine against the true one, at the same sliders.
 
     ``kept_out`` tells whether at postures kept out of the fit, else at all. ``misses`` ``(k,)``
-    are the errors of the individually known parameters, ``held`` counts those within their 95 %
+    are the errors of the individually known parameters, ``within`` counts those within their 95 %
     interval, None without uncertainties. ``inner_m`` ``(26,)`` are errors of lengths that no frame
     changes.
     """
@@ -98,7 +98,7 @@ class AgainstTruth:
     before: FramesApart
     after: FramesApart
     misses: FloatArray
-    held: int | None
+    within: int | None
     inner_m: FloatArray
 
 
@@ -184,7 +184,9 @@ def _p_value(found: Calibration) -> float | None:
 
 
 def _held_out(readings: Readings, nominal: HexaSlide, found: Calibration) -> HeldOut:
-    return HeldOut(readings.numbers, left_of(readings, nominal), left_of(readings, found.machine))
+    return HeldOut(
+        readings.numbers, residuals_of(readings, nominal), residuals_of(readings, found.machine)
+    )
 
 
 def _against(
@@ -198,16 +200,16 @@ def _against(
     ]
     known = [found.names.index(name) for name in found.known]
     misses = (found.parameters - true.parameters(found.names))[known]
-    held = None
+    within = None
     if result.uncertainty is not None and result.factor is not None:
-        held = int((np.abs(misses) <= result.factor * result.uncertainty[known]).sum())
+        within = int((np.abs(misses) <= result.factor * result.uncertainty[known]).sum())
     lengths = inner_lengths(found.machine.geometry) - inner_lengths(true.geometry)
     return AgainstTruth(
         kept_out=kept_out,
-        before=frames_apart(stand[0], stand[2], found.lost),
-        after=frames_apart(stand[1], stand[2], found.lost),
+        before=frames_apart(stand[0], stand[2], found.unidentifiable),
+        after=frames_apart(stand[1], stand[2], found.unidentifiable),
         misses=misses,
-        held=held,
+        within=within,
         inner_m=np.asarray(lengths),
     )
 
@@ -227,13 +229,13 @@ def frames_apart(found: FloatArray, true: FloatArray, free: tuple[str, ...]) -> 
         places = (places + turns @ change[3:6]) @ base.T
         turns = base @ turns @ _about(change[:3])
         total += change
-    left = _vectors(true_turns, turns)
+    angles = _vectors(true_turns, turns)
     return FramesApart(
         turned_rad=float(np.linalg.norm(total[:3])),
         shifted_m=float(np.linalg.norm(total[3:6])),
         base_turned_rad=float(abs(total[6])),
         places_m=np.asarray(np.linalg.norm(true[:, :3] - places, axis=1)),
-        angles_rad=np.asarray(np.linalg.norm(left, axis=1)),
+        angles_rad=np.asarray(np.linalg.norm(angles, axis=1)),
     )
 
 

@@ -192,7 +192,7 @@ def forward_near(geometry: Geometry, sliders: Numbers, postures: Numbers) -> Num
 
 
 def _converged(geometry: Geometry, sliders: Numbers, postures: Numbers) -> Numbers:
-    left = 2
+    more = 2
     for _ in range(MOST_STEPS):
         step = _newton_step(geometry, sliders, postures, sliders)
         postures = postures + step
@@ -200,8 +200,8 @@ def _converged(geometry: Geometry, sliders: Numbers, postures: Numbers) -> Numbe
         if not (size < FAR).all():
             break
         if (size < SMALL_STEP).all():
-            left -= 1
-        if left < 0:
+            more -= 1
+        if more < 0:
             return postures
     raise _no_posture(sliders[int(np.nan_to_num(size, nan=np.inf).argmax())], "none")
 

@@ -83,7 +83,7 @@ class Readings:
 
 
 @dataclass(frozen=True, eq=False)
-class Left:
+class Residuals:
     """Measured less predicted ``(p, r)``; ``names`` are of the columns, ``angular`` those in rad.
 
     ``postures`` ``(p, 6)`` are where the machine stands by its own reckoning.
@@ -159,21 +159,21 @@ def _name_posture(
 
 def residuals(
     readings: Readings, geometry: Geometry, link: ConstraintLink | None, postures: FloatArray
-) -> tuple[Left, FloatArray]:
-    """What is left ``(p, r)`` at postures, and derivatives of what is read ``(p, r, k)``.
+) -> tuple[Residuals, FloatArray]:
+    """Residuals ``(p, r)`` at postures, and derivatives of what is read ``(p, r, k)``.
 
     Raises UnreachablePosture naming the posture, CalibrationError at a singular one.
     """
     procedure, kind = readings.procedure, readings.procedure.kind
     if kind is Kind.POSE_INVERSE:
-        left = readings.sliders - _inverse(readings, geometry)
+        values = readings.sliders - _inverse(readings, geometry)
     elif kind is Kind.CONSTRAINT_LINK:
-        left = stretch(link, postures)[:, None]
+        values = stretch(link, postures)[:, None]
     else:
         columns = [COMPONENTS.index(name) for name in procedure.measured]
-        left = _turned_back(readings.measured - postures[:, columns], procedure.measured)
+        values = _turned_back(readings.measured - postures[:, columns], procedure.measured)
     slopes = jacobian(procedure, geometry, postures, link)
-    return Left(procedure.read, left, postures), np.asarray(slopes)
+    return Residuals(procedure.read, values, postures), np.asarray(slopes)
 
 
 def _inverse(readings: Readings, geometry: Geometry) -> FloatArray:
@@ -192,10 +192,10 @@ def stretch(link: ConstraintLink | None, postures: FloatArray) -> FloatArray:
     return np.asarray(link.length_m - np.linalg.norm(apart, axis=1))
 
 
-def _turned_back(left: FloatArray, names: tuple[str, ...]) -> FloatArray:
+def _turned_back(values: FloatArray, names: tuple[str, ...]) -> FloatArray:
     """Angles between -π and π."""
     angular = np.array([name in ANGLES for name in names])
-    return np.where(angular, np.remainder(left + np.pi, 2.0 * np.pi) - np.pi, left)
+    return np.where(angular, np.remainder(values + np.pi, 2.0 * np.pi) - np.pi, values)
 
 
 def variances(readings: Readings, geometry: Geometry) -> FloatArray:
@@ -219,12 +219,14 @@ def whitening(readings: Readings, geometry: Geometry) -> FloatArray:
     return np.asarray(np.linalg.inv(root))
 
 
-def shares(readings: Readings, geometry: Geometry, left: Left) -> tuple[FloatArray, FloatArray]:
-    """Of the squares that are left, each in units of its own noise: by column ``(r,)`` and by
-    posture ``(p,)``; zeros where nothing is left.
+def shares(
+    readings: Readings, geometry: Geometry, found: Residuals
+) -> tuple[FloatArray, FloatArray]:
+    """Of the squares of residuals, each in units of its own noise: by column ``(r,)`` and by
+    posture ``(p,)``; zeros where all are zero.
     """
     own = np.diagonal(variances(readings, geometry), axis1=1, axis2=2)
-    squares = left.values**2 / own
+    squares = found.values**2 / own
     total = float(squares.sum())
     if total <= 0.0:
         return np.zeros(squares.shape[1]), np.zeros(len(squares))

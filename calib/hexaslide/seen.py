@@ -206,7 +206,7 @@ class HexaSlideSeen:
         all_seen = reachable(self.procedure, self.machine)
         never = basis_of(all_seen.unseen_vectors.T, EXACT_BLIND)
         names = self.seen.found.names
-        return tuple(one.name for one in self.seen.lost if _lies_in(never, one, names))
+        return tuple(one.name for one in self.seen.unidentifiable if _lies_in(never, one, names))
 
     @cached_property
     def rules(self) -> tuple[PaperRule, ...]:

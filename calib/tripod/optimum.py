@@ -85,14 +85,14 @@ def optimum_postures(
     seconds = time.perf_counter() - begin
     whitened = examined.sensitivity.jacobian
     information = pool.candidates.information(np.array(chosen, dtype=np.intp))
-    left = wanted_information(information, aim)
+    remaining = wanted_information(information, aim)
     plain = Aim(criterion, None, metric)
     return ChosenPostures(
         machine=machine.name,
         procedure=examined.procedure,
         criterion=criterion,
         before=_figures(whitened.T @ whitened, plain, examined.minutes, examined.posture_count),
-        after=_figures(left, plain, pool.minutes(chosen), count),
+        after=_figures(remaining, plain, pool.minutes(chosen), count),
         grid_value=found.value if refine else None,
         start_condition_number=found.start_condition_number,
         postures=pool.coordinates(chosen),

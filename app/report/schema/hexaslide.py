@@ -24,7 +24,7 @@ from calib.design.criteria import Criterion, Observability
 from calib.hexaslide.checked import PAIRS, inner_lengths
 from calib.hexaslide.geometry import unit_of
 from calib.hexaslide.procedures import ANGLES, Kind
-from calib.hexaslide.residuals import Left
+from calib.hexaslide.residuals import Residuals
 from calib.hexaslide.seen import DIFFERENCE_STEP, UNITS, HexaSlideSeen
 
 
@@ -37,7 +37,7 @@ class HexaSlideDirection(Direction):
 def _lost(found: HexaSlideSeen) -> tuple[SimpleNamespace, ...]:
     return tuple(
         SimpleNamespace(**vars(one), at_every_posture=one.name in found.always)
-        for one in found.seen.lost
+        for one in found.seen.unidentifiable
     )
 
 
@@ -110,8 +110,8 @@ class Rms:
     angle_mrad: float | None
 
 
-def _rms(left: Left) -> Rms:
-    both = (left.rms(angles=False), left.rms(angles=True))
+def _rms(found: Residuals) -> Rms:
+    both = (found.rms(angles=False), found.rms(angles=True))
     return Rms(*(None if size is None else 1000.0 * size for size in both))
 
 
@@ -217,9 +217,11 @@ class ComponentLeft:
 
 
 def _by_component(solved: CalibratedMachine) -> tuple[ComponentLeft, ...]:
-    left = solved.found.after
-    sizes = 1000.0 * (left.values**2).mean(axis=0) ** 0.5
-    columns = zip(left.names, sizes.tolist(), left.angular, solved.by_column.tolist(), strict=True)
+    after = solved.found.after
+    sizes = 1000.0 * (after.values**2).mean(axis=0) ** 0.5
+    columns = zip(
+        after.names, sizes.tolist(), after.angular, solved.by_column.tolist(), strict=True
+    )
     return tuple(
         ComponentLeft(name, size, "mrad" if angular else "mm", share)
         for name, size, angular, share in columns
@@ -275,7 +277,7 @@ class TruthReport(Report):
     ] = at("kept_out")
     before: Apart
     after: Apart
-    individually_known_within_95_percent: int | None = at("held")
+    individually_known_within_95_percent: int | None = at("within")
     individually_known_count: Count = at("misses")
     individually_known_worst: Annotated[
         float, made(lambda misses: float(abs(misses).max(initial=0.0)))
@@ -311,8 +313,8 @@ class CalibrationReport(Report):
     units: str = UNITS
     parameters: Annotated[dict[str, HexaSlideParameter], made(_parameters)] = at("solved")
     individually_known: tuple[str, ...] = at("solved.found.known")
-    lost_motions: tuple[str, ...] = at("solved.found.lost")
-    lost_count: int = at("solved.found.lost_count")
+    lost_motions: tuple[str, ...] = at("solved.found.unidentifiable")
+    lost_count: int = at("solved.found.unidentifiable_count")
     inner_lengths: Annotated[dict[str, InnerLength], made(_inner)] = at(
         "solved", "26 that no frame changes"
     )

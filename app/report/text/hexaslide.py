@@ -120,11 +120,11 @@ def _verdict(found: HexaSlideSeen) -> str:
 
 
 def _lost(found: HexaSlideSeen) -> str:
-    always = [one.name for one in found.seen.lost if one.name in found.always]
+    always = [one.name for one in found.seen.unidentifiable if one.name in found.always]
     lines = [f"NOT SEEN ({len(axes)}): {_motion(axes)}." for axes in _grouped(always)]
     if lines:
         lines.append("  No posture shows this: nothing that is read depends on it.")
-    others = [one for one in found.seen.lost if one.name not in found.always]
+    others = [one for one in found.seen.unidentifiable if one.name not in found.always]
     lines += [f"NOT SEEN (1): {one.name}." for one in others[:MOST_TOLD]]
     if len(others) > MOST_TOLD:
         lines.append(f"NOT SEEN ({len(others) - MOST_TOLD}): more such sums; --json tells them.")

@@ -164,21 +164,21 @@ def _inner(said: CalibrationReport, factor: float | None) -> list[str]:
 
 
 def _left(said: CalibrationReport) -> str:
-    left = said.residuals
+    residuals = said.residuals
     heading = "chain" if said.procedure is Kind.POSE_INVERSE else "measured"
     table = new_table(heading, "left, r.m.s.", "unit", "share")
-    for row in left.by_component:
+    for row in residuals.by_component:
         table.add_row(row.component, f"{row.rms:.4g}", row.unit, f"{100.0 * row.share:.0f} %")
-    worst = sorted(left.by_posture, key=lambda one: -one.share)[:MOST_POSTURES]
+    worst = sorted(residuals.by_posture, key=lambda one: -one.share)[:MOST_POSTURES]
     words = ", ".join(f"{one.posture} ({100.0 * one.share:.0f} %)" for one in worst)
-    even = 100.0 / len(left.by_posture)
+    even = 100.0 / len(residuals.by_posture)
     return "\n".join(
         [
             table_text(table),
             "",
             wrapped(
                 f"Postures with the largest shares: {words}; even would be {even:.0f} % each. "
-                f"{left.remark}"
+                f"{residuals.remark}"
             ),
         ]
     )

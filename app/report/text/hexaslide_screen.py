@@ -90,7 +90,7 @@ def lost_words(view: HexaSlideSeen) -> str:
     motions = {name for name, _ in view.seen.examined.sensitivity.motions}
     grouped: dict[str, list[str]] = {}
     others = 0
-    for one in view.seen.lost:
+    for one in view.seen.unidentifiable:
         start, _, axis = one.name.rpartition(" ")
         if one.name in motions:
             grouped.setdefault(start, []).append(axis)

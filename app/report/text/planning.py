@@ -37,7 +37,7 @@ def identifiability_text(seen: SeenBy) -> str:
         ),
         wrapped(_verdict(seen)),
     ]
-    if seen.lost or seen.weak:
+    if seen.unidentifiable or seen.weak:
         parts.append(_combinations(seen))
     parts.append(
         wrapped(
@@ -79,7 +79,7 @@ def _combinations(seen: SeenBy) -> str:
     without = (
         f"  {'No posture of this procedure shows' if enough else 'More postures may show'} it."
     )
-    for one in seen.lost:
+    for one in seen.unidentifiable:
         lines += [f"NOT SEEN: {one.name}.", _addition(one, without)]
     for one in seen.weak:
         half, tool = COVERAGE * (one.standard_uncertainty or 0.0), COVERAGE * (one.tool_mm or 0.0)

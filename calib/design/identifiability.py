@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import NotIdentifiable
-from calib.linalg import BLIND, condition, named_inside, names_outside, svd_of_all
+from calib.linalg import BLIND, named_inside, names_outside, svd_of_all
 from calib.observations import FloatArray
 from calib.ties import largest
 
@@ -80,7 +80,7 @@ class Identifiability:
 
     ``singular_values`` ``(k,)`` belong to parameters in units of their tolerance. ``weak`` and
     ``unseen`` hold combinations as short as possible; ``individually_known`` the parameters that
-    have no share in what is not seen. ``unscaled_condition`` is that of the bare Jacobian.
+    have no share in what is not seen.
     """
 
     names: tuple[str, ...]
@@ -88,7 +88,6 @@ class Identifiability:
     row_count: int
     singular_values: FloatArray
     condition_number: float
-    unscaled_condition: float
     weak: tuple[Direction, ...]
     unseen: tuple[Direction, ...]
     individually_known: tuple[str, ...]
@@ -112,7 +111,6 @@ def analyse(sensitivity: Sensitivity) -> Identifiability:
         row_count=len(scaled),
         singular_values=singular,
         condition_number=float(seen[0] / seen[-1]) if len(seen) else np.inf,
-        unscaled_condition=condition(sensitivity.jacobian, int((~unseen).sum())),
         weak=_named(turned[weak] * sensitivity.tolerance, sensitivity, covariance),
         unseen=_named(unidentifiable, sensitivity, None),
         individually_known=names_outside(turned[unseen].T, sensitivity.names),

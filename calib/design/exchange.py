@@ -74,13 +74,10 @@ class Choice:
     """
 
     chosen: tuple[int, ...]
-    criterion: Criterion
     value: float
     start_value: float | None
     start_condition_number: float | None
     exchanges: int
-    seed: int
-    starts: int
 
 
 def choose(
@@ -131,15 +128,12 @@ def choose(
     _, _, chosen, start, exchanges = descending(seeing, lambda run: run[1], 1.0)[0]
     return Choice(
         chosen=tuple(sorted(int(k) for k in chosen)),
-        criterion=aim.criterion,
         value=value_of(candidates.information(np.sort(chosen)), aim),
         start_value=_value_or_none(candidates.information(start), aim),
         start_condition_number=_value_or_none(
             candidates.information(start), replace(aim, criterion=Criterion.CONDITION)
         ),
         exchanges=exchanges,
-        seed=seed,
-        starts=starts,
     )
 
 

@@ -63,7 +63,6 @@ class Sensitivity:
     """
 
     names: tuple[str, ...]
-    units: tuple[str, ...]
     jacobian: FloatArray
     tolerance: FloatArray
     cost: FloatArray | None = None

@@ -14,7 +14,7 @@ from calib.design.identifiability import Identifiability, Sensitivity, analyse
 from calib.design.refinement import Pull, RefinedPostures, count_on_bound, judged, refine
 from calib.errors import NotIdentifiable
 from calib.hexaslide.derivatives import RowMaker, jacobian
-from calib.hexaslide.geometry import COORDINATES, HexaSlide, motions, unit_of
+from calib.hexaslide.geometry import COORDINATES, HexaSlide, motions
 from calib.hexaslide.procedures import Procedure, held_postures
 from calib.linalg import EXACT_BLIND, null_space, rank_of
 from calib.observations import FloatArray
@@ -32,7 +32,6 @@ def sensitivity(procedure: Procedure, machine: HexaSlide, postures: FloatArray) 
     names = procedure.parameters
     return Sensitivity(
         names=names,
-        units=tuple(unit_of(name) for name in names),
         jacobian=rows.reshape(-1, len(names)),
         tolerance=np.ones(len(names)),
         motions=motions(machine.geometry, machine.link, names),

@@ -354,7 +354,7 @@ class HexaSlideScreen(PagedScreen):
             self._end_search()
             self.app.notify(STOPPED, markup=False)
             self._show_search()
-        elif self in self.app.screen_stack[2:]:
+        elif self in self.app.screen_stack[2:]:  # Textual's blank one is the first
             self.app.pop_screen()
         else:
             self._home()

@@ -138,7 +138,7 @@ def _variances(rows: FloatArray, information: FloatArray) -> tuple[FloatArray, F
         return 1.0 / found[::-1], np.asarray(turned[:, ::-1])
     flat = rows.reshape(-1, rows.shape[-1])
     _, singular, vectors = svd_of_all(flat)
-    least = ROUNDING * max(float(singular[0]), 1e-150)
+    least = ROUNDING * max(float(singular[0]), 1e-150)  # its inverse square is still a number
     return np.maximum(singular, least) ** -2, np.asarray(vectors.T)
 
 

@@ -120,7 +120,7 @@ def calibrate(readings: Readings, start: HexaSlide, *, fewest: int = 1) -> Calib
         moved = _rms(point.design @ step)
         last = moved <= max(SETTLED * _rms(point.residual), ROUNDING_M)
         point, full = _taken(readings, white, point, step, final=last)
-        if last and full:
+        if last and full:  # a shortened step is small without being the end
             return _result(readings, first, point, step_number)
     raise NotIdentifiable(
         "calibration",

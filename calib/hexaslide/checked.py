@@ -173,6 +173,7 @@ def _kept_out(count: int, fewest: int, share: float) -> NDArray[np.bool_]:
     most = max(count - int(np.ceil(SPARE * fewest)), 0)
     chosen = min(int(share * count), most)
     out = np.zeros(count, dtype=np.bool_)
+    # each from the middle of an equal part: those that are fitted reach both ends of the list
     out[[int((k + 0.5) * count / chosen) for k in range(chosen)]] = True
     return out
 

@@ -56,6 +56,7 @@ def fewest_postures(procedure: Procedure, machine: HexaSlide) -> int:
     full = sensitivity(procedure, machine, enough_postures(procedure, machine)).jacobian
     each, wanted = len(procedure.read), rank_of(full, EXACT_BLIND)
     low, high = 1, len(full) // each
+    # another posture never lowers the rank: halving finds the first that is enough
     while low < high:
         middle = (low + high) // 2
         rank = rank_of(full[: middle * each], EXACT_BLIND)
@@ -130,6 +131,7 @@ def best_postures(
     rows_at, box, aim = rows_seen(procedure, machine), machine.box, Aim(criterion)
     generator = np.random.default_rng(seed)
     begins = [box.random(count, generator) for _ in range(starts)]
+    # drawn all the same, so that the other starts are those of the seed
     begins[:1] = begins[:1] if given is None else [given]
 
     def watched(postures: FloatArray) -> tuple[FloatArray, Pull]:

@@ -138,6 +138,12 @@ def test_refusals_on_the_command_line(tmp_path: Path) -> None:
     assert "--count: found none" in refused(2, *other)
     assert "--as-is: found the machine orthoglide" in refused(2, *other, "--count", "9", "--as-is")
     assert "the machine hexaslide" in refused(2, *other, "--count", "9", "--posture-file", missing)
+    said = refused(2, *VERB, "--count", "9", "--mounting-seconds", "60")
+    assert "--mounting-seconds: found the machine hexaslide" in said
+    seed = ("identifiability", "orthoglide", "--seed", "3")
+    assert "--seed: found the machine orthoglide. Allowed: the machine hexaslide" in refused(
+        2, *seed
+    )
 
 
 def refused_by_typer(*arguments: str) -> str:

@@ -120,12 +120,15 @@ def _verdict(found: HexaSlideSeen) -> str:
 
 
 def _lost(found: HexaSlideSeen) -> str:
-    always = [one.name for one in found.seen.unidentifiable if one.name in found.always]
-    lines = [f"NOT SEEN ({len(axes)}): {_motion(axes)}." for axes in _grouped(always)]
+    names = [one.name for one in found.seen.unidentifiable]
+    lines = []
+    for motion, axes in grouped([name for name in names if name in found.always]).items():
+        before = f"{', '.join(axes[:-1])} and " if len(axes) > 1 else ""
+        lines.append(f"NOT SEEN ({len(axes)}): {motion} {before}{axes[-1]}.")
     if lines:
         lines.append("  No posture shows this: nothing that is read depends on it.")
-    others = [one for one in found.seen.unidentifiable if one.name not in found.always]
-    lines += [f"NOT SEEN (1): {one.name}." for one in others[:MOST_TOLD]]
+    others = [name for name in names if name not in found.always]
+    lines += [f"NOT SEEN (1): {name}." for name in others[:MOST_TOLD]]
     if len(others) > MOST_TOLD:
         lines.append(f"NOT SEEN ({len(others) - MOST_TOLD}): more such sums; --json tells them.")
     if others:
@@ -133,19 +136,13 @@ def _lost(found: HexaSlideSeen) -> str:
     return "\n".join(lines)
 
 
-def _grouped(names: list[str]) -> list[list[str]]:
-    """Names that differ in their last word only, together."""
+def grouped(names: list[str]) -> dict[str, list[str]]:
+    """Last words of names by what stands before them: the axes of one motion."""
     groups: dict[str, list[str]] = {}
     for name in names:
-        groups.setdefault(name.rsplit(" ", 1)[0], []).append(name)
-    return list(groups.values())
-
-
-def _motion(names: list[str]) -> str:
-    motion, axis = names[0].rsplit(" ", 1)
-    axes = [axis, *(name.rsplit(" ", 1)[1] for name in names[1:])]
-    before = f"{', '.join(axes[:-1])} and " if len(axes) > 1 else ""
-    return f"{motion} {before}{axes[-1]}"
+        motion, _, axis = name.rpartition(" ")
+        groups.setdefault(motion, []).append(axis)
+    return groups
 
 
 def _known(found: HexaSlideSeen) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from app.report.text.hexaslide import grouped
 from app.report.text.tables import new_table, table_text, wrapped
 from calib.hexaslide.geometry import COORDINATES
 from calib.hexaslide.planning import Found
@@ -88,15 +89,9 @@ def sees_text(view: HexaSlideSeen, found: Found | None, best: dict[str, float] |
 def lost_words(view: HexaSlideSeen) -> str:
     """Motions of one frame in one breath; other combinations are long and only counted."""
     motions = {name for name, _ in view.seen.examined.sensitivity.motions}
-    grouped: dict[str, list[str]] = {}
-    others = 0
-    for one in view.seen.unidentifiable:
-        start, _, axis = one.name.rpartition(" ")
-        if one.name in motions:
-            grouped.setdefault(start, []).append(axis)
-        else:
-            others += 1
-    said = [f"{start} {', '.join(axes)}" for start, axes in grouped.items()]
+    named = [one.name for one in view.seen.unidentifiable if one.name in motions]
+    others = len(view.seen.unidentifiable) - len(named)
+    said = [f"{motion} {', '.join(axes)}" for motion, axes in grouped(named).items()]
     if others:
         said.append(f"{others} other combination{'s' if others > 1 else ''}")
     return "; ".join(said) or "nothing"

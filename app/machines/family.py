@@ -51,7 +51,7 @@ class Search:
     """How postures are looked for; None: not given."""
 
     count: int | None
-    criterion: Criterion | None
+    criterion: Criterion
     seed: int
     starts: int
     output: Path | None

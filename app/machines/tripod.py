@@ -76,7 +76,6 @@ def postures(asked: Question, search: Search, own: PostureOptions, say: Say) -> 
     from app.planning.tripod import tripod_planning, write_procedures
     from app.report.schema.planning import PosturesReport
     from app.report.text.planning import postures_text
-    from calib.design.criteria import Criterion
     from calib.errors import UsageError
     from calib.tripod.optimum import optimum_postures
 
@@ -89,7 +88,7 @@ def postures(asked: Question, search: Search, own: PostureOptions, say: Say) -> 
     chosen = optimum_postures(
         planned,
         search.count,
-        criterion=search.criterion or Criterion.DETERMINANT,
+        criterion=search.criterion,
         budget_min=own.budget,
         seed=search.seed,
         starts=search.starts,

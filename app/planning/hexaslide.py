@@ -85,7 +85,7 @@ def procedure_on(
 def asked_postures(
     request: Request,
     count: int | None,
-    criterion: Criterion | None = None,
+    criterion: Criterion = Criterion.CONDITION,
     *,
     starts: int,
     as_is: bool = False,
@@ -93,11 +93,10 @@ def asked_postures(
 ) -> BestPostures:
     """The best postures, from those of the file if there is one, or those ``as_is``.
 
-    ``criterion`` None is the condition number, as in papers/001. Raises UsageError, RecordError,
-    CalibrationError for postures that do not determine enough.
+    Papers/001 minimises the condition number. Raises UsageError, RecordError, CalibrationError for
+    postures that do not determine enough.
     """
     _check_output(output)
-    criterion = criterion or Criterion.CONDITION
     if criterion is Criterion.TOOL_VARIANCE:
         raise UsageError("--criterion", criterion.value, "the other five for the hexaslide")
     planned, given = hexaslide_planning(request), None

@@ -7,16 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.problem import FittedSession, Problem
+from calib.diagnosis.hypotheses import unremarkable
+from calib.diagnosis.problem import Case, Problem
 from calib.diagnosis.selection import ALIKE, contained
 from calib.linalg import without
 from calib.noise.reading import IndicatorFigures
-from calib.observations import FloatArray, Observations
-from calib.tripod.effects.candidates import Candidate, candidates, invisible
+from calib.observations import Observations
+from calib.tripod.effects.candidates import candidates, invisible
 from calib.tripod.effects.effect import Law
 from calib.tripod.pipeline import Model
 
 NOISE_MM = 0.002
+TOLERANCE_MM = (2.0, 2.0, 2.0, 0.1, 0.1, 0.1)
+"""Of joint offsets and bar lengths."""
 
 
 @dataclass(frozen=True)
@@ -42,39 +45,29 @@ class AliasMap:
     invisible: tuple[tuple[str, str], ...]
 
 
-def alias_map(
-    model: Model, taken: Observations, laws: Sequence[Law], noise_mm: float = NOISE_MM
-) -> AliasMap:
+def alias_map(model: Model, taken: Observations, laws: Sequence[Law]) -> AliasMap:
     """Compare every effect in its smallest places with every other; base parameters are free.
 
     ``taken`` holds the readings of a procedure; their values do not matter.
     """
-    tolerance = np.array([2.0] * 3 + [0.1] * 3)
-    figures = IndicatorFigures(repeatability_mm=noise_mm)
-    problem = Problem.of([FittedSession.of(model, taken, figures, tolerance)])
-    observed = problem.fitted_sessions[0].observed
-    runners = [c for c in candidates(model, observed, laws) if c.arrangement != "each"]
-    blocks = [problem.block(c.columns) for c in runners]
+    figures = IndicatorFigures(repeatability_mm=NOISE_MM)
+    session = Case(model, taken, figures, np.array(TOLERANCE_MM)).fitted()
+    problem = Problem.of([session])
+    compared = [c for c in candidates(model, session.observed, laws) if c.arrangement != "each"]
+    blocks = [problem.block(c.columns) for c in compared]
     found = []
-    for i, first in enumerate(runners):
-        for j, second in enumerate(runners):
-            if i == j or first.id == second.id or not blocks[i].shape[1]:
+    for i, first in enumerate(compared):
+        for j, second in enumerate(compared):
+            if first.id == second.id or not blocks[i].shape[1]:
                 continue
             share = contained(blocks[i], blocks[j])
             if share > ALIKE:
-                rest = _left(problem, first, blocks[j])
-                found.append(
-                    Imitation((first.id, first.where), (second.id, second.where), share, rest)
-                )
+                column = problem.free(first.columns @ unremarkable(first))
+                rest = float((without(blocks[j], column) ** 2).sum())
+                pair = (first.id, first.where), (second.id, second.where)
+                found.append(Imitation(*pair, share, rest))
     return AliasMap(
-        tuple(dict.fromkeys((c.id, c.where) for c in runners)),
+        tuple(dict.fromkeys((c.id, c.where) for c in compared)),
         tuple(found),
-        invisible(model, observed, laws),
+        invisible(model, session.observed, laws),
     )
-
-
-def _left(problem: Problem, candidate: Candidate, other: FloatArray) -> float:
-    """What another block leaves of this candidate at an unremarkable size, in noise variances."""
-    size = np.array([p.tolerance for p in candidate.parameters])
-    rest = without(other, problem.free(candidate.columns @ size))
-    return float((rest**2).sum())

@@ -38,10 +38,3 @@ def coverage_factors(degrees_of_freedom: FloatArray) -> FloatArray:
     known = np.isinf(degrees_of_freedom)
     student = stdtrit(np.where(known, 1.0, degrees_of_freedom), upper)
     return np.asarray(np.where(known, ndtri(upper), student))
-
-
-def variance_ratio_p_values(
-    ratio: FloatArray, numerator_df: FloatArray, denominator_df: FloatArray
-) -> FloatArray:
-    """`variance_ratio_p_value` of many at once, finite degrees of freedom, same shape."""
-    return np.asarray(fdtrc(numerator_df, denominator_df, ratio))

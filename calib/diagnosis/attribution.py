@@ -193,7 +193,7 @@ class Attribution:
         """Noise variances that are left more with another candidate in its place."""
         assert self.outcome.kept is not None
         members = tuple(other if k == member else k for k in self.outcome.members)
-        explained = squares_in(self.selection.basis(members), self.problem.y)
+        explained = squares_in(self.selection.search.basis(members), self.problem.y)
         return 2.0 * self.problem.spread.log_ratio(self.outcome.kept.explained, explained)
 
     def by_evidence(self) -> tuple[int, ...]:

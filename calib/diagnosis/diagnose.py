@@ -23,7 +23,6 @@ from calib.diagnosis.results import (
     Detectable,
     Diagnosis,
     Finding,
-    Gap,
     HeldOutGap,
     ModelDiscrepancy,
     Verdict,
@@ -35,7 +34,6 @@ from calib.observations import FloatArray
 from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import EffectInstance, Kind, Law
 
-SEED = 20081
 MOST_SELECTIONS = 3
 WORTH_ANOTHER = 9.0
 """Noise variances that effects do beyond their derivatives before they are looked at again."""
@@ -50,10 +48,7 @@ FOUND_9_OF_10 = 1.28
 
 
 def diagnose(
-    cases: Sequence[Case],
-    laws: Sequence[Law],
-    held_out: Sequence[Case] = (),
-    seed: int = SEED,
+    cases: Sequence[Case], laws: Sequence[Law], held_out: Sequence[Case] = ()
 ) -> Diagnosis:
     """Diagnose sessions that share their effects; each has base parameters and zeros of its own.
 
@@ -66,9 +61,7 @@ def diagnose(
     blocks = [first.block(one.columns) for one in every]
     seen = [k for k, block in enumerate(blocks) if _may_be_kept(first, every[k], block)]
     shown = [every[k] for k in seen]
-    selection = ModelSelection(
-        first, shown, [blocks[k] for k in seen], log_priors(first, shown), seed
-    )
+    selection = ModelSelection(first, shown, [blocks[k] for k in seen], log_priors(first, shown))
     fitting, outcome = _followed_far_enough(selection)
     attribution = Attribution(fitting.selection, outcome)
     doubts: tuple[str, ...] = ()
@@ -149,8 +142,8 @@ class _Report:
             noise_mm=self.problem.noise_mm,
             noise_df=self.problem.noise_df,
             noise_source=noise.source if noise else "residuals",
-            gap_before=self._gap(()),
-            gap_after=self._gap(self.members),
+            gap_before=self.selection.gap(()),
+            gap_after=self.selection.gap(self.members),
             held_out=self._held_out(placed) if told else None,
             where=locate(self.problem)[:MOST_CONTENDERS],
             effects=tuple(named),
@@ -174,10 +167,6 @@ class _Report:
         """The held-out sessions, fitted."""
         return [case.fitted() for case in self.held_out]
 
-    def _gap(self, members: tuple[int, ...]) -> Gap:
-        rms_mm = self.problem.gap_rms_mm(self.selection.residual(members))
-        return Gap(rms_mm, *self.selection.gap(members))
-
     def _after(self, named: Sequence[Finding]) -> FloatArray | None:
         """Whitened residual ``(n,)`` with what was named adopted; None where nothing can be."""
         placed = tuple(effect for finding in named for effect in finding.effects)
@@ -190,7 +179,7 @@ class _Report:
         """What was kept, the strongest first, each adopted beside those before it."""
         values, _ = self.fitting.refined(self.members)
         ordered = self.attribution.by_evidence()
-        gaps = [self._gap(ordered[:k]).rms_mm for k in range(len(ordered) + 1)]
+        gaps = [self.selection.gap(ordered[:k]).rms_mm for k in range(len(ordered) + 1)]
         step_p = self.outcome.step_p
         found = []
         for k, member in enumerate(ordered):
@@ -216,14 +205,14 @@ class _Report:
 
     def _contenders(self) -> tuple[Contender, ...]:
         found: dict[tuple[str, str], Contender] = {}
-        before = self._gap(()).rms_mm
+        before = self.selection.gap(()).rms_mm
         for model in heaviest_first(self.outcome.singles):
             (member,) = model.members
             one = self.candidates[member]
             if (one.id, one.where) in found:
                 continue
             parameters, effects = self.fitting.values((member,))[member]
-            after = self._gap((member,)).rms_mm
+            after = self.selection.gap((member,)).rms_mm
             other = on_other_sessions(self.others, effects) if self.others and effects else None
             found[one.id, one.where] = Contender(
                 one.id,

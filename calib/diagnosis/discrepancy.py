@@ -66,7 +66,8 @@ class _Rest:
     def __init__(self, selection: ModelSelection, members: tuple[int, ...]) -> None:
         self.problem = problem = selection.problem
         self.y = selection.residual(members)
-        self.gap, self.freedom, _ = selection.gap(members)
+        gap = selection.gap(members)
+        self.gap, self.freedom = gap.chi_square, gap.degrees_of_freedom
         sessions = [(one.model, one.observed) for one in problem.fitted_sessions]
         stacked = stacked_columns(sessions, [Empirical((name,)) for name in BASES])
         self.terms: dict[tuple[str, str], int] = {}

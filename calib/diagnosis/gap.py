@@ -210,7 +210,7 @@ def _chosen(
     if math.isfinite(problem.noise_df):
         spread = Spread(float(rest @ rest), float(len(train) - basis.shape[1]))
     blocks = [new_directions(basis, column[train] / lengths(column)) for column in white]
-    search = Search(rest, blocks, spread, np.zeros(len(blocks)), (1,) * len(blocks))
+    search = Search(rest, blocks, spread, np.zeros(len(blocks)))
     larger = search.singles()
     members: tuple[int, ...] = ()
     while larger and len(members) < size:

@@ -5,21 +5,15 @@ What is kept is then fitted through the nonlinear simulation.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from calib.diagnosis.hypotheses import (
-    FAR,
-    causes_of,
-    implausible,
-    prior_constrained,
-    unremarkable,
-)
+from calib.diagnosis.hypotheses import FAR, causes_of, implausible, prior_constrained, unremarkable
 from calib.diagnosis.problem import Problem
-from calib.diagnosis.results import Value
+from calib.diagnosis.results import Gap, Value
 from calib.diagnosis.selection import (
     Reference,
     Search,
@@ -32,15 +26,7 @@ from calib.diagnosis.selection import (
     scores,
 )
 from calib.errors import NotIdentifiable
-from calib.linalg import (
-    NEW_DIRECTION,
-    new_directions,
-    onto,
-    rank_of,
-    squares_in,
-    union,
-    without,
-)
+from calib.linalg import NEW_DIRECTION, new_directions, onto, rank_of, squares_in, without
 from calib.observations import FloatArray
 from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import EffectInstance
@@ -95,35 +81,37 @@ class ModelSelection:
     candidates: Sequence[Candidate]
     blocks: Sequence[FloatArray]
     log_priors: FloatArray
-    seed: int
     nulls: dict[tuple[tuple[int, ...], bool], FloatArray] = field(default_factory=dict)
+
+    @cached_property
+    def search(self) -> Search:
+        """Sets of candidates, weighed."""
+        return Search(self.problem.y, self.blocks, self.problem.spread, self.log_priors)
 
     def run(self) -> Outcome:
         """Name what can be named."""
-        causes = [causes_of(one) for one in self.candidates]
-        search = Search(self.problem.y, self.blocks, self.problem.spread, self.log_priors, causes)
-        singles = search.singles()
+        singles = self.search.singles()
         by_cells = self.problem.noise_df <= 0.0
         first_p, local = self.step((), by_cells=by_cells)
         chosen: WeighedModel | None = None
         models: list[WeighedModel] = []
-        steps: tuple[float, ...] = (first_p,)
+        steps = [first_p]
         if first_p <= NAMING_LEVEL:
-            chosen, weighed, steps = self._grow(search, singles, first_p, by_cells)
+            chosen, weighed = self._grow(singles, steps, by_cells=by_cells)
             models = credible_set(weighed)
             if not by_cells and not self.leaves_no_gap(chosen.members):
-                chosen, models, steps = self._only_what_stands_out(search, singles, chosen, weighed)
+                chosen, models, steps = self._only_what_stands_out(singles, chosen, weighed)
         adequate = self.leaves_no_gap(chosen.members if chosen else ())
-        return Outcome(chosen, tuple(models), tuple(singles), steps, local, adequate)
+        return Outcome(chosen, tuple(models), tuple(singles), tuple(steps), local, adequate)
 
     def _grow(
-        self, search: Search, singles: Sequence[WeighedModel], first_p: float, by_cells: bool
-    ) -> tuple[WeighedModel, list[WeighedModel], tuple[float, ...]]:
+        self, singles: Sequence[WeighedModel], steps: list[float], *, by_cells: bool
+    ) -> tuple[WeighedModel, list[WeighedModel]]:
         """The smallest number of causes whose best model leaves nothing that stands out."""
-        sizes = search.by_causes(singles, MOST_EFFECTS)
+        causes = [causes_of(one) for one in self.candidates]
+        sizes = self.search.by_causes(singles, causes, MOST_EFFECTS)
         everything = self._paid(next(sizes))
         best = foremost(everything or singles)
-        steps = [first_p]
         for larger in sizes:
             p, _ = self.step(best.members, by_cells=by_cells)
             enough = p > NAMING_LEVEL and (by_cells or self.leaves_no_gap(best.members))
@@ -133,7 +121,7 @@ class ModelSelection:
             everything = [*everything, *larger]
             best = foremost(larger)
             steps.append(p)
-        return best, everything, tuple(steps)
+        return best, everything
 
     def _paid(self, models: Sequence[WeighedModel]) -> list[WeighedModel]:
         """Less what they lose for their sizes together; without those far behind."""
@@ -156,42 +144,42 @@ class ModelSelection:
 
     def _only_what_stands_out(
         self,
-        search: Search,
         singles: Sequence[WeighedModel],
         best: WeighedModel,
         weighed: Sequence[WeighedModel],
-    ) -> tuple[WeighedModel | None, list[WeighedModel], tuple[float, ...]]:
+    ) -> tuple[WeighedModel | None, list[WeighedModel], list[float]]:
         """Where a gap remains the noise of repeats proves nothing: judge by what the cells leave.
 
         Errors that stay with a posture would otherwise be named after whatever resembles them.
         One is added after the other; a heavier model of the whole search goes before, if all of
         it stands out.
         """
-        kept, steps = None, []
+        kept: WeighedModel | None = None
+        steps: list[float] = []
         for _ in best.members:
             members = kept.members if kept else ()
             p, _ = self.step(members, by_cells=True)
             if p > NAMING_LEVEL:
                 break
-            kept = heaviest_first(self._paid(search.larger(members)))[0]
+            kept = heaviest_first(self._paid(self.search.larger(members)))[0]
             steps.append(p)
         for model in heaviest_first(weighed)[:SECOND_LOOK]:
             if kept and heaviest_first([kept, model])[0] is kept:
                 break
             others = [tuple(k for k in model.members if k != m) for m in model.members]
-            apart = tuple(self.step(each, by_cells=True)[0] for each in others)
-            if max(apart) <= NAMING_LEVEL:
-                return model, [model], tuple(sorted(apart))
+            apart = sorted(self.step(each, by_cells=True)[0] for each in others)
+            if apart[-1] <= NAMING_LEVEL:
+                return model, [model], apart
         if kept is None:
-            return None, [], tuple(steps)
-        rivals = list(singles) if len(kept.members) == 1 else [kept]
-        return kept, credible_set(rivals), tuple(steps)
+            return None, [], steps
+        rivals = singles if len(kept.members) == 1 else [kept]
+        return kept, credible_set(rivals), steps
 
     def step(self, kept: tuple[int, ...], *, by_cells: bool) -> tuple[float, FloatArray]:
         """Global p-value of the best further candidate, and the local log p of each ``(J,)``."""
         blocks, y = self.given(kept)
-        noise_df = self.problem.noise_df if self.problem.noise_df > 0.0 else math.inf
-        reference = Reference(noise_df, self._structure_df(kept), by_cells=by_cells)
+        noise_df = None if by_cells else self.problem.noise_df
+        reference = Reference(noise_df, self._structure_df(kept))
         present = [k for k, block in enumerate(blocks) if block.shape[1]]
         shown = [blocks[k] for k in present]
         local = np.zeros(len(blocks))
@@ -205,40 +193,37 @@ class ModelSelection:
         key = kept, by_cells
         if key not in self.nulls:  # a step is asked for several times, its draws take longest
             deviation = self.problem.unevenness()
-            self.nulls[key] = null_scores(shown, reference, self.seed, deviation)
+            self.nulls[key] = null_scores(shown, reference, deviation)
         return global_p_value(float(local.min()), self.nulls[key]), local
 
     def given(self, kept: tuple[int, ...]) -> tuple[list[FloatArray], FloatArray]:
         """The blocks and the vector with the kept candidates projected out."""
         if not kept:
             return list(self.blocks), self.problem.y
-        basis = self.basis(kept)
+        basis = self.search.basis(kept)
         blocks = [
             new_directions(basis, block) if k not in kept else block[:, :0]
             for k, block in enumerate(self.blocks)
         ]
         return blocks, without(basis, self.problem.y)
 
-    def basis(self, members: tuple[int, ...]) -> FloatArray:
-        """Orthonormal basis ``(n, r)`` of candidates together."""
-        nothing = np.zeros((len(self.problem.y), 0))
-        return union([self.blocks[k] for k in members]) if members else nothing
-
-    def gap(self, kept: tuple[int, ...]) -> tuple[float, int, float]:
-        """What a model leaves beyond the scatter of repeats: square sum, freedom, p-value."""
-        gap, df = self.problem.gap(self.residual(kept)), self._structure_df(kept)
-        return gap, df, self.problem.gap_p_value(gap, df)
+    def gap(self, kept: tuple[int, ...]) -> Gap:
+        """What a model leaves beyond the scatter of repeats."""
+        residual, df = self.residual(kept), self._structure_df(kept)
+        gap = self.problem.gap(residual)
+        rms_mm = self.problem.gap_rms_mm(residual)
+        return Gap(rms_mm, gap, df, self.problem.gap_p_value(gap, df))
 
     def leaves_no_gap(self, kept: tuple[int, ...]) -> bool:
         """Whether the residual agrees with the noise."""
-        return self.gap(kept)[2] > LEVEL
+        return self.gap(kept).p_value > LEVEL
 
     def residual(self, kept: tuple[int, ...]) -> FloatArray:
         """What a model leaves ``(n,)``, whitened."""
-        return without(self.basis(kept), self.problem.y)
+        return without(self.search.basis(kept), self.problem.y)
 
     def _structure_df(self, kept: tuple[int, ...]) -> int:
-        inside = self.problem.structure.T @ self.basis(kept)
+        inside = self.problem.structure.T @ self.search.basis(kept)
         return max(self.problem.structure_df - rank_of(inside, NEW_DIRECTION, 1.0), 0)
 
 
@@ -261,7 +246,7 @@ class Fitting:
     def _corrected(self, members: tuple[int, ...]) -> tuple[Sizes, FloatArray]:
         problem, candidates = self.selection.problem, self.selection.candidates
         found, y = self.values(members), problem.y
-        basis = self.selection.basis(members)
+        basis = self.selection.search.basis(members)
         for _ in range(CORRECTIONS):
             linear_mm = np.zeros_like(problem.y)
             for k, (parameters, effects) in found.items():

@@ -33,6 +33,7 @@ ALIKE = 0.98
 LEAST_LOG = -690.0
 """Smaller logarithms of weights and p-values are all alike: their numbers would be no floats."""
 
+SEED = 20081
 DRAWS = 1999
 GRID = 400
 LOG_UNIT = 1e3
@@ -96,19 +97,21 @@ def log_bayes_factor(explained: float, rank: int, spread: Spread) -> float:
 class Search:
     """Candidates as orthonormal blocks ``(n, r)`` and the vector ``(n,)`` they have to explain.
 
-    With what each costs ``(J,)``, and how many things are wrong at once where it is true.
+    With what each costs ``(J,)``.
     """
 
     y: FloatArray
     blocks: Sequence[FloatArray]
     spread: Spread
     log_priors: FloatArray
-    causes: Sequence[int]
 
-    def by_causes(self, singles: Sequence[WeighedModel], most: int) -> Iterator[list[WeighedModel]]:
+    def by_causes(
+        self, singles: Sequence[WeighedModel], causes: Sequence[int], most: int
+    ) -> Iterator[list[WeighedModel]]:
         """Models of one cause, of two, and so on; worked out only when they are asked for.
 
-        Pairs hold one of the most promising candidates, triples one of the best pairs.
+        ``causes`` tell how many things are wrong at once where each candidate is true. Pairs hold
+        one of the most promising candidates, triples one of the best pairs.
         """
         known = list(singles)
         bases: list[tuple[int, ...]] = []
@@ -120,7 +123,17 @@ class Search:
                 bases = [m.members for m in heaviest_first(pairs)[:TRIPLES_AMONG]]
             larger = {model.members: model for base in bases for model in self.larger(base)}
             known += [larger[members] for members in sorted(larger)]
-            yield [m for m in known if sum(self.causes[k] for k in m.members) == count]
+            yield [m for m in known if sum(causes[k] for k in m.members) == count]
+
+    def basis(self, members: Sequence[int]) -> FloatArray:
+        """Orthonormal basis ``(n, r)`` of candidates together."""
+        nothing = np.zeros((len(self.y), 0))
+        return union([self.blocks[k] for k in members]) if members else nothing
+
+    def weigh(self, members: Sequence[int]) -> WeighedModel:
+        """One model of these candidates."""
+        basis = self.basis(members)
+        return self._weighed(tuple(members), squares_in(basis, self.y), basis.shape[1])
 
     def singles(self) -> list[WeighedModel]:
         """Every candidate alone."""
@@ -131,7 +144,7 @@ class Search:
 
     def larger(self, base: Sequence[int]) -> list[WeighedModel]:
         """These candidates with every other one, all at once."""
-        known = union([self.blocks[k] for k in base]) if base else self.y[:, None][:, :0]
+        known = self.basis(base)
         inside = known.T @ self.y
         found = []
         others = [k for k in range(len(self.blocks)) if k not in base]
@@ -200,13 +213,12 @@ def contained(inner: FloatArray, outer: FloatArray) -> float:
 class Reference:
     """What a score is compared with: the noise of repeats, or what the cells leave.
 
-    ``noise_df`` are its degrees of freedom, infinite for a stated instrument. With ``by_cells`` the
-    noise is judged from what a candidate leaves of ``structure_df`` degrees of freedom.
+    ``noise_df`` are its degrees of freedom, infinite for a stated instrument. None: the noise is
+    judged from what a candidate leaves of ``structure_df`` degrees of freedom.
     """
 
-    noise_df: float
+    noise_df: float | None
     structure_df: int
-    by_cells: bool = False
 
 
 def scores(
@@ -221,7 +233,7 @@ def scores(
     for rank in sorted(set(ranks)):
         rows = np.equal(ranks, rank)
         ratio, rest = squares[rows] / rank, reference.noise_df
-        if reference.by_cells:
+        if rest is None:
             rest = float(max(reference.structure_df - rank, 1))
             ratio = ratio / (np.maximum(total - squares[rows], 1e-300) / rest)
         found[rows] = _log_tail(ratio, rank, rest)
@@ -245,14 +257,14 @@ def _log_tail(ratio: FloatArray, rank: int, rest: float) -> FloatArray:
 
 
 def null_scores(
-    blocks: Sequence[FloatArray], reference: Reference, seed: int, deviation: FloatArray
+    blocks: Sequence[FloatArray], reference: Reference, deviation: FloatArray
 ) -> FloatArray:
     """Best scores of pure noise ``(draws,)`` for these orthonormal blocks ``(n, r)``.
 
     ``deviation`` ``(n,)`` is the standard deviation of the noise of each row. Readings are drawn,
     not what noise puts into the blocks: which axes these have is up to rounding.
     """
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(SEED)
     together = deviation[:, None] * np.hstack(blocks)
     variance, axes = np.linalg.eigh(together.T @ together)
     seen = variance > DEPENDENT * variance[-1]
@@ -264,8 +276,9 @@ def null_scores(
     squares = np.array([squares[np.equal(widths, r)].max(axis=0) for r in ranks])
     rest = max(reference.structure_df - len(draws), 0)
     total = (draws**2).sum(axis=0) + (generator.chisquare(rest, DRAWS) if rest else 0.0)
-    if not reference.by_cells and math.isfinite(reference.noise_df):
-        squares = squares / (generator.chisquare(reference.noise_df, DRAWS) / reference.noise_df)
+    noise_df = reference.noise_df
+    if noise_df is not None and math.isfinite(noise_df):
+        squares = squares / (generator.chisquare(noise_df, DRAWS) / noise_df)
     return np.asarray(scores(squares, ranks, reference, total).min(axis=0))
 
 

@@ -63,7 +63,7 @@ def test_global_p_value_is_uniform_on_noise(*, uneven: bool) -> None:
     blocks = [np.linalg.qr(generator.normal(size=(40, r)))[0] for r in (1, 1, 2, 3, 1, 6)]
     deviation = np.where(np.arange(40) < 20, 0.45, 1.34) if uneven else np.ones(40)
     reference = Reference(30.0, 40)
-    null = null_scores(blocks, reference, 1, deviation)
+    null = null_scores(blocks, reference, deviation)
     found = []
     for _ in range(400):
         y = deviation * generator.normal(size=40)

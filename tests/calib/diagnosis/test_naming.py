@@ -71,7 +71,7 @@ def test_sizes_that_only_each_other_call_for_cost() -> None:
     y = 100.0 * odd[:, 0] / np.linalg.norm(odd)
     moved = replace(made, y=y - made.nuisance @ (made.nuisance.T @ y))
     blocks = [moved.block(e.columns) for e in pair]
-    selection = ModelSelection(moved, pair, blocks, log_choices(pair), 1)
+    selection = ModelSelection(moved, pair, blocks, log_choices(pair))
     assert implausible(moved, pair[:1]) < 1.0
     assert implausible(moved, pair[1:]) < 1.0
     assert selection.far_together((0, 1)) > 10.0
@@ -80,7 +80,7 @@ def test_sizes_that_only_each_other_call_for_cost() -> None:
 
 def attributed(made: Problem, one: Candidate) -> Attribution:
     """With a single candidate, that is kept."""
-    selection = ModelSelection(made, [one], [made.block(one.columns)], np.zeros(1), 1)
+    selection = ModelSelection(made, [one], [made.block(one.columns)], np.zeros(1))
     found = Attribution(selection, selection.run())
     assert found.outcome.members == (0,)
     return found

@@ -14,7 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from calib.diagnosis.gross_errors import ODDS, GrossError, Suspicion, find_shift, suspicions
-from calib.diagnosis.hypotheses import hypotheses_of, log_priors
+from calib.diagnosis.hypotheses import hypotheses_of
+from calib.diagnosis.model_selection import ModelSelection
 from calib.diagnosis.outliers import set_outliers_right
 from calib.diagnosis.problem import Case, FittedSession, Problem
 from calib.diagnosis.results import Finding, Named
@@ -46,25 +47,14 @@ def clean(
     """Sessions without the mistakes found in them, and the mistakes. ``laws`` may act as well."""
     cleaned, mistakes = [], []
     for case in cases:
-        present, before = case, None
-        for error in _errors_of(case, laws):
-            before = _gap_rms_mm(present) if before is None else before
-            present = present.with_readings(error.corrected)
-            after = _gap_rms_mm(present)
-            mistakes.append(_finding(error, before, after))
-            before = after
-        cleaned.append(present)
+        errors = _errors_of(case, laws)
+        stages = [case, *(case.with_readings(error.corrected) for error in errors)]
+        gaps = [Problem.of([one.fitted()]).gap_rms_mm() for one in stages] if errors else []
+        for error, before_mm, after_mm in zip(errors, gaps, gaps[1:], strict=False):
+            what = error.id, str(Kind.BLUNDER), error.title, error.where
+            mistakes.append(Finding(*what, (), 0.0, before_mm, after_mm, error.or_else))
+        cleaned.append(stages[-1])
     return cleaned, mistakes
-
-
-def _finding(error: GrossError, before_mm: float, after_mm: float) -> Finding:
-    kind = str(Kind.BLUNDER)
-    what = error.id, kind, error.title, error.where
-    return Finding(*what, (), 0.0, before_mm, after_mm, error.or_else)
-
-
-def _gap_rms_mm(case: Case) -> float:
-    return Problem.of([case.fitted()]).gap_rms_mm()
 
 
 def _errors_of(case: Case, laws: Sequence[Law]) -> list[GrossError]:
@@ -117,14 +107,11 @@ class _Effects:
         """All candidates that show, weighed by all readings, repeats included."""
         problem = Problem.of([fitted_session])
         every = [one for one in hypotheses_of(problem, laws) if one.kind != Kind.BLUNDER]
-        blocks = [problem.block(one.columns) for one in every]
-        shown = [k for k, block in enumerate(blocks) if block.shape[1]]
-        candidates = [every[k] for k in shown]
+        shown = ModelSelection.of(problem, every)
         freedom = float(len(problem.y) - problem.nuisance.shape[1])
         spread = Spread(float(problem.y @ problem.y), freedom)
-        priors = log_priors(problem, candidates)
-        some = [blocks[k] for k in shown]
-        return cls(problem, candidates, Search(problem.y, some, spread, priors))
+        search = Search(problem.y, shown.blocks, spread, shown.log_priors)
+        return cls(problem, shown.candidates, search)
 
     def log_weight(self, model: WeighedModel) -> float:
         """Log likelihood (Student's) and prior, comparable between other readings of a session."""

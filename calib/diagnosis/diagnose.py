@@ -16,7 +16,7 @@ from calib.diagnosis.gap import left_out_postures, locate, on_other_sessions, re
 from calib.diagnosis.hypotheses import causes_of, hypotheses_of, log_priors
 from calib.diagnosis.model_selection import LEVEL, Fitting, ModelSelection, Outcome
 from calib.diagnosis.next_measurement import propose
-from calib.diagnosis.outliers import WILD_DISTANCE, belongs_elsewhere
+from calib.diagnosis.outliers import belongs_elsewhere
 from calib.diagnosis.problem import Case, FittedSession, Problem
 from calib.diagnosis.results import (
     Contender,
@@ -29,7 +29,6 @@ from calib.diagnosis.results import (
 )
 from calib.diagnosis.selection import LEAST_LOG, heaviest_first
 from calib.errors import NotIdentifiable
-from calib.linalg import squares_in
 from calib.observations import FloatArray
 from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import EffectInstance, Kind, Law
@@ -57,11 +56,7 @@ def diagnose(
     """
     cleaned, mistakes = clean(cases, laws)
     first = Problem.of([case.fitted() for case in cleaned])
-    every = hypotheses_of(first, laws)
-    blocks = [first.block(one.columns) for one in every]
-    seen = [k for k, block in enumerate(blocks) if _may_be_kept(first, every[k], block)]
-    shown = [every[k] for k in seen]
-    selection = ModelSelection(first, shown, [blocks[k] for k in seen], log_priors(first, shown))
+    selection = ModelSelection.of(first, hypotheses_of(first, laws))
     fitting, outcome = _followed_far_enough(selection)
     attribution = Attribution(fitting.selection, outcome)
     doubts: tuple[str, ...] = ()
@@ -69,18 +64,6 @@ def diagnose(
         doubts = (DOUBT,)
         attribution = Attribution(fitting.selection, replace(outcome, kept=None))
     return _Report(first, fitting, attribution, mistakes, held_out, doubts).make()
-
-
-def _may_be_kept(problem: Problem, one: Candidate, block: FloatArray) -> bool:
-    """What shows at all; a lone reading only where no repeat has judged it, and if it is far off.
-
-    Far off is beyond what heavy tails reach.
-    """
-    if not block.shape[1] or one.kind != Kind.BLUNDER:
-        return bool(block.shape[1])
-    row, levels = int(one.columns[:, 0].argmax()), problem.conditions("level")
-    alike = (problem.mount == problem.mount[row]) & (levels == levels[row])
-    return squares_in(block, problem.y) > WILD_DISTANCE**2 and int(alike.sum()) == 1
 
 
 def _followed_far_enough(selection: ModelSelection) -> tuple[Fitting, Outcome]:

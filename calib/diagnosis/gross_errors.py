@@ -13,7 +13,7 @@ that the mistake would make (-1, 25.4, 1/25.4). Nothing in the record is changed
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,12 +25,12 @@ from calib.linalg import DEPENDENT, NEW_DIRECTION, basis_of, incidence, lengths,
 from calib.noise.repeats import Repeats
 from calib.observations import (
     LEG_NAMES,
-    TOOL,
     TOUCHED_LETTERS,
     FloatArray,
     IntArray,
     Observations,
     numbered,
+    rows_of,
 )
 from calib.ties import descending
 from calib.tripod.differences import reading_matrix
@@ -45,6 +45,13 @@ BETTER = 0.5
 INCH_MM = 25.4
 LEAST_RATIO = 4.0
 """The disagreement (square sum) must shrink by so much."""
+
+CHANGES = (
+    ("gauge_sign", "counted the wrong way", -1.0),
+    ("unit_mixup", "inches taken for mm", INCH_MM),
+    ("unit_mixup", "mm for inches", 1 / INCH_MM),
+)
+"""Mistakes of an indicator: name, words, and the factor that sets its readings right."""
 
 SLOPE_FACTOR = 2.0
 """The slope of measured on predicted may be off by this: nothing else comes near these slopes."""
@@ -81,12 +88,19 @@ def place_of(observed: Observations, rows: IntArray) -> str:
 def find_shift(observed: Observations) -> GrossError | None:
     """The clearest shift of a stand, or None. Judged by repeats alone, without a model."""
     noise = _robust_variance(observed)
-    best: tuple[float, GrossError] | None = None
-    for rows in observed.mountings if noise else ():
-        found = _in_mounting(observed, rows, noise)
-        if found and (best is None or found[0] > best[0]):
-            best = found
-    return best[1] if best else None
+    tried = (_clear_step(observed, rows, noise) for rows in observed.mountings if noise)
+    best = max((step for step in tried if step), key=lambda step: step.gain, default=None)
+    if best is None:
+        return None
+    corrected = observed.value_mm.copy()
+    corrected[best.rows] -= best.shift_mm
+    first = best.rows[0]
+    title = (
+        f"the stand moved by {best.shift_mm:+.4f} mm before the reading at "
+        f"{observed.posture_words(first)}, cycle {observed.cycle[first]}"
+    )
+    put_back = replace(observed, value_mm=corrected)
+    return GrossError("stand_slip", place_of(observed, best.rows), title, best.rows, put_back)
 
 
 def _robust_variance(observed: Observations) -> float:
@@ -101,41 +115,30 @@ def _robust_variance(observed: Observations) -> float:
     return max(float(np.median(found)), 1e-8) if found else 0.0
 
 
-def _in_mounting(
-    observed: Observations, rows: IntArray, noise: float
-) -> tuple[float, GrossError] | None:
-    close = _step(observed, rows, cell_basis(observed, rows), noise)
-    if close is None or close.gain < CLEAR * noise:
-        return None
-    wide = None if close.clear else _step(observed, rows, posture_basis(observed, rows), noise)
-    step = wide or close
-    if step.gain < CLEAR * noise or not step.clear:
-        return None
-    moved = rows[step.first :]
-    corrected = observed.value_mm.copy()
-    corrected[moved] -= step.shift_mm
-    title = (
-        f"the stand moved by {step.shift_mm:+.4f} mm before the reading at "
-        f"{observed.posture_words(moved[0])}, cycle {observed.cycle[moved[0]]}"
-    )
-    put_back = replace(observed, value_mm=corrected)
-    return step.gain, GrossError("stand_slip", place_of(observed, moved), title, moved, put_back)
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Step:
-    """The best step of one mounting: its first row, what it explains, its size, and whether
+    """A step of one mounting: the rows moved, what it explains, and whether nothing else does."""
 
-    nothing else does as well.
-    """
-
-    first: int
+    rows: IntArray
     gain: float
     shift_mm: float
     clear: bool
 
 
-def _step(observed: Observations, rows: IntArray, basis: FloatArray, noise: float) -> _Step | None:
+def _clear_step(observed: Observations, rows: IntArray, noise: float) -> _Step | None:
+    """By repeats of one approach; where they cannot tell, by all readings of a posture."""
+    for basis in (cell_basis, posture_basis):
+        step = _best_step(observed, rows, basis(observed, rows), noise)
+        if step is None or step.gain < CLEAR * noise:
+            return None
+        if step.clear:
+            return step
+    return None
+
+
+def _best_step(
+    observed: Observations, rows: IntArray, basis: FloatArray, noise: float
+) -> _Step | None:
     value = without(basis, observed.value_mm[rows])
     total = float(value @ value)
     order = np.arange(len(rows))
@@ -149,7 +152,7 @@ def _step(observed: Observations, rows: IntArray, basis: FloatArray, noise: floa
     drift = _explained(value, basis, order.astype(np.float64))[0]
     outlier = max(_explained(value, basis, np.where(order == j, 1.0, 0.0))[0] for j in order)
     clear = max(total - gain, noise) <= BETTER * (total - max(drift, outlier))
-    return _Step(k, gain, shift, clear)
+    return _Step(rows[k:], gain, shift, clear)
 
 
 def _explained(value: FloatArray, cells: FloatArray, column: FloatArray) -> tuple[float, float]:
@@ -233,10 +236,7 @@ def suspicions(
 def _hypotheses(observed: Observations) -> Iterator[tuple[GrossError, float, float]]:
     """Mistakes, the slope that each would make, and the log of the scale that it takes away."""
     for where, rows in _groups(observed):
-        changes = [("gauge_sign", "counted the wrong way", -1.0)]
-        changes += [("unit_mixup", "inches taken for mm", INCH_MM)]
-        changes += [("unit_mixup", "mm for inches", 1 / INCH_MM)]
-        for name, words, factor in changes:
+        for name, words, factor in CHANGES:
             value = observed.value_mm.copy()
             value[rows] *= factor
             corrected = replace(observed, value_mm=value)
@@ -246,25 +246,17 @@ def _hypotheses(observed: Observations) -> Iterator[tuple[GrossError, float, flo
         yield error, 1.0, 0.0
 
 
-def _groups(observed: Observations) -> Iterator[tuple[str, IntArray]]:
+def _groups(observed: Observations) -> Iterable[tuple[str, IntArray]]:
     """Rows that one mistake may touch: a mounting, an indicator, everything."""
-    everything = np.arange(len(observed))
-    seen: set[tuple[int, ...]] = set()
-    for rows in observed.mountings:
-        yield place_of(observed, rows), rows
-        seen.add(tuple(rows))
-    for leg in (0, 1, 2, TOOL):
-        for axis in range(3):
-            rows = np.flatnonzero((observed.leg == leg) & (observed.axis == axis))
-            if len(rows) and tuple(rows) not in seen:
-                yield place_of(observed, rows), rows
-                seen.add(tuple(rows))
-    for indicator in range(observed.indicator_count):
-        rows = np.flatnonzero(observed.indicator == indicator)
-        if tuple(rows) not in seen and len(rows) < len(observed):
-            yield f"indicator {indicator + 1}", rows
-    if observed.mount_count > 1:
-        yield "all", everything
+    places = [*observed.mountings, *rows_of(numbered(observed.leg, observed.axis))]
+    groups = [(place_of(observed, rows), rows) for rows in places]
+    groups.append(("all", np.arange(len(observed))))
+    indicators = enumerate(rows_of(observed.indicator), start=1)
+    groups += [(f"indicator {number}", rows) for number, rows in indicators]
+    found: dict[tuple[int, ...], tuple[str, IntArray]] = {}
+    for where, rows in groups:
+        found.setdefault(tuple(rows.tolist()), (where, rows))
+    return found.values()
 
 
 def _swaps(observed: Observations) -> Iterator[GrossError]:

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calib.diagnosis.outliers import WILD_DISTANCE
 from calib.diagnosis.problem import Problem
-from calib.linalg import BLIND
-from calib.observations import LEG_NAMES, TOUCHED_LETTERS, FloatArray, rows_of
+from calib.linalg import BLIND, squares_in
+from calib.observations import LEG_NAMES, TOUCHED_LETTERS, FloatArray, numbered, rows_of
 from calib.tripod.effects.candidates import Candidate, candidates_together
 from calib.tripod.effects.effect import EffectParameter, Kind, Law
 
@@ -31,18 +32,23 @@ def hypotheses_of(problem: Problem, laws: Sequence[Law]) -> list[Candidate]:
 
 
 def _lone_readings(problem: Problem) -> list[Candidate]:
-    """The first and the last reading of each mounting, which repeats alone cannot judge."""
+    """The first and the last reading of each mounting, where no repeat has judged it.
+
+    Only one that is farther off than heavy tails reach.
+    """
     found = []
     leg, axis = problem.conditions("leg"), problem.conditions("axis")
+    posture = numbered(problem.mount, problem.conditions("level"))
     for rows in rows_of(problem.mount):
         where = TOUCHED_LETTERS[leg[rows[0]]] + LEG_NAMES[axis[rows[0]]]
         for row, word in ((rows[0], "first"), (rows[-1], "last")):
             columns = np.zeros((len(problem.y), 1))
             columns[row, 0] = 1.0
-            title = f"the {word} reading of this mounting is wild"
-            found.append(
-                Candidate("wild_reading", title, Kind.BLUNDER, where, "one", (SHIFT,), columns)
-            )
+            off = squares_in(problem.block(columns), problem.y) > WILD_DISTANCE**2
+            if off and np.count_nonzero(posture == posture[row]) == 1:
+                title = f"the {word} reading of this mounting is wild"
+                what = "wild_reading", title, Kind.BLUNDER, where, "one"
+                found.append(Candidate(*what, (SHIFT,), columns))
     return found
 
 

@@ -11,7 +11,14 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.diagnosis.hypotheses import FAR, causes_of, implausible, prior_constrained, unremarkable
+from calib.diagnosis.hypotheses import (
+    FAR,
+    causes_of,
+    implausible,
+    log_priors,
+    prior_constrained,
+    unremarkable,
+)
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.results import Gap, Value
 from calib.diagnosis.selection import (
@@ -82,6 +89,14 @@ class ModelSelection:
     blocks: Sequence[FloatArray]
     log_priors: FloatArray
     nulls: dict[tuple[tuple[int, ...], bool], FloatArray] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, problem: Problem, candidates: Sequence[Candidate]) -> ModelSelection:
+        """Among those candidates that show at all."""
+        blocks = [problem.block(one.columns) for one in candidates]
+        shown = [k for k, block in enumerate(blocks) if block.shape[1]]
+        some = [candidates[k] for k in shown]
+        return cls(problem, some, [blocks[k] for k in shown], log_priors(problem, some))
 
     @cached_property
     def search(self) -> Search:

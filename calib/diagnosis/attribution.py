@@ -39,6 +39,11 @@ CANNOT_TELL = 9.0
 """Noise variances that a rival must leave more than the name kept. Two that are apart by D change
 places by this much, D being normal with variance 4 D, at most once in 700 times."""
 
+DOUBT = (
+    "repeats read without driving away would explain as much as any name: drive away before each, "
+    "or take the gap for real and measure more"
+)
+
 
 @dataclass(frozen=True, eq=False)
 class Attribution:
@@ -205,17 +210,10 @@ class Attribution:
         kept, problem = self.outcome.kept, self.problem
         if kept is None or not problem.has_repeats() or not problem.noise_df > 0.0:
             return False
-        weak = kept.log_weight < 0.5 * LEAST_EVIDENCE  # as log likelihood
-        return weak and _evidence_of_postures(problem) > max(kept.log_weight, 0.0)
-
-
-DOUBT = (
-    "repeats read without driving away would explain as much as any name: drive away before each, "
-    "or take the gap for real and measure more"
-)
-
-
-def _evidence_of_postures(problem: Problem) -> float:
-    """Log Bayes factor for an error of each posture's own, and approach's, against none."""
-    block = problem.block(incidence(numbered(problem.mount, problem.conditions("cell"))))
-    return log_bayes_factor(squares_in(block, problem.y), block.shape[1], problem.spread)
+        if kept.log_weight >= 0.5 * LEAST_EVIDENCE:  # as log likelihood
+            return False
+        own = incidence(numbered(problem.mount, problem.conditions("cell")))  # of each posture
+        block = problem.block(own)
+        explained = squares_in(block, problem.y)
+        evidence = log_bayes_factor(explained, block.shape[1], problem.spread)
+        return evidence > max(kept.log_weight, 0.0)

@@ -110,7 +110,7 @@ class _Effects:
         shown = ModelSelection.of(problem, every)
         freedom = float(len(problem.y) - problem.nuisance.shape[1])
         spread = Spread(float(problem.y @ problem.y), freedom)
-        search = Search(problem.y, shown.blocks, spread, shown.log_priors)
+        search = Search(problem.y, shown.blocks, spread, shown.log_priors, _unit_information)
         return cls(problem, shown.candidates, search)
 
     def log_weight(self, model: WeighedModel) -> float:
@@ -146,6 +146,12 @@ class _Effects:
         known = {_key(one): k for k, one in enumerate(self.candidates)}
         keys = [_key(there.candidates[k]) for k in model.members]
         return self.exchanged(self.search.weigh([known[key] for key in keys if key in known]))
+
+
+def _unit_information(explained: float, rank: int, spread: Spread) -> float:
+    """Log likelihood above no effect, less what a prior as wide as the effects costs (fitted)."""
+    width = 0.5 * rank * math.log(max(explained / max(rank, 1), 1.0))
+    return spread.log_ratio(explained, 0.0) - width
 
 
 def _key(one: Candidate) -> tuple[str, str, int]:

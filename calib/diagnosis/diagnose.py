@@ -14,7 +14,7 @@ from calib.diagnosis.cleaning import clean
 from calib.diagnosis.discrepancy import discrepancy
 from calib.diagnosis.gap import left_out_postures, locate, on_other_sessions, residuals, where_words
 from calib.diagnosis.hypotheses import causes_of, hypotheses_of, log_priors
-from calib.diagnosis.model_selection import LEVEL, Fitting, ModelSelection, Outcome
+from calib.diagnosis.model_selection import LEVEL, ModelSelection, Outcome
 from calib.diagnosis.next_measurement import propose
 from calib.diagnosis.outliers import belongs_elsewhere
 from calib.diagnosis.problem import Case, FittedSession, Problem
@@ -57,36 +57,35 @@ def diagnose(
     cleaned, mistakes = clean(cases, laws)
     first = Problem.of([case.fitted() for case in cleaned])
     selection = ModelSelection.of(first, hypotheses_of(first, laws))
-    fitting, outcome = _followed_far_enough(selection)
-    attribution = Attribution(fitting.selection, outcome)
-    doubts: tuple[str, ...] = ()
-    if attribution.repeats_explain_as_much():
-        doubts = (DOUBT,)
-        attribution = Attribution(fitting.selection, replace(outcome, kept=None))
-    return _Report(first, fitting, attribution, mistakes, held_out, doubts).make()
+    attribution = Attribution(*_followed_far_enough(selection))
+    doubted = attribution.repeats_explain_as_much()
+    if doubted:
+        outcome = replace(attribution.outcome, kept=None)
+        attribution = replace(attribution, outcome=outcome)
+    return _Report(first, attribution, mistakes, held_out, doubted=doubted).make()
 
 
-def _followed_far_enough(selection: ModelSelection) -> tuple[Fitting, Outcome]:
+def _followed_far_enough(selection: ModelSelection) -> tuple[ModelSelection, Outcome]:
     """The selection once more where large effects do more than their derivatives say.
 
     What they do beyond would be named as something else.
     """
-    fitting, outcome = Fitting(selection), selection.run()
+    outcome = selection.run()
     for _ in range(MOST_SELECTIONS - 1):
         if outcome.kept is None:
             break
-        problem = fitting.selection.problem
-        y = fitting.refined(outcome.members)[1]
+        problem = selection.problem
+        y = selection.refined(outcome.members)[1]
         if float(((y - problem.y) ** 2).sum()) < WORTH_ANOTHER:
             break
         straight = problem.as_if_linear(y)
         priors = log_priors(straight, selection.candidates)
-        again = replace(selection, problem=straight, log_priors=priors, nulls={})
+        again = replace(selection, problem=straight, log_priors=priors)
         found = again.run()
         if found.kept is None or not found.adequate:  # followed the wrong way
             break
-        fitting, outcome = Fitting(again), found
-    return fitting, outcome
+        selection, outcome = again, found
+    return selection, outcome
 
 
 @dataclass(eq=False)
@@ -94,14 +93,13 @@ class _Report:
     """From the outcome to the answer; ``first`` is the problem as it was measured."""
 
     first: Problem
-    fitting: Fitting
     attribution: Attribution
     mistakes: Sequence[Finding]
     held_out: Sequence[Case]
-    doubts: tuple[str, ...]
+    doubted: bool
 
     def __post_init__(self) -> None:
-        self.selection = self.fitting.selection
+        self.selection = self.attribution.selection
         self.problem = self.selection.problem
         self.candidates = self.selection.candidates
         self.outcome = self.attribution.outcome
@@ -131,10 +129,10 @@ class _Report:
             where=locate(self.problem)[:MOST_CONTENDERS],
             effects=tuple(named),
             candidates=self._contenders(),
-            next_measurement=propose(verdict, self.attribution, self.fitting),
+            next_measurement=propose(verdict, self.attribution),
             smallest_detectable=self._smallest_detectable(),
             residuals=residuals(self.first, self._after(named)),
-            remarks=(*self._remarks(law), *self.doubts, *self._half_seen()),
+            remarks=(*self._remarks(law), *self._half_seen()),
             left_over=law,
         )
 
@@ -154,13 +152,13 @@ class _Report:
         """Whitened residual ``(n,)`` with what was named adopted; None where nothing can be."""
         placed = tuple(effect for finding in named for effect in finding.effects)
         try:
-            return self.fitting.residual_with(placed) if placed else None
+            return self.problem.adopting(placed).y if placed else None
         except NotIdentifiable:
             return None
 
     def _findings(self) -> list[Finding]:
         """What was kept, the strongest first, each adopted beside those before it."""
-        values, _ = self.fitting.refined(self.members)
+        values, _ = self.selection.refined(self.members)
         ordered = self.attribution.by_evidence()
         gaps = [self.selection.gap(ordered[:k]).rms_mm for k in range(len(ordered) + 1)]
         step_p = self.outcome.step_p
@@ -194,7 +192,7 @@ class _Report:
             one = self.candidates[member]
             if (one.id, one.where) in found:
                 continue
-            parameters, effects = self.fitting.values((member,))[member]
+            parameters, effects = self.selection.values((member,))[member]
             after = self.selection.gap((member,)).rms_mm
             other = on_other_sessions(self.others, effects) if self.others and effects else None
             found[one.id, one.where] = Contender(
@@ -245,6 +243,8 @@ class _Report:
             )
         if self.verdict in WITH_RESIDUALS and not law:
             said.append(NO_LAW)
+        if self.doubted:
+            said.append(DOUBT)
         return said
 
     def _half_seen(self) -> list[str]:

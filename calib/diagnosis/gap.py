@@ -48,6 +48,8 @@ def locate(problem: Problem) -> tuple[Share, ...]:
     total = float((explained**2).sum())
     shares = []
     for leg, axis, pattern, mask in _parts(problem):
+        if not mask.any():
+            continue
         inside = float((explained[mask] ** 2).sum())
         taken = (problem.nuisance[mask] ** 2).sum()
         freedom = float((problem.structure[mask] ** 2).sum() - taken)
@@ -66,15 +68,11 @@ def locate(problem: Problem) -> tuple[Share, ...]:
 def _parts(problem: Problem) -> Iterator[tuple[str, str, str, NDArray[np.bool_]]]:
     leg, axis = problem.conditions("leg"), problem.conditions("axis")
     for k, name in enumerate(LEG_NAMES):
-        if (leg == k).any():
-            yield name, "", "leg", leg == k
-        if (axis == k).any():
-            yield "", name, "axis", axis == k
+        yield name, "", "leg", leg == k
+        yield "", name, "axis", axis == k
     for i, leg_name in zip((0, 1, 2, TOOL), TOUCHED_NAMES, strict=True):
         for j, axis_name in enumerate(LEG_NAMES):
-            here = (leg == i) & (axis == j)
-            if here.any():
-                yield leg_name, axis_name, "mounting", here
+            yield leg_name, axis_name, "mounting", (leg == i) & (axis == j)
 
 
 def _patterns(problem: Problem) -> Iterator[tuple[str, FloatArray]]:
@@ -249,7 +247,7 @@ def on_other_sessions(
     """
     before = Problem.of(others)
     try:
-        after = Problem.of([one.adopting(effects) for one in others])
+        after = before.adopting(effects)
     except NotIdentifiable:
         return None
     noise_mm = before.noise_mm * math.sqrt(max(before.structure_df, 1) / len(before.y))

@@ -6,7 +6,7 @@ What is kept is then fitted through the nonlinear simulation.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -82,13 +82,19 @@ class Outcome:
 
 @dataclass(eq=False)
 class ModelSelection:
-    """Candidates as blocks ``(n, r)`` over one problem, and their log priors ``(J,)``."""
+    """Candidates as blocks ``(n, r)`` over one problem, and their log priors ``(J,)``.
+
+    Which of them explain the readings, and of which sizes they are then.
+    """
 
     problem: Problem
     candidates: Sequence[Candidate]
     blocks: Sequence[FloatArray]
     log_priors: FloatArray
-    nulls: dict[tuple[tuple[int, ...], bool], FloatArray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._nulls: dict[tuple[tuple[int, ...], bool], FloatArray] = {}
+        self._refined: dict[tuple[int, ...], tuple[Sizes, FloatArray]] = {}
 
     @classmethod
     def of(cls, problem: Problem, candidates: Sequence[Candidate]) -> ModelSelection:
@@ -206,10 +212,10 @@ class ModelSelection:
             squares = np.minimum(squares, total)
         local[present] = scores(squares, [b.shape[1] for b in shown], reference, total)[:, 0]
         key = kept, by_cells
-        if key not in self.nulls:  # a step is asked for several times, its draws take longest
+        if key not in self._nulls:  # a step is asked for several times, its draws take longest
             deviation = self.problem.unevenness()
-            self.nulls[key] = null_scores(shown, reference, deviation)
-        return global_p_value(float(local.min()), self.nulls[key]), local
+            self._nulls[key] = null_scores(shown, reference, deviation)
+        return global_p_value(float(local.min()), self._nulls[key]), local
 
     def given(self, kept: tuple[int, ...]) -> tuple[list[FloatArray], FloatArray]:
         """The blocks and the vector with the kept candidates projected out."""
@@ -241,55 +247,38 @@ class ModelSelection:
         inside = self.problem.structure.T @ self.search.basis(kept)
         return max(self.problem.structure_df - rank_of(inside, NEW_DIRECTION, 1.0), 0)
 
-
-@dataclass(frozen=True, eq=False)
-class Fitting:
-    """Candidates of one selection, fitted to its sessions."""
-
-    selection: ModelSelection
-    _found: dict[tuple[int, ...], tuple[Sizes, FloatArray]] = field(default_factory=dict)
-
     def refined(self, members: tuple[int, ...]) -> tuple[Sizes, FloatArray]:
         """`values` through the nonlinear simulation: effects in, base fitted anew, corrected.
 
         With them ``y`` ``(n,)`` as a machine would leave it that follows its derivatives so far.
         """
-        if members not in self._found:
-            self._found[members] = self._corrected(members)
-        return self._found[members]
-
-    def _corrected(self, members: tuple[int, ...]) -> tuple[Sizes, FloatArray]:
-        problem, candidates = self.selection.problem, self.selection.candidates
+        if members in self._refined:
+            return self._refined[members]
+        problem = self.problem
         found, y = self.values(members), problem.y
-        basis = self.selection.search.basis(members)
         for _ in range(CORRECTIONS):
             linear_mm = np.zeros_like(problem.y)
             for k, (parameters, effects) in found.items():
                 if effects:
-                    linear_mm += candidates[k].columns @ np.array([v.value for v in parameters])
-            effects = tuple(effect for _, each in found.values() for effect in each)
+                    values = np.array([v.value for v in parameters])
+                    linear_mm += self.candidates[k].columns @ values
+            adopted = tuple(effect for _, each in found.values() for effect in each)
             try:
-                y = self.residual_with(effects) + problem.free(linear_mm)
+                y = problem.adopting(adopted).y + problem.free(linear_mm)
             except NotIdentifiable:
-                return found, problem.y
-            found = self.values(members, problem.y + onto(basis, y - problem.y))
+                y = problem.y
+                break
+            beyond = onto(self.search.basis(members), y - problem.y)
+            found = self.values(members, problem.y + beyond)
+        self._refined[members] = found, y
         return found, y
-
-    def residual_with(self, effects: tuple[EffectInstance, ...]) -> FloatArray:
-        """Whitened residual ``(n,)`` with these effects in the model, nuisance projected out.
-
-        Raises NotIdentifiable where the legs cannot meet.
-        """
-        sessions = self.selection.problem.fitted_sessions
-        return Problem.of([one.adopting(effects) for one in sessions]).y
 
     def values(self, members: tuple[int, ...], y: FloatArray | None = None) -> Sizes:
         """Parameters of these candidates fitted together, base parameters and zeros free."""
-        problem = self.selection.problem
-        candidates = [self.selection.candidates[k] for k in members]
+        candidates = [self.candidates[k] for k in members]
         size = FAR * np.concatenate([unremarkable(one) for one in candidates])
-        free = problem.free(np.hstack([one.columns for one in candidates]) * size)
-        value = prior_constrained(free, problem.y if y is None else y) * size
+        free = self.problem.free(np.hstack([one.columns for one in candidates]) * size)
+        value = prior_constrained(free, self.problem.y if y is None else y) * size
         spread = np.sqrt(np.linalg.inv(free.T @ free + np.eye(len(size))).diagonal()) * size
         found: Sizes = {}
         start = 0

@@ -9,7 +9,6 @@ from itertools import combinations
 import numpy as np
 
 from calib.diagnosis.attribution import Attribution
-from calib.diagnosis.model_selection import Fitting
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.results import Named, NextMeasurement, Verdict
 from calib.diagnosis.selection import LOG_UNIT
@@ -49,7 +48,7 @@ SHOWS = 1.0
 MATTERS_OF_LOAD = "gravity_sag"
 
 
-def propose(verdict: Verdict, attribution: Attribution, fitting: Fitting) -> NextMeasurement | None:
+def propose(verdict: Verdict, attribution: Attribution) -> NextMeasurement | None:
     """The measurement that separates the strongest effect that stayed ambiguous, if any does."""
     problem = attribution.problem
     of_tool = any(TOOL in one.observed.leg for one in problem.fitted_sessions)
@@ -62,15 +61,15 @@ def propose(verdict: Verdict, attribution: Attribution, fitting: Fitting) -> Nex
     doubtful = [k for k in attribution.by_evidence() if attribution.rivals[k]]
     if not doubtful:
         return MORE_PLACES
-    proposals = (_Pairing(attribution, fitting, k).proposal() for k in doubtful)
+    proposals = (_Pairing(attribution, k).proposal() for k in doubtful)
     return next((one for one in proposals if one), None)
 
 
 class _Pairing:
     """One effect that was kept, and the names that fit as well in its place."""
 
-    def __init__(self, attribution: Attribution, fitting: Fitting, member: int) -> None:
-        self._attribution, self._fitting, self._member = attribution, fitting, member
+    def __init__(self, attribution: Attribution, member: int) -> None:
+        self._attribution, self._member = attribution, member
         self._candidates = attribution.candidates
         members = attribution.outcome.members
         self._given = tuple(k for k in members if k != member and self._candidates[k].shares)
@@ -116,7 +115,7 @@ class _Pairing:
 
     def _explanation(self, k: int, given: tuple[int, ...]) -> Explanation:
         """A candidate with the values that it has given the effects that are kept."""
-        parameters = self._fitting.values((k, *given))[k][0]
+        parameters = self._attribution.selection.values((k, *given))[k][0]
         return Explanation(self._candidates[k], np.array([v.value for v in parameters]))
 
 

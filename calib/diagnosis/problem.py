@@ -172,6 +172,10 @@ class Problem:
             np.concatenate(mounts),
         )
 
+    def adopting(self, effects: tuple[EffectInstance, ...]) -> Problem:
+        """The same sessions with more effects in their models. Raises NotIdentifiable."""
+        return self.of([one.adopting(effects) for one in self.fitted_sessions])
+
     def as_if_linear(self, y: FloatArray) -> Problem:
         """The same with residuals ``(n,)`` as a machine without curvature would leave them."""
         return replace(self, y=y, residual=self.residual + y - self.y)

@@ -13,7 +13,7 @@ good, all candidates drawn jointly (look-elsewhere effect).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,11 +42,10 @@ LOG_UNIT = 1e3
 
 @dataclass(frozen=True)
 class WeighedModel:
-    """A model: indices of its candidates, what it explains, and its rank."""
+    """A model: indices of its candidates, and what it explains."""
 
     members: tuple[int, ...]
     explained: float
-    rank: int
     log_weight: float
 
 
@@ -104,6 +103,7 @@ class Search:
     blocks: Sequence[FloatArray]
     spread: Spread
     log_priors: FloatArray
+    evidence: Callable[[float, int, Spread], float] = log_bayes_factor
 
     def by_causes(
         self, singles: Sequence[WeighedModel], causes: Sequence[int], most: int
@@ -179,8 +179,8 @@ class Search:
     def _weighed(self, members: tuple[int, ...], explained: float, rank: int) -> WeighedModel:
         members = tuple(sorted(members))
         log_prior = float(self.log_priors[list(members)].sum())
-        weight = log_bayes_factor(explained, rank, self.spread) - log_prior
-        return WeighedModel(members, explained, rank, weight)
+        weight = self.evidence(explained, rank, self.spread) - log_prior
+        return WeighedModel(members, explained, weight)
 
 
 def foremost(models: Sequence[WeighedModel]) -> WeighedModel:

@@ -226,9 +226,9 @@ def _prior_constrained(problem: Problem, design: FloatArray, train: IntArray) ->
     start = 0
     for one in problem.fitted_sessions:
         start += one.observed.mount_count
-        here = slice(start, start + len(one.tolerance_mm))
-        hold[here] = 1.0 / one.tolerance_mm
-        middle[here] = np.array(one.nominal.parameters_mm) - np.array(one.model.parameters_mm)
+        here = slice(start, start + len(one.case.tolerance_mm))
+        hold[here] = 1.0 / one.case.tolerance_mm
+        middle[here] = np.subtract(one.case.model.parameters_mm, one.model.parameters_mm)
         start = here.stop
     rows = np.vstack([design[train], np.diag(hold)[hold > 0.0]])
     right = np.concatenate([problem.residual[train], (hold * middle)[hold > 0.0]])

@@ -111,35 +111,23 @@ class _Judged:
             nothing = np.zeros(len(observed))
             return cls(nothing, nothing, float(left.sum()), least_mm2)
         pooled = np.maximum((left.sum() - own) / (free - 1.0), least_mm2)
-        near = np.bincount(observed.mount, left)[observed.mount] - own
-        near = near / np.maximum(np.bincount(observed.mount, share)[observed.mount] - 1.0, 1.0)
-        limited = _limited_variance(observed, left, own, share)
-        if limited is not None:
-            limited = np.maximum(np.maximum(limited, near), least_mm2)
+        mount = observed.mount
+        squares, frees = np.bincount(mount, left), np.bincount(mount, share)
+        mine = squares[mount] - own
+        near = mine / np.maximum(frees[mount] - 1.0, 1.0)
+        judging = frees > LEAST_FREE_OF_MOUNTING
+        if np.count_nonzero(judging) >= LEAST_MOUNTINGS:
+            # a mistake in one mounting, however large, must not hide one in another
+            most = UNEQUAL * np.median(squares[judging] / frees[judging]) * frees
+            limited = np.minimum(squares, most)
+            others = limited.sum() - limited[mount]
+            variance = (others + np.minimum(mine, most[mount])) / (free - 1.0)
+            variance = np.maximum(np.maximum(variance, near), least_mm2)
             known = observed.approach_known  # else it may be off by a play
-            pooled = np.where(known, np.minimum(pooled, limited), pooled)
+            pooled = np.where(known, np.minimum(pooled, variance), pooled)
         distance = np.sqrt(own / pooled / np.maximum(share, LEAST_SHARE))
         fit = np.sqrt(own / np.maximum(pooled, near))
         return cls(distance, fit, float(left.sum()), float(pooled.min()))
-
-
-def _limited_variance(
-    observed: Observations, left: FloatArray, own: FloatArray, share: FloatArray
-) -> FloatArray | None:
-    """Variance ``(n,)`` in mm² without each reading, no mounting far above the middle one.
-
-    A mistake in one mounting, however large, must not hide one in another. None if too few
-    mountings have repeats.
-    """
-    squares, free = np.bincount(observed.mount, left), np.bincount(observed.mount, share)
-    judging = free > LEAST_FREE_OF_MOUNTING
-    if np.count_nonzero(judging) < LEAST_MOUNTINGS:
-        return None
-    most = UNEQUAL * np.median(squares[judging] / free[judging]) * free
-    limited = np.minimum(squares, most)
-    here = np.minimum(squares[observed.mount] - own, most[observed.mount])
-    others = limited.sum() - limited[observed.mount]
-    return np.asarray((others + here) / (free.sum() - 1.0))
 
 
 def _scatter(observed: Observations, basis: Basis) -> tuple[FloatArray, FloatArray]:
@@ -179,7 +167,7 @@ def _worst(observed: Observations, least_mm2: float) -> GrossError | None:
     suspects = order[observed.mount[order] == observed.mount[order[0]]][:MOST_SUSPECTS]
     suspects = suspects[judged.distance[suspects] >= SUSPECT * worst]
     wild = _wild(observed, suspects, least_mm2)
-    places = _likeliest(_fits(observed, wild.rows, judged.distance, least_mm2))
+    places = _likeliest(observed, wild.rows, judged.distance, least_mm2)
     odds = places[0].odds if places else 0.0
     if odds >= CERTAIN:
         return _mislabelled(observed, places)
@@ -202,12 +190,15 @@ class _Fit:
     odds: float
 
 
-def _fits(
+def _likeliest(
     observed: Observations, suspects: IntArray, distance: FloatArray, least_mm2: float
 ) -> list[_Fit]:
-    """All other labels that one of the suspects fits."""
+    """Of other labels that a suspect fits and that explain most the likeliest.
+
+    Then others of its row that nearly are.
+    """
     far = float(distance[suspects].max())
-    found = []
+    fits = []
     for row in suspects.tolist():
         chances = labels_within_reach(observed, row) * len(suspects)
         for label in nearer_labels(observed, row):
@@ -216,21 +207,15 @@ def _fits(
             if judged.holds(row, far):
                 even = evened(observed, moved)
                 odds = odds_of_label(float(distance[row]), float(judged.fit[row]), chances, even)
-                found.append(_Fit(row, label.words, moved, judged, odds))
-    return found
-
-
-def _likeliest(fits: list[_Fit]) -> list[_Fit]:
-    """Of those that explain most the likeliest, then others of its row that nearly are."""
+                fits.append(_Fit(row, label.words, moved, judged, odds))
     if not fits:
         return []
     first = min((one.judged for one in fits), key=lambda one: one.residual_mm2)
     bar = first.residual_mm2 + ALIKE * first.variance_mm2
-    alike = descending(
-        (one for one in fits if one.judged.residual_mm2 <= bar), lambda one: one.odds
-    )
-    best = alike[0]
-    return [one for one in alike if one.row == best.row and one.odds * CERTAIN > best.odds]
+    alike = [one for one in fits if one.judged.residual_mm2 <= bar]
+    best, *others = descending(alike, lambda one: one.odds)
+    near = [one for one in others if one.row == best.row and one.odds * CERTAIN > best.odds]
+    return [best, *near]
 
 
 def _mislabelled(observed: Observations, places: list[_Fit]) -> GrossError:

@@ -68,47 +68,42 @@ class Case:
         if noise is None:  # a variance to weigh the tolerances with
             centred = without_zeros(visited, visited.averaged, visited.value_mm)
             weight = weight / max(1e-4 * float((centred**2).mean()), 1e-8)
-        return FittedSession.of(self.model, visited, noise, weight, self.tolerance_mm)
+        return FittedSession.of(self.with_readings(visited), noise, weight)
 
 
 @dataclass(frozen=True, eq=False)
 class FittedSession:
     """One session ready for diagnosis: its visits, its noise, and the model fitted to it.
 
-    Of ``nominal`` the base parameters are where the tolerances ``(6,)`` have their middle.
     ``residual_mm`` ``(n,)`` is measured minus predicted without zeros, ``weight`` ``(n,)`` in
     1/mm², ``base`` ``(n, 6)`` the derivatives by the base parameters.
     """
 
-    nominal: Model
-    observed: Observations
+    case: Case
     noise: Noise | None
     weight: FloatArray
-    tolerance_mm: FloatArray
     model: Model
     residual_mm: FloatArray
     base: FloatArray
 
     @classmethod
-    def of(
-        cls,
-        nominal: Model,
-        visited: Observations,
-        noise: Noise | None,
-        weight: FloatArray,
-        tolerance_mm: FloatArray,
-    ) -> FittedSession:
+    def of(cls, case: Case, noise: Noise | None, weight: FloatArray) -> FittedSession:
         """Fit the base parameters. Raises NotIdentifiable where the legs cannot meet."""
-        fit = prior_fit(nominal, visited, weight, tolerance_mm)
-        fitted = nominal.with_parameters(fit.parameters_mm)
-        base = derivatives(nominal.geometry, fit.parameters_mm, visited, nominal.effects)
-        residual = visited.value_mm - fitted.readings(visited)
-        return cls(nominal, visited, noise, weight, tolerance_mm, fitted, residual, base)
+        observed = case.observed
+        fit = prior_fit(case.model, observed, weight, case.tolerance_mm)
+        model = case.model.with_parameters(fit.parameters_mm)
+        base = derivatives(model.geometry, fit.parameters_mm, observed, model.effects)
+        return cls(case, noise, weight, model, observed.value_mm - model.readings(observed), base)
+
+    @property
+    def observed(self) -> Observations:
+        """Its visits."""
+        return self.case.observed
 
     def adopting(self, effects: tuple[EffectInstance, ...]) -> FittedSession:
         """The same readings with more effects in the model. Raises NotIdentifiable."""
-        nominal = self.nominal.with_effects((*self.nominal.effects, *effects))
-        return self.of(nominal, self.observed, self.noise, self.weight, self.tolerance_mm)
+        model = self.case.model.with_effects((*self.case.model.effects, *effects))
+        return self.of(replace(self.case, model=model), self.noise, self.weight)
 
     @property
     def nuisance_columns(self) -> FloatArray:

@@ -269,7 +269,7 @@ def _wild(observed: Observations, suspects: IntArray, least_mm2: float) -> Gross
 
 
 def _wild_in_words(observed: Observations, rows: IntArray) -> tuple[str, bool]:
-    """The title, and whether a slip of the stand would leave the very same readings."""
+    """The title, and whether a shift of the stand would leave the very same readings."""
     if len(rows) > 1:
         postures = " or ".join(_posture(observed, row) for row in sorted(rows.tolist()))
         return f"one reading is wild, {postures}", False

@@ -85,7 +85,7 @@ class ModelDiscrepancy:
 
 @dataclass(frozen=True)
 class Contender:
-    """A candidate as it stands in the race, and why it was not named.
+    """A candidate of the selection, and why it was not named.
 
     ``explained`` is the part of the gap's square that it takes away alone, between 0 and 1.
     """

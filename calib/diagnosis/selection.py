@@ -198,8 +198,8 @@ def credible_set(models: Sequence[WeighedModel]) -> list[WeighedModel]:
     ordered = heaviest_first(models)
     behind = np.array([m.log_weight - ordered[0].log_weight for m in ordered])
     weights = np.exp(np.maximum(behind, LEAST_LOG))
-    held = np.cumsum(weights / weights.sum())
-    return ordered[: int(np.count_nonzero(held < SET_SHARE)) + 1]
+    together = np.cumsum(weights / weights.sum())
+    return ordered[: int(np.count_nonzero(together < SET_SHARE)) + 1]
 
 
 def contained(inner: FloatArray, outer: FloatArray) -> float:

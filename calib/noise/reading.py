@@ -57,7 +57,7 @@ class Noise:
     that do not fit their own repeats; they are counted nevertheless. Degrees of freedom are
     infinite for a stated instrument: taken as known (GUM 4.3, type B).
     ``repeated`` is what repeats show: nothing where there are none, equal readings, less scatter
-    than rounding, or scatter. ``cycle_drift_mm`` is how far readings wander from cycle to cycle
+    than rounding, or scatter. ``cycle_drift_mm`` is how far readings drift from cycle to cycle
     where that is more than chance; it is not in the variances.
     """
 
@@ -82,9 +82,9 @@ class Noise:
     def degrees_of_freedom(self) -> float:
         """Degrees of freedom of that standard deviation (Welch and Satterthwaite, GUM G.4.1)."""
         total = sum(one.variance_mm2 for one in self.indicators)
-        shown = np.array([one.repeatability_mm2 for one in self.indicators])
+        scatter = np.array([one.repeatability_mm2 for one in self.indicators])
         spread = sum(
-            float(shown[self.estimates == number].sum()) ** 2
+            float(scatter[self.estimates == number].sum()) ** 2
             / self.indicators[number].degrees_of_freedom
             for number in set(self.estimates.tolist())
         )
@@ -286,8 +286,8 @@ def may_be_pooled(squares: FloatArray, free: FloatArray, step: float) -> bool:
 
 
 def _variances(repeatability_mm2: FloatArray, step: float, free: FloatArray) -> FloatArray:
-    shown = np.maximum(repeatability_mm2, 0.0)
-    return np.asarray(shown + quantisation_of_repeatability(shown, step, free))
+    scatter = np.maximum(repeatability_mm2, 0.0)
+    return np.asarray(scatter + quantisation_of_repeatability(scatter, step, free))
 
 
 @dataclass(frozen=True)
@@ -304,7 +304,7 @@ class NoisyIndicator:
 
 
 def noisy_indicators(observed: Observations, noise: Noise) -> list[NoisyIndicator]:
-    """Indicators with an estimate of their own, the loudest first."""
+    """Indicators with an estimate of their own, the noisiest first."""
     quiet = noise.quiet_mm2
     found = []
     for k, one in enumerate(noise.indicators):

@@ -1,4 +1,7 @@
-"""What may be missing: the catalogue at every place, and lone readings that may be outliers."""
+"""What may be missing: the catalogue at every place, and lone readings that may be outliers.
+
+What each costs before any reading, and which a procedure cannot tell apart.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,22 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.diagnosis.outliers import WILD_DISTANCE
-from calib.diagnosis.problem import Problem
-from calib.linalg import BLIND, squares_in
-from calib.observations import LEG_NAMES, TOUCHED_LETTERS, FloatArray, numbered, rows_of
-from calib.tripod.effects.candidates import Candidate, candidates_together
+from calib.diagnosis.problem import Case, Problem
+from calib.diagnosis.results import AliasMap, Imitation
+from calib.diagnosis.selection import ALIKE, contained
+from calib.linalg import BLIND, squares_in, without
+from calib.noise.reading import IndicatorFigures
+from calib.observations import (
+    LEG_NAMES,
+    TOUCHED_LETTERS,
+    FloatArray,
+    Observations,
+    numbered,
+    rows_of,
+)
+from calib.tripod.effects.candidates import Candidate, candidates, candidates_together, invisible
 from calib.tripod.effects.effect import EffectParameter, Kind, Law
+from calib.tripod.pipeline import Model
 
 FAR = 30.0
 """A parameter so many times its unremarkable size costs as much as one standard deviation."""
@@ -22,6 +36,12 @@ MOST_LOSS = 200.0
 
 ALL = "all"
 SHIFT = EffectParameter("shift", "mm", 1.0)
+
+ALIAS_NOISE_MM = 0.002
+"""Noise beside which effects are compared."""
+
+TOLERANCE_MM = (2.0, 2.0, 2.0, 0.1, 0.1, 0.1)
+"""Of joint offsets and bar lengths."""
 
 
 def hypotheses_of(problem: Problem, laws: Sequence[Law]) -> list[Candidate]:
@@ -112,3 +132,31 @@ def prior_constrained(white: FloatArray, y: FloatArray) -> FloatArray:
     """Least squares ``(k,)`` with a unit normal prior on each value."""
     inverse = np.linalg.solve(white.T @ white + np.eye(white.shape[1]), white.T)
     return np.asarray(inverse @ y)
+
+
+def alias_map(model: Model, taken: Observations, laws: Sequence[Law]) -> AliasMap:
+    """Compare every effect in its smallest places with every other; base parameters are free.
+
+    ``taken`` holds the readings of a procedure; their values do not matter.
+    """
+    figures = IndicatorFigures(repeatability_mm=ALIAS_NOISE_MM)
+    session = Case(model, taken, figures, np.array(TOLERANCE_MM)).fitted()
+    problem = Problem.of([session])
+    compared = [c for c in candidates(model, session.observed, laws) if c.arrangement != "each"]
+    blocks = [problem.block(c.columns) for c in compared]
+    found = []
+    for i, first in enumerate(compared):
+        for j, second in enumerate(compared):
+            if first.id == second.id or not blocks[i].shape[1]:
+                continue
+            share = contained(blocks[i], blocks[j])
+            if share > ALIKE:
+                column = problem.free(first.columns @ unremarkable(first))
+                rest = float((without(blocks[j], column) ** 2).sum())
+                pair = (first.id, first.where), (second.id, second.where)
+                found.append(Imitation(*pair, share, rest))
+    return AliasMap(
+        tuple(dict.fromkeys((c.id, c.where) for c in compared)),
+        tuple(found),
+        invisible(model, session.observed, laws),
+    )

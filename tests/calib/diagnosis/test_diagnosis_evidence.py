@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.aliases import alias_map
 from calib.diagnosis.gap import locate
-from calib.diagnosis.hypotheses import causes_of, hypotheses_of
+from calib.diagnosis.hypotheses import alias_map, causes_of, hypotheses_of
 from calib.diagnosis.model_selection import ModelSelection
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.selection import (

@@ -10,8 +10,10 @@ taken from the residuals and the scatter of repeats (Student's likelihood).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from calib.diagnosis.gross_errors import ODDS, GrossError, Suspicion, find_shift, suspicions
 from calib.diagnosis.hypotheses import hypotheses_of
@@ -19,9 +21,11 @@ from calib.diagnosis.model_selection import ModelSelection
 from calib.diagnosis.outliers import set_outliers_right
 from calib.diagnosis.problem import Case, FittedSession, Problem
 from calib.diagnosis.results import Finding, Named
-from calib.diagnosis.selection import Search, Spread, WeighedModel, heaviest_first
+from calib.diagnosis.selection import LOG_UNIT
 from calib.errors import NotIdentifiable
-from calib.linalg import without
+from calib.linalg import squares_in, union, without
+from calib.observations import FloatArray
+from calib.ties import descending
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import Kind, Law
@@ -37,6 +41,9 @@ MOST_EFFECTS = 3
 BEAM = 4
 CLOSED = 0.001
 """With a mistake that is not clear, and effects, no gap of smaller chance may be left."""
+
+WEIGHED = 8
+"""Of the effects that promise most, so many are weighed by the size they need."""
 
 LEAST_GAIN = 1e-6
 
@@ -95,67 +102,99 @@ def _fitted(case: Case) -> FittedSession | None:
 
 
 @dataclass(frozen=True, eq=False)
-class _Effects:
-    """Every effect of the catalogue that shows in a session, beside a mistake or without it."""
+class _Catalogue:
+    """Every effect that may act beside a mistake, as orthonormal blocks ``(n, r)``."""
 
     problem: Problem
-    candidates: Sequence[Candidate]
-    search: Search
+    shown: ModelSelection
+    freedom: int
 
     @classmethod
-    def of(cls, fitted_session: FittedSession, laws: Sequence[Law]) -> _Effects:
-        """All candidates that show, weighed by all readings, repeats included."""
+    def of(cls, fitted_session: FittedSession, laws: Sequence[Law]) -> _Catalogue:
+        """All candidates of the catalogue that show in this session."""
         problem = Problem.of([fitted_session])
         every = [one for one in hypotheses_of(problem, laws) if one.kind != Kind.BLUNDER]
-        shown = ModelSelection.of(problem, every)
-        freedom = float(len(problem.y) - problem.nuisance.shape[1])
-        spread = Spread(float(problem.y @ problem.y), freedom)
-        search = Search(problem.y, shown.blocks, spread, shown.log_priors, _unit_information)
-        return cls(problem, shown.candidates, search)
+        freedom = len(problem.y) - problem.nuisance.shape[1]
+        return cls(problem, ModelSelection.of(problem, every), freedom)
 
-    def log_weight(self, model: WeighedModel) -> float:
-        """Log likelihood (Student's) and prior, comparable between other readings of a session."""
-        return model.log_weight - 0.5 * self.search.spread.freedom * math.log(
-            self.search.spread.total
-        )
+    def width(self, explained: float, block: FloatArray) -> float:
+        """What a prior as wide as the effect found costs (unit information, fitted)."""
+        rank = max(block.shape[1], 1)
+        return float(0.5 * block.shape[1] * math.log(max(explained / rank, 1.0)))
 
-    def best(self, most: int) -> WeighedModel:
-        """The best model with so many effects or fewer; a few of the best are followed up."""
-        best = self.search.weigh(())
+    def weighed(self, members: tuple[int, ...], upon: _Account | None = None) -> _Account:
+        """These effects; ``upon`` is the account of all but the last, if there is one."""
+        y = self.problem.y
+        if not members:
+            return _Account((), np.zeros((len(y), 0)), 0.0, -0.5 * self.freedom * math.log(y @ y))
+        before = upon or self.weighed(members[:-1])
+        basis = union([before.basis, self.shown.blocks[members[-1]]])
+        more = basis[:, before.basis.shape[1] :]
+        width = self.width(squares_in(more, y), more)
+        log_prior = before.log_prior + width + float(self.shown.log_priors[members[-1]])
+        residual = without(basis, y)
+        weight = -0.5 * self.freedom * math.log(residual @ residual) - log_prior
+        return _Account(tuple(sorted(members)), basis, log_prior, weight)
+
+    def larger(self, one: _Account) -> list[_Account]:
+        """One effect more than this account; only the most promising."""
+        residual = without(one.basis, self.problem.y)
+        total = float(residual @ residual)
+        promise = []
+        for block in self.shown.blocks:
+            explained = squares_in(block, residual)
+            rest = max(total - explained, 1e-9 * total)
+            gain = 0.5 * self.freedom * math.log(total / rest)
+            promise.append(gain - self.width(explained, block))
+        others = (k for k in range(len(promise)) if k not in one.members)
+        order = descending(others, promise.__getitem__)[:WEIGHED]
+        return [self.weighed((*one.members, k), one) for k in order]
+
+    def best(self, most: int) -> _Account:
+        """The best account with so many effects or fewer; a few of the best are followed up."""
+        best = self.weighed(())
         beam = [best]
         for _ in range(most):
-            found = {m.members: m for one in beam for m in self.search.larger(one.members)}
-            beam = heaviest_first(list(found.values()))[:BEAM]
-            best = heaviest_first([best, *beam])[0]
+            found = {a.members: a for one in beam for a in self.larger(one)}
+            beam = _heaviest_first(found.values())[:BEAM]
+            if not beam:
+                break
+            best = _heaviest_first([best, beam[0]])[0]
         return self.exchanged(best)
 
-    def exchanged(self, best: WeighedModel) -> WeighedModel:
+    def exchanged(self, best: _Account) -> _Account:
         """One effect after the other left out or replaced, as long as that is better."""
         while True:
-            fewer = [tuple(k for k in best.members if k != m) for m in best.members]
-            others = [
-                m for one in fewer for m in (self.search.weigh(one), *self.search.larger(one))
-            ]
-            better = heaviest_first([best, *others])[0]
+            fewer = [self.weighed(tuple(k for k in best.members if k != m)) for m in best.members]
+            others = [a for one in fewer for a in (one, *self.larger(one))]
+            better = _heaviest_first([best, *others])[0]
             if better.log_weight <= best.log_weight + LEAST_GAIN:
                 return best
             best = better
 
-    def near(self, there: _Effects, model: WeighedModel) -> WeighedModel:
-        """The effects of a model in other readings, or better ones near them."""
-        known = {_key(one): k for k, one in enumerate(self.candidates)}
-        keys = [_key(there.candidates[k]) for k in model.members]
-        return self.exchanged(self.search.weigh([known[key] for key in keys if key in known]))
-
-
-def _unit_information(explained: float, rank: int, spread: Spread) -> float:
-    """Log likelihood above no effect, less what a prior as wide as the effects costs (fitted)."""
-    width = 0.5 * rank * math.log(max(explained / max(rank, 1), 1.0))
-    return spread.log_ratio(explained, 0.0) - width
+    def near(self, there: _Catalogue, account: _Account) -> _Account:
+        """The effects of an account in other readings, or better ones near them."""
+        known = {_key(one): k for k, one in enumerate(self.shown.candidates)}
+        keys = [_key(there.shown.candidates[k]) for k in account.members]
+        return self.exchanged(self.weighed(tuple(known[key] for key in keys if key in known)))
 
 
 def _key(one: Candidate) -> tuple[str, str, int]:
     return one.id, one.where, one.columns.shape[1]
+
+
+@dataclass(frozen=True, eq=False)
+class _Account:
+    """Some effects and how well they account for the readings: log likelihood less log prior."""
+
+    members: tuple[int, ...]
+    basis: FloatArray
+    log_prior: float
+    log_weight: float
+
+
+def _heaviest_first(accounts: Iterable[_Account]) -> list[_Account]:
+    return descending(accounts, lambda one: one.log_weight, LOG_UNIT)
 
 
 def _needed_given_effects(
@@ -168,27 +207,26 @@ def _needed_given_effects(
     Each comes with its corrected session, fitted. One that is not clear must be beyond doubt and
     leave no gap. Effects that do almost as well are named with it.
     """
-    alone = _Effects.of(before, laws)
+    alone = _Catalogue.of(before, laws)
     if not alone.problem.has_repeats() or alone.problem.structure_df < 1:
         return next((one.error for one, _ in suspected if one.clear), None)
     effects = alone.best(MOST_EFFECTS)
     for one, fitted_session in sorted(suspected, key=lambda each: not each[0].clear):
-        corrected = _Effects.of(fitted_session, laws)
-        model = corrected.best(MOST_EFFECTS if one.clear else MOST_EFFECTS - 1)
+        corrected = _Catalogue.of(fitted_session, laws)
+        account = corrected.best(MOST_EFFECTS if one.clear else MOST_EFFECTS - 1)
         # what was found beside a mistake must be tried without it, too
-        effects = heaviest_first([effects, alone.near(corrected, model)])[0]
-        likelier = corrected.log_weight(model) - alone.log_weight(effects) - one.log_tried
-        if likelier > math.log(ODDS) and (one.clear or _closes(corrected, model)):
+        effects = _heaviest_first([effects, alone.near(corrected, account)])[0]
+        likelier = account.log_weight - effects.log_weight - one.log_tried
+        if likelier > math.log(ODDS) and (one.clear or _closes(corrected.problem, account)):
             return one.error
         if one.clear and likelier > math.log(DOUBTFUL_ODDS):
-            named = [alone.candidates[k] for k in effects.members]
+            named = [alone.shown.candidates[k] for k in effects.members]
             return replace(one.error, or_else=tuple(Named(each.id, each.where) for each in named))
     return None
 
 
-def _closes(effects: _Effects, model: WeighedModel) -> bool:
+def _closes(problem: Problem, account: _Account) -> bool:
     """Whether no gap is left beyond chance."""
-    problem = effects.problem
-    basis = effects.search.basis(model.members)
-    df = problem.structure_df - basis.shape[1]
-    return df > 0 and problem.gap_p_value(problem.gap(without(basis, problem.y)), df) > CLOSED
+    df = problem.structure_df - account.basis.shape[1]
+    gap = problem.gap(without(account.basis, problem.y))
+    return df > 0 and problem.gap_p_value(gap, df) > CLOSED

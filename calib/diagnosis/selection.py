@@ -13,7 +13,7 @@ good, all candidates drawn jointly (look-elsewhere effect).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,7 +103,6 @@ class Search:
     blocks: Sequence[FloatArray]
     spread: Spread
     log_priors: FloatArray
-    evidence: Callable[[float, int, Spread], float] = log_bayes_factor
 
     def by_causes(
         self, singles: Sequence[WeighedModel], causes: Sequence[int], most: int
@@ -129,11 +128,6 @@ class Search:
         """Orthonormal basis ``(n, r)`` of candidates together."""
         nothing = np.zeros((len(self.y), 0))
         return union([self.blocks[k] for k in members]) if members else nothing
-
-    def weigh(self, members: Sequence[int]) -> WeighedModel:
-        """One model of these candidates."""
-        basis = self.basis(members)
-        return self._weighed(tuple(members), squares_in(basis, self.y), basis.shape[1])
 
     def singles(self) -> list[WeighedModel]:
         """Every candidate alone."""
@@ -179,7 +173,7 @@ class Search:
     def _weighed(self, members: tuple[int, ...], explained: float, rank: int) -> WeighedModel:
         members = tuple(sorted(members))
         log_prior = float(self.log_priors[list(members)].sum())
-        weight = self.evidence(explained, rank, self.spread) - log_prior
+        weight = log_bayes_factor(explained, rank, self.spread) - log_prior
         return WeighedModel(members, explained, weight)
 
 

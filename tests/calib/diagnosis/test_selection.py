@@ -21,10 +21,10 @@ def test_slip_drift_and_wild_readings_are_told_apart(seed: int) -> None:
     rows = np.flatnonzero(clean.mount == 2)
     slipped = clean.value_mm.copy()
     slipped[rows[9:]] += 0.05
-    slip = find_shift(replace(clean, value_mm=slipped))
-    assert slip is not None
-    assert slip.rows[0] == rows[9]
-    shift_mm = (slipped - slip.corrected.value_mm)[rows[9:]]
+    shift = find_shift(replace(clean, value_mm=slipped))
+    assert shift is not None
+    assert shift.rows[0] == rows[9]
+    shift_mm = (slipped - shift.corrected.value_mm)[rows[9:]]
     assert shift_mm == pytest.approx(0.05, abs=0.006)
     wandering = clean.value_mm.copy()
     wandering[rows] += np.linspace(0.0, 0.1, len(rows))

@@ -67,11 +67,11 @@ def test_a_slip_is_no_drift_and_no_wild_reading(
     """Before the third reading, or between two cycles, repeats of one approach cannot tell."""
     clean_one = case(taken, seed=first).observed
     rows = rows_of(clean_one, 3)
-    slip = find_shift(shifted(clean_one, rows[first:], by_mm))
-    assert slip is not None
-    assert slip.rows[0] == rows[first]
-    assert f"before the reading at {clean_one.posture_words(rows[first])}" in slip.title
-    assert np.abs(slip.corrected.value_mm - clean_one.value_mm).max() < 0.008
+    shift = find_shift(shifted(clean_one, rows[first:], by_mm))
+    assert shift is not None
+    assert shift.rows[0] == rows[first]
+    assert f"before the reading at {clean_one.posture_words(rows[first])}" in shift.title
+    assert np.abs(shift.corrected.value_mm - clean_one.value_mm).max() < 0.008
 
 
 @pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])

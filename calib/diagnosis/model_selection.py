@@ -22,7 +22,6 @@ from calib.diagnosis.hypotheses import (
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.results import Gap, Value
 from calib.diagnosis.selection import (
-    Reference,
     Search,
     WeighedModel,
     credible_set,
@@ -200,7 +199,7 @@ class ModelSelection:
         """Global p-value of the best further candidate, and the local log p of each ``(J,)``."""
         blocks, y = self.given(kept)
         noise_df = None if by_cells else self.problem.noise_df
-        reference = Reference(noise_df, self._structure_df(kept))
+        df = self._structure_df(kept)
         present = [k for k, block in enumerate(blocks) if block.shape[1]]
         shown = [blocks[k] for k in present]
         local = np.zeros(len(blocks))
@@ -210,11 +209,12 @@ class ModelSelection:
         total = np.array([self.problem.gap(y)])
         if by_cells:
             squares = np.minimum(squares, total)
-        local[present] = scores(squares, [b.shape[1] for b in shown], reference, total)[:, 0]
+        ranks = [block.shape[1] for block in shown]
+        local[present] = scores(squares, ranks, noise_df, df, total)[:, 0]
         key = kept, by_cells
         if key not in self._nulls:  # a step is asked for several times, its draws take longest
             deviation = self.problem.unevenness()
-            self._nulls[key] = null_scores(shown, reference, deviation)
+            self._nulls[key] = null_scores(shown, noise_df, df, deviation)
         return global_p_value(float(local.min()), self._nulls[key]), local
 
     def given(self, kept: tuple[int, ...]) -> tuple[list[FloatArray], FloatArray]:

@@ -203,32 +203,25 @@ def contained(inner: FloatArray, outer: FloatArray) -> float:
     return squares_in(outer, inner) / int(inner.shape[1])
 
 
-@dataclass(frozen=True)
-class Reference:
-    """What a score is compared with: the noise of repeats, or what the cells leave.
-
-    ``noise_df`` are its degrees of freedom, infinite for a stated instrument. None: the noise is
-    judged from what a candidate leaves of ``structure_df`` degrees of freedom.
-    """
-
-    noise_df: float | None
-    structure_df: int
-
-
 def scores(
-    squares: FloatArray, ranks: Sequence[int], reference: Reference, total: FloatArray
+    squares: FloatArray,
+    ranks: Sequence[int],
+    noise_df: float | None,
+    structure_df: int,
+    total: FloatArray,
 ) -> FloatArray:
     """Log p-values ``(J, draws)`` of explained squares ``(J, draws)`` for blocks of these ranks.
 
-    ``total`` ``(draws,)`` is the square sum of everything, for a reference by cells; for one by
-    noise the squares are already divided by its variance.
+    Compared with the noise of repeats, of which ``noise_df`` are the degrees of freedom, infinite
+    for a stated instrument, and the variance 1. None: compared with what a candidate leaves of
+    ``structure_df`` degrees of freedom, ``total`` ``(draws,)`` being the square sum of everything.
     """
     found = np.empty_like(squares)
     for rank in sorted(set(ranks)):
         rows = np.equal(ranks, rank)
-        ratio, rest = squares[rows] / rank, reference.noise_df
+        ratio, rest = squares[rows] / rank, noise_df
         if rest is None:
-            rest = float(max(reference.structure_df - rank, 1))
+            rest = float(max(structure_df - rank, 1))
             ratio = ratio / (np.maximum(total - squares[rows], 1e-300) / rest)
         found[rows] = _log_tail(ratio, rank, rest)
     return found
@@ -251,7 +244,10 @@ def _log_tail(ratio: FloatArray, rank: int, rest: float) -> FloatArray:
 
 
 def null_scores(
-    blocks: Sequence[FloatArray], reference: Reference, deviation: FloatArray
+    blocks: Sequence[FloatArray],
+    noise_df: float | None,
+    structure_df: int,
+    deviation: FloatArray,
 ) -> FloatArray:
     """Best scores of pure noise ``(draws,)`` for these orthonormal blocks ``(n, r)``.
 
@@ -268,12 +264,11 @@ def null_scores(
     squares = np.add.reduceat(parts**2, np.cumsum([0, *widths[:-1]]), axis=0)
     ranks = sorted(set(widths))  # at one rank the largest has the best score
     squares = np.array([squares[np.equal(widths, r)].max(axis=0) for r in ranks])
-    rest = max(reference.structure_df - len(draws), 0)
+    rest = max(structure_df - len(draws), 0)
     total = (draws**2).sum(axis=0) + (generator.chisquare(rest, DRAWS) if rest else 0.0)
-    noise_df = reference.noise_df
     if noise_df is not None and math.isfinite(noise_df):
         squares = squares / (generator.chisquare(noise_df, DRAWS) / noise_df)
-    return np.asarray(scores(squares, ranks, reference, total).min(axis=0))
+    return np.asarray(scores(squares, ranks, noise_df, structure_df, total).min(axis=0))
 
 
 def global_p_value(score: float, null: FloatArray) -> float:

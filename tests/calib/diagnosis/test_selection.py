@@ -11,7 +11,7 @@ from scipy.stats import f as f_distribution
 
 from calib.diagnosis.gross_errors import find_shift
 from calib.diagnosis.problem import Problem
-from calib.diagnosis.selection import Reference, global_p_value, null_scores, scores
+from calib.diagnosis.selection import global_p_value, null_scores, scores
 from tests.calib.diagnosis.diagnosed_sessions import SWEEP, case, problem
 
 
@@ -50,7 +50,7 @@ def test_gap_of_pure_noise_is_chi_squared() -> None:
 @pytest.mark.parametrize("noise_df", [12.0, 144.0, math.inf])
 def test_log_scores_against_scipy(rank: int, noise_df: float) -> None:
     squares = np.geomspace(0.01, 400.0, 40)[None, :]
-    found = scores(squares, [rank], Reference(noise_df, 60), np.full(40, 1e9))[0]
+    found = scores(squares, [rank], noise_df, 60, np.full(40, 1e9))[0]
     df2 = 1e9 if math.isinf(noise_df) else noise_df
     expected = f_distribution.logsf(squares[0] / rank, rank, df2)
     np.testing.assert_allclose(found, expected, rtol=0.02, atol=0.02)
@@ -62,14 +62,13 @@ def test_global_p_value_is_uniform_on_noise(*, uneven: bool) -> None:
     generator = np.random.default_rng(0)
     blocks = [np.linalg.qr(generator.normal(size=(40, r)))[0] for r in (1, 1, 2, 3, 1, 6)]
     deviation = np.where(np.arange(40) < 20, 0.45, 1.34) if uneven else np.ones(40)
-    reference = Reference(30.0, 40)
-    null = null_scores(blocks, reference, deviation)
+    null = null_scores(blocks, 30.0, 40, deviation)
     found = []
     for _ in range(400):
         y = deviation * generator.normal(size=40)
         square = np.array([((b.T @ y) ** 2).sum() for b in blocks])[:, None]
         square = square / (generator.chisquare(30.0) / 30.0)
-        local = scores(square, [b.shape[1] for b in blocks], reference, np.array([1e9]))
+        local = scores(square, [b.shape[1] for b in blocks], 30.0, 40, np.array([1e9]))
         found.append(global_p_value(float(local.min()), null))
     assert np.mean(np.array(found) <= 0.1) == pytest.approx(0.1, abs=0.06)
     assert np.mean(np.array(found) <= 0.5) == pytest.approx(0.5, abs=0.1)

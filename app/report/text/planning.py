@@ -8,7 +8,7 @@ from app.planning.next_measurement import NextMeasurement
 from app.report.text.tables import new_table, table_text, wrapped
 from calib.design.criteria import Criterion
 from calib.design.planning import Combination, SeenBy
-from calib.diagnosis.aliases import AliasMap
+from calib.diagnosis.results import AliasMap
 from calib.identify.next_mounting import Proposal
 from calib.stats import coverage_factor
 from calib.tripod.optimum import ChosenPostures, Figures

@@ -35,6 +35,7 @@ from app.screens.start import Glidecal
 from benchmarks.picture_delays import TICK_S, Blocked, Delays, Terminal, listening
 from drivers.profile import Asked, Spindle
 from drivers.twin_port import TwinPort, default_transport
+from drivers.twins import twin_of
 from protocols.procedure import Step
 
 ROOT = Path(__file__).parent.parent
@@ -87,7 +88,7 @@ def open_indicators(plan: Plan, machine: Machine, undo: ExitStack) -> Indicators
     gauges = []
     for index, instrument in enumerate(plan.instruments):
         profile = profile_of(instrument)
-        twin = profile.make_twin(machine.spindle(index))
+        twin = twin_of(profile, machine.spindle(index))
         port = undo.enter_context(TwinPort(twin, default_transport()))
         gauge = Gauge(
             profile,

@@ -15,7 +15,7 @@ from textual.drivers.headless_driver import HeadlessDriver
 from app.measuring.gauges import Gauge
 from app.report.text.tables import signed
 from app.screens.measure import MeasureScreen
-from app.screens.widgets import GaugeDisplay
+from app.screens.session_view import GaugeDisplay
 from drivers.profile import Outcome, Reading
 
 TICK_S = 0.005

@@ -19,7 +19,7 @@ from app.report.text.home import CHECK_HELP
 from app.report.text.session import check_text
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
-from app.screens.widgets import GaugeDisplay
+from app.screens.session_view import GaugeDisplay
 from calib.errors import GlidecalError
 
 REFRESH_S = 0.1

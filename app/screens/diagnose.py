@@ -11,7 +11,7 @@ from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
-from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
+from textual.widgets import Footer, Static, TabbedContent, TabPane
 from textual.worker import get_current_worker
 
 from app.evaluating.adoption import adopt, write_procedure
@@ -93,13 +93,7 @@ class DiagnoseScreen(PagedScreen):
         yield Footer(compact=True, show_command_palette=False)
 
     def on_mount(self) -> None:
-        self.query_one(Tabs).can_focus = False  # the keys of this screen turn the pages
         self._look()
-
-    def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
-        """Up and down scroll the text of the page that is shown."""
-        scrolls = event.pane.query(VerticalScroll)
-        self.set_focus(scrolls.first() if scrolls else None)
 
     def _look(self) -> None:
         """Diagnose apart from the screen."""

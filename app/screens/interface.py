@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import signal
+import stat
+import sys
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
@@ -29,7 +33,6 @@ from app.measuring.session import GuidedSession
 from app.report.text.settings import key_list_text
 from app.screens.dialogs import HelpDialog
 from app.screens.fast_keys import Palette, ready
-from app.screens.leaving import on_signals
 from app.settings import Settings, save_theme, settings_path
 from calib.errors import GlidecalError
 from calib.printable import HIDDEN
@@ -47,7 +50,12 @@ PALETTE = (
     ("Keys", "Every key of this screen"),
     ("Quit", "Leave; an open session is paused and can be continued"),
 )
+WIDE = 110
+"""Columns from which text and plot stand side by side."""
+
 NO_HELP = "The keys of this screen stand in its last line."
+SIGNALS = ("SIGTERM", "SIGHUP")
+"""By name: Windows knows no SIGHUP."""
 
 
 class PrintableRows(LineFilter):
@@ -92,6 +100,7 @@ class Interface(App[str]):
         read_only: bool = False,
     ) -> None:
         super().__init__()
+        self.HORIZONTAL_BREAKPOINTS = [(WIDE, "wide")]  # a class of every screen so wide
         self._first = first
         self.read_only = read_only
         self._settings = settings or Settings()
@@ -282,3 +291,44 @@ class Interface(App[str]):
 def _words_of(panel: Widget) -> str:
     """The help of a panel, or its tooltip."""
     return panel.HELP or (str(panel.tooltip) if panel.tooltip else "")
+
+
+def on_signals(leave: Callable[[], object]) -> Callable[[], None]:
+    """Call ``leave`` in the running loop for each of the signals; gives back how to undo that.
+
+    Where a loop takes no signals (Windows, another thread than the main one) nothing happens.
+    """
+    loop = asyncio.get_running_loop()
+    taken: list[signal.Signals] = []
+    for name in SIGNALS:
+        number = getattr(signal, name, None)
+        if number is None:
+            continue
+        try:
+            loop.add_signal_handler(number, _receive, number, leave)
+        except (NotImplementedError, RuntimeError, ValueError):
+            # Windows, or not the main thread: the terminal's own keys leave as before
+            return lambda: None
+        taken.append(number)
+
+    def undo() -> None:
+        for number in taken:
+            loop.remove_signal_handler(number)
+
+    return undo
+
+
+def _receive(number: signal.Signals, leave: Callable[[], object]) -> None:
+    if number.name == "SIGHUP":
+        _write_nowhere()
+    leave()
+
+
+def _write_nowhere() -> None:
+    """The terminal is gone: what is still to be shown must neither fail nor wait."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for stream in (sys.__stdout__, sys.__stderr__):
+        # a lost terminal is still a character device, but isatty denies it
+        if stream is not None and stat.S_ISCHR(os.fstat(stream.fileno()).st_mode):
+            os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)

@@ -33,8 +33,7 @@ from app.screens.dialogs import ChoiceDialog
 from app.screens.leg_review import LegReviewScreen
 from app.screens.line_cache import CachedLines
 from app.screens.news import News
-from app.screens.session_view import SessionView
-from app.screens.widgets import KeyLine
+from app.screens.session_view import KeyLine, SessionView
 from calib.errors import GlidecalError
 from drivers.profile import Fault, Reading
 from protocols.procedure import Step
@@ -68,10 +67,6 @@ COLLECT_SELDOM = 5_000, 20, 100
 
 SLEPT_S = 5.0
 """Between two looks: after so long the computer slept."""
-
-
-WIDE = 110
-"""Columns from which table and plot stand side by side."""
 
 
 class MeasureScreen(Corrections, CachedLines):
@@ -149,7 +144,6 @@ class MeasureScreen(Corrections, CachedLines):
             self.say(clock_set_text(jump_s))
 
     def on_resize(self, event: Resize) -> None:
-        self.set_class(event.size.width >= WIDE, "wide")
         self._show_step()
         narrow = event.size.width < LEAST_SIZE.width or event.size.height < LEAST_SIZE.height
         if narrow:

@@ -23,7 +23,6 @@ from app.measuring.indicators import (
 from app.measuring.opening import Plan, session_name
 from app.report.text.home import FIELD_HELP, PREPARE_HELP
 from app.report.text.session import dry_run_text, procedure_sentence
-from app.screens.dry_run import DryRunScreen
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
 from calib.errors import GlidecalError
@@ -162,6 +161,32 @@ class PrepareScreen(Screen[None]):
             operator=self._value("operator"),
             temperature_c=_temperature(self._value("temperature")),
         )
+
+
+class DryRunScreen(Screen[None]):
+    """Every step of a procedure, to scroll through."""
+
+    HELP = (
+        "The steps in the order in which they are measured, each with the\n"
+        "line to type at the controller. Nothing is opened or written."
+    )
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "app.pop_screen", "Back", id="dry-run.back"),
+        Binding("f10", "app.quit", "Quit", id="dry-run.quit"),
+    ]
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self._text = text
+
+    def compose(self) -> ComposeResult:
+        yield Title()
+        with VerticalScroll(id="dry-run"):
+            yield Static(self._text, id="dry-run-text", markup=False)
+        yield Footer()
+
+    def on_mount(self) -> None:
+        self.query_one("#dry-run").focus()
 
 
 def _temperature(text: str) -> float | None:

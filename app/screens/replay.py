@@ -32,8 +32,6 @@ from calib.errors import GlidecalError
 from protocols.record import read_record
 
 TICK_S = 0.1
-WIDE = 110
-"""Columns from which table and plot stand side by side, as in measuring."""
 
 
 class ReplayedResult(ResultScreen):
@@ -107,7 +105,6 @@ class ReplayScreen(Screen[None]):
         self.set_interval(TICK_S, self._tick)
 
     def on_resize(self, event: Resize) -> None:
-        self.set_class(event.size.width >= WIDE, "wide")
         self._show_picture()
 
     def _tick(self) -> None:

@@ -9,23 +9,27 @@ from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
-from textual.events import Resize
-from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
+from textual.screen import Screen
+from textual.widgets import Footer, Static, TabbedContent, TabPane
 
+from app.evaluating.comparison import Comparison
 from app.evaluating.solution import SessionSolution
 from app.exports import export_offsets
 from app.measuring.demo import verification_plan
 from app.measuring.opening import Plan
 from app.report.charts.charts import before_and_after, measured_and_predicted
 from app.report.text.result import (
+    COMPARISON_HELP,
     NO_PLAN,
     ONLY_SHOWN,
     RESULT_HELP,
+    comparison_report,
     comparison_text,
     copied_text,
     exported_text,
     result_text,
 )
+from app.screens.fast_keys import Title
 from app.screens.interface import Interface
 from app.screens.pages import PagedScreen
 from app.screens.plot import ChartPlot
@@ -38,9 +42,6 @@ CHOICES: dict[str, Subset] = {
     "3": "both",
     "4": "with-tolerances",
 }
-WIDE = 110
-"""Columns from which text and plot stand side by side."""
-
 RESULT, PLOT, COMPARISON = "tab-result", "tab-plot", "tab-comparison"
 
 
@@ -93,11 +94,7 @@ class ResultScreen(PagedScreen):
         yield ChartPlot(before_and_after(before.solution, now), plot_id="before-after")
 
     def on_mount(self) -> None:
-        self.query_one(Tabs).can_focus = False  # the keys of this screen turn the pages
         self._show()
-
-    def on_resize(self, event: Resize) -> None:
-        self.set_class(event.size.width >= WIDE, "wide")
 
     def _show(self) -> None:
         text = result_text(self.solved, self.before, measured_here=self.plan is not None)
@@ -105,11 +102,6 @@ class ResultScreen(PagedScreen):
         chart = measured_and_predicted(self.solved.solution)
         for name in ("#beside", "#plot"):
             self.query_one(name, ChartPlot).show(chart)
-
-    def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
-        """Up and down scroll the text of the page that is shown."""
-        scrolls = event.pane.query(VerticalScroll)
-        self.set_focus(scrolls.first() if scrolls else None)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Nothing is offered that this program will not do; its key says why."""
@@ -176,3 +168,42 @@ class ResultScreen(PagedScreen):
     def action_home(self) -> None:
         """Back to the first screen."""
         self.app.go_to(self.app.home())
+
+
+class CompareScreen(Screen[None]):
+    """Two sessions side by side."""
+
+    app: Interface
+    HELP = COMPARISON_HELP
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("g", "plot", "Plot", id="compare.plot"),
+        Binding("y", "copy", "Copy", id="compare.copy"),
+        Binding("escape", "app.pop_screen", "Back", id="compare.back"),
+        Binding("f10", "app.quit", "Quit", id="compare.quit"),
+    ]
+
+    def __init__(self, comparison: Comparison) -> None:
+        super().__init__()
+        self._comparison = comparison
+        self._text = comparison_report(comparison)
+
+    def compose(self) -> ComposeResult:
+        yield Title()
+        before, after = self._comparison.before.solution, self._comparison.after.solution
+        with Horizontal(id="compare"):
+            with VerticalScroll(id="compare-words"):
+                yield Static(self._text, id="compare-text", markup=False)
+            yield ChartPlot(before_and_after(before, after), plot_id="compare-chart")
+        yield Footer()
+
+    def on_mount(self) -> None:
+        self.query_one("#compare-words").focus()
+
+    def action_plot(self) -> None:
+        """The plot instead of the text, where there is no room for both."""
+        self.toggle_class("plotted")
+
+    def action_copy(self) -> None:
+        """The text into the clipboard of the terminal."""
+        self.app.copy_to_clipboard(self._text)
+        self.app.notify(copied_text(self._text), markup=False)

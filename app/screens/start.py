@@ -12,14 +12,13 @@ from textual.screen import Screen
 from app.measuring.opening import Plan
 from app.report.streams import need_terminal
 from app.screens.check import CheckScreen
-from app.screens.compare import CompareScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
 from app.screens.keys import settings_for_screens
 from app.screens.measure import MeasureScreen
+from app.screens.pick import ReplayChoiceScreen
 from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
-from app.screens.replay_choice import ReplayChoiceScreen
 from app.settings import settings_path
 from protocols.record import read_record
 
@@ -51,6 +50,8 @@ class Glidecal(Interface):
         return ResultScreen(solved, plan, path)
 
     def comparison(self, compared: Comparison) -> Screen[None]:
+        from app.screens.result import CompareScreen
+
         return CompareScreen(compared)
 
     def diagnosis(self, paths: list[Path]) -> Screen[None]:

@@ -15,7 +15,7 @@ from textual.widget import Widget
 from app.measuring.gauges import Live, Motion
 from app.screens import interface
 from app.screens.news import News
-from app.screens.widgets import GaugeDisplay, Line, big_digits
+from app.screens.session_view import GaugeDisplay, Line, big_digits
 from drivers.profile import Fault, FaultKind, Outcome, Reading
 
 SIZE = (80, 24)

@@ -31,8 +31,8 @@ from app.screens.plot import ChartPlot
 from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
+from app.screens.session_view import GaugeDisplay
 from app.screens.start import Glidecal
-from app.screens.widgets import GaugeDisplay
 from protocols.record import read_record
 from protocols.session import fold
 from tests.conftest import ROOT

@@ -9,11 +9,10 @@ from pathlib import Path
 
 from app.evaluating.own_effects import known_laws
 from app.evaluating.solution import SessionSolution
-from app.measuring.hidden_effect import hidden_effect
 from app.measuring.indicators import DEFAULT_PROFILE, simulated_indicators
 from app.measuring.opening import Plan, session_name
 from app.measuring.session import GuidedSession, TakenStep
-from app.measuring.simulated import BenchSettings, planned_readings
+from app.measuring.simulated import BenchSettings, hidden_effect, planned_readings
 from calib.tripod.simulation import hidden_machine
 from drivers.errors import IndicatorError
 from protocols.files import unused_path

@@ -215,18 +215,14 @@ class DiagnoseScreen(PagedScreen):
     def action_next(self) -> None:
         """The next measurement as a procedure file beside the session."""
         found = self._ready()
-        if found is None:
+        proposed = found.diagnosis.next_measurement if found else None
+        if found is None or proposed is None:
             return
-        proposed = found.diagnosis.next_measurement
-        first = self.paths[0]
-        path = unused_path(first.with_name(f"{first.stem}_next.toml"))
-        assert proposed is not None
         if not proposed.protocol.startswith("schema"):
             self.app.notify(run_named(proposed.protocol), timeout=12, markup=False)
-        else:
-            self._write_next(found, path)
-
-    def _write_next(self, found: SessionDiagnosis, path: Path) -> None:
+            return
+        first = self.paths[0]
+        path = unused_path(first.with_name(f"{first.stem}_next.toml"))
         try:
             write_procedure(found, path)
         except GlidecalError as problem:

@@ -117,17 +117,18 @@ class HomeScreen(Screen[None]):
             elif what == "compare":
                 self._compare(session)
             elif what == "hexaslide":
-                self._open_hexaslide()
+                self.app.push_screen(self.app.hexaslide())
             elif session is None:
                 self._pick(WHICH[what], partial(self._do, what))
             elif what == "continue":
                 self._continue(session.path)
             elif what == "replay":
-                self._replay(session.path)
+                self.app.push_screen(self.app.replay(session.path))
             elif what == "diagnose":
-                self._diagnose(session.path)
+                self.app.push_screen(self.app.diagnosis([session.path]))
             else:
-                self._start(partial(JOBS[what], self, session.path))
+                job = self._export if what == "export" else self._show_result
+                self._start(partial(job, session.path))
         except GlidecalError as problem:
             self.app.complain(problem)
 
@@ -163,15 +164,6 @@ class HomeScreen(Screen[None]):
         sessions = [session for session in self._recent if session != left_out]
         picking = PickScreen(question, sessions, proposed)
         self.app.push_screen(picking, lambda session: then(session) if session else None)
-
-    def _replay(self, path: Path) -> None:
-        self.app.push_screen(self.app.replay(path))
-
-    def _diagnose(self, path: Path) -> None:
-        self.app.push_screen(self.app.diagnosis([path]))
-
-    def _open_hexaslide(self) -> None:
-        self.app.push_screen(self.app.hexaslide())
 
     def _compare(self, session: Recent | None) -> None:
         """Find the two sessions; one that verifies another brings its partner."""
@@ -235,9 +227,3 @@ class HomeScreen(Screen[None]):
     def _show_comparison(self, before: Path, after: Path) -> Callable[[], object]:
         comparison = compare_files(before, after)
         return lambda: self.app.push_screen(self.app.comparison(comparison))
-
-
-JOBS: dict[str, Callable[[HomeScreen, Path], Callable[[], object]]] = {
-    "result": HomeScreen._show_result,
-    "export": HomeScreen._export,
-}

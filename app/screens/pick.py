@@ -16,12 +16,12 @@ from app.measuring.recent import Recent, look_at
 from app.report.text.home import ELSEWHERE, NO_SESSIONS, PICK_KEYS, session_label
 from app.report.text.replay import REPLAY_QUESTION
 from app.screens.dialogs import TextDialog
-from app.screens.fast_keys import Leaving, Title
+from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import Interface
 from calib.errors import GlidecalError
 
 
-class PickScreen(Leaving[Recent]):
+class PickScreen(LeftOnce[Recent]):
     """Recent sessions with their state, or the path of another one; none by Escape."""
 
     app: Interface

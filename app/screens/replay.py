@@ -118,7 +118,7 @@ class ReplayScreen(Screen[None]):
     def _show(self) -> None:
         """Everything as it is at this place of the record."""
         self._show_picture()
-        self.say(said_text(self.playback))
+        self.view.say(said_text(self.playback))
         self._show_list()
 
     def _show_picture(self) -> None:
@@ -132,21 +132,17 @@ class ReplayScreen(Screen[None]):
         line = progress_line(self.path.name, playback.place, playback.speed, playback.state)
         self.view.show_progress(line)
 
-    def say(self, text: str) -> None:
-        """One line under the panels."""
-        self.view.say(text)
-
     def _show_list(self) -> None:
         """The readings so far; what is shown already is only added to."""
         if not self.has_class("listing"):
             return
         lines = reading_lines(self.playback.session)
-        kept = len(self._listed)
+        shown = len(self._listed)
         listing = self.query_one("#taken", Log)
-        if lines[:kept] != self._listed:
+        if lines[:shown] != self._listed:
             listing.clear()
-            kept = 0
-        listing.write_lines(lines[kept:])
+            shown = 0
+        listing.write_lines(lines[shown:])
         self._listed = lines
 
     def action_play(self) -> None:
@@ -191,7 +187,7 @@ class ReplayScreen(Screen[None]):
         try:
             self.playback.jump_to(text)
         except GlidecalError as problem:
-            self.say(str(problem))
+            self.view.say(str(problem))
         else:
             self._show()
 
@@ -216,7 +212,7 @@ class ReplayScreen(Screen[None]):
         """Every reading so far to the clipboard of the terminal."""
         lines = reading_lines(self.playback.session)
         self.app.copy_to_clipboard("\n".join(lines) + "\n")
-        self.say(copied_text(len(lines)))
+        self.view.say(copied_text(len(lines)))
 
     def action_back(self) -> None:
         """To the screen that this one was opened from."""
@@ -245,6 +241,6 @@ class ReplayScreen(Screen[None]):
     def _solved(self, found: SessionSolution | str) -> None:
         self._solving = False
         if isinstance(found, str):
-            self.say(unsolved_text(found))
+            self.view.say(unsolved_text(found))
         elif self.is_current:
             self.app.push_screen(ReplayedResult(found, None, self.path))

@@ -50,3 +50,14 @@ SYLVAC_SIMPLEX = replace(
     interval_s=0.5,
     hint="Asked by a pulse on DTR of at least 110 ms; after that the display holds its value.",
 )
+
+# No command table of Mahr was found; that its gauges work on opto-RS duplex inputs is known.
+MAHR_MARCATOR = replace(
+    SYLVAC,
+    name="mahr-marcator",
+    title="Mahr MarCator 1075R, 1086, 1087 (opto RS-232)",
+    verified=Verified.UNVERIFIED,
+    source="from memory, supposed to be alike Sylvac opto-RS duplex; no vendor document found",
+    button=False,
+    hint="Unverified: compare some readings with the display, in mm, before you trust it.",
+)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import ClassVar
 
 from textual.app import ComposeResult
@@ -62,7 +61,10 @@ class LegReviewScreen(Dialog[bool]):
         self.set_class(self.app.size.width >= WIDE, "wide")  # before the first picture, not after
         self.call_after_refresh(self._draw_chart)  # a chart takes long; the words come first
         if self._unattended:
-            self.set_timer(UNATTENDED_S, partial(self.dismiss, False))
+            self.set_timer(UNATTENDED_S, self._go_on)
 
     def _draw_chart(self) -> None:
         self.query_one(ChartPlot).show(readings_by_posture(self._session, self._step))
+
+    def _go_on(self) -> None:
+        self.dismiss(False)  # not awaited: it is this screen's own handler

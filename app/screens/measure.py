@@ -6,6 +6,7 @@ import asyncio
 import gc
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import ClassVar
 
 from textual import work
@@ -13,6 +14,7 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.events import Resize
 from textual.geometry import Size
+from textual.widgets import Footer
 
 from app.evaluating.solution import solve_for_controller
 from app.measuring.gauges import Live, Motion
@@ -31,9 +33,7 @@ from app.report.text.session import (
 from app.screens.corrections import Corrections
 from app.screens.dialogs import ChoiceDialog
 from app.screens.leg_review import LegReviewScreen
-from app.screens.line_cache import CachedLines
-from app.screens.news import News
-from app.screens.session_view import KeyLine, SessionView
+from app.screens.session_view import SessionView
 from calib.errors import GlidecalError
 from drivers.profile import Fault, Reading
 from protocols.procedure import Step
@@ -46,8 +46,11 @@ CALM_GATHER_S = 0.025
 """The same while nothing moves: half the time between two readings makes one picture of two."""
 
 IDLE_S = 5.0
-IDLE_GATHER_S = 0.09
-"""After so long of standing still only a last digit flickers: ten pictures a second are enough."""
+IDLE_GATHER_S = 0.19
+"""After so long of standing still only a last digit flickers: five pictures a second are enough.
+
+With GATHER_S alone waiting takes 7 % of a core (`make bench` allows 5), with this about 3.
+"""
 
 AGES_S = 0.2
 """Ages and stale indicators are looked at so often."""
@@ -69,7 +72,7 @@ SLEPT_S = 5.0
 """Between two looks: after so long the computer slept."""
 
 
-class MeasureScreen(Corrections, CachedLines):
+class MeasureScreen(Corrections):
     """One step after the other; Space takes it."""
 
     HELP = MEASURE_HELP
@@ -99,7 +102,7 @@ class MeasureScreen(Corrections, CachedLines):
 
     def compose(self) -> ComposeResult:
         yield self.view
-        yield KeyLine(compact=True, show_command_palette=False)
+        yield Footer(compact=True, show_command_palette=False)
 
     def on_mount(self) -> None:
         gc.freeze()  # a collection through everything imported would stop the screen for 0.1 s
@@ -114,11 +117,18 @@ class MeasureScreen(Corrections, CachedLines):
     @work
     async def _follow(self) -> None:
         """Show what the indicators tell, in one picture where it comes together."""
-        news = News(asyncio.get_running_loop())
+        loop, news = asyncio.get_running_loop(), asyncio.Event()
+
+        def tell() -> None:  # called in the thread of an indicator
+            with suppress(RuntimeError):  # the loop has ended: nobody looks any more
+                loop.call_soon_threadsafe(news.set)
+
         for gauge in self.guided.gauges:
-            gauge.on_news = news.tell
+            gauge.on_news = tell
         while True:
-            await news.gathered(self._gather_s())
+            await news.wait()
+            await asyncio.sleep(self._gather_s())
+            news.clear()
             self._show_live()
 
     def _gather_s(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache, partial
 from itertools import pairwise
 from typing import ClassVar
@@ -13,18 +13,19 @@ from rich.style import Style
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.content import Content
+from textual.geometry import Region
 from textual.renderables.digits import Digits
 from textual.renderables.sparkline import Sparkline
 from textual.selection import Selection
 from textual.strip import Strip
-from textual.widgets import Footer, Static
+from textual.widget import Widget
+from textual.widgets import Static
 
 from app.measuring.gauges import Live, Motion
 from app.measuring.leg_review import leg_rows
 from app.report.charts.charts import readings_by_posture
 from app.report.text.session import leg_table_text, step_text
 from app.report.text.tables import signed
-from app.screens.line_cache import CachedLines, CachedRows
 from app.screens.plot import ChartPlot
 from calib.tripod.geometry import Geometry
 from drivers.profile import Fault, Reading
@@ -69,7 +70,7 @@ def decimals_of(resolution_mm: float) -> int:
     return max(0, len(f"{resolution_mm:.6f}".rstrip("0")) - 2)
 
 
-class GaugeDisplay(CachedRows):
+class GaugeDisplay(Widget):
     """One indicator: big digits, unit, a word for its state, age, trend.
 
     One widget draws it all: widgets within it would cost more than the drawing.
@@ -90,10 +91,10 @@ class GaugeDisplay(CachedRows):
         number, state = self._number(live), self._state(live)
         if number != self.number:
             self.number = number
-            self.draw_rows(0, DIGIT_ROWS)
+            self._draw_rows(0, DIGIT_ROWS)
         if state != self.state:
             self.state = state
-            self.draw_rows(STATE_ROW, 1)
+            self._draw_rows(STATE_ROW, 1)
         if live.motion is not self._motion:
             self._motion = live.motion
             self.set_classes(f"gauge {live.motion.value}")
@@ -103,10 +104,6 @@ class GaugeDisplay(CachedRows):
         assumed = isinstance(live.outcome, Reading) and live.outcome.unit_assumed
         if assumed != bool(self.border_subtitle):
             self.border_subtitle = "mm assumed" if assumed else ""
-
-    def row_key(self, y: int) -> Hashable:
-        """The number, the words of the state; the trend never looks the same."""
-        return self.number if y < DIGIT_ROWS else self.state if y == STATE_ROW else None
 
     def render_line(self, y: int) -> Strip:
         """One row; the look of border and ground comes from the style sheet."""
@@ -125,7 +122,10 @@ class GaugeDisplay(CachedRows):
 
     def _draw_trend(self, trend_mm: tuple[float, ...]) -> None:
         self.trend_mm, self._trend_at = trend_mm, time.monotonic()
-        self.draw_rows(TREND_ROW, 1)
+        self._draw_rows(TREND_ROW, 1)
+
+    def _draw_rows(self, first: int, rows: int) -> None:
+        self.refresh(Region(0, first, self.size.width, rows))
 
     def _trend_strip(self, ground: Style) -> Strip:
         _, behind = self.background_colors
@@ -162,14 +162,6 @@ class GaugeDisplay(CachedRows):
         return f"{state}  {live.age_s:.0f} s old" if live.age_s >= OLD_S else state
 
 
-class Line(Static, CachedLines):
-    """Words that seldom change, on a screen of which something else changes often."""
-
-
-class KeyLine(Footer, CachedLines):
-    """The keys of a screen."""
-
-
 class StepList(Static):
     """The steps around the present one: + done, - skipped, > now."""
 
@@ -194,11 +186,7 @@ class StepList(Static):
         self.update("\n".join(lines), layout=False)
 
 
-class Row(Horizontal, CachedLines):
-    """Side by side."""
-
-
-class SessionView(Vertical, CachedLines):
+class SessionView(Vertical):
     """The same picture whether a session is measured or replayed."""
 
     def __init__(self, gauge_count: int) -> None:
@@ -209,14 +197,14 @@ class SessionView(Vertical, CachedLines):
         )
 
     def compose(self) -> ComposeResult:
-        yield Line("", id="progress", markup=False)
-        with Row(id="upper"):
+        yield Static("", id="progress", markup=False)
+        with Horizontal(id="upper"):
             yield Static("", id="step", markup=False)
             yield StepList()
-        with Row(id="gauges"):
+        with Horizontal(id="gauges"):
             yield from self._displays
-        yield Line("", id="said", markup=False)
-        with Row(id="lower"):
+        yield Static("", id="said", markup=False)
+        with Horizontal(id="lower"):
             yield Static("", id="table", markup=False)
             yield ChartPlot(plot_id="chart")
 

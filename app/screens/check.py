@@ -14,7 +14,6 @@ from textual.widgets import Footer, Static
 
 from app.exit_codes import exit_code
 from app.measuring.opening import Indicators, Plan, begin, open_indicators, resume
-from app.measuring.session import GuidedSession
 from app.report.text.home import CHECK_HELP
 from app.report.text.session import check_text
 from app.screens.fast_keys import Title
@@ -107,19 +106,13 @@ class CheckScreen(Screen[None]):
         """Start or continue the record and go measuring."""
         if self.app.indicators is None:
             return
-        try:
-            guided = self._begin(self.app.indicators)
-        except GlidecalError as problem:
-            self.app.complain(problem)
-            return
-        self.app.indicators, self.app.guided = None, guided
-        self.app.go_to(self.app.measuring(guided, self._plan))
-
-    def _begin(self, indicators: Indicators) -> GuidedSession:
-        return (resume if self._continued else begin)(self._plan, indicators)
+        start = resume if self._continued else begin
+        with self.app.complaining():
+            guided = start(self._plan, self.app.indicators)
+            self.app.indicators, self.app.guided = None, guided
+            self.app.go_to(self.app.measuring(guided, self._plan))
 
     async def action_back(self) -> None:
-        """Close the ports and go back."""
         indicators, self.app.indicators = self.app.indicators, None
         if indicators is not None:
             indicators.close()

@@ -148,7 +148,6 @@ class DiagnoseScreen(PagedScreen):
         chart.show(residuals_before_and_after(found.diagnosis.residuals.cells))
 
     def action_page(self, name: str) -> None:
-        """One of the four pages."""
         self.query_one(TabbedContent).active = name
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
@@ -203,14 +202,11 @@ class DiagnoseScreen(PagedScreen):
         if target.exists() and target != self.model:
             self.app.complain(taken_words(target))
             return
-        try:
+        with self.app.complaining():
             adopt(found, self.paths, target, known=self.model, candidate=candidate)
-        except GlidecalError as problem:
-            self.app.complain(problem)
-            return
-        self.app.notify(model_written(target), timeout=10, markup=False)
-        self.model, self._gap_before_mm = target, found.diagnosis.gap_before.rms_mm
-        self._look()
+            self.app.notify(model_written(target), timeout=10, markup=False)
+            self.model, self._gap_before_mm = target, found.diagnosis.gap_before.rms_mm
+            self._look()
 
     def action_next(self) -> None:
         """The next measurement as a procedure file beside the session."""
@@ -223,15 +219,11 @@ class DiagnoseScreen(PagedScreen):
             return
         first = self.paths[0]
         path = unused_path(first.with_name(f"{first.stem}_next.toml"))
-        try:
+        with self.app.complaining():
             write_procedure(found, path)
-        except GlidecalError as problem:
-            self.app.complain(problem)
-        else:
             self.app.notify(next_written(path), timeout=12, markup=False)
 
     def action_copy(self) -> None:
-        """The text of this page to the clipboard of the terminal."""
         if self._ready() is None:
             return
         text = str(self._page_text(self.query_one(TabbedContent).active).content)

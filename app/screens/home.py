@@ -109,7 +109,7 @@ class HomeScreen(Screen[None]):
 
     def _do(self, what: str, session: Recent | None) -> None:
         """Carry a choice out, with a session or after asking which one."""
-        try:
+        with self.app.complaining():
             if what == "new":
                 self.app.push_screen(self.app.preparation())
             elif what == "demo":
@@ -129,8 +129,6 @@ class HomeScreen(Screen[None]):
             else:
                 job = self._export if what == "export" else self._show_result
                 self._start(partial(job, session.path))
-        except GlidecalError as problem:
-            self.app.complain(problem)
 
     def _continue(self, path: Path, typed: str = "") -> None:
         """The instrument check, after asking for the ports of a record of another computer."""
@@ -143,11 +141,9 @@ class HomeScreen(Screen[None]):
             self.app.push_screen(self.app.check(plan, continued=True))
 
     def _continue_with(self, path: Path, typed: str | None) -> None:
-        try:
+        with self.app.complaining():
             if typed:
                 self._continue(path, typed)
-        except GlidecalError as problem:
-            self.app.complain(problem)
 
     def _demonstrate(self) -> None:
         folder = writable_folder(DEMO_FOLDER)

@@ -8,7 +8,8 @@ import signal
 import stat
 import sys
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -162,29 +163,21 @@ class Interface(App[str]):
         if self.read_only or not self.is_running or theme == self._remembered:
             return
         self._remembered = theme
-        try:
+        with self.complaining():
             save_theme(settings_path(), theme)
-        except GlidecalError as problem:
-            self.complain(problem)
 
     def action_light_or_dark(self) -> None:
-        """The other of the two plain themes."""
         self.theme = "textual-light" if self.current_theme.dark else "textual-dark"
 
     def _save_screenshot(self) -> None:
-        """The present screen as a picture in the current folder."""
         from protocols.files import write_files
 
         path = unused_path(Path(f"glidecal_{datetime.now():%Y-%m-%d_%H%M%S}.svg"))
-        try:
+        with self.complaining():
             write_files(path, {"": self.export_screenshot()})
-        except GlidecalError as problem:
-            self.complain(problem)
-        else:
             self.notify(f"Written: {path.absolute()}", timeout=10, markup=False)
 
     def _show_keys(self) -> None:
-        """The keys that work at present, in a dialog."""
         everything = self.screen.active_bindings.values()
         active = sorted(everything, key=lambda entry: not isinstance(entry.node, Screen))
         keys = [
@@ -206,6 +199,14 @@ class Interface(App[str]):
     def complain(self, problem: GlidecalError | str) -> None:
         """Show an error that a person can act on."""
         self.notify(str(problem), severity="error", timeout=12, markup=False)
+
+    @contextmanager
+    def complaining(self) -> Iterator[None]:
+        """Within this an error is shown, and what would follow it there is left out."""
+        try:
+            yield
+        except GlidecalError as problem:
+            self.complain(problem)
 
     async def action_quit(self) -> None:
         """Quit; an open session is paused and can be continued."""
@@ -248,40 +249,31 @@ class Interface(App[str]):
         return ""
 
     @abstractmethod
-    def home(self) -> Screen[None]:
-        """What can be done."""
+    def home(self) -> Screen[None]: ...
 
     @abstractmethod
-    def preparation(self) -> Screen[None]:
-        """Machine, procedure, operator, ports."""
+    def preparation(self) -> Screen[None]: ...
 
     @abstractmethod
-    def check(self, plan: Plan, *, continued: bool = False) -> Screen[None]:
-        """The instrument check before measuring."""
+    def check(self, plan: Plan, *, continued: bool = False) -> Screen[None]: ...
 
     @abstractmethod
-    def measuring(self, guided: GuidedSession, plan: Plan) -> Screen[None]:
-        """A session under way."""
+    def measuring(self, guided: GuidedSession, plan: Plan) -> Screen[None]: ...
 
     @abstractmethod
-    def result(self, solved: SessionSolution, plan: Plan | None, path: Path) -> Screen[None]:
-        """What a session gave."""
+    def result(self, solved: SessionSolution, plan: Plan | None, path: Path) -> Screen[None]: ...
 
     @abstractmethod
-    def comparison(self, compared: Comparison) -> Screen[None]:
-        """Before and after."""
+    def comparison(self, compared: Comparison) -> Screen[None]: ...
 
     @abstractmethod
-    def diagnosis(self, paths: list[Path]) -> Screen[None]:
-        """What is missing."""
+    def diagnosis(self, paths: list[Path]) -> Screen[None]: ...
 
     @abstractmethod
-    def replay(self, path: Path) -> Screen[None]:
-        """A record again."""
+    def replay(self, path: Path) -> Screen[None]: ...
 
     @abstractmethod
-    def hexaslide(self, request: Request | None = None) -> Screen[None]:
-        """What a procedure sees of a Hexa Slide."""
+    def hexaslide(self, request: Request | None = None) -> Screen[None]: ...
 
     def go_to(self, screen: Screen[Any]) -> None:
         """Replace the present screen."""
@@ -299,20 +291,15 @@ def on_signals(leave: Callable[[], object]) -> Callable[[], None]:
     Where a loop takes no signals (Windows, another thread than the main one) nothing happens.
     """
     loop = asyncio.get_running_loop()
-    taken: list[signal.Signals] = []
-    for name in SIGNALS:
-        number = getattr(signal, name, None)
-        if number is None:
-            continue
-        try:
+    known = [getattr(signal, name) for name in SIGNALS if hasattr(signal, name)]
+    try:
+        for number in known:
             loop.add_signal_handler(number, _receive, number, leave)
-        except (NotImplementedError, RuntimeError, ValueError):
-            # Windows, or not the main thread: the terminal's own keys leave as before
-            return lambda: None
-        taken.append(number)
+    except (NotImplementedError, RuntimeError, ValueError):
+        known = []  # Windows, or not the main thread: the terminal's own keys leave as before
 
     def undo() -> None:
-        for number in taken:
+        for number in known:
             loop.remove_signal_handler(number)
 
     return undo

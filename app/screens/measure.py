@@ -335,7 +335,6 @@ class MeasureScreen(Corrections):
 
     @work(thread=True)
     def _finish(self) -> None:
-        """Close the record and show the result."""
         try:
             self.guided.finish()
             solved = solve_for_controller(self.guided.path)

@@ -19,7 +19,6 @@ class PagedScreen(Screen[None]):
         self.set_focus(scrolls.first() if scrolls else None)
 
     def action_turn_to(self, direction: int) -> None:
-        """The next page, or the one before."""
         tabs = self.query_one(Tabs)
         if direction > 0:
             tabs.action_next_tab()

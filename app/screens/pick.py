@@ -18,7 +18,6 @@ from app.report.text.replay import REPLAY_QUESTION
 from app.screens.dialogs import TextDialog
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import Interface
-from calib.errors import GlidecalError
 
 
 class PickScreen(LeftOnce[Recent]):
@@ -100,7 +99,5 @@ class ReplayChoiceScreen(Screen[None]):
         choices.focus()
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        try:
+        with self.app.complaining():
             self.app.push_screen(self.app.replay(self._paths[event.option_index]))
-        except GlidecalError as problem:
-            self.app.complain(problem)

@@ -101,22 +101,14 @@ class PrepareScreen(Screen[None]):
         self.query_one("#summary", Static).update("\n".join(said))
 
     def action_check(self) -> None:
-        """On to the live readings."""
-        try:
-            plan = self._plan()
-        except GlidecalError as problem:
-            self.app.complain(problem)
-        else:
-            self.app.push_screen(self.app.check(plan))
+        with self.app.complaining():
+            self.app.push_screen(self.app.check(self._plan()))
 
     def action_dry_run(self) -> None:
         """Every step, before anything is opened."""
-        try:
+        with self.app.complaining():
             machine = self._machine()
             text = dry_run_text(self._procedure(machine), machine, self._axes(machine))
-        except GlidecalError as problem:
-            self.app.complain(problem)
-        else:
             self.app.push_screen(DryRunScreen(text))
 
     def _value(self, name: str) -> str:

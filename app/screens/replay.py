@@ -42,7 +42,6 @@ class ReplayedResult(ResultScreen):
     ]
 
     def action_back(self) -> None:
-        """To the replay."""
         self.app.pop_screen()
 
     def action_home(self) -> None:
@@ -146,7 +145,6 @@ class ReplayScreen(Screen[None]):
         self._listed = lines
 
     def action_play(self) -> None:
-        """Play or pause."""
         self.playback.toggle()
         self._show()
 
@@ -156,27 +154,22 @@ class ReplayScreen(Screen[None]):
         self._show_progress()
 
     def action_step(self, by: int) -> None:
-        """One moment on or back."""
         self.playback.step(by)
         self._show()
 
     def action_faster(self, by: int) -> None:
-        """One speed up or down."""
         self.playback.faster(by)
         self._show_progress()
 
     def action_to_start(self) -> None:
-        """Only the first event is shown."""
         self.playback.to_start()
         self._show()
 
     def action_to_end(self) -> None:
-        """Everything is shown."""
         self.playback.to_end()
         self._show()
 
     def action_jump(self) -> None:
-        """Ask for a step, go there."""
         self._pause()
         question, hint = jump_question(self.playback.unit, len(self.playback.steps))
         self.app.push_screen(TextDialog(question, hint), self._jump)
@@ -197,7 +190,6 @@ class ReplayScreen(Screen[None]):
         self._show_list()
 
     def action_page(self, by: int) -> None:
-        """Move in the list."""
         listing = self.query_one("#taken", Log)
         if by < 0:
             listing.scroll_page_up(animate=False)
@@ -209,13 +201,11 @@ class ReplayScreen(Screen[None]):
         self.view.toggle_plot()
 
     def action_copy(self) -> None:
-        """Every reading so far to the clipboard of the terminal."""
         lines = reading_lines(self.playback.session)
         self.app.copy_to_clipboard("\n".join(lines) + "\n")
         self.view.say(copied_text(len(lines)))
 
     def action_back(self) -> None:
-        """To the screen that this one was opened from."""
         self.app.pop_screen()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:

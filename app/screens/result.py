@@ -112,20 +112,15 @@ class ResultScreen(PagedScreen):
         return True
 
     def action_refuse_export(self) -> None:
-        """Why the offsets are not written."""
         self.app.complain(ONLY_SHOWN)
 
     def action_refuse_verify(self) -> None:
-        """Why nothing is measured."""
         self.app.complain(ONLY_SHOWN if self.app.read_only else NO_PLAN)
 
     def action_choose(self, key: str) -> None:
         """Show another set of parameters."""
-        try:
+        with self.app.complaining():
             self.solved = self.solved.with_subset(CHOICES[key])
-        except GlidecalError as problem:
-            self.app.complain(problem)
-        else:
             self._show()
 
     @work(thread=True, group="export")
@@ -147,26 +142,20 @@ class ResultScreen(PagedScreen):
         """The same procedure again, after the offsets were entered in the controller."""
         if self.plan is None:
             return
-        try:
+        with self.app.complaining():
             plan = verification_plan(self.plan, self._joint_offsets())
-        except GlidecalError as problem:
-            self.app.complain(problem)
-        else:
             self.app.push_screen(self.app.check(plan))
 
     def action_diagnose(self) -> None:
-        """Where readings and model disagree, and what is missing."""
         self.app.push_screen(self.app.diagnosis([self.path]))
 
     def action_copy(self) -> None:
-        """The text of this page to the clipboard of the terminal."""
         compared = self.query_one(TabbedContent).active == COMPARISON
         text = str(self.query_one("#compared" if compared else "#text", Static).content)
         self.app.copy_to_clipboard(text)
         self.app.notify(copied_text(text), timeout=8, markup=False)
 
     def action_home(self) -> None:
-        """Back to the first screen."""
         self.app.go_to(self.app.home())
 
 
@@ -204,6 +193,5 @@ class CompareScreen(Screen[None]):
         self.toggle_class("plotted")
 
     def action_copy(self) -> None:
-        """The text into the clipboard of the terminal."""
         self.app.copy_to_clipboard(self._text)
         self.app.notify(copied_text(self._text), markup=False)

@@ -65,9 +65,6 @@ HELD_KEY_S = 0.15
 ANYWAY_S = 4.0
 """How long a second press takes readings that still move."""
 
-COLLECT_SELDOM = 5_000, 20, 100
-"""Thresholds of the garbage collector: a whole collection takes 40 ms."""
-
 SLEPT_S = 5.0
 """Between two looks: after so long the computer slept."""
 
@@ -98,21 +95,18 @@ class MeasureScreen(Corrections):
         self._lost: set[int] = set()
         self._pressed_at = self._anyway_until = self._moved_at = self._shown_at = 0.0
         self._looked_at = steady_s()
-        self._collected = gc.get_threshold()
 
     def compose(self) -> ComposeResult:
         yield self.view
         yield Footer(compact=True, show_command_palette=False)
 
     def on_mount(self) -> None:
-        gc.freeze()  # a collection through everything imported would stop the screen for 0.1 s
-        gc.set_threshold(*COLLECT_SELDOM)
+        # Collections pass over all that is loaded by now. `make bench`, event loop blocked while
+        # taking steps: 130 to 420 ms in three runs without, 50 to 100 with (limit 100).
+        gc.freeze()
         self.proceed()
         self._follow()
         self.set_interval(AGES_S, self._look)
-
-    def on_unmount(self) -> None:
-        gc.set_threshold(*self._collected)
 
     @work
     async def _follow(self) -> None:

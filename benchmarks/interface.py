@@ -29,7 +29,7 @@ from app.measuring.opening import Indicators, Plan, begin
 from app.measuring.simulated import BenchSettings
 from app.screens.interface import Interface
 from app.screens.leg_review import LegReviewScreen
-from app.screens.measure import CALM_S, IDLE_S, MeasureScreen
+from app.screens.measure import IDLE_S, MeasureScreen
 from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
 from benchmarks.picture_delays import TICK_S, Blocked, Delays, Terminal, listening
@@ -44,6 +44,7 @@ INTERVAL_S = 0.05
 WINDOW_S = 0.3
 WAITING_S = 10.0
 SETTLING_S = 1.0
+CALM_S = 1.0
 STARTS = 7
 PATIENCE_S = 20.0
 FIRST_WORDS = b"Demonstration"

@@ -42,9 +42,6 @@ from protocols.session_clock import steady_s
 GATHER_S = 0.015
 """One picture shows all that is heard within so long after the first news."""
 
-CALM_GATHER_S = 0.025
-"""The same while nothing moves: half the time between two readings makes one picture of two."""
-
 IDLE_S = 5.0
 IDLE_GATHER_S = 0.19
 """After so long of standing still only a last digit flickers: five pictures a second are enough.
@@ -54,9 +51,6 @@ With GATHER_S alone waiting takes 7 % of a core (`make bench` allows 5), with th
 
 AGES_S = 0.2
 """Ages and stale indicators are looked at so often."""
-
-CALM_S = 1.0
-"""After so long of standing still nothing moves."""
 
 LEAST_SIZE = Size(80, 24)
 HELD_KEY_S = 0.15
@@ -126,10 +120,7 @@ class MeasureScreen(Corrections):
             self._show_live()
 
     def _gather_s(self) -> float:
-        still_s = time.monotonic() - self._moved_at
-        if still_s > IDLE_S:
-            return IDLE_GATHER_S
-        return CALM_GATHER_S if still_s > CALM_S else GATHER_S
+        return IDLE_GATHER_S if time.monotonic() - self._moved_at > IDLE_S else GATHER_S
 
     def _look(self) -> None:
         now = steady_s()

@@ -18,28 +18,7 @@ from app.evaluating.adoption import adopt, write_procedure
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_files
 from app.evaluating.own_effects import known_laws
 from app.report.charts.charts import residuals_before_and_after
-from app.report.text.diagnose_screen import (
-    DIAGNOSE_HELP,
-    LOOKING,
-    NO_NEXT,
-    NOT_YET,
-    NOTHING_FOUND,
-    NOTHING_NAMED,
-    WHAT_TO_ADOPT,
-    WHICH_FILE,
-    adopt_choices,
-    adopted_words,
-    change_text,
-    heading_text,
-    model_written,
-    next_written,
-    problem_text,
-    ranking_text,
-    run_named,
-    taken_words,
-    verdict_text,
-    where_text,
-)
+from app.report.text import diagnose_screen as texts
 from app.report.text.result import ONLY_SHOWN, copied_text
 from app.screens.dialogs import ChoiceDialog, TextDialog
 from app.screens.interface import Interface
@@ -56,7 +35,7 @@ class DiagnoseScreen(PagedScreen):
     """One diagnosis; what was named can be adopted into a model and is then looked for no more."""
 
     app: Interface
-    HELP = DIAGNOSE_HELP
+    HELP = texts.DIAGNOSE_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("a", "adopt", "Adopt", id="diagnose.adopt"),
         Binding("n", "next", "Next measurement", id="diagnose.next"),
@@ -100,8 +79,8 @@ class DiagnoseScreen(PagedScreen):
         self.looking, self.diagnosed = True, None
         self.refresh_bindings()
         names = [path.name for path in self.paths]
-        self.query_one("#diagnosed", Static).update(heading_text(names, self.model))
-        self._say_everywhere(LOOKING)
+        self.query_one("#diagnosed", Static).update(texts.heading_text(names, self.model))
+        self._say_everywhere(texts.LOOKING)
         self._diagnose()
 
     def _say_everywhere(self, text: str) -> None:
@@ -130,7 +109,7 @@ class DiagnoseScreen(PagedScreen):
 
     def _fail(self, problem: GlidecalError) -> None:
         self.looking = False
-        self._say_everywhere(problem_text(problem))
+        self._say_everywhere(texts.problem_text(problem))
 
     def _show(self, found: SessionDiagnosis) -> None:
         self.looking, self.diagnosed = False, found
@@ -138,11 +117,11 @@ class DiagnoseScreen(PagedScreen):
         now = found.diagnosis.gap_before.rms_mm
         adopted = ""
         if self.model is not None and self._gap_before_mm is not None:
-            adopted = adopted_words(self.model, self._gap_before_mm, now)
-        self._page_text("verdict").update(verdict_text(found, adopted))
-        self._page_text("where").update(where_text(found))
-        self._page_text("candidates").update(ranking_text(found))
-        self._page_text(CHANGE).update(change_text(found))
+            adopted = texts.adopted_words(self.model, self._gap_before_mm, now)
+        self._page_text("verdict").update(texts.verdict_text(found, adopted))
+        self._page_text("where").update(texts.where_text(found))
+        self._page_text("candidates").update(texts.ranking_text(found))
+        self._page_text(CHANGE).update(texts.change_text(found))
         chart = self.query_one("#change-chart", ChartPlot)
         chart.display = True
         chart.show(residuals_before_and_after(found.diagnosis.residuals.cells))
@@ -159,10 +138,10 @@ class DiagnoseScreen(PagedScreen):
         if self.app.read_only:
             return ONLY_SHOWN
         if self.diagnosed is None:
-            return NOT_YET if self.looking else NOTHING_FOUND
+            return texts.NOT_YET if self.looking else texts.NOTHING_FOUND
         if action == "adopt":
-            return "" if adopt_choices(self.diagnosed) else NOTHING_NAMED
-        return "" if self.diagnosed.diagnosis.next_measurement else NO_NEXT
+            return "" if texts.adopt_choices(self.diagnosed) else texts.NOTHING_NAMED
+        return "" if self.diagnosed.diagnosis.next_measurement else texts.NO_NEXT
 
     def action_refuse(self, action: str) -> None:
         """Why nothing is written."""
@@ -171,7 +150,7 @@ class DiagnoseScreen(PagedScreen):
     def _ready(self) -> SessionDiagnosis | None:
         """The diagnosis; where there is none, the reason is said."""
         if self.diagnosed is None:
-            self.app.complain(NOT_YET if self.looking else NOTHING_FOUND)
+            self.app.complain(texts.NOT_YET if self.looking else texts.NOTHING_FOUND)
         return self.diagnosed
 
     def action_adopt(self) -> None:
@@ -179,7 +158,7 @@ class DiagnoseScreen(PagedScreen):
         found = self._ready()
         if found is None:
             return
-        dialog = ChoiceDialog(WHAT_TO_ADOPT, adopt_choices(found))
+        dialog = ChoiceDialog(texts.WHAT_TO_ADOPT, texts.adopt_choices(found))
         self.app.push_screen(dialog, self._ask_file)
 
     def _ask_file(self, answer: str | None) -> None:
@@ -192,7 +171,7 @@ class DiagnoseScreen(PagedScreen):
             if typed:
                 self._adopt(Path(typed).expanduser(), None if answer == "named" else answer)
 
-        self.app.push_screen(TextDialog(WHICH_FILE, "path", str(proposed)), named)
+        self.app.push_screen(TextDialog(texts.WHICH_FILE, "path", str(proposed)), named)
 
     def _adopt(self, target: Path, candidate: str | None) -> None:
         """Write the model and look again with it."""
@@ -200,11 +179,11 @@ class DiagnoseScreen(PagedScreen):
         if found is None:
             return
         if target.exists() and target != self.model:
-            self.app.complain(taken_words(target))
+            self.app.complain(texts.taken_words(target))
             return
         with self.app.complaining():
             adopt(found, self.paths, target, known=self.model, candidate=candidate)
-            self.app.notify(model_written(target), timeout=10, markup=False)
+            self.app.notify(texts.model_written(target), timeout=10, markup=False)
             self.model, self._gap_before_mm = target, found.diagnosis.gap_before.rms_mm
             self._look()
 
@@ -215,13 +194,13 @@ class DiagnoseScreen(PagedScreen):
         if found is None or proposed is None:
             return
         if not proposed.protocol.startswith("schema"):
-            self.app.notify(run_named(proposed.protocol), timeout=12, markup=False)
+            self.app.notify(texts.run_named(proposed.protocol), timeout=12, markup=False)
             return
         first = self.paths[0]
         path = unused_path(first.with_name(f"{first.stem}_next.toml"))
         with self.app.complaining():
             write_procedure(found, path)
-            self.app.notify(next_written(path), timeout=12, markup=False)
+            self.app.notify(texts.next_written(path), timeout=12, markup=False)
 
     def action_copy(self) -> None:
         if self._ready() is None:

@@ -20,16 +20,7 @@ from app.evaluating.solution import solve_for_controller
 from app.measuring.gauges import Live, Motion
 from app.measuring.opening import Plan
 from app.measuring.session import GuidedSession, TakenStep
-from app.report.text.session import (
-    MEASURE_HELP,
-    QUESTION_CHOICES,
-    clock_set_text,
-    progress_text,
-    question_text,
-    repeat_reason,
-    slept_text,
-    taken_text,
-)
+from app.report.text import session as texts
 from app.screens.corrections import Corrections
 from app.screens.dialogs import ChoiceDialog
 from app.screens.leg_review import LegReviewScreen
@@ -66,7 +57,7 @@ SLEPT_S = 5.0
 class MeasureScreen(Corrections):
     """One step after the other; Space takes it."""
 
-    HELP = MEASURE_HELP
+    HELP = texts.MEASURE_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "take", "Take", id="measure.take"),
         Binding("enter", "take", "Take", show=False, id="measure.take-too"),
@@ -127,7 +118,7 @@ class MeasureScreen(Corrections):
         slept_s, self._looked_at = now - self._looked_at, now
         if slept_s > SLEPT_S:
             self._set_hold(True, f"the computer slept for {slept_s:.0f} s")
-            self.say(slept_text(slept_s))
+            self.say(texts.slept_text(slept_s))
         if not self.busy:  # a take holds the record, and looks itself
             self.write(self._look_at_clock)
         if time.monotonic() - self._shown_at > AGES_S / 2:
@@ -136,7 +127,7 @@ class MeasureScreen(Corrections):
     def _look_at_clock(self) -> None:
         jump_s = self.guided.look_at_clock()
         if jump_s:
-            self.say(clock_set_text(jump_s))
+            self.say(texts.clock_set_text(jump_s))
 
     def on_resize(self, event: Resize) -> None:
         self._show_step()
@@ -159,7 +150,7 @@ class MeasureScreen(Corrections):
     def _show_step(self) -> None:
         session = self.guided.session
         mode = "ON HOLD" if self.held else "automatic" if self.automatic else "by hand"
-        self.view.show_progress(progress_text(session, self.guided.steps, mode))
+        self.view.show_progress(texts.progress_text(session, self.guided.steps, mode))
         self.view.show_step(session, self.guided.steps, self.guided.step())
         self._draw_live()  # in the same picture: a step takes long to draw, readings must not wait
 
@@ -245,11 +236,11 @@ class MeasureScreen(Corrections):
             return
         self.app.bell()
         self.app.clear_notifications()
-        self.say(taken_text(taken))
+        self.say(texts.taken_text(taken))
         if taken.questioned:
             self._show_step()
             self.ask(
-                ChoiceDialog(question_text(taken), QUESTION_CHOICES),
+                ChoiceDialog(texts.question_text(taken), texts.QUESTION_CHOICES),
                 lambda answer: self._answered(answer or "keep", taken),
             )
         else:
@@ -257,7 +248,7 @@ class MeasureScreen(Corrections):
 
     def _answered(self, answer: str, taken: TakenStep) -> None:
         """What the operator says to a reading that disagrees with earlier ones."""
-        reason = repeat_reason(answer, taken)
+        reason = texts.repeat_reason(answer, taken)
         if answer == "keep":
             self.write(lambda: self.guided.note(f"step {taken.step.number}: {reason}"))
             self._go_on(taken.step)

@@ -32,11 +32,7 @@ from protocols.procedure import Procedure, leg_procedure_names, load_procedure, 
 from protocols.table import NUMBER
 
 FIELDS = (
-    (
-        "indicator1",
-        "First indicator",
-        "mitutoyo-01a:COM5, sylvac:/dev/ttyUSB0@yx",
-    ),
+    ("indicator1", "First indicator", "mitutoyo-01a:COM5, sylvac:/dev/ttyUSB0@yx"),
     ("indicator2", "Second indicator", "empty: one indicator, each leg is measured twice"),
     ("machine", "Machine file", "empty: the prototype of the papers"),
     ("operator", "Operator", ""),

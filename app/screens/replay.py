@@ -15,15 +15,7 @@ from textual.widgets import Footer, Log
 
 from app.evaluating.solution import SessionSolution, solve_files
 from app.measuring.playback import Playback
-from app.report.text.replay import (
-    REPLAY_HELP,
-    copied_text,
-    jump_question,
-    progress_line,
-    reading_lines,
-    said_text,
-    unsolved_text,
-)
+from app.report.text import replay as texts
 from app.screens.dialogs import TextDialog
 from app.screens.interface import Interface
 from app.screens.result import ResultScreen
@@ -59,7 +51,7 @@ class ReplayScreen(Screen[None]):
     """
 
     app: Interface
-    HELP = REPLAY_HELP
+    HELP = texts.REPLAY_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "play", "Play", id="replay.play"),
         Binding("right", "step(1)", "Next", id="replay.forward"),
@@ -117,7 +109,7 @@ class ReplayScreen(Screen[None]):
     def _show(self) -> None:
         """Everything as it is at this place of the record."""
         self._show_picture()
-        self.view.say(said_text(self.playback))
+        self.view.say(texts.said_text(self.playback))
         self._show_list()
 
     def _show_picture(self) -> None:
@@ -128,14 +120,14 @@ class ReplayScreen(Screen[None]):
 
     def _show_progress(self) -> None:
         playback = self.playback
-        line = progress_line(self.path.name, playback.place, playback.speed, playback.state)
+        line = texts.progress_line(self.path.name, playback.place, playback.speed, playback.state)
         self.view.show_progress(line)
 
     def _show_list(self) -> None:
         """The readings so far; what is shown already is only added to."""
         if not self.has_class("listing"):
             return
-        lines = reading_lines(self.playback.session)
+        lines = texts.reading_lines(self.playback.session)
         shown = len(self._listed)
         listing = self.query_one("#taken", Log)
         if lines[:shown] != self._listed:
@@ -171,7 +163,7 @@ class ReplayScreen(Screen[None]):
 
     def action_jump(self) -> None:
         self._pause()
-        question, hint = jump_question(self.playback.unit, len(self.playback.steps))
+        question, hint = texts.jump_question(self.playback.unit, len(self.playback.steps))
         self.app.push_screen(TextDialog(question, hint), self._jump)
 
     def _jump(self, text: str | None) -> None:
@@ -201,9 +193,9 @@ class ReplayScreen(Screen[None]):
         self.view.toggle_plot()
 
     def action_copy(self) -> None:
-        lines = reading_lines(self.playback.session)
+        lines = texts.reading_lines(self.playback.session)
         self.app.copy_to_clipboard("\n".join(lines) + "\n")
-        self.view.say(copied_text(len(lines)))
+        self.view.say(texts.copied_text(len(lines)))
 
     def action_back(self) -> None:
         self.app.pop_screen()
@@ -231,6 +223,6 @@ class ReplayScreen(Screen[None]):
     def _solved(self, found: SessionSolution | str) -> None:
         self._solving = False
         if isinstance(found, str):
-            self.view.say(unsolved_text(found))
+            self.view.say(texts.unsolved_text(found))
         elif self.is_current:
             self.app.push_screen(ReplayedResult(found, None, self.path))

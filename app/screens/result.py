@@ -18,17 +18,7 @@ from app.exports import export_offsets
 from app.measuring.demo import verification_plan
 from app.measuring.opening import Plan
 from app.report.charts.charts import before_and_after, measured_and_predicted
-from app.report.text.result import (
-    COMPARISON_HELP,
-    NO_PLAN,
-    ONLY_SHOWN,
-    RESULT_HELP,
-    comparison_report,
-    comparison_text,
-    copied_text,
-    exported_text,
-    result_text,
-)
+from app.report.text import result as texts
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
 from app.screens.pages import PagedScreen
@@ -49,7 +39,7 @@ class ResultScreen(PagedScreen):
     """One solution; with the plan of its session it can be verified."""
 
     app: Interface
-    HELP = RESULT_HELP
+    HELP = texts.RESULT_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("e", "export", "Export", id="result.export"),
         Binding("v", "verify", "Verify", id="result.verify"),
@@ -90,14 +80,14 @@ class ResultScreen(PagedScreen):
     def _compose_comparison(self, before: SessionSolution) -> ComposeResult:
         now = self.solved.solution
         with VerticalScroll(id="comparison"):
-            yield Static(comparison_text(before.solution, now), id="compared", markup=False)
+            yield Static(texts.comparison_text(before.solution, now), id="compared", markup=False)
         yield ChartPlot(before_and_after(before.solution, now), plot_id="before-after")
 
     def on_mount(self) -> None:
         self._show()
 
     def _show(self) -> None:
-        text = result_text(self.solved, self.before, measured_here=self.plan is not None)
+        text = texts.result_text(self.solved, self.before, measured_here=self.plan is not None)
         self.query_one("#text", Static).update(text)
         chart = measured_and_predicted(self.solved.solution)
         for name in ("#beside", "#plot"):
@@ -112,10 +102,10 @@ class ResultScreen(PagedScreen):
         return True
 
     def action_refuse_export(self) -> None:
-        self.app.complain(ONLY_SHOWN)
+        self.app.complain(texts.ONLY_SHOWN)
 
     def action_refuse_verify(self) -> None:
-        self.app.complain(ONLY_SHOWN if self.app.read_only else NO_PLAN)
+        self.app.complain(texts.ONLY_SHOWN if self.app.read_only else texts.NO_PLAN)
 
     def action_choose(self, key: str) -> None:
         """Show another set of parameters."""
@@ -129,7 +119,7 @@ class ResultScreen(PagedScreen):
         folder = self.path.with_suffix("")
         try:
             offsets = self._joint_offsets()
-            said = exported_text(folder, export_offsets(offsets, folder), offsets)
+            said = texts.exported_text(folder, export_offsets(offsets, folder), offsets)
         except GlidecalError as problem:
             self.app.call_from_thread(self.app.complain, problem)
         else:
@@ -153,7 +143,7 @@ class ResultScreen(PagedScreen):
         compared = self.query_one(TabbedContent).active == COMPARISON
         text = str(self.query_one("#compared" if compared else "#text", Static).content)
         self.app.copy_to_clipboard(text)
-        self.app.notify(copied_text(text), timeout=8, markup=False)
+        self.app.notify(texts.copied_text(text), timeout=8, markup=False)
 
     def action_home(self) -> None:
         self.app.go_to(self.app.home())
@@ -163,7 +153,7 @@ class CompareScreen(Screen[None]):
     """Two sessions side by side."""
 
     app: Interface
-    HELP = COMPARISON_HELP
+    HELP = texts.COMPARISON_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("g", "plot", "Plot", id="compare.plot"),
         Binding("y", "copy", "Copy", id="compare.copy"),
@@ -174,7 +164,7 @@ class CompareScreen(Screen[None]):
     def __init__(self, comparison: Comparison) -> None:
         super().__init__()
         self._comparison = comparison
-        self._text = comparison_report(comparison)
+        self._text = texts.comparison_report(comparison)
 
     def compose(self) -> ComposeResult:
         yield Title()
@@ -194,4 +184,4 @@ class CompareScreen(Screen[None]):
 
     def action_copy(self) -> None:
         self.app.copy_to_clipboard(self._text)
-        self.app.notify(copied_text(self._text), markup=False)
+        self.app.notify(texts.copied_text(self._text), markup=False)

@@ -69,8 +69,8 @@ def verification_plan(plan: Plan, before: SessionSolution) -> Plan:
     """The same procedure after the offsets were entered in the controller."""
     found = before.joint_offsets_mm
     entered = [old + new for old, new in zip(plan.machine.entered_offsets_mm, found, strict=True)]
-    held = plan.machine.home_offset_mm
-    home = held and [old + new for old, new in zip(held, found, strict=True)]
+    stored = plan.machine.home_offset_mm
+    home = stored and [old + new for old, new in zip(stored, found, strict=True)]
     machine: Machine = plan.machine.model_copy(
         update={
             "entered_offsets_mm": tuple(entered),

@@ -100,7 +100,7 @@ class Playback:
     def toggle(self) -> None:
         """Play or pause; at the end play from the start."""
         if self.at_end:
-            self._go(0)
+            self.go(0)
             self._playing = not self.at_end
         else:
             self._playing = not self._playing
@@ -125,15 +125,7 @@ class Playback:
 
     def step(self, by: int) -> None:
         """So many moments on; back where negative."""
-        self._go(self._frame + by)
-
-    def to_start(self) -> None:
-        """Only the first event is shown."""
-        self._go(0)
-
-    def to_end(self) -> None:
-        """Every event is shown."""
-        self._go(len(self.frames) - 1)
+        self.go(self._frame + by)
 
     def jump_to(self, text: str) -> None:
         """To the moment when a step was first taken, or skipped; in a table to a reading.
@@ -151,7 +143,7 @@ class Playback:
             last = self.steps[-1].number if self.steps else 0
             never = f"{number}, which was never taken" if 1 <= number <= last else str(number)
             raise UsageError(self.unit, never, f"1 … {last}, as far as the record goes")
-        self._go(found)
+        self.go(found)
 
     @property
     def unit(self) -> str:
@@ -164,7 +156,8 @@ class Playback:
             return number == (first.reading if self.is_table else first.step)
         return isinstance(first, Skipped) and number in first.steps
 
-    def _go(self, frame: int) -> None:
+    def go(self, frame: int) -> None:
+        """To one of the frames, or as far as there are any."""
         self._frame = min(max(frame, 0), len(self.frames) - 1)
         self.time_s = self._times_s[self._frame]
         self._playing = False

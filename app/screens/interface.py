@@ -191,7 +191,8 @@ class Interface(App[str]):
         """Words about the focused panel, then about the screen."""
         words = [self.screen.HELP or ""]
         panels = self.focused.ancestors_with_self if self.focused else []
-        words[:0] = [_words_of(panel) for panel in panels if isinstance(panel, Widget)]
+        widgets = [panel for panel in panels if isinstance(panel, Widget)]
+        words[:0] = [panel.HELP or str(panel.tooltip or "") for panel in widgets]
         said = "\n\n".join(dict.fromkeys(text for text in words if text))
         if not isinstance(self.screen, HelpDialog):
             self.push_screen(HelpDialog(said or NO_HELP))
@@ -278,11 +279,6 @@ class Interface(App[str]):
     def go_to(self, screen: Screen[Any]) -> None:
         """Replace the present screen."""
         self.switch_screen(screen)
-
-
-def _words_of(panel: Widget) -> str:
-    """The help of a panel, or its tooltip."""
-    return panel.HELP or (str(panel.tooltip) if panel.tooltip else "")
 
 
 def on_signals(leave: Callable[[], object]) -> Callable[[], None]:

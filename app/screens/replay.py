@@ -154,11 +154,11 @@ class ReplayScreen(Screen[None]):
         self._show_progress()
 
     def action_to_start(self) -> None:
-        self.playback.to_start()
+        self.playback.go(0)
         self._show()
 
     def action_to_end(self) -> None:
-        self.playback.to_end()
+        self.playback.go(len(self.playback.frames))
         self._show()
 
     def action_jump(self) -> None:

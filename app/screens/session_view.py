@@ -64,7 +64,6 @@ def big_digits(number: str) -> tuple[str, ...]:
     return tuple(piece.text for piece in pieces if piece.text != "\n")
 
 
-@lru_cache(maxsize=16)
 def decimals_of(resolution_mm: float) -> int:
     """Digits after the point that show a resolution."""
     return max(0, len(f"{resolution_mm:.6f}".rstrip("0")) - 2)

@@ -59,7 +59,8 @@ def postures(name: str, request: Request, search: Search, say: Say) -> Answer:
 def simulate(asked: Simulation, say: Say) -> None:
     """A session of the nominal machine, or of that of a model file."""
     from app.evaluating.own_effects import known_laws
-    from app.measuring.simulated import hidden_effect, planned_readings, simulated_session
+    from app.measuring.hidden_effect import hidden_effect
+    from app.measuring.simulated import planned_readings, simulated_session
     from calib.tripod.pipeline import Model
     from protocols.errors import UsageError
     from protocols.journal import write_whole

@@ -9,10 +9,11 @@ from pathlib import Path
 
 from app.evaluating.own_effects import known_laws
 from app.evaluating.solution import SessionSolution
+from app.measuring.hidden_effect import hidden_effect
 from app.measuring.indicators import DEFAULT_PROFILE, simulated_indicators
 from app.measuring.opening import Plan, session_name
 from app.measuring.session import GuidedSession, TakenStep
-from app.measuring.simulated import BenchSettings, hidden_effect, planned_readings
+from app.measuring.simulated import BenchSettings, planned_readings
 from calib.tripod.simulation import hidden_machine
 from drivers.errors import IndicatorError
 from protocols.files import unused_path
@@ -69,8 +70,8 @@ def verification_plan(plan: Plan, before: SessionSolution) -> Plan:
     """The same procedure after the offsets were entered in the controller."""
     found = before.joint_offsets_mm
     entered = [old + new for old, new in zip(plan.machine.entered_offsets_mm, found, strict=True)]
-    stored = plan.machine.home_offset_mm
-    home = stored and [old + new for old, new in zip(stored, found, strict=True)]
+    held = plan.machine.home_offset_mm
+    home = held and [old + new for old, new in zip(held, found, strict=True)]
     machine: Machine = plan.machine.model_copy(
         update={
             "entered_offsets_mm": tuple(entered),

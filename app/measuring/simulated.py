@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from app.measuring.indicators import SIMULATED
 from app.version import program
-from calib.observations import TOOL, Conditions, Observations, conditions
-from calib.tripod.effects.candidates import candidates
-from calib.tripod.effects.effect import EffectInstance, Law
-from calib.tripod.effects.hidden import hidden_among
+from calib.observations import Observations, conditions
 from calib.tripod.pipeline import Effect, Model, measure
 from calib.tripod.simulation import SimulatedMachine
 from drivers.profile import LARGEST_MM, Profile
 from drivers.rig import SimulatedRig
 from drivers.twin_port import Transport
-from protocols.errors import RecordError, UsageError
+from protocols.errors import RecordError
 from protocols.events import Opened, Reading
 from protocols.machine import Instrument, Machine
 from protocols.observations import to_observations
@@ -167,43 +163,3 @@ def planned_readings(procedure: Procedure, machine: Machine) -> Observations:
         procedure, machine, Model(machine.geometry()), seed=0, scatter_mm=0.0, resolution_mm=0.0
     )
     return to_observations([fold([opened, *readings])])
-
-
-def hidden_effect(
-    wanted: str,
-    truth: Model,
-    taken: Conditions,
-    *,
-    laws: Sequence[Law],
-    seed: int,
-    noise_mm: float,
-    size: float | None = None,
-) -> tuple[EffectInstance, ...]:
-    """The effect ``wanted`` (id, or id:where) for the machine ``truth``; see `hidden_among`.
-
-    Raises UsageError where it is not known, or these readings cannot show it.
-    """
-    effect_id, _, where = wanted.partition(":")
-    known = dict.fromkeys(effect.id for effect in laws)
-    if effect_id not in known:
-        raise UsageError("effect", repr(effect_id), ", ".join(known))
-    of_it = [c for c in candidates(truth, taken, laws) if c.id == effect_id and "," not in c.where]
-    if not of_it:
-        raise _not_seen(effect_id, taken)
-    here = [c for c in of_it if where in ("", c.where)]
-    if not here:
-        places = ", ".join(dict.fromkeys(c.where for c in of_it))
-        raise UsageError(f"place of effect {effect_id}", repr(where), places)
-    found = hidden_among(here, truth, taken, seed=seed, noise_mm=noise_mm, size=size)
-    if not found:
-        raise _not_seen(wanted, taken)
-    return found
-
-
-def _not_seen(effect: str, taken: Conditions) -> UsageError:
-    return UsageError(
-        f"effect {effect}",
-        "nothing to see of it with this procedure",
-        "a procedure that shows it",
-        "" if TOOL in taken.leg else "Try --protocol two-station.",
-    )

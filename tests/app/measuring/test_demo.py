@@ -11,8 +11,9 @@ import pytest
 
 from app.evaluating.solution import solve_for_controller
 from app.measuring.demo import demo_plan, measure_all, verification_plan, with_hidden_effect
+from app.measuring.hidden_effect import hidden_effect
 from app.measuring.opening import Plan, start_session
-from app.measuring.simulated import BenchSettings, hidden_effect, planned_readings
+from app.measuring.simulated import BenchSettings, planned_readings
 from calib.observations import Observations
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance

@@ -45,6 +45,7 @@ class Plan:
     """Everything known before the first reading.
 
     ``before`` is the solution whose offsets this session verifies, ``verifies`` its file name.
+    ``continued``: the record is there and goes on.
     """
 
     path: Path
@@ -56,6 +57,7 @@ class Plan:
     seed: int = 1
     before: SessionSolution | None = None
     verifies: str | None = None
+    continued: bool = False
     bench: BenchSettings = BenchSettings()
     transport: Transport = field(default_factory=default_transport)
     interval_s: float = SIMULATED_INTERVAL_S
@@ -154,26 +156,23 @@ def refuse_plate(procedure: Procedure) -> None:
 
 
 def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
-    """Start the record of a new session. Raises RecordError or UsageError."""
-    plan.procedure.steps(plan.machine.geometry(), plan.axes)
-    journal = Journal.create(plan.path, opened_event(plan))
-    return GuidedSession(journal, indicators.gauges, indicators.go, indicators.close)
-
-
-def resume(plan: Plan, indicators: Indicators) -> GuidedSession:
-    """Go on with the record at the plan's path. Raises RecordError."""
-    journal = Journal.resume(plan.path, program())
+    """Start the record of a plan, or go on with it. Raises RecordError or UsageError."""
+    if plan.continued:
+        journal = Journal.resume(plan.path, program())
+    else:
+        plan.procedure.steps(plan.machine.geometry(), plan.axes)
+        journal = Journal.create(plan.path, opened_event(plan))
     return GuidedSession(journal, indicators.gauges, indicators.go, indicators.close)
 
 
 def start_session(plan: Plan) -> GuidedSession:
     """Open the indicators and begin. Raises IndicatorError, RecordError or UsageError."""
-    return _all_or_nothing(plan, begin)
-
-
-def continue_session(plan: Plan) -> GuidedSession:
-    """Open the indicators and go on. Raises IndicatorError or RecordError."""
-    return _all_or_nothing(plan, resume)
+    indicators = open_indicators(plan)
+    try:
+        return begin(plan, indicators)
+    except GlidecalError:
+        indicators.close()
+        raise
 
 
 def plan_to_continue(path: Path, instruments: tuple[Instrument, ...] = ()) -> Plan:
@@ -200,6 +199,7 @@ def plan_to_continue(path: Path, instruments: tuple[Instrument, ...] = ()) -> Pl
         seed=opened.seed or 0,
         before=_verified(path, opened.verifies),
         verifies=opened.verifies,
+        continued=True,
     )
 
 
@@ -224,17 +224,6 @@ def _verified(path: Path, verifies: str | None) -> SessionSolution | None:
     if beside is None or not beside.is_file():
         return None
     return solve_for_controller(beside)
-
-
-def _all_or_nothing(
-    plan: Plan, start: Callable[[Plan, Indicators], GuidedSession]
-) -> GuidedSession:
-    indicators = open_indicators(plan)
-    try:
-        return start(plan, indicators)
-    except GlidecalError:
-        indicators.close()
-        raise
 
 
 def session_name(folder: Path, word: str) -> Path:

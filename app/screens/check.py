@@ -13,7 +13,7 @@ from textual.screen import Screen
 from textual.widgets import Footer, Static
 
 from app.exit_codes import exit_code
-from app.measuring.opening import Indicators, Plan, begin, open_indicators, resume
+from app.measuring.opening import Indicators, Plan, begin, open_indicators
 from app.report.text.home import CHECK_HELP
 from app.report.text.session import check_text
 from app.screens.fast_keys import Title
@@ -38,10 +38,9 @@ class CheckScreen(Screen[None]):
         Binding("f10", "app.quit", "Quit", id="check.quit"),
     ]
 
-    def __init__(self, plan: Plan, *, continued: bool = False) -> None:
+    def __init__(self, plan: Plan) -> None:
         super().__init__()
         self._plan = plan
-        self._continued = continued
         self._problem: GlidecalError | None = None
 
     def compose(self) -> ComposeResult:
@@ -77,7 +76,7 @@ class CheckScreen(Screen[None]):
             return
         self.app.indicators = indicators
         self.refresh_bindings()
-        self.query_one("#words", Static).update(check_text(self._plan, continued=self._continued))
+        self.query_one("#words", Static).update(check_text(self._plan))
         for display, gauge in zip(self.query(GaugeDisplay), indicators.gauges, strict=True):
             display.border_title = escape(gauge.port)
         self.set_interval(REFRESH_S, self._show_live)
@@ -106,9 +105,8 @@ class CheckScreen(Screen[None]):
         """Start or continue the record and go measuring."""
         if self.app.indicators is None:
             return
-        start = resume if self._continued else begin
         with self.app.complaining():
-            guided = start(self._plan, self.app.indicators)
+            guided = begin(self._plan, self.app.indicators)
             self.app.indicators, self.app.guided = None, guided
             self.app.go_to(self.app.measuring(guided, self._plan))
 

@@ -129,7 +129,7 @@ class HomeScreen(Screen[None]):
             dialog = TextDialog(texts.PORTS_QUESTION.format(problem.thing), texts.PORTS_HINT)
             self.app.push_screen(dialog, partial(self._continue_with, path))
         else:
-            self.app.push_screen(self.app.check(plan, continued=True))
+            self.app.push_screen(self.app.check(plan))
 
     def _continue_with(self, path: Path, typed: str | None) -> None:
         with self.app.complaining():

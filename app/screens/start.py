@@ -38,8 +38,8 @@ class Glidecal(Interface):
     def preparation(self) -> Screen[None]:
         return PrepareScreen()
 
-    def check(self, plan: Plan, *, continued: bool = False) -> Screen[None]:
-        return CheckScreen(plan, continued=continued)
+    def check(self, plan: Plan) -> Screen[None]:
+        return CheckScreen(plan)
 
     def measuring(self, guided: GuidedSession, plan: Plan) -> Screen[None]:
         return MeasureScreen(guided, plan)
@@ -74,9 +74,9 @@ def open_interface() -> int:
     return _run(HomeScreen())
 
 
-def open_session(plan: Plan, *, continued: bool = False) -> int:
+def open_session(plan: Plan) -> int:
     """The instrument check of a planned or interrupted session, then measuring."""
-    return _run(CheckScreen(plan, continued=continued))
+    return _run(CheckScreen(plan))
 
 
 def open_replay(paths: Sequence[Path], *, read_only: bool = False) -> int:

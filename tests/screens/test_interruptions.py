@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from textual.widgets import OptionList
 
-from app.measuring.opening import continue_session, plan_to_continue
+from app.measuring.opening import plan_to_continue
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
 from app.screens.start import Glidecal
@@ -29,7 +29,7 @@ async def test_continue_at_the_first_unfinished_step(tmp_path: Path) -> None:
         screen = await to_measuring(pilot, first)
         await take(pilot, screen)
         await pilot.press("f10")
-    second = Glidecal(CheckScreen(plan_to_continue(plan.path), continued=True))
+    second = Glidecal(CheckScreen(plan_to_continue(plan.path)))
     async with second.run_test(size=SIZE) as pilot:
         await until(pilot, "words", lambda: "Enter continues" in text(second, "#words"))
         screen = await to_measuring(pilot, second)
@@ -214,7 +214,7 @@ async def test_a_continued_verification_still_compares(tmp_path: Path) -> None:
         await pilot.press("f10")
     again = plan_to_continue(verify.path)
     assert again.before is not None
-    with continue_session(replace(again, interval_s=0.0)) as guided:
+    with start_session(replace(again, interval_s=0.0)) as guided:
         measure_all(guided)
     after = solve_for_controller(verify.path).solution
     assert after.rms_before_mm < 0.1 * again.before.solution.rms_before_mm

@@ -31,8 +31,8 @@ from app.screens.interface import Interface
 from app.screens.leg_review import LegReviewScreen
 from app.screens.measure import MeasureScreen
 from app.screens.result import ResultScreen
+from app.screens.session_view import GaugeDisplay
 from app.screens.start import Glidecal
-from app.screens.widgets import GaugeDisplay
 from drivers.profile import Outcome, Reading
 
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"

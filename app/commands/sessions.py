@@ -82,7 +82,7 @@ def run(
         indicator or (), port or (), profile, machine=known, simulated=simulated
     )
     if resume:
-        _measure(plan_to_continue(resume, chosen), continued=True, headless=headless)
+        _measure(plan_to_continue(resume, chosen), headless=headless)
         return
     procedure = load_procedure(protocol or known.usual_procedure, known.geometry())
     if not dry_run:
@@ -102,26 +102,26 @@ def run(
     if dry_run:
         typer.echo(dry_run_text(plan.procedure, plan.machine, plan.axes))
     else:
-        _measure(plan, continued=False, headless=headless)
+        _measure(plan, headless=headless)
 
 
-def _measure(plan: Plan, *, continued: bool, headless: bool) -> None:
+def _measure(plan: Plan, *, headless: bool) -> None:
     """On the screen, or unattended for a simulated machine."""
     from app.measuring.demo import measure_all
-    from app.measuring.opening import continue_session, start_session
+    from app.measuring.opening import start_session
     from protocols.journal import check_new
 
-    if not continued:
+    if not plan.continued:
         check_new(plan.path)
     if not headless:
         need_terminal("guided session", "--headless with --simulated")
         from app.screens.start import open_session
 
-        raise typer.Exit(open_session(plan, LOOKS, continued=continued))
+        raise typer.Exit(open_session(plan, LOOKS))
     if not plan.simulated:
         raise UsageError("--headless", "real indicators", "--headless --simulated only")
     fast = replace(plan, interval_s=0.0)
-    with continue_session(fast) if continued else start_session(fast) as guided:
+    with start_session(fast) as guided:
         measure_all(guided)
     say(f"{len(guided.session.readings)} readings in {guided.path}")
 

@@ -12,15 +12,14 @@ from textual.screen import Screen
 from app.measuring.opening import Plan
 from app.report.streams import need_terminal
 from app.screens.check import CheckScreen
-from app.screens.compare import CompareScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
 from app.screens.keys import settings_for_screens
 from app.screens.look import Look
 from app.screens.measure import MeasureScreen
+from app.screens.pick import ReplayChoiceScreen
 from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
-from app.screens.replay_choice import ReplayChoiceScreen
 from app.settings import settings_path
 from protocols.record import read_record
 
@@ -39,8 +38,8 @@ class Glidecal(Interface):
     def preparation(self) -> Screen[None]:
         return PrepareScreen()
 
-    def check(self, plan: Plan, *, continued: bool = False) -> Screen[None]:
-        return CheckScreen(plan, continued=continued)
+    def check(self, plan: Plan) -> Screen[None]:
+        return CheckScreen(plan)
 
     def measuring(self, guided: GuidedSession, plan: Plan) -> Screen[None]:
         return MeasureScreen(guided, plan)
@@ -51,6 +50,8 @@ class Glidecal(Interface):
         return ResultScreen(solved, plan, path)
 
     def comparison(self, compared: Comparison) -> Screen[None]:
+        from app.screens.result import CompareScreen
+
         return CompareScreen(compared)
 
     def diagnosis(self, paths: list[Path]) -> Screen[None]:
@@ -68,9 +69,9 @@ def open_interface(looks: Sequence[Look]) -> int:
     return open_screen(HomeScreen(), looks)
 
 
-def open_session(plan: Plan, looks: Sequence[Look], *, continued: bool = False) -> int:
+def open_session(plan: Plan, looks: Sequence[Look]) -> int:
     """The instrument check of a planned or interrupted session, then measuring."""
-    return open_screen(CheckScreen(plan, continued=continued), looks)
+    return open_screen(CheckScreen(plan), looks)
 
 
 def open_replay(paths: Sequence[Path], looks: Sequence[Look], *, read_only: bool = False) -> int:

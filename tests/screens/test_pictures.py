@@ -20,6 +20,7 @@ from textual.screen import Screen
 from textual.widgets import Input, OptionList, Static, TabbedContent
 
 from app.evaluating.solution import solve_files
+from app.machines.registry import LOOKS
 from app.measuring.demo import demo_plan
 from app.measuring.simulated import BenchSettings
 from app.report.text.session import QUESTION_CHOICES
@@ -82,7 +83,7 @@ async def compare(pilot: Pilot[str], interface: Interface, name: str, folder: Pa
 
 def still(first: Screen[None]) -> Interface:
     """A program without animations."""
-    interface = Glidecal(first)
+    interface = Glidecal(first, looks=LOOKS)
     interface.animation_level = "none"
     return interface
 

@@ -8,17 +8,17 @@ entries of a joint, those of foot and tool into the kinematics, the others harm 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from calib.errors import ImpossibleRequest
-from calib.observations import FloatArray, tool_conditions
+from calib.observations import FloatArray
 from calib.tripod.effects.bars import GravitySag
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.kinematics import inverse
-from calib.tripod.pipeline import Flow, Model, Stage, posture
-from calib.tripod.workspace import workspace_points
+from calib.tripod.pipeline import Model, Stage
+from calib.tripod.workspace import machine_at, workspace_points
 
 MOST_POINTS = 256
 """Lines of a compensation table that LinuxCNC reads."""
@@ -67,7 +67,7 @@ def carriage_error_mm(model: Model, joint_mm: FloatArray, way: float) -> FloatAr
 
     ``way`` -1 is downwards. Includes d_rho.
     """
-    return np.asarray(_flow(model, joint_mm, way).carriage_mm - joint_mm)
+    return np.asarray(machine_at(model, joint_mm, way).carriage_mm - joint_mm)
 
 
 def carriage_errors_mm(model: Model, joint_mm: float, way: float) -> list[float]:
@@ -105,7 +105,7 @@ def kinematics_of(model: Model) -> Kinematics:
     """Drives and bars of the model for an own kinematics module, joints already corrected."""
     geometry = model.geometry
     travel = np.linspace(geometry.travel_min_mm, geometry.travel_max_mm, 33)
-    flow = _flow(model, geometry.zero_mm + travel[:, None] * np.ones(3), 1.0)
+    flow = machine_at(model, geometry.zero_mm + travel[:, None] * np.ones(3), 1.0)
     found, misfit = np.empty((3, 3, 3)), 0.0
     for k, zero in enumerate(geometry.zero_mm):
         place = flow.carriage_mm[:, k] - zero
@@ -142,17 +142,11 @@ def left_at_tool_mm(model: Model, told: Sequence[Stage], *, lengths: bool) -> fl
     zero = model.geometry.zero_mm[None, :]
     worst = 0.0
     for way in (1.0, -1.0):
-        off = _flow(left, joints, way).tool_mm - points
+        off = machine_at(left, joints, way).tool_mm - points
         if model.geometry.set_at_zero:
-            off = off - _flow(left, zero, way).tool_mm
+            off = off - machine_at(left, zero, way).tool_mm
         worst = max(worst, float(np.sqrt((off**2).sum(axis=-1).mean())))
     return worst
-
-
-def _flow(model: Model, joint_mm: FloatArray, way: float) -> Flow:
-    taken = tool_conditions(np.zeros((len(joint_mm), 3)))
-    taken = replace(taken, movement=np.full((len(joint_mm), 3), way))
-    return posture(model.geometry, model.parameters_mm, taken, joint_mm, model.effects)
 
 
 def _added_mm(

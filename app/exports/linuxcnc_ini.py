@@ -51,7 +51,7 @@ def read_controller(path: Path) -> Controller:
 
     A joint without HOME_OFFSET has 0. Lengths are converted where the machine is in inches.
     """
-    ini = _Ini(path)
+    ini = Entries(path)
     mm_per_unit = _unit(ini)
     count = int(ini.number("KINS", "JOINTS", least=1.0, default=float(len(LEG_NAMES))))
     if count < len(LEG_NAMES):
@@ -60,7 +60,7 @@ def read_controller(path: Path) -> Controller:
     return Controller(mm_per_unit, joints, _axes(ini))
 
 
-def _unit(ini: _Ini) -> float:
+def _unit(ini: Entries) -> float:
     text = ini.find("TRAJ", "LINEAR_UNITS")
     if text is not None and text.lower() in MM_OF_UNIT:
         return MM_OF_UNIT[text.lower()]
@@ -73,7 +73,7 @@ def _unit(ini: _Ini) -> float:
     )
 
 
-def _joint(ini: _Ini, section: str, mm_per_unit: float) -> ControllerJoint:
+def _joint(ini: Entries, section: str, mm_per_unit: float) -> ControllerJoint:
     if not ini.has(section):
         raise RecordError(f"INI file {ini.path}", f"no section [{section}]", f"one for {section}")
     home = ini.number(section, "HOME_OFFSET") * mm_per_unit
@@ -92,14 +92,14 @@ def _joint(ini: _Ini, section: str, mm_per_unit: float) -> ControllerJoint:
     )
 
 
-def _axes(ini: _Ini) -> str | None:
+def _axes(ini: Entries) -> str | None:
     """``"XYZ"`` where the kinematics are told which joint moves which axis."""
     text = ini.find("KINS", "KINEMATICS") or ""
     found = re.search(r"\bcoordinates=([a-zA-Z]+)", text)
     return found[1].upper() if found else None
 
 
-class _Ini:
+class Entries:
     """Entries of an INI file. Raises RecordError where it cannot be read."""
 
     def __init__(self, path: Path) -> None:
@@ -107,6 +107,7 @@ class _Ini:
         self._lines = list(_without_comments(_joined(_with_includes(path))))
 
     def has(self, section: str) -> bool:
+        """Whether there is such a section."""
         return any(line.startswith(f"[{section}]") for line in self._lines)
 
     def find(self, section: str, key: str) -> str | None:
@@ -147,7 +148,9 @@ def _with_includes(path: Path) -> Iterator[str]:
     for line in lines:
         first, _, rest = line.strip().partition(" ")
         if expanded and first == INCLUDE and rest:
-            yield from read_text(path.parent / _file_name(path, rest), "INI file").splitlines()
+            included = path.parent / _file_name(path, rest)
+            if included.exists():  # the controller complains, and starts without it
+                yield from read_text(included, "INI file").splitlines()
         else:
             yield line
 
@@ -163,7 +166,7 @@ def _file_name(path: Path, words: str) -> str:
 
 
 def _joined(lines: Iterable[str]) -> Iterator[str]:
-    """Lines that end with a backslash go on in the next one."""
+    """Lines that end with a backslash go on in the next one, and are nothing without one."""
     before = ""
     for line in lines:
         if line.endswith("\\"):
@@ -171,8 +174,6 @@ def _joined(lines: Iterable[str]) -> Iterator[str]:
             continue
         yield before + line
         before = ""
-    if before:
-        yield before
 
 
 def _without_comments(lines: Iterable[str]) -> Iterator[str]:

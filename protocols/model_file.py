@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 from pydantic import AwareDatetime, Field, ValidationError
 
 from calib.errors import RecordError, UsageError
+from calib.identify.fit import Size
 from calib.observations import TOOL, conditions
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.catalogue import laws_of
@@ -315,6 +316,33 @@ def to_model(found: ModelFile, thing: str, effects: Sequence[Law] = CATALOGUE) -
     values = tuple(found.parameters_mm.get(name, 0.0) for name in PARAMETER_NAMES)
     placed = [placed_effects(entry, effects, geometry, thing) for entry in found.effects]
     return Model(geometry, values, tuple(effect for each in placed for effect in each))
+
+
+def sizes_of(found: ModelFile, laws: Sequence[Law] = CATALOGUE) -> tuple[Size, ...]:
+    """The values of a model's effects that a fit may free: one for each entry of a parameter.
+
+    Places that share an entry share the value. Raises RecordError as `to_model` does.
+    """
+    geometry, sizes, first = found.machine.geometry(), [], 0
+    for entry in found.effects:
+        placed = placed_effects(entry, laws, geometry, "model")
+        law = placed[0].law
+        bases = [parameter.name for parameter in law.parameters]
+        for name, parameter in entry.parameters.items():
+            base = bases.index(parameter.of or name)
+            places = _places(entry, parameter, law, geometry, "model")
+            at = [first + k for k, one in enumerate(placed) if one.place in places]
+            known = law.parameters[base]
+            sizes.append(
+                Size(
+                    f"{entry.id} {entry.where}: {name}",
+                    known.unit,
+                    known.tolerance,
+                    tuple((effect, base) for effect in at),
+                )
+            )
+        first += len(placed)
+    return tuple(sizes)
 
 
 def _check_parameters(found: ModelFile, thing: str) -> None:

@@ -28,13 +28,14 @@ class ControllerJoint:
     """What the controller holds for one joint, in mm.
 
     ``latch_sign`` is the sign of the movement onto the home switch, 0 where homing moves nothing;
-    with an absolute encoder there is no switch.
+    with an absolute encoder there is no switch. ``compensated``: a COMP_FILE is read already.
     """
 
     home_offset_mm: float
-    latch_sign: int
-    absolute_encoder: bool
-    compensated: bool
+    latch_sign: int = 0
+    absolute_encoder: bool = False
+    backlash_mm: float = 0.0
+    compensated: bool = False
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,7 @@ def _joint(ini: Entries, section: str, mm_per_unit: float) -> ControllerJoint:
         home_offset_mm=home,
         latch_sign=(latch > 0) - (latch < 0),
         absolute_encoder=ini.number(section, "HOME_ABSOLUTE_ENCODER") != 0.0,
+        backlash_mm=ini.number(section, "BACKLASH") * mm_per_unit,
         compensated=ini.find(section, "COMP_FILE") is not None,
     )
 

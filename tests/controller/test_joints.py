@@ -79,7 +79,7 @@ def worst_um(
     model, entries, files = told or truth(figures), [], {}
     for k in range(3):
         old = believed_switch(figures, OFFSETS[k], way)
-        held = ControllerJoint(old, int(way), absolute_encoder=False, compensated=False)
+        held = ControllerJoint(old, int(way))
         given = joint_entries(model, k, held)
         entry: dict[str, float | str] = {
             "HOME": L,

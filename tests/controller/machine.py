@@ -10,8 +10,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tests.controller.running import SimulatedJoint, Stop, run
+
+FloatArray = NDArray[np.float64]
 
 L = 310.25
 SWITCH_MM = 345.0
@@ -41,17 +44,18 @@ CHECKED = np.array(
 
 @dataclass(frozen=True)
 class Machine:
-    """What is off: offsets and lengths in mm, figures of ``rigjoint.comp``, shifts of drives.
+    """What is off: offsets and lengths in mm, figures of ``rigjoint.comp``, places of drives.
 
-    ``joint`` holds for all three, ``one`` for some of them. ``lean`` ``(3, 3)`` is added to the unit vectors of the drives, ``shift_mm`` to their origins.
+    ``joint`` holds for all three carriages, ``one`` for some of them. ``lean`` ``(3, 3)`` is added
+    to the unit vectors of the drives, ``shift_mm`` to their origins.
     """
 
     offset_mm: Sequence[float] = (0.0, 0.0, 0.0)
     length_mm: Sequence[float] = (0.0, 0.0, 0.0)
     joint: Mapping[str, float] = field(default_factory=dict)
     one: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
-    lean: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
-    shift_mm: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    lean: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
+    shift_mm: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
 
     def joints(self) -> list[SimulatedJoint]:
         """The carriages; the motor stands at 0 where a right one would be at L."""
@@ -72,12 +76,12 @@ class Machine:
         """What is off about one carriage."""
         return {**self.joint, **self.one.get(joint, {})}
 
-    def feet(self, carriage: Sequence[float]) -> np.ndarray:
+    def feet(self, carriage: Sequence[float]) -> FloatArray:
         """Feet ``(3, 3)`` for true carriages."""
-        return self.shift_mm + (np.eye(3) + self.lean) * np.array(carriage)[:, None]
+        return np.asarray(self.shift_mm + (np.eye(3) + self.lean) * np.array(carriage)[:, None])
 
-    def tool(self, carriage: Sequence[float]) -> np.ndarray:
-        """Where three spheres about the feet meet, on the side of the origin; by Newton's method."""
+    def tool(self, carriage: Sequence[float]) -> FloatArray:
+        """Where three spheres about the feet meet, near the origin; by Newton's method."""
         feet, lengths, tool = self.feet(carriage), L + np.array(self.length_mm), np.zeros(3)
         for _ in range(20):
             way = tool - feet
@@ -126,14 +130,25 @@ def tool_error_mm(machine: Machine, stops: Sequence[Stop]) -> float:
     return float(np.sqrt((np.array(off) ** 2).sum(axis=1).mean()))
 
 
-def measured(machine: Machine, folder: Path, **told: object) -> tuple[str, float]:
+def measured(
+    machine: Machine,
+    folder: Path,
+    entries: Sequence[Mapping[str, float | str]],
+    calib_hal: str,
+    *,
+    files: Mapping[str, str] | None = None,
+    includes: Sequence[str] = ("", "", ""),
+) -> tuple[str, float]:
     """A table of readings for ``glidecal import``, and the tool's error, from one run."""
     lines = [_go((-25.0, -25.0, -25.0))]
     levels = [*LEVELS * CYCLES, 0.0]
     for leg in range(3):
         lines += [_go(np.eye(3)[leg] * level) for level in levels]
     lines += [_go(wanted) for wanted in CHECKED]
-    stops = run(folder, machine.joints(), told=["home", *lines], **told)[2:]  # type: ignore[arg-type]
+    told = ["home", *lines]
+    stops = run(folder, machine.joints(), entries, calib_hal, told, files=files, includes=includes)[
+        2:
+    ]
     generator = np.random.default_rng(3)
     rows = ["leg,axis,displacement_mm,station,cycle,value_mm"]
     for leg in range(3):
@@ -152,5 +167,5 @@ def measured(machine: Machine, folder: Path, **told: object) -> tuple[str, float
     return "\n".join(rows) + "\n", tool_error_mm(machine, stops[3 * len(levels) :])
 
 
-def _go(tool: Sequence[float] | np.ndarray) -> str:
+def _go(tool: Sequence[float] | FloatArray) -> str:
     return "G21 G90 G53 G1 F6000 X{:.4f} Y{:.4f} Z{:.4f}".format(*tool)

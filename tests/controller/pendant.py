@@ -64,7 +64,7 @@ def where() -> dict[str, list[float]]:
 
 def main() -> None:
     told = json.loads(Path("told.json").read_text())
-    answer = {"stops": [], "errors": []}
+    answer: dict[str, list[object]] = {"stops": [], "errors": []}
     try:
         ask(command.state(linuxcnc.STATE_ESTOP_RESET))
         ask(command.state(linuxcnc.STATE_ON))

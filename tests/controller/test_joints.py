@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,80 +15,51 @@ from calib.tripod.effects.actuators import ActuatorCyclic, ActuatorScale, Backla
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
-from tests.controller.running import SimulatedJoint, need_linuxcnc, run
+from tests.controller.machine import L, Machine, homing, old_home_offset_mm
+from tests.controller.running import need_linuxcnc, run
 
-L = Geometry().leg_length_mm[0]
-SWITCH_MM = 345.0
 OFFSETS = (0.8, -1.3, 0.45)
-LATCH_MM_S = 1.0
-WHOLE = {"scale": 0.5, "cyclic": 10.0, "play": 0.06}
+PLAY = {"play": 0.06}
+SCALE = {"scale": 5e-4}
+WHOLE = {"scale": 5e-4, "cyclic": 0.01, "play": 0.06}
 PLACES = [(0, 0, 0), (60, 0, 0), (0, 0, 0), (0, 60, 0), (0, 0, 60), (-60, 0, 0), (0, -60, -60)]
+HERE = {"HOME": L, "HOME_SEARCH_VEL": 0.0, "HOME_LATCH_VEL": 0.0}
+"""The switch is here, now: homed where it stands."""
 
 
-def truth(figures: dict[str, float]) -> Model:
+def found(machine: Machine) -> Model:
     """The machine as glidecal would have found it."""
     effects = []
     for leg in "xyz":
+        figures = machine.joint
         if "scale" in figures:
-            effects.append(EffectInstance(ActuatorScale(), leg, (figures["scale"],)))
+            scale = figures["scale"] * 1e3
+            effects.append(EffectInstance(ActuatorScale(), leg, (scale,)))
         if "cyclic" in figures:
-            effects.append(EffectInstance(ActuatorCyclic(5.0), leg, (figures["cyclic"], 0.0)))
+            sine = figures["cyclic"] * 1e3
+            effects.append(EffectInstance(ActuatorCyclic(5.0), leg, (sine, 0.0)))
         if "play" in figures:
             effects.append(EffectInstance(Backlash(), leg, (figures["play"],)))
-    return Model(Geometry(), (*OFFSETS, 0.0, 0.0, 0.0), tuple(effects))
-
-
-def rig(figures: dict[str, float], offset: float) -> SimulatedJoint:
-    """The same as a machine: believed q = motor + L, so the carriage begins at q + offset."""
-    return SimulatedJoint(
-        {
-            "mounting": L + offset,
-            "scale": figures.get("scale", 0.0) / 1e3,
-            "cyclic": figures.get("cyclic", 0.0) / 1e3,
-            "lead": 5.0,
-            "play": figures.get("play", 0.0),
-            "zero": L + offset,
-            "switch_at": SWITCH_MM,
-        }
-    )
-
-
-def believed_switch(figures: dict[str, float], offset: float, way: float) -> float:
-    """The coordinate at which the uncorrected controller met the switch: its old HOME_OFFSET."""
-    q = SWITCH_MM
-    for _ in range(50):
-        x = q - L
-        off = offset + figures.get("scale", 0.0) / 1e3 * x
-        off += figures.get("cyclic", 0.0) / 1e3 * np.sin(2 * np.pi * x / 5.0)
-        off += figures.get("play", 0.0) * (way < 0)
-        q = SWITCH_MM - off
-    return float(q)
+    return Model(Geometry(), (*machine.offset_mm, 0.0, 0.0, 0.0), tuple(effects))
 
 
 def worst_um(
     folder: Path,
-    figures: dict[str, float],
+    machine: Machine,
+    model: Model,
+    held: Sequence[ControllerJoint],
+    home: Mapping[str, float | str],
     *,
-    way: float = 1.0,
     sign: float = 1.0,
-    told: Model | None = None,
 ) -> float:
     """Largest departure of a carriage from what the controller believes, µm.
 
     ``sign`` -1 turns every entry round: the control.
     """
-    model, entries, files = told or truth(figures), [], {}
+    entries, files = [], {}
     for k in range(3):
-        old = believed_switch(figures, OFFSETS[k], way)
-        held = ControllerJoint(old, int(way))
-        given = joint_entries(model, k, held)
-        entry: dict[str, float | str] = {
-            "HOME": L,
-            "HOME_OFFSET": old + sign * given.home_change_mm,
-            "HOME_SEARCH_VEL": 40.0,
-            "HOME_LATCH_VEL": LATCH_MM_S * way,
-            "MAX_ACCELERATION": 1000,  # so that it runs past the switch by more than corrections
-        }
+        given = joint_entries(model, k, held[k])
+        entry = {**home, "HOME_OFFSET": held[k].home_offset_mm + sign * given.home_change_mm}
         if given.backlash_mm:
             entry["BACKLASH"] = sign * given.backlash_mm
         if given.table is not None:
@@ -98,30 +70,47 @@ def worst_um(
             entry |= {"COMP_FILE": name, "COMP_FILE_TYPE": 1}
         entries.append(entry)
     lines = [f"G21 G90 G53 G1 F6000 X{x} Y{y} Z{z}" for x, y, z in PLACES]
-    joints = [rig(figures, offset) for offset in OFFSETS]
     hal = kinematics_files(Model())["calib.hal"]
-    stops = run(folder, joints, entries, hal, ["home", *lines], files=files)[1:]
+    stops = run(folder, machine.joints(), entries, hal, ["home", *lines], files=files)[1:]
     off = np.array([s.carriage for s in stops]) - np.array([s.joint for s in stops])
-    print(np.round(off * 1e3, 1), [s.trim for s in stops])
     return float(np.abs(off).max() * 1e3)
+
+
+def on_switch(machine: Machine, way: float) -> list[ControllerJoint]:
+    return [ControllerJoint(old_home_offset_mm(machine, k, way), int(way)) for k in range(3)]
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0], ids=["latched-up", "latched-down"])
 @pytest.mark.parametrize(
-    "figures",
-    [{}, {"play": 0.06}, {"scale": 0.5}, WHOLE],
-    ids=["offsets", "play", "scale", "whole"],
+    "figures", [{}, PLAY, SCALE, WHOLE], ids=["offsets", "play", "scale", "whole"]
 )
-def test_the_carriage_is_where_it_is_believed(
+def test_homed_on_a_switch_the_carriage_is_where_it_is_believed(
     figures: dict[str, float], way: float, tmp_path: Path
 ) -> None:
     need_linuxcnc()
-    assert worst_um(tmp_path, figures, way=way) < 3.0
+    machine = Machine(OFFSETS, joint=figures)
+    held = on_switch(machine, way)
+    assert worst_um(tmp_path, machine, found(machine), held, homing(0.0, way)) < 3.0
+
+
+@pytest.mark.parametrize("encoder", [0, 1, 2], ids=["here", "encoder-1", "encoder-2"])
+@pytest.mark.parametrize("figures", [{}, SCALE], ids=["offsets", "scale"])
+def test_homed_without_a_switch_the_carriage_is_where_it_is_believed(
+    figures: dict[str, float], encoder: int, tmp_path: Path
+) -> None:
+    """The motor stands at 0 and is believed to be at L."""
+    need_linuxcnc()
+    machine = Machine(OFFSETS, joint=figures)
+    held = [ControllerJoint(L, absolute_encoder=encoder > 0)] * 3
+    home = {**HERE, "HOME_ABSOLUTE_ENCODER": encoder}
+    assert worst_um(tmp_path, machine, found(machine), held, home) < 3.0
 
 
 def test_with_the_signs_turned_it_is_worse_than_before(tmp_path: Path) -> None:
     need_linuxcnc()
-    before = worst_um(tmp_path / "before", WHOLE, told=Model())
-    turned = worst_um(tmp_path / "turned", WHOLE, sign=-1.0)
+    machine = Machine(OFFSETS, joint=WHOLE)
+    held, home = on_switch(machine, 1.0), homing(0.0)
+    before = worst_um(tmp_path / "before", machine, Model(), held, home)
+    turned = worst_um(tmp_path / "turned", machine, found(machine), held, home, sign=-1.0)
     assert before > 1000.0
     assert turned > 1.5 * before

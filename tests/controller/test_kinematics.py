@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.exports.linuxcnc_kins import kinematics_files
-from calib.observations import tool_conditions
+from calib.observations import FloatArray, tool_conditions
 from calib.tripod.effects.axes import AxisOffset, AxisSquareness, Straightness
 from calib.tripod.effects.bars import GravitySag
 from calib.tripod.effects.effect import EffectInstance
@@ -38,7 +38,7 @@ def delta() -> Model:
     return Model(load_machine("linear-delta").geometry(), (0.0, 0.0, 0.0, 0.4, -0.3, 0.2))
 
 
-def targets(geometry: Geometry) -> np.ndarray:
+def targets(geometry: Geometry) -> FloatArray:
     low, high = geometry.workspace_mm or ((-60.0,) * 3, (40.0,) * 3)
     return np.random.default_rng(4).uniform(low, high, (POSTURES, 3))
 
@@ -71,7 +71,7 @@ def test_lengths_alone_are_three_spheres(tmp_path: Path) -> None:
             assert math.dist(foot, target) == pytest.approx(length, abs=1e-6)
 
 
-def moved(model: Model, wanted: np.ndarray, folder: Path) -> list[Stop]:
+def moved(model: Model, wanted: FloatArray, folder: Path) -> list[Stop]:
     """Stops of LinuxCNC at the targets, homed where it stands."""
     zero = model.geometry.zero_mm
     lines = [f"G21 G90 G53 G1 F54000 X{x:.3f} Y{y:.3f} Z{z:.3f}" for x, y, z in wanted]

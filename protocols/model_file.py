@@ -12,6 +12,7 @@ from pydantic import AwareDatetime, Field, ValidationError
 
 from calib.errors import RecordError, UsageError
 from calib.identify.fit import Size
+from calib.identify.solution import Solution
 from calib.observations import TOOL, conditions
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.catalogue import laws_of
@@ -343,6 +344,25 @@ def sizes_of(found: ModelFile, laws: Sequence[Law] = CATALOGUE) -> tuple[Size, .
             )
         first += len(placed)
     return tuple(sizes)
+
+
+def with_solution(found: ModelFile, solution: Solution) -> ModelFile:
+    """The model with parameters and sizes as they were fitted together, and how well each is known.
+
+    ``solution`` was fitted with `sizes_of` this model.
+    """
+    sizes = iter(solution.sizes)
+    effects = []
+    for entry in found.effects:
+        known = {
+            name: one.model_copy(
+                update={"value": size.value, "standard_uncertainty": size.standard_uncertainty}
+            )
+            for (name, one), size in zip(entry.parameters.items(), sizes, strict=False)
+        }
+        effects.append(entry.model_copy(update={"parameters": known}))
+    values = dict(zip(PARAMETER_NAMES, solution.model.parameters_mm, strict=True))
+    return found.model_copy(update={"parameters_mm": values, "effects": tuple(effects)})
 
 
 def _check_parameters(found: ModelFile, thing: str) -> None:

@@ -36,6 +36,9 @@ def solve(
         Literal["equal", "covariance"],
         typer.Option(help="Linear method only: equal as in the papers, or covariance (14)."),
     ] = "equal",
+    model: Annotated[
+        Path | None, file("Fit the sizes of this model's effects together with the parameters.")
+    ] = None,
     tolerance: Annotated[
         float | None, number("Judge the tool's r.m.s. error against this, mm.")
     ] = None,
@@ -64,6 +67,7 @@ def solve(
         subset=subset,
         method=method,
         weights=weights,
+        model=model,
         tolerance_mm=tolerance,
         show_map=show_map,
         monte_carlo=monte_carlo,

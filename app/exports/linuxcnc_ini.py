@@ -13,9 +13,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from calib.errors import RecordError
 from calib.observations import LEG_NAMES
 from protocols.documents import read_text
-from protocols.errors import RecordError
 from protocols.table import NUMBER
 
 INCLUDE = "#INCLUDE"

@@ -79,6 +79,7 @@ class Solving:
     subset: Subset | None
     method: Method
     weights: Weights
+    model: Path | None
     tolerance_mm: float | None
     show_map: bool
     monte_carlo: int

@@ -105,7 +105,11 @@ def solve(asked: Solving, say: Say) -> Answer:
     from app.evaluating.solution import solve_files
 
     solved, warnings = solve_files(
-        asked.files, subset=asked.subset, method=asked.method, weights=asked.weights
+        asked.files,
+        subset=asked.subset,
+        method=asked.method,
+        weights=asked.weights,
+        model=asked.model,
     )
     for warning in warnings:
         say(f"glidecal: {warning}")
@@ -130,7 +134,10 @@ def solve(asked: Solving, say: Say) -> Answer:
     def document() -> Report:
         from app.report.schema.solution import SolutionReport
 
-        return SolutionReport.of(solved=solved, judged=judged, maps=mapped, simulated=simulated)
+        sizes = solved.solution.sizes or None
+        return SolutionReport.of(
+            solved=solved, sizes=sizes, judged=judged, maps=mapped, simulated=simulated
+        )
 
     return Answer(text, document)
 

@@ -12,11 +12,11 @@ Three ways, told apart by ``method`` and ``weights``:
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Self, cast
+from typing import Self
 
 import numpy as np
 
-from calib.design.identifiability import Identifiability, analyse, refuse_unseen
+from calib.design.identifiability import Identifiability, Sensitivity, analyse, refuse_unseen
 from calib.errors import NotIdentifiable
 from calib.identify.fit import (
     Fit,
@@ -37,6 +37,7 @@ from calib.identify.solution import (
     Weights,
     lack_of_fit,
 )
+from calib.linalg import DEPENDENT, basis_of, without
 from calib.noise.reading import (
     IndicatorFigures,
     IndicatorNoise,
@@ -51,7 +52,6 @@ from calib.tripod.differences import Differences, differences
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 from calib.tripod.sensitivity import sensitivity_of_readings
-from calib.tripod.workspace import tool_derivatives
 
 NOTICED = 50.0
 """Tolerances: so large an effect would be seen without measuring, as offsets of 5 mm would."""
@@ -201,26 +201,35 @@ def _seen(
     tolerance_mm: FloatArray | None = None,
 ) -> Identifiability:
     """What the readings see; with tolerances ``(k,)`` these count as measurements beside them."""
-    sizes = told.sizes[: fit.design.shape[1] - len(free)]  # the linear forms hold them
+    k = len(free)
+    root = np.sqrt(weight)[:, None]
+    if fit.design.shape[1] > k:  # sizes of effects are fitted too: what they take is not seen
+        centred = root * without_zeros(told.visited, weight, fit.design)
+        sizes, base = centred[:, k:], centred[:, :k]
+        design = without(basis_of(sizes, DEPENDENT), base) / root
+        _refuse_unseen_sizes(told, without(basis_of(base, DEPENDENT), sizes), noise)
+    else:
+        design = fit.design
     seen = sensitivity_of_readings(
-        told.model.geometry, told.visited, weight, fit.design, free, noise_known=noise is not None
+        told.model.geometry, told.visited, weight, design, free, noise_known=noise is not None
     )
-    if sizes:
-        tool = [tool_derivatives(fit.model, size.steps(fit.model)) for size in sizes]
-        seen = replace(
-            seen,
-            names=(*seen.names, *(size.name for size in sizes)),
-            units=(*seen.units, *(size.unit for size in sizes)),
-            tolerance=np.concatenate(
-                [seen.tolerance, [NOTICED * size.tolerance for size in sizes]]
-            ),
-            cost=np.column_stack([cast(FloatArray, seen.cost), *tool]),
-        )
     if tolerance_mm is not None:
-        rows = np.zeros((len(tolerance_mm), seen.jacobian.shape[1]))
-        np.fill_diagonal(rows, 1.0 / tolerance_mm)
-        seen = replace(seen, jacobian=np.vstack([seen.jacobian, rows]))
+        rows = np.vstack([seen.jacobian, np.diag(1.0 / tolerance_mm)])
+        seen = replace(seen, jacobian=rows)
     return analyse(seen)
+
+
+def _refuse_unseen_sizes(told: Told, columns: FloatArray, noise: Noise | None) -> None:
+    """Refuse a model with effects whose sizes these readings do not show, by their names."""
+    sizes = told.sizes
+    shown = Sensitivity(
+        names=tuple(size.name for size in sizes),
+        units=tuple(size.unit for size in sizes),
+        jacobian=columns,
+        tolerance=np.array([NOTICED * size.tolerance for size in sizes]),
+        noise_known=noise is not None,
+    )
+    refuse_unseen(analyse(shown), "effects of the model")
 
 
 def _fitted(sizes: tuple[Size, ...], model: Model, spread: Propagation) -> tuple[FittedSize, ...]:

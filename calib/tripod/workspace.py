@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy as np
 from calib.observations import FloatArray, tool_conditions
 from calib.tripod.geometry import Geometry
 from calib.tripod.kinematics import inverse, tool_jacobians
-from calib.tripod.pipeline import COMPLEX_STEP_MM, Effect, Flow, Model, posture
+from calib.tripod.pipeline import Flow, Model, posture
 
 POINTS_PER_AXIS = 5
 
@@ -45,24 +44,11 @@ def tool_jacobian_at(geometry: Geometry, tool_mm: FloatArray) -> FloatArray:
     return jacobian
 
 
-def machine_at(
-    model: Model, joint_mm: FloatArray, way: float, effects: Sequence[Effect] | None = None
-) -> Flow:
+def machine_at(model: Model, joint_mm: FloatArray, way: float) -> Flow:
     """The machine as far as the tool for joint coordinates ``(n, 3)``, all reached one ``way``.
 
-    1 is upwards, -1 downwards. ``effects`` in place of the model's. Raises UnreachablePosture.
+    1 is upwards, -1 downwards. Raises UnreachablePosture.
     """
     taken = tool_conditions(np.zeros((len(joint_mm), 3)))
     taken = replace(taken, movement=np.full((len(joint_mm), 3), way))
-    acting = model.effects if effects is None else effects
-    return posture(model.geometry, model.parameters_mm, taken, joint_mm, acting)
-
-
-def tool_derivatives(model: Model, stepped: Sequence[Effect]) -> FloatArray:
-    """Derivatives ``(n_points * 3,)`` of the tool by a size of an effect, mm per unit.
-
-    ``stepped`` are the model's effects with that size a complex step further.
-    """
-    joints = inverse(model.geometry, workspace_points(model.geometry))
-    moved = machine_at(model, joints, -1.0, stepped).tool_mm
-    return np.asarray(moved.imag.ravel() / COMPLEX_STEP_MM)
+    return posture(model.geometry, model.parameters_mm, taken, joint_mm, model.effects)

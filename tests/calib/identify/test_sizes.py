@@ -51,9 +51,9 @@ def visited(stations: tuple[float, ...] = (0.3, 0.7)) -> Conditions:
                     rows += [
                         (leg, axis, level, station, side, cycle) for axis in range(3) if axis != leg
                     ]
-    leg, axis, level, station, side, cycle = zip(*rows, strict=True)
-    taken = conditions(leg, axis, level, station=station)
-    return replace(taken, approach=np.array(side), cycle=np.array(cycle, dtype=np.intp))
+    legs, axes, levels, touched, sides, cycles = zip(*rows, strict=True)
+    taken = conditions(legs, axes, levels, station=touched)
+    return replace(taken, approach=np.array(sides), cycle=np.array(cycles, dtype=np.intp))
 
 
 def measured(truth: Model, scatter_mm: float, seed: int) -> Observations:
@@ -71,7 +71,7 @@ def test_a_lean_no_longer_goes_into_the_offsets() -> None:
     assert np.abs(alone.values_mm - truth.parameters_mm[:3]).max() > 0.05
     assert together.values_mm == pytest.approx(truth.parameters_mm[:3], abs=1e-5)
     assert [size.value for size in together.sizes] == pytest.approx([2.0, 0.05], abs=1e-5)
-    assert together.model.effects[2].values == together.model.effects[1].values, "shared"
+    assert LEAN_AND_PLAY[1].value(together.model) == together.sizes[1].value
 
 
 def test_stated_uncertainties_of_sizes_and_offsets_hold() -> None:

@@ -10,41 +10,17 @@ import os
 import re
 import shlex
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from calib.errors import RecordError
 from calib.observations import LEG_NAMES
+from calib.tripod.controller import Controller, ControllerJoint
 from protocols.documents import read_text
 from protocols.table import NUMBER
 
 INCLUDE = "#INCLUDE"
 MM_OF_UNIT = {"mm": 1.0, "metric": 1.0, "in": 25.4, "inch": 25.4, "imperial": 25.4}
 LARGEST_MM = 100_000.0
-
-
-@dataclass(frozen=True)
-class ControllerJoint:
-    """What the controller holds for one joint, in mm.
-
-    ``latch_sign`` is the sign of the movement onto the home switch, 0 where homing moves nothing;
-    with an absolute encoder there is no switch. ``compensated``: a COMP_FILE is read already.
-    """
-
-    home_offset_mm: float
-    latch_sign: int = 0
-    absolute_encoder: bool = False
-    backlash_mm: float = 0.0
-    compensated: bool = False
-
-
-@dataclass(frozen=True)
-class Controller:
-    """Joints of an INI file; ``axes`` names the axis of each, where the file tells it."""
-
-    mm_per_unit: float
-    joints: tuple[ControllerJoint, ...]
-    axes: str | None
 
 
 def read_controller(path: Path) -> Controller:
@@ -58,7 +34,7 @@ def read_controller(path: Path) -> Controller:
     if count < len(LEG_NAMES):
         raise RecordError(f"INI file {path}, [KINS] JOINTS", str(count), "three joints or more")
     joints = tuple(_joint(ini, f"JOINT_{n}", mm_per_unit) for n in range(count))
-    return Controller(mm_per_unit, joints, _axes(ini))
+    return Controller(joints, mm_per_unit, _axes(ini))
 
 
 def _unit(ini: Entries) -> float:

@@ -36,6 +36,35 @@ PASSES = 20
 """Of q_old = q_new - e(q_old): each leaves a hundredth of the step before it, or less."""
 
 
+@dataclass(frozen=True)
+class ControllerJoint:
+    """What the controller holds for one joint, in mm.
+
+    ``latch_sign`` is the sign of the movement onto the home switch, 0 where homing moves nothing;
+    with an absolute encoder there is no switch. ``compensated``: a COMP_FILE is read already.
+    """
+
+    home_offset_mm: float
+    latch_sign: int = 0
+    absolute_encoder: bool = False
+    backlash_mm: float = 0.0
+    compensated: bool = False
+
+
+@dataclass(frozen=True)
+class Controller:
+    """Joints, the controller's unit, and the axis of each joint (``"XYZ"``) where that is told."""
+
+    joints: tuple[ControllerJoint, ...]
+    mm_per_unit: float = 1.0
+    axes: str | None = None
+
+    @classmethod
+    def homed_at(cls, home_offset_mm: Sequence[float]) -> Controller:
+        """One of which nothing else is known."""
+        return cls(tuple(ControllerJoint(value) for value in home_offset_mm))
+
+
 @dataclass(frozen=True, eq=False)
 class Table:
     """Compensation of one joint: believed coordinates ``(n,)`` rising, e upwards and downwards."""

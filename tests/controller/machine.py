@@ -117,17 +117,22 @@ def homing(home_offset_mm: float, way: float = 1.0) -> dict[str, float | str]:
     return {
         "HOME": L,
         "HOME_OFFSET": home_offset_mm,
-        "HOME_SEARCH_VEL": 40.0,
-        "HOME_LATCH_VEL": 1.0 * way,
-        "MAX_ACCELERATION": 1000,  # so that it runs past the switch by more than corrections
+        "HOME_SEARCH_VEL": 60.0,
+        "HOME_LATCH_VEL": 0.3 * way,  # it finds the switch within what it goes in a millisecond
+        "MAX_ACCELERATION": 8000,  # runs past the switch by 0.2 mm, by more than corrections
     }
 
 
-def tool_error_mm(machine: Machine, stops: Sequence[Stop]) -> float:
-    """R.m.s. distance of the tool from where it was sent, over `CHECKED`."""
+def tool_error_mm(machine: Machine, stops: Sequence[Stop], *, zero_set: bool) -> float:
+    """R.m.s. distance of the tool from where it was sent, over `CHECKED`.
+
+    With ``zero_set`` from where the whole lies on average: readings on legs cannot tell where the
+    point is at which axes meet that do not meet, and a workpiece is touched off anyway.
+    """
     sent = zip(stops, CHECKED, strict=True)
-    off = [machine.tool(stop.carriage) - wanted for stop, wanted in sent]
-    return float(np.sqrt((np.array(off) ** 2).sum(axis=1).mean()))
+    off = np.array([machine.tool(stop.carriage) - wanted for stop, wanted in sent])
+    off = off - off.mean(axis=0) if zero_set else off
+    return float(np.sqrt((off**2).sum(axis=1).mean()))
 
 
 def measured(
@@ -138,6 +143,7 @@ def measured(
     *,
     files: Mapping[str, str] | None = None,
     includes: Sequence[str] = ("", "", ""),
+    zero_set: bool = False,
 ) -> tuple[str, float]:
     """A table of readings for ``glidecal import``, and the tool's error, from one run."""
     lines = [_go((-25.0, -25.0, -25.0))]
@@ -164,8 +170,10 @@ def measured(
                         f"{'xyz'[leg]},{'xyz'[axis]},{level},{station},{cycle},"
                         f"{round(shown / STEP_MM) * STEP_MM:.3f}"
                     )
-    return "\n".join(rows) + "\n", tool_error_mm(machine, stops[3 * len(levels) :])
+    return "\n".join(rows) + "\n", tool_error_mm(
+        machine, stops[3 * len(levels) :], zero_set=zero_set
+    )
 
 
 def _go(tool: Sequence[float] | FloatArray) -> str:
-    return "G21 G90 G53 G1 F6000 X{:.4f} Y{:.4f} Z{:.4f}".format(*tool)
+    return "G21 G90 G53 G1 F30000 X{:.4f} Y{:.4f} Z{:.4f}".format(*tool)

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.exports.linuxcnc_ini import ControllerJoint
-from app.exports.linuxcnc_joints import joint_entries, table_text
-from app.exports.linuxcnc_kins import kinematics_files
+from app.exports.linuxcnc import joint_entries, pins, table_text
+from calib.tripod.controller import ControllerJoint
 from calib.tripod.effects.actuators import ActuatorCyclic, ActuatorScale, Backlash
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
@@ -69,8 +68,8 @@ def worst_um(
             files[name] = "".join("{:.6f} {:.6f} {:.6f}\n".format(*row) for row in rows)
             entry |= {"COMP_FILE": name, "COMP_FILE_TYPE": 1}
         entries.append(entry)
-    lines = [f"G21 G90 G53 G1 F6000 X{x} Y{y} Z{z}" for x, y, z in PLACES]
-    hal = kinematics_files(Model())["calib.hal"]
+    lines = [f"G21 G90 G53 G1 F30000 X{x} Y{y} Z{z}" for x, y, z in PLACES]
+    hal = pins(Model())
     stops = run(folder, machine.joints(), entries, hal, ["home", *lines], files=files)[1:]
     off = np.array([s.carriage for s in stops]) - np.array([s.joint for s in stops])
     return float(np.abs(off).max() * 1e3)

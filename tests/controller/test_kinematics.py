@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.exports.linuxcnc_kins import kinematics_files
+from app.exports.linuxcnc import pins
 from calib.observations import FloatArray, tool_conditions
 from calib.tripod.effects.axes import AxisOffset, AxisSquareness, Straightness
 from calib.tripod.effects.bars import GravitySag
@@ -75,7 +75,7 @@ def moved(model: Model, wanted: FloatArray, folder: Path) -> list[Stop]:
     """Stops of LinuxCNC at the targets, homed where it stands."""
     zero = model.geometry.zero_mm
     lines = [f"G21 G90 G53 G1 F54000 X{x:.3f} Y{y:.3f} Z{z:.3f}" for x, y, z in wanted]
-    hal = kinematics_files(model)["calib.hal"]
+    hal = pins(model)
     joints = [SimulatedJoint({"mounting": float(q)}) for q in zero]
     entries = [{"HOME": q, "HOME_OFFSET": q} for q in zero]
     return run(folder, joints, entries, hal, ["home", *lines])[1:]

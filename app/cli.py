@@ -11,6 +11,7 @@ import typer
 
 from app.commands import diagnose, indicators, planning, records, results, sessions
 from app.exit_codes import Exit, exit_code
+from app.machines.registry import LOOKS
 from app.report.streams import guard_standard_streams
 from app.version import VERSION
 from calib.errors import GlidecalError
@@ -46,7 +47,7 @@ def home(
     if context.invoked_subcommand is None:
         from app.screens.start import open_interface
 
-        raise typer.Exit(open_interface())
+        raise typer.Exit(open_interface(LOOKS))
 
 
 def settings() -> None:

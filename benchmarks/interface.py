@@ -29,12 +29,13 @@ from app.measuring.opening import Indicators, Plan, begin
 from app.measuring.simulated import BenchSettings
 from app.screens.interface import Interface
 from app.screens.leg_review import LegReviewScreen
-from app.screens.measure import CALM_S, IDLE_S, MeasureScreen
+from app.screens.measure import IDLE_S, MeasureScreen
 from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
 from benchmarks.picture_delays import TICK_S, Blocked, Delays, Terminal, listening
 from drivers.profile import Asked, Spindle
 from drivers.twin_port import TwinPort, default_transport
+from drivers.twins import twin_of
 from protocols.procedure import Step
 
 ROOT = Path(__file__).parent.parent
@@ -43,6 +44,7 @@ INTERVAL_S = 0.05
 WINDOW_S = 0.3
 WAITING_S = 10.0
 SETTLING_S = 1.0
+CALM_S = 1.0
 STARTS = 7
 PATIENCE_S = 20.0
 FIRST_WORDS = b"Demonstration"
@@ -87,7 +89,7 @@ def open_indicators(plan: Plan, machine: Machine, undo: ExitStack) -> Indicators
     gauges = []
     for index, instrument in enumerate(plan.instruments):
         profile = profile_of(instrument)
-        twin = profile.make_twin(machine.spindle(index))
+        twin = twin_of(profile, machine.spindle(index))
         port = undo.enter_context(TwinPort(twin, default_transport()))
         gauge = Gauge(
             profile,

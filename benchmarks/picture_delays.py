@@ -5,17 +5,18 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections.abc import AsyncIterator, Callable, Hashable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass, field
 from unittest import mock
 
 from textual.drivers.headless_driver import HeadlessDriver
+from textual.strip import Strip
 
 from app.measuring.gauges import Gauge
 from app.report.text.tables import signed
 from app.screens.measure import MeasureScreen
-from app.screens.widgets import GaugeDisplay
+from app.screens.session_view import GaugeDisplay
 from drivers.profile import Outcome, Reading
 
 TICK_S = 0.005
@@ -85,7 +86,7 @@ class Delays:
 @contextmanager
 def listening(delays: Delays) -> Iterator[None]:
     """Within this, `delays` hears of every reading, every drawing and every flush."""
-    hear, row_key = Gauge._hear, GaugeDisplay.row_key
+    hear, render_line = Gauge._hear, GaugeDisplay.render_line
     reviewed = MeasureScreen._reviewed
 
     def heard(gauge: Gauge, outcome: Outcome) -> None:
@@ -93,11 +94,11 @@ def listening(delays: Delays) -> Iterator[None]:
             delays.hear(gauge.port, signed(outcome.value_mm, 3))
         hear(gauge, outcome)
 
-    def drawn(display: GaugeDisplay, y: int) -> Hashable:
+    def drawn(display: GaugeDisplay, y: int) -> Strip:
         if y == 0 and isinstance(display.screen, MeasureScreen):
             number = int((display.id or "").removeprefix("gauge"))
             delays.draw(display.screen.guided.gauges[number].port, display.number)
-        return row_key(display, y)
+        return render_line(display, y)
 
     def uncovered(screen: MeasureScreen, hold: bool | None) -> None:
         delays.give_up()  # what came while the review lay over the digits
@@ -106,7 +107,7 @@ def listening(delays: Delays) -> Iterator[None]:
     with (
         mock.patch.object(Gauge, "_hear", heard),
         mock.patch.object(MeasureScreen, "_reviewed", uncovered),
-        mock.patch.object(GaugeDisplay, "row_key", drawn),
+        mock.patch.object(GaugeDisplay, "render_line", drawn),
         mock.patch.object(Terminal, "on_flush", delays.flush),
     ):
         yield

@@ -34,6 +34,7 @@ from drivers.port import open_port
 from drivers.profile import Spindle
 from drivers.profiles import PROFILES
 from drivers.twin_port import TwinPort, default_transport
+from drivers.twins import twin_of
 from protocols.observations import to_observations
 from protocols.record import read_record
 from protocols.session import fold
@@ -98,7 +99,7 @@ def whole_identification() -> list[str]:
 def indicators() -> list[str]:
     """From the request to the value in the program; the twin answers at once."""
     profile = PROFILES["mitutoyo-01a"]
-    twin = profile.make_twin(Spindle(lambda: 1.234, 0.001))
+    twin = twin_of(profile, Spindle(lambda: 1.234, 0.001))
     with TwinPort(twin, default_transport()) as port:
         bare = open_port(profile, port.url)
 

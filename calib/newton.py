@@ -61,7 +61,7 @@ class _State:
             setattr(self, name, array[..., rows])
 
 
-def minimise(evaluate: Evaluate, start: FloatArray, curvature: FloatArray | None = None) -> Optimum:
+def minimise(evaluate: Evaluate, start: FloatArray, curvature: FloatArray) -> Optimum:
     """Minimise the sums of squares from ``start`` ``(k, b)``.
 
     ``curvature`` ``(n, k, k)`` are second derivatives of the model near the solution. With them the
@@ -130,12 +130,10 @@ def _store(found: Optimum, state: _State, done: NDArray[np.bool_]) -> None:
     found.converged[rows] = True
 
 
-def _step(state: _State, curvature: FloatArray | None) -> FloatArray:
+def _step(state: _State, curvature: FloatArray) -> FloatArray:
     """Newton's step ``(k, b)``; Gauss and Newton's where the full matrix is not positive."""
     normal, gradient = normal_equations(state.residual, state.jacobian)
     damped = _with_damping(normal, state.damping)
-    if curvature is None:
-        return solve_positive(damped, gradient)[0]
     bend = np.tensordot(curvature, state.residual, axes=(0, 0))
     step, positive = solve_positive(damped - bend, gradient)
     if not positive.all():

@@ -14,10 +14,7 @@ COVERAGE = 0.95
 
 def coverage_factor(degrees_of_freedom: float) -> float:
     """Factor k for a two-sided 95 % interval: Student's t, GUM G.3.2; normal if infinite."""
-    upper = (1.0 + COVERAGE) / 2.0
-    if math.isinf(degrees_of_freedom):
-        return float(ndtri(upper))
-    return float(stdtrit(degrees_of_freedom, upper))
+    return float(coverage_factors(np.array(degrees_of_freedom)))
 
 
 def variance_ratio_p_value(ratio: float, numerator_df: float, denominator_df: float) -> float:
@@ -38,10 +35,3 @@ def coverage_factors(degrees_of_freedom: FloatArray) -> FloatArray:
     known = np.isinf(degrees_of_freedom)
     student = stdtrit(np.where(known, 1.0, degrees_of_freedom), upper)
     return np.asarray(np.where(known, ndtri(upper), student))
-
-
-def variance_ratio_p_values(
-    ratio: FloatArray, numerator_df: FloatArray, denominator_df: FloatArray
-) -> FloatArray:
-    """`variance_ratio_p_value` of many at once, finite degrees of freedom, same shape."""
-    return np.asarray(fdtrc(numerator_df, denominator_df, ratio))

@@ -96,16 +96,12 @@ def _of_outcomes(
         seen = f": {fault.text!r}" if fault.text else ""
         yield Finding(False, f"{kind}: {fault.words}{seen}", f"{NEXT_STEPS[kind]} {profile.hint}")
         if kind is FaultKind.NOT_UNDERSTOOD:
-            fitting = [p.name for p in others if _fits(p, fault.text, asked)]
+            fitting = [p.name for p in others if isinstance(p.parse(fault.text, asked), Reading)]
             if fitting:
                 yield Finding(False, f"the answer fits {', '.join(fitting)}", "Try that profile.")
     readings = [outcome for outcome in outcomes if isinstance(outcome, Reading)]
     if readings:
         yield from _of_reading(readings[-1])
-
-
-def _fits(profile: Profile, text: str, asked: Asked) -> bool:
-    return isinstance(profile.parse(text, asked), Reading)
 
 
 def _of_reading(reading: Reading) -> Iterable[Finding]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
 from enum import StrEnum
-from typing import Literal, Protocol
+from typing import Literal
 
 
 class Unit(StrEnum):
@@ -23,6 +24,12 @@ LONGEST_NUMBER = 18
 MILLIMETRES = {Unit.MM: Decimal(1), Unit.INCH: Decimal("25.4"), Unit.MICROMETRE: Decimal("0.001")}
 """Exact by definition."""
 
+UNITS = (
+    dict.fromkeys(("mm", "MM", "M"), Unit.MM)
+    | dict.fromkeys(("inches", "inch", "in", "IN", "I", '"'), Unit.INCH)
+    | dict.fromkeys(("um", "µm"), Unit.MICROMETRE)
+)
+"""As replies write them."""
 
 LARGEST_MM = 100_000.0
 """No indicator measures further; records allow no more."""
@@ -156,23 +163,59 @@ class Spindle:
     resolution_mm: float
     channel: int = 1
 
-    def text(self, decimals: int | None = None) -> str:
-        """The position with its sign, rounded as the display does: ``+0.123``, ``-1.5``."""
+    def text(self, width: int = 0, fill: str = "0", *, decimals: int | None = None) -> str:
+        """Sign, then digits filled up to a width, rounded as the display does: ``-001.5``."""
         steps = round(self.position_mm() / self.resolution_mm)
-        places = decimals if decimals is not None else self.decimals
-        return f"{'-' if steps < 0 else '+'}{abs(steps) * self.resolution_mm:.{places}f}"
+        places = self.decimals if decimals is None else decimals
+        digits = f"{abs(steps) * self.resolution_mm:.{places}f}"
+        return f"{'-' if steps < 0 else '+'}{digits.rjust(width, fill)}"
 
     @property
     def decimals(self) -> int:
-        """Decimals of the display."""
-        return max(0, len(f"{self.resolution_mm:.7f}".rstrip("0").partition(".")[2]))
+        """Decimals of the display, at least one."""
+        return max(1, len(f"{self.resolution_mm:.7f}".rstrip("0").partition(".")[2]))
 
 
-class Twin(Protocol):
-    """A simulated device: bytes in, bytes out."""
+NOTHING = r"(?!)"
+"""Matches no line."""
 
-    def receive(self, request: bytes) -> bytes:
-        """The bytes that the device answers to these."""
+
+@dataclass(frozen=True)
+class Grammar:
+    """The lines of a device without their end. A pattern matches a whole line, or nothing of it.
+
+    ``value`` has a group ``number``, and groups ``unit`` and ``channel`` where replies name them.
+    ``fault`` may have a ``code`` (none: empty), with ``words`` and ``kinds`` of its own;
+    ``other_words`` may name the groups. What is ``passed_over`` is no answer, such as an echo or
+    an identification. Any other line is not understood.
+    """
+
+    value: str
+    fault: str = NOTHING
+    passed_over: str = NOTHING
+    words: Mapping[str, str] = field(default_factory=dict)
+    other_words: str = "fault {code}"
+    kinds: Mapping[str, FaultKind] = field(default_factory=dict)
+
+    def parse(self, text: str, asked: Asked) -> Outcome | None:
+        """The outcome of a line; None for one to pass over."""
+        if re.fullmatch(self.passed_over, text, re.ASCII):
+            return None
+        value = re.fullmatch(self.value, text, re.ASCII)
+        found = value or re.fullmatch(self.fault, text, re.ASCII)
+        if not found:
+            return not_understood(text)
+        groups = found.groupdict()
+        channel, code = groups.get("channel"), groups.get("code") or ""
+        unit = (groups.get("unit") or "").strip()
+        if unit and unit not in UNITS:
+            return not_understood(text)
+        if channel is not None and int(channel) != asked.channel:
+            return wrong_channel(text, channel, asked)
+        if value:
+            return reading(text, groups["number"], asked, UNITS.get(unit))
+        words = self.words.get(code) or self.other_words.format(**groups)
+        return Fault(self.kinds.get(code, FaultKind.DEVICE_FAULT), text, words)
 
 
 @dataclass(frozen=True)
@@ -185,13 +228,14 @@ class BadReply:
 
 @dataclass(frozen=True)
 class Profile:
-    """Data and two pure functions.
+    """An indicator as data and pure functions.
 
     ``request`` gives the bytes to send (None: the device streams by itself); ``parse`` turns a line
-    without its terminator into an outcome, or None for a line to pass over, such as an echo or an
-    identification. It is anchored: a whole line of the grammar or no value. ``bad_replies`` are the
-    device's own faults by name; the twin shows them on demand. ``button`` tells that a DATA button
-    or foot switch of the device sends the frame of an answer unasked; without, nothing is a press.
+    without its terminator into an outcome, or None for a line to pass over. It is anchored: a whole
+    line of the grammar or no value. ``reply`` is what its twin answers to that request, with the
+    line's end, and ``otherwise`` what it answers to any other one. ``bad_replies`` are the device's
+    own faults by name; the twin shows them on demand. ``button`` tells that a DATA button or foot
+    switch of the device sends the frame of an answer unasked; without, nothing is a press.
     """
 
     name: str
@@ -201,7 +245,8 @@ class Profile:
     line: LineSettings
     request: Callable[[Asked], bytes] | None
     parse: Callable[[str, Asked], Outcome | None]
-    make_twin: Callable[[Spindle], Twin]
+    reply: Callable[[Spindle], str]
+    otherwise: Callable[[str, Spindle], str] = lambda _request, _spindle: ""
     timeout_s: float = 1.0
     interval_s: float = 0.2
     bad_replies: Mapping[str, BadReply] = field(default_factory=dict)

@@ -10,6 +10,7 @@ from typing import Self
 
 from drivers.profile import Profile, Spindle
 from drivers.twin_port import Transport, TwinPort
+from drivers.twins import twin_of
 
 FAST_STREAM_S = 0.01
 """Pace of streaming devices in compressed time."""
@@ -39,7 +40,7 @@ class SimulatedRig:
         self._departed = -math.inf
         self._ports = [
             TwinPort(
-                profile.make_twin(Spindle(self._spindle(k), resolution_mm)),
+                twin_of(profile, Spindle(self._spindle(k), resolution_mm)),
                 transport,
                 stream_s=FAST_STREAM_S if fastest_stream and profile.stream_s else profile.stream_s,
             )

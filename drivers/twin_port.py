@@ -7,10 +7,9 @@ import os
 import selectors
 import socket
 import threading
-from typing import Literal, Protocol, Self
+from typing import Literal, Self
 
-from drivers.profile import Twin
-from drivers.twins import Disconnected
+from drivers.twins import Disconnected, Twin
 
 Transport = Literal["pty", "tcp"]
 CHUNK = 1024
@@ -19,24 +18,6 @@ CHUNK = 1024
 def default_transport() -> Transport:
     """A pseudo-terminal where the system has them."""
     return "pty" if os.name == "posix" else "tcp"
-
-
-class _Wire(Protocol):
-    """One end of a connection: something to wait for, to read and to write."""
-
-    url: str
-
-    def sources(self) -> tuple[int | socket.socket, ...]:
-        """What to wait for now."""
-
-    def receive(self, source: object) -> bytes:
-        """Bytes from a client; empty where there are none after all."""
-
-    def send(self, answer: bytes) -> None:
-        """Bytes to the client, if there is one."""
-
-    def close(self) -> None:
-        """Let go of everything."""
 
 
 class TwinPort:
@@ -49,7 +30,8 @@ class TwinPort:
     def __init__(
         self, twin: Twin, transport: Transport, *, stream_s: float = 0.0, tcp_port: int = 0
     ) -> None:
-        self._wire: _Wire = _PseudoTerminal() if transport == "pty" else _LoopbackTcp(tcp_port)
+        self._wire: _PseudoTerminal | _LoopbackTcp
+        self._wire = _PseudoTerminal() if transport == "pty" else _LoopbackTcp(tcp_port)
         self.url = self._wire.url
         self._twin = twin
         self._stream_s = stream_s or None
@@ -94,7 +76,10 @@ class TwinPort:
 
 
 class _PseudoTerminal:
-    """A pair of terminal devices; the other end is kept open so that clients may come and go."""
+    """A pair of terminal devices; the other end is kept open so that clients may come and go.
+
+    As `_LoopbackTcp`: sources to wait for, bytes of a client, bytes to it.
+    """
 
     def __init__(self) -> None:
         import tty  # POSIX only

@@ -3,33 +3,47 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from enum import StrEnum
+from typing import Protocol
 
-from drivers.profile import Profile, Spindle, Twin
+from drivers.profile import Asked, Profile, Spindle
 
 
-class Answering:
-    """A device that answers each whole request with the text of ``answer``.
+class Twin(Protocol):
+    """A simulated device: bytes in, bytes out."""
 
-    ``end`` closes a request (empty: every byte is one). ``answer`` gets the request without it and
-    returns the bytes to send.
-    """
+    def receive(self, request: bytes) -> bytes:
+        """The bytes that the device answers to these."""
 
-    def __init__(self, answer: Callable[[bytes], bytes], end: bytes = b"\r") -> None:
-        self._answer = answer
-        self._end = end
+
+class Device:
+    """A device that answers each whole request, or streams and listens to nothing."""
+
+    def __init__(self, profile: Profile, spindle: Spindle) -> None:
+        self._profile = profile
+        self._spindle = spindle
+        asked = Asked(channel=spindle.channel)
+        self._request = profile.request(asked) if profile.request else b""
         self._received = b""
 
     def receive(self, request: bytes) -> bytes:
-        """Answers to all whole requests so far; an incomplete one is kept."""
-        self._received += request
-        if not self._end:
-            whole = [bytes([byte]) for byte in self._received]
-            self._received = b""
-        else:
-            *whole, self._received = self._received.split(self._end)
-        return b"".join(self._answer(part.strip()) for part in whole)
+        """Answers to all whole requests so far; the next line of a stream for no request."""
+        if not self._request:
+            return b"" if request else self._profile.reply(self._spindle).encode("latin-1")
+        known, received = self._request.strip(), self._received + request
+        if self._request.endswith((b"\r", b"\n")):
+            *parts, self._received = received.split(self._request[-1:])
+            requests = [part.strip() for part in parts]
+        else:  # nothing ends a request: only the one that is known can be told
+            *parts, self._received = received.split(self._request)
+            requests = [known] * len(parts)
+        return b"".join(self._answer(part, known) for part in requests)
+
+    def _answer(self, request: bytes, known: bytes) -> bytes:
+        if request == known:
+            return self._profile.reply(self._spindle).encode("latin-1")
+        said = self._profile.otherwise(request.decode("latin-1"), self._spindle)
+        return said.encode("latin-1")
 
 
 class Trouble(StrEnum):
@@ -99,5 +113,5 @@ def faults_of(profile: Profile) -> tuple[str, ...]:
 
 def twin_of(profile: Profile, spindle: Spindle, fault: str | None = None) -> Twin:
     """The simulated device, with a fault if one is named."""
-    twin = profile.make_twin(spindle)
-    return SuspectData(twin, profile, fault) if fault else twin
+    device = Device(profile, spindle)
+    return SuspectData(device, profile, fault) if fault else device

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import io
 import os
@@ -191,7 +190,7 @@ def write_files(path: Path, written: Written) -> list[Path]:
         _swap(staged)
     except OSError as problem:
         for part in staged.values():
-            with contextlib.suppress(OSError):
+            with suppress(OSError):
                 part.unlink(missing_ok=True)
         raise RecordError(
             f"writing {path}",
@@ -226,7 +225,7 @@ def _swap(staged: dict[Path, Path]) -> None:
             problem.add_note(_what_stands_there(staged))
         raise
     for part in staged.values():
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             _aside(part).unlink(missing_ok=True)
 
 
@@ -255,7 +254,7 @@ def _refuse_to_replace(target: Path) -> None:
         return
     if not target.is_file():
         raise UsageError("output", f"{target}, not an ordinary file", "a file to write")
-    with contextlib.suppress(OSError), target.open("rb") as file:
+    with suppress(OSError), target.open("rb") as file:
         if file.read(len(RECORD_START)) == RECORD_START:
             raise UsageError("output", f"{target}, a session", "another file: records are kept")
 

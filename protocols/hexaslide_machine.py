@@ -114,24 +114,11 @@ class HexaSlideMachine(Document):
 
     def whole(self) -> HexaSlide:
         """The machine for the mathematics."""
-        return HexaSlide(self.geometry(), self.posture_box(), self.link())
-
-    def geometry(self) -> Geometry:
-        """Its geometry."""
-        return _geometry(self.chain)
-
-    def posture_box(self) -> Box:
-        """The box in metres and radians."""
-        return self.box.bounds()
-
-    def link(self) -> ConstraintLink | None:
-        """The constraint link, if there is one."""
-        ends = self.constraint_link
-        if ends is None:
-            return None
-        return ConstraintLink(
-            np.array(ends.platform_end_m), np.array(ends.base_end_m), ends.length_m
-        )
+        ends, link = self.constraint_link, None
+        if ends is not None:
+            platform_end, base_end = np.array(ends.platform_end_m), np.array(ends.base_end_m)
+            link = ConstraintLink(platform_end, base_end, ends.length_m)
+        return HexaSlide(_geometry(self.chain), self.box.bounds(), link)
 
 
 def _geometry(chain: tuple[Chain, ...]) -> Geometry:

@@ -1,19 +1,29 @@
-"""Postures of a Hexa Slide from a file: a table, or what ``glidecal postures --json`` wrote."""
+"""Postures of a Hexa Slide in files: where to measure, what was measured there, and the truth.
+
+Where to measure is a table, or what ``glidecal postures --json`` wrote; measured postures are one
+JSON file, the truth behind simulated ones another.
+"""
 
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
+import re
 from io import StringIO
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from calib.errors import RecordError
-from protocols.documents import Document, describe, read_text
+from calib.errors import CalibrationError, RecordError
+from calib.hexaslide.geometry import ConstraintLink, Geometry, Numbers
+from calib.hexaslide.procedures import Kind, Procedure
+from calib.hexaslide.residuals import Readings, measured_names
+from calib.observations import FloatArray
+from protocols.documents import Document, Name, describe, read_text
+from protocols.hexaslide_machine import Chain, HexaSlideMachine, LinkEnds, Point
 
 MOST_POSTURES = 10_000
 
@@ -43,7 +53,7 @@ class _Written(BaseModel):
 COLUMNS = tuple(Posture.model_fields)
 
 
-def load_postures(path: Path) -> NDArray[np.float64]:
+def load_postures(path: Path) -> FloatArray:
     """Postures ``(p, 6)`` in metres and radians, from ``.csv`` with a header line or ``.json``.
 
     Raises RecordError naming the line.
@@ -86,3 +96,183 @@ def _refused(path: Path, found: str) -> RecordError:
         found,
         f"1 to {MOST_POSTURES} postures with the columns {', '.join(COLUMNS)}",
     )
+
+
+MeasurementsSchema = Literal["glidecal.hexaslide-measurements/1"]
+TruthSchema = Literal["glidecal.hexaslide-truth/1"]
+SCHEMA: MeasurementsSchema = "glidecal.hexaslide-measurements/1"
+TRUTH_SCHEMA: TruthSchema = "glidecal.hexaslide-truth/1"
+EACH_OWN_LINE = ",\n  "
+NUMBER_OF_POSTURE = re.compile(r"postures\.(\d+)")
+
+Slider = Annotated[float, Field(ge=-100.0, le=100.0)]
+Value = Annotated[float, Field(ge=-100.0, le=100.0)]
+NoiseFigure = Annotated[float, Field(ge=0.0, le=100.0)]
+D = TypeVar("D", bound=BaseModel)
+
+
+class MeasuringNoise(Document):
+    """Standard deviation of one measured value, both 0 where it is not known."""
+
+    length_mm: NoiseFigure
+    angle_mrad: NoiseFigure
+
+    @model_validator(mode="after")
+    def _together(self) -> MeasuringNoise:
+        if (self.length_mm == 0.0) != (self.angle_mrad == 0.0):
+            raise ValueError("length_mm and angle_mrad: both 0 (not known), or both larger")
+        return self
+
+
+class Units(Document):
+    """Units of the numbers under ``postures``; no others are read."""
+
+    length: Literal["m"] = "m"
+    angle: Literal["rad"] = "rad"
+
+
+class MeasuredPosture(Document):
+    """Six slider positions, and the values named by ``measured``."""
+
+    sliders: tuple[Slider, Slider, Slider, Slider, Slider, Slider]
+    values: tuple[Value, ...] = ()
+
+
+class HexaSlideMeasurements(Document):
+    """Everything that a calibration needs; nothing of what it is to find."""
+
+    schema_id: MeasurementsSchema = Field(alias="schema")
+    program: Name = ""
+    origin: Literal["measured", "simulated"]
+    seed: int | None = None
+    procedure: Kind = Field(strict=False)
+    measured: tuple[Name, ...]
+    units: Units
+    noise: MeasuringNoise
+    machine_file: Name
+    machine: HexaSlideMachine
+    postures: Annotated[tuple[MeasuredPosture, ...], Field(min_length=1, max_length=MOST_POSTURES)]
+
+    @model_validator(mode="after")
+    def _fits(self) -> HexaSlideMeasurements:
+        try:
+            wanted = measured_names(self.as_procedure())
+        except CalibrationError as problem:
+            raise ValueError(str(problem)) from problem
+        if wanted != self.measured:
+            raise ValueError(
+                f"measured with {self.procedure.value}: {', '.join(wanted) or 'nothing, []'}"
+            )
+        if self.procedure is Kind.CONSTRAINT_LINK and self.machine.constraint_link is None:
+            raise ValueError("constraint-link needs a machine with a constraint_link")
+        for number, one in enumerate(self.postures, start=1):
+            if len(one.values) != len(wanted):
+                raise ValueError(
+                    f"posture {number} has {len(one.values)} values, {len(wanted)} are measured"
+                )
+        return self
+
+    def as_procedure(self) -> Procedure:
+        """The procedure with what it measures. Raises CalibrationError."""
+        fixed = self.procedure in (Kind.POSE_INVERSE, Kind.CONSTRAINT_LINK)
+        return Procedure.of(self.procedure.value, () if fixed else self.measured)
+
+    def readings(self) -> Readings:
+        """As arrays, metres and radians."""
+        return Readings(
+            self.as_procedure(),
+            np.array([one.sliders for one in self.postures]),
+            np.array([one.values for one in self.postures]).reshape(len(self.postures), -1),
+            self.noise.length_mm / 1000.0,
+            self.noise.angle_mrad / 1000.0,
+        )
+
+    def digest(self) -> str:
+        """SHA-256 of the numbers, whatever the file looks like."""
+        plain = json.dumps([one.model_dump() for one in self.postures])
+        return hashlib.sha256(plain.encode()).hexdigest()
+
+    def text(self) -> str:
+        """The file: a header, then one posture a line."""
+        header = self.model_dump(mode="json", exclude={"postures"})
+        rows = EACH_OWN_LINE.join(one.model_dump_json() for one in self.postures)
+        return f'{_lines(header)},\n "postures": [\n  {rows}\n ]\n}}\n'
+
+
+class HexaSlideTruth(Document):
+    """The machine behind simulated measurements, and their digest."""
+
+    schema_id: TruthSchema = Field(alias="schema")
+    measurements_sha256: str
+    machine: HexaSlideMachine
+
+    def text(self) -> str:
+        """The file."""
+        return _lines(self.model_dump(mode="json")) + "\n}\n"
+
+
+def _counted_from_one(place: re.Match[str]) -> str:
+    return f"posture {int(place[1]) + 1}"
+
+
+def _lines(header: dict[str, object]) -> str:
+    """One key a line, without the last bracket."""
+    rows = (f' "{key}": {json.dumps(value, ensure_ascii=False)}' for key, value in header.items())
+    return "{\n" + ",\n".join(rows)
+
+
+def read_measurements(path: Path) -> HexaSlideMeasurements:
+    """Raises RecordError naming the file, the place, the value and what is allowed."""
+    return _read(path, HexaSlideMeasurements, "measurements")
+
+
+def read_truth(path: Path, measured: HexaSlideMeasurements) -> HexaSlideMachine:
+    """The true machine. Raises RecordError, also for the truth of other measurements."""
+    truth = _read(path, HexaSlideTruth, "truth file")
+    if truth.measurements_sha256 != measured.digest():
+        raise RecordError(
+            f"truth file {path}",
+            "the truth of other measurements",
+            "the file that simulate --truth wrote together with the measurements",
+        )
+    return truth.machine
+
+
+def _read(path: Path, kind: type[D], what: str) -> D:
+    text = read_text(path, what)
+    try:
+        return kind.model_validate_json(text)
+    except ValidationError as problem:
+        raise RecordError(
+            f"{what} {path}",
+            NUMBER_OF_POSTURE.sub(_counted_from_one, describe(problem)),
+            "a whole file as glidecal simulate --machine hexaslide writes it",
+        ) from problem
+
+
+def machine_like(
+    nominal: HexaSlideMachine, name: str, geometry: Geometry, link: ConstraintLink | None
+) -> HexaSlideMachine:
+    """The machine file with other numbers, box and all else as they are."""
+    chains = tuple(
+        Chain(
+            start_m=_point(geometry.base[k]),
+            rail=_point(geometry.rails[k]),
+            joint_m=_point(geometry.platform[k]),
+            link_m=float(geometry.links[k]),
+        )
+        for k in range(len(geometry.links))
+    )
+    ends = None
+    if link is not None:
+        ends = LinkEnds(
+            platform_end_m=_point(link.platform_end),
+            base_end_m=_point(link.base_end),
+            length_m=link.length_m,
+        )
+    return nominal.model_copy(update={"name": name, "chain": chains, "constraint_link": ends})
+
+
+def _point(values: Numbers) -> Point:
+    x, y, z = (float(value) for value in values)
+    return (x, y, z)

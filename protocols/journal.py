@@ -243,7 +243,7 @@ def _encoded(event: Line) -> bytes:
         raise RecordError("session", "text that is not Unicode", "Unicode text") from problem
 
 
-def write_whole(path: Path, opened: Opened, events: list[Line], complete: bool = True) -> None:
+def write_whole(path: Path, opened: Opened, events: list[Line]) -> None:
     """A finished record in one go, for imported and simulated sessions.
 
     Nothing is left behind where writing fails. Raises RecordError.
@@ -251,7 +251,7 @@ def write_whole(path: Path, opened: Opened, events: list[Line], complete: bool =
     journal = Journal.create(path, opened)
     try:
         journal.append(*events)
-        journal.finish(complete)
+        journal.finish(complete=True)
     except BaseException:
         journal.discard()
         raise

@@ -87,6 +87,7 @@ class Plate(Document):
     def _place(self, radius: float, number: int, height: float) -> Triple:
         """The first corner lies along the second of the other coordinates; on a micrometre."""
         angle = math.tau * (0.25 + number / self.points)
+        # + 0.0: a rounded -0.0 would be shown with its sign
         across = iter((round(radius * math.cos(angle), 3), round(radius * math.sin(angle), 3)))
         x, y, z = (height if name == self.axis else next(across) + 0.0 for name in ALL_AXES)
         return x, y, z

@@ -14,15 +14,12 @@ from pathlib import Path
 import jinja2
 import numpy as np
 
-from app.planning.hexaslide import hexaslide_planning
-from app.planning.request import Request
+from app.planning.hexaslide import Request, hexaslide_planning
 from app.report.text.hexaslide_screen import postures_table
-from calib.design.criteria import Criterion
 from calib.errors import GlidecalError
-from calib.hexaslide.planning import sensitivity
+from calib.hexaslide.planning import BestPostures, best_postures, sensitivity
 from calib.hexaslide.procedures import Kind
-from calib.hexaslide.search import BoxedPostures, boxed_postures
-from calib.hexaslide.seen import KINDS, PUBLISHED_SETS, View, conditions_by_units, look_at
+from calib.hexaslide.seen import KINDS, PUBLISHED_SETS, HexaSlideSeen, conditions_by_units, look_at
 from calib.observations import FloatArray
 from protocols.hexaslide_machine import load_hexaslide
 from studies import THREADS, tables
@@ -62,10 +59,10 @@ QUICK = Effort(random_sets=8, starts=1, more_starts=0)
 class Studied:
     """One procedure: what it sees, random sets ``(n,)`` in each unit, the best set."""
 
-    view: View
+    view: HexaSlideSeen
     random: dict[str, FloatArray]
     random_of_paper: FloatArray
-    best: BoxedPostures
+    best: BestPostures
     more: dict[int, float]
 
     @property
@@ -76,12 +73,12 @@ class Studied:
     @property
     def postures(self) -> FloatArray:
         """The best postures ``(p, 6)``."""
-        return self.best.best.refined.coordinates
+        return self.best.coordinates
 
 
 def kinds_of(asked: Request) -> tuple[Kind, ...]:
     """The procedures that this machine allows: without a link none that uses it."""
-    linked = load_hexaslide(asked.machine_file).link() is not None
+    linked = load_hexaslide(asked.machine_file).constraint_link is not None
     return tuple(kind for kind in KINDS if linked or kind is not Kind.CONSTRAINT_LINK)
 
 
@@ -94,18 +91,18 @@ def study(request: Request, effort: Effort) -> Studied:
     same = random if paper == view.fewest else random_conditions(view, paper, effort.random_sets)
     best = searched(view, view.fewest, effort.starts)
     more = {
-        count: searched(view, count, effort.more_starts).best.condition_number
+        count: searched(view, count, effort.more_starts).condition_number
         for count in (MORE_POSTURES[kind] if effort.more_starts else ())
     }
     return Studied(view, random, same["m, rad"], best, more)
 
 
-def searched(view: View, count: int, starts: int) -> BoxedPostures:
+def searched(view: HexaSlideSeen, count: int, starts: int) -> BestPostures:
     """As ``glidecal postures hexaslide --criterion condition``."""
-    return boxed_postures(view.planned, count, Criterion.CONDITION, seed=SEED, starts=starts)
+    return best_postures(view.procedure, view.machine, count, seed=SEED, starts=starts)
 
 
-def random_conditions(view: View, count: int, sets: int) -> dict[str, FloatArray]:
+def random_conditions(view: HexaSlideSeen, count: int, sets: int) -> dict[str, FloatArray]:
     """Condition numbers ``(sets,)`` in each unit, of what so many random postures see."""
     generator = np.random.default_rng(SEED)
     found = []

@@ -18,11 +18,11 @@ from textual.pilot import Pilot
 from textual.screen import Screen
 
 from app.machines.family import Simulation
-from app.machines.tripod import simulate
+from app.machines.tripod import SimulateOptions, simulate
 from app.measuring.demo import demo_plan
 from app.measuring.gauges import Gauge
 from app.measuring.simulated import BenchSettings
-from app.planning.request import Request
+from app.planning.hexaslide import Request
 from app.screens.check import CheckScreen
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.dialogs import ChoiceDialog
@@ -31,8 +31,8 @@ from app.screens.interface import Interface
 from app.screens.leg_review import LegReviewScreen
 from app.screens.measure import MeasureScreen
 from app.screens.result import ResultScreen
+from app.screens.session_view import GaugeDisplay
 from app.screens.start import Glidecal
-from app.screens.widgets import GaugeDisplay
 from drivers.profile import Outcome, Reading
 
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
@@ -164,7 +164,8 @@ async def pictures(folder: Path) -> None:
 async def diagnosis(folder: Path) -> None:
     """The verdict on a simulated session with play hidden in one carriage, and where it shows."""
     session = folder / "simulated.jsonl"
-    simulate(Simulation(session, protocol="two-station", effect="backlash:x", size=0.03), print)
+    hidden = SimulateOptions("two-station", effect="backlash:x", size=0.03)
+    simulate(Simulation(session), hidden, print)
     screen = DiagnoseScreen([session])
     interface = Glidecal(screen)
     interface.animation_level = "none"

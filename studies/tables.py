@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.planning.hexaslide import hexaslide_planning
-from app.planning.request import Request
+from app.planning.hexaslide import Request, hexaslide_planning
 from app.report.text.hexaslide_screen import lost_words
 from calib.design.identifiability import classical_qr
 from calib.design.refinement import ON_BOUND
-from calib.hexaslide.procedures import Kind, differenced
-from calib.hexaslide.seen import PUBLISHED_SETS, View, conditions_at, look_at
+from calib.hexaslide.procedures import Kind
+from calib.hexaslide.seen import PUBLISHED_SETS, HexaSlideSeen, conditions_at, differenced, look_at
 from calib.observations import FloatArray
 
 if TYPE_CHECKING:
@@ -73,7 +72,7 @@ def ranks(studies: Sequence[Studied]) -> str:
     return table((headings + "postures|paper's postures").split("|"), rows)
 
 
-def box(view: View) -> str:
+def box(view: HexaSlideSeen) -> str:
     """Table 2."""
     rows = []
     for words, bounds in (("from", view.machine.box.lower), ("to", view.machine.box.upper)):
@@ -116,7 +115,7 @@ def recipe(studies: Sequence[Studied], seed: int) -> str:
     return table([*headings, "true", "gap with exact derivatives"], rows)
 
 
-def gap_words(view: View) -> str:
+def gap_words(view: HexaSlideSeen) -> str:
     """The last singular value that is seen by the first that is not."""
     singular, rank = view.seen.found.singular_values, view.seen.found.rank
     if rank == len(singular):
@@ -124,10 +123,10 @@ def gap_words(view: View) -> str:
     return f"{singular[rank - 1] / singular[rank]:.0e}".replace("e+", "e")
 
 
-def recipe_rank(view: View, postures: FloatArray) -> int:
+def recipe_rank(view: HexaSlideSeen, postures: FloatArray) -> int:
     """Differences of 1e-7 and the tolerance of papers/001, QR without pivoting."""
-    names, machine = view.seen.found.names, view.machine
-    rows = differenced(view.procedure, machine.geometry, postures, machine.link)
+    names = view.seen.found.names
+    rows = differenced(view.procedure, view.machine, postures)
     return len(names) - len(classical_qr(rows.reshape(-1, len(names)), names).flagged)
 
 
@@ -135,7 +134,7 @@ def conditions(studies: Sequence[Studied]) -> str:
     """Tables 3 to 6."""
     rows = []
     for one in studies:
-        published, best = PUBLISHED_SETS[one.kind], one.best.best
+        published, best = PUBLISHED_SETS[one.kind], one.best
         low, middle, high = np.percentile(one.random["m, rad"], [5.0, 50.0, 95.0])
         rows.append(
             [
@@ -192,7 +191,7 @@ def more(studies: Sequence[Studied]) -> str:
     """What more postures give."""
     rows = []
     for one in studies:
-        found = {one.view.fewest: one.best.best.condition_number, **one.more}
+        found = {one.view.fewest: one.best.condition_number, **one.more}
         said = "; ".join(f"{count}: {value:.1f}" for count, value in found.items())
         rows.append([one.kind.value, said])
     return table(["procedure", "postures: best condition number"], rows)

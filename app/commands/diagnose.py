@@ -7,15 +7,13 @@ from typing import Annotated
 
 import typer
 
-from app.commands.options import AsJson, file, machine_option, say
+from app.machines.options import AsJson, argument, file, machine_option, say
 from calib.errors import UsageError
 from protocols.machine_files import machine_names
 
 
 def diagnose(
-    sessions: Annotated[
-        list[Path] | None, typer.Argument(help="Session files.", show_default=False, readable=False)
-    ] = None,
+    sessions: Annotated[list[Path] | None, argument("Session files.")] = None,
     model: Annotated[Path | None, file("Model with effects that are known already.")] = None,
     adopt: Annotated[Path | None, file("Write the model with what was named added.")] = None,
     candidate: Annotated[
@@ -78,7 +76,7 @@ def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> No
 
 
 def model(
-    path: Annotated[Path, typer.Argument(help="Model file.", show_default=False, readable=False)],
+    path: Annotated[Path, argument("Model file.")],
     remove: Annotated[str | None, typer.Option(help="Take an effect out: ID or ID:WHERE.")] = None,
     why: Annotated[str, typer.Option(help="The reason, for the history.")] = "",
     as_json: AsJson = False,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands.options import AsJson, Channel, figure, number, say
+from app.machines.options import AsJson, Channel, figure, number, say
 from calib.errors import IndicatorError, UsageError
 
 indicator_verbs = typer.Typer(help="One indicator outside any session.", no_args_is_help=True)

@@ -11,8 +11,9 @@ from typing import Annotated
 
 import typer
 
-from app.commands.options import AsJson, Machine, Output, Sessions, figure, say
 from app.exit_codes import Exit, exit_code
+from app.machines.options import AsJson, Machine, Output, Sessions, argument, figure, say
+from app.machines.registry import LOOKS
 from app.report.streams import need_terminal
 from calib.errors import GlidecalError, UsageError
 
@@ -20,9 +21,7 @@ DEFAULT_PORT = 8765
 
 
 def import_table(
-    table: Annotated[
-        Path, typer.Argument(help="Table of readings (CSV).", show_default=False, readable=False)
-    ],
+    table: Annotated[Path, argument("Table of readings (CSV).")],
     output: Output,
     machine: Machine = None,
     resolution: Annotated[float | None, figure("Resolution of the indicators, mm.")] = None,
@@ -114,7 +113,7 @@ def replay(
             need_terminal("replay", "--headless")
         from app.screens.start import open_replay
 
-        raise typer.Exit(open_replay(session, read_only=served))
+        raise typer.Exit(open_replay(session, LOOKS, read_only=served))
     from app.evaluating.solution import end_warning
     from app.report.schema.document import to_json
     from app.report.schema.readings import ReplayReport

@@ -4,87 +4,43 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
-from app.commands.options import (
+from app.machines.options import (
     AsJson,
     Method,
     Output,
-    Seed,
     Sessions,
     SubsetName,
+    argument,
     file,
-    number,
     say,
 )
-from app.machines.family import Solving
-from app.machines.registry import NAMES, family_of_files, refuse_foreign
+from app.machines.registry import NAMES, family_of_files, options_of, with_options_of_machines
 from calib.errors import UsageError
 
 
+@with_options_of_machines
 def solve(
     context: typer.Context,
     sessions: Sessions,
-    subset: Annotated[
-        SubsetName | None,
-        typer.Option(help="Parameters to identify; default: the recommended set."),
-    ] = None,
-    method: Method = "exact",
-    weights: Annotated[
-        Literal["equal", "covariance"],
-        typer.Option(help="Linear method only: equal as in the papers, or covariance (14)."),
-    ] = "equal",
-    model: Annotated[
-        Path | None, file("Fit the sizes of this model's effects together with the parameters.")
-    ] = None,
-    tolerance: Annotated[
-        float | None, number("Judge the tool's r.m.s. error against this, mm.")
-    ] = None,
-    show_map: Annotated[
-        bool, typer.Option("--map", help="Expected tool error on three planes.")
-    ] = False,
-    monte_carlo: Annotated[
-        int, typer.Option(help="Check on so many simulated sessions.", min=0)
-    ] = 0,
-    seed: Seed = 1,
     machine: Annotated[
         str | None, typer.Option(help=f"{', '.join(NAMES)}; default: by the file.")
     ] = None,
-    truth: Annotated[Path | None, file("Hexa Slide: the true machine that simulate wrote.")] = None,
-    held_out: Annotated[
-        float | None,
-        number("Hexa Slide: share of postures kept out as a check (default 0.2).", 0.0, 0.9),
-    ] = None,
     as_json: AsJson = False,
+    **own: Any,  # noqa: ANN401 (what the machines add)
 ) -> None:
     """Averages, differences, parameters with uncertainties, residuals, what is not seen."""
     family = family_of_files(machine, sessions)
-    refuse_foreign(context, family, family.measured, lambda other: other.measured)
-    asked = Solving(
-        files=sessions,
-        subset=subset,
-        method=method,
-        weights=weights,
-        model=model,
-        tolerance_mm=tolerance,
-        show_map=show_map,
-        monte_carlo=monte_carlo,
-        seed=seed,
-        truth=truth,
-        held_out=held_out,
-    )
-    typer.echo(family.solve(asked, say).shown(as_json=as_json))
+    given = options_of(context, family, family.measured, own, lambda other: other.measured)
+    typer.echo(family.solve(sessions, given, say).shown(as_json=as_json))
 
 
 def compare(
-    before: Annotated[
-        Path, typer.Argument(help="Session before.", show_default=False, readable=False)
-    ],
-    after: Annotated[
-        Path, typer.Argument(help="Session after.", show_default=False, readable=False)
-    ],
+    before: Annotated[Path, argument("Session before.")],
+    after: Annotated[Path, argument("Session after.")],
     as_json: AsJson = False,
 ) -> None:
     """The differences before and after the offsets were entered in the controller."""

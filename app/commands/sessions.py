@@ -5,24 +5,22 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from app.commands.options import (
+from app.machines.family import Simulation
+from app.machines.options import (
     Machine,
     Output,
     Protocol,
     Seed,
-    figure,
     file,
     machine_option,
     number,
-    parts,
     say,
 )
-from app.machines.family import Simulation
-from app.machines.registry import NAMES, family_of, refuse_foreign
+from app.machines.registry import LISTED, LOOKS, family_of, options_of, with_options_of_machines
 from app.report.streams import need_terminal
 from calib.errors import CalibrationError, UsageError
 from protocols.machine_files import USUAL_MACHINE
@@ -34,7 +32,6 @@ if TYPE_CHECKING:  # heavy: imported where used
     from app.measuring.opening import Plan
 
 HIDDEN = "The machine has more than offsets. To look for what is missing: glidecal diagnose {}"
-SCATTER_MM, RESOLUTION_MM = Simulation.scatter_mm, Simulation.resolution_mm
 
 
 def run(
@@ -85,7 +82,7 @@ def run(
         indicator or (), port or (), profile, machine=known, simulated=simulated
     )
     if resume:
-        _measure(plan_to_continue(resume, chosen), continued=True, headless=headless)
+        _measure(plan_to_continue(resume, chosen), headless=headless)
         return
     procedure = load_procedure(protocol or known.usual_procedure, known.geometry())
     if not dry_run:
@@ -105,26 +102,26 @@ def run(
     if dry_run:
         typer.echo(dry_run_text(plan.procedure, plan.machine, plan.axes))
     else:
-        _measure(plan, continued=False, headless=headless)
+        _measure(plan, headless=headless)
 
 
-def _measure(plan: Plan, *, continued: bool, headless: bool) -> None:
+def _measure(plan: Plan, *, headless: bool) -> None:
     """On the screen, or unattended for a simulated machine."""
     from app.measuring.demo import measure_all
-    from app.measuring.opening import continue_session, start_session
+    from app.measuring.opening import start_session
     from protocols.journal import check_new
 
-    if not continued:
+    if not plan.continued:
         check_new(plan.path)
     if not headless:
         need_terminal("guided session", "--headless with --simulated")
         from app.screens.start import open_session
 
-        raise typer.Exit(open_session(plan, continued=continued))
+        raise typer.Exit(open_session(plan, LOOKS))
     if not plan.simulated:
         raise UsageError("--headless", "real indicators", "--headless --simulated only")
     fast = replace(plan, interval_s=0.0)
-    with continue_session(fast) if continued else start_session(fast) as guided:
+    with start_session(fast) as guided:
         measure_all(guided)
     say(f"{len(guided.session.readings)} readings in {guided.path}")
 
@@ -167,7 +164,7 @@ def demo(
     if not unattended:
         from app.screens.start import open_session
 
-        raise typer.Exit(open_session(plan))
+        raise typer.Exit(open_session(plan, LOOKS))
     before, after = run_headless(plan, say)
     typer.echo(solution_text(before))
     typer.echo("\nAfter the joint offsets were entered in the controller:\n")
@@ -208,70 +205,16 @@ def _measured(plan: Plan, say: Callable[[str], None]) -> SessionSolution:
     return solve_for_controller(plan.path)
 
 
+@with_options_of_machines
 def simulate(
     context: typer.Context,
     output: Output,
-    protocol: Protocol = None,
-    model: Annotated[Path | None, file("Model file (JSON).")] = None,
-    machine: Annotated[
-        str | None, machine_option(f"{', '.join(NAMES)}, or a machine file (TOML).")
-    ] = None,
+    machine: Annotated[str | None, machine_option(LISTED)] = None,
     seed: Seed = 1,
-    scatter: Annotated[float, figure("Scatter of a re-approach, mm.")] = SCATTER_MM,
-    resolution: Annotated[float, figure("Step of the display, mm; 0: none.")] = RESOLUTION_MM,
-    effect: Annotated[
-        str | None, typer.Option(help="Hide an effect in the machine: ID or ID:WHERE.")
-    ] = None,
-    size: Annotated[
-        float | None, number("Its largest value, in its own unit; default: well above the scatter.")
-    ] = None,
-    procedure: Annotated[
-        str | None, typer.Option(help="Hexa Slide: pose-inverse, position, …")
-    ] = None,
-    postures: Annotated[
-        int | None, typer.Option(help="Hexa Slide: how many, random.", min=1, max=10_000)
-    ] = None,
-    noise: Annotated[
-        float | None, number("Hexa Slide: standard deviation of a measured length, mm.", 0.0, 10.0)
-    ] = None,
-    angle_noise: Annotated[
-        float | None,
-        number("Hexa Slide: of a measured angle, mrad; default as --noise.", 0.0, 10.0),
-    ] = None,
-    errors: Annotated[
-        float | None, number("Hexa Slide: of each hidden error, mm (default 1).", 0.0, 10.0)
-    ] = None,
-    measured: Annotated[
-        str | None, typer.Option(help="Hexa Slide, pose-forward: such as x,y,z,theta.")
-    ] = None,
-    machine_file: Annotated[Path | None, file("Hexa Slide: machine file (TOML).")] = None,
-    posture_file: Annotated[Path | None, file("Hexa Slide: these postures (CSV, JSON).")] = None,
-    truth: Annotated[Path | None, file("Hexa Slide: file for the true machine.")] = None,
+    **own: Any,  # noqa: ANN401 (what the machines add)
 ) -> None:
     """A session from the simulation: the nominal machine, or that of a model file."""
     name = machine or USUAL_MACHINE
     family = family_of(name)
-    refuse_foreign(context, family, f"the machine {name}")
-    family.simulate(
-        Simulation(
-            output,
-            seed,
-            machine,
-            protocol,
-            model,
-            scatter_mm=scatter,
-            resolution_mm=resolution,
-            effect=effect,
-            size=size,
-            procedure=procedure,
-            postures=postures,
-            noise_mm=noise,
-            angle_noise_mrad=angle_noise,
-            errors_mm=errors,
-            measured=parts(measured),
-            machine_file=machine_file,
-            posture_file=posture_file,
-            truth=truth,
-        ),
-        say,
-    )
+    given = options_of(context, family, f"the machine {name}", own)
+    family.simulate(Simulation(output, machine, seed), given, say)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from app.evaluating.own_effects import known_laws
 from app.evaluating.solution import indicator_figures, load_sessions
-from calib.diagnosis.cleaning import Case
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.problem import Case
 from calib.diagnosis.results import Diagnosis
 from calib.errors import NotIdentifiable, UsageError
 from calib.tripod.pipeline import Model

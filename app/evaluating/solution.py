@@ -11,8 +11,13 @@ from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.accuracy import ToolError
 from calib.identify.solution import Method, Solution, Subset, Weights
 from calib.identify.subset_choice import SubsetChoice, choose_subset
-from calib.noise.reading import IndicatorFigures, visit_starts
-from calib.noise.standing_out import LoudIndicator, lost_rows, loud_indicators
+from calib.noise.reading import (
+    IndicatorFigures,
+    NoisyIndicator,
+    noisy_indicators,
+    single_posture_rows,
+    visit_starts,
+)
 from calib.observations import Observations
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
@@ -82,7 +87,7 @@ class NoisyChannel:
 
     session: str
     reading: Reading
-    indicator: LoudIndicator
+    indicator: NoisyIndicator
 
 
 @dataclass(frozen=True)
@@ -198,11 +203,11 @@ def _solved(
             Suspect(*known[starts[wild.row]], wild.studentised) for wild in solution.noise.wild
         ),
         noisy=tuple(
-            NoisyChannel(*known[one.row], one) for one in loud_indicators(observed, solution.noise)
+            NoisyChannel(*known[one.row], one) for one in noisy_indicators(observed, solution.noise)
         ),
         isolated=tuple(
             IsolatedReadings(known[rows[0]][0], tuple(known[row][1] for row in rows))
-            for rows in lost_rows(observed)
+            for rows in single_posture_rows(observed)
         ),
     )
 

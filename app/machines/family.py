@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-from app.planning.request import Request
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.report.schema.document import Report
+    from app.screens.look import Look, MakeScreen
     from calib.design.criteria import Criterion
-    from calib.identify.solution import Method, Subset, Weights
 
 Say = Callable[[str], None]
 """Takes a line of progress, or a warning."""
@@ -33,59 +31,43 @@ class Answer:
 
 
 @dataclass(frozen=True)
+class OnScreen:
+    """A result that is looked at on a screen."""
+
+    screen: MakeScreen
+
+
+@dataclass(frozen=True)
+class Question:
+    """A machine by its name or the path of its file, and a procedure; empty: none given."""
+
+    machine: str
+    procedure: str
+    machine_file: Path | None = None
+
+
+@dataclass(frozen=True)
 class Search:
     """How postures are looked for; None: not given."""
 
     count: int | None
-    criterion: Criterion | None
-    budget_min: float | None
+    criterion: Criterion
+    seed: int
     starts: int
-    repeats: bool
-    common: bool
-    refine: bool
-    as_is: bool
     output: Path | None
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """What is to be simulated into ``output``, by the names of the options; None: not given."""
+    """The machine by its name or file, None: the usual one, and the file to write."""
 
     output: Path
-    seed: int = 1
     machine: str | None = None
-    protocol: str | None = None
-    model: Path | None = None
-    scatter_mm: float = 0.002
-    resolution_mm: float = 0.001
-    effect: str | None = None
-    size: float | None = None
-    procedure: str | None = None
-    postures: int | None = None
-    noise_mm: float | None = None
-    angle_noise_mrad: float | None = None
-    errors_mm: float | None = None
-    measured: tuple[str, ...] = ()
-    machine_file: Path | None = None
-    posture_file: Path | None = None
-    truth: Path | None = None
+    seed: int = 1
 
 
-@dataclass(frozen=True)
-class Solving:
-    """Files to solve, and what is asked for beyond the parameters; None: not given."""
-
-    files: Sequence[Path]
-    subset: Subset | None
-    method: Method
-    weights: Weights
-    model: Path | None
-    tolerance_mm: float | None
-    show_map: bool
-    monte_carlo: int
-    seed: int
-    truth: Path | None
-    held_out: float | None
+Plan = Callable[[str | None, Sequence[Path], Any, Say], Answer]
+"""Proposes the next measurement of a machine, None: that of the sessions."""
 
 
 @dataclass(frozen=True)
@@ -93,17 +75,23 @@ class Family:
     """One kind of machine.
 
     ``name`` stands for all of ``names``; ``measured`` says what its files to solve are, ``reads``
-    tells whether a file is one. ``own`` are by verb the parameters of the command that not every
-    kind takes. ``look`` opens its screen and returns the exit status.
+    tells whether a file is one. ``criterion`` is what its postures are chosen by where nothing is
+    asked for, ``posture_file`` what they are written to. ``options`` are by verb a class of the
+    options that not every kind takes, fields with their `typer.Option`; what a person gave of them
+    is the ``Any`` of the verb. Without ``plan`` there is no next measurement to propose. ``look``
+    is its screen that needs no session.
     """
 
     name: str
     names: tuple[str, ...]
     measured: str
-    own: Mapping[str, frozenset[str]]
+    criterion: str
+    posture_file: str
+    options: Mapping[str, type]
     reads: Callable[[Path], bool]
-    identifiability: Callable[[str, Request], Answer]
-    postures: Callable[[str, Request, Search, Say], Answer]
-    simulate: Callable[[Simulation, Say], None]
-    solve: Callable[[Solving, Say], Answer]
-    look: Callable[[Request], int] | None = None
+    identifiability: Callable[[Question, Any], Answer | OnScreen]
+    postures: Callable[[Question, Search, Any, Say], Answer]
+    simulate: Callable[[Simulation, Any, Say], None]
+    solve: Callable[[Sequence[Path], Any, Say], Answer]
+    plan: Plan | None = None
+    look: Look | None = None

@@ -2,11 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from app.machines.family import Answer, Family, Say, Search, Simulation, Solving
-from app.planning.request import Request
+import typer
+
+from app.machines.family import (
+    Answer,
+    Family,
+    OnScreen,
+    Question,
+    Say,
+    Search,
+    Simulation,
+)
+from app.machines.options import file, number, parts
+from app.screens.look import Look
+from calib.errors import UsageError
+
+if TYPE_CHECKING:  # heavy: imported where used
+    from app.planning.hexaslide import Request
+    from app.screens.hexaslide import HexaSlideScreen
 
 NOISE_MM, ERRORS_MM = 0.01, 1.0
 """What is simulated where nothing is asked for."""
@@ -14,131 +32,243 @@ NOISE_MM, ERRORS_MM = 0.01, 1.0
 SHARE = 0.2
 """Of the postures, kept out as a check."""
 
-POSTURE_OPTIONS = frozenset({"measured", "known", "posture_file"})
+Measured = Annotated[str, typer.Option(help="Hexa Slide: what is measured, such as x,y,z,theta.")]
+Known = Annotated[
+    str | None,
+    typer.Option(
+        help="Constraint link: what is known of c,d,length, or none.", show_default="length"
+    ),
+]
 
 
-def identifiability(_name: str, request: Request) -> Answer:
-    """What the procedure sees, with what papers/001 says of it."""
-    from app.planning.hexaslide import hexaslide_planning
+def _known(typed: str | None) -> tuple[str, ...] | None:
+    return None if typed is None else parts(typed.replace("none", ""))
+
+
+@dataclass(frozen=True)
+class IdentifiabilityOptions:
+    """Of ``identifiability``."""
+
+    measured: Measured = ""
+    known: Known = None
+    postures: Annotated[
+        int | None, typer.Option(help="Hexa Slide: random postures.", min=1, max=10_000)
+    ] = None
+    posture_file: Annotated[Path | None, file("Hexa Slide: postures of a .csv or .json file.")] = (
+        None
+    )
+    seed: Annotated[int, typer.Option(help="Seed of random postures.", min=0)] = 0
+    screen: Annotated[
+        bool, typer.Option("--screen", help="Hexa Slide: look around on a screen.")
+    ] = False
+
+
+def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer | OnScreen:
+    """What the procedure sees, with what papers/001 says of it; on a screen where that is wished.
+
+    Measured components alone are those of a posture. Raises UsageError without either.
+    """
+    from app.planning.hexaslide import Request, hexaslide_planning
     from app.report.schema.hexaslide import HexaSlideIdentifiabilityReport
+    from app.report.streams import need_terminal
     from app.report.text.hexaslide import seen_text
-    from calib.hexaslide.seen import hexaslide_seen
+    from calib.hexaslide.seen import look_at
 
-    found = hexaslide_seen(hexaslide_planning(_with_procedure(request)))
+    request = Request(
+        asked.procedure or "pose-forward",
+        asked.machine_file,
+        measured=parts(own.measured),
+        known=_known(own.known),
+        postures=own.postures,
+        posture_file=own.posture_file,
+        seed=own.seed,
+    )
+    if not (asked.procedure or request.measured):
+        raise UsageError(
+            "--procedure", "none", "the name of a procedure", "For hexaslide --measured also does."
+        )
+    if own.screen:
+        need_terminal("--screen", "the verb without it")
+    planned = hexaslide_planning(request)
+    if own.screen:
+        return OnScreen(lambda: _screen(request))
+    found = look_at(planned)
     return Answer(
         lambda: seen_text(found),
         lambda: HexaSlideIdentifiabilityReport.of(seen=found.seen, found=found),
     )
 
 
-def look(request: Request) -> int:
-    """The same on a screen."""
-    from app.screens.start import open_hexaslide
+def _screen(request: Request | None = None) -> HexaSlideScreen:
+    from app.screens.hexaslide import HexaSlideScreen
 
-    return open_hexaslide(_with_procedure(request))
-
-
-def _with_procedure(request: Request) -> Request:
-    """Measured components alone are those of a posture. Raises UsageError without either."""
-    if request.procedure:
-        return request
-    if not request.measured:
-        from calib.errors import UsageError
-
-        raise UsageError(
-            "--procedure", "none", "the name of a procedure", "For hexaslide --measured also does."
-        )
-    return replace(request, procedure="pose-forward")
+    return HexaSlideScreen(request)
 
 
-def postures(_name: str, request: Request, search: Search, say: Say) -> Answer:
+LOOK = Look(
+    name="hexaslide",
+    choice="Hexa Slide: what a procedure sees, the best postures",
+    words="""\
+Hexa Slide     another machine: what can be seen of it, drawn, and where
+               to measure; no readings are needed""",
+    screen=_screen,
+)
+
+
+@dataclass(frozen=True)
+class PostureOptions:
+    """Of ``postures``."""
+
+    measured: Measured = ""
+    known: Known = None
+    posture_file: Annotated[Path | None, file("Hexa Slide: .csv or .json file to start from.")] = (
+        None
+    )
+    as_is: Annotated[
+        bool, typer.Option("--as-is", help="Only judge the --posture-file, move nothing.")
+    ] = False
+
+
+def postures(asked: Question, search: Search, own: PostureOptions, say: Say) -> Answer:
     """Postures anywhere in the box."""
-    from app.planning.hexaslide import asked_postures, write_postures
+    from app.planning.hexaslide import Request, asked_postures, write_postures
     from app.report.schema.hexaslide import HexaSlidePosturesReport
-    from app.report.text.hexaslide import boxed_text
+    from app.report.text.hexaslide import postures_text
 
+    request = Request(
+        asked.procedure,
+        asked.machine_file,
+        measured=parts(own.measured),
+        known=_known(own.known),
+        posture_file=own.posture_file,
+        seed=search.seed,
+    )
     found = asked_postures(
         request,
         search.count,
         search.criterion,
         starts=search.starts,
-        as_is=search.as_is,
+        as_is=own.as_is,
         output=search.output,
     )
     if search.output:
         say(f"postures written to {write_postures(found, search.output)}")
-    return Answer(lambda: boxed_text(found), lambda: HexaSlidePosturesReport.of(boxed=found))
+    return Answer(lambda: postures_text(found), lambda: HexaSlidePosturesReport.of(best=found))
 
 
-def simulate(asked: Simulation, say: Say) -> None:
+@dataclass(frozen=True)
+class SimulateOptions:
+    """Of ``simulate``."""
+
+    procedure: Annotated[str | None, typer.Option(help="Hexa Slide: pose-inverse, position, …")] = (
+        None
+    )
+    postures: Annotated[
+        int | None, typer.Option(help="Hexa Slide: how many, random.", min=1, max=10_000)
+    ] = None
+    noise: Annotated[
+        float | None, number("Hexa Slide: standard deviation of a measured length, mm.", 0.0, 10.0)
+    ] = None
+    angle_noise: Annotated[
+        float | None,
+        number("Hexa Slide: of a measured angle, mrad; default as --noise.", 0.0, 10.0),
+    ] = None
+    errors: Annotated[
+        float | None, number("Hexa Slide: of each hidden error, mm (default 1).", 0.0, 10.0)
+    ] = None
+    measured: Annotated[
+        str | None, typer.Option(help="Hexa Slide, pose-forward: such as x,y,z,theta.")
+    ] = None
+    machine_file: Annotated[Path | None, file("Hexa Slide: machine file (TOML).")] = None
+    posture_file: Annotated[Path | None, file("Hexa Slide: these postures (CSV, JSON).")] = None
+    truth: Annotated[Path | None, file("Hexa Slide: file for the true machine.")] = None
+
+
+def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
     """Measured postures into a file."""
-    from app.planning.hexaslide_calibration import Asked, write_simulated
+    from app.planning.hexaslide import Asked, write_simulated
     from app.report.text.hexaslide_calibration import simulated_text
-    from calib.errors import UsageError
 
-    postures = asked.posture_file or asked.postures
-    if asked.procedure is None or postures is None or (asked.posture_file and asked.postures):
+    postures = own.posture_file or own.postures
+    if own.procedure is None or postures is None or (own.posture_file and own.postures):
         raise UsageError(
             "--procedure, --postures, --posture-file",
             "too few or too many",
             "with --machine hexaslide a procedure and either a number or a file of postures",
         )
     wanted = Asked(
-        procedure=asked.procedure,
+        procedure=own.procedure,
         postures=postures,
-        noise_mm=NOISE_MM if asked.noise_mm is None else asked.noise_mm,
-        angle_noise_mrad=asked.angle_noise_mrad,
-        errors_mm=ERRORS_MM if asked.errors_mm is None else asked.errors_mm,
+        noise_mm=NOISE_MM if own.noise is None else own.noise,
+        angle_noise_mrad=own.angle_noise,
+        errors_mm=ERRORS_MM if own.errors is None else own.errors,
         seed=asked.seed,
-        measured=asked.measured,
-        machine_file=asked.machine_file,
+        measured=parts(own.measured),
+        machine_file=own.machine_file,
     )
-    measured = write_simulated(wanted, asked.output, asked.truth)
+    measured = write_simulated(wanted, asked.output, own.truth)
     say(f"{simulated_text(measured)}, written to {asked.output}")
-    if asked.truth is not None:
-        say(f"the true machine written to {asked.truth}")
+    if own.truth is not None:
+        say(f"the true machine written to {own.truth}")
 
 
-def solve(asked: Solving, _say: Say) -> Answer:
+@dataclass(frozen=True)
+class SolveOptions:
+    """Of ``solve``."""
+
+    truth: Annotated[Path | None, file("Hexa Slide: the true machine that simulate wrote.")] = None
+    held_out: Annotated[
+        float | None,
+        number("Hexa Slide: share of postures kept out as a check (default 0.2).", 0.0, 0.9),
+    ] = None
+
+
+def solve(files: Sequence[Path], own: SolveOptions, _say: Say) -> Answer:
     """Identify from one file of measured postures."""
-    from app.planning.hexaslide_calibration import calibrate_file
+    from app.planning.hexaslide import calibrate_file
     from app.report.schema.hexaslide import CalibrationReport
     from app.report.text.hexaslide_calibration import calibration_text
-    from calib.errors import UsageError
 
-    if len(asked.files) != 1:
-        raise UsageError(FAMILY.measured, f"{len(asked.files)} files", "one file")
-    share = SHARE if asked.held_out is None else asked.held_out
-    solved = calibrate_file(asked.files[0], asked.truth, share)
+    if len(files) != 1:
+        raise UsageError(FAMILY.measured, f"{len(files)} files", "one file")
+    share = SHARE if own.held_out is None else own.held_out
+    solved = calibrate_file(files[0], own.truth, share)
     return Answer(lambda: calibration_text(solved), lambda: CalibrationReport.of(solved=solved))
 
 
-def reads(path: Path) -> bool:
-    """Whether the file begins as measured postures."""
-    from protocols.hexaslide_files import is_measurements
+MARK = b"glidecal.hexaslide-measurements"
+"""Stands near the beginning of every file of measured postures, whole or cut."""
 
-    return is_measurements(path)
+BEGINNING_BYTES = 400
+
+
+def reads(path: Path) -> bool:
+    """Whether the file begins as measured postures; False where it cannot be read."""
+    from protocols.files import open_to_read
+
+    try:
+        with open_to_read(path) as file:
+            return MARK in file.read(BEGINNING_BYTES)
+    except OSError:
+        return False
 
 
 FAMILY = Family(
     name="hexaslide",
     names=("hexaslide",),
     measured="measured postures of a hexaslide",
-    own={
-        "identifiability": POSTURE_OPTIONS | {"postures", "screen"},
-        "postures": POSTURE_OPTIONS | {"as_is"},
-        "simulate": frozenset(
-            {
-                *("procedure", "postures", "posture_file", "measured", "machine_file"),
-                *("noise", "angle_noise", "errors", "truth"),
-            }
-        ),
-        "solve": frozenset({"truth", "held_out"}),
+    criterion="condition",
+    posture_file="Hexa Slide: postures (.csv)",
+    options={
+        "identifiability": IdentifiabilityOptions,
+        "postures": PostureOptions,
+        "simulate": SimulateOptions,
+        "solve": SolveOptions,
     },
     reads=reads,
     identifiability=identifiability,
     postures=postures,
     simulate=simulate,
     solve=solve,
-    look=look,
+    look=LOOK,
 )

@@ -1,19 +1,36 @@
-"""The kinds of machines: which one is meant, and which options it does not take."""
+"""The kinds of machines: which one is meant, and the options that come from it."""
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
 
 import typer
 
 from app.machines import hexaslide, tripod
-from app.machines.family import Family
+from app.machines.family import Family, Plan
+from calib.errors import UsageError
 
 FAMILIES = (tripod.FAMILY, hexaslide.FAMILY)
 """Machine files by path, and files to solve that nobody knows, are of the first."""
 
 NAMES = tuple(name for family in FAMILIES for name in family.names)
+LISTED = f"{', '.join(NAMES)}, or a machine file (TOML)."
+
+CRITERIA = "; ".join(
+    family.criterion if family is FAMILIES[0] else f"{family.criterion} for a {family.name}"
+    for family in FAMILIES
+)
+POSTURE_FILES = "; ".join(family.posture_file for family in FAMILIES)
+"""What postures are chosen by and written to, in the help."""
+
+LOOKS = tuple(family.look for family in FAMILIES if family.look is not None)
+"""What the home screen offers of machines."""
+
+C = TypeVar("C", bound=Callable[..., None])
 
 
 def family_of(name: str) -> Family:
@@ -23,8 +40,6 @@ def family_of(name: str) -> Family:
             return family
     path = Path(name)
     if path.name == name and not path.suffix and not path.exists():
-        from calib.errors import UsageError
-
         listed = ", ".join(sorted(NAMES))
         raise UsageError("machine", repr(name), f"{listed}, or the path of a machine file")
     return FAMILIES[0]
@@ -35,41 +50,83 @@ def family_of_files(name: str | None, files: Sequence[Path]) -> Family:
     if name is None:
         return next((one for one in FAMILIES if any(map(one.reads, files))), FAMILIES[0])
     if name not in NAMES:
-        from calib.errors import UsageError
-
         raise UsageError("--machine", repr(name), f"{', '.join(NAMES)}, or none: by the file")
     return family_of(name)
 
 
-def refuse_foreign(
-    context: typer.Context, family: Family, found: str, words: Callable[[Family], str] | None = None
-) -> None:
-    """Raises UsageError for options on the command line that other kinds of machines take.
+def family_that_plans(name: str | None) -> tuple[Family, Plan]:
+    """That of a name, None: the first, with what proposes its next measurement.
+
+    Raises UsageError for one that has none, and for an unknown name.
+    """
+    able = [family for family in FAMILIES if family.plan is not None]
+    family = able[0] if name is None else family_of(name)
+    if family.plan is None:
+        listed = ", ".join(each for one in able for each in one.names)
+        raise UsageError("machine", repr(name), f"{listed}, or the path of a machine file")
+    return family, family.plan
+
+
+def with_options_of_machines(command: C) -> C:
+    """A command whose ``**own`` is filled with the options of every kind of machine."""
+    plain = inspect.signature(command, eval_str=True)
+    shared = [one for one in plain.parameters.values() if one.kind is not one.VAR_KEYWORD]
+    own: dict[str, inspect.Parameter] = {}
+    for kind in (family.options.get(command.__name__) for family in FAMILIES):
+        if kind is None:
+            continue
+        hints = get_type_hints(kind, include_extras=True)
+        for field in fields(kind):
+            own[field.name] = inspect.Parameter(
+                field.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=field.default,
+                annotation=hints[field.name],
+            )
+    signature = plain.replace(parameters=[*shared, *own.values()])
+    vars(command)["__signature__"] = signature  # what typer makes the options of
+    return command
+
+
+def options_of(
+    context: typer.Context,
+    family: Family,
+    found: str,
+    given: dict[str, Any],
+    words: Callable[[Family], str] = lambda other: f"the machine {other.name}",
+) -> Any:  # noqa: ANN401 (of the class that the kind names)
+    """What was given of the options of a kind. Raises UsageError for those of others alone.
 
     ``found`` says what they were given with, ``words`` what of another kind takes them.
     """
     verb = context.command.name or ""
-    given = [
-        option
-        for option in context.command.params
-        if option.name and getattr(context.get_parameter_source(option.name), "name", "") == TYPED
-    ]
+    ours = _own(family, verb)
     for other in FAMILIES:
-        foreign = other.own.get(verb, frozenset()) - family.own.get(verb, frozenset())
-        wrong = [one for one in given if one.name in foreign]
-        if wrong and other is not family:
-            from calib.errors import UsageError
-
+        theirs = _own(other, verb) - ours
+        wrong = [
+            option
+            for option in context.command.params
+            if option.name in theirs and _is_typed(context, option.name)
+        ]
+        if wrong:
             names = [
-                (one.opts if context.params[one.name or ""] is not False else one.secondary_opts)[0]
+                (one.opts if given[one.name or ""] is not False else one.secondary_opts)[0]
                 for one in wrong
             ]
-            allowed = words(other) if words else f"the machine {other.name}"
-            raise UsageError(_listed(names), found, allowed)
+            raise UsageError(_listed(names), found, words(other))
+    return family.options[verb](**{name: given[name] for name in ours})
 
 
-TYPED = "COMMANDLINE"
-"""Name of the source of a parameter that stands on the command line."""
+def _own(family: Family, verb: str) -> set[str]:
+    """Names of the options of a verb that come from this kind of machine."""
+    return (
+        {field.name for field in fields(family.options[verb])} if verb in family.options else set()
+    )
+
+
+def _is_typed(context: typer.Context, name: str) -> bool:
+    """Whether a parameter stands on the command line."""
+    return getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"
 
 
 def _listed(names: Sequence[str]) -> str:

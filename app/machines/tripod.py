@@ -3,11 +3,25 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from app.machines.family import Answer, Family, Say, Search, Simulation, Solving
-from app.planning.request import Request
+import typer
+
+from app.machines.family import Answer, Family, Question, Say, Search, Simulation
+from app.machines.options import (
+    RESOLUTION_MM,
+    SCATTER_MM,
+    Method,
+    Protocol,
+    Seed,
+    SubsetName,
+    figure,
+    file,
+    number,
+)
 from protocols.machine_files import USUAL_MACHINE, machine_names
 
 if TYPE_CHECKING:  # heavy: imported where used
@@ -16,39 +30,71 @@ if TYPE_CHECKING:  # heavy: imported where used
     from calib.identify.monte_carlo import MonteCarlo
 
 
-def identifiability(name: str, request: Request) -> Answer:
+Noise = Annotated[float | None, number("Standard deviation of a reading, mm.", most=10.0)]
+MountingSeconds = Annotated[float, number("Time for a new mounting.", 0.0, 86400.0)]
+
+
+@dataclass(frozen=True)
+class IdentifiabilityOptions:
+    """Of ``identifiability``."""
+
+    noise: Noise = None
+
+
+def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer:
     """What the procedure sees."""
     from app.planning.tripod import tripod_planning
     from app.report.schema.planning import IdentifiabilityReport
     from app.report.text.planning import identifiability_text
     from calib.design.planning import seen_by
 
-    seen = seen_by(tripod_planning(name, request)[0])
+    planned, _ = tripod_planning(asked.machine, asked.procedure, asked.machine_file, own.noise)
+    seen = seen_by(planned)
     return Answer(lambda: identifiability_text(seen), lambda: IdentifiabilityReport.of(seen=seen))
 
 
-def postures(name: str, request: Request, search: Search, say: Say) -> Answer:
+@dataclass(frozen=True)
+class PostureOptions:
+    """Of ``postures``."""
+
+    noise: Noise = None
+    budget: Annotated[float | None, number("Minutes at most, with set-up.", 0.0)] = None
+    mounting_seconds: MountingSeconds = 120.0
+    repeats: Annotated[
+        bool, typer.Option("--repeats", help="A posture may be chosen more than once.")
+    ] = False
+    common: Annotated[
+        bool, typer.Option("--common", help="The same displacements on all legs: one file.")
+    ] = False
+    refine: Annotated[
+        bool, typer.Option(help="Move the chosen postures off the grid, or keep to it.")
+    ] = True
+
+
+def postures(asked: Question, search: Search, own: PostureOptions, say: Say) -> Answer:
     """Postures from a list, and procedures that visit them."""
     from app.planning.tripod import tripod_planning, write_procedures
     from app.report.schema.planning import PosturesReport
     from app.report.text.planning import postures_text
-    from calib.design.criteria import Criterion
-    from calib.design.optimum import optimum_postures
     from calib.errors import UsageError
+    from calib.tripod.optimum import optimum_postures
 
     if search.count is None:
         raise UsageError("--count", "none", "how many postures to choose")
-    planned, like = tripod_planning(name, request)
+    minutes = own.mounting_seconds / 60.0
+    planned, like = tripod_planning(
+        asked.machine, asked.procedure, asked.machine_file, own.noise, minutes
+    )
     chosen = optimum_postures(
         planned,
         search.count,
-        criterion=search.criterion or Criterion.DETERMINANT,
-        budget_min=search.budget_min,
-        seed=request.seed,
+        criterion=search.criterion,
+        budget_min=own.budget,
+        seed=search.seed,
         starts=search.starts,
-        repeats=search.repeats,
-        common=search.common,
-        refine=search.refine,
+        repeats=own.repeats,
+        common=own.common,
+        refine=own.refine,
     )
     if search.output:
         for path in write_procedures(chosen.orders, like, search.output):
@@ -56,7 +102,23 @@ def postures(name: str, request: Request, search: Search, say: Say) -> Answer:
     return Answer(lambda: postures_text(chosen), lambda: PosturesReport.of(chosen=chosen))
 
 
-def simulate(asked: Simulation, say: Say) -> None:
+@dataclass(frozen=True)
+class SimulateOptions:
+    """Of ``simulate``."""
+
+    protocol: Protocol = None
+    model: Annotated[Path | None, file("Model file (JSON).")] = None
+    scatter: Annotated[float, figure("Scatter of a re-approach, mm.")] = SCATTER_MM
+    resolution: Annotated[float, figure("Step of the display, mm; 0: none.")] = RESOLUTION_MM
+    effect: Annotated[
+        str | None, typer.Option(help="Hide an effect in the machine: ID or ID:WHERE.")
+    ] = None
+    size: Annotated[
+        float | None, number("Its largest value, in its own unit; default: well above the scatter.")
+    ] = None
+
+
+def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
     """A session of the nominal machine, or of that of a model file."""
     from app.evaluating.own_effects import known_laws
     from app.measuring.hidden_effect import hidden_effect
@@ -68,24 +130,24 @@ def simulate(asked: Simulation, say: Say) -> None:
     from protocols.model_file import read_model
     from protocols.procedure import load_procedure
 
-    if asked.size is not None and asked.effect is None:
+    if own.size is not None and own.effect is None:
         raise UsageError("--size", "no --effect", "the size of an effect: both options, or none")
-    if asked.model and asked.machine:
+    if own.model and asked.machine:
         raise UsageError("--model and --machine", "both", "one: a model brings its own machine")
     known = load_machine(asked.machine)
     real = Model(known.geometry())
-    if asked.model:
-        real, known = read_model(asked.model, known_laws())
-    planned = load_procedure(asked.protocol or known.usual_procedure, known.geometry())
-    if asked.effect is not None:
+    if own.model:
+        real, known = read_model(own.model, known_laws())
+    planned = load_procedure(own.protocol or known.usual_procedure, known.geometry())
+    if own.effect is not None:
         hidden = hidden_effect(
-            asked.effect,
+            own.effect,
             real,
             planned_readings(planned, known),
             laws=known_laws(),
             seed=asked.seed,
-            noise_mm=max(asked.scatter_mm, asked.resolution_mm),
-            size=asked.size,
+            noise_mm=max(own.scatter, own.resolution),
+            size=own.size,
         )
         real = replace(real, effects=(*real.effects, *hidden))
     opened, readings = simulated_session(
@@ -93,34 +155,58 @@ def simulate(asked: Simulation, say: Say) -> None:
         known,
         real,
         seed=asked.seed,
-        scatter_mm=asked.scatter_mm,
-        resolution_mm=asked.resolution_mm,
+        scatter_mm=own.scatter,
+        resolution_mm=own.resolution,
     )
     write_whole(asked.output, opened, list(readings))
     say(f"{len(readings)} simulated readings written to {asked.output}")
 
 
-def solve(asked: Solving, say: Say) -> Answer:
+@dataclass(frozen=True)
+class SolveOptions:
+    """Of ``solve``."""
+
+    subset: Annotated[
+        SubsetName | None,
+        typer.Option(help="Parameters to identify; default: the recommended set."),
+    ] = None
+    method: Method = "exact"
+    weights: Annotated[
+        Literal["equal", "covariance"],
+        typer.Option(help="Linear method only: equal as in the papers, or covariance (14)."),
+    ] = "equal"
+    model: Annotated[
+        Path | None, file("Fit the sizes of this model's effects together with the parameters.")
+    ] = None
+    tolerance: Annotated[
+        float | None, number("Judge the tool's r.m.s. error against this, mm.")
+    ] = None
+    show_map: Annotated[
+        bool, typer.Option("--map", help="Expected tool error on three planes.")
+    ] = False
+    monte_carlo: Annotated[
+        int, typer.Option(help="Check on so many simulated sessions.", min=0)
+    ] = 0
+    seed: Seed = 1
+
+
+def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
     """Parameters with uncertainties from sessions. Raises UsageError for what they do not allow."""
     from app.evaluating.solution import solve_files
 
     solved, warnings = solve_files(
-        asked.files,
-        subset=asked.subset,
-        method=asked.method,
-        weights=asked.weights,
-        model=asked.model,
+        files, subset=own.subset, method=own.method, weights=own.weights, model=own.model
     )
     for warning in warnings:
         say(f"glidecal: {warning}")
     judged = mapped = simulated = None
-    if asked.tolerance_mm is not None or asked.show_map:
+    if own.tolerance is not None or own.show_map:
         from app.evaluating.accuracy import judge, maps
 
-        judged = None if asked.tolerance_mm is None else judge(solved, asked.tolerance_mm)
-        mapped = maps(solved) if asked.show_map else None
-    if asked.monte_carlo:
-        simulated = _monte_carlo(solved, asked.monte_carlo, asked.seed)
+        judged = None if own.tolerance is None else judge(solved, own.tolerance)
+        mapped = maps(solved) if own.show_map else None
+    if own.monte_carlo:
+        simulated = _monte_carlo(solved, own.monte_carlo, own.seed)
 
     def text() -> str:
         from app.report.text.result import judged_text, maps_text, monte_carlo_text, solution_text
@@ -155,19 +241,50 @@ def _monte_carlo(solved: SessionSolution, count: int, seed: int) -> MonteCarlo:
         return monte_carlo(solved, count, seed, lambda done: bar.update(task, completed=done))
 
 
+@dataclass(frozen=True)
+class PlanOptions:
+    """Of ``plan``."""
+
+    model: Annotated[Path | None, file("Model file (JSON).")] = None
+    noise: Noise = None
+    mounting_seconds: MountingSeconds = 120.0
+
+
+def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: Say) -> Answer:
+    """The mounting that is worth its minutes most."""
+    from app.planning.next_measurement import next_measurement
+    from app.report.schema.plan import PlanReport
+    from app.report.text.planning import plan_text
+
+    found = next_measurement(
+        sessions,
+        machine_file=machine,
+        model_file=own.model,
+        noise_mm=own.noise,
+        minutes_per_mounting=own.mounting_seconds / 60.0,
+    )
+    for warning in found.warnings:
+        say(f"glidecal: {warning}")
+    return Answer(lambda: plan_text(found), lambda: PlanReport.of(plan=found))
+
+
 FAMILY = Family(
     name=USUAL_MACHINE,
     names=machine_names(),
     measured="sessions",
-    own={
-        "identifiability": frozenset({"noise"}),
-        "postures": frozenset({"noise", "budget", "repeats", "common", "refine"}),
-        "simulate": frozenset({"protocol", "model", "scatter", "resolution", "effect", "size"}),
-        "solve": frozenset({"subset", "method", "weights", "tolerance", "show_map", "monte_carlo"}),
+    criterion="determinant",
+    posture_file="procedure (.toml)",
+    options={
+        "identifiability": IdentifiabilityOptions,
+        "postures": PostureOptions,
+        "simulate": SimulateOptions,
+        "solve": SolveOptions,
+        "plan": PlanOptions,
     },
     reads=lambda _path: False,
     identifiability=identifiability,
     postures=postures,
     simulate=simulate,
     solve=solve,
+    plan=plan,
 )

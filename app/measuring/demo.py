@@ -79,7 +79,9 @@ def verification_plan(plan: Plan, before: SessionSolution) -> Plan:
         }
     )
     path = unused_path(plan.path.with_name(plan.path.stem + "_verify.jsonl"))
-    return replace(plan, path=path, machine=machine, before=before, verifies=plan.path.name)
+    return replace(
+        plan, path=path, machine=machine, before=before, verifies=plan.path.name, continued=False
+    )
 
 
 def measure_all(

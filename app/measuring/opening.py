@@ -44,6 +44,7 @@ class Plan:
     """Everything known before the first reading.
 
     ``before`` is the solution whose offsets this session verifies, ``verifies`` its file name.
+    ``continued``: the record is there and goes on.
     """
 
     path: Path
@@ -55,6 +56,7 @@ class Plan:
     seed: int = 1
     before: SessionSolution | None = None
     verifies: str | None = None
+    continued: bool = False
     bench: BenchSettings = BenchSettings()
     transport: Transport = field(default_factory=default_transport)
     interval_s: float = SIMULATED_INTERVAL_S
@@ -96,8 +98,8 @@ class Indicators:
     """Indicators that answer, and how to move the machine where that can be done."""
 
     gauges: tuple[Gauge, ...]
-    go: Callable[[Step], None]
-    close_bench: Callable[[], None]
+    go: Callable[[Step], None] = lambda _: None  # the operator moves a real machine
+    close_bench: Callable[[], None] = lambda: None
 
     def close(self) -> None:
         """Close every port, then switch a simulated machine off."""
@@ -114,16 +116,14 @@ def open_indicators(plan: Plan) -> Indicators:
     ports = tuple(instrument.port for instrument in plan.instruments)
     with ExitStack() as undo:
         interval_s, window_s = None, plan.procedure.window_s
-        go: Callable[[Step], None] = _stand_still
-        close_bench: Callable[[], None] = _nothing
+        bench: SimulatedBench | None = None
         if plan.simulated:
             entered = plan.machine.entered_offsets_mm
             truth = hidden_machine(plan.machine.geometry(), plan.seed, entered)
             bench = SimulatedBench(
                 truth, plan.seed, plan.path.name, profiles, plan.transport, plan.bench
             )
-            go, close_bench = bench.go, bench.close
-            undo.callback(close_bench)
+            undo.callback(bench.close)
             ports, interval_s, window_s = bench.rig.ports, plan.interval_s, SIMULATED_WINDOW_S
         gauges = tuple(
             Gauge(
@@ -140,7 +140,7 @@ def open_indicators(plan: Plan) -> Indicators:
             gauge.start()
             undo.callback(gauge.close)
         undo.pop_all()
-    return Indicators(gauges, go, close_bench)
+    return Indicators(gauges, bench.go, bench.close) if bench else Indicators(gauges)
 
 
 def refuse_plate(procedure: Procedure) -> None:
@@ -155,24 +155,23 @@ def refuse_plate(procedure: Procedure) -> None:
 
 
 def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
-    """Start the record of a new session. Raises RecordError or UsageError."""
-    plan.procedure.steps(plan.machine.geometry(), plan.axes)
-    return _guided(Journal.create(plan.path, opened_event(plan)), indicators)
-
-
-def resume(plan: Plan, indicators: Indicators) -> GuidedSession:
-    """Go on with the record at the plan's path. Raises RecordError."""
-    return _guided(Journal.resume(plan.path, program()), indicators)
+    """Start the record of a plan, or go on with it. Raises RecordError or UsageError."""
+    if plan.continued:
+        journal = Journal.resume(plan.path, program())
+    else:
+        plan.procedure.steps(plan.machine.geometry(), plan.axes)
+        journal = Journal.create(plan.path, opened_event(plan))
+    return GuidedSession(journal, indicators.gauges, indicators.go, indicators.close)
 
 
 def start_session(plan: Plan) -> GuidedSession:
     """Open the indicators and begin. Raises IndicatorError, RecordError or UsageError."""
-    return _all_or_nothing(plan, begin)
-
-
-def continue_session(plan: Plan) -> GuidedSession:
-    """Open the indicators and go on. Raises IndicatorError or RecordError."""
-    return _all_or_nothing(plan, resume)
+    indicators = open_indicators(plan)
+    try:
+        return begin(plan, indicators)
+    except GlidecalError:
+        indicators.close()
+        raise
 
 
 def plan_to_continue(path: Path, instruments: tuple[Instrument, ...] = ()) -> Plan:
@@ -187,8 +186,8 @@ def plan_to_continue(path: Path, instruments: tuple[Instrument, ...] = ()) -> Pl
         found = "a closed session" if opened.procedure else "an imported table"
         raise RecordError(f"session {path}", found, "an interrupted session to continue")
     if instruments and [i.axes for i in instruments] != [i.axes for i in opened.instruments]:
-        kept = " and ".join(f"@{i.axes}" for i in opened.instruments)
-        raise UsageError("indicators of a continued session", "other axes", kept)
+        axes = " and ".join(f"@{i.axes}" for i in opened.instruments)
+        raise UsageError("indicators of a continued session", "other axes", axes)
     return Plan(
         path=path,
         machine=opened.machine,
@@ -199,6 +198,7 @@ def plan_to_continue(path: Path, instruments: tuple[Instrument, ...] = ()) -> Pl
         seed=opened.seed or 0,
         before=_verified(path, opened.verifies),
         verifies=opened.verifies,
+        continued=True,
     )
 
 
@@ -223,29 +223,6 @@ def _verified(path: Path, verifies: str | None) -> SessionSolution | None:
     if beside is None or not beside.is_file():
         return None
     return solve_for_controller(beside)
-
-
-def _all_or_nothing(
-    plan: Plan, start: Callable[[Plan, Indicators], GuidedSession]
-) -> GuidedSession:
-    indicators = open_indicators(plan)
-    try:
-        return start(plan, indicators)
-    except GlidecalError:
-        indicators.close()
-        raise
-
-
-def _guided(journal: Journal, indicators: Indicators) -> GuidedSession:
-    return GuidedSession(journal, indicators.gauges, indicators.go, indicators.close)
-
-
-def _stand_still(_: Step) -> None:
-    """A real machine is moved by the operator."""
-
-
-def _nothing() -> None:
-    """There is no simulated machine to switch off."""
 
 
 def session_name(folder: Path, word: str) -> Path:

@@ -57,12 +57,14 @@ class Playback:
         self.is_table = record.opened.procedure is None
         self.frames = frames_of(record.events)
         self._events = _numbered(record.events) if self.is_table else record.events
-        self.steps = _table_steps(self._events) if self.is_table else _procedure_steps(record)
+        self.steps = (
+            _table_steps(self._events) if self.is_table else fold(record.events[:1]).steps()
+        )
         self._by_number = {step.number: step for step in self.steps}
         self._ends = [frame.end for frame in self.frames]
         self._times_s = [frame.time_s for frame in self.frames]
         self._frame = 0
-        self._time_s = 0.0
+        self.time_s = 0.0  # play time at ×1 since the first event
         self._speed = SPEEDS.index(_first_speed(self._times_s))
         self._playing = False
         self._session: tuple[int, Session] | None = None
@@ -72,11 +74,6 @@ class Playback:
     def position(self) -> int:
         """How many events are shown; never less than the first one."""
         return self.frames[self._frame].end
-
-    @property
-    def time_s(self) -> float:
-        """Play time at ×1 since the first event."""
-        return self._time_s
 
     @property
     def speed(self) -> int:
@@ -103,7 +100,7 @@ class Playback:
     def toggle(self) -> None:
         """Play or pause; at the end play from the start."""
         if self.at_end:
-            self._go(0)
+            self.go(0)
             self._playing = not self.at_end
         else:
             self._playing = not self._playing
@@ -121,28 +118,24 @@ class Playback:
         if not self._playing:
             return False
         before = self._frame
-        self._time_s = min(self._time_s + max(elapsed_s, 0.0) * self.speed, self._times_s[-1])
-        self._frame = bisect_right(self._times_s, self._time_s) - 1
+        self.time_s = min(self.time_s + max(elapsed_s, 0.0) * self.speed, self._times_s[-1])
+        self._frame = bisect_right(self._times_s, self.time_s) - 1
         self._playing = not self.at_end
         return self._frame != before
 
     def step(self, by: int) -> None:
         """So many moments on; back where negative."""
-        self._go(self._frame + by)
+        self.go(self._frame + by)
 
-    def to_start(self) -> None:
-        """Only the first event is shown."""
-        self._go(0)
-
-    def to_end(self) -> None:
-        """Every event is shown."""
-        self._go(len(self.frames) - 1)
-
-    def jump(self, number: int) -> None:
+    def jump_to(self, text: str) -> None:
         """To the moment when a step was first taken, or skipped; in a table to a reading.
 
-        Raises UsageError where it was never reached.
+        Raises UsageError where it was never reached, or the text is no number.
         """
+        try:
+            number = int(text)
+        except ValueError as problem:
+            raise UsageError(self.unit, repr(text), "a whole number") from problem
         found = next(
             (k for k, frame in enumerate(self.frames) if self._settles(frame, number)), None
         )
@@ -150,15 +143,7 @@ class Playback:
             last = self.steps[-1].number if self.steps else 0
             never = f"{number}, which was never taken" if 1 <= number <= last else str(number)
             raise UsageError(self.unit, never, f"1 … {last}, as far as the record goes")
-        self._go(found)
-
-    def jump_to(self, text: str) -> None:
-        """`jump` to a number as typed. Raises UsageError where it is none."""
-        try:
-            number = int(text)
-        except ValueError as problem:
-            raise UsageError(self.unit, repr(text), "a whole number") from problem
-        self.jump(number)
+        self.go(found)
 
     @property
     def unit(self) -> str:
@@ -171,9 +156,10 @@ class Playback:
             return number == (first.reading if self.is_table else first.step)
         return isinstance(first, Skipped) and number in first.steps
 
-    def _go(self, frame: int) -> None:
+    def go(self, frame: int) -> None:
+        """To one of the frames, or as far as there are any."""
         self._frame = min(max(frame, 0), len(self.frames) - 1)
-        self._time_s = self._times_s[self._frame]
+        self.time_s = self._times_s[self._frame]
         self._playing = False
 
     @property
@@ -194,8 +180,8 @@ class Playback:
         session = fold(self._events[: self.position]) if self.is_table else self.session
         if not session.mountings and session.all_readings:
             session = replace(session, mountings=(_mounting(session.all_readings),))
-        kept = {field.name: getattr(session, field.name) for field in fields(Session)}
-        return ShownSession(**kept, known_steps=self.steps)
+        known = {field.name: getattr(session, field.name) for field in fields(Session)}
+        return ShownSession(**known, known_steps=self.steps)
 
     @property
     def now(self) -> Step | None:
@@ -265,13 +251,13 @@ class Playback:
                 known = event.kind in list(FaultKind)
                 kind = FaultKind(event.kind) if known else FaultKind.NOT_UNDERSTOOD
                 fault = Fault(kind, event.text, event.kind)
-                return Live(fault, self._time_s - self._times_s[self._frame], Motion.FAULT, ())
+                return Live(fault, self.time_s - self._times_s[self._frame], Motion.FAULT, ())
         return None
 
     def _age_s(self, reading: Reading) -> float:
         """Play time since a reading was shown. Line numbers count events from 1."""
         shown_in = bisect_left(self._ends, reading.line)
-        return self._time_s - self._times_s[shown_in]
+        return self.time_s - self._times_s[shown_in]
 
 
 def _first_speed(times_s: Sequence[float]) -> int:
@@ -279,10 +265,6 @@ def _first_speed(times_s: Sequence[float]) -> int:
     gaps_s = [after - before for before, after in pairwise(times_s)]
     typical_s = median(gaps_s) if gaps_s else SHORTEST_S
     return max((s for s in SPEEDS if typical_s / s >= SHORTEST_S), default=SPEEDS[0])
-
-
-def _procedure_steps(record: Record) -> tuple[Step, ...]:
-    return fold(record.events[:1]).steps()
 
 
 def _numbered(events: Sequence[Event]) -> tuple[Event, ...]:

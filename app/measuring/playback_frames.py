@@ -66,15 +66,12 @@ def _groups(events: Sequence[Event]) -> list[list[Event]]:
 
 def _together(group: Sequence[Event], event: Event) -> bool:
     """Readings, or faults, of the axes of one step."""
-    return all(_same_take(other, event) for other in group)
-
-
-def _same_take(one: Event, other: Event) -> bool:
-    if isinstance(one, Reading) and isinstance(other, Reading):
-        return one.step is not None and one.step == other.step and one.axis != other.axis
-    if isinstance(one, Faulted) and isinstance(other, Faulted):
-        return one.step is not None and one.step == other.step and one.axis != other.axis
-    return False
+    if not isinstance(event, Reading | Faulted) or event.step is None:
+        return False
+    return all(
+        isinstance(other, type(event)) and other.step == event.step and other.axis != event.axis
+        for other in group
+    )
 
 
 def _clock(groups: Sequence[Sequence[Event]]) -> Callable[[Sequence[Event]], float | None]:

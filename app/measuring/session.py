@@ -133,18 +133,17 @@ class GuidedSession:
         asked = [gauge.ask() for gauge in self.gauges[: len(step.axes)]]
         outcomes = [_plausible(one.result()) for one in asked]
         faults = tuple(outcome for outcome in outcomes if isinstance(outcome, Fault))
-        events: list[Line] = []
         if faults:
-            events += [
+            failed = [
                 Faulted(step=step.number, axis=axis, kind=outcome.kind, text=outcome.text)
                 for axis, outcome in zip(step.axes, outcomes, strict=True)
                 if isinstance(outcome, Fault)
             ]
-            self._append(events)
+            self._append(failed)
             return TakenStep(step, (), faults)
-        mounts, mounting = self._mounting(step)
+        mounts, mounted = self._mounting(step)
         readings = self._readings(step, outcomes, mounts)
-        self._append([*mounting, *self._supersede_leftovers(step), *readings])
+        self._append([*mounted, *self._supersede_leftovers(step), *readings])
         return TakenStep(step, readings, (), disagreements(self.session, readings))
 
     def undo(self, reason: str = "repeated by the operator") -> Step | None:

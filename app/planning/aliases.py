@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from app.measuring.simulated import simulated_session
-from calib.diagnosis.aliases import AliasMap
-from calib.diagnosis.aliases import alias_map as compare
+from calib.diagnosis.hypotheses import alias_map as compare
+from calib.diagnosis.results import AliasMap
 from calib.tripod.effects.effect import Law
 from calib.tripod.pipeline import Model
 from protocols.machine import load_machine

@@ -1,25 +1,56 @@
-"""The Hexa Slide: from files and options to planning, from postures to files."""
+"""The Hexa Slide: from files and options to planning and calibration, from results to files."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.planning.request import Request
+from app.version import program
 from calib.design.criteria import Criterion
 from calib.errors import CalibrationError, RecordError, UsageError
+from calib.hexaslide.checked import Checked, checked_calibration
 from calib.hexaslide.geometry import COORDINATES, HexaSlide
+from calib.hexaslide.planning import BestPostures, best_postures, judged_postures
 from calib.hexaslide.procedures import Kind, Procedure
-from calib.hexaslide.search import BoxedPostures, boxed_postures, postures_as_given
+from calib.hexaslide.residuals import measured_names
 from calib.hexaslide.seen import HexaSlidePlanning
+from calib.hexaslide.simulation import simulate
 from calib.observations import FloatArray
 from protocols.files import write_files
 from protocols.hexaslide_machine import HexaSlideMachine, load_hexaslide
-from protocols.hexaslide_postures import load_postures
+from protocols.hexaslide_postures import (
+    SCHEMA,
+    TRUTH_SCHEMA,
+    HexaSlideMeasurements,
+    HexaSlideTruth,
+    MeasuredPosture,
+    MeasuringNoise,
+    Units,
+    load_postures,
+    machine_like,
+    read_measurements,
+    read_truth,
+)
+
+EXAMPLE = "hexaslide-h60.toml"
 
 MOST_MOVED = 1000
 """More postures would take hours."""
 
 AS_IS = "With --as-is postures are judged wherever they are."
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked of a procedure; ``postures`` are so many random ones, None: enough."""
+
+    procedure: str
+    machine_file: Path | None = None
+    measured: tuple[str, ...] = ()
+    known: tuple[str, ...] | None = None
+    postures: int | None = None
+    posture_file: Path | None = None
+    seed: int = 0
 
 
 def hexaslide_planning(request: Request) -> HexaSlidePlanning:
@@ -54,19 +85,18 @@ def procedure_on(
 def asked_postures(
     request: Request,
     count: int | None,
-    criterion: Criterion | None = None,
+    criterion: Criterion = Criterion.CONDITION,
     *,
     starts: int,
     as_is: bool = False,
     output: Path | None = None,
-) -> BoxedPostures:
+) -> BestPostures:
     """The best postures, from those of the file if there is one, or those ``as_is``.
 
-    ``criterion`` None is the condition number, as in papers/001. Raises UsageError, RecordError,
-    CalibrationError for postures that do not determine enough.
+    Papers/001 minimises the condition number. Raises UsageError, RecordError, CalibrationError for
+    postures that do not determine enough.
     """
     _check_output(output)
-    criterion = criterion or Criterion.CONDITION
     if criterion is Criterion.TOOL_VARIANCE:
         raise UsageError("--criterion", criterion.value, "the other five for the hexaslide")
     planned, given = hexaslide_planning(request), None
@@ -75,7 +105,8 @@ def asked_postures(
         if count not in (None, fixed):
             raise UsageError("--count", f"{count}", f"{fixed} as in the posture file, or none")
         if as_is:
-            return postures_as_given(planned, criterion)
+            judged = judged_postures(planned.procedure, planned.machine, planned.given, criterion)
+            return replace(judged, seed=planned.seed, source=planned.source)
         given = inside_box(planned.given, planned.machine, AS_IS)
         count = fixed
     elif as_is:
@@ -84,7 +115,16 @@ def asked_postures(
         raise UsageError("--count", "none", "how many postures to find, or a --posture-file")
     if count > MOST_MOVED:
         raise UsageError("--count", f"{count}", f"{MOST_MOVED} postures at most")
-    return boxed_postures(planned, count, criterion, seed=request.seed, starts=starts, given=given)
+    best = best_postures(
+        planned.procedure,
+        planned.machine,
+        count,
+        criterion,
+        seed=request.seed,
+        starts=starts,
+        given=given,
+    )
+    return best if given is None else replace(best, source=planned.source)
 
 
 def inside_box(given: FloatArray, machine: HexaSlide, advice: str = "") -> FloatArray:
@@ -102,9 +142,107 @@ def _check_output(output: Path | None) -> None:
         raise UsageError("--output", f"{output}", "a path that ends with .csv for the hexaslide")
 
 
-def write_postures(found: BoxedPostures, path: Path) -> Path:
+def write_postures(found: BestPostures, path: Path) -> Path:
     """A table that ``--posture-file`` reads, units in its header line. Raises RecordError."""
     _check_output(path)
     rows = [[f"{value:.12g}" for value in row.values()] for row in found.postures]
     write_files(path, {"": "".join(f"{','.join(row)}\n" for row in [COORDINATES, *rows])})
     return path
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is to be simulated; ``angle_noise_mrad`` None: as many mrad as ``noise_mm`` has mm.
+
+    ``postures`` are so many random ones, or a file of them.
+    """
+
+    procedure: str
+    postures: int | Path
+    noise_mm: float
+    angle_noise_mrad: float | None = None
+    errors_mm: float = 1.0
+    seed: int = 1
+    measured: tuple[str, ...] = ()
+    machine_file: Path | None = None
+
+
+def simulated(asked: Asked) -> tuple[HexaSlideMeasurements, HexaSlideTruth]:
+    """Measurements on a machine that differs from its file, and that machine.
+
+    Raises UsageError for a procedure or noise, RecordError for the machine file, CalibrationError
+    for postures or machines that cannot be.
+    """
+    own = load_hexaslide(asked.machine_file)
+    procedure, noise = procedure_on(own, asked.procedure, asked.measured), _noise(asked)
+    nominal = own.whole()
+    wanted = asked.postures
+    readings, truth = simulate(
+        procedure,
+        nominal,
+        wanted if isinstance(wanted, int) else inside_box(load_postures(wanted), nominal),
+        asked.seed,
+        errors_m=asked.errors_mm / 1000.0,
+        length_noise_m=noise.length_mm / 1000.0,
+        angle_noise_rad=noise.angle_mrad / 1000.0,
+    )
+    rows = zip(readings.sliders.tolist(), readings.measured.tolist(), strict=True)
+    measured = HexaSlideMeasurements(
+        schema=SCHEMA,
+        program=program(),
+        origin="simulated",
+        seed=asked.seed,
+        procedure=procedure.kind,
+        measured=measured_names(procedure),
+        units=Units(),
+        noise=noise,
+        machine_file=asked.machine_file.name if asked.machine_file else EXAMPLE,
+        machine=own,
+        postures=tuple(MeasuredPosture(sliders=tuple(s), values=tuple(v)) for s, v in rows),
+    )
+    true = machine_like(own, f"{own.name}, as it truly is", truth.geometry, truth.link)
+    return measured, HexaSlideTruth(
+        schema=TRUTH_SCHEMA, measurements_sha256=measured.digest(), machine=true
+    )
+
+
+def _noise(asked: Asked) -> MeasuringNoise:
+    angle = asked.noise_mm if asked.angle_noise_mrad is None else asked.angle_noise_mrad
+    if (angle == 0.0) != (asked.noise_mm == 0.0):
+        raise UsageError(
+            "--noise and --angle-noise", f"{asked.noise_mm:g} and {angle:g}", "both 0, or neither"
+        )
+    return MeasuringNoise(length_mm=asked.noise_mm, angle_mrad=angle)
+
+
+def write_simulated(asked: Asked, output: Path, truth: Path | None) -> HexaSlideMeasurements:
+    """Simulate into new files. Raises as `simulated`, RecordError for a file that exists."""
+    if truth is not None and truth.resolve() == output.resolve():
+        raise UsageError("--truth and --output", f"{output} twice", "two files")
+    for path in (output, truth):
+        if path is not None and path.exists():
+            raise RecordError(f"output {path}", "a file that exists already", "a new file")
+    measured, true = simulated(asked)
+    write_files(output, {"": measured.text()})
+    if truth is not None:
+        write_files(truth, {"": true.text()})
+    return measured
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedMachine(Checked):
+    """A calibration with its checks, and the file that it is from."""
+
+    name: str
+    source: HexaSlideMeasurements
+
+
+def calibrate_file(path: Path, truth: Path | None, share: float) -> CalibratedMachine:
+    """Identify from a file of measured postures, about ``share`` of them kept out.
+
+    Raises RecordError for a file, CalibrationError where the postures give no result.
+    """
+    source = read_measurements(path)
+    true = None if truth is None else read_truth(truth, source).whole()
+    checked = checked_calibration(source.readings(), source.machine.whole(), true, share)
+    return CalibratedMachine(**vars(checked), name=path.name, source=source)

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from app.measuring.simulated import planned_readings
-from app.planning.request import Request
-from calib.design.planning import Orders
 from calib.errors import UsageError
 from calib.noise.reading import IndicatorFigures, Noise
 from calib.observations import LEG_NAMES
-from calib.tripod.planning import TripodPlanning
+from calib.tripod.planning import Orders, TripodPlanning
 from protocols.files import write_files
 from protocols.machine import Machine, load_machine
 from protocols.procedure import Procedure, load_procedure
@@ -41,12 +39,21 @@ def stated_noise(machine: Machine, noise_mm: float | None) -> tuple[Noise, str]:
     return noise, f"{noise.standard_deviation_mm:.4g} mm, {words}"
 
 
-def tripod_planning(name: str, request: Request) -> tuple[TripodPlanning, Procedure]:
-    """From names and paths, with the procedure. Raises UsageError and RecordError."""
-    machine = load_machine(request.machine_file or name)
+def tripod_planning(
+    name: str,
+    procedure_name: str = "",
+    machine_file: Path | None = None,
+    noise_mm: float | None = None,
+    minutes_per_mounting: float = 2.0,
+) -> tuple[TripodPlanning, Procedure]:
+    """From names and paths, with the procedure; without a name or noise, those of the machine.
+
+    Raises UsageError and RecordError.
+    """
+    machine = load_machine(machine_file or name)
     geometry = machine.geometry()
-    procedure = load_procedure(request.procedure or machine.usual_procedure, geometry)
-    noise, words = stated_noise(machine, request.noise_mm)
+    procedure = load_procedure(procedure_name or machine.usual_procedure, geometry)
+    noise, words = stated_noise(machine, noise_mm)
     steps = procedure.steps(geometry)
     planning = TripodPlanning(
         name=name,
@@ -58,7 +65,7 @@ def tripod_planning(name: str, request: Request) -> tuple[TripodPlanning, Proced
         step_count=len(steps),
         mounting_count=len({step.place for step in steps}),
         seconds_per_step=procedure.seconds_per_step,
-        minutes_per_mounting=request.minutes_per_mounting,
+        minutes_per_mounting=minutes_per_mounting,
         noise=noise,
         noise_words=words,
     )

@@ -3,4 +3,5 @@
 import os
 
 # Read when Textual loads: a reading that just missed a picture waits half as long for the next.
+# From a value shown to the terminal, p99: 20 ms, 33 with Textual's 60 (medians of three runs each).
 os.environ.setdefault("TEXTUAL_FPS", "120")

@@ -13,13 +13,12 @@ from textual.screen import Screen
 from textual.widgets import Footer, Static
 
 from app.exit_codes import exit_code
-from app.measuring.opening import Indicators, Plan, begin, open_indicators, resume
-from app.measuring.session import GuidedSession
+from app.measuring.opening import Indicators, Plan, begin, open_indicators
 from app.report.text.home import CHECK_HELP
 from app.report.text.session import check_text
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
-from app.screens.widgets import GaugeDisplay
+from app.screens.session_view import GaugeDisplay
 from calib.errors import GlidecalError
 
 REFRESH_S = 0.1
@@ -39,10 +38,9 @@ class CheckScreen(Screen[None]):
         Binding("f10", "app.quit", "Quit", id="check.quit"),
     ]
 
-    def __init__(self, plan: Plan, *, continued: bool = False) -> None:
+    def __init__(self, plan: Plan) -> None:
         super().__init__()
         self._plan = plan
-        self._continued = continued
         self._problem: GlidecalError | None = None
 
     def compose(self) -> ComposeResult:
@@ -78,7 +76,7 @@ class CheckScreen(Screen[None]):
             return
         self.app.indicators = indicators
         self.refresh_bindings()
-        self.query_one("#words", Static).update(check_text(self._plan, continued=self._continued))
+        self.query_one("#words", Static).update(check_text(self._plan))
         for display, gauge in zip(self.query(GaugeDisplay), indicators.gauges, strict=True):
             display.border_title = escape(gauge.port)
         self.set_interval(REFRESH_S, self._show_live)
@@ -107,19 +105,12 @@ class CheckScreen(Screen[None]):
         """Start or continue the record and go measuring."""
         if self.app.indicators is None:
             return
-        try:
-            guided = self._begin(self.app.indicators)
-        except GlidecalError as problem:
-            self.app.complain(problem)
-            return
-        self.app.indicators, self.app.guided = None, guided
-        self.app.go_to(self.app.measuring(guided, self._plan))
-
-    def _begin(self, indicators: Indicators) -> GuidedSession:
-        return (resume if self._continued else begin)(self._plan, indicators)
+        with self.app.complaining():
+            guided = begin(self._plan, self.app.indicators)
+            self.app.indicators, self.app.guided = None, guided
+            self.app.go_to(self.app.measuring(guided, self._plan))
 
     async def action_back(self) -> None:
-        """Close the ports and go back."""
         indicators, self.app.indicators = self.app.indicators, None
         if indicators is not None:
             indicators.close()

@@ -107,7 +107,6 @@ class Corrections(Screen[None]):
             self.proceed()
 
     def action_skip(self) -> None:
-        """Leave steps out, with a reason."""
         step = self.guided.step()
         if step is None or self.busy:
             return
@@ -138,7 +137,6 @@ class Corrections(Screen[None]):
             self.proceed()
 
     def action_note(self) -> None:
-        """A remark for the record."""
         self.ask(TextDialog("Note for the record.", "what happened"), self._noted)
 
     def _noted(self, text: str | None) -> None:

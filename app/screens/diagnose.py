@@ -11,34 +11,13 @@ from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
-from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
+from textual.widgets import Footer, Static, TabbedContent, TabPane
 from textual.worker import get_current_worker
 
 from app.evaluating.adoption import adopt, write_procedure
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_files
 from app.report.charts.charts import residuals_before_and_after
-from app.report.text.diagnosis import (
-    ADOPTED,
-    DIAGNOSE_HELP,
-    LOOKING,
-    MODEL_WRITTEN,
-    NEXT_WRITTEN,
-    NO_FILE_NEEDED,
-    NO_NEXT,
-    NOT_REPLACED,
-    NOT_YET,
-    NOTHING_FOUND,
-    NOTHING_NAMED,
-    WHAT_TO_ADOPT,
-    WHICH_FILE,
-    adopt_choices,
-    change_text,
-    heading_text,
-    problem_text,
-    ranking_text,
-    verdict_text,
-    where_text,
-)
+from app.report.text import diagnosis as texts
 from app.report.text.result import ONLY_SHOWN, copied_text
 from app.screens.dialogs import ChoiceDialog, TextDialog
 from app.screens.interface import Interface
@@ -55,7 +34,7 @@ class DiagnoseScreen(PagedScreen):
     """One diagnosis; what was named can be adopted into a model and is then looked for no more."""
 
     app: Interface
-    HELP = DIAGNOSE_HELP
+    HELP = texts.DIAGNOSE_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("a", "adopt", "Adopt", id="diagnose.adopt"),
         Binding("n", "next", "Next measurement", id="diagnose.next"),
@@ -92,21 +71,15 @@ class DiagnoseScreen(PagedScreen):
         yield Footer(compact=True, show_command_palette=False)
 
     def on_mount(self) -> None:
-        self.query_one(Tabs).can_focus = False  # the keys of this screen turn the pages
         self._look()
-
-    def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
-        """Up and down scroll the text of the page that is shown."""
-        scrolls = event.pane.query(VerticalScroll)
-        self.set_focus(scrolls.first() if scrolls else None)
 
     def _look(self) -> None:
         """Diagnose apart from the screen."""
         self.looking, self.diagnosed = True, None
         self.refresh_bindings()
         names = [path.name for path in self.paths]
-        self.query_one("#diagnosed", Static).update(heading_text(names, self.model))
-        self._say_everywhere(LOOKING)
+        self.query_one("#diagnosed", Static).update(texts.heading_text(names, self.model))
+        self._say_everywhere(texts.LOOKING)
         self._diagnose()
 
     def _say_everywhere(self, text: str) -> None:
@@ -135,7 +108,7 @@ class DiagnoseScreen(PagedScreen):
 
     def _fail(self, problem: GlidecalError) -> None:
         self.looking = False
-        self._say_everywhere(problem_text(problem))
+        self._say_everywhere(texts.problem_text(problem))
 
     def _show(self, found: SessionDiagnosis) -> None:
         self.looking, self.diagnosed = False, found
@@ -143,17 +116,16 @@ class DiagnoseScreen(PagedScreen):
         now = found.diagnosis.gap_before.rms_mm
         adopted = ""
         if self.model is not None and self._gap_before_mm is not None:
-            adopted = ADOPTED.format(self.model.name, self._gap_before_mm, now)
-        self._page_text("verdict").update(verdict_text(found, adopted))
-        self._page_text("where").update(where_text(found))
-        self._page_text("candidates").update(ranking_text(found))
-        self._page_text(CHANGE).update(change_text(found))
+            adopted = texts.ADOPTED.format(self.model.name, self._gap_before_mm, now)
+        self._page_text("verdict").update(texts.verdict_text(found, adopted))
+        self._page_text("where").update(texts.where_text(found))
+        self._page_text("candidates").update(texts.ranking_text(found))
+        self._page_text(CHANGE).update(texts.change_text(found))
         chart = self.query_one("#change-chart", ChartPlot)
         chart.display = True
         chart.show(residuals_before_and_after(found.diagnosis.residuals.cells))
 
     def action_page(self, name: str) -> None:
-        """One of the four pages."""
         self.query_one(TabbedContent).active = name
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
@@ -165,10 +137,10 @@ class DiagnoseScreen(PagedScreen):
         if self.app.read_only:
             return ONLY_SHOWN
         if self.diagnosed is None:
-            return NOT_YET if self.looking else NOTHING_FOUND
+            return texts.NOT_YET if self.looking else texts.NOTHING_FOUND
         if action == "adopt":
-            return "" if adopt_choices(self.diagnosed) else NOTHING_NAMED
-        return "" if self.diagnosed.diagnosis.next_measurement else NO_NEXT
+            return "" if texts.adopt_choices(self.diagnosed) else texts.NOTHING_NAMED
+        return "" if self.diagnosed.diagnosis.next_measurement else texts.NO_NEXT
 
     def action_refuse(self, action: str) -> None:
         """Why nothing is written."""
@@ -177,7 +149,7 @@ class DiagnoseScreen(PagedScreen):
     def _ready(self) -> SessionDiagnosis | None:
         """The diagnosis; where there is none, the reason is said."""
         if self.diagnosed is None:
-            self.app.complain(NOT_YET if self.looking else NOTHING_FOUND)
+            self.app.complain(texts.NOT_YET if self.looking else texts.NOTHING_FOUND)
         return self.diagnosed
 
     def action_adopt(self) -> None:
@@ -185,7 +157,7 @@ class DiagnoseScreen(PagedScreen):
         found = self._ready()
         if found is None:
             return
-        dialog = ChoiceDialog(WHAT_TO_ADOPT, adopt_choices(found))
+        dialog = ChoiceDialog(texts.WHAT_TO_ADOPT, texts.adopt_choices(found))
         self.app.push_screen(dialog, self._ask_file)
 
     def _ask_file(self, answer: str | None) -> None:
@@ -198,7 +170,7 @@ class DiagnoseScreen(PagedScreen):
             if typed:
                 self._adopt(Path(typed).expanduser(), None if answer == "named" else answer)
 
-        self.app.push_screen(TextDialog(WHICH_FILE, "path", str(proposed)), named)
+        self.app.push_screen(TextDialog(texts.WHICH_FILE, "path", str(proposed)), named)
 
     def _adopt(self, target: Path, candidate: str | None) -> None:
         """Write the model and look again with it."""
@@ -206,41 +178,32 @@ class DiagnoseScreen(PagedScreen):
         if found is None:
             return
         if target.exists() and target != self.model:
-            self.app.complain(NOT_REPLACED.format(target))
+            self.app.complain(texts.NOT_REPLACED.format(target))
             return
-        try:
+        with self.app.complaining():
             adopt(found, self.paths, target, known=self.model, candidate=candidate)
-        except GlidecalError as problem:
-            self.app.complain(problem)
-            return
-        self.app.notify(MODEL_WRITTEN.format(target), timeout=10, markup=False)
-        self.model, self._gap_before_mm = target, found.diagnosis.gap_before.rms_mm
-        self._look()
+            self.app.notify(texts.MODEL_WRITTEN.format(target), timeout=10, markup=False)
+            self.model, self._gap_before_mm = target, found.diagnosis.gap_before.rms_mm
+            self._look()
 
     def action_next(self) -> None:
         """The next measurement as a procedure file beside the session."""
         found = self._ready()
-        if found is None:
+        proposed = found.diagnosis.next_measurement if found else None
+        if found is None or proposed is None:
             return
-        proposed = found.diagnosis.next_measurement
+        if not proposed.protocol.startswith("schema"):
+            self.app.notify(
+                texts.NO_FILE_NEEDED.format(proposed.protocol), timeout=12, markup=False
+            )
+            return
         first = self.paths[0]
         path = unused_path(first.with_name(f"{first.stem}_next.toml"))
-        assert proposed is not None
-        if not proposed.protocol.startswith("schema"):
-            self.app.notify(NO_FILE_NEEDED.format(proposed.protocol), timeout=12, markup=False)
-        else:
-            self._write_next(found, path)
-
-    def _write_next(self, found: SessionDiagnosis, path: Path) -> None:
-        try:
+        with self.app.complaining():
             write_procedure(found, path)
-        except GlidecalError as problem:
-            self.app.complain(problem)
-        else:
-            self.app.notify(NEXT_WRITTEN.format(path), timeout=12, markup=False)
+            self.app.notify(texts.NEXT_WRITTEN.format(path), timeout=12, markup=False)
 
     def action_copy(self) -> None:
-        """The text of this page to the clipboard of the terminal."""
         if self._ready() is None:
             return
         text = str(self._page_text(self.query_one(TabbedContent).active).content)

@@ -68,7 +68,6 @@ class ChoiceDialog(Dialog[str]):
         self.dismiss(self._choices[event.option_index][0])
 
     def action_pick(self, number: int) -> None:
-        """The answer with this number."""
         if number <= len(self._choices):
             self.dismiss(self._choices[number - 1][0])
 

@@ -15,9 +15,8 @@ from textual.events import Resize
 from textual.message import Message
 from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
 
-from app.planning.hexaslide import hexaslide_planning
-from app.planning.request import Request
-from app.report.charts.drawings import drawn_machine, drawn_postures
+from app.planning.hexaslide import Request, hexaslide_planning
+from app.report.charts.hexaslide import drawn_machine, drawn_postures
 from app.report.text.hexaslide_screen import (
     HEXASLIDE_HELP,
     LOOKING,
@@ -41,9 +40,9 @@ from app.screens.drawing import DrawingPlot
 from app.screens.interface import Interface
 from app.screens.pages import PagedScreen
 from calib.errors import GlidecalError
+from calib.hexaslide.planning import Found, find_postures
 from calib.hexaslide.procedures import Kind
-from calib.hexaslide.search import Found, find_postures
-from calib.hexaslide.seen import KINDS, View, conditions_at, look_at
+from calib.hexaslide.seen import KINDS, HexaSlideSeen, conditions_at, look_at
 
 STARTS = 8
 WIDE = 110
@@ -59,7 +58,7 @@ class ShownProcedure(Message):
     """What a procedure sees, or why that cannot be told."""
 
     asked: int
-    view: View | GlidecalError
+    view: HexaSlideSeen | GlidecalError
 
 
 @dataclass
@@ -111,7 +110,7 @@ class HexaSlideScreen(PagedScreen):
     def __init__(self, request: Request | None = None) -> None:
         super().__init__()
         self.request = request or Request(Kind.POSE_INVERSE)
-        self.view: View | None = None
+        self.view: HexaSlideSeen | None = None
         self.found: Found | None = None
         self.looking = False
         self._asked = 0
@@ -192,7 +191,7 @@ class HexaSlideScreen(PagedScreen):
     @work(thread=True, group="look")
     def _look_apart(self, request: Request, asked: int) -> None:
         try:
-            view: View | GlidecalError = look_at(hexaslide_planning(request))
+            view: HexaSlideSeen | GlidecalError = look_at(hexaslide_planning(request))
         except GlidecalError as problem:
             view = problem
         self.post_message(ShownProcedure(asked, view))
@@ -216,7 +215,7 @@ class HexaSlideScreen(PagedScreen):
         view, found = self.view, self.found
         if view is None:
             return
-        best = None if found is None else conditions_at(view, found.postures)
+        best = None if found is None else conditions_at(view, found.best.coordinates)
         self._say("sees-text", sees_text(view, found, best))
         self._say("list-text", list_text(found))
         self._show_search()
@@ -229,12 +228,12 @@ class HexaSlideScreen(PagedScreen):
             text = search_text(self.view, self._count, self.found, searching=self.searching)
             self._say("search-text", text)
 
-    def _draw_machine(self, view: View) -> None:
-        count = 0 if self.found is None else len(self.found.postures)
+    def _draw_machine(self, view: HexaSlideSeen) -> None:
+        count = 0 if self.found is None else len(self.found.best.coordinates)
         self._say("drawn-text", drawn_at_text(self._drawn_at, count))
         posture = view.machine.box.centre
         if self.found is not None and self._drawn_at:
-            posture = self.found.postures[self._drawn_at - 1]
+            posture = self.found.best.coordinates[self._drawn_at - 1]
         front, above = drawn_machine(view.machine, posture)
         for place in ("", "sketch-"):
             self.query_one(f"#{place}front", DrawingPlot).show(front)
@@ -299,14 +298,20 @@ class HexaSlideScreen(PagedScreen):
         self._search(self.view, self._count, self._stop)
 
     @work(thread=True, group="search")
-    def _search(self, view: View, count: int, stop: threading.Event) -> None:
+    def _search(self, view: HexaSlideSeen, count: int, stop: threading.Event) -> None:
         def heard(found: Found) -> None:
             self.post_message(Heard(stop, found))
 
         problem: GlidecalError | None = None
         try:
             find_postures(
-                view.planned, count, starts=STARTS, heard=heard, going_on=lambda: not stop.is_set()
+                view.procedure,
+                view.machine,
+                count,
+                seed=view.planned.seed,
+                starts=STARTS,
+                heard=heard,
+                going_on=lambda: not stop.is_set(),
             )
         except GlidecalError as failure:
             problem = failure
@@ -333,7 +338,7 @@ class HexaSlideScreen(PagedScreen):
     def action_draw(self, by: int) -> None:
         """The machine at the next of the postures that were found; 0 is the middle of the box."""
         if self.view is not None and self.found is not None:
-            self._drawn_at = (self._drawn_at + by) % (len(self.found.postures) + 1)
+            self._drawn_at = (self._drawn_at + by) % (len(self.found.best.coordinates) + 1)
             self._draw_machine(self.view)
 
     def action_copy(self) -> None:
@@ -349,7 +354,7 @@ class HexaSlideScreen(PagedScreen):
             self._end_search()
             self.app.notify(STOPPED, markup=False)
             self._show_search()
-        elif self in self.app.screen_stack[2:]:
+        elif self in self.app.screen_stack[2:]:  # Textual's blank one is the first
             self.app.pop_screen()
         else:
             self._home()

@@ -22,18 +22,7 @@ from app.measuring.indicators import parse_indicator
 from app.measuring.opening import PortsUnknown, plan_to_continue, writable_folder
 from app.measuring.recent import Recent, follow_up, recent_sessions
 from app.measuring.simulated import BenchSettings
-from app.report.text.home import (
-    HOME_CHOICES,
-    HOME_HELP,
-    PARTNER_CHOICES,
-    PORTS_HINT,
-    PORTS_QUESTION,
-    READING_ONLY,
-    WHICH,
-    partner_question,
-    session_choices,
-    session_label,
-)
+from app.report.text import home as texts
 from app.report.text.result import exported_text
 from app.screens.dialogs import ChoiceDialog, TextDialog
 from app.screens.fast_keys import Title
@@ -48,7 +37,7 @@ class HomeScreen(Screen[None]):
     """The first screen."""
 
     app: Interface
-    HELP = HOME_HELP
+    HELP = texts.HOME_HELP
     BINDINGS: ClassVar[list[BindingType]] = [Binding("f10", "app.quit", "Quit", id="home.quit")]
 
     def __init__(self) -> None:
@@ -77,11 +66,16 @@ class HomeScreen(Screen[None]):
 
     def _options(self) -> list[Option | None]:
         """What is listed; None is a line between."""
-        able = [c for c in HOME_CHOICES if c[0] in READING_ONLY or not self.app.read_only]
+        looks = [(look.name, look.choice) for look in self.app.looks]
+        able = [
+            c
+            for c in (*texts.HOME_CHOICES, *looks)
+            if c[0] in texts.READING_ONLY or not self.app.read_only
+        ]
         going_on: list[Option | None] = []
         others: list[Option | None] = []
         for recent in self._recent:
-            label = session_label(recent)
+            label = texts.session_label(recent)
             if recent.interrupted and not self.app.read_only:
                 going_on.append(Option(f"Continue  {label}", f"continue {recent.path}"))
             others.append(Option(label, f"session {recent.path}"))
@@ -103,50 +97,47 @@ class HomeScreen(Screen[None]):
         if session.problem:
             self.app.complain(session.problem)
             return
-        choices = session_choices(session, read_only=self.app.read_only)
-        dialog = ChoiceDialog(session_label(session), choices)
+        choices = texts.session_choices(session, read_only=self.app.read_only)
+        dialog = ChoiceDialog(texts.session_label(session), choices)
         self.app.push_screen(dialog, lambda what: self._do(what, session) if what else None)
 
     def _do(self, what: str, session: Recent | None) -> None:
         """Carry a choice out, with a session or after asking which one."""
-        try:
+        with self.app.complaining():
             if what == "new":
                 self.app.push_screen(self.app.preparation())
             elif what == "demo":
                 self._demonstrate()
             elif what == "compare":
                 self._compare(session)
-            elif what == "hexaslide":
-                self._open_hexaslide()
+            elif look := next((one for one in self.app.looks if one.name == what), None):
+                self.app.push_screen(look.screen())
             elif session is None:
-                self._pick(WHICH[what], partial(self._do, what))
+                self._pick(texts.WHICH[what], partial(self._do, what))
             elif what == "continue":
                 self._continue(session.path)
             elif what == "replay":
-                self._replay(session.path)
+                self.app.push_screen(self.app.replay(session.path))
             elif what == "diagnose":
-                self._diagnose(session.path)
+                self.app.push_screen(self.app.diagnosis([session.path]))
             else:
-                self._start(partial(JOBS[what], self, session.path))
-        except GlidecalError as problem:
-            self.app.complain(problem)
+                job = self._export if what == "export" else self._show_result
+                self._start(partial(job, session.path))
 
     def _continue(self, path: Path, typed: str = "") -> None:
         """The instrument check, after asking for the ports of a record of another computer."""
         try:
             plan = plan_to_continue(path, tuple(map(parse_indicator, typed.split())))
         except PortsUnknown as problem:
-            dialog = TextDialog(PORTS_QUESTION.format(problem.thing), PORTS_HINT)
+            dialog = TextDialog(texts.PORTS_QUESTION.format(problem.thing), texts.PORTS_HINT)
             self.app.push_screen(dialog, partial(self._continue_with, path))
         else:
-            self.app.push_screen(self.app.check(plan, continued=True))
+            self.app.push_screen(self.app.check(plan))
 
     def _continue_with(self, path: Path, typed: str | None) -> None:
-        try:
+        with self.app.complaining():
             if typed:
                 self._continue(path, typed)
-        except GlidecalError as problem:
-            self.app.complain(problem)
 
     def _demonstrate(self) -> None:
         folder = writable_folder(DEMO_FOLDER)
@@ -164,25 +155,16 @@ class HomeScreen(Screen[None]):
         picking = PickScreen(question, sessions, proposed)
         self.app.push_screen(picking, lambda session: then(session) if session else None)
 
-    def _replay(self, path: Path) -> None:
-        self.app.push_screen(self.app.replay(path))
-
-    def _diagnose(self, path: Path) -> None:
-        self.app.push_screen(self.app.diagnosis([path]))
-
-    def _open_hexaslide(self) -> None:
-        self.app.push_screen(self.app.hexaslide())
-
     def _compare(self, session: Recent | None) -> None:
         """Find the two sessions; one that verifies another brings its partner."""
         if session is None:
-            self._pick(WHICH["before"], self._compare)
+            self._pick(texts.WHICH["before"], self._compare)
             return
         partner = partner_of(session.path, session.verifies)
         if partner is None:
             self._pick_after(session)
             return
-        dialog = ChoiceDialog(partner_question(session.path, partner), PARTNER_CHOICES)
+        dialog = ChoiceDialog(texts.partner_question(session.path, partner), texts.PARTNER_CHOICES)
 
         def answered(answer: str | None) -> None:
             if answer == "both":
@@ -196,7 +178,7 @@ class HomeScreen(Screen[None]):
         def picked(after: Recent) -> None:
             self._start(partial(self._show_comparison, before.path, after.path))
 
-        question = f"{before.path}\n{WHICH['after']}"
+        question = f"{before.path}\n{texts.WHICH['after']}"
         self._pick(question, picked, follow_up(before, self._recent), left_out=before)
 
     def _start(self, job: Callable[[], Callable[[], object]]) -> None:
@@ -235,9 +217,3 @@ class HomeScreen(Screen[None]):
     def _show_comparison(self, before: Path, after: Path) -> Callable[[], object]:
         comparison = compare_files(before, after)
         return lambda: self.app.push_screen(self.app.comparison(comparison))
-
-
-JOBS: dict[str, Callable[[HomeScreen, Path], Callable[[], object]]] = {
-    "result": HomeScreen._show_result,
-    "export": HomeScreen._export,
-}

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import signal
+import stat
+import sys
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -26,10 +31,10 @@ from textual.widget import Widget
 from app.exit_codes import Exit
 from app.measuring.opening import Indicators, Plan
 from app.measuring.session import GuidedSession
-from app.report.text.home import key_list_text
+from app.report.text.home import WORDS_OF_LOOKS, key_list_text
 from app.screens.dialogs import HelpDialog
 from app.screens.fast_keys import Palette, ready
-from app.screens.leaving import on_signals
+from app.screens.look import Look
 from app.settings import Settings, save_theme, settings_path
 from calib.errors import GlidecalError
 from calib.printable import HIDDEN
@@ -38,7 +43,6 @@ from protocols.files import unused_path
 if TYPE_CHECKING:
     from app.evaluating.comparison import Comparison
     from app.evaluating.solution import SessionSolution
-    from app.planning.request import Request
 
 PALETTE = (
     ("Theme", "Choose the colours; kept in the settings"),
@@ -47,7 +51,12 @@ PALETTE = (
     ("Keys", "Every key of this screen"),
     ("Quit", "Leave; an open session is paused and can be continued"),
 )
+WIDE = 110
+"""Columns from which text and plot stand side by side."""
+
 NO_HELP = "The keys of this screen stand in its last line."
+SIGNALS = ("SIGTERM", "SIGHUP")
+"""By name: Windows knows no SIGHUP."""
 
 
 class PrintableRows(LineFilter):
@@ -90,10 +99,13 @@ class Interface(App[str]):
         *,
         settings: Settings | None = None,
         read_only: bool = False,
+        looks: Sequence[Look] = (),
     ) -> None:
         super().__init__()
+        self.HORIZONTAL_BREAKPOINTS = [(WIDE, "wide")]  # a class of every screen so wide
         self._first = first
         self.read_only = read_only
+        self.looks = looks
         self._settings = settings or Settings()
         self._remembered = self._settings.theme or self.theme
         self._forget_signals: Callable[[], None] = lambda: None
@@ -153,29 +165,21 @@ class Interface(App[str]):
         if self.read_only or not self.is_running or theme == self._remembered:
             return
         self._remembered = theme
-        try:
+        with self.complaining():
             save_theme(settings_path(), theme)
-        except GlidecalError as problem:
-            self.complain(problem)
 
     def action_light_or_dark(self) -> None:
-        """The other of the two plain themes."""
         self.theme = "textual-light" if self.current_theme.dark else "textual-dark"
 
     def _save_screenshot(self) -> None:
-        """The present screen as a picture in the current folder."""
         from protocols.files import write_files
 
         path = unused_path(Path(f"glidecal_{datetime.now():%Y-%m-%d_%H%M%S}.svg"))
-        try:
+        with self.complaining():
             write_files(path, {"": self.export_screenshot()})
-        except GlidecalError as problem:
-            self.complain(problem)
-        else:
             self.notify(f"Written: {path.absolute()}", timeout=10, markup=False)
 
     def _show_keys(self) -> None:
-        """The keys that work at present, in a dialog."""
         everything = self.screen.active_bindings.values()
         active = sorted(everything, key=lambda entry: not isinstance(entry.node, Screen))
         keys = [
@@ -187,9 +191,11 @@ class Interface(App[str]):
 
     def action_help(self) -> None:
         """Words about the focused panel, then about the screen."""
-        words = [self.screen.HELP or ""]
+        of_machines = "\n".join(look.words for look in self.looks)
+        words = [(self.screen.HELP or "").replace(WORDS_OF_LOOKS, of_machines)]
         panels = self.focused.ancestors_with_self if self.focused else []
-        words[:0] = [_words_of(panel) for panel in panels if isinstance(panel, Widget)]
+        widgets = [panel for panel in panels if isinstance(panel, Widget)]
+        words[:0] = [panel.HELP or str(panel.tooltip or "") for panel in widgets]
         said = "\n\n".join(dict.fromkeys(text for text in words if text))
         if not isinstance(self.screen, HelpDialog):
             self.push_screen(HelpDialog(said or NO_HELP))
@@ -197,6 +203,14 @@ class Interface(App[str]):
     def complain(self, problem: GlidecalError | str) -> None:
         """Show an error that a person can act on."""
         self.notify(str(problem), severity="error", timeout=12, markup=False)
+
+    @contextmanager
+    def complaining(self) -> Iterator[None]:
+        """Within this an error is shown, and what would follow it there is left out."""
+        try:
+            yield
+        except GlidecalError as problem:
+            self.complain(problem)
 
     async def action_quit(self) -> None:
         """Quit; an open session is paused and can be continued."""
@@ -239,46 +253,65 @@ class Interface(App[str]):
         return ""
 
     @abstractmethod
-    def home(self) -> Screen[None]:
-        """What can be done."""
+    def home(self) -> Screen[None]: ...
 
     @abstractmethod
-    def preparation(self) -> Screen[None]:
-        """Machine, procedure, operator, ports."""
+    def preparation(self) -> Screen[None]: ...
 
     @abstractmethod
-    def check(self, plan: Plan, *, continued: bool = False) -> Screen[None]:
-        """The instrument check before measuring."""
+    def check(self, plan: Plan) -> Screen[None]: ...
 
     @abstractmethod
-    def measuring(self, guided: GuidedSession, plan: Plan) -> Screen[None]:
-        """A session under way."""
+    def measuring(self, guided: GuidedSession, plan: Plan) -> Screen[None]: ...
 
     @abstractmethod
-    def result(self, solved: SessionSolution, plan: Plan | None, path: Path) -> Screen[None]:
-        """What a session gave."""
+    def result(self, solved: SessionSolution, plan: Plan | None, path: Path) -> Screen[None]: ...
 
     @abstractmethod
-    def comparison(self, compared: Comparison) -> Screen[None]:
-        """Before and after."""
+    def comparison(self, compared: Comparison) -> Screen[None]: ...
 
     @abstractmethod
-    def diagnosis(self, paths: list[Path]) -> Screen[None]:
-        """What is missing."""
+    def diagnosis(self, paths: list[Path]) -> Screen[None]: ...
 
     @abstractmethod
-    def replay(self, path: Path) -> Screen[None]:
-        """A record again."""
-
-    @abstractmethod
-    def hexaslide(self, request: Request | None = None) -> Screen[None]:
-        """What a procedure sees of a Hexa Slide."""
+    def replay(self, path: Path) -> Screen[None]: ...
 
     def go_to(self, screen: Screen[Any]) -> None:
         """Replace the present screen."""
         self.switch_screen(screen)
 
 
-def _words_of(panel: Widget) -> str:
-    """The help of a panel, or its tooltip."""
-    return panel.HELP or (str(panel.tooltip) if panel.tooltip else "")
+def on_signals(leave: Callable[[], object]) -> Callable[[], None]:
+    """Call ``leave`` in the running loop for each of the signals; gives back how to undo that.
+
+    Where a loop takes no signals (Windows, another thread than the main one) nothing happens.
+    """
+    loop = asyncio.get_running_loop()
+    known = [getattr(signal, name) for name in SIGNALS if hasattr(signal, name)]
+    try:
+        for number in known:
+            loop.add_signal_handler(number, _receive, number, leave)
+    except (NotImplementedError, RuntimeError, ValueError):
+        known = []  # Windows, or not the main thread: the terminal's own keys leave as before
+
+    def undo() -> None:
+        for number in known:
+            loop.remove_signal_handler(number)
+
+    return undo
+
+
+def _receive(number: signal.Signals, leave: Callable[[], object]) -> None:
+    if number.name == "SIGHUP":
+        _write_nowhere()
+    leave()
+
+
+def _write_nowhere() -> None:
+    """The terminal is gone: what is still to be shown must neither fail nor wait."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for stream in (sys.__stdout__, sys.__stderr__):
+        # a lost terminal is still a character device, but isatty denies it
+        if stream is not None and stat.S_ISCHR(os.fstat(stream.fileno()).st_mode):
+            os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)

@@ -7,20 +7,17 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
-from textual.events import Resize
 from textual.widgets import Static
 
 from app.measuring.leg_review import review_leg
 from app.report.charts.charts import readings_by_posture
 from app.report.text.session import review_text
 from app.screens.fast_keys import Dialog
+from app.screens.interface import WIDE
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError
 from protocols.procedure import Step
 from protocols.session import Session
-
-WIDE = 110
-"""Columns from which there is room for the plot beside the text."""
 
 UNATTENDED_S = 1.0
 """How long an unattended demonstration shows the review."""
@@ -61,19 +58,13 @@ class LegReviewScreen(Dialog[bool]):
 
     def on_mount(self) -> None:
         self.query_one("#review").focus()
-        self._use_width(self.app.size.width)  # before the first picture, not after it
+        self.set_class(self.app.size.width >= WIDE, "wide")  # before the first picture, not after
         self.call_after_refresh(self._draw_chart)  # a chart takes long; the words come first
         if self._unattended:
             self.set_timer(UNATTENDED_S, self._go_on)
-
-    def on_resize(self, event: Resize) -> None:
-        self._use_width(event.size.width)
-
-    def _use_width(self, columns: int) -> None:
-        self.set_class(columns >= WIDE, "wide")
 
     def _draw_chart(self) -> None:
         self.query_one(ChartPlot).show(readings_by_posture(self._session, self._step))
 
     def _go_on(self) -> None:
-        self.dismiss(False)
+        self.dismiss(False)  # not awaited: it is this screen's own handler

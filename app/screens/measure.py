@@ -6,6 +6,7 @@ import asyncio
 import gc
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import ClassVar
 
 from textual import work
@@ -13,28 +14,17 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.events import Resize
 from textual.geometry import Size
+from textual.widgets import Footer
 
 from app.evaluating.solution import solve_for_controller
 from app.measuring.gauges import Live, Motion
 from app.measuring.opening import Plan
 from app.measuring.session import GuidedSession, TakenStep
-from app.report.text.session import (
-    MEASURE_HELP,
-    QUESTION_CHOICES,
-    clock_set_text,
-    progress_text,
-    question_text,
-    repeat_reason,
-    slept_text,
-    taken_text,
-)
+from app.report.text import session as texts
 from app.screens.corrections import Corrections
 from app.screens.dialogs import ChoiceDialog
 from app.screens.leg_review import LegReviewScreen
-from app.screens.line_cache import CachedLines
-from app.screens.news import News
 from app.screens.session_view import SessionView
-from app.screens.widgets import KeyLine
 from calib.errors import GlidecalError
 from drivers.profile import Fault, Reading
 from protocols.procedure import Step
@@ -43,18 +33,15 @@ from protocols.session_clock import steady_s
 GATHER_S = 0.015
 """One picture shows all that is heard within so long after the first news."""
 
-CALM_GATHER_S = 0.025
-"""The same while nothing moves: half the time between two readings makes one picture of two."""
-
 IDLE_S = 5.0
-IDLE_GATHER_S = 0.09
-"""After so long of standing still only a last digit flickers: ten pictures a second are enough."""
+IDLE_GATHER_S = 0.19
+"""After so long of standing still only a last digit flickers: five pictures a second are enough.
+
+With GATHER_S alone waiting takes 7 % of a core (`make bench` allows 5), with this about 3.
+"""
 
 AGES_S = 0.2
 """Ages and stale indicators are looked at so often."""
-
-CALM_S = 1.0
-"""After so long of standing still nothing moves."""
 
 LEAST_SIZE = Size(80, 24)
 HELD_KEY_S = 0.15
@@ -63,21 +50,14 @@ HELD_KEY_S = 0.15
 ANYWAY_S = 4.0
 """How long a second press takes readings that still move."""
 
-COLLECT_SELDOM = 5_000, 20, 100
-"""Thresholds of the garbage collector: a whole collection takes 40 ms."""
-
 SLEPT_S = 5.0
 """Between two looks: after so long the computer slept."""
 
 
-WIDE = 110
-"""Columns from which table and plot stand side by side."""
-
-
-class MeasureScreen(Corrections, CachedLines):
+class MeasureScreen(Corrections):
     """One step after the other; Space takes it."""
 
-    HELP = MEASURE_HELP
+    HELP = texts.MEASURE_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "take", "Take", id="measure.take"),
         Binding("enter", "take", "Take", show=False, id="measure.take-too"),
@@ -100,44 +80,45 @@ class MeasureScreen(Corrections, CachedLines):
         self._lost: set[int] = set()
         self._pressed_at = self._anyway_until = self._moved_at = self._shown_at = 0.0
         self._looked_at = steady_s()
-        self._collected = gc.get_threshold()
 
     def compose(self) -> ComposeResult:
         yield self.view
-        yield KeyLine(compact=True, show_command_palette=False)
+        yield Footer(compact=True, show_command_palette=False)
 
     def on_mount(self) -> None:
-        gc.freeze()  # a collection through everything imported would stop the screen for 0.1 s
-        gc.set_threshold(*COLLECT_SELDOM)
+        # Collections pass over all that is loaded by now. `make bench`, event loop blocked while
+        # taking steps: 130 to 420 ms in three runs without, 50 to 100 with (limit 100).
+        gc.freeze()
         self.proceed()
         self._follow()
         self.set_interval(AGES_S, self._look)
 
-    def on_unmount(self) -> None:
-        gc.set_threshold(*self._collected)
-
     @work
     async def _follow(self) -> None:
         """Show what the indicators tell, in one picture where it comes together."""
-        news = News(asyncio.get_running_loop())
+        loop, news = asyncio.get_running_loop(), asyncio.Event()
+
+        def tell() -> None:  # called in the thread of an indicator
+            with suppress(RuntimeError):  # the loop has ended: nobody looks any more
+                loop.call_soon_threadsafe(news.set)
+
         for gauge in self.guided.gauges:
-            gauge.on_news = news.tell
+            gauge.on_news = tell
         while True:
-            await news.gathered(self._gather_s())
+            await news.wait()
+            await asyncio.sleep(self._gather_s())
+            news.clear()
             self._show_live()
 
     def _gather_s(self) -> float:
-        still_s = time.monotonic() - self._moved_at
-        if still_s > IDLE_S:
-            return IDLE_GATHER_S
-        return CALM_GATHER_S if still_s > CALM_S else GATHER_S
+        return IDLE_GATHER_S if time.monotonic() - self._moved_at > IDLE_S else GATHER_S
 
     def _look(self) -> None:
         now = steady_s()
         slept_s, self._looked_at = now - self._looked_at, now
         if slept_s > SLEPT_S:
             self._set_hold(True, f"the computer slept for {slept_s:.0f} s")
-            self.say(slept_text(slept_s))
+            self.say(texts.slept_text(slept_s))
         if not self.busy:  # a take holds the record, and looks itself
             self.write(self._look_at_clock)
         if time.monotonic() - self._shown_at > AGES_S / 2:
@@ -146,10 +127,9 @@ class MeasureScreen(Corrections, CachedLines):
     def _look_at_clock(self) -> None:
         jump_s = self.guided.look_at_clock()
         if jump_s:
-            self.say(clock_set_text(jump_s))
+            self.say(texts.clock_set_text(jump_s))
 
     def on_resize(self, event: Resize) -> None:
-        self.set_class(event.size.width >= WIDE, "wide")
         self._show_step()
         narrow = event.size.width < LEAST_SIZE.width or event.size.height < LEAST_SIZE.height
         if narrow:
@@ -170,7 +150,7 @@ class MeasureScreen(Corrections, CachedLines):
     def _show_step(self) -> None:
         session = self.guided.session
         mode = "ON HOLD" if self.held else "automatic" if self.automatic else "by hand"
-        self.view.show_progress(progress_text(session, self.guided.steps, mode))
+        self.view.show_progress(texts.progress_text(session, self.guided.steps, mode))
         self.view.show_step(session, self.guided.steps, self.guided.step())
         self._draw_live()  # in the same picture: a step takes long to draw, readings must not wait
 
@@ -256,11 +236,11 @@ class MeasureScreen(Corrections, CachedLines):
             return
         self.app.bell()
         self.app.clear_notifications()
-        self.say(taken_text(taken))
+        self.say(texts.taken_text(taken))
         if taken.questioned:
             self._show_step()
             self.ask(
-                ChoiceDialog(question_text(taken), QUESTION_CHOICES),
+                ChoiceDialog(texts.question_text(taken), texts.QUESTION_CHOICES),
                 lambda answer: self._answered(answer or "keep", taken),
             )
         else:
@@ -268,7 +248,7 @@ class MeasureScreen(Corrections, CachedLines):
 
     def _answered(self, answer: str, taken: TakenStep) -> None:
         """What the operator says to a reading that disagrees with earlier ones."""
-        reason = repeat_reason(answer, taken)
+        reason = texts.repeat_reason(answer, taken)
         if answer == "keep":
             self.write(lambda: self.guided.note(f"step {taken.step.number}: {reason}"))
             self._go_on(taken.step)
@@ -331,7 +311,6 @@ class MeasureScreen(Corrections, CachedLines):
 
     @work(thread=True)
     def _finish(self) -> None:
-        """Close the record and show the result."""
         try:
             self.guided.finish()
             solved = solve_for_controller(self.guided.path)

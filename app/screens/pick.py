@@ -1,4 +1,4 @@
-"""Pick one of the recent sessions, or type the path of another one."""
+"""Choosing a session from a list."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
+from textual.screen import Screen
 from textual.widgets import Footer, OptionList, Static
 from textual.widgets.option_list import Option
 
 from app.measuring.recent import Recent, look_at
 from app.report.text.home import ELSEWHERE, NO_SESSIONS, PICK_KEYS, session_label
+from app.report.text.replay import REPLAY_QUESTION
 from app.screens.dialogs import TextDialog
-from app.screens.fast_keys import Leaving, Title
+from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import Interface
 
 
-class PickScreen(Leaving[Recent]):
-    """A list of sessions with their state. The result is the one chosen; none by Escape."""
+class PickScreen(LeftOnce[Recent]):
+    """Recent sessions with their state, or the path of another one; none by Escape."""
 
     app: Interface
     HELP = (
@@ -69,3 +71,33 @@ class PickScreen(Leaving[Recent]):
             self.app.complain(session.problem)
         else:
             self.dismiss(session)
+
+
+class ReplayChoiceScreen(Screen[None]):
+    """The sessions that were named, and no other ones."""
+
+    app: Interface
+    HELP = "Arrow keys and Enter open a session; Escape comes back to this list."
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("f10", "app.quit", "Quit", id="replay-choice.quit")
+    ]
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        super().__init__()
+        self._paths = tuple(paths)
+
+    def compose(self) -> ComposeResult:
+        yield Title()
+        yield Static(REPLAY_QUESTION, markup=False, id="question")
+        labels = (Option(session_label(look_at(path))) for path in self._paths)
+        yield OptionList(*labels, id="choices", markup=False)
+        yield Footer()
+
+    def on_mount(self) -> None:
+        choices = self.query_one("#choices", OptionList)
+        choices.highlighted = 0
+        choices.focus()
+
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        with self.app.complaining():
+            self.app.push_screen(self.app.replay(self._paths[event.option_index]))

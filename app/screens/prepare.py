@@ -23,7 +23,6 @@ from app.measuring.indicators import (
 from app.measuring.opening import Plan, session_name
 from app.report.text.home import FIELD_HELP, PREPARE_HELP
 from app.report.text.session import dry_run_text, procedure_sentence
-from app.screens.dry_run import DryRunScreen
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
 from calib.errors import GlidecalError, UsageError
@@ -32,11 +31,7 @@ from protocols.procedure import Procedure, leg_procedure_names, load_procedure, 
 from protocols.table import NUMBER
 
 FIELDS = (
-    (
-        "indicator1",
-        "First indicator",
-        "mitutoyo-01a:COM5, sylvac:/dev/ttyUSB0@yx",
-    ),
+    ("indicator1", "First indicator", "mitutoyo-01a:COM5, sylvac:/dev/ttyUSB0@yx"),
     ("indicator2", "Second indicator", "empty: one indicator, each leg is measured twice"),
     ("machine", "Machine file", "empty: the prototype of the papers"),
     ("operator", "Operator", ""),
@@ -101,22 +96,14 @@ class PrepareScreen(Screen[None]):
         self.query_one("#summary", Static).update("\n".join(said))
 
     def action_check(self) -> None:
-        """On to the live readings."""
-        try:
-            plan = self._plan()
-        except GlidecalError as problem:
-            self.app.complain(problem)
-        else:
-            self.app.push_screen(self.app.check(plan))
+        with self.app.complaining():
+            self.app.push_screen(self.app.check(self._plan()))
 
     def action_dry_run(self) -> None:
         """Every step, before anything is opened."""
-        try:
+        with self.app.complaining():
             machine = self._machine()
             text = dry_run_text(self._procedure(machine), machine, self._axes(machine))
-        except GlidecalError as problem:
-            self.app.complain(problem)
-        else:
             self.app.push_screen(DryRunScreen(text))
 
     def _value(self, name: str) -> str:
@@ -161,6 +148,32 @@ class PrepareScreen(Screen[None]):
             operator=self._value("operator"),
             temperature_c=_temperature(self._value("temperature")),
         )
+
+
+class DryRunScreen(Screen[None]):
+    """Every step of a procedure, to scroll through."""
+
+    HELP = (
+        "The steps in the order in which they are measured, each with the\n"
+        "line to type at the controller. Nothing is opened or written."
+    )
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "app.pop_screen", "Back", id="dry-run.back"),
+        Binding("f10", "app.quit", "Quit", id="dry-run.quit"),
+    ]
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self._text = text
+
+    def compose(self) -> ComposeResult:
+        yield Title()
+        with VerticalScroll(id="dry-run"):
+            yield Static(self._text, id="dry-run-text", markup=False)
+        yield Footer()
+
+    def on_mount(self) -> None:
+        self.query_one("#dry-run").focus()
 
 
 def _temperature(text: str) -> float | None:

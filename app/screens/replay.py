@@ -15,15 +15,7 @@ from textual.widgets import Footer, Log
 
 from app.evaluating.solution import SessionSolution, solve_files
 from app.measuring.playback import Playback
-from app.report.text.replay import (
-    COPIED,
-    JUMP_QUESTION,
-    REPLAY_HELP,
-    UNSOLVED,
-    progress_line,
-    reading_lines,
-    said_text,
-)
+from app.report.text import replay as texts
 from app.screens.dialogs import TextDialog
 from app.screens.interface import Interface
 from app.screens.result import ResultScreen
@@ -32,8 +24,6 @@ from calib.errors import GlidecalError
 from protocols.record import read_record
 
 TICK_S = 0.1
-WIDE = 110
-"""Columns from which table and plot stand side by side, as in measuring."""
 
 
 class ReplayedResult(ResultScreen):
@@ -44,7 +34,6 @@ class ReplayedResult(ResultScreen):
     ]
 
     def action_back(self) -> None:
-        """To the replay."""
         self.app.pop_screen()
 
     def action_home(self) -> None:
@@ -62,7 +51,7 @@ class ReplayScreen(Screen[None]):
     """
 
     app: Interface
-    HELP = REPLAY_HELP
+    HELP = texts.REPLAY_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "play", "Play", id="replay.play"),
         Binding("right", "step(1)", "Next", id="replay.forward"),
@@ -107,7 +96,6 @@ class ReplayScreen(Screen[None]):
         self.set_interval(TICK_S, self._tick)
 
     def on_resize(self, event: Resize) -> None:
-        self.set_class(event.size.width >= WIDE, "wide")
         self._show_picture()
 
     def _tick(self) -> None:
@@ -121,7 +109,7 @@ class ReplayScreen(Screen[None]):
     def _show(self) -> None:
         """Everything as it is at this place of the record."""
         self._show_picture()
-        self.say(said_text(self.playback))
+        self.view.say(texts.said_text(self.playback))
         self._show_list()
 
     def _show_picture(self) -> None:
@@ -132,28 +120,23 @@ class ReplayScreen(Screen[None]):
 
     def _show_progress(self) -> None:
         playback = self.playback
-        line = progress_line(self.path.name, playback.place, playback.speed, playback.state)
+        line = texts.progress_line(self.path.name, playback.place, playback.speed, playback.state)
         self.view.show_progress(line)
-
-    def say(self, text: str) -> None:
-        """One line under the panels."""
-        self.view.say(text)
 
     def _show_list(self) -> None:
         """The readings so far; what is shown already is only added to."""
         if not self.has_class("listing"):
             return
-        lines = reading_lines(self.playback.session)
-        kept = len(self._listed)
+        lines = texts.reading_lines(self.playback.session)
+        shown = len(self._listed)
         listing = self.query_one("#taken", Log)
-        if lines[:kept] != self._listed:
+        if lines[:shown] != self._listed:
             listing.clear()
-            kept = 0
-        listing.write_lines(lines[kept:])
+            shown = 0
+        listing.write_lines(lines[shown:])
         self._listed = lines
 
     def action_play(self) -> None:
-        """Play or pause."""
         self.playback.toggle()
         self._show()
 
@@ -163,29 +146,24 @@ class ReplayScreen(Screen[None]):
         self._show_progress()
 
     def action_step(self, by: int) -> None:
-        """One moment on or back."""
         self.playback.step(by)
         self._show()
 
     def action_faster(self, by: int) -> None:
-        """One speed up or down."""
         self.playback.faster(by)
         self._show_progress()
 
     def action_to_start(self) -> None:
-        """Only the first event is shown."""
-        self.playback.to_start()
+        self.playback.go(0)
         self._show()
 
     def action_to_end(self) -> None:
-        """Everything is shown."""
-        self.playback.to_end()
+        self.playback.go(len(self.playback.frames))
         self._show()
 
     def action_jump(self) -> None:
-        """Ask for a step, go there."""
         self._pause()
-        question = JUMP_QUESTION.format(self.playback.unit)
+        question = texts.JUMP_QUESTION.format(self.playback.unit)
         hint = f"1 … {len(self.playback.steps)}"
         self.app.push_screen(TextDialog(question, hint), self._jump)
 
@@ -195,7 +173,7 @@ class ReplayScreen(Screen[None]):
         try:
             self.playback.jump_to(text)
         except GlidecalError as problem:
-            self.say(str(problem))
+            self.view.say(str(problem))
         else:
             self._show()
 
@@ -205,7 +183,6 @@ class ReplayScreen(Screen[None]):
         self._show_list()
 
     def action_page(self, by: int) -> None:
-        """Move in the list."""
         listing = self.query_one("#taken", Log)
         if by < 0:
             listing.scroll_page_up(animate=False)
@@ -217,13 +194,11 @@ class ReplayScreen(Screen[None]):
         self.view.toggle_plot()
 
     def action_copy(self) -> None:
-        """Every reading so far to the clipboard of the terminal."""
-        lines = reading_lines(self.playback.session)
+        lines = texts.reading_lines(self.playback.session)
         self.app.copy_to_clipboard("\n".join(lines) + "\n")
-        self.say(COPIED.format(len(lines)))
+        self.view.say(texts.COPIED.format(len(lines)))
 
     def action_back(self) -> None:
-        """To the screen that this one was opened from."""
         self.app.pop_screen()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
@@ -249,6 +224,6 @@ class ReplayScreen(Screen[None]):
     def _solved(self, found: SessionSolution | str) -> None:
         self._solving = False
         if isinstance(found, str):
-            self.say(UNSOLVED.format(found))
+            self.view.say(texts.UNSOLVED.format(found))
         elif self.is_current:
             self.app.push_screen(ReplayedResult(found, None, self.path))

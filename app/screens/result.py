@@ -9,23 +9,17 @@ from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
-from textual.events import Resize
-from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
+from textual.screen import Screen
+from textual.widgets import Footer, Static, TabbedContent, TabPane
 
+from app.evaluating.comparison import Comparison
 from app.evaluating.solution import SessionSolution
 from app.exports import export_offsets
 from app.measuring.demo import verification_plan
 from app.measuring.opening import Plan
 from app.report.charts.charts import before_and_after, measured_and_predicted
-from app.report.text.result import (
-    NO_PLAN,
-    ONLY_SHOWN,
-    RESULT_HELP,
-    comparison_text,
-    copied_text,
-    exported_text,
-    result_text,
-)
+from app.report.text import result as texts
+from app.screens.fast_keys import Title
 from app.screens.interface import Interface
 from app.screens.pages import PagedScreen
 from app.screens.plot import ChartPlot
@@ -38,9 +32,6 @@ CHOICES: dict[str, Subset] = {
     "3": "both",
     "4": "with-tolerances",
 }
-WIDE = 110
-"""Columns from which text and plot stand side by side."""
-
 RESULT, PLOT, COMPARISON = "tab-result", "tab-plot", "tab-comparison"
 
 
@@ -48,7 +39,7 @@ class ResultScreen(PagedScreen):
     """One solution; with the plan of its session it can be verified."""
 
     app: Interface
-    HELP = RESULT_HELP
+    HELP = texts.RESULT_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("e", "export", "Export", id="result.export"),
         Binding("v", "verify", "Verify", id="result.verify"),
@@ -89,27 +80,18 @@ class ResultScreen(PagedScreen):
     def _compose_comparison(self, before: SessionSolution) -> ComposeResult:
         now = self.solved.solution
         with VerticalScroll(id="comparison"):
-            yield Static(comparison_text(before.solution, now), id="compared", markup=False)
+            yield Static(texts.comparison_text(before.solution, now), id="compared", markup=False)
         yield ChartPlot(before_and_after(before.solution, now), plot_id="before-after")
 
     def on_mount(self) -> None:
-        self.query_one(Tabs).can_focus = False  # the keys of this screen turn the pages
         self._show()
 
-    def on_resize(self, event: Resize) -> None:
-        self.set_class(event.size.width >= WIDE, "wide")
-
     def _show(self) -> None:
-        text = result_text(self.solved, self.before, measured_here=self.plan is not None)
+        text = texts.result_text(self.solved, self.before, measured_here=self.plan is not None)
         self.query_one("#text", Static).update(text)
         chart = measured_and_predicted(self.solved.solution)
         for name in ("#beside", "#plot"):
             self.query_one(name, ChartPlot).show(chart)
-
-    def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
-        """Up and down scroll the text of the page that is shown."""
-        scrolls = event.pane.query(VerticalScroll)
-        self.set_focus(scrolls.first() if scrolls else None)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Nothing is offered that this program will not do; its key says why."""
@@ -120,20 +102,15 @@ class ResultScreen(PagedScreen):
         return True
 
     def action_refuse_export(self) -> None:
-        """Why the offsets are not written."""
-        self.app.complain(ONLY_SHOWN)
+        self.app.complain(texts.ONLY_SHOWN)
 
     def action_refuse_verify(self) -> None:
-        """Why nothing is measured."""
-        self.app.complain(ONLY_SHOWN if self.app.read_only else NO_PLAN)
+        self.app.complain(texts.ONLY_SHOWN if self.app.read_only else texts.NO_PLAN)
 
     def action_choose(self, key: str) -> None:
         """Show another set of parameters."""
-        try:
+        with self.app.complaining():
             self.solved = self.solved.with_subset(CHOICES[key])
-        except GlidecalError as problem:
-            self.app.complain(problem)
-        else:
             self._show()
 
     @work(thread=True, group="export")
@@ -142,7 +119,7 @@ class ResultScreen(PagedScreen):
         folder = self.path.with_suffix("")
         try:
             offsets = self._joint_offsets()
-            said = exported_text(folder, export_offsets(offsets, folder), offsets)
+            said = texts.exported_text(folder, export_offsets(offsets, folder), offsets)
         except GlidecalError as problem:
             self.app.call_from_thread(self.app.complain, problem)
         else:
@@ -155,24 +132,56 @@ class ResultScreen(PagedScreen):
         """The same procedure again, after the offsets were entered in the controller."""
         if self.plan is None:
             return
-        try:
+        with self.app.complaining():
             plan = verification_plan(self.plan, self._joint_offsets())
-        except GlidecalError as problem:
-            self.app.complain(problem)
-        else:
             self.app.push_screen(self.app.check(plan))
 
     def action_diagnose(self) -> None:
-        """Where readings and model disagree, and what is missing."""
         self.app.push_screen(self.app.diagnosis([self.path]))
 
     def action_copy(self) -> None:
-        """The text of this page to the clipboard of the terminal."""
         compared = self.query_one(TabbedContent).active == COMPARISON
         text = str(self.query_one("#compared" if compared else "#text", Static).content)
         self.app.copy_to_clipboard(text)
-        self.app.notify(copied_text(text), timeout=8, markup=False)
+        self.app.notify(texts.copied_text(text), timeout=8, markup=False)
 
     def action_home(self) -> None:
-        """Back to the first screen."""
         self.app.go_to(self.app.home())
+
+
+class CompareScreen(Screen[None]):
+    """Two sessions side by side."""
+
+    app: Interface
+    HELP = texts.COMPARISON_HELP
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("g", "plot", "Plot", id="compare.plot"),
+        Binding("y", "copy", "Copy", id="compare.copy"),
+        Binding("escape", "app.pop_screen", "Back", id="compare.back"),
+        Binding("f10", "app.quit", "Quit", id="compare.quit"),
+    ]
+
+    def __init__(self, comparison: Comparison) -> None:
+        super().__init__()
+        self._comparison = comparison
+        self._text = texts.comparison_report(comparison)
+
+    def compose(self) -> ComposeResult:
+        yield Title()
+        before, after = self._comparison.before.solution, self._comparison.after.solution
+        with Horizontal(id="compare"):
+            with VerticalScroll(id="compare-words"):
+                yield Static(self._text, id="compare-text", markup=False)
+            yield ChartPlot(before_and_after(before, after), plot_id="compare-chart")
+        yield Footer()
+
+    def on_mount(self) -> None:
+        self.query_one("#compare-words").focus()
+
+    def action_plot(self) -> None:
+        """The plot instead of the text, where there is no room for both."""
+        self.toggle_class("plotted")
+
+    def action_copy(self) -> None:
+        self.app.copy_to_clipboard(self._text)
+        self.app.notify(texts.copied_text(self._text), markup=False)

@@ -132,7 +132,13 @@ class Pages(Server):
             raise web.HTTPForbidden(text=f"This server is {self.public_url}.")
         if origin is not None and origin not in [f"http://{name}" for name in names]:
             raise web.HTTPForbidden(text="Only pages of this server may ask.")
-        return await self._answer(request, handler)
+        task = asyncio.current_task()
+        assert task is not None
+        self._answering.add(task)  # a tab is one answer that goes on until it is closed
+        try:
+            return await handler(request)
+        finally:
+            self._answering.discard(task)
 
     async def handle_index(self, request: web.Request) -> web.StreamResponse:
         """The page of one tab, or why there is none."""
@@ -169,16 +175,6 @@ class Pages(Server):
             finally:
                 self._tabs -= 1
         return websocket
-
-    async def _answer(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Answer, known to `on_shutdown`: a tab is one answer that goes on until it is closed."""
-        task = asyncio.current_task()
-        assert task is not None
-        self._answering.add(task)
-        try:
-            return await handler(request)
-        finally:
-            self._answering.discard(task)
 
 
 class Tab(AppService):

@@ -12,14 +12,14 @@ from textual.screen import Screen
 from app.measuring.opening import Plan
 from app.report.streams import need_terminal
 from app.screens.check import CheckScreen
-from app.screens.compare import CompareScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
 from app.screens.keys import settings_for_screens
+from app.screens.look import Look
 from app.screens.measure import MeasureScreen
+from app.screens.pick import ReplayChoiceScreen
 from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
-from app.screens.replay_choice import ReplayChoiceScreen
 from app.settings import settings_path
 from protocols.record import read_record
 
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from app.evaluating.comparison import Comparison
     from app.evaluating.solution import SessionSolution
     from app.measuring.session import GuidedSession
-    from app.planning.request import Request
 
 
 class Glidecal(Interface):
@@ -39,8 +38,8 @@ class Glidecal(Interface):
     def preparation(self) -> Screen[None]:
         return PrepareScreen()
 
-    def check(self, plan: Plan, *, continued: bool = False) -> Screen[None]:
-        return CheckScreen(plan, continued=continued)
+    def check(self, plan: Plan) -> Screen[None]:
+        return CheckScreen(plan)
 
     def measuring(self, guided: GuidedSession, plan: Plan) -> Screen[None]:
         return MeasureScreen(guided, plan)
@@ -51,6 +50,8 @@ class Glidecal(Interface):
         return ResultScreen(solved, plan, path)
 
     def comparison(self, compared: Comparison) -> Screen[None]:
+        from app.screens.result import CompareScreen
+
         return CompareScreen(compared)
 
     def diagnosis(self, paths: list[Path]) -> Screen[None]:
@@ -61,24 +62,19 @@ class Glidecal(Interface):
     def replay(self, path: Path) -> Screen[None]:
         return ReplayScreen(path)
 
-    def hexaslide(self, request: Request | None = None) -> Screen[None]:
-        from app.screens.hexaslide import HexaSlideScreen
 
-        return HexaSlideScreen(request)
-
-
-def open_interface() -> int:
+def open_interface(looks: Sequence[Look]) -> int:
     """Home. Returns the exit status."""
     need_terminal("terminal interface", "a verb: see glidecal --help")
-    return _run(HomeScreen())
+    return open_screen(HomeScreen(), looks)
 
 
-def open_session(plan: Plan, *, continued: bool = False) -> int:
+def open_session(plan: Plan, looks: Sequence[Look]) -> int:
     """The instrument check of a planned or interrupted session, then measuring."""
-    return _run(CheckScreen(plan, continued=continued))
+    return open_screen(CheckScreen(plan), looks)
 
 
-def open_replay(paths: Sequence[Path], *, read_only: bool = False) -> int:
+def open_replay(paths: Sequence[Path], looks: Sequence[Look], *, read_only: bool = False) -> int:
     """A recorded session again, or a list of several. Raises RecordError for a bad file.
 
     ``read_only`` is for pages that others look at: nothing can be written or measured from them.
@@ -86,22 +82,13 @@ def open_replay(paths: Sequence[Path], *, read_only: bool = False) -> int:
     for path in paths:
         read_record(path)
     first = ReplayScreen(paths[0]) if len(paths) == 1 else ReplayChoiceScreen(paths)
-    return _run(first, read_only=read_only)
+    return open_screen(first, looks, read_only=read_only)
 
 
-def open_hexaslide(request: Request) -> int:
-    """What a procedure sees of a Hexa Slide. Raises UsageError, RecordError for a wrong request."""
-    need_terminal("--screen", "the verb without it")
-    from app.planning.hexaslide import hexaslide_planning
-    from app.screens.hexaslide import HexaSlideScreen
-
-    hexaslide_planning(request)
-    return _run(HexaSlideScreen(request))
-
-
-def _run(first: Screen[None], *, read_only: bool = False) -> int:
+def open_screen(first: Screen[None], looks: Sequence[Look], *, read_only: bool = False) -> int:
+    """Any screen; ``looks`` are what home offers of machines. Returns the exit status."""
     settings = settings_for_screens(settings_path())
-    interface = Glidecal(first, settings=settings, read_only=read_only)
+    interface = Glidecal(first, settings=settings, read_only=read_only, looks=looks)
     message = interface.run()
     if message:
         print(message, file=sys.stderr)

@@ -145,15 +145,16 @@ def value_of(information: FloatArray, aim: Aim) -> float:
 
     Raises NotIdentifiable where a wanted combination is not seen.
     """
-    left = wanted_information(information, aim)
-    _refuse_blind(left, len(left))
-    return float(values_of(inverse(left)[None], aim)[0])
+    remaining = wanted_information(information, aim)
+    _refuse_unidentifiable(remaining)
+    return float(values_of(inverse(remaining)[None], aim)[0])
 
 
-def _refuse_blind(left: FloatArray, count: int) -> None:
-    size = np.sqrt(np.clip(left.diagonal(), 0.0, None))
+def _refuse_unidentifiable(information: FloatArray) -> None:
+    count = len(information)
+    size = np.sqrt(np.clip(information.diagonal(), 0.0, None))
     scale = np.where(size > 0.0, size, 1.0)
-    singular = np.sqrt(np.clip(np.linalg.eigvalsh(left / scale / scale[:, None]), 0.0, None))
+    singular = np.sqrt(np.clip(np.linalg.eigvalsh(information / scale / scale[:, None]), 0.0, None))
     seen = int((singular > BLIND_IN_SQUARES * max(float(singular[-1]), 1.0)).sum())
     if seen < count:
         raise NotIdentifiable(

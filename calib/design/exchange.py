@@ -40,12 +40,10 @@ MOST_EXCHANGES = 1000
 class Candidates:
     """What may be measured: ``rows`` ``(n, r, k)``, derivatives divided by the noise.
 
-    The ``r`` rows of a candidate are measured together. ``fixed`` ``(k, k)`` is the information of
-    what is measured or known anyway.
+    The ``r`` rows of a candidate are measured together.
     """
 
     rows: FloatArray
-    fixed: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if self.rows.ndim != 3 or not self.rows.size or not np.isfinite(self.rows).all():
@@ -54,18 +52,11 @@ class Candidates:
                 f"shape {self.rows.shape}",
                 "finite numbers of shape (candidates, rows of each, parameters)",
             )
-        if self.fixed is not None and self.fixed.shape != (self.rows.shape[2],) * 2:
-            raise CalibrationError(
-                "fixed information",
-                f"shape {self.fixed.shape}",
-                f"shape {(self.rows.shape[2],) * 2}",
-            )
 
     def information(self, chosen: IntArray) -> FloatArray:
-        """Information ``(k, k)`` of these candidates and of what is fixed."""
+        """Information ``(k, k)`` of these candidates."""
         taken = self.rows[chosen].reshape(-1, self.rows.shape[2])
-        own = taken.T @ taken
-        return np.asarray(own if self.fixed is None else own + self.fixed)
+        return np.asarray(taken.T @ taken)
 
     def ridge(self) -> FloatArray:
         """Information ``(k,)`` too small to matter, that keeps matrices regular."""
@@ -83,13 +74,10 @@ class Choice:
     """
 
     chosen: tuple[int, ...]
-    criterion: Criterion
     value: float
     start_value: float | None
     start_condition_number: float | None
     exchanges: int
-    seed: int
-    starts: int
 
 
 def choose(
@@ -140,15 +128,12 @@ def choose(
     _, _, chosen, start, exchanges = descending(seeing, lambda run: run[1], 1.0)[0]
     return Choice(
         chosen=tuple(sorted(int(k) for k in chosen)),
-        criterion=aim.criterion,
         value=value_of(candidates.information(np.sort(chosen)), aim),
         start_value=_value_or_none(candidates.information(start), aim),
         start_condition_number=_value_or_none(
             candidates.information(start), replace(aim, criterion=Criterion.CONDITION)
         ),
         exchanges=exchanges,
-        seed=seed,
-        starts=starts,
     )
 
 

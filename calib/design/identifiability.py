@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import NotIdentifiable
-from calib.linalg import BLIND, condition, named_inside, names_outside, svd_of_all
+from calib.linalg import BLIND, named_inside, names_outside, svd_of_all
 from calib.observations import FloatArray
 from calib.ties import largest
 
@@ -33,15 +33,17 @@ SMALL_SHARE = 0.25
 """Parameters with a smaller share of a combination are left out of its name."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Direction:
-    """A combination of parameters, its standard uncertainty, and what that does at the tool.
+    """A combination of parameters ``vector`` ``(k,)``, its standard uncertainty, and what that does
+    at the tool.
 
     In mm; infinite where the combination is not seen. Both belong to the combination as written.
     ``against`` is the same two parameters with the other sign, and its standard uncertainty.
     """
 
     combination: str
+    vector: FloatArray
     standard_uncertainty_mm: float
     tool_mm: float
     against: tuple[str, float] | None = None
@@ -61,7 +63,6 @@ class Sensitivity:
     """
 
     names: tuple[str, ...]
-    units: tuple[str, ...]
     jacobian: FloatArray
     tolerance: FloatArray
     cost: FloatArray | None = None
@@ -78,7 +79,7 @@ class Identifiability:
 
     ``singular_values`` ``(k,)`` belong to parameters in units of their tolerance. ``weak`` and
     ``unseen`` hold combinations as short as possible; ``individually_known`` the parameters that
-    have no share in what is not seen. ``unscaled_condition`` is that of the bare Jacobian.
+    have no share in what is not seen.
     """
 
     names: tuple[str, ...]
@@ -86,12 +87,10 @@ class Identifiability:
     row_count: int
     singular_values: FloatArray
     condition_number: float
-    unscaled_condition: float
     weak: tuple[Direction, ...]
     unseen: tuple[Direction, ...]
     individually_known: tuple[str, ...]
     unseen_vectors: FloatArray = field(repr=False)
-    weak_vectors: FloatArray = field(repr=False)
 
 
 def analyse(sensitivity: Sensitivity) -> Identifiability:
@@ -103,7 +102,7 @@ def analyse(sensitivity: Sensitivity) -> Identifiability:
     best = float(uncertainty.min())
     weak = ~unseen & ((uncertainty > WEAK_RATIO * best) | (uncertainty > WEAK))
     covariance = _covariance(uncertainty, turned, sensitivity.tolerance, ~unseen)
-    lost = turned[unseen] * sensitivity.tolerance
+    unidentifiable = turned[unseen] * sensitivity.tolerance
     seen = singular[~unseen]
     return Identifiability(
         names=sensitivity.names,
@@ -111,12 +110,10 @@ def analyse(sensitivity: Sensitivity) -> Identifiability:
         row_count=len(scaled),
         singular_values=singular,
         condition_number=float(seen[0] / seen[-1]) if len(seen) else np.inf,
-        unscaled_condition=condition(sensitivity.jacobian, int((~unseen).sum())),
         weak=_named(turned[weak] * sensitivity.tolerance, sensitivity, covariance),
-        unseen=_named(lost, sensitivity, None),
+        unseen=_named(unidentifiable, sensitivity, None),
         individually_known=names_outside(turned[unseen].T, sensitivity.names),
-        unseen_vectors=lost,
-        weak_vectors=turned[weak] * sensitivity.tolerance,
+        unseen_vectors=unidentifiable,
     )
 
 
@@ -152,7 +149,7 @@ def _named(
         unit = combination / float(combination @ combination)
         cost = _cost(sensitivity, unit) * uncertainty
         against = _against(combination, sensitivity.names, covariance)
-        found.append(Direction(name, uncertainty, cost, against))
+        found.append(Direction(name, combination, uncertainty, cost, against))
     return tuple(found)
 
 
@@ -217,9 +214,9 @@ def _echelon(rows: FloatArray) -> FloatArray:
 def _clean(row: FloatArray) -> FloatArray:
     """Shares below a quarter of the largest dropped; those near ±1 made so; first one positive."""
     size = np.abs(row)
-    kept = np.where(size > SMALL_SHARE * size.max(), row, 0.0)
-    kept = np.where(np.abs(np.abs(kept) - 1.0) < 0.1, np.sign(kept), kept)
-    return np.asarray(kept * np.sign(kept[np.flatnonzero(kept)[0]]))
+    large = np.where(size > SMALL_SHARE * size.max(), row, 0.0)
+    large = np.where(np.abs(np.abs(large) - 1.0) < 0.1, np.sign(large), large)
+    return np.asarray(large * np.sign(large[np.flatnonzero(large)[0]]))
 
 
 def _sum_of(row: FloatArray, names: Sequence[str]) -> str:

@@ -1,32 +1,24 @@
 """What a machine hands over to be planned for, and what its procedures see.
 
-A machine tells in arrays what a procedure sees (`Examination`), what could be measured instead
-(`Pool`) and what would help (`AddedMeasurement`). The rest is the same for all machines.
+A machine tells in arrays what a procedure sees (`Examination`) and what would help
+(`AddedMeasurement`). The rest is the same for all machines.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from calib.design.criteria import Aim
-from calib.design.exchange import Candidates, Choice
 from calib.design.identifiability import (
     ClassicalQr,
     Identifiability,
     Sensitivity,
     analyse,
     classical_qr,
-    combinations,
 )
-from calib.observations import FloatArray, IntArray
-
-Coordinates = dict[str, float | str]
-"""One posture: names with their unit, such as ``displacement_mm``."""
-
-Orders = dict[tuple[int, float], list[float]]
-"""Displacements in mm to visit for each mounting (leg, station)."""
+from calib.observations import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,42 +54,6 @@ class AddedMeasurement:
     standard_uncertainty: float
 
 
-class Pool(Protocol):
-    """Candidates of one machine."""
-
-    @property
-    def candidates(self) -> Candidates:
-        """Rows ready for `calib.design.exchange.choose`."""
-
-    @property
-    def wanted(self) -> tuple[int, ...]:
-        """The machine's parameters among the columns."""
-
-    def coordinates(self, chosen: Sequence[int]) -> tuple[Coordinates, ...]:
-        """Postures with names and units, in the order to measure."""
-
-    def on_bound(self, chosen: Sequence[int]) -> int:
-        """How many coordinates of the chosen postures stand on a bound."""
-
-    def minutes(self, chosen: Sequence[int]) -> float:
-        """Time for the chosen postures with all set-up."""
-
-    def reduced(self, chosen: Sequence[int]) -> IntArray | None:
-        """Candidates left when the least useful set-up is given up; None where one is left."""
-
-    def symmetric(self, count: int, aim: Aim, seed: int) -> Sequence[Choice]:
-        """Sets of this size that treat equal parts of the machine alike, or none."""
-
-    def take(self, kept: IntArray) -> Pool:
-        """Only these candidates."""
-
-    def moved(self, chosen: Sequence[int], aim: Aim) -> Pool:
-        """The chosen postures alone, moved off the grid where that is better, in their order."""
-
-    def orders(self, chosen: Sequence[int]) -> Orders:
-        """What to visit one after the other."""
-
-
 class PlannedMachine(Protocol):
     """A machine with a procedure."""
 
@@ -112,21 +68,11 @@ class PlannedMachine(Protocol):
         """For each combination ``(k,)`` the best added posture; None where none is known."""
 
 
-class PooledMachine(PlannedMachine, Protocol):
-    """One whose postures are chosen from a list."""
-
-    def pool(self) -> Pool:
-        """What could be measured."""
-
-    def metric(self) -> FloatArray:
-        """Mean square at the tool for a change of the parameters ``(k, k)``."""
-
-
 @dataclass(frozen=True, eq=False)
 class Combination:
-    """A combination that is weak or lost, and what would help.
+    """A combination that is weak or unidentifiable, and what would help.
 
-    ``standard_uncertainty`` and ``tool_mm`` are None where it is lost.
+    ``standard_uncertainty`` and ``tool_mm`` are None where it is unidentifiable.
     """
 
     name: str
@@ -143,7 +89,7 @@ class SeenBy:
     machine: str
     examined: Examination
     found: Identifiability
-    lost: tuple[Combination, ...]
+    unidentifiable: tuple[Combination, ...]
     weak: tuple[Combination, ...]
     qr: ClassicalQr
 
@@ -158,36 +104,31 @@ class SeenBy:
 
 
 def seen_by(machine: PlannedMachine) -> SeenBy:
-    """Rank, lost and weak combinations with their cures, and the classical test."""
+    """Rank, unidentifiable and weak combinations with what would help, and the classical test."""
     examined = machine.examine()
-    sensitivity = examined.sensitivity
-    found = analyse(sensitivity)
-    lost = combinations(found.unseen_vectors, sensitivity)
-    weak = combinations(found.weak_vectors, sensitivity)
-    cures = machine.cures([vector for vector, _ in (*lost, *weak)])
+    names = examined.sensitivity.names
+    found = analyse(examined.sensitivity)
+    cures = machine.cures([one.vector for one in (*found.unseen, *found.weak)])
+    every = tuple(
+        Combination(
+            name=one.combination,
+            shares={n: float(v) for n, v in zip(names, one.vector, strict=True) if v != 0.0},
+            standard_uncertainty=_finite(one.standard_uncertainty_mm),
+            tool_mm=_finite(one.tool_mm),
+            cure=cure,
+        )
+        for one, cure in zip((*found.unseen, *found.weak), cures, strict=True)
+    )
+    first_weak = len(found.unseen)
     return SeenBy(
         machine=machine.name,
         examined=examined,
         found=found,
-        lost=tuple(
-            Combination(words, _shares(vector, sensitivity.names), None, None, cure)
-            for (vector, words), cure in zip(lost, cures[: len(lost)], strict=True)
-        ),
-        weak=tuple(
-            Combination(
-                words,
-                _shares(vector, sensitivity.names),
-                direction.standard_uncertainty_mm,
-                direction.tool_mm,
-                cure,
-            )
-            for (vector, words), direction, cure in zip(
-                weak, found.weak, cures[len(lost) :], strict=True
-            )
-        ),
-        qr=classical_qr(examined.bare, sensitivity.names),
+        unidentifiable=every[:first_weak],
+        weak=every[first_weak:],
+        qr=classical_qr(examined.bare, names),
     )
 
 
-def _shares(vector: FloatArray, names: Sequence[str]) -> dict[str, float]:
-    return {name: float(v) for name, v in zip(names, vector, strict=True) if v != 0.0}
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

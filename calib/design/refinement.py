@@ -50,18 +50,6 @@ class RefinedPostures:
     on_bound: int
 
 
-def pulled_by_slopes(
-    rows_at: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
-) -> RowsAndPull:
-    """From a map to rows and their derivatives ``(p, r, k, d)``."""
-
-    def rows_and_pull(coordinates: FloatArray) -> tuple[FloatArray, Pull]:
-        rows, slopes = rows_at(coordinates)
-        return rows, lambda weights: np.asarray(np.einsum("prk,prkd->pd", weights, slopes))
-
-    return rows_and_pull
-
-
 def refine(
     rows_at: RowsAndPull,
     start: FloatArray,
@@ -69,12 +57,11 @@ def refine(
     upper: FloatArray,
     aim: Aim | None = None,
     *,
-    fixed: FloatArray | None = None,
     sharpness: Sequence[float] = (),
 ) -> RefinedPostures:
     """Improve postures ``(p, d)`` inside the box ``(d,)`` to ``(d,)`` by L-BFGS-B.
 
-    ``rows_at`` is a smooth map of the machine; ``fixed`` ``(k, k)`` as for the exchange.
+    ``rows_at`` is a smooth map of the machine.
     ``sharpness`` are powers, rising, with which criteria of single singular values are made smooth
     in stages: where it depends on the largest singular value alone, a search without them gets
     stuck. Raises CalibrationError for a start outside the box, NotIdentifiable where the start
@@ -85,21 +72,21 @@ def refine(
         raise CalibrationError(
             "postures to refine", "a coordinate outside its box", "bounds with lower < upper"
         )
-    before = judged(rows_at(start)[0], aim, fixed)
+    before = judged(rows_at(start)[0], aim)
 
     def unfolded(unit: FloatArray) -> FloatArray:
         return np.asarray(np.clip(lower + unit.reshape(start.shape) * width, lower, upper))
 
     def cost(unit: FloatArray, power: float) -> tuple[float, FloatArray]:
         rows, pull = rows_at(unfolded(unit))
-        value, by_rows = cost_by_rows(rows, aim, fixed, power)
+        value, by_rows = cost_by_rows(rows, aim, power)
         return value, (pull(by_rows) * width).ravel()
 
     unit = ((start - lower) / width).ravel()
     for power in sharpness if sharpness and aim.criterion in OF_ENDS else [math.inf]:
         unit = _descended(cost, unit, power)
     moved = unfolded(unit)
-    after = judged(rows_at(moved)[0], aim, fixed)
+    after = judged(rows_at(moved)[0], aim)
     if (after <= before) if aim.criterion.larger_is_better else (after >= before):
         moved, after = start, before
     return RefinedPostures(moved, after, before, count_on_bound(moved, lower, upper))
@@ -128,12 +115,10 @@ def count_on_bound(coordinates: FloatArray, lower: FloatArray, upper: FloatArray
     return int(((share < ON_BOUND) | (share > 1.0 - ON_BOUND)).sum())
 
 
-def cost_by_rows(
-    rows: FloatArray, aim: Aim, fixed: FloatArray | None, power: float
-) -> tuple[float, FloatArray]:
+def cost_by_rows(rows: FloatArray, aim: Aim, power: float) -> tuple[float, FloatArray]:
     """As `cost_and_slope`, with the derivatives by the rows ``(p, r, k)``."""
-    information = _information(rows, fixed)
-    if not _plain(aim, fixed):
+    information = _information(rows)
+    if not _plain(aim):
         value, by_information = cost_and_slope(information, aim, power)
         return value, 2.0 * rows @ by_information
     variance, turned = _variances(rows, information)
@@ -153,34 +138,33 @@ def _variances(rows: FloatArray, information: FloatArray) -> tuple[FloatArray, F
         return 1.0 / found[::-1], np.asarray(turned[:, ::-1])
     flat = rows.reshape(-1, rows.shape[-1])
     _, singular, vectors = svd_of_all(flat)
-    least = ROUNDING * max(float(singular[0]), 1e-150)
+    least = ROUNDING * max(float(singular[0]), 1e-150)  # its inverse square is still a number
     return np.maximum(singular, least) ** -2, np.asarray(vectors.T)
 
 
-def _plain(aim: Aim, fixed: FloatArray | None) -> bool:
+def _plain(aim: Aim) -> bool:
     """Whether the rows alone decide, so that their squares need not be formed."""
-    return fixed is None and aim.wanted is None and aim.criterion is not Criterion.TOOL_VARIANCE
+    return aim.wanted is None and aim.criterion is not Criterion.TOOL_VARIANCE
 
 
-def judged(rows: FloatArray, aim: Aim, fixed: FloatArray | None = None) -> float:
+def judged(rows: FloatArray, aim: Aim) -> float:
     """The criterion of rows ``(p, r, k)``; from singular values where it can be, which keeps twice
     the digits. Raises NotIdentifiable where a wanted combination is not seen.
     """
-    if not _plain(aim, fixed):
-        return value_of(_information(rows, fixed), aim)
+    if not _plain(aim):
+        return value_of(_information(rows), aim)
     flat = rows.reshape(-1, rows.shape[-1])
     size = np.linalg.norm(flat, axis=0)
     scaled = np.linalg.svd(flat / np.where(size > 0.0, size, 1.0), compute_uv=False)
     if len(flat) < flat.shape[1] or scaled[-1] <= ROUNDING * scaled[0]:
-        return value_of(_information(rows, fixed), aim)
+        return value_of(_information(rows), aim)
     singular = np.linalg.svd(flat, compute_uv=False)
     return float(values_of(np.diag(singular**-2)[None], aim)[0])
 
 
-def _information(rows: FloatArray, fixed: FloatArray | None) -> FloatArray:
+def _information(rows: FloatArray) -> FloatArray:
     flat = rows.reshape(-1, rows.shape[-1])
-    own = flat.T @ flat
-    return np.asarray(own if fixed is None else own + fixed)
+    return np.asarray(flat.T @ flat)
 
 
 def cost_and_slope(
@@ -196,8 +180,8 @@ def cost_and_slope(
     largest = max(float(information.diagonal().max()), 1e-300)
     regular = information + ROUNDING * largest * np.eye(count)
     lift = _lift(regular, keep, drop)
-    left = lift.T @ regular @ lift
-    variance, turned = np.linalg.eigh(np.linalg.inv(left))
+    wanted = lift.T @ regular @ lift
+    variance, turned = np.linalg.eigh(np.linalg.inv(wanted))
     value, by_log = _log_cost(variance, turned, aim)
     if power < math.inf and aim.criterion in OF_ENDS:
         value, by_log = _smooth(np.log(variance), by_log, power)

@@ -1,121 +1,232 @@
-"""Mistakes in the data are found first, named, and set right for the diagnosis only."""
+"""Mistakes in the data are found first, named, and set right for the diagnosis only.
+
+A turned or swapped indicator beside an effect: both at once must explain what effects cannot.
+Beside a strong effect a mistake may take away only part of the disagreement, and an effect may
+bend the slopes that tell it. Then the mistake with some effects is weighed against effects alone:
+each side takes the effects that explain most, pays for each, and the variance of the noise is
+taken from the residuals and the scatter of repeats (Student's likelihood).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from calib.diagnosis.gross_errors import GrossError, place_of, suspect_blunders
-from calib.diagnosis.gross_errors_given_effects import needed_beside_effects
-from calib.diagnosis.outliers import set_strays_right
-from calib.diagnosis.problem import FittedSession, Problem
-from calib.diagnosis.setup_shifts import find_slip
-from calib.diagnosis.verify import structure_rms_mm
-from calib.errors import NotIdentifiable
-from calib.noise.reading import IndicatorFigures
-from calib.observations import FloatArray, Observations
-from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.effect import Law
-from calib.tripod.pipeline import Model
+import numpy as np
 
-MOST_BLUNDERS = 3
+from calib.diagnosis.gross_errors import ODDS, GrossError, Suspicion, find_shift, suspicions
+from calib.diagnosis.hypotheses import hypotheses_of
+from calib.diagnosis.model_selection import ModelSelection
+from calib.diagnosis.outliers import set_outliers_right
+from calib.diagnosis.problem import Case, FittedSession, Problem
+from calib.diagnosis.results import Finding, Named
+from calib.diagnosis.selection import LOG_UNIT
+from calib.errors import NotIdentifiable
+from calib.linalg import squares_in, union, without
+from calib.observations import FloatArray
+from calib.ties import descending
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.candidates import Candidate
+from calib.tripod.effects.effect import Kind, Law
+
+MOST_MISTAKES = 3
 LEAST_ROWS_BEYOND = 8
 """Readings beyond zeros and base parameters that a mistake must be seen against."""
 
+DOUBTFUL_ODDS = 10.0
+"""Odds of a mistake that is named together with what does almost as well."""
 
-@dataclass(frozen=True, eq=False)
-class Case:
-    """One session to diagnose: the model it was measured against and what is known of it."""
+MOST_EFFECTS = 3
+BEAM = 4
+CLOSED = 0.001
+"""With a mistake that is not clear, and effects, no gap of smaller chance may be left."""
 
-    model: Model
-    observed: Observations
-    indicator: IndicatorFigures
-    tolerance_mm: FloatArray
+WEIGHED = 8
+"""Of the effects that promise most, so many are weighed by the size they need."""
 
-    def sit(self) -> FittedSession:
-        """Fit the base parameters. Raises NotIdentifiable."""
-        return FittedSession.of(self.model, self.observed, self.indicator, self.tolerance_mm)
-
-    def with_readings(self, observed: Observations) -> Case:
-        """The same session with other readings."""
-        return replace(self, observed=observed)
-
-
-@dataclass(frozen=True)
-class Mistake:
-    """A mistake in one session, and the gap (r.m.s., mm) with it and without."""
-
-    blunder: GrossError
-    before_rms_mm: float
-    after_rms_mm: float
+LEAST_GAIN = 1e-6
 
 
 def clean(
     cases: Sequence[Case], laws: Sequence[Law] = CATALOGUE
-) -> tuple[list[Case], list[Mistake]]:
-    """Sessions without the mistakes found in them, and the mistakes. ``laws`` may stand beside."""
+) -> tuple[list[Case], list[Finding]]:
+    """Sessions without the mistakes found in them, and the mistakes. ``laws`` may act as well."""
     cleaned, mistakes = [], []
     for case in cases:
-        present = case
-        for blunder in _blunders_of(case, laws):
-            corrected = case.with_readings(blunder.corrected)
-            mistakes.append(Mistake(blunder, _gap_rms_mm(present), _gap_rms_mm(corrected)))
-            present = corrected
-        cleaned.append(present)
+        errors = _errors_of(case, laws)
+        stages = [case, *(case.with_readings(error.corrected) for error in errors)]
+        gaps = [Problem.of([one.fitted()]).gap_rms_mm() for one in stages] if errors else []
+        for error, before_mm, after_mm in zip(errors, gaps, gaps[1:], strict=False):
+            what = error.id, str(Kind.BLUNDER), error.title, error.where
+            mistakes.append(Finding(*what, (), 0.0, before_mm, after_mm, error.or_else))
+        cleaned.append(stages[-1])
     return cleaned, mistakes
 
 
-def _blunders_of(case: Case, laws: Sequence[Law]) -> list[GrossError]:
+def _errors_of(case: Case, laws: Sequence[Law]) -> list[GrossError]:
     """One after the other, each in the data that the one before left."""
-    found = _slips(case.observed)
-    observed = found[-1].corrected if found else case.observed
+    found: list[GrossError] = []
+    observed = case.observed
+    while len(found) < MOST_MISTAKES and (shift := find_shift(observed)) is not None:
+        found.append(shift)
+        observed = shift.corrected
     spare = len(observed) - observed.mount_count - len(case.tolerance_mm)
-    for _ in range(MOST_BLUNDERS if spare >= LEAST_ROWS_BEYOND else 0):
-        blunder = _blunder_in(case.with_readings(observed), laws)
-        if blunder is None:
+    for _ in range(MOST_MISTAKES if spare >= LEAST_ROWS_BEYOND else 0):
+        error = _error_in(case.with_readings(observed), laws)
+        if error is None:
             break
-        found.append(blunder)
-        observed = blunder.corrected
-    return [*found, *set_strays_right(observed, _step_mm(case.indicator))]
+        found.append(error)
+        observed = error.corrected
+    step_mm = max(case.indicator.resolution_mm or 0.0, case.indicator.step_mm or 0.0)
+    return [*found, *set_outliers_right(observed, step_mm)]
 
 
-def _blunder_in(case: Case, laws: Sequence[Law]) -> GrossError | None:
-    suspicions = suspect_blunders(case.model, case.observed, case.tolerance_mm)
-    if not suspicions or suspicions[0].proven:
-        return suspicions[0].blunder if suspicions else None
-    fitted = [(one, _fitted(case.with_readings(one.blunder.corrected))) for one in suspicions]
+def _error_in(case: Case, laws: Sequence[Law]) -> GrossError | None:
+    suspected = suspicions(case.model, case.observed, case.tolerance_mm)
+    if not suspected or suspected[0].proven:
+        return suspected[0].error if suspected else None
+    fitted = [(one, _fitted(case.with_readings(one.error.corrected))) for one in suspected]
     before = _fitted(case)
     if before is None:
-        return next((one.blunder for one, after in fitted if one.clear and after), None)
-    return needed_beside_effects(before, [(one, after) for one, after in fitted if after], laws)
+        return next((one.error for one, after in fitted if one.clear and after), None)
+    return _needed_given_effects(before, [(one, after) for one, after in fitted if after], laws)
 
 
 def _fitted(case: Case) -> FittedSession | None:
     """None where these readings, wrong as they may be, fit no machine."""
     try:
-        return case.sit()
+        return case.fitted()
     except NotIdentifiable:
         return None
 
 
-def _step_mm(indicator: IndicatorFigures) -> float:
-    return max(indicator.resolution_mm or 0.0, indicator.step_mm or 0.0)
+@dataclass(frozen=True, eq=False)
+class _Catalogue:
+    """Every effect that may act beside a mistake, as orthonormal blocks ``(n, r)``."""
+
+    problem: Problem
+    shown: ModelSelection
+    freedom: int
+
+    @classmethod
+    def of(cls, fitted_session: FittedSession, laws: Sequence[Law]) -> _Catalogue:
+        """All candidates of the catalogue that show in this session."""
+        problem = Problem.of([fitted_session])
+        every = [one for one in hypotheses_of(problem, laws) if one.kind != Kind.BLUNDER]
+        freedom = len(problem.y) - problem.nuisance.shape[1]
+        return cls(problem, ModelSelection.of(problem, every), freedom)
+
+    def width(self, explained: float, block: FloatArray) -> float:
+        """What a prior as wide as the effect found costs (unit information, fitted)."""
+        rank = max(block.shape[1], 1)
+        return float(0.5 * block.shape[1] * math.log(max(explained / rank, 1.0)))
+
+    def weighed(self, members: tuple[int, ...], upon: _Account | None = None) -> _Account:
+        """These effects; ``upon`` is the account of all but the last, if there is one."""
+        y = self.problem.y
+        if not members:
+            return _Account((), np.zeros((len(y), 0)), 0.0, -0.5 * self.freedom * math.log(y @ y))
+        before = upon or self.weighed(members[:-1])
+        basis = union([before.basis, self.shown.blocks[members[-1]]])
+        more = basis[:, before.basis.shape[1] :]
+        width = self.width(squares_in(more, y), more)
+        log_prior = before.log_prior + width + float(self.shown.log_priors[members[-1]])
+        residual = without(basis, y)
+        weight = -0.5 * self.freedom * math.log(residual @ residual) - log_prior
+        return _Account(tuple(sorted(members)), basis, log_prior, weight)
+
+    def larger(self, one: _Account) -> list[_Account]:
+        """One effect more than this account; only the most promising."""
+        residual = without(one.basis, self.problem.y)
+        total = float(residual @ residual)
+        promise = []
+        for block in self.shown.blocks:
+            explained = squares_in(block, residual)
+            rest = max(total - explained, 1e-9 * total)
+            gain = 0.5 * self.freedom * math.log(total / rest)
+            promise.append(gain - self.width(explained, block))
+        others = (k for k in range(len(promise)) if k not in one.members)
+        order = descending(others, promise.__getitem__)[:WEIGHED]
+        return [self.weighed((*one.members, k), one) for k in order]
+
+    def best(self, most: int) -> _Account:
+        """The best account with so many effects or fewer; a few of the best are followed up."""
+        best = self.weighed(())
+        beam = [best]
+        for _ in range(most):
+            found = {a.members: a for one in beam for a in self.larger(one)}
+            beam = _heaviest_first(found.values())[:BEAM]
+            if not beam:
+                break
+            best = _heaviest_first([best, beam[0]])[0]
+        return self.exchanged(best)
+
+    def exchanged(self, best: _Account) -> _Account:
+        """One effect after the other left out or replaced, as long as that is better."""
+        while True:
+            fewer = [self.weighed(tuple(k for k in best.members if k != m)) for m in best.members]
+            others = [a for one in fewer for a in (one, *self.larger(one))]
+            better = _heaviest_first([best, *others])[0]
+            if better.log_weight <= best.log_weight + LEAST_GAIN:
+                return best
+            best = better
+
+    def near(self, there: _Catalogue, account: _Account) -> _Account:
+        """The effects of an account in other readings, or better ones near them."""
+        known = {_key(one): k for k, one in enumerate(self.shown.candidates)}
+        keys = [_key(there.shown.candidates[k]) for k in account.members]
+        return self.exchanged(self.weighed(tuple(known[key] for key in keys if key in known)))
 
 
-def _slips(observed: Observations) -> list[GrossError]:
-    """Slips of stands that the repeats show clearly."""
-    found: list[GrossError] = []
-    while len(found) < MOST_BLUNDERS and (slip := find_slip(observed)) is not None:
-        first = slip.rows[0]
-        where = place_of(observed, slip.rows)
-        title = (
-            f"the stand moved by {slip.shift_mm:+.4f} mm before the reading at "
-            f"{observed.posture_words(first)}, cycle {observed.cycle[first]}"
-        )
-        found.append(GrossError("stand_slip", where, title, slip.rows, slip.corrected))
-        observed = slip.corrected
-    return found
+def _key(one: Candidate) -> tuple[str, str, int]:
+    return one.id, one.where, one.columns.shape[1]
 
 
-def _gap_rms_mm(case: Case) -> float:
-    return structure_rms_mm(Problem.of([case.sit()]))
+@dataclass(frozen=True, eq=False)
+class _Account:
+    """Some effects and how well they account for the readings: log likelihood less log prior."""
+
+    members: tuple[int, ...]
+    basis: FloatArray
+    log_prior: float
+    log_weight: float
+
+
+def _heaviest_first(accounts: Iterable[_Account]) -> list[_Account]:
+    return descending(accounts, lambda one: one.log_weight, LOG_UNIT)
+
+
+def _needed_given_effects(
+    before: FittedSession,
+    suspected: Sequence[tuple[Suspicion, FittedSession]],
+    laws: Sequence[Law],
+) -> GrossError | None:
+    """The mistake, of those suspected, that is needed whatever effects there are; or None.
+
+    Each comes with its corrected session, fitted. One that is not clear must be beyond doubt and
+    leave no gap. Effects that do almost as well are named with it.
+    """
+    alone = _Catalogue.of(before, laws)
+    if not alone.problem.has_repeats() or alone.problem.structure_df < 1:
+        return next((one.error for one, _ in suspected if one.clear), None)
+    effects = alone.best(MOST_EFFECTS)
+    for one, fitted_session in sorted(suspected, key=lambda each: not each[0].clear):
+        corrected = _Catalogue.of(fitted_session, laws)
+        account = corrected.best(MOST_EFFECTS if one.clear else MOST_EFFECTS - 1)
+        # what was found beside a mistake must be tried without it, too
+        effects = _heaviest_first([effects, alone.near(corrected, account)])[0]
+        likelier = account.log_weight - effects.log_weight - one.log_tried
+        if likelier > math.log(ODDS) and (one.clear or _closes(corrected.problem, account)):
+            return one.error
+        if one.clear and likelier > math.log(DOUBTFUL_ODDS):
+            named = [alone.shown.candidates[k] for k in effects.members]
+            return replace(one.error, or_else=tuple(Named(each.id, each.where) for each in named))
+    return None
+
+
+def _closes(problem: Problem, account: _Account) -> bool:
+    """Whether no gap is left beyond chance."""
+    df = problem.structure_df - account.basis.shape[1]
+    gap = problem.gap(without(account.basis, problem.y))
+    return df > 0 and problem.gap_p_value(gap, df) > CLOSED

@@ -2,104 +2,300 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
-from calib.diagnosis.attribution import DOUBT, Attribution, repeats_explain_as_much
-from calib.diagnosis.cleaning import Case, clean
-from calib.diagnosis.fitting import Fitting
-from calib.diagnosis.hypotheses import Hypothesis, entries_of, implausible, log_priors
-from calib.diagnosis.model_selection import ModelSelection, Outcome
-from calib.diagnosis.outliers import WILD_DISTANCE
-from calib.diagnosis.problem import Problem
-from calib.diagnosis.report import Report
-from calib.diagnosis.results import Diagnosis
-from calib.linalg import squares_in
+import numpy as np
+
+from calib.diagnosis.attribution import DOUBT, Attribution
+from calib.diagnosis.cleaning import clean
+from calib.diagnosis.discrepancy import discrepancy
+from calib.diagnosis.gap import left_out_postures, locate, on_other_sessions, residuals, where_words
+from calib.diagnosis.hypotheses import causes_of, hypotheses_of, log_priors
+from calib.diagnosis.model_selection import LEVEL, ModelSelection, Outcome
+from calib.diagnosis.next_measurement import propose
+from calib.diagnosis.outliers import belongs_elsewhere
+from calib.diagnosis.problem import Case, FittedSession, Problem
+from calib.diagnosis.results import (
+    Contender,
+    Detectable,
+    Diagnosis,
+    Finding,
+    HeldOutGap,
+    ModelDiscrepancy,
+    Verdict,
+)
+from calib.diagnosis.selection import LEAST_LOG, heaviest_first
+from calib.errors import NotIdentifiable
 from calib.observations import FloatArray
-from calib.tripod.effects.effect import Law
+from calib.tripod.effects.candidates import Candidate
+from calib.tripod.effects.effect import EffectInstance, Kind, Law
 
-SEED = 20081
-MOST_RACES = 3
-WORTH_ANOTHER_RACE = 9.0
+MOST_SELECTIONS = 3
+WORTH_ANOTHER = 9.0
 """Noise variances that effects do beyond their derivatives before they are looked at again."""
+
+MOST_CONTENDERS = 20
+WITH_NAMES: tuple[Verdict, ...] = ("explained", "ambiguous", "partly-explained")
+WITH_RESIDUALS: tuple[Verdict, ...] = ("partly-explained", "unexplained")
+NO_LAW = "what is left follows no simple law of displacement, approach, time or temperature"
+MOST_RIVALS = 5
+FOUND_9_OF_10 = 1.28
+"""Standard normal quantile of 90 %."""
 
 
 def diagnose(
-    cases: Sequence[Case],
-    laws: Sequence[Law],
-    held_out: Sequence[Case] = (),
-    seed: int = SEED,
+    cases: Sequence[Case], laws: Sequence[Law], held_out: Sequence[Case] = ()
 ) -> Diagnosis:
     """Diagnose sessions that share their effects; each has base parameters and zeros of its own.
 
     ``held_out`` sessions are used for nothing but the gap after adopting. Raises NotIdentifiable
     where a session cannot be fitted at all.
     """
-    ready, mistakes = clean(cases, laws)
-    problem = first = Problem.of([case.sit() for case in ready])
-    every = entries_of(problem, laws)
-    blocks = [problem.block(entry.columns) for entry in every]
-    seen = [k for k, block in enumerate(blocks) if _may_run(problem, every[k], block)]
-    entries = [every[k] for k in seen]
-    race = _race(problem, entries, tuple(blocks[k] for k in seen), seed)
-    race, outcome = _followed_far_enough(race, entries, ready)
-    problem = race.problem
-    fitting = Fitting(problem, entries, race, ready)
-    naming = Attribution(problem, entries, race, outcome)
-    doubts = (DOUBT,) if repeats_explain_as_much(naming) else ()
-    if doubts:
-        outcome = replace(outcome, kept=None)
-        naming = replace(naming, outcome=outcome)
-    return Report(first, fitting, naming, outcome, mistakes, held_out, doubts).make()
+    cleaned, mistakes = clean(cases, laws)
+    first = Problem.of([case.fitted() for case in cleaned])
+    selection = ModelSelection.of(first, hypotheses_of(first, laws))
+    attribution = Attribution(*_followed_far_enough(selection))
+    doubted = attribution.repeats_explain_as_much()
+    if doubted:
+        outcome = replace(attribution.outcome, kept=None)
+        attribution = replace(attribution, outcome=outcome)
+    return _Report(first, attribution, mistakes, held_out, doubted=doubted).make()
 
 
-def _race(
-    problem: Problem, entries: Sequence[Hypothesis], blocks: tuple[FloatArray, ...], seed: int
-) -> ModelSelection:
-    causes = tuple(entry.causes for entry in entries)
-
-    def loss(members: tuple[int, ...]) -> float:
-        return implausible(problem, [entries[k] for k in members])
-
-    return ModelSelection(problem, blocks, log_priors(problem, entries), causes, seed, loss)
-
-
-def _followed_far_enough(
-    race: ModelSelection, entries: Sequence[Hypothesis], ready: Sequence[Case]
-) -> tuple[ModelSelection, Outcome]:
-    """The race once more where large effects do more than their derivatives say.
+def _followed_far_enough(selection: ModelSelection) -> tuple[ModelSelection, Outcome]:
+    """The selection once more where large effects do more than their derivatives say.
 
     What they do beyond would be named as something else.
     """
-    outcome = race.run()
-    for _ in range(MOST_RACES - 1):
+    outcome = selection.run()
+    for _ in range(MOST_SELECTIONS - 1):
         if outcome.kept is None:
             break
-        fitting = Fitting(race.problem, entries, race, ready)
-        straight = fitting.as_if_linear(outcome.kept.members)
-        if float(((straight.y - race.problem.y) ** 2).sum()) < WORTH_ANOTHER_RACE:
+        problem = selection.problem
+        y = selection.refined(outcome.members)[1]
+        if float(((y - problem.y) ** 2).sum()) < WORTH_ANOTHER:
             break
-        again = _race(straight, entries, race.blocks, race.seed)
+        straight = problem.as_if_linear(y)
+        priors = log_priors(straight, selection.candidates)
+        again = replace(selection, problem=straight, log_priors=priors)
         found = again.run()
         if found.kept is None or not found.adequate:  # followed the wrong way
             break
-        race, outcome = again, found
-    return race, outcome
+        selection, outcome = again, found
+    return selection, outcome
 
 
-def _may_run(problem: Problem, entry: Hypothesis, block: FloatArray) -> bool:
-    """What shows at all; a lone reading only where no repeat has judged it, and if it is far off.
+@dataclass(eq=False)
+class _Report:
+    """From the outcome to the answer; ``first`` is the problem as it was measured."""
 
-    Far off is beyond what heavy tails reach.
+    first: Problem
+    attribution: Attribution
+    mistakes: Sequence[Finding]
+    held_out: Sequence[Case]
+    doubted: bool
+
+    def __post_init__(self) -> None:
+        self.selection = self.attribution.selection
+        self.problem = self.selection.problem
+        self.candidates = self.selection.candidates
+        self.outcome = self.attribution.outcome
+        self.members = self.outcome.members
+
+    def make(self) -> Diagnosis:
+        """The whole answer."""
+        findings = [*self.mistakes, *(self._findings() if self.members else ())]
+        verdict, noise = self.verdict, self.problem.fitted_sessions[0].noise
+        told = bool(self.held_out) or verdict != "cannot-tell"
+        named = [f for f in findings if f.kind == Kind.BLUNDER or verdict in WITH_NAMES]
+        placed = tuple(effect for finding in findings for effect in finding.effects)
+        law, where = None, ""
+        if verdict in WITH_RESIDUALS:
+            law = discrepancy(self.selection, self.members, placed, self.others)
+            left = replace(self.problem, y=self.selection.residual(self.members))
+            where = where_words(locate(left), LEVEL)
+        return Diagnosis(
+            verdict=verdict,
+            sentence=sentence(verdict, findings, where, self.attribution.doubt),
+            noise_mm=self.problem.noise_mm,
+            noise_df=self.problem.noise_df,
+            noise_source=noise.source if noise else "residuals",
+            gap_before=self.selection.gap(()),
+            gap_after=self.selection.gap(self.members),
+            held_out=self._held_out(placed) if told else None,
+            where=locate(self.problem)[:MOST_CONTENDERS],
+            effects=tuple(named),
+            candidates=self._contenders(),
+            next_measurement=propose(verdict, self.attribution),
+            smallest_detectable=self._smallest_detectable(),
+            residuals=residuals(self.first, self._after(named)),
+            remarks=(*self._remarks(law), *self._half_seen()),
+            left_over=law,
+        )
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """A mistake that something else imitates does not explain alone."""
+        verdict = self.attribution.verdict(mistakes_found=bool(self.mistakes))
+        doubtful = any(one.indistinguishable_from for one in self.mistakes)
+        return "ambiguous" if doubtful and verdict == "explained" else verdict
+
+    @cached_property
+    def others(self) -> list[FittedSession]:
+        """The held-out sessions, fitted."""
+        return [case.fitted() for case in self.held_out]
+
+    def _after(self, named: Sequence[Finding]) -> FloatArray | None:
+        """Whitened residual ``(n,)`` with what was named adopted; None where nothing can be."""
+        placed = tuple(effect for finding in named for effect in finding.effects)
+        try:
+            return self.problem.adopting(placed).y if placed else None
+        except NotIdentifiable:
+            return None
+
+    def _findings(self) -> list[Finding]:
+        """What was kept, the strongest first, each adopted beside those before it."""
+        values, _ = self.selection.refined(self.members)
+        ordered = self.attribution.by_evidence()
+        gaps = [self.selection.gap(ordered[:k]).rms_mm for k in range(len(ordered) + 1)]
+        step_p = self.outcome.step_p
+        found = []
+        for k, member in enumerate(ordered):
+            one = self.candidates[member]
+            name, title = self._label(one)
+            parameters, effects = values[member]
+            p = step_p[min(k, len(step_p) - 1)]
+            rivals = self.attribution.rivals[member]
+            what = name, str(one.kind), title, one.where
+            found.append(Finding(*what, parameters, p, gaps[k], gaps[k + 1], rivals, effects))
+        return found
+
+    def _label(self, one: Candidate) -> tuple[str, str]:
+        """A lone wild reading may be one under a wrong label."""
+        row = int(one.columns[:, 0].argmax())
+        observed = self.problem.fitted_sessions[0].observed
+        if one.kind != Kind.BLUNDER or row >= len(observed):
+            return one.id, one.title
+        belongs = belongs_elsewhere(observed, row)
+        if belongs is None:
+            return one.id, one.title
+        return "label_error", f"{one.title}: it belongs to {belongs}"
+
+    def _contenders(self) -> tuple[Contender, ...]:
+        found: dict[tuple[str, str], Contender] = {}
+        before = self.selection.gap(()).rms_mm
+        for model in heaviest_first(self.outcome.singles):
+            (member,) = model.members
+            one = self.candidates[member]
+            if (one.id, one.where) in found:
+                continue
+            parameters, effects = self.selection.values((member,))[member]
+            after = self.selection.gap((member,)).rms_mm
+            other = on_other_sessions(self.others, effects) if self.others and effects else None
+            found[one.id, one.where] = Contender(
+                one.id,
+                one.where,
+                parameters,
+                math.exp(max(float(self.outcome.local_log_p[member]), LEAST_LOG)),
+                after,
+                explained_share(before, after),
+                other.after_rms_mm if other else None,
+                self._reason(member),
+                effects,
+            )
+            if len(found) == MOST_CONTENDERS:
+                break
+        return tuple(found.values())
+
+    def _reason(self, member: int) -> str:
+        if not self.members:
+            return "no better than chance among so many candidates"
+        if member in self.members:
+            return "" if self.verdict in WITH_NAMES else "best guess"
+        if any(member in model.members for model in self.outcome.models):
+            return "fits about as well"
+        if not self.selection.leaves_no_gap((member,)):
+            return "leaves a gap"
+        return "another one explains it with more weight"
+
+    def _held_out(self, placed: tuple[EffectInstance, ...]) -> HeldOutGap | None:
+        if self.held_out:
+            return on_other_sessions(self.others, placed)
+        if not self.members:
+            return None
+        # among what could have been kept in place of one of the members
+        most = max(causes_of(self.candidates[k]) for k in self.members)
+        effects = [one for one in self.candidates if one.kind != Kind.BLUNDER]
+        columns = [one.columns for one in effects if causes_of(one) <= most]
+        return left_out_postures(self.problem, columns, len(self.members))
+
+    def _remarks(self, law: ModelDiscrepancy | None) -> list[str]:
+        """What else a person must know."""
+        said = []
+        if self.problem.noise_df <= 0.0:
+            said.append("no repeats and no stated noise: nothing can be judged against chance")
+        if self.verdict == "unexplained":
+            said.append(
+                "either the effect is not in the catalogue, or the repeats are not independent"
+            )
+        if self.verdict in WITH_RESIDUALS and not law:
+            said.append(NO_LAW)
+        if self.doubted:
+            said.append(DOUBT)
+        return said
+
+    def _half_seen(self) -> list[str]:
+        """Effects of whose values the readings see combinations only."""
+        seen = [(self.candidates[k], self.selection.blocks[k].shape[1]) for k in self.members]
+        return [
+            f"{one.id} ({one.where}): the readings see {rank} combination(s) of its"
+            f" {len(one.parameters)} values; how the values share that is not known"
+            for one, rank in seen
+            if rank < len(one.parameters)
+        ]
+
+    def _smallest_detectable(self) -> tuple[Detectable, ...]:
+        """Size of each single-parameter effect that would have been found nine times of ten."""
+        found: dict[str, Detectable] = {}
+        count = max(len(self.candidates), 2)
+        threshold = math.sqrt(2.0 * math.log(count / LEVEL)) + FOUND_9_OF_10
+        for one, block in zip(self.candidates, self.selection.blocks, strict=True):
+            if len(one.parameters) != 1 or one.kind == Kind.BLUNDER:
+                continue
+            column = self.problem.root_weight * one.columns[:, 0]
+            slope = float(np.linalg.norm(block.T @ column))
+            size = threshold / slope if slope else math.inf
+            if math.isfinite(size) and (one.id not in found or size < found[one.id].size):
+                found[one.id] = Detectable(one.id, size, one.parameters[0].unit)
+        return tuple(found.values())
+
+
+def explained_share(before_rms_mm: float, after_rms_mm: float) -> float:
+    """The part of the gap's square that is gone, between 0 and 1."""
+    if before_rms_mm <= 0.0:
+        return 0.0
+    return min(max(1.0 - (after_rms_mm / before_rms_mm) ** 2, 0.0), 1.0)
+
+
+def sentence(verdict: Verdict, findings: Sequence[Finding], where: str, doubt: str) -> str:
+    """The verdict in one sentence that a machinist understands.
+
+    ``where`` tells where something is left, ``doubt`` why names without rivals are not claimed.
     """
-    if not block.shape[1] or entry.id != "wild_reading":
-        return bool(block.shape[1])
-    far = squares_in(block, problem.y) > WILD_DISTANCE**2
-    return far and not _repeated(problem, int(entry.columns[:, 0].argmax()))
-
-
-def _repeated(problem: Problem, row: int) -> bool:
-    """Whether the posture of this row was read in the same mounting again."""
-    levels = problem.conditions("level")
-    alike = (problem.mount == problem.mount[row]) & (levels == levels[row])
-    return int(alike.sum()) > 1
+    names = " and ".join(f"{f.title} ({f.where})" for f in findings)
+    rivals = sorted({r.id for f in findings for r in f.indistinguishable_from})
+    if len(rivals) > MOST_RIVALS:
+        rivals = [*rivals[: MOST_RIVALS - 1], f"{len(rivals) - MOST_RIVALS + 1} others"]
+    return {
+        "agrees": "The model explains the readings within their noise; nothing is missing.",
+        "explained": f"What was missing is: {names}.",
+        "ambiguous": f"Something is missing: {names}"
+        + (f", or else {', '.join(rivals)}; these data cannot tell." if rivals else f"; {doubt}."),
+        "partly-explained": f"Part of what is missing is {names}; more is left, {where}.",
+        "unexplained": f"Something real is missing, {where}, and no known effect explains it.",
+        "cannot-tell": "The readings are too few to tell what is missing"
+        + (f"; the best guess is {names}." if names else "."),
+    }[verdict]

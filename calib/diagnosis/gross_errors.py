@@ -1,15 +1,19 @@
-"""Mistakes in the data, tried before any effect: turned signs, swapped indicators, wrong units.
+"""Mistakes in the data, tried before any effect: stands that moved, signs, swaps, wrong units.
 
-A hypothesis transforms readings; the base parameters, held by their tolerances, are fitted to the
-result. It counts when the likelihood rises by more than chance could among all hypotheses, when
-most of the disagreement goes, and when the readings follow the prediction with about the slope that
-the mistake would make (-1, 25.4, 1/25.4). Nothing in the record is changed.
+A set-up shift is told from drift and from a single outlier by repeats of the same approach; no
+model and no effect matters there. Where they cannot tell, as between two cycles, all readings of a
+posture judge, with one play for each mounting.
+
+Any other hypothesis transforms readings; the base parameters, held by their tolerances, are fitted
+to the result. It counts when the likelihood rises by more than chance could among all hypotheses,
+when most of the disagreement goes, and when the readings follow the prediction with about the slope
+that the mistake would make (-1, 25.4, 1/25.4). Nothing in the record is changed.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,22 +21,42 @@ import numpy as np
 from calib.diagnosis.results import Named
 from calib.diagnosis.selection import LOG_UNIT
 from calib.identify.fit import without_zeros
+from calib.linalg import DEPENDENT, NEW_DIRECTION, basis_of, incidence, lengths, onto, without
 from calib.noise.repeats import Repeats
-from calib.observations import LEG_NAMES, TOOL, TOUCHED_LETTERS, FloatArray, IntArray, Observations
+from calib.observations import (
+    LEG_NAMES,
+    TOUCHED_LETTERS,
+    FloatArray,
+    IntArray,
+    Observations,
+    numbered,
+    rows_of,
+)
 from calib.ties import descending
 from calib.tripod.differences import reading_matrix
 from calib.tripod.pipeline import Model
+
+CLEAR = 60.0
+"""The square sum must fall by so many noise variances for a shift."""
+
+BETTER = 0.5
+"""A shift must leave less than this share of what drift or one outlier leaves."""
 
 INCH_MM = 25.4
 LEAST_RATIO = 4.0
 """The disagreement (square sum) must shrink by so much."""
 
+CHANGES = (
+    ("gauge_sign", "counted the wrong way", -1.0),
+    ("unit_mixup", "inches taken for mm", INCH_MM),
+    ("unit_mixup", "mm for inches", 1 / INCH_MM),
+)
+"""Mistakes of an indicator: name, words, and the factor that sets its readings right."""
+
 SLOPE_FACTOR = 2.0
 """The slope of measured on predicted may be off by this: nothing else comes near these slopes."""
 
 ODDS = 100.0
-DOUBTFUL_ODDS = 10.0
-
 KEEP_SCALE = ("gauge_sign", "gauge_swap")
 """Mistakes that leave the scatter of readings as it is, so that likelihoods compare."""
 
@@ -55,46 +79,136 @@ class GrossError:
     or_else: tuple[Named, ...] = ()
 
 
+def place_of(observed: Observations, rows: IntArray) -> str:
+    """Leg (or ``t``, the tool) and axis of the first of these rows, in letters."""
+    first = rows[0]
+    return TOUCHED_LETTERS[observed.leg[first]] + LEG_NAMES[observed.axis[first]]
+
+
+def find_shift(observed: Observations) -> GrossError | None:
+    """The clearest shift of a stand, or None. Judged by repeats alone, without a model."""
+    noise = _robust_variance(observed)
+    tried = (_clear_step(observed, rows, noise) for rows in observed.mountings if noise)
+    best = max((step for step in tried if step), key=lambda step: step.gain, default=None)
+    if best is None:
+        return None
+    corrected = observed.value_mm.copy()
+    corrected[best.rows] -= best.shift_mm
+    first = best.rows[0]
+    title = (
+        f"the stand moved by {best.shift_mm:+.4f} mm before the reading at "
+        f"{observed.posture_words(first)}, cycle {observed.cycle[first]}"
+    )
+    put_back = replace(observed, value_mm=corrected)
+    return GrossError("stand_slip", place_of(observed, best.rows), title, best.rows, put_back)
+
+
+def _robust_variance(observed: Observations) -> float:
+    """Median over the mountings of the variance within cells, mm²; 0 without repeats."""
+    found = []
+    for rows in observed.mountings:
+        cells = cell_basis(observed, rows)
+        free = len(rows) - cells.shape[1]
+        if free > 0:
+            residual = without(cells, observed.value_mm[rows])
+            found.append(float(residual @ residual) / free)
+    return max(float(np.median(found)), 1e-8) if found else 0.0
+
+
 @dataclass(frozen=True, eq=False)
-class _Hypothesis:
-    id: str
-    where: str
-    title: str
+class _Step:
+    """A step of one mounting: the rows moved, what it explains, and whether nothing else does."""
+
     rows: IntArray
-    value_mm: FloatArray
-    slope: float
-    log_scale: float
+    gain: float
+    shift_mm: float
+    clear: bool
+
+
+def _clear_step(observed: Observations, rows: IntArray, noise: float) -> _Step | None:
+    """By repeats of one approach; where they cannot tell, by all readings of a posture."""
+    for basis in (cell_basis, posture_basis):
+        step = _best_step(observed, rows, basis(observed, rows), noise)
+        if step is None or step.gain < CLEAR * noise:
+            return None
+        if step.clear:
+            return step
+    return None
+
+
+def _best_step(
+    observed: Observations, rows: IntArray, basis: FloatArray, noise: float
+) -> _Step | None:
+    value = without(basis, observed.value_mm[rows])
+    total = float(value @ value)
+    order = np.arange(len(rows))
+    steps = [
+        (k, *_explained(value, basis, np.where(order >= k, 1.0, 0.0)))
+        for k in range(2, len(rows) - 1)
+    ]
+    if not steps:
+        return None
+    k, gain, shift = descending(steps, lambda one: one[1])[0]
+    drift = _explained(value, basis, order.astype(np.float64))[0]
+    outlier = max(_explained(value, basis, np.where(order == j, 1.0, 0.0))[0] for j in order)
+    clear = max(total - gain, noise) <= BETTER * (total - max(drift, outlier))
+    return _Step(rows[k:], gain, shift, clear)
+
+
+def _explained(value: FloatArray, cells: FloatArray, column: FloatArray) -> tuple[float, float]:
+    """What a column explains given the cells, and its coefficient."""
+    rest = without(cells, column)
+    share = float(rest @ rest)
+    if share < NEW_DIRECTION**2:
+        return 0.0, 0.0
+    slope = float(rest @ value) / share
+    return slope**2 * share, slope
+
+
+def cell_basis(observed: Observations, rows: IntArray) -> FloatArray:
+    """Orthonormal: one column for each posture and approach."""
+    cells = incidence(numbered(observed.cell[rows]))
+    return cells / lengths(cells)
+
+
+def level_basis(observed: Observations, rows: IntArray) -> FloatArray:
+    """Orthonormal: one column for each posture, whatever the approach."""
+    levels = incidence(numbered(observed.level[rows]))
+    return levels / lengths(levels)
+
+
+def posture_basis(observed: Observations, rows: IntArray) -> FloatArray:
+    """Postures, whatever the approach, and what a play of a carriage adds between approaches.
+
+    An unknown approach counts as that of most repeats of its posture.
+    """
+    levels = level_basis(observed, rows)
+    approach = observed.approach[rows]
+    usual = np.sign(onto(levels, approach).round(9))
+    play = np.where(approach == 0.0, usual, approach)
+    plays = observed.movement[rows] if observed.movement.any() else play[:, None]
+    return basis_of(np.column_stack([levels, plays]), DEPENDENT)
 
 
 @dataclass(frozen=True)
 class Suspicion:
     """A mistake that makes the readings likelier by more than chance among all that were tried.
 
-    ``clear``: most of the disagreement goes, and the slope fits. ``log_tried`` is the price of
+    ``clear``: most of the disagreement goes, and the slope fits. ``log_tried`` is the log prior of
     having been chosen among all.
     """
 
-    blunder: GrossError
+    error: GrossError
     clear: bool
     log_tried: float
 
     @property
-    def log_odds(self) -> float:
-        """By so much the readings must be likelier for a mistake to be beyond doubt."""
-        return self.log_tried + math.log(ODDS)
-
-    @property
-    def log_doubtful_odds(self) -> float:
-        """By so much for one that is named beside what does almost as well."""
-        return self.log_tried + math.log(DOUBTFUL_ODDS)
-
-    @property
     def proven(self) -> bool:
         """Nothing else turns readings by a factor of 25.4; a swap could be an effect, too."""
-        return self.clear and self.blunder.id == "unit_mixup"
+        return self.clear and self.error.id == "unit_mixup"
 
 
-def suspect_blunders(
+def suspicions(
     model: Model, observed: Observations, tolerance_mm: FloatArray
 ) -> tuple[Suspicion, ...]:
     """Mistakes that one may suspect, likeliest first: at most three, or one that is proven.
@@ -104,92 +218,66 @@ def suspect_blunders(
     fit = _BaseFit(model, observed, tolerance_mm)
     tried = list(_hypotheses(observed))
     log_tried = math.log(max(len(tried), 1))
-    before = fit.left(observed.value_mm)
+    before = fit.square_sum(observed.value_mm)
     found: list[tuple[float, Suspicion]] = []
-    for one in tried:
-        after = fit.left(one.value_mm)
-        gain = 0.5 * len(observed) * math.log(before / after) + one.log_scale
-        shrinks = before * math.exp(2.0 * one.log_scale / len(observed)) / after
-        clear = shrinks > LEAST_RATIO and fit.slope_fits(one)
-        suspicion = Suspicion(_named(observed, one), clear, log_tried)
-        if gain > suspicion.log_odds:
-            found.append((gain, suspicion))
+    for error, slope, log_scale in tried:
+        after = fit.square_sum(error.corrected.value_mm)
+        gain = 0.5 * len(observed) * math.log(before / after) + log_scale
+        shrinks = before * math.exp(2.0 * log_scale / len(observed)) / after
+        clear = shrinks > LEAST_RATIO and fit.slope_fits(error, slope)
+        if gain > log_tried + math.log(ODDS):
+            found.append((gain, Suspicion(error, clear, log_tried)))
     ordered = [one for _, one in descending(found, lambda each: each[0], LOG_UNIT)]
     if ordered and ordered[0].proven:
         return (ordered[0],)
-    return tuple(one for one in ordered if one.blunder.id in KEEP_SCALE)[:MOST_SUSPECTED]
+    return tuple(one for one in ordered if one.error.id in KEEP_SCALE)[:MOST_SUSPECTED]
 
 
-def _named(observed: Observations, found: _Hypothesis) -> GrossError:
-    corrected = replace(observed, value_mm=found.value_mm)
-    return GrossError(found.id, found.where, found.title, found.rows, corrected)
-
-
-def _hypotheses(observed: Observations) -> Iterator[_Hypothesis]:
-    value = observed.value_mm
+def _hypotheses(observed: Observations) -> Iterator[tuple[GrossError, float, float]]:
+    """Mistakes, the slope that each would make, and the log of the scale that it takes away."""
     for where, rows in _groups(observed):
-        turned = value.copy()
-        turned[rows] *= -1.0
-        yield _Hypothesis("gauge_sign", where, "counted the wrong way", rows, turned, -1.0, 0.0)
-        for factor, words in ((INCH_MM, "inches taken for mm"), (1 / INCH_MM, "mm for inches")):
-            scaled = value.copy()
-            scaled[rows] *= factor
-            log_scale = len(rows) * math.log(factor)
-            yield _Hypothesis("unit_mixup", where, words, rows, scaled, 1 / factor, log_scale)
-    yield from _swaps(observed)
+        for name, words, factor in CHANGES:
+            value = observed.value_mm.copy()
+            value[rows] *= factor
+            corrected = replace(observed, value_mm=value)
+            log_scale = len(rows) * math.log(abs(factor))
+            yield GrossError(name, where, words, rows, corrected), 1 / factor, log_scale
+    for error in _swaps(observed):
+        yield error, 1.0, 0.0
 
 
-def _groups(observed: Observations) -> Iterator[tuple[str, IntArray]]:
+def _groups(observed: Observations) -> Iterable[tuple[str, IntArray]]:
     """Rows that one mistake may touch: a mounting, an indicator, everything."""
-    everything = np.arange(len(observed))
-    seen: set[tuple[int, ...]] = set()
-    for rows in observed.mountings:
-        yield place_of(observed, rows), rows
-        seen.add(tuple(rows))
-    for leg in (0, 1, 2, TOOL):
-        for axis in range(3):
-            rows = np.flatnonzero((observed.leg == leg) & (observed.axis == axis))
-            if len(rows) and tuple(rows) not in seen:
-                yield place_of(observed, rows), rows
-                seen.add(tuple(rows))
-    for indicator in range(observed.indicator_count):
-        rows = np.flatnonzero(observed.indicator == indicator)
-        if tuple(rows) not in seen and len(rows) < len(observed):
-            yield f"indicator {indicator + 1}", rows
-    if observed.mount_count > 1:
-        yield "all", everything
+    places = [*observed.mountings, *rows_of(numbered(observed.leg, observed.axis))]
+    groups = [(place_of(observed, rows), rows) for rows in places]
+    groups.append(("all", np.arange(len(observed))))
+    indicators = enumerate(rows_of(observed.indicator), start=1)
+    groups += [(f"indicator {number}", rows) for number, rows in indicators]
+    found: dict[tuple[int, ...], tuple[str, IntArray]] = {}
+    for where, rows in groups:
+        found.setdefault(tuple(rows.tolist()), (where, rows))
+    return found.values()
 
 
-def place_of(observed: Observations, rows: IntArray) -> str:
-    """Leg (or ``t``, the tool) and axis of the first of these rows, in letters."""
-    first = rows[0]
-    return TOUCHED_LETTERS[observed.leg[first]] + LEG_NAMES[observed.axis[first]]
-
-
-def _swaps(observed: Observations) -> Iterator[_Hypothesis]:
-    """The two indicators of a leg exchanged: their readings change places, row by row."""
-    for leg, there, words in _where_two_stand(observed):
-        axes = [axis for axis in range(3) if axis != leg]
-        first, second = (there[observed.axis[there] == axis] for axis in axes)
-        if len(first) != len(second) or not len(first):
-            continue
-        if not np.array_equal(observed.displacement_mm[first], observed.displacement_mm[second]):
-            continue
-        value = observed.value_mm.copy()
-        value[first], value[second] = observed.value_mm[second], observed.value_mm[first]
-        rows = np.concatenate([first, second])
-        yield _Hypothesis("gauge_swap", LEG_NAMES[leg], words, rows, value, 1, 0.0)
-
-
-def _where_two_stand(observed: Observations) -> Iterator[tuple[int, IntArray, str]]:
-    """Each leg, and each of its stations where there are several: rows, and the title."""
+def _swaps(observed: Observations) -> Iterator[GrossError]:
+    """The two indicators of a leg exchanged, everywhere or at one of its several stations."""
     for leg in range(3):
         of_leg = np.flatnonzero(observed.leg == leg)
-        yield leg, of_leg, "indicators exchanged"
         stations = np.unique(observed.station[of_leg]).tolist()
+        tried = [(of_leg, "indicators exchanged")]
         for station in stations if len(stations) > 1 else ():
-            at_station = of_leg[observed.station[of_leg] == station]
-            yield leg, at_station, f"indicators exchanged at station {station:g}"
+            there = of_leg[observed.station[of_leg] == station]
+            tried.append((there, f"indicators exchanged at station {station:g}"))
+        axes = [axis for axis in range(3) if axis != leg]
+        for there, words in tried:
+            first, second = (there[observed.axis[there] == axis] for axis in axes)
+            levels = [observed.displacement_mm[rows] for rows in (first, second)]
+            if len(first) and np.array_equal(*levels):
+                value = observed.value_mm.copy()
+                value[first], value[second] = observed.value_mm[second], observed.value_mm[first]
+                rows = np.concatenate([first, second])
+                corrected = replace(observed, value_mm=value)
+                yield GrossError("gauge_swap", LEG_NAMES[leg], words, rows, corrected)
 
 
 class _BaseFit:
@@ -198,47 +286,45 @@ class _BaseFit:
     def __init__(self, model: Model, observed: Observations, tolerance_mm: FloatArray) -> None:
         self._observed = observed
         self._nominal = model.readings(observed)
-        design = reading_matrix(model.geometry, observed)
-        self._design = without_zeros(observed, observed.averaged, design)
+        self._design = self._centred(reading_matrix(model.geometry, observed))
         self._tolerance = tolerance_mm
-        self._floor = self._scatter()
-
-    def _scatter(self) -> float:
-        """Middle variance of the mountings' repeats, mm²: one in wrong units must not count."""
-        repeats = Repeats.of(self._observed)
-        square = repeats.scatter(self._observed.value_mm[:, None])[:, 0] ** 2
-        squares = np.bincount(self._observed.mount, square)
-        free = np.bincount(self._observed.mount, 1.0 - repeats.leverage)
+        repeats = Repeats.of(observed)
+        square = repeats.scatter(observed.value_mm[:, None])[:, 0] ** 2
+        squares = np.bincount(observed.mount, square)
+        free = np.bincount(observed.mount, 1.0 - repeats.leverage)
         judged = free > 0.5
+        # the middle variance of the mountings, mm²: one in wrong units must not count
         middle = float(np.median(squares[judged] / free[judged])) if judged.any() else 0.0
-        return max(middle, 1e-10)
+        self._floor = max(middle, 1e-10)
 
-    def solve(self, value_mm: FloatArray, rows: IntArray | slice) -> FloatArray:
+    def _centred(self, rows: FloatArray) -> FloatArray:
+        return without_zeros(self._observed, self._observed.averaged, rows)
+
+    def _solved(self, residual: FloatArray, rows: IntArray | slice) -> FloatArray:
         """Parameters ``(6,)`` from these rows, with the scatter as weight of the tolerances."""
-        left = without_zeros(self._observed, self._observed.averaged, value_mm - self._nominal)
-        design, left = self._design[rows], left[rows]
+        design = self._design[rows]
         hold = np.diag(self._floor / self._tolerance**2)
-        return np.asarray(np.linalg.solve(design.T @ design + hold, design.T @ left))
+        return np.asarray(np.linalg.solve(design.T @ design + hold, design.T @ residual[rows]))
 
-    def left(self, value_mm: FloatArray) -> float:
-        """Square sum that the fit leaves, tolerances included, mm²."""
-        x = self.solve(value_mm, slice(None))
-        left = without_zeros(self._observed, self._observed.averaged, value_mm - self._nominal)
-        rest = left - self._design @ x
+    def square_sum(self, value_mm: FloatArray) -> float:
+        """What the fit leaves, tolerances included, mm²."""
+        residual = self._centred(value_mm - self._nominal)
+        x = self._solved(residual, slice(None))
+        rest = residual - self._design @ x
         hold = self._floor * float(((x / self._tolerance) ** 2).sum())
         return float((rest**2).sum()) + hold + self._floor
 
-    def slope_fits(self, one: _Hypothesis) -> bool:
+    def slope_fits(self, error: GrossError, slope: float) -> bool:
         """Whether the raw readings follow what the other rows predict with the right slope."""
         observed = self._observed
-        others = np.setdiff1d(np.arange(len(observed)), one.rows)
-        if len(np.unique(observed.mount[others])) < 2 or one.id == "gauge_swap":
+        others = np.setdiff1d(np.arange(len(observed)), error.rows)
+        if len(np.unique(observed.mount[others])) < 2 or error.id == "gauge_swap":
             return True
-        x = self.solve(observed.value_mm, others)
-        predicted = without_zeros(observed, observed.averaged, self._nominal) + self._design @ x
-        measured = without_zeros(observed, observed.averaged, observed.value_mm)
-        p, m = predicted[one.rows], measured[one.rows]
-        if float(p @ p) < 25.0 * self._floor:
+        x = self._solved(self._centred(observed.value_mm - self._nominal), others)
+        predicted = (self._centred(self._nominal) + self._design @ x)[error.rows]
+        measured = self._centred(observed.value_mm)[error.rows]
+        size = float(predicted @ predicted)
+        if size < 25.0 * self._floor:
             return False
-        slope = float(p @ m) / float(p @ p)
-        return 1.0 / SLOPE_FACTOR <= slope / one.slope <= SLOPE_FACTOR
+        found = float(predicted @ measured) / size
+        return 1.0 / SLOPE_FACTOR <= found / slope <= SLOPE_FACTOR

@@ -1,18 +1,32 @@
-"""Who runs in the race: the catalogue at every place, and lone readings that may be wild."""
+"""What may be missing: the catalogue at every place, and lone readings that may be outliers.
+
+What each costs before any reading, and which a procedure cannot tell apart.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.problem import Problem
-from calib.linalg import BLIND
-from calib.observations import LEG_NAMES, TOUCHED_LETTERS, FloatArray, rows_of
-from calib.tripod.effects.candidates import Candidate, candidates_together
-from calib.tripod.effects.effect import Kind, Law
+from calib.diagnosis.outliers import WILD_DISTANCE
+from calib.diagnosis.problem import Case, Problem
+from calib.diagnosis.results import AliasMap, Imitation
+from calib.diagnosis.selection import ALIKE, contained
+from calib.linalg import BLIND, squares_in, without
+from calib.noise.reading import IndicatorFigures
+from calib.observations import (
+    LEG_NAMES,
+    TOUCHED_LETTERS,
+    FloatArray,
+    Observations,
+    numbered,
+    rows_of,
+)
+from calib.tripod.effects.candidates import Candidate, candidates, candidates_together, invisible
+from calib.tripod.effects.effect import EffectParameter, Kind, Law
+from calib.tripod.pipeline import Model
 
 FAR = 30.0
 """A parameter so many times its unremarkable size costs as much as one standard deviation."""
@@ -21,116 +35,128 @@ MOST_LOSS = 200.0
 """What a candidate's own size may cost; a model's sizes together cost without limit."""
 
 ALL = "all"
+SHIFT = EffectParameter("shift", "mm", 1.0)
+
+ALIAS_NOISE_MM = 0.002
+"""Noise beside which effects are compared."""
+
+TOLERANCE_MM = (2.0, 2.0, 2.0, 0.1, 0.1, 0.1)
+"""Of joint offsets and bar lengths."""
 
 
-@dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """A runner in the race: a candidate of the catalogue or a lone wild reading."""
-
-    id: str
-    kind: str
-    title: str
-    where: str
-    columns: FloatArray
-    candidate: Candidate | None
-    names: tuple[tuple[str, str], ...]
-    tolerance: FloatArray
-
-    @property
-    def way(self) -> tuple[str, str, str]:
-        """Name, place and arrangement."""
-        return self.id, self.where, self.candidate.arrangement if self.candidate else "one"
-
-    @property
-    def causes(self) -> int:
-        """How many things are wrong at once: axes, bars, indicators with values of their own."""
-        if self.candidate is None or self.candidate.arrangement != "each":
-            return 1
-        if self.kind == Kind.ENVIRONMENT:
-            return 1
-        if self.kind == Kind.INDICATOR:
-            return len(self.candidate.shares)
-        return 1 + self.where.count(",")
-
-
-def entries_of(problem: Problem, laws: Sequence[Law]) -> list[Hypothesis]:
+def hypotheses_of(problem: Problem, laws: Sequence[Law]) -> list[Candidate]:
     """Every candidate that the sessions can show, stacked over them, and lone wild readings."""
     sessions = [(one.model, one.observed) for one in problem.fitted_sessions]
-    found = [
-        Hypothesis(
-            candidate.id,
-            str(candidate.kind),
-            candidate.title,
-            candidate.where,
-            candidate.columns,
-            candidate,
-            tuple((p.name, p.unit) for p in candidate.parameters),
-            np.array([p.tolerance for p in candidate.parameters]),
-        )
-        for candidate in candidates_together(sessions, laws)
-    ]
-    return [*found, *(_lone_readings(problem) if problem.has_repeats() else ())]
+    lone = _lone_readings(problem) if problem.has_repeats() else []
+    return [*candidates_together(sessions, laws), *lone]
 
 
-def log_priors(problem: Problem, entries: Sequence[Hypothesis]) -> FloatArray:
-    """What each candidate costs in log weight ``(J,)``: to be chosen, and for its size."""
-    sizes = [min(implausible(problem, [entry]), MOST_LOSS) for entry in entries]
-    return np.asarray(chosen(entries) + np.array(sizes))
+def _lone_readings(problem: Problem) -> list[Candidate]:
+    """The first and the last reading of each mounting, where no repeat has judged it.
 
-
-def chosen(entries: Sequence[Hypothesis]) -> FloatArray:
-    """What it costs to choose each ``(J,)``, every cause of it anew, before any reading.
-
-    All effects are equally likely; then whether one part errs or identical parts err alike; then
-    which, and in which arrangement. Variants, such as screws of other leads, count as one.
+    Only one that is farther off than heavy tails reach.
     """
-    simple = {entry.way for entry in entries if entry.causes == 1}
-    ways = Counter((name, where == ALL) for name, where, _ in simple)
-    kinds = Counter(name for name, _ in ways)
-    effects = len({entry.id for entry in entries})
-    choices = [
-        effects * max(kinds[entry.id], 1) * max(ways[entry.id, entry.where == ALL], 1)
-        for entry in entries
-    ]
-    causes = [entry.causes for entry in entries]
-    return np.asarray(np.array(causes) * np.log(np.array(choices, dtype=np.float64)))
-
-
-def implausible(problem: Problem, entries: Sequence[Hypothesis]) -> float:
-    """What candidates lose for the sizes that they would need together, in log weight.
-
-    A normal prior on each parameter, thirty times the unremarkable size wide: a fit that needs more
-    pays, and directions that hardly show are not blown up.
-    """
-    columns = np.hstack([entry.columns * (FAR * entry.tolerance) for entry in entries])
-    white = problem.free(columns)
-    free = problem.y - white @ np.linalg.lstsq(white, problem.y, rcond=BLIND)[0]
-    value = held(white, problem.y)[0]
-    left = problem.y - white @ value
-    loss = 0.5 * (float(left @ left) - float(free @ free) + float(value @ value))
-    return float(max(loss, 0.0))
-
-
-def held(white: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Least squares with a unit normal prior: values ``(k,)`` and what each reading adds."""
-    inverse = np.linalg.solve(white.T @ white + np.eye(white.shape[1]), white.T)
-    return np.asarray(inverse @ y), np.asarray(inverse)
-
-
-def _lone_readings(problem: Problem) -> list[Hypothesis]:
-    """The first and the last reading of each mounting, which repeats alone cannot judge."""
     found = []
     leg, axis = problem.conditions("leg"), problem.conditions("axis")
+    posture = numbered(problem.mount, problem.conditions("level"))
     for rows in rows_of(problem.mount):
         where = TOUCHED_LETTERS[leg[rows[0]]] + LEG_NAMES[axis[rows[0]]]
         for row, word in ((rows[0], "first"), (rows[-1], "last")):
             columns = np.zeros((len(problem.y), 1))
             columns[row, 0] = 1.0
-            title = f"the {word} reading of this mounting is wild"
-            shift = (("shift", "mm"),)
-            found.append(
-                Hypothesis(
-                    "wild_reading", "blunder", title, where, columns, None, shift, np.ones(1)
-                )
-            )
+            off = squares_in(problem.block(columns), problem.y) > WILD_DISTANCE**2
+            if off and np.count_nonzero(posture == posture[row]) == 1:
+                title = f"the {word} reading of this mounting is wild"
+                what = "wild_reading", title, Kind.BLUNDER, where, "one"
+                found.append(Candidate(*what, (SHIFT,), columns))
     return found
+
+
+def causes_of(candidate: Candidate) -> int:
+    """How many things are wrong at once: axes, bars, indicators with values of their own."""
+    if candidate.arrangement != "each" or candidate.kind == Kind.ENVIRONMENT:
+        return 1
+    if candidate.kind == Kind.INDICATOR:
+        return len(candidate.shares)
+    return 1 + candidate.where.count(",")
+
+
+def unremarkable(candidate: Candidate) -> FloatArray:
+    """Sizes of its parameters ``(r,)`` that nobody would remark on."""
+    return np.array([parameter.tolerance for parameter in candidate.parameters])
+
+
+def log_priors(problem: Problem, candidates: Sequence[Candidate]) -> FloatArray:
+    """What each candidate costs in log weight ``(J,)``: to be chosen, and for its size."""
+    sizes = [min(implausible(problem, [one]), MOST_LOSS) for one in candidates]
+    return np.asarray(log_choices(candidates) + np.array(sizes))
+
+
+def log_choices(candidates: Sequence[Candidate]) -> FloatArray:
+    """What it costs to choose each ``(J,)``, every cause of it anew, before any reading.
+
+    All effects are equally likely; then whether one part errs or identical parts err alike; then
+    which, and in which arrangement. Variants, such as screws of other leads, count as one.
+    """
+    causes = [causes_of(one) for one in candidates]
+    simple = {
+        (one.id, one.where, one.arrangement)
+        for one, count in zip(candidates, causes, strict=True)
+        if count == 1
+    }
+    ways = Counter((name, where == ALL) for name, where, _ in simple)
+    kinds = Counter(name for name, _ in ways)
+    effects = len({one.id for one in candidates})
+    choices = [
+        effects * max(kinds[one.id], 1) * max(ways[one.id, one.where == ALL], 1)
+        for one in candidates
+    ]
+    return np.asarray(np.array(causes) * np.log(np.array(choices, dtype=np.float64)))
+
+
+def implausible(problem: Problem, candidates: Sequence[Candidate]) -> float:
+    """What candidates lose for the sizes that they would need together, in log weight.
+
+    A normal prior on each parameter, thirty times the unremarkable size wide: a fit that needs more
+    pays, and directions that hardly show are not inflated.
+    """
+    white = problem.free(np.hstack([one.columns * (FAR * unremarkable(one)) for one in candidates]))
+    free = problem.y - white @ np.linalg.lstsq(white, problem.y, rcond=BLIND)[0]
+    value = prior_constrained(white, problem.y)
+    residual = problem.y - white @ value
+    loss = 0.5 * (float(residual @ residual) - float(free @ free) + float(value @ value))
+    return float(max(loss, 0.0))
+
+
+def prior_constrained(white: FloatArray, y: FloatArray) -> FloatArray:
+    """Least squares ``(k,)`` with a unit normal prior on each value."""
+    inverse = np.linalg.solve(white.T @ white + np.eye(white.shape[1]), white.T)
+    return np.asarray(inverse @ y)
+
+
+def alias_map(model: Model, taken: Observations, laws: Sequence[Law]) -> AliasMap:
+    """Compare every effect in its smallest places with every other; base parameters are free.
+
+    ``taken`` holds the readings of a procedure; their values do not matter.
+    """
+    figures = IndicatorFigures(repeatability_mm=ALIAS_NOISE_MM)
+    session = Case(model, taken, figures, np.array(TOLERANCE_MM)).fitted()
+    problem = Problem.of([session])
+    compared = [c for c in candidates(model, session.observed, laws) if c.arrangement != "each"]
+    blocks = [problem.block(c.columns) for c in compared]
+    found = []
+    for i, first in enumerate(compared):
+        for j, second in enumerate(compared):
+            if first.id == second.id or not blocks[i].shape[1]:
+                continue
+            share = contained(blocks[i], blocks[j])
+            if share > ALIKE:
+                column = problem.free(first.columns @ unremarkable(first))
+                rest = float((without(blocks[j], column) ** 2).sum())
+                pair = (first.id, first.where), (second.id, second.where)
+                found.append(Imitation(*pair, share, rest))
+    return AliasMap(
+        tuple(dict.fromkeys((c.id, c.where) for c in compared)),
+        tuple(found),
+        invisible(model, session.observed, laws),
+    )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from calib.observations import TOUCHED_NAMES, FloatArray, Observations
 
 REACH = 1.5
-"""A wild reading may lie anywhere, up to so many times as far from its place as it does."""
+"""An outlier may lie anywhere, up to so many times as far from its place as it does."""
 
 EVEN = 10.0
 """So much likelier is a wrong label where changing it makes an uneven session even, and so much
@@ -34,43 +34,51 @@ class Label:
     words: str
 
 
-def own_label(observed: Observations, row: int) -> Label:
-    """Where this reading is written down."""
-    return Label(int(observed.mount[row]), int(observed.level[row]), "")
-
-
 def other_labels(observed: Observations, row: int) -> Iterator[Label]:
     """The other postures of its mounting, and the same posture under the other leg."""
-    own = own_label(observed, row)
-    for posture in np.unique(observed.level[observed.mount == own.mount]).tolist():
-        if posture != own.posture:
+    own, level = int(observed.mount[row]), int(observed.level[row])
+    for posture in np.unique(observed.level[observed.mount == own]).tolist():
+        if posture != level:
             words = observed.posture_words(_first(observed.level == posture))
-            yield Label(own.mount, posture, words)
+            yield Label(own, posture, words)
     there = (observed.axis == observed.axis[row]) & (observed.leg != observed.leg[row])
     there &= observed.station == observed.station[row]
     for mount in np.unique(observed.mount[there]).tolist():
         leg = TOUCHED_NAMES[observed.leg[observed.mount == mount][0]].upper()
-        yield Label(mount, own.posture, f"leg {leg}")
+        yield Label(mount, level, f"leg {leg}")
+
+
+def _middles(observed: Observations, row: int) -> tuple[float, list[tuple[Label, float]]]:
+    """Medians of the other readings, mm, at home and under each other label; inf without any."""
+
+    def middle(mount: int, posture: int) -> float:
+        there = (observed.mount == mount) & (observed.level == posture)
+        there[row] = False
+        return float(np.median(observed.value_mm[there])) if there.any() else math.inf
+
+    others = [(one, middle(one.mount, one.posture)) for one in other_labels(observed, row)]
+    return middle(observed.mount[row], observed.level[row]), others
 
 
 def nearer_labels(observed: Observations, row: int) -> list[Label]:
     """Those whose other readings are less than half as far from this one as its own are."""
-    half = _off(observed, row, own_label(observed, row)) / 2.0
-    return [one for one in other_labels(observed, row) if _off(observed, row, one) < half]
+    value = float(observed.value_mm[row])
+    home, others = _middles(observed, row)
+    half = abs(value - home) / 2.0
+    return [label for label, middle in others if abs(value - middle) < half]
 
 
 def labels_within_reach(observed: Observations, row: int) -> int:
-    """How many a wild reading might have landed at by accident; at least one."""
-    home = _middle(observed, row, own_label(observed, row))
+    """How many an outlier might have landed at by accident; at least one."""
+    home, others = _middles(observed, row)
+    if math.isinf(home):
+        return max(sum(math.isfinite(middle) for _, middle in others), 1)
     reach = REACH * abs(float(observed.value_mm[row]) - home)
-    middles = [_middle(observed, row, one) for one in other_labels(observed, row)]
-    if math.isinf(reach):
-        return max(sum(math.isfinite(middle) for middle in middles), 1)
-    return max(sum(abs(middle - home) < reach for middle in middles), 1)
+    return max(sum(abs(middle - home) < reach for _, middle in others), 1)
 
 
 def odds_of_label(far: float, fit: float, labels: int, evened: float) -> float:
-    """Odds of a wrong label against a wild reading that fits by accident.
+    """Odds of a wrong label against an outlier that fits by accident.
 
     ``far`` is its distance from where it is written down, ``fit`` from the new place, both in
     standard deviations; ``labels`` how many such fits there might be; ``evened`` is +1, 0
@@ -93,18 +101,6 @@ def _unevenness(observed: Observations) -> float:
     return float(np.abs(count - np.median(count, axis=0)).sum())
 
 
-def _off(observed: Observations, row: int, label: Label) -> float:
-    """How far the reading is from the middle of others there, mm; without others endless."""
-    return abs(float(observed.value_mm[row]) - _middle(observed, row, label))
-
-
-def _middle(observed: Observations, row: int, label: Label) -> float:
-    """Median of the other readings under this label, mm; endless where there is none."""
-    there = (observed.mount == label.mount) & (observed.level == label.posture)
-    there[row] = False
-    return float(np.median(observed.value_mm[there])) if there.any() else math.inf
-
-
 def relabelled(observed: Observations, row: int, label: Label) -> Observations:
     """The session with one row under another label, and the approaches that this makes.
 
@@ -112,26 +108,20 @@ def relabelled(observed: Observations, row: int, label: Label) -> Observations:
     """
     model = _first(observed.mount == label.mount)
     there = _first(observed.level == label.posture)
-    arrays = {
-        name: getattr(observed, name).copy() for name in ("leg", "station", "indicator", "mount")
-    }
-    for array in arrays.values():
-        array[row] = array[model]
-    for name in ("displacement_mm", "position_mm", "movement"):
-        arrays[name] = getattr(observed, name).copy()
-        arrays[name][row] = arrays[name][there]
+    of_mount = ("leg", "station", "indicator", "mount")
+    of_level = ("displacement_mm", "position_mm", "movement")
+    arrays = {}
+    for source, names in ((model, of_mount), (there, of_level)):
+        for name in names:
+            arrays[name] = getattr(observed, name).copy()
+            arrays[name][row] = arrays[name][source]
     moved = replace(observed, **arrays)
-    return _retraced(observed, moved)
+    old, new = _traced(observed), _traced(moved)
+    return replace(moved, approach=np.where(new != old, new, observed.approach))
 
 
 def _first(rows: NDArray[np.bool_]) -> int:
     return int(np.flatnonzero(rows)[0])
-
-
-def _retraced(before: Observations, after: Observations) -> Observations:
-    """Approaches are changed only where the labels make them different."""
-    old, new = _traced(before), _traced(after)
-    return replace(after, approach=np.where(new != old, new, before.approach))
 
 
 def _traced(observed: Observations) -> FloatArray:

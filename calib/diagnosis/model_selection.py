@@ -1,17 +1,41 @@
-"""The race of the candidates: one step after the other, each judged against pure noise."""
+"""Which candidates are named: one step after the other, each judged against pure noise.
+
+What is kept is then fitted through the nonlinear simulation.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from calib.diagnosis.hypotheses import (
+    FAR,
+    causes_of,
+    implausible,
+    log_priors,
+    prior_constrained,
+    unremarkable,
+)
 from calib.diagnosis.problem import Problem
-from calib.diagnosis.scan import Null, Reference, gap_p_value, null_scores, scores
-from calib.diagnosis.selection import Search, WeighedModel, credible_set, foremost, heaviest_first
-from calib.linalg import NEW_DIRECTION, new_directions, rank_of, squares_in, union, without
+from calib.diagnosis.results import Gap, Value
+from calib.diagnosis.selection import (
+    Search,
+    WeighedModel,
+    credible_set,
+    foremost,
+    global_p_value,
+    heaviest_first,
+    null_scores,
+    scores,
+)
+from calib.errors import NotIdentifiable
+from calib.linalg import NEW_DIRECTION, new_directions, onto, rank_of, squares_in, without
 from calib.observations import FloatArray
+from calib.tripod.effects.candidates import Candidate
+from calib.tripod.effects.effect import EffectInstance
 
 LEVEL = 0.01
 """Chance of a gap or an agreement called wrongly."""
@@ -23,18 +47,23 @@ MOST_EFFECTS = 3
 MOST_LOOKED_AT = 100
 """Models of one size whose sizes are judged together, at most."""
 
-OUT_OF_THE_RACE = 10.0
+OUT_OF_REACH = 10.0
 """Log weight behind the best from where a model counts for nothing."""
 
 SECOND_LOOK = 3
+CORRECTIONS = 2
+
+Sizes = dict[int, tuple[tuple[Value, ...], tuple[EffectInstance, ...]]]
+"""Parameters of each candidate, and the effects that they make."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Which models explain the gap. ``kept`` is the best one, empty where nothing may be named.
+    """Which models explain the gap. ``kept`` is the best one, None where nothing may be named.
 
     ``models`` is the 95 % set around it; ``step_p`` the global p-value of each effect kept;
-    ``adequate`` tells whether what is left agrees with the noise.
+    ``local_log_p`` ``(J,)`` the log p-value of each candidate alone; ``adequate`` tells whether the
+    residual agrees with the noise.
     """
 
     kept: WeighedModel | None
@@ -43,72 +72,83 @@ class Outcome:
     step_p: tuple[float, ...]
     local_log_p: FloatArray
     adequate: bool
-    gap_before: tuple[float, int, float]
-    gap_after: tuple[float, int, float]
+
+    @property
+    def members(self) -> tuple[int, ...]:
+        """Candidates of the model that was kept."""
+        return self.kept.members if self.kept else ()
 
 
 @dataclass(eq=False)
 class ModelSelection:
-    """Candidates as blocks ``(n, r)`` over one problem; ``log_priors``, ``causes`` as in `Search`.
+    """Candidates as blocks ``(n, r)`` over one problem, and their log priors ``(J,)``.
 
-    ``loss`` tells what members together lose for the sizes they need (`entries.implausible`).
+    Which of them explain the readings, and of which sizes they are then.
     """
 
     problem: Problem
-    blocks: tuple[FloatArray, ...]
+    candidates: Sequence[Candidate]
+    blocks: Sequence[FloatArray]
     log_priors: FloatArray
-    causes: tuple[int, ...]
-    seed: int
-    loss: Callable[[tuple[int, ...]], float] = lambda _: 0.0
-    nulls: dict[tuple[tuple[int, ...], bool], Null] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._nulls: dict[tuple[tuple[int, ...], bool], FloatArray] = {}
+        self._refined: dict[tuple[int, ...], tuple[Sizes, FloatArray]] = {}
+
+    @classmethod
+    def of(cls, problem: Problem, candidates: Sequence[Candidate]) -> ModelSelection:
+        """Among those candidates that show at all."""
+        blocks = [problem.block(one.columns) for one in candidates]
+        shown = [k for k, block in enumerate(blocks) if block.shape[1]]
+        some = [candidates[k] for k in shown]
+        return cls(problem, some, [blocks[k] for k in shown], log_priors(problem, some))
+
+    @cached_property
+    def search(self) -> Search:
+        """Sets of candidates, weighed."""
+        return Search(self.problem.y, self.blocks, self.problem.spread, self.log_priors)
 
     def run(self) -> Outcome:
         """Name what can be named."""
-        search = Search(
-            self.problem.y, self.blocks, self.problem.spread, self.log_priors, self.causes
-        )
-        singles = search.singles()
-        before = self.gap(())
+        singles = self.search.singles()
         by_cells = self.problem.noise_df <= 0.0
         first_p, local = self.step((), by_cells=by_cells)
-        if first_p > NAMING_LEVEL:
-            return self._nothing(singles, (first_p,), local, before)
-        chosen, weighed, steps = self._grow(search, singles, first_p, by_cells)
-        after = self.gap(chosen.members)
-        adequate = after[2] > LEVEL
-        if not adequate and not by_cells:
-            kept, held, p = self._only_what_stands_out(search, singles, chosen, weighed)
-            after = self.gap(kept.members) if kept else before
-            adequate = after[2] > LEVEL
-            return Outcome(kept, tuple(held), tuple(singles), p, local, adequate, before, after)
-        models = tuple(credible_set(weighed))
-        return Outcome(chosen, models, tuple(singles), steps, local, adequate, before, after)
+        chosen: WeighedModel | None = None
+        models: list[WeighedModel] = []
+        steps = [first_p]
+        if first_p <= NAMING_LEVEL:
+            chosen, weighed = self._grow(singles, steps, by_cells=by_cells)
+            models = credible_set(weighed)
+            if not by_cells and not self.leaves_no_gap(chosen.members):
+                chosen, models, steps = self._only_what_stands_out(singles, chosen, weighed)
+        adequate = self.leaves_no_gap(chosen.members if chosen else ())
+        return Outcome(chosen, tuple(models), tuple(singles), tuple(steps), local, adequate)
 
     def _grow(
-        self, search: Search, singles: Sequence[WeighedModel], first_p: float, by_cells: bool
-    ) -> tuple[WeighedModel, list[WeighedModel], tuple[float, ...]]:
+        self, singles: Sequence[WeighedModel], steps: list[float], *, by_cells: bool
+    ) -> tuple[WeighedModel, list[WeighedModel]]:
         """The smallest number of causes whose best model leaves nothing that stands out."""
-        sizes = search.by_causes(singles, MOST_EFFECTS)
+        causes = [causes_of(one) for one in self.candidates]
+        sizes = self.search.by_causes(singles, causes, MOST_EFFECTS)
         everything = self._paid(next(sizes))
         best = foremost(everything or singles)
-        steps = [first_p]
         for larger in sizes:
             p, _ = self.step(best.members, by_cells=by_cells)
-            enough = p > NAMING_LEVEL and (by_cells or self.gap(best.members)[2] > LEVEL)
+            enough = p > NAMING_LEVEL and (by_cells or self.leaves_no_gap(best.members))
             if enough or not larger:
                 break
             larger = self._paid(larger)
             everything = [*everything, *larger]
             best = foremost(larger)
             steps.append(p)
-        return best, everything, tuple(steps)
+        return best, everything
 
     def _paid(self, models: Sequence[WeighedModel]) -> list[WeighedModel]:
         """Less what they lose for their sizes together; without those far behind."""
         found: list[WeighedModel] = []
         for model in heaviest_first(models)[:MOST_LOOKED_AT]:
             best = max((m.log_weight for m in found), default=-np.inf)
-            if model.log_weight < best - OUT_OF_THE_RACE:
+            if model.log_weight < best - OUT_OF_REACH:
                 break
             weight = model.log_weight - self.far_together(model.members)
             found.append(replace(model, log_weight=weight))
@@ -118,111 +158,136 @@ class ModelSelection:
         """Log weight lost for sizes that only the sizes of the others call for."""
         if len(members) < 2:
             return 0.0
-        return max(self.loss(members) - sum(self.loss((k,)) for k in members), 0.0)
+        candidates = [self.candidates[k] for k in members]
+        alone = sum(implausible(self.problem, [one]) for one in candidates)
+        return max(implausible(self.problem, candidates) - alone, 0.0)
 
     def _only_what_stands_out(
         self,
-        search: Search,
         singles: Sequence[WeighedModel],
         best: WeighedModel,
         weighed: Sequence[WeighedModel],
-    ) -> tuple[WeighedModel | None, list[WeighedModel], tuple[float, ...]]:
+    ) -> tuple[WeighedModel | None, list[WeighedModel], list[float]]:
         """Where a gap remains the noise of repeats proves nothing: judge by what the cells leave.
 
         Errors that stay with a posture would otherwise be named after whatever resembles them.
         One is added after the other; a heavier model of the whole search goes before, if all of
         it stands out.
         """
-        kept, held, steps = self._one_after_the_other(search, singles, best)
+        kept: WeighedModel | None = None
+        steps: list[float] = []
+        for _ in best.members:
+            members = kept.members if kept else ()
+            p, _ = self.step(members, by_cells=True)
+            if p > NAMING_LEVEL:
+                break
+            kept = heaviest_first(self._paid(self.search.larger(members)))[0]
+            steps.append(p)
         for model in heaviest_first(weighed)[:SECOND_LOOK]:
             if kept and heaviest_first([kept, model])[0] is kept:
                 break
             others = [tuple(k for k in model.members if k != m) for m in model.members]
-            apart = tuple(self.step(each, by_cells=True)[0] for each in others)
-            if max(apart) <= NAMING_LEVEL:
-                return model, credible_set([model]), tuple(sorted(apart))
-        return kept, held, steps
-
-    def _one_after_the_other(
-        self, search: Search, singles: Sequence[WeighedModel], best: WeighedModel
-    ) -> tuple[WeighedModel | None, list[WeighedModel], tuple[float, ...]]:
-        kept: tuple[int, ...] = ()
-        steps: list[float] = []
-        model = best
-        for _ in range(len(best.members)):
-            p, _ = self.step(kept, by_cells=True)
-            if p > NAMING_LEVEL:
-                break
-            model = heaviest_first(self._paid(search.beside(kept)))[0]
-            kept = model.members
-            steps.append(p)
-        if not kept:
-            return None, [], tuple(steps)
-        rivals = [m for m in singles if len(kept) == 1] or [model]
-        return model, credible_set(rivals), tuple(steps)
+            apart = sorted(self.step(each, by_cells=True)[0] for each in others)
+            if apart[-1] <= NAMING_LEVEL:
+                return model, [model], apart
+        if kept is None:
+            return None, [], steps
+        rivals = singles if len(kept.members) == 1 else [kept]
+        return kept, credible_set(rivals), steps
 
     def step(self, kept: tuple[int, ...], *, by_cells: bool) -> tuple[float, FloatArray]:
         """Global p-value of the best further candidate, and the local log p of each ``(J,)``."""
-        blocks, y = self.beside(kept)
-        reference = Reference(self._noise_df(), self._structure_df(kept), by_cells=by_cells)
-        width = [block.shape[1] for block in blocks]
-        squares = np.array([squares_in(b, y) for b in blocks])[:, None]
+        blocks, y = self.given(kept)
+        noise_df = None if by_cells else self.problem.noise_df
+        df = self._structure_df(kept)
+        present = [k for k, block in enumerate(blocks) if block.shape[1]]
+        shown = [blocks[k] for k in present]
+        local = np.zeros(len(blocks))
+        if not present:
+            return 1.0, local
+        squares = np.array([squares_in(b, y) for b in shown])[:, None]
         total = np.array([self.problem.gap(y)])
         if by_cells:
             squares = np.minimum(squares, total)
-        present = [k for k, w in enumerate(width) if w]
-        local = np.zeros(len(blocks))
-        local[present] = scores(squares[present], [width[k] for k in present], reference, total)[
-            :, 0
-        ]
-        if not present:
-            return 1.0, local
+        ranks = [block.shape[1] for block in shown]
+        local[present] = scores(squares, ranks, noise_df, df, total)[:, 0]
         key = kept, by_cells
-        if key not in self.nulls:
+        if key not in self._nulls:  # a step is asked for several times, its draws take longest
             deviation = self.problem.unevenness()
-            shown = [blocks[k] for k in present]
-            self.nulls[key] = null_scores(shown, reference, self.seed, deviation)
-        return self.nulls[key].p_value(float(local.min())), local
+            self._nulls[key] = null_scores(shown, noise_df, df, deviation)
+        return global_p_value(float(local.min()), self._nulls[key]), local
 
-    def beside(self, kept: tuple[int, ...]) -> tuple[list[FloatArray], FloatArray]:
+    def given(self, kept: tuple[int, ...]) -> tuple[list[FloatArray], FloatArray]:
         """The blocks and the vector with the kept candidates projected out."""
         if not kept:
             return list(self.blocks), self.problem.y
-        basis = self.basis(kept)
+        basis = self.search.basis(kept)
         blocks = [
             new_directions(basis, block) if k not in kept else block[:, :0]
             for k, block in enumerate(self.blocks)
         ]
         return blocks, without(basis, self.problem.y)
 
-    def basis(self, members: tuple[int, ...]) -> FloatArray:
-        """Orthonormal basis ``(n, r)`` of candidates together."""
-        nothing = np.zeros((len(self.problem.y), 0))
-        return union([self.blocks[k] for k in members]) if members else nothing
+    def gap(self, kept: tuple[int, ...]) -> Gap:
+        """What a model leaves beyond the scatter of repeats."""
+        residual, df = self.residual(kept), self._structure_df(kept)
+        gap = self.problem.gap(residual)
+        rms_mm = self.problem.gap_rms_mm(residual)
+        return Gap(rms_mm, gap, df, self.problem.gap_p_value(gap, df))
 
-    def gap(self, kept: tuple[int, ...]) -> tuple[float, int, float]:
-        """What a model leaves beyond the scatter of repeats: square sum, freedom, p-value."""
-        y = self.left(kept)
-        gap, df = self.problem.gap(y), self._structure_df(kept)
-        return gap, df, gap_p_value(gap, df, self.problem.noise_df)
+    def leaves_no_gap(self, kept: tuple[int, ...]) -> bool:
+        """Whether the residual agrees with the noise."""
+        return self.gap(kept).p_value > LEVEL
 
-    def left(self, kept: tuple[int, ...]) -> FloatArray:
-        """What a model leaves ``(n,)``."""
-        return without(self.basis(kept), self.problem.y)
+    def residual(self, kept: tuple[int, ...]) -> FloatArray:
+        """What a model leaves ``(n,)``, whitened."""
+        return without(self.search.basis(kept), self.problem.y)
 
     def _structure_df(self, kept: tuple[int, ...]) -> int:
-        inside = self.problem.structure.T @ self.basis(kept)
+        inside = self.problem.structure.T @ self.search.basis(kept)
         return max(self.problem.structure_df - rank_of(inside, NEW_DIRECTION, 1.0), 0)
 
-    def _noise_df(self) -> float:
-        return self.problem.noise_df if self.problem.noise_df > 0.0 else float("inf")
+    def refined(self, members: tuple[int, ...]) -> tuple[Sizes, FloatArray]:
+        """`values` through the nonlinear simulation: effects in, base fitted anew, corrected.
 
-    def _nothing(
-        self,
-        singles: Sequence[WeighedModel],
-        steps: tuple[float, ...],
-        local: FloatArray,
-        before: tuple[float, int, float],
-    ) -> Outcome:
-        adequate = before[2] > LEVEL
-        return Outcome(None, (), tuple(singles), steps, local, adequate, before, before)
+        With them ``y`` ``(n,)`` as a machine would leave it that follows its derivatives so far.
+        """
+        if members in self._refined:
+            return self._refined[members]
+        problem = self.problem
+        found, y = self.values(members), problem.y
+        for _ in range(CORRECTIONS):
+            linear_mm = np.zeros_like(problem.y)
+            for k, (parameters, effects) in found.items():
+                if effects:
+                    values = np.array([v.value for v in parameters])
+                    linear_mm += self.candidates[k].columns @ values
+            adopted = tuple(effect for _, each in found.values() for effect in each)
+            try:
+                y = problem.adopting(adopted).y + problem.free(linear_mm)
+            except NotIdentifiable:
+                y = problem.y
+                break
+            beyond = onto(self.search.basis(members), y - problem.y)
+            found = self.values(members, problem.y + beyond)
+        self._refined[members] = found, y
+        return found, y
+
+    def values(self, members: tuple[int, ...], y: FloatArray | None = None) -> Sizes:
+        """Parameters of these candidates fitted together, base parameters and zeros free."""
+        candidates = [self.candidates[k] for k in members]
+        size = FAR * np.concatenate([unremarkable(one) for one in candidates])
+        free = self.problem.free(np.hstack([one.columns for one in candidates]) * size)
+        value = prior_constrained(free, self.problem.y if y is None else y) * size
+        spread = np.sqrt(np.linalg.inv(free.T @ free + np.eye(len(size))).diagonal()) * size
+        found: Sizes = {}
+        start = 0
+        for k, one in zip(members, candidates, strict=True):
+            rows = slice(start, start + len(one.parameters))
+            start = rows.stop
+            parameters = tuple(
+                Value(parameter.name, float(v), float(u), parameter.unit)
+                for parameter, v, u in zip(one.parameters, value[rows], spread[rows], strict=True)
+            )
+            found[k] = parameters, one.effects(value[rows])
+        return found

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from calib.diagnosis.attribution import Attribution
-from calib.diagnosis.fitting import Fitting
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.results import Named, NextMeasurement, Verdict
-from calib.diagnosis.selection import LOG_UNIT, WeighedModel
+from calib.diagnosis.selection import LOG_UNIT
 from calib.diagnosis.separating import Added, Explanation, Judge, Name, Preparation
 from calib.observations import LEG_NAMES, TOOL, FloatArray
 from calib.ties import descending
@@ -40,109 +39,84 @@ MOST_NAMES = 6
 MOST_VARIANTS = 3
 LIKELY = 4.0
 """Log weight that a variant of a name may lose to its best one and still count."""
+
 LEAST_SHARE = 0.1
+"""Weight that the least likely name still has beside the best one."""
+
 SHOWS = 1.0
 """Names that no option separates by so many noise variances are one thing in other words."""
 MATTERS_OF_LOAD = "gravity_sag"
 
 
-def propose(
-    verdict: Verdict, kept: WeighedModel | None, naming: Attribution, fitting: Fitting
-) -> NextMeasurement | None:
+def propose(verdict: Verdict, attribution: Attribution) -> NextMeasurement | None:
     """The measurement that separates the strongest effect that stayed ambiguous, if any does."""
-    of_tool = any(TOOL in one.observed.leg for one in fitting.problem.fitted_sessions)
-    if verdict == "cannot-tell" and fitting.problem.noise_df <= 0.0:
+    problem = attribution.problem
+    of_tool = any(TOOL in one.observed.leg for one in problem.fitted_sessions)
+    if verdict == "cannot-tell" and problem.noise_df <= 0.0:
         return replace(REPEATS_FIRST, protocol="plate-rings") if of_tool else REPEATS_FIRST
     if verdict not in ("ambiguous", "cannot-tell"):
         return None
     if of_tool:
         return MORE_POSITIONS
-    if kept is None:
+    doubtful = [k for k in attribution.by_evidence() if attribution.rivals[k]]
+    if not doubtful:
         return MORE_PLACES
-    doubtful = _doubtful(kept, naming)
-    proposals = (_Pairing(fitting, naming, kept, *each).proposal() for each in doubtful)
-    return next((one for one in proposals if one), None) if doubtful else MORE_PLACES
+    proposals = (_Pairing(attribution, k).proposal() for k in doubtful)
+    return next((one for one in proposals if one), None)
 
 
-def _doubtful(kept: WeighedModel, naming: Attribution) -> list[tuple[int, tuple[Named, ...]]]:
-    """Effects with rivals, the strongest first."""
-    found = [(member, naming.rivals(kept, member)) for member in naming.by_evidence(kept)]
-    return [(member, rivals) for member, rivals in found if rivals]
-
-
-@dataclass(frozen=True, eq=False)
 class _Pairing:
     """One effect that was kept, and the names that fit as well in its place."""
 
-    fitting: Fitting
-    naming: Attribution
-    kept: WeighedModel
-    member: int
-    rivals: tuple[Named, ...]
+    def __init__(self, attribution: Attribution, member: int) -> None:
+        self._attribution, self._member = attribution, member
+        self._candidates = attribution.candidates
+        members = attribution.outcome.members
+        self._given = tuple(k for k in members if k != member and self._candidates[k].shares)
+        singles = attribution.outcome.singles
+        self._weight = {m.members[0]: m.log_weight for m in singles}
 
     def proposal(self) -> NextMeasurement | None:
         """What separates them; None where nothing does, or where a name is a lone reading."""
-        named = self._named(self.member)
-        entries = [self._variants(name) for name in (named, *self._likeliest())]
-        entries = [each for each in entries if each]
-        if len(entries) < 2 or named != self._named(entries[0][0]):
+        named = self._attribution.named(self._member)
+        variants = [self._variants(name) for name in (named, *self._likeliest())]
+        variants = [each for each in variants if each]
+        if len(variants) < 2 or named != self._attribution.named(variants[0][0]):
             return None
+        tried = (*self._given, *(k for each in variants for k in each))
+        weights = np.array([max(self._weight[k] for k in each) for each in variants])
         added, apart = best_addition(
-            self.fitting.problem,
-            [[self._explanation(k, self._beside()) for k in each] for each in entries],
-            self._shares(entries),
-            [self._explanation(k, (self.member,)) for k in self._beside()],
-            load_tells=any(
-                self.fitting.entries[k].id == MATTERS_OF_LOAD
-                for k in (*self._beside(), *(k for each in entries for k in each))
-            ),
+            self._attribution.problem,
+            [[self._explanation(k, self._given) for k in each] for each in variants],
+            np.maximum(np.exp(weights - weights.max()), LEAST_SHARE),
+            [self._explanation(k, (self._member,)) for k in self._given],
+            load_tells=any(self._candidates[k].id == MATTERS_OF_LOAD for k in tried),
         )
-        return _proposal(added, [self._named(each[0]) for each in entries], apart)
-
-    def _named(self, k: int) -> Named:
-        return Named(self.fitting.entries[k].id, self.fitting.entries[k].where)
-
-    def _beside(self) -> tuple[int, ...]:
-        """The other effects that are kept."""
-        others = (k for k in self.kept.members if k != self.member)
-        return tuple(k for k in others if self.fitting.entries[k].candidate)
-
-    def _weight(self, k: int) -> float:
-        """How well an entry does in the place of the member."""
-        search = self.naming.outcome.singles
-        return next(m.log_weight for m in search if m.members[0] == k)
+        return _proposal(added, [self._attribution.named(each[0]) for each in variants], apart)
 
     def _likeliest(self) -> list[Named]:
         """Rivals, the best first."""
-        best = {name: max(self._weight(k) for k in self._entries(name)) for name in self.rivals}
-        return descending(self.rivals, best.__getitem__, LOG_UNIT)[: MOST_NAMES - 1]
+        rivals = self._attribution.rivals[self._member]
+        best = {name: max(self._weight[k] for k in self._of_name(name)) for name in rivals}
+        return descending(rivals, best.__getitem__, LOG_UNIT)[: MOST_NAMES - 1]
 
-    def _entries(self, name: Named) -> list[int]:
-        return [k for k in range(len(self.fitting.entries)) if self._named(k) == name]
+    def _of_name(self, name: Named) -> list[int]:
+        return [k for k in range(len(self._candidates)) if self._attribution.named(k) == name]
 
     def _variants(self, name: Named) -> list[int]:
-        """Entries of a name that fit about as well as its best, such as screws of other leads."""
+        """Candidates of a name that fit about as well as its best, as screws of other leads."""
         found = [
-            k
-            for k in self._entries(name)
-            if self.fitting.entries[k].candidate and k not in self._beside()
+            k for k in self._of_name(name) if self._candidates[k].shares and k not in self._given
         ]
-        found = sorted(descending(found, self._weight, LOG_UNIT), key=lambda k: k != self.member)
-        best = max(map(self._weight, found), default=0.0)
-        near = [k for k in found if k == self.member or self._weight(k) > best - LIKELY]
-        return near[:MOST_VARIANTS]
+        found = descending(found, self._weight.__getitem__, LOG_UNIT)
+        best = self._weight[found[0]] if found else 0.0
+        near = [k for k in found if k == self._member or self._weight[k] > best - LIKELY]
+        return sorted(near, key=lambda k: k != self._member)[:MOST_VARIANTS]
 
-    def _shares(self, entries: Sequence[Sequence[int]]) -> FloatArray:
-        """Weight of each name beside the best one; the least likely still count a little."""
-        weights = np.array([max(map(self._weight, each)) for each in entries])
-        return np.asarray(np.maximum(np.exp(weights - weights.max()), LEAST_SHARE))
-
-    def _explanation(self, k: int, beside: tuple[int, ...]) -> Explanation:
-        """An entry with the values that it has beside the effects that are kept."""
-        candidate = self.fitting.entries[k].candidate
-        assert candidate is not None
-        parameters = self.fitting.values((k, *beside))[k][0]
-        return Explanation(candidate, np.array([v.value for v in parameters]))
+    def _explanation(self, k: int, given: tuple[int, ...]) -> Explanation:
+        """A candidate with the values that it has given the effects that are kept."""
+        parameters = self._attribution.selection.values((k, *given))[k][0]
+        return Explanation(self._candidates[k], np.array([v.value for v in parameters]))
 
 
 def _proposal(added: Added, names: Sequence[Named], apart: FloatArray) -> NextMeasurement | None:
@@ -169,27 +143,29 @@ def _proposal(added: Added, names: Sequence[Named], apart: FloatArray) -> NextMe
 
 def _procedure_text(added: Added) -> str:
     levels = ", ".join(['"zero"', *(f"{level:.1f}" for level in added.levels_mm)])
-    before = f"First {added.preparation.words}." if added.preparation.words else ""
+    legs = ", ".join(f'"{leg}"' for leg in added.legs)
+    words = added.preparation.words
     return (
         'schema = "glidecal.procedure/1"\n'
         f'name = "next-{"".join(added.legs)}"\n'
         'title = "The measurement that separates what stayed ambiguous"\n'
-        + (f'description = "{before}"\n' if before else "")
-        + f"legs = {_listed(added.legs)}\n"
+        + (f'description = "First {words}."\n' if words else "")
+        + f"legs = [{legs}]\n"
         f"stations = [{', '.join(map(str, added.stations))}]\n"
         "cycles = 3\n"
         f"levels = [{levels}]\n"
     )
 
 
-def _listed(names: Sequence[str]) -> str:
-    return "[" + ", ".join(f'"{name}"' for name in names) + "]"
-
-
 STATION_SETS = ((0.5,), (0.3,), (0.7,), (0.3, 0.7))
-LEVELS = (0.25, 0.55, 0.85, 1.0)
-BOTH_SIDES = (0.4, 1.0, 0.4, -0.4, -1.0, -0.4)
-UNEVEN = (0.35, 1.0, 0.7, 0.35, 0.0, -0.37, -0.7, -1.0, -0.7, -0.37)
+LEVEL_SETS = (
+    (0.25, 0.55, 0.85, 1.0),
+    (-0.25, -0.55, -0.85, -1.0),
+    (0.4, 1.0, 0.4, -0.4, -1.0, -0.4),
+    (0.35, 1.0, 0.7, 0.35, 0.0, -0.37, -0.7, -1.0, -0.7, -0.37),
+)
+"""Displacements as parts of the travel: one side, both sides, uneven ones from both sides."""
+
 SHIFT_MM = 5.0
 """A joint offset is changed by so much where readings must become larger; levels keep clear of the
 joint limits by as much."""
@@ -230,7 +206,8 @@ def best_addition(
         scores = [_score(separations, weights) for _, separations in found]
         if max(scores) >= (1.0 - 1e-9) * _score(GOAL * np.ones((len(names),) * 2), weights):
             break
-    return _shortest_of_the_best(found, scores)
+    good = [one for one, s in zip(found, scores, strict=True) if s >= NEARLY * max(scores)]
+    return min(good, key=lambda one: (bool(one[0].preparation.words), one[0].steps))
 
 
 def _preparations(problem: Problem, *, load_tells: bool) -> Iterator[tuple[Preparation, ...]]:
@@ -250,27 +227,12 @@ def _score(separations: FloatArray, weights: FloatArray) -> float:
     return float(np.triu(counted, 1).sum())
 
 
-def _shortest_of_the_best(
-    found: Sequence[tuple[Added, FloatArray]], scores: Sequence[float]
-) -> tuple[Added, FloatArray]:
-    good = [one for one, s in zip(found, scores, strict=True) if s >= NEARLY * max(scores)]
-    return min(good, key=lambda one: (bool(one[0].preparation.words), one[0].steps))
-
-
-def level_sets(geometry: Geometry, clear_mm: float) -> tuple[tuple[float, ...], ...]:
-    """Displacements that are considered: one side, both sides, uneven ones from both sides."""
-    high, low = geometry.travel_max_mm - clear_mm, geometry.travel_min_mm + clear_mm
-
-    def scaled(parts: Sequence[float]) -> tuple[float, ...]:
-        return tuple(float(round(high * p if p > 0.0 else -low * p)) for p in parts)
-
-    return tuple(scaled(parts) for parts in (LEVELS, [-p for p in LEVELS], BOTH_SIDES, UNEVEN))
-
-
 def options(geometry: Geometry, preparation: Preparation) -> Iterator[Added]:
     """Every measurement that is considered with this preparation."""
     clear_mm = max(abs(change) for change in preparation.entered_mm)
-    for levels in level_sets(geometry, clear_mm):
+    high, low = geometry.travel_max_mm - clear_mm, geometry.travel_min_mm + clear_mm
+    for parts in LEVEL_SETS:
+        levels = tuple(float(round(high * p if p > 0.0 else -low * p)) for p in parts)
         for stations in STATION_SETS:
             for leg in LEG_NAMES:
                 yield Added((leg,), stations, levels, preparation)

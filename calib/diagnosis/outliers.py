@@ -1,4 +1,4 @@
-"""Single readings that do not belong where they are written down: wild, or under a wrong label.
+"""Single readings that do not belong where they are written down: outliers, or mislabelled.
 
 A reading is judged by its repeats of the same approach, and by all of its posture, since a wrong
 label also makes the approach wrong and may leave a reading without repeats. A label is wrong when
@@ -12,7 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.gross_errors import GrossError, place_of
+from calib.diagnosis.gross_errors import (
+    GrossError,
+    cell_basis,
+    level_basis,
+    place_of,
+    posture_basis,
+)
 from calib.diagnosis.labels import (
     evened,
     labels_within_reach,
@@ -21,7 +27,6 @@ from calib.diagnosis.labels import (
     relabelled,
 )
 from calib.diagnosis.results import Named
-from calib.diagnosis.setup_shifts import cell_basis, level_basis, posture_basis
 from calib.linalg import DEPENDENT, basis_of, without
 from calib.observations import FloatArray, IntArray, Observations
 from calib.ties import descending, largest, ranks
@@ -50,7 +55,7 @@ ALIKE = 25.0
 
 SUSPECT = 0.7
 MOST_SUSPECTS = 6
-MOST_STRAYS = 4
+MOST_OUTLIERS = 4
 LEAST_FREE = 4.0
 LEAST_VARIANCE_MM2 = 1e-8
 
@@ -59,7 +64,6 @@ UNEQUAL = 9.0
 
 LEAST_FREE_OF_MOUNTING = 1.5
 LEAST_MOUNTINGS = 3
-
 
 Basis = Callable[[Observations, IntArray], FloatArray]
 
@@ -70,13 +74,13 @@ class _Judged:
 
     ``distance`` ``(n,)`` is how far a reading is off in standard deviations of a reading, ``fit``
     ``(n,)`` the same in those of the distance, by the scatter of its own mounting where that is
-    larger; both are 0 where it is alone. ``left_mm2`` is what is left of all readings,
+    larger; both are 0 where it is alone. ``residual_mm2`` is the square sum of all readings,
     ``variance_mm2`` the noise without the worst.
     """
 
     distance: FloatArray
     fit: FloatArray
-    left_mm2: float
+    residual_mm2: float
     variance_mm2: float
 
     def holds(self, row: int, far: float) -> bool:
@@ -94,7 +98,7 @@ class _Judged:
         return cls(
             np.maximum.reduce([one.distance for one in judges]),
             np.maximum.reduce([one.fit for one in judges]),
-            sum(one.left_mm2 for one in judges),
+            sum(one.residual_mm2 for one in judges),
             judges[0].variance_mm2,
         )
 
@@ -107,35 +111,23 @@ class _Judged:
             nothing = np.zeros(len(observed))
             return cls(nothing, nothing, float(left.sum()), least_mm2)
         pooled = np.maximum((left.sum() - own) / (free - 1.0), least_mm2)
-        near = np.bincount(observed.mount, left)[observed.mount] - own
-        near = near / np.maximum(np.bincount(observed.mount, share)[observed.mount] - 1.0, 1.0)
-        limited = _limited_variance(observed, left, own, share)
-        if limited is not None:
-            limited = np.maximum(np.maximum(limited, near), least_mm2)
+        mount = observed.mount
+        squares, frees = np.bincount(mount, left), np.bincount(mount, share)
+        mine = squares[mount] - own
+        near = mine / np.maximum(frees[mount] - 1.0, 1.0)
+        judging = frees > LEAST_FREE_OF_MOUNTING
+        if np.count_nonzero(judging) >= LEAST_MOUNTINGS:
+            # a mistake in one mounting, however large, must not hide one in another
+            most = UNEQUAL * np.median(squares[judging] / frees[judging]) * frees
+            limited = np.minimum(squares, most)
+            others = limited.sum() - limited[mount]
+            variance = (others + np.minimum(mine, most[mount])) / (free - 1.0)
+            variance = np.maximum(np.maximum(variance, near), least_mm2)
             known = observed.approach_known  # else it may be off by a play
-            pooled = np.where(known, np.minimum(pooled, limited), pooled)
+            pooled = np.where(known, np.minimum(pooled, variance), pooled)
         distance = np.sqrt(own / pooled / np.maximum(share, LEAST_SHARE))
         fit = np.sqrt(own / np.maximum(pooled, near))
         return cls(distance, fit, float(left.sum()), float(pooled.min()))
-
-
-def _limited_variance(
-    observed: Observations, left: FloatArray, own: FloatArray, share: FloatArray
-) -> FloatArray | None:
-    """Variance ``(n,)`` in mm² without each reading, no mounting far above the middle one.
-
-    A mistake in one mounting, however large, must not hide one in another. None if too few
-    mountings have repeats.
-    """
-    squares, free = np.bincount(observed.mount, left), np.bincount(observed.mount, share)
-    judging = free > LEAST_FREE_OF_MOUNTING
-    if np.count_nonzero(judging) < LEAST_MOUNTINGS:
-        return None
-    most = UNEQUAL * np.median(squares[judging] / free[judging]) * free
-    limited = np.minimum(squares, most)
-    here = np.minimum(squares[observed.mount] - own, most[observed.mount])
-    others = limited.sum() - limited[observed.mount]
-    return np.asarray((others + here) / (free.sum() - 1.0))
 
 
 def _scatter(observed: Observations, basis: Basis) -> tuple[FloatArray, FloatArray]:
@@ -151,18 +143,18 @@ def _scatter(observed: Observations, basis: Basis) -> tuple[FloatArray, FloatArr
     return left, share
 
 
-def set_strays_right(observed: Observations, step_mm: float = 0.0) -> list[GrossError]:
+def set_outliers_right(observed: Observations, step_mm: float = 0.0) -> list[GrossError]:
     """Readings that do not belong, worst first, each in the data that the one before left.
 
     ``step_mm`` is the step of the display: less than its rounding is no scatter.
     """
     least = max(LEAST_VARIANCE_MM2, step_mm**2 / 12.0)
     found: list[GrossError] = []
-    while len(found) < MOST_STRAYS:
-        stray = _worst(found[-1].corrected if found else observed, least)
-        if stray is None:
+    while len(found) < MOST_OUTLIERS:
+        worst = _worst(found[-1].corrected if found else observed, least)
+        if worst is None:
             break
-        found.append(stray)
+        found.append(worst)
     return found
 
 
@@ -175,8 +167,7 @@ def _worst(observed: Observations, least_mm2: float) -> GrossError | None:
     suspects = order[observed.mount[order] == observed.mount[order[0]]][:MOST_SUSPECTS]
     suspects = suspects[judged.distance[suspects] >= SUSPECT * worst]
     wild = _wild(observed, suspects, least_mm2)
-    fits = _fits(observed, wild.rows, judged.distance, least_mm2)
-    places = _likeliest(fits) if fits else []
+    places = _likeliest(observed, wild.rows, judged.distance, least_mm2)
     odds = places[0].odds if places else 0.0
     if odds >= CERTAIN:
         return _mislabelled(observed, places)
@@ -187,46 +178,44 @@ def _worst(observed: Observations, least_mm2: float) -> GrossError | None:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """One row under another label that it fits: what that leaves, and what speaks for it.
+    """One row under another label that it fits: what that gives, and the evidence for it.
 
-    ``odds`` are those of a wrong label against a wild reading that fits there by accident.
+    ``odds`` are those of a wrong label against an outlier that fits there by accident.
     """
 
     row: int
     words: str
     observed: Observations
-    left_mm2: float
-    variance_mm2: float
+    judged: _Judged
     odds: float
 
 
-def _fits(
+def _likeliest(
     observed: Observations, suspects: IntArray, distance: FloatArray, least_mm2: float
 ) -> list[_Fit]:
-    """All other labels that one of the suspects fits."""
+    """Of other labels that a suspect fits and that explain most the likeliest.
+
+    Then others of its row that nearly are.
+    """
     far = float(distance[suspects].max())
-    found = []
+    fits = []
     for row in suspects.tolist():
         chances = labels_within_reach(observed, row) * len(suspects)
         for label in nearer_labels(observed, row):
             moved = relabelled(observed, row, label)
             judged = _Judged.of(moved, least_mm2)
-            if not judged.holds(row, far):
-                continue
-            even = evened(observed, moved)
-            odds = odds_of_label(float(distance[row]), float(judged.fit[row]), chances, even)
-            left, variance = judged.left_mm2, judged.variance_mm2
-            found.append(_Fit(row, label.words, moved, left, variance, odds))
-    return found
-
-
-def _likeliest(fits: list[_Fit]) -> list[_Fit]:
-    """Of those that explain most the likeliest, then others of its row that nearly are."""
-    first = min(fits, key=lambda one: one.left_mm2)
-    bar = first.left_mm2 + ALIKE * first.variance_mm2
-    alike = descending((one for one in fits if one.left_mm2 <= bar), lambda one: one.odds)
-    best = alike[0]
-    return [one for one in alike if one.row == best.row and one.odds * CERTAIN > best.odds]
+            if judged.holds(row, far):
+                even = evened(observed, moved)
+                odds = odds_of_label(float(distance[row]), float(judged.fit[row]), chances, even)
+                fits.append(_Fit(row, label.words, moved, judged, odds))
+    if not fits:
+        return []
+    first = min((one.judged for one in fits), key=lambda one: one.residual_mm2)
+    bar = first.residual_mm2 + ALIKE * first.variance_mm2
+    alike = [one for one in fits if one.judged.residual_mm2 <= bar]
+    best, *others = descending(alike, lambda one: one.odds)
+    near = [one for one in others if one.row == best.row and one.odds * CERTAIN > best.odds]
+    return [best, *near]
 
 
 def _mislabelled(observed: Observations, places: list[_Fit]) -> GrossError:
@@ -268,13 +257,10 @@ def belongs_elsewhere(observed: Observations, row: int) -> str | None:
 
 def _wild(observed: Observations, suspects: IntArray, least_mm2: float) -> GrossError:
     """The reading without which the repeats agree best; all where several do as well."""
-    left = [_Judged.of(_without(observed, [row]), least_mm2).left_mm2 for row in suspects.tolist()]
-    best = largest(-np.array(left), least_mm2)
-    rest = _Judged.of(_without(observed, [int(suspects[best])]), least_mm2)
-    bar = rest.left_mm2 + ALIKE * rest.variance_mm2
-    rows = np.array(
-        [row for row, one in zip(suspects.tolist(), left, strict=True) if one <= bar], dtype=np.intp
-    )
+    each = [_Judged.of(_without(observed, [row]), least_mm2) for row in suspects.tolist()]
+    left = np.array([one.residual_mm2 for one in each])
+    best = each[largest(-left, least_mm2)]
+    rows = suspects[left <= best.residual_mm2 + ALIKE * best.variance_mm2]
     title, at_the_end = _wild_in_words(observed, rows)
     title = f"{title}; {_unused(rows)}" if len(rows) > 1 else title
     where = place_of(observed, rows)
@@ -283,7 +269,7 @@ def _wild(observed: Observations, suspects: IntArray, least_mm2: float) -> Gross
 
 
 def _wild_in_words(observed: Observations, rows: IntArray) -> tuple[str, bool]:
-    """The title, and whether a slip of the stand would leave the very same readings."""
+    """The title, and whether a shift of the stand would leave the very same readings."""
     if len(rows) > 1:
         postures = " or ".join(_posture(observed, row) for row in sorted(rows.tolist()))
         return f"one reading is wild, {postures}", False

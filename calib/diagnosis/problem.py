@@ -25,6 +25,7 @@ from calib.linalg import (
     incidence,
     lengths,
     new_directions,
+    onto,
     squares_in,
     without,
 )
@@ -38,6 +39,8 @@ from calib.noise.reading import (
     visits,
 )
 from calib.observations import FloatArray, IntArray, Observations, numbered
+from calib.stats import variance_ratio_p_value
+from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model, derivatives
 
 VISIBLE = 1e-6
@@ -45,116 +48,132 @@ VISIBLE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
+class Case:
+    """One session to diagnose: the model it was measured against and what is known of it."""
+
+    model: Model
+    observed: Observations
+    indicator: IndicatorFigures
+    tolerance_mm: FloatArray
+
+    def with_readings(self, observed: Observations) -> Case:
+        """The same session with other readings."""
+        return replace(self, observed=observed)
+
+    def fitted(self) -> FittedSession:
+        """The base parameters fitted, to linearise there. Raises NotIdentifiable."""
+        visited = visits(self.observed)
+        noise = reading_noise(visited, self.indicator)
+        weight = reading_weights(visited, noise)
+        if noise is None:  # a variance to weigh the tolerances with
+            centred = without_zeros(visited, visited.averaged, visited.value_mm)
+            weight = weight / max(1e-4 * float((centred**2).mean()), 1e-8)
+        return FittedSession.of(self.with_readings(visited), noise, weight)
+
+
+@dataclass(frozen=True, eq=False)
 class FittedSession:
     """One session ready for diagnosis: its visits, its noise, and the model fitted to it.
 
-    ``left_mm`` ``(n,)`` is measured minus predicted without zeros, ``weight`` ``(n,)`` in 1/mm²,
-    ``held_to_mm`` ``(6,)`` the base parameters where the tolerances have their middle.
+    ``residual_mm`` ``(n,)`` is measured minus predicted without zeros, ``weight`` ``(n,)`` in
+    1/mm², ``base`` ``(n, 6)`` the derivatives by the base parameters.
     """
 
-    observed: Observations
-    model: Model
+    case: Case
     noise: Noise | None
     weight: FloatArray
-    left_mm: FloatArray
+    model: Model
+    residual_mm: FloatArray
     base: FloatArray
-    held_to_mm: FloatArray
 
     @classmethod
-    def of(
-        cls,
-        model: Model,
-        observed: Observations,
-        indicator: IndicatorFigures,
-        tolerance_mm: FloatArray,
-    ) -> FittedSession:
-        """Fit the base parameters, held by their tolerances, as the place to linearise at.
+    def of(cls, case: Case, noise: Noise | None, weight: FloatArray) -> FittedSession:
+        """Fit the base parameters. Raises NotIdentifiable where the legs cannot meet."""
+        observed = case.observed
+        fit = prior_fit(case.model, observed, weight, case.tolerance_mm)
+        model = case.model.with_parameters(fit.parameters_mm)
+        base = derivatives(model.geometry, fit.parameters_mm, observed, model.effects)
+        return cls(case, noise, weight, model, observed.value_mm - model.readings(observed), base)
 
-        Raises NotIdentifiable where the legs cannot meet.
-        """
-        visited = visits(observed)
-        noise = reading_noise(visited, indicator)
-        weight = reading_weights(visited, noise)
-        if noise is None:
-            weight = weight / _rough_variance(visited)
-        return cls._fitted(model, visited, noise, weight, tolerance_mm)
+    @property
+    def observed(self) -> Observations:
+        """Its visits."""
+        return self.case.observed
 
-    def again(self, model: Model, tolerance_mm: FloatArray) -> FittedSession:
-        """The same readings with another model. Raises NotIdentifiable."""
-        return self._fitted(model, self.observed, self.noise, self.weight, tolerance_mm)
+    def adopting(self, effects: tuple[EffectInstance, ...]) -> FittedSession:
+        """The same readings with more effects in the model. Raises NotIdentifiable."""
+        model = self.case.model.with_effects((*self.case.model.effects, *effects))
+        return self.of(replace(self.case, model=model), self.noise, self.weight)
 
-    @classmethod
-    def _fitted(
-        cls,
-        model: Model,
-        visited: Observations,
-        noise: Noise | None,
-        weight: FloatArray,
-        tolerance_mm: FloatArray,
-    ) -> FittedSession:
-        fit = prior_fit(model, visited, weight, tolerance_mm)
-        fitted = model.with_parameters(fit.parameters_mm)
-        base = derivatives(model.geometry, fit.parameters_mm, visited, model.effects)
-        left = visited.value_mm - fitted.readings(visited)
-        return cls(visited, fitted, noise, weight, left, base, np.array(model.parameters_mm))
+    @property
+    def nuisance_columns(self) -> FloatArray:
+        """Zeros and base columns ``(n, q)``, whitened; the base comes last."""
+        columns = np.hstack([incidence(self.observed.mount), self.base])
+        return np.asarray(np.sqrt(self.weight)[:, None] * columns)
 
-
-def _rough_variance(visited: Observations) -> float:
-    """A variance to weigh the tolerances with where no noise is known, mm²."""
-    centred = without_zeros(visited, visited.averaged, visited.value_mm)
-    return max(1e-4 * float((centred**2).mean()), 1e-8)
+    @property
+    def structure(self) -> FloatArray:
+        """Basis ``(n, e)`` of cells and cycles of each mounting; without repeats, of everything."""
+        observed, root, cell = self.observed, np.sqrt(self.weight), self.observed.cell
+        parts = []
+        for rows in observed.mountings:
+            cells, cycles = (incidence(numbered(of[rows])) for of in (cell, observed.cycle))
+            basis = basis_of(root[rows, None] * np.hstack([cells, cycles[:, 1:]]), DEPENDENT)
+            parts.append(np.zeros((len(observed), basis.shape[1])))
+            parts[-1][rows] = basis
+        return np.hstack(parts)
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Several sittings side by side: effects are shared, base parameters and zeros are not.
+    """Several fitted sessions side by side: they share effects, not base parameters and zeros.
 
-    ``left`` ``(n,)`` is what the sittings leave, ``y`` ``(n,)`` the same without base
-    parameters and zeros; they and everything else are whitened. ``nuisance`` ``(n, q)`` is an
-    orthonormal basis of base parameters and zeros; ``structure`` ``(n, e)`` of all that is not
-    scatter of repeats (cells and cycles of each mounting). ``noise_df`` belongs to the noise
-    the whitening used, 0 where none is known.
+    ``residual`` ``(n,)`` is what the fits leave, ``y`` ``(n,)`` the same without base parameters
+    and zeros; they and everything else are whitened. ``nuisance`` ``(n, q)`` is an orthonormal
+    basis of base parameters and zeros; ``structure`` ``(n, e)`` of all that is not scatter of
+    repeats (cells and cycles of each mounting). ``noise_df`` belongs to the noise the whitening
+    used, 0 where none is known.
     """
 
     fitted_sessions: tuple[FittedSession, ...]
-    left: FloatArray
+    residual: FloatArray
     y: FloatArray
     root_weight: FloatArray
     nuisance: FloatArray
     structure: FloatArray
-    structure_df: int
     noise_df: float
     mount: IntArray
 
     @classmethod
     def of(cls, fitted_sessions: Sequence[FittedSession]) -> Problem:
-        """Stack the sittings."""
-        root = np.concatenate([np.sqrt(one.weight) for one in fitted_sessions])
-        left = np.concatenate([one.left_mm for one in fitted_sessions])
-        columns = [_zeros_and_base(one) for one in fitted_sessions]
+        """Stack the sessions."""
+        root = np.sqrt(np.concatenate([one.weight for one in fitted_sessions]))
+        residual = root * np.concatenate([one.residual_mm for one in fitted_sessions])
+        columns = [one.nuisance_columns for one in fitted_sessions]
         nuisance = block_diag(*(basis_of(c / lengths(c), DEPENDENT) for c in columns))
-        structure = block_diag(*(_structure(one) for one in fitted_sessions))
-        residual = without(nuisance, root * left)
-        df = structure.shape[1] - nuisance.shape[1]
+        freedom = [one.noise.degrees_of_freedom if one.noise else 0.0 for one in fitted_sessions]
         mounts, count = [], 0
         for one in fitted_sessions:
             mounts.append(one.observed.mount + count)
             count += one.observed.mount_count
         return cls(
             tuple(fitted_sessions),
-            root * left,
             residual,
+            without(nuisance, residual),
             root,
             nuisance,
-            structure,
-            max(df, 0),
-            _noise_df(fitted_sessions),
+            block_diag(*(one.structure for one in fitted_sessions)),
+            float(sum(freedom)) if all(freedom) else 0.0,
             np.concatenate(mounts),
         )
 
+    def adopting(self, effects: tuple[EffectInstance, ...]) -> Problem:
+        """The same sessions with more effects in their models. Raises NotIdentifiable."""
+        return self.of([one.adopting(effects) for one in self.fitted_sessions])
+
     def as_if_linear(self, y: FloatArray) -> Problem:
-        """The same with what a machine leaves ``(n,)`` that follows its derivatives far enough."""
-        return replace(self, y=y, left=self.left + y - self.y)
+        """The same with residuals ``(n,)`` as a machine without curvature would leave them."""
+        return replace(self, y=y, residual=self.residual + y - self.y)
 
     def block(self, columns_mm: FloatArray) -> FloatArray:
         """Orthonormal basis ``(n, r)`` of columns ``(n, k)`` in mm, nuisance projected out."""
@@ -168,11 +187,21 @@ class Problem:
 
     def nuisance_columns(self) -> FloatArray:
         """Zeros and base columns of every session, whitened ``(n, q)``; its base comes last."""
-        return np.asarray(block_diag(*(_zeros_and_base(one) for one in self.fitted_sessions)))
+        return np.asarray(block_diag(*(one.nuisance_columns for one in self.fitted_sessions)))
 
     def conditions(self, name: str) -> NDArray[Any]:
-        """One array of the conditions of all sittings ``(n,)``."""
+        """One array of the conditions of all sessions ``(n,)``."""
         return np.concatenate([getattr(one.observed, name) for one in self.fitted_sessions])
+
+    @property
+    def structure_df(self) -> int:
+        """Directions that are no scatter of repeats, less base parameters and zeros."""
+        return int(max(self.structure.shape[1] - self.nuisance.shape[1], 0))
+
+    @property
+    def noise_mm(self) -> float:
+        """Standard deviation of a reading, mean square over the readings, mm."""
+        return float(np.sqrt(np.mean(self.root_weight**-2.0)))
 
     def has_repeats(self) -> bool:
         """Whether there is scatter of repeats: readings beyond cells and cycles."""
@@ -204,28 +233,13 @@ class Problem:
         """Square sum of a residual ``(n,)`` that is not scatter of repeats."""
         return squares_in(self.structure, residual)
 
+    def gap_rms_mm(self, residual: FloatArray | None = None) -> float:
+        """The same of ``y`` or another residual ``(n,)`` as r.m.s. over the readings, mm."""
+        inside = onto(self.structure, self.y if residual is None else residual)
+        return math.sqrt(float(((inside / self.root_weight) ** 2).mean()))
 
-def _noise_df(fitted_sessions: Sequence[FittedSession]) -> float:
-    """Degrees of freedom of the noise of all sittings together; 0 where one has none."""
-    if any(one.noise is None for one in fitted_sessions):
-        return 0.0
-    return float(sum(one.noise.degrees_of_freedom for one in fitted_sessions if one.noise))
-
-
-def _zeros_and_base(one: FittedSession) -> FloatArray:
-    columns = np.hstack([incidence(one.observed.mount), one.base])
-    return np.asarray(np.sqrt(one.weight)[:, None] * columns)
-
-
-def _structure(one: FittedSession) -> FloatArray:
-    """Basis of cells and cycles of each mounting; without repeats, of everything."""
-    observed = one.observed
-    root = np.sqrt(one.weight)
-    parts = []
-    cell = observed.cell
-    for rows in observed.mountings:
-        cells, cycles = (incidence(numbered(of[rows])) for of in (cell, observed.cycle))
-        basis = basis_of(root[rows, None] * np.hstack([cells, cycles[:, 1:]]), DEPENDENT)
-        parts.append(np.zeros((len(observed), basis.shape[1])))
-        parts[-1][rows] = basis
-    return np.hstack(parts)
+    def gap_p_value(self, gap: float, df: int) -> float:
+        """Chance of a gap at least this large from noise alone; 1 where nothing is free."""
+        if df <= 0 or self.noise_df <= 0.0:
+            return 1.0
+        return variance_ratio_p_value(gap / df, df, self.noise_df)

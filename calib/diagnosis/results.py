@@ -85,7 +85,7 @@ class ModelDiscrepancy:
 
 @dataclass(frozen=True)
 class Contender:
-    """A candidate as it stands in the race, and why it was not named.
+    """A candidate of the selection, and why it was not named.
 
     ``explained`` is the part of the gap's square that it takes away alone, between 0 and 1.
     """
@@ -201,3 +201,26 @@ class Diagnosis:
     residuals: Residuals
     remarks: tuple[str, ...] = ()
     left_over: ModelDiscrepancy | None = None
+
+
+@dataclass(frozen=True)
+class Imitation:
+    """How well one effect is imitated by another: 1 is never to be told apart.
+
+    ``distinguishable`` is what the other leaves of an unremarkable size of the first, in noise
+    variances: below 9 they cannot be told apart, above 25 they can.
+    """
+
+    effect: tuple[str, str]
+    by: tuple[str, str]
+    contained: float
+    distinguishable: float
+
+
+@dataclass(frozen=True)
+class AliasMap:
+    """Imitations that matter, in both directions, and effects that no reading shows."""
+
+    effects: tuple[tuple[str, str], ...]
+    imitations: tuple[Imitation, ...]
+    invisible: tuple[tuple[str, str], ...]

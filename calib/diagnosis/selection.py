@@ -4,6 +4,10 @@ The weight of a model is a Bayes factor against no effect with a prior width fit
 (local empirical Bayes, Liang et al. 2008). Every model is judged by the same readings, so what it
 leaves counts as well as what it explains. Every further cause pays for what it was chosen
 from, whether it is a further effect or the same one elsewhere with another value.
+
+Against chance, a score is the logarithm of the local p-value, so candidates of one and of six
+parameters compete fairly. The global p-value counts how often the best score of pure noise is as
+good, all candidates drawn jointly (look-elsewhere effect).
 """
 
 from __future__ import annotations
@@ -13,8 +17,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import chdtrc, fdtrc
 
-from calib.linalg import NEW_DIRECTION, squares_in, union
+from calib.linalg import DEPENDENT, NEW_DIRECTION, squares_in, union
 from calib.observations import FloatArray
 from calib.ties import descending
 
@@ -23,19 +28,25 @@ PAIRS_AMONG = 24
 TRIPLES_AMONG = 10
 LEAST_LEFT = 1e-9
 ALIKE = 0.98
+"""Directions that two blocks share from which on they are one effect for these readings."""
+
+LEAST_LOG = -690.0
+"""Smaller logarithms of weights and p-values are all alike: their numbers would be no floats."""
+
+SEED = 20081
+DRAWS = 1999
+GRID = 400
 LOG_UNIT = 1e3
 """Log weights are differences of numbers so large, or more; see `calib.ties`."""
 
 
 @dataclass(frozen=True)
 class WeighedModel:
-    """A model: indices of its candidates, what it explains, its rank and posterior share."""
+    """A model: indices of its candidates, and what it explains."""
 
     members: tuple[int, ...]
     explained: float
-    rank: int
     log_weight: float
-    share: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -83,52 +94,51 @@ def log_bayes_factor(explained: float, rank: int, spread: Spread) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Candidates as orthonormal blocks ``(n, r)`` and the vector ``(n,)`` they have to explain."""
+    """Candidates as orthonormal blocks ``(n, r)`` and the vector ``(n,)`` they have to explain.
+
+    With what each costs ``(J,)``.
+    """
 
     y: FloatArray
-    blocks: tuple[FloatArray, ...]
+    blocks: Sequence[FloatArray]
     spread: Spread
     log_priors: FloatArray
-    """What each candidate costs, see `calib.diagnosis.hypotheses.log_priors` ``(J,)``."""
 
-    causes: tuple[int, ...]
-    """How many things are wrong at once where a candidate is true."""
+    def by_causes(
+        self, singles: Sequence[WeighedModel], causes: Sequence[int], most: int
+    ) -> Iterator[list[WeighedModel]]:
+        """Models of one cause, of two, and so on; worked out only when they are asked for.
 
-    def by_causes(self, singles: Sequence[WeighedModel], most: int) -> Iterator[list[WeighedModel]]:
-        """Models of one cause, of two, and so on; worked out only when they are asked for."""
-        yield [m for m in singles if self.count(m) == 1]
+        ``causes`` tell how many things are wrong at once where each candidate is true. Pairs hold
+        one of the most promising candidates, triples one of the best pairs.
+        """
         known = list(singles)
-        for count in range(2, most + 1):
-            known += self.pairs(singles) if count == 2 else self.triples(known)
-            yield [m for m in known if self.count(m) == count]
+        bases: list[tuple[int, ...]] = []
+        for count in range(1, most + 1):
+            if count == 2:
+                bases = [(k,) for k in self._promising(singles)]
+            elif count == 3:
+                pairs = [m for m in known if len(m.members) == 2]
+                bases = [m.members for m in heaviest_first(pairs)[:TRIPLES_AMONG]]
+            larger = {model.members: model for base in bases for model in self.larger(base)}
+            known += [larger[members] for members in sorted(larger)]
+            yield [m for m in known if sum(causes[k] for k in m.members) == count]
 
-    def count(self, model: WeighedModel) -> int:
-        """Causes of all members together."""
-        return sum(self.causes[k] for k in model.members)
+    def basis(self, members: Sequence[int]) -> FloatArray:
+        """Orthonormal basis ``(n, r)`` of candidates together."""
+        nothing = np.zeros((len(self.y), 0))
+        return union([self.blocks[k] for k in members]) if members else nothing
 
     def singles(self) -> list[WeighedModel]:
         """Every candidate alone."""
-        return [self.weigh((k,)) for k in range(len(self.blocks))]
+        return [
+            self._weighed((k,), squares_in(block, self.y), block.shape[1])
+            for k, block in enumerate(self.blocks)
+        ]
 
-    def pairs(self, singles: Sequence[WeighedModel]) -> list[WeighedModel]:
-        """Every candidate beside each of the most promising ones."""
-        first = self._promising(singles, PAIRS_AMONG)
-        return self._all_beside([(k,) for k in first])
-
-    def triples(self, pairs: Sequence[WeighedModel]) -> list[WeighedModel]:
-        """Every candidate beside the best pairs."""
-        two = [m for m in pairs if len(m.members) == 2]
-        best = heaviest_first(two)[:TRIPLES_AMONG]
-        return self._all_beside([m.members for m in best])
-
-    def _all_beside(self, bases: Sequence[tuple[int, ...]]) -> list[WeighedModel]:
-        """Every candidate beside each of these, every model once."""
-        found = {model.members: model for base in bases for model in self.beside(base)}
-        return [found[members] for members in sorted(found)]
-
-    def beside(self, base: tuple[int, ...]) -> list[WeighedModel]:
-        """Every other candidate beside these ones: what `weigh` gives, all at once."""
-        known = union([self.blocks[k] for k in base]) if base else self.y[:, None][:, :0]
+    def larger(self, base: Sequence[int]) -> list[WeighedModel]:
+        """These candidates with every other one, all at once."""
+        known = self.basis(base)
         inside = known.T @ self.y
         found = []
         others = [k for k in range(len(self.blocks)) if k not in base]
@@ -153,24 +163,18 @@ class Search:
         squares = (along @ axes)[:, 0] ** 2 / np.where(seen, size, 1.0)
         return np.where(seen, squares, 0.0).sum(axis=1), seen.sum(axis=1)
 
-    def _promising(self, singles: Sequence[WeighedModel], count: int) -> list[int]:
+    def _promising(self, singles: Sequence[WeighedModel]) -> list[int]:
         """Best alone, and best beside the best one."""
-        alone = heaviest_first(singles)
-        lead = alone[0].members[0]
-        beside = heaviest_first(self.beside((lead,)))
-        others = [next(k for k in m.members if k != lead) for m in beside[: count // 2]]
-        return list(dict.fromkeys([m.members[0] for m in alone[:count]] + others))
-
-    def weigh(self, members: tuple[int, ...]) -> WeighedModel:
-        """One model of these candidates."""
-        basis = union([self.blocks[k] for k in members])
-        return self._weighed(members, squares_in(basis, self.y), basis.shape[1])
+        alone = [m.members[0] for m in heaviest_first(singles)]
+        beside = heaviest_first(self.larger(alone[:1]))[: PAIRS_AMONG // 2]
+        others = [next(k for k in m.members if k != alone[0]) for m in beside]
+        return list(dict.fromkeys(alone[:PAIRS_AMONG] + others))
 
     def _weighed(self, members: tuple[int, ...], explained: float, rank: int) -> WeighedModel:
         members = tuple(sorted(members))
         log_prior = float(self.log_priors[list(members)].sum())
         weight = log_bayes_factor(explained, rank, self.spread) - log_prior
-        return WeighedModel(members, explained, rank, weight)
+        return WeighedModel(members, explained, weight)
 
 
 def foremost(models: Sequence[WeighedModel]) -> WeighedModel:
@@ -184,21 +188,12 @@ def heaviest_first(models: Sequence[WeighedModel]) -> list[WeighedModel]:
 
 
 def credible_set(models: Sequence[WeighedModel]) -> list[WeighedModel]:
-    """The smallest set of models that holds 95 % of the weight, best first, with their shares."""
+    """The smallest set of models that holds 95 % of the weight, best first."""
     ordered = heaviest_first(models)
-    top = ordered[0].log_weight
-    weights = [math.exp(max(m.log_weight - top, -700.0)) for m in ordered]
-    total = sum(weights)
-    kept, held = [], 0.0
-    for model, weight in zip(ordered, weights, strict=True):
-        share = weight / total
-        kept.append(
-            WeighedModel(model.members, model.explained, model.rank, model.log_weight, share)
-        )
-        held += share
-        if held >= SET_SHARE:
-            break
-    return kept
+    behind = np.array([m.log_weight - ordered[0].log_weight for m in ordered])
+    weights = np.exp(np.maximum(behind, LEAST_LOG))
+    together = np.cumsum(weights / weights.sum())
+    return ordered[: int(np.count_nonzero(together < SET_SHARE)) + 1]
 
 
 def contained(inner: FloatArray, outer: FloatArray) -> float:
@@ -206,3 +201,76 @@ def contained(inner: FloatArray, outer: FloatArray) -> float:
     if not inner.shape[1]:
         return 1.0
     return squares_in(outer, inner) / int(inner.shape[1])
+
+
+def scores(
+    squares: FloatArray,
+    ranks: Sequence[int],
+    noise_df: float | None,
+    structure_df: int,
+    total: FloatArray,
+) -> FloatArray:
+    """Log p-values ``(J, draws)`` of explained squares ``(J, draws)`` for blocks of these ranks.
+
+    Compared with the noise of repeats, of which ``noise_df`` are the degrees of freedom, infinite
+    for a stated instrument, and the variance 1. None: compared with what a candidate leaves of
+    ``structure_df`` degrees of freedom, ``total`` ``(draws,)`` being the square sum of everything.
+    """
+    found = np.empty_like(squares)
+    for rank in sorted(set(ranks)):
+        rows = np.equal(ranks, rank)
+        ratio, rest = squares[rows] / rank, noise_df
+        if rest is None:
+            rest = float(max(structure_df - rank, 1))
+            ratio = ratio / (np.maximum(total - squares[rows], 1e-300) / rest)
+        found[rows] = _log_tail(ratio, rank, rest)
+    return found
+
+
+def _log_tail(ratio: FloatArray, rank: int, rest: float) -> FloatArray:
+    """Log of the upper tail of the variance ratio, by interpolation in log ratio."""
+    grid = np.geomspace(1e-6, 1e7, GRID)
+    tail = chdtrc(rank, grid * rank) if math.isinf(rest) else fdtrc(rank, rest, grid)
+    with np.errstate(divide="ignore"):
+        logs = np.maximum(np.log(tail), LEAST_LOG)
+    seen = logs > LEAST_LOG
+    x = np.log(np.maximum(ratio, 1e-6))
+    found = np.interp(x, np.log(grid[seen]), logs[seen])
+    end = math.log(grid[seen][-1])
+    # beyond the grid the tail falls as its leading term does
+    slope = -0.5 * rank * np.exp(x) if math.isinf(rest) else -0.5 * rest * x
+    at_end = -0.5 * rank * math.exp(end) if math.isinf(rest) else -0.5 * rest * end
+    return np.where(x > end, logs[seen][-1] + slope - at_end, found)
+
+
+def null_scores(
+    blocks: Sequence[FloatArray],
+    noise_df: float | None,
+    structure_df: int,
+    deviation: FloatArray,
+) -> FloatArray:
+    """Best scores of pure noise ``(draws,)`` for these orthonormal blocks ``(n, r)``.
+
+    ``deviation`` ``(n,)`` is the standard deviation of the noise of each row. Readings are drawn,
+    not what noise puts into the blocks: which axes these have is up to rounding.
+    """
+    generator = np.random.default_rng(SEED)
+    together = deviation[:, None] * np.hstack(blocks)
+    variance, axes = np.linalg.eigh(together.T @ together)
+    seen = variance > DEPENDENT * variance[-1]
+    parts = together.T @ generator.normal(size=(len(together), DRAWS))
+    draws = (axes[:, seen] / np.sqrt(variance[seen])).T @ parts
+    widths = [block.shape[1] for block in blocks]
+    squares = np.add.reduceat(parts**2, np.cumsum([0, *widths[:-1]]), axis=0)
+    ranks = sorted(set(widths))  # at one rank the largest has the best score
+    squares = np.array([squares[np.equal(widths, r)].max(axis=0) for r in ranks])
+    rest = max(structure_df - len(draws), 0)
+    total = (draws**2).sum(axis=0) + (generator.chisquare(rest, DRAWS) if rest else 0.0)
+    if noise_df is not None and math.isfinite(noise_df):
+        squares = squares / (generator.chisquare(noise_df, DRAWS) / noise_df)
+    return np.asarray(scores(squares, ranks, noise_df, structure_df, total).min(axis=0))
+
+
+def global_p_value(score: float, null: FloatArray) -> float:
+    """Chance of a best score at least this good, from those of pure noise ``(draws,)``."""
+    return float((1 + np.count_nonzero(null <= score)) / (1 + len(null)))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
 from calib.diagnosis.problem import Problem
-from calib.linalg import BASE_SQUARES, NEW_DIRECTION, TINY, without
+from calib.linalg import BASE_SQUARES, NEW_DIRECTION, TINY, without, without_means
 from calib.observations import LEG_NAMES, Conditions, FloatArray, conditions
 from calib.tripod.effects.candidates import Candidate, candidates
 from calib.tripod.effects.effect import EffectParameter
@@ -82,44 +82,21 @@ def added_conditions(levels: Sequence[tuple[float, tuple[float, ...]]]) -> Condi
 
     Zero before every cycle and last, both axes.
     """
-    return _joined([_at_station(*each) for each in levels])
-
-
-def _at_station(station: float, levels: Sequence[float]) -> Conditions:
-    cycle = [0.0, *levels]
-    path = cycle * CYCLES + [0.0]
-    rows = [
-        (leg, axis, k)
-        for leg in range(3)
-        for axis in range(3)
-        if axis != leg
-        for k in range(len(path))
-    ]
-    step = np.array([k for _, _, k in rows])
-    made = conditions(
-        [leg for leg, _, _ in rows],
-        [axis for _, axis, _ in rows],
-        [path[k] for k in step],
-        station=station,
-    )
+    rows: list[tuple[float, ...]] = []
+    places = [(leg, axis) for leg in range(3) for axis in range(3) if axis != leg]
+    mountings = [(station, of_it, place) for station, of_it in levels for place in places]
+    for mount, (station, of_it, place) in enumerate(mountings):
+        path = [0.0, *of_it] * CYCLES + [0.0]
+        approach = [0.0, *np.sign(np.diff(path))]
+        for k, level in enumerate(path):
+            cycle = k // (len(of_it) + 1) + 1
+            rows.append((*place, level, station, mount, approach[k], k, cycle))
+    leg, axis, displacement, stations, mounting, approaches, step, cycles = np.array(rows).T
+    legs, axes, mounts = (of.astype(np.intp).tolist() for of in (leg, axis, mounting))
+    made = conditions(legs, axes, displacement.tolist(), station=stations.tolist(), mount=mounts)
     return replace(
-        made,
-        approach=np.concatenate([[0.0], np.sign(np.diff(path))])[step],
-        time_s=SECONDS_PER_STEP * step,
-        cycle=step // len(cycle) + 1,
+        made, approach=approaches, time_s=SECONDS_PER_STEP * step, cycle=cycles.astype(np.intp)
     )
-
-
-def _joined(parts: Sequence[Conditions]) -> Conditions:
-    """One after the other; mountings stay apart."""
-    arrays = {
-        f.name: np.concatenate([getattr(one, f.name) for one in parts]) for f in fields(Conditions)
-    }
-    before = np.cumsum([0, *(one.mount_count for one in parts)])
-    arrays["mount"] = np.concatenate(
-        [one.mount + start for one, start in zip(parts, before, strict=False)]
-    )
-    return Conditions(**arrays)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,36 +114,33 @@ Place = tuple[float, tuple[float, ...], str]
 """Station, displacements, leg."""
 
 
-@dataclass(eq=False)
 class Judge:
     """Products of all columns on the old readings, and what options add to them.
 
-    ``beside`` are effects that stay whatever is decided.
+    ``given`` are effects that stay whatever is decided.
     """
 
-    problem: Problem
-    names: Sequence[Name]
-    beside: Sequence[Explanation]
-
-    def __post_init__(self) -> None:
-        self._all = [*(one for name in self.names for one in name), *self.beside]
-        owners = [k for k, name in enumerate(self.names) for _ in name]
-        self._mine = [np.flatnonzero(np.equal(owners, k)) for k in range(len(self.names))]
+    def __init__(
+        self, problem: Problem, names: Sequence[Name], given: Sequence[Explanation] = ()
+    ) -> None:
+        self._names = len(names)
+        self._all = [*(one for name in names for one in name), *given]
+        owners = [k for k, name in enumerate(names) for _ in name]
+        self._mine = [np.flatnonzero(np.equal(owners, k)) for k in range(len(names))]
         ends = np.cumsum([len(one.values) for one in self._all]).tolist()
         self._spans = [
-            np.arange(b - len(e.values), b) for b, e in zip(ends, self._all, strict=True)
+            np.arange(end - len(one.values), end) for end, one in zip(ends, self._all, strict=True)
         ]
-        rows = [self._columns(one.model, one.observed) for one in self.problem.fitted_sessions]
-        old = self.problem.root_weight[:, None] * np.vstack(rows)
-        rest = without(self.problem.nuisance, old)
-        self._noise_mm = float(np.sqrt(np.mean(self.problem.root_weight**-2.0)))
+        self._given = self._spans[len(owners) :]
+        self._values = np.zeros((ends[-1], len(self._all)))
+        for k, (span, one) in enumerate(zip(self._spans, self._all, strict=True)):
+            self._values[span, k] = one.values
+        rows = [self._columns(one.model, one.observed) for one in problem.fitted_sessions]
+        old = problem.root_weight[:, None] * np.vstack(rows)
+        rest = without(problem.nuisance, old)
+        self._noise_mm = problem.noise_mm
         self._raw = (old**2).sum(axis=0)
         self._old = rest.T @ rest
-
-    @property
-    def pairs(self) -> list[tuple[int, int]]:
-        """All pairs of names."""
-        return list(combinations(range(len(self.names)), 2))
 
     def separations(self, model: Model, options: Sequence[Added]) -> FloatArray:
         """How far each pair of names is apart ``(options, names, names)``, noise variances.
@@ -174,7 +148,12 @@ class Judge:
         ``model`` is the machine as it is when the options are measured.
         """
         parts = self._parts(model, options)
-        whole = np.stack([sum(parts[p] for p in _places(one)) for one in options])
+        whole = np.stack(
+            [
+                sum(parts[s, one.levels_mm, leg] for s in one.stations for leg in one.legs)
+                for one in options
+            ]
+        )
         width = len(self._raw)
         across, base = whole[:, :width, width:], whole[:, width:, width:]
         scale = np.sqrt(np.maximum(np.einsum("okk->ok", base), TINY))
@@ -182,10 +161,9 @@ class Judge:
         inside = np.linalg.pinv(base, rcond=BASE_SQUARES, hermitian=True)
         added = whole[:, :width, :width] - across @ inside @ np.swapaxes(across, 1, 2)
         size = np.sqrt(np.maximum(self._raw + np.einsum("okk->ok", whole)[:, :width], TINY))
-        products = (self._old + added) / (size[:, :, None] * size[:, None])
-        left = self._left(products, size)
-        found = np.zeros((len(options), len(self.names), len(self.names)))
-        for a, b in self.pairs:
+        left = self._left((self._old + added) / (size[:, :, None] * size[:, None]), size)
+        found = np.zeros((len(options), self._names, self._names))
+        for a, b in combinations(range(self._names), 2):
             some = left[:, self._mine[a]][:, :, self._mine[b]].min(axis=(1, 2))
             others = left[:, self._mine[b]][:, :, self._mine[a]].min(axis=(1, 2))
             found[:, a, b] = found[:, b, a] = np.minimum(some, others)
@@ -193,16 +171,12 @@ class Judge:
 
     def _left(self, products: FloatArray, size: FloatArray) -> FloatArray:
         """What each explanation leaves of each other one ``(options, other, true)``."""
-        values = np.zeros((len(self._raw), len(self._all)))
-        for k, (span, one) in enumerate(zip(self._spans, self._all, strict=True)):
-            values[span, k] = one.values
-        scaled = size[:, :, None] * values
+        scaled = size[:, :, None] * self._values
         seen = products @ scaled
         whole = np.einsum("oke,oke->oe", scaled, seen)
-        kept = self._spans[len(self._all) - len(self.beside) :]
         left = np.zeros((len(products), len(self._all), len(self._all)))
         for k, span in enumerate(self._spans):
-            hidden = np.concatenate([span, *kept])
+            hidden = np.concatenate([span, *self._given])
             block = products[:, hidden][:, :, hidden]
             inside = np.linalg.pinv(block, rcond=NEW_DIRECTION**2, hermitian=True)
             explained = np.einsum("ohe,ohg,oge->oe", seen[:, hidden], inside, seen[:, hidden])
@@ -211,12 +185,13 @@ class Judge:
 
     def _columns(self, model: Model, taken: Conditions) -> FloatArray:
         """Columns of every explanation side by side; zero where one does not show."""
-        laws = list(dict.fromkeys(e.candidate.shares[0].law for e in self._all))
+        laws = list(dict.fromkeys(one.candidate.shares[0].law for one in self._all))
         seen = {_key(one): one.columns for one in candidates(model, taken, laws)}
-        nothing = [np.zeros((len(taken), len(e.values))) for e in self._all]
-        return np.hstack(
-            [seen.get(_key(e.candidate), z) for e, z in zip(self._all, nothing, strict=True)]
-        )
+        columns = []
+        for one in self._all:
+            nothing = np.zeros((len(taken), len(one.values)))
+            columns.append(seen.get(_key(one.candidate), nothing))
+        return np.hstack(columns)
 
     def _parts(self, model: Model, options: Sequence[Added]) -> dict[Place, FloatArray]:
         """Products of what is sought and base columns, zeros projected out, at every place."""
@@ -224,18 +199,10 @@ class Judge:
         taken = added_conditions(keys)
         base = derivatives(model.geometry, model.parameters_mm, taken, model.effects)
         columns = np.hstack([self._columns(model, taken), base]) / self._noise_mm
-        found: dict[Place, FloatArray] = {}
-        for number, key in enumerate(keys):
-            for leg, name in enumerate(LEG_NAMES):
-                first = 6 * number + 2 * leg
-                mounts = [columns[taken.mount == m] for m in (first, first + 1)]
-                centred = np.vstack([rows - rows.mean(axis=0) for rows in mounts])
-                found[*key, name] = centred.T @ centred
-        return found
-
-
-def _places(option: Added) -> list[Place]:
-    return [(s, option.levels_mm, leg) for s in option.stations for leg in option.legs]
+        columns = without_means(taken.mount, np.ones(len(taken)), columns)
+        legs = [(*key, leg) for key in keys for leg in LEG_NAMES]  # of two mountings each
+        each = ((place, columns[taken.mount // 2 == k]) for k, place in enumerate(legs))
+        return {place: rows.T @ rows for place, rows in each}
 
 
 def _key(one: Candidate) -> tuple[str, str, str, tuple[EffectParameter, ...]]:

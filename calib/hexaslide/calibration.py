@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.errors import CalibrationError, NotIdentifiable
 from calib.hexaslide.geometry import HexaSlide, motions
-from calib.hexaslide.residuals import Left, Readings, postures_of, residuals, whitening
+from calib.hexaslide.residuals import Readings, Residuals, postures_of, residuals, whitening
 from calib.linalg import EXACT_BLIND, condition, named_inside, names_outside, svd_of_all
 from calib.observations import FloatArray
 
@@ -34,11 +34,11 @@ class Calibration:
     """What was identified from ``p`` postures with ``r`` values each.
 
     ``parameters`` ``(k,)`` in metres (components of rails without unit), named by ``names``;
-    ``covariance`` ``(k, k)`` is that of what is seen, None where no noise is stated and nothing is
-    left over to tell it. It holds for single parameters in ``known`` only, which have no share in
-    what is lost. ``lost`` names the motions that no reading shows, ``lost_count`` counts all lost
-    combinations, ``null`` ``(k, lost_count)`` spans them. ``before`` and ``after`` are what the
-    start and the result leave of the readings; ``square_sum`` weighted, in units of the variance.
+    ``covariance`` ``(k, k)`` is that of what is seen, None where no noise is stated and no residual
+    tells it. It holds for single parameters in ``known`` only, which have no share in what is
+    unidentifiable: ``unidentifiable`` names the motions that no reading shows, the count is that of
+    all such combinations, ``null`` ``(k, count)`` spans them. ``before`` and ``after`` are the
+    residuals of start and result; ``square_sum`` weighted, in units of the variance.
     ``degrees_of_freedom`` are those of the noise: infinite where it was stated.
     """
 
@@ -47,13 +47,13 @@ class Calibration:
     parameters: FloatArray
     covariance: FloatArray | None
     known: tuple[str, ...]
-    lost: tuple[str, ...]
-    lost_count: int
+    unidentifiable: tuple[str, ...]
+    unidentifiable_count: int
     null: FloatArray
     rank: int
     condition_number: float
-    before: Left
-    after: Left
+    before: Residuals
+    after: Residuals
     noise_m: float | None
     degrees_of_freedom: float
     free_values: int
@@ -74,7 +74,7 @@ class _Point:
     """One set of parameters: whitened residuals ``(n,)`` and derivatives ``(n, k)``."""
 
     machine: HexaSlide
-    left: Left
+    residuals: Residuals
     residual: FloatArray
     design: FloatArray
 
@@ -85,18 +85,18 @@ class _Seen:
 
     left: FloatArray
     singular: FloatArray
-    turned: FloatArray
+    right: FloatArray
     null: FloatArray
 
     @staticmethod
     def of(design: FloatArray) -> _Seen:
-        left, singular, turned = svd_of_all(design)
+        left, singular, right = svd_of_all(design)
         rank = int((singular > EXACT_BLIND * singular[0]).sum())
-        return _Seen(left[:, :rank], singular[:rank], turned[:rank], turned[rank:].T)
+        return _Seen(left[:, :rank], singular[:rank], right[:rank], right[rank:].T)
 
     def step(self, residual: FloatArray) -> FloatArray:
         """The shortest change ``(k,)`` that takes out most of a residual ``(n,)``."""
-        return np.asarray(self.turned.T @ ((self.left.T @ residual) / self.singular))
+        return np.asarray(self.right.T @ ((self.left.T @ residual) / self.singular))
 
 
 def calibrate(readings: Readings, start: HexaSlide, *, fewest: int = 1) -> Calibration:
@@ -120,7 +120,7 @@ def calibrate(readings: Readings, start: HexaSlide, *, fewest: int = 1) -> Calib
         moved = _rms(point.design @ step)
         last = moved <= max(SETTLED * _rms(point.residual), ROUNDING_M)
         point, full = _taken(readings, white, point, step, final=last)
-        if last and full:
+        if last and full:  # a shortened step is small without being the end
             return _result(readings, first, point, step_number)
     raise NotIdentifiable(
         "calibration",
@@ -130,13 +130,15 @@ def calibrate(readings: Readings, start: HexaSlide, *, fewest: int = 1) -> Calib
     )
 
 
-def _at(readings: Readings, machine: HexaSlide, white: FloatArray, guess: Left | None) -> _Point:
+def _at(
+    readings: Readings, machine: HexaSlide, white: FloatArray, guess: Residuals | None
+) -> _Point:
     near = None if guess is None else guess.postures
     postures = postures_of(readings, machine.geometry, machine.box, near)
-    left, slopes = residuals(readings, machine.geometry, machine.link, postures)
-    residual = np.einsum("prs,ps->pr", white, left.values).ravel()
+    found, slopes = residuals(readings, machine.geometry, machine.link, postures)
+    residual = np.einsum("prs,ps->pr", white, found.values).ravel()
     design = np.einsum("prs,psk->prk", white, slopes)
-    return _Point(machine, left, residual, design.reshape(residual.size, -1))
+    return _Point(machine, found, residual, design.reshape(residual.size, -1))
 
 
 def _taken(
@@ -152,7 +154,7 @@ def _taken(
     for halving in range(MOST_HALVINGS):
         try:
             machine = point.machine.with_parameters(names, begin + 0.5**halving * step)
-            tried = _at(readings, machine, white, point.left)
+            tried = _at(readings, machine, white, point.residuals)
         except CalibrationError:
             continue
         if final or _rms(tried.residual) <= here * (1.0 + NO_WORSE):
@@ -173,20 +175,20 @@ def _result(readings: Readings, first: _Point, point: _Point, steps: int) -> Cal
     square = float(point.residual @ point.residual)
     stated = readings.noise_m
     variance = stated**2 if stated else square / spare if spare else None
-    inverse = seen.turned.T / seen.singular
+    inverse = seen.right.T / seen.singular
     return Calibration(
         machine=point.machine,
         names=names,
         parameters=point.machine.parameters(names),
         covariance=None if variance is None else np.asarray(variance * (inverse @ inverse.T)),
         known=names_outside(seen.null, names),
-        lost=_lost(point.machine, seen.null, names),
-        lost_count=len(names) - rank,
+        unidentifiable=_motions_in(point.machine, seen.null, names),
+        unidentifiable_count=len(names) - rank,
         null=seen.null,
         rank=rank,
         condition_number=_condition(readings, point, rank),
-        before=first.left,
-        after=point.left,
+        before=first.residuals,
+        after=point.residuals,
         noise_m=None if variance is None else float(np.sqrt(variance)),
         degrees_of_freedom=np.inf if stated else float(spare),
         free_values=spare,
@@ -199,12 +201,12 @@ def _result(readings: Readings, first: _Point, point: _Point, steps: int) -> Cal
 def _condition(readings: Readings, point: _Point, rank: int) -> float:
     """Of the bare derivatives, metres and radians, as papers/001 has it."""
     machine = point.machine
-    bare = residuals(readings, machine.geometry, machine.link, point.left.postures)[1]
+    bare = residuals(readings, machine.geometry, machine.link, point.residuals.postures)[1]
     return condition(bare.reshape(point.residual.size, -1), rank)
 
 
-def _lost(machine: HexaSlide, null: FloatArray, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of motions of frames that lie in the space of what is lost, each a new one."""
+def _motions_in(machine: HexaSlide, null: FloatArray, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of motions of frames that lie in the space of what no reading shows, each a new one."""
     found, _ = named_inside(null, motions(machine.geometry, machine.link, names))
     return tuple(name for _, name in found)
 
@@ -213,7 +215,7 @@ def _rms(values_m: FloatArray) -> float:
     return float(np.sqrt((values_m * values_m).mean()))
 
 
-def left_of(readings: Readings, machine: HexaSlide) -> Left:
+def residuals_of(readings: Readings, machine: HexaSlide) -> Residuals:
     """What a machine leaves of readings it was not fitted to. Raises UnreachablePosture."""
     postures = postures_of(readings, machine.geometry, machine.box)
     return residuals(readings, machine.geometry, machine.link, postures)[0]

@@ -1,4 +1,9 @@
-"""A calibration with its checks: postures kept out of the fit, and the truth where it is known."""
+"""A calibration with its checks: postures kept out of the fit, and the truth where it is known.
+
+How far two machines are apart at the platform is told once frames that no reading shows are laid
+over: a Hexa Slide whose platform frame is turned and shifted, or whose base is turned about X, with
+all that belongs to it, measures the same where these are not seen. That is no error.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +12,67 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.hexaslide.calibration import Calibration, calibrate, left_of
-from calib.hexaslide.frames import FramesApart, frames_apart, inner_lengths, inner_slopes
-from calib.hexaslide.geometry import NAMES, HexaSlide
-from calib.hexaslide.kinematics import forward
+from calib.hexaslide.calibration import Calibration, calibrate, residuals_of
+from calib.hexaslide.geometry import NAMES, Geometry, HexaSlide, Numbers, values, with_values
+from calib.hexaslide.kinematics import forward, rotation
 from calib.hexaslide.planning import fewest_postures
-from calib.hexaslide.residuals import Left, Readings, shares
+from calib.hexaslide.residuals import Readings, Residuals, shares
+from calib.linalg import EXACT_BLIND
 from calib.observations import FloatArray
 from calib.stats import coverage_factor, variance_ratio_p_value
 
 SPARE = 1.5
 """A fit keeps so many times the fewest postures before any is kept out of it."""
+
+MOTIONS = (
+    "platform frame turned about its X",
+    "platform frame turned about its Y",
+    "platform frame turned about its Z",
+    "platform frame shifted along its X",
+    "platform frame shifted along its Y",
+    "platform frame shifted along its Z",
+    "base turned about X",
+)
+"""As `calib.hexaslide.geometry.motions` names them."""
+
+ROUNDS = 6
+"""Each squares what is left: from hundredths to rounding."""
+
+PAIRS = tuple((i, j) for i in range(6) for j in range(i + 1, 6))
+
+STEP = 1e-30
+"""Complex step: nothing is subtracted, so it may be as small as numbers go."""
+
+
+@dataclass(frozen=True, eq=False)
+class FramesApart:
+    """Constant motions that lay one machine over the other, and what they leave.
+
+    ``turned_rad`` and ``shifted_m`` are those of the platform's frame, ``base_turned_rad`` of the
+    base. ``places_m`` ``(p,)`` and ``angles_rad`` ``(p,)`` are distances and angles left between
+    the postures.
+    """
+
+    turned_rad: float
+    shifted_m: float
+    base_turned_rad: float
+    places_m: FloatArray
+    angles_rad: FloatArray
+
+    @property
+    def places_rms_m(self) -> float:
+        """Root mean square of the distances."""
+        return float(np.sqrt((self.places_m**2).mean()))
+
+    @property
+    def places_worst_m(self) -> float:
+        """The largest distance."""
+        return float(self.places_m.max())
+
+    @property
+    def angles_rms_rad(self) -> float:
+        """Root mean square of the angles."""
+        return float(np.sqrt((self.angles_rad**2).mean()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +80,8 @@ class HeldOut:
     """Postures kept out of the fit, by their numbers, and what each machine leaves of them."""
 
     numbers: tuple[int, ...]
-    before: Left
-    after: Left
+    before: Residuals
+    after: Residuals
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +89,7 @@ class AgainstTruth:
     """Nominal and identified machine against the true one, at the same sliders.
 
     ``kept_out`` tells whether at postures kept out of the fit, else at all. ``misses`` ``(k,)``
-    are the errors of the individually known parameters, ``held`` counts those within their 95 %
+    are the errors of the individually known parameters, ``within`` counts those within their 95 %
     interval, None without uncertainties. ``inner_m`` ``(26,)`` are errors of lengths that no frame
     changes.
     """
@@ -43,7 +98,7 @@ class AgainstTruth:
     before: FramesApart
     after: FramesApart
     misses: FloatArray
-    held: int | None
+    within: int | None
     inner_m: FloatArray
 
 
@@ -118,6 +173,7 @@ def _kept_out(count: int, fewest: int, share: float) -> NDArray[np.bool_]:
     most = max(count - int(np.ceil(SPARE * fewest)), 0)
     chosen = min(int(share * count), most)
     out = np.zeros(count, dtype=np.bool_)
+    # each from the middle of an equal part: those that are fitted reach both ends of the list
     out[[int((k + 0.5) * count / chosen) for k in range(chosen)]] = True
     return out
 
@@ -129,7 +185,9 @@ def _p_value(found: Calibration) -> float | None:
 
 
 def _held_out(readings: Readings, nominal: HexaSlide, found: Calibration) -> HeldOut:
-    return HeldOut(readings.numbers, left_of(readings, nominal), left_of(readings, found.machine))
+    return HeldOut(
+        readings.numbers, residuals_of(readings, nominal), residuals_of(readings, found.machine)
+    )
 
 
 def _against(
@@ -143,15 +201,85 @@ def _against(
     ]
     known = [found.names.index(name) for name in found.known]
     misses = (found.parameters - true.parameters(found.names))[known]
-    held = None
+    within = None
     if result.uncertainty is not None and result.factor is not None:
-        held = int((np.abs(misses) <= result.factor * result.uncertainty[known]).sum())
+        within = int((np.abs(misses) <= result.factor * result.uncertainty[known]).sum())
     lengths = inner_lengths(found.machine.geometry) - inner_lengths(true.geometry)
     return AgainstTruth(
         kept_out=kept_out,
-        before=frames_apart(stand[0], stand[2], found.lost),
-        after=frames_apart(stand[1], stand[2], found.lost),
+        before=frames_apart(stand[0], stand[2], found.unidentifiable),
+        after=frames_apart(stand[1], stand[2], found.unidentifiable),
         misses=misses,
-        held=held,
+        within=within,
         inner_m=np.asarray(lengths),
     )
+
+
+def frames_apart(found: FloatArray, true: FloatArray, free: tuple[str, ...]) -> FramesApart:
+    """Compare postures ``(p, 6)`` of two machines at the same sliders; ``free`` of `MOTIONS`."""
+    columns = [k for k, name in enumerate(MOTIONS) if name in free]
+    places, turns = found[:, :3], rotation(found[:, 3:])
+    true_turns = rotation(true[:, 3:])
+    total = np.zeros(7)
+    for _ in range(ROUNDS if columns else 0):
+        miss = np.concatenate([true[:, :3] - places, _vectors(true_turns, turns)], axis=1)
+        design = _design(places, turns)[..., columns].reshape(miss.size, -1)
+        change = np.zeros(7)
+        change[columns] = np.linalg.lstsq(design, miss.ravel(), rcond=EXACT_BLIND)[0]
+        base = _about(np.array([change[6], 0.0, 0.0]))
+        places = (places + turns @ change[3:6]) @ base.T
+        turns = base @ turns @ _about(change[:3])
+        total += change
+    angles = _vectors(true_turns, turns)
+    return FramesApart(
+        turned_rad=float(np.linalg.norm(total[:3])),
+        shifted_m=float(np.linalg.norm(total[3:6])),
+        base_turned_rad=float(abs(total[6])),
+        places_m=np.asarray(np.linalg.norm(true[:, :3] - places, axis=1)),
+        angles_rad=np.asarray(np.linalg.norm(angles, axis=1)),
+    )
+
+
+def _design(places: FloatArray, turns: FloatArray) -> FloatArray:
+    """Movement and turn ``(p, 6)`` of postures for each of the seven motions ``(p, 6, 7)``."""
+    design = np.zeros((len(places), 6, 7))
+    design[:, 3:, :3] = turns
+    design[:, :3, 3:6] = turns
+    design[:, :3, 6] = np.cross(np.array([1.0, 0.0, 0.0]), places)
+    design[:, 3, 6] = 1.0
+    return design
+
+
+def _vectors(true: FloatArray, turns: FloatArray) -> FloatArray:
+    """Rotation vectors ``(p, 3)`` from one orientation to the other."""
+    from scipy.spatial.transform import Rotation  # 0.1 s to import: only where used
+
+    return np.asarray(Rotation.from_matrix(true @ np.swapaxes(turns, 1, 2)).as_rotvec())
+
+
+def _about(vector: FloatArray) -> FloatArray:
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
+
+
+def inner_lengths(geometry: Geometry) -> Numbers:
+    """Lengths that no choice of frames changes ``(26,)`` in metres: between the joints of the
+    platform (15, in the order of `PAIRS`), from the first rail's start to the other five, six
+    links.
+    """
+    first, second = np.array(PAIRS).T
+    apart = geometry.platform[first] - geometry.platform[second]
+    between = np.sqrt((apart * apart).sum(axis=1))
+    starts = np.sqrt((geometry.base[1:] * geometry.base[1:]).sum(axis=1))
+    return np.concatenate([between, starts, geometry.links])
+
+
+def inner_slopes(geometry: Geometry) -> FloatArray:
+    """Derivatives of `inner_lengths` by the 49 parameters ``(26, 49)``."""
+    own = values(geometry)
+    columns = [
+        inner_lengths(with_values(geometry, own + 1j * STEP * unit)).imag / STEP
+        for unit in np.eye(len(own))
+    ]
+    return np.stack(columns, axis=1)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.hexaslide.geometry import Box, HexaSlide
-from calib.hexaslide.kinematics import joints, legs
+from calib.hexaslide.kinematics import legs
 from calib.observations import FloatArray
 
 RAIL_POINTS, EDGE_POINTS = 24, 12
@@ -32,9 +32,9 @@ def lines_at(machine: HexaSlide, posture: FloatArray) -> Lines:
     sliders = legs(geometry, machine.box.grid()).sliders
     first, last = np.minimum(sliders.min(axis=0), 0.0), sliders.max(axis=0)
     along = np.linspace(first, last, RAIL_POINTS, axis=1)
-    at = legs(geometry, posture[None]).sliders[0]
-    carriages = geometry.base + at[:, None] * geometry.rails
-    platform = geometry.base + joints(geometry, posture[None])[0]
+    at = legs(geometry, posture[None])
+    carriages = geometry.base + at.sliders[0, :, None] * geometry.rails
+    platform = posture[:3] + at.arms.arm[0]
     apart = geometry.platform - geometry.platform.mean(axis=0)
     order = np.argsort(np.arctan2(apart[:, 1], apart[:, 0]))
     return Lines(

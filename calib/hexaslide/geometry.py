@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -90,6 +89,13 @@ class ConstraintLink:
     def __post_init__(self) -> None:
         if not self.length_m > 0.0:
             raise CalibrationError("constraint link", f"{self.length_m:g} m", "a positive length")
+
+
+def present(link: ConstraintLink | None) -> ConstraintLink:
+    """The link of a machine. Raises CalibrationError where it has none."""
+    if link is None:
+        raise CalibrationError("constraint link", "none", "one in the machine file")
+    return link
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,43 +220,34 @@ def motions(
     the link on it is known, turned about that end. The base, held by its frame, may only be turned
     about X. Which of them a procedure loses, its derivatives tell.
     """
-    end = np.zeros(3) if link is None else link.platform_end
-    about_its, about_end = "platform frame turned about its", "platform frame turned about"
-    found = [(f"{about_its} {axis}", turn) for axis, turn in _turns(geometry, end, np.zeros(3))]
-    for axis, unit in zip("XYZ", np.eye(3), strict=True):
-        shifted = _points("B", np.tile(unit, (CHAINS, 1))) | _point("c", unit)
-        found.append((f"platform frame shifted along its {axis}", shifted))
+    end, far = np.zeros((2, 3)) if link is None else (link.platform_end, link.base_end)
+    still = np.zeros(3)
+
+    def moved(
+        platform: Numbers = still,
+        c: Numbers = still,
+        base: Numbers = still,
+        rails: Numbers = still,
+        d: Numbers = still,
+    ) -> FloatArray:
+        """By how much points move, as a change of the parameters."""
+        full = np.zeros((CHAINS, len(PER_CHAIN)))
+        full[:, :3], full[:, 3:6], full[:, 6:8] = platform, base, rails[..., :2]
+        known = dict(zip(ALL_NAMES, full.ravel(), strict=True))
+        known |= zip(END_NAMES, (*c, *d), strict=True)
+        vector = np.array([known.get(name, 0.0) for name in names])
+        return np.asarray(vector / np.linalg.norm(vector))
+
+    def turned(unit: FloatArray, centre: FloatArray) -> FloatArray:
+        """The platform's joints and its end of the link about a point."""
+        return moved(np.cross(unit, geometry.platform - centre), np.cross(unit, end - centre))
+
+    axes = dict(zip("XYZ", np.eye(3), strict=True))
+    found = {f"platform frame turned about its {a}": turned(u, still) for a, u in axes.items()}
+    found |= {f"platform frame shifted along its {a}": moved(u, u) for a, u in axes.items()}
     if link is not None and "cx" not in names:
-        turns = _turns(geometry, end, end)
-        found += [(f"{about_end} the link's end, {axis}", turn) for axis, turn in turns]
-    about = np.array([1.0, 0.0, 0.0])
-    base = _points("A", np.cross(about, geometry.base))
-    base |= _points("a", np.cross(about, geometry.rails))
-    far = np.zeros(3) if link is None else link.base_end
-    found.append(("base turned about X", base | _point("d", np.cross(about, far))))
-    return tuple((name, _vector(shares, names)) for name, shares in found)
-
-
-def _turns(
-    geometry: Geometry, end: FloatArray, centre: FloatArray
-) -> Iterator[tuple[str, dict[str, float]]]:
-    """The platform's joints and its end of the link turned about each axis through a point."""
-    for axis, unit in zip("XYZ", np.eye(3), strict=True):
-        joints = _points("B", np.cross(unit, geometry.platform - centre))
-        yield axis, joints | _point("c", np.cross(unit, end - centre))
-
-
-def _points(letter: str, points: FloatArray) -> dict[str, float]:
-    found: dict[str, float] = {}
-    for chain, point in enumerate(points, start=1):
-        found |= {f"{name}{chain}": value for name, value in _point(letter, point).items()}
-    return found
-
-
-def _point(letter: str, point: FloatArray) -> dict[str, float]:
-    return {f"{letter}{axis}": float(value) for axis, value in zip("xyz", point, strict=True)}
-
-
-def _vector(shares: dict[str, float], names: tuple[str, ...]) -> FloatArray:
-    vector = np.array([shares.get(name, 0.0) for name in names])
-    return np.asarray(vector / np.linalg.norm(vector))
+        about = "platform frame turned about the link's end"
+        found |= {f"{about}, {a}": turned(u, end) for a, u in axes.items()}
+    base, rails, other = (np.cross(axes["X"], one) for one in (geometry.base, geometry.rails, far))
+    found["base turned about X"] = moved(base=base, rails=rails, d=other)
+    return tuple(found.items())

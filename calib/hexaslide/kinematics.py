@@ -11,6 +11,7 @@ import numpy as np
 
 from calib.errors import UnreachablePosture
 from calib.hexaslide.geometry import Box, Geometry, Numbers
+from calib.observations import FloatArray
 
 MOST_STEPS = 60
 SMALL_STEP = 1e-9
@@ -25,48 +26,118 @@ FAR = 1e3
 NEXT_STEP = "Choose a posture inside the workspace, or check the geometry."
 
 
+SECOND, THIRD = np.array([1, 2, 0]), np.array([2, 0, 1])
+
+
 @dataclass(frozen=True, eq=False)
-class Legs:
-    """Links at postures: ``sliders`` ``(p, 6)``; ``links`` ``(p, 6, 3)`` from slider to platform;
-    ``lean`` ``(p, 6)``, their component along the rail, positive on the branch of the machine.
+class Turn:
+    """Rotations ``(p, 3, 3)`` and the axes ``(p, 3, 3)``, rows, of theta, psi, phi.
+
+    Turns are rotation vectors ``ω``: a turn moves ``R b`` by ``ω × R b``, and each of theta, psi,
+    phi turns the axes of those after it.
     """
 
+    rotation: Numbers
+    axes: Numbers
+
+    @staticmethod
+    def at(angles: Numbers) -> Turn:
+        """``R = Ry(theta) Rx(psi) Rz(phi)`` of angles ``(p, 3)``; papers/001, equation (2)."""
+        (a, b, c), (sa, sb, sc) = np.cos(angles).T, np.sin(angles).T
+        first = np.zeros((len(angles), 3, 3), dtype=angles.dtype)  # Ry(theta) Rx(psi)
+        first[:, 0] = np.stack([a, sa * sb, sa * b], axis=-1)
+        first[:, 1, 1], first[:, 1, 2] = b, -sb
+        first[:, 2] = np.stack([-sa, a * sb, a * b], axis=-1)
+        rotation = first.copy()
+        rotation[..., 0] = first[..., 0] * c[:, None] + first[..., 1] * sc[:, None]
+        rotation[..., 1] = first[..., 1] * c[:, None] - first[..., 0] * sc[:, None]
+        axes = np.zeros_like(first)
+        axes[:, 0, 1] = 1.0
+        axes[:, 1], axes[:, 2] = first[..., 0], first[..., 2]
+        return Turn(rotation, axes)
+
+    def pull(self, moment: FloatArray, bent: FloatArray | None) -> FloatArray:
+        """By the angles ``(p, 3)``: ``moment`` ``(p, 3)`` by a turn of all, ``bent`` ``(p, 3, 3)``
+        by the axes themselves, which the angles before them turn.
+        """
+        moments = np.repeat(moment[:, None], 3, axis=1)
+        if bent is not None:
+            own = cross(self.axes, bent)
+            moments[:, 0] += own[:, 1] + own[:, 2]
+            moments[:, 1] += own[:, 2]
+        return np.asarray((self.axes * moments).sum(axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
+class Arms:
+    """Vectors ``unit`` ``(p, m, 3)`` at the ends of arms ``(p, m, 3)`` from the platform's origin.
+
+    `pull` and `pull_unit` take the derivatives of a number by what the class holds and give those
+    by the postures; there the vectors have unit length.
+    """
+
+    turn: Turn
+    unit: Numbers
+    arm: Numbers
+    lever: Numbers
+
+    @staticmethod
+    def of(turn: Turn, unit: Numbers, arm: Numbers) -> Arms:
+        """With levers ``arm × unit``."""
+        return Arms(turn, unit, arm, cross(arm, unit))
+
+    @property
+    def by_posture(self) -> Numbers:
+        """How far the postures move the ends along the unit vectors ``(p, m, 6)``."""
+        return np.concatenate([self.unit, self.lever @ transposed(self.turn.axes)], axis=-1)
+
+    def pull_unit(self, by_posture: FloatArray) -> FloatArray:
+        """By the unit vectors, of derivatives ``(p, m, 6)`` by `by_posture`."""
+        about = by_posture[..., 3:] @ self.turn.axes
+        return np.asarray(by_posture[..., :3] + cross(about, self.arm))
+
+    def pull(
+        self, by_end: FloatArray, by_posture: FloatArray | None, spin: FloatArray
+    ) -> FloatArray:
+        """By the postures ``(p, 6)``: derivatives ``(p, m, 3)`` by the ends of the arms, by
+        `by_posture` through arms and axes, and moments ``spin`` ``(p, 3)`` of what else turns.
+        """
+        force, bent = by_end, None
+        if by_posture is not None:
+            about = by_posture[..., 3:] @ self.turn.axes
+            force = by_end + cross(self.unit, about)
+            bent = transposed(by_posture[..., 3:]) @ self.lever
+        moment = cross(self.arm, force).sum(axis=1) + spin
+        return np.concatenate([by_end.sum(axis=1), self.turn.pull(moment, bent)], axis=-1)
+
+
+def cross(first: Numbers, second: Numbers) -> Numbers:
+    """``first × second``; a third of the time that numpy's own needs for so few."""
+    return np.asarray(
+        first[..., SECOND] * second[..., THIRD] - first[..., THIRD] * second[..., SECOND]
+    )
+
+
+def transposed(matrices: Numbers) -> Numbers:
+    """Of matrices ``(..., n, m)``."""
+    return np.swapaxes(matrices, -1, -2)
+
+
+@dataclass(frozen=True, eq=False)
+class Legs:
+    """Links at postures: ``sliders`` ``(p, 6)``; ``lean`` ``(p, 6)``, the components of the links
+    along their rails, positive on the branch of the machine; ``arms`` with vectors along the links
+    from slider to platform, each 1 along its rail.
+    """
+
+    arms: Arms
     sliders: Numbers
-    links: Numbers
     lean: Numbers
 
 
 def rotation(angles: Numbers) -> Numbers:
-    """``R = Ry(theta) Rx(psi) Rz(phi)`` ``(p, 3, 3)`` of ``(p, 3)``; papers/001, equation (2)."""
-    return rotation_and_slopes(angles)[0]
-
-
-def rotation_and_slopes(angles: Numbers) -> tuple[Numbers, Numbers]:
-    """``R`` ``(p, 3, 3)`` and its derivatives by the angles ``(p, 3, 3, 3)``, angle first."""
-    turns = [_turn(axis, angles[:, k]) for k, axis in enumerate((1, 0, 2))]
-    (y, dy), (x, dx), (z, dz) = turns
-    slopes = np.stack([dy @ x @ z, y @ dx @ z, y @ x @ dz], axis=1)
-    return y @ x @ z, slopes
-
-
-def _turn(axis: int, angle: Numbers) -> tuple[Numbers, Numbers]:
-    """Rotation about an axis of the frame, and its derivative, both ``(p, 3, 3)``."""
-    first, second = (axis + 1) % 3, (axis + 2) % 3
-    cosine, sine = np.cos(angle), np.sin(angle)
-    turned = np.zeros((len(angle), 3, 3), dtype=angle.dtype)
-    turned[:, axis, axis] = 1.0
-    turned[:, first, first] = turned[:, second, second] = cosine
-    turned[:, second, first], turned[:, first, second] = sine, -sine
-    slope = np.zeros_like(turned)
-    slope[:, first, first] = slope[:, second, second] = -sine
-    slope[:, second, first], slope[:, first, second] = cosine, -cosine
-    return turned, slope
-
-
-def joints(geometry: Geometry, postures: Numbers) -> Numbers:
-    """Platform joints seen from where their rails start ``(p, 6, 3)``."""
-    turned = np.einsum("pij,kj->pki", rotation(postures[:, 3:]), geometry.platform)
-    return np.asarray(postures[:, None, :3] + turned - geometry.base)
+    """``R`` ``(p, 3, 3)`` of ``(p, 3)``, as in `Turn`."""
+    return Turn.at(angles).rotation
 
 
 def legs(geometry: Geometry, postures: Numbers) -> Legs:
@@ -74,10 +145,12 @@ def legs(geometry: Geometry, postures: Numbers) -> Legs:
 
     Raises UnreachablePosture where a link is too short to meet its rail.
     """
-    reach = joints(geometry, postures)
+    turn = Turn.at(postures[:, 3:])
+    arm = geometry.platform @ transposed(turn.rotation)
+    reach = postures[:, None, :3] + arm - geometry.base
     along = (reach * geometry.rails).sum(axis=-1)
-    square = geometry.links**2 - (reach * reach).sum(axis=-1) + along**2
-    short = square.real <= 0.0
+    square = geometry.links**2 - (reach * reach).sum(axis=-1) + along * along
+    short = ~(square.real > 0.0)
     if short.any():
         at, chain = (int(part[0]) for part in np.nonzero(short))
         raise UnreachablePosture(
@@ -88,7 +161,8 @@ def legs(geometry: Geometry, postures: Numbers) -> Legs:
         )
     lean = np.sqrt(square)
     sliders = along - lean
-    return Legs(sliders, reach - sliders[..., None] * geometry.rails, lean)
+    unit = (reach - sliders[..., None] * geometry.rails) / lean[..., None]
+    return Legs(Arms.of(turn, unit, arm), sliders, lean)
 
 
 def inverse(geometry: Geometry, postures: Numbers) -> Numbers:
@@ -118,7 +192,7 @@ def forward_near(geometry: Geometry, sliders: Numbers, postures: Numbers) -> Num
 
 
 def _converged(geometry: Geometry, sliders: Numbers, postures: Numbers) -> Numbers:
-    left = 2
+    more = 2
     for _ in range(MOST_STEPS):
         step = _newton_step(geometry, sliders, postures, sliders)
         postures = postures + step
@@ -126,8 +200,8 @@ def _converged(geometry: Geometry, sliders: Numbers, postures: Numbers) -> Numbe
         if not (size < FAR).all():
             break
         if (size < SMALL_STEP).all():
-            left -= 1
-        if left < 0:
+            more -= 1
+        if more < 0:
             return postures
     raise _no_posture(sliders[int(np.nan_to_num(size, nan=np.inf).argmax())], "none")
 
@@ -139,31 +213,25 @@ def _newton_step(
 
     Raises UnreachablePosture where the platform is not held or earlier steps led away.
     """
-    link = joints(geometry, postures) - sliders[..., None] * geometry.rails
+    turn = Turn.at(postures[:, 3:])
+    arm = geometry.platform @ transposed(turn.rotation)
+    link = postures[:, None, :3] + arm - geometry.base - sliders[..., None] * geometry.rails
     miss = ((link * link).sum(axis=-1) - geometry.links**2) / 2.0
     far = ~(np.abs(postures).max(axis=1, initial=0.0) < FAR)
     if far.any():
         raise _no_posture(wanted[int(far.argmax())], "none")
     try:
-        return np.linalg.solve(pulls(geometry, postures, link), -miss[..., None])[..., 0]
+        return np.linalg.solve(Arms.of(turn, link, arm).by_posture, -miss[..., None])[..., 0]
     except np.linalg.LinAlgError as problem:
         raise _no_posture(wanted[0], "a singular posture on the way") from problem
-
-
-def pulls(geometry: Geometry, postures: Numbers, link: Numbers) -> Numbers:
-    """``link · d(joint)/d(posture)`` ``(p, 6, 6)`` for links ``(p, 6, 3)``."""
-    slopes = rotation_and_slopes(postures[:, 3:])[1]
-    turned = np.einsum("pki,paij,kj->pka", link, slopes, geometry.platform, optimize=True)
-    return np.concatenate([link, turned], axis=-1)
 
 
 def _on_branch(geometry: Geometry, sliders: Numbers, postures: Numbers, near: Numbers) -> Numbers:
     """The postures, where a way from those that are ``near`` need not pass a singular one."""
     at = legs(geometry, postures)
     off = np.abs(at.sliders - sliders).max(axis=1, initial=0.0) > SMALL_STEP
-    side = np.sign(np.linalg.det(pulls(geometry, postures, at.links).real))
-    own = np.sign(np.linalg.det(pulls(geometry, near, legs(geometry, near).links).real))
-    off |= side != own
+    side = np.sign(np.linalg.det(at.arms.by_posture.real))
+    off |= side != np.sign(np.linalg.det(legs(geometry, near).arms.by_posture.real))
     if off.any():
         raise _no_posture(sliders[int(off.argmax())], "one on another branch of the machine")
     return postures

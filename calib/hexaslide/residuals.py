@@ -6,20 +6,20 @@ are components of the platform's posture; with the constraint link nothing is: i
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import CalibrationError, UnreachablePosture
-from calib.hexaslide.geometry import Box, ConstraintLink, Geometry
-from calib.hexaslide.kinematics import forward, inverse, legs, pulls, rotation
-from calib.hexaslide.procedures import COMPONENTS, Kind, Procedure, jacobian, slider_slopes
+from calib.hexaslide.derivatives import jacobian
+from calib.hexaslide.geometry import Box, ConstraintLink, Geometry, present
+from calib.hexaslide.kinematics import forward, forward_near, inverse, legs, rotation
+from calib.hexaslide.procedures import ANGLES, COMPONENTS, Kind, Procedure
 from calib.observations import FloatArray
 
-ANGLES = COMPONENTS[3:]
-CLOSE_STEPS = 8
-CLOSE = 1e-13
 CHECK = "Look for a wrong reading, order of the sliders, or unit: metres and radians."
 
 
@@ -83,7 +83,7 @@ class Readings:
 
 
 @dataclass(frozen=True, eq=False)
-class Left:
+class Residuals:
     """Measured less predicted ``(p, r)``; ``names`` are of the columns, ``angular`` those in rad.
 
     ``postures`` ``(p, 6)`` are where the machine stands by its own reckoning.
@@ -122,7 +122,10 @@ def postures_of(
     try:
         return standing(geometry, readings.sliders, box, near)
     except UnreachablePosture as problem:
-        raise _numbered(readings, geometry, box) from problem
+        _name_posture(readings, readings.sliders, lambda one: forward(geometry, one, box))
+        raise UnreachablePosture(
+            "postures", "sliders that hold no platform", "reachable ones", CHECK
+        ) from problem
 
 
 def standing(
@@ -132,59 +135,45 @@ def standing(
 
     Raises UnreachablePosture.
     """
-    close = None if near is None else _followed(geometry, sliders, near)
-    return np.asarray(forward(geometry, sliders, box)) if close is None else close
+    if near is not None:
+        with suppress(UnreachablePosture):
+            return np.asarray(forward_near(geometry, sliders, near))
+    return np.asarray(forward(geometry, sliders, box))
 
 
-def _followed(geometry: Geometry, sliders: FloatArray, near: FloatArray) -> FloatArray | None:
-    """Newton's method from postures close by; None where it does not get there."""
-    postures = near
-    for _ in range(CLOSE_STEPS):
+def _name_posture(
+    readings: Readings, rows: FloatArray, reach: Callable[[FloatArray], object]
+) -> None:
+    """Raises UnreachablePosture naming the first of the postures that cannot be reached."""
+    for row, one in enumerate(rows):
         try:
-            at = legs(geometry, postures)
-            slope = pulls(geometry, postures, at.links) / at.lean[..., None]
-            step = np.linalg.solve(slope, (sliders - at.sliders)[..., None])[..., 0]
-        except (UnreachablePosture, np.linalg.LinAlgError):
-            return None
-        postures = postures + step
-        if float(np.abs(step).max()) < CLOSE:
-            return postures
-    return None
-
-
-def _numbered(readings: Readings, geometry: Geometry, box: Box) -> UnreachablePosture:
-    """The error that names the first posture that cannot be."""
-    for row, one in enumerate(readings.sliders):
-        try:
-            forward(geometry, one[None], box)
+            reach(one[None])
         except UnreachablePosture as problem:
-            return _unreachable(readings.number(row), problem)
-    return UnreachablePosture("postures", "sliders that hold no platform", "reachable ones", CHECK)
-
-
-def _unreachable(number: int, problem: UnreachablePosture) -> UnreachablePosture:
-    return UnreachablePosture(
-        f"posture {number}, {problem.thing}", problem.found, problem.allowed, CHECK
-    )
+            raise UnreachablePosture(
+                f"posture {readings.number(row)}, {problem.thing}",
+                problem.found,
+                problem.allowed,
+                CHECK,
+            ) from problem
 
 
 def residuals(
     readings: Readings, geometry: Geometry, link: ConstraintLink | None, postures: FloatArray
-) -> tuple[Left, FloatArray]:
-    """What is left ``(p, r)`` at postures, and derivatives of what is read ``(p, r, k)``.
+) -> tuple[Residuals, FloatArray]:
+    """Residuals ``(p, r)`` at postures, and derivatives of what is read ``(p, r, k)``.
 
     Raises UnreachablePosture naming the posture, CalibrationError at a singular one.
     """
     procedure, kind = readings.procedure, readings.procedure.kind
     if kind is Kind.POSE_INVERSE:
-        left = readings.sliders - _inverse(readings, geometry)
+        values = readings.sliders - _inverse(readings, geometry)
     elif kind is Kind.CONSTRAINT_LINK:
-        left = stretch(link, postures)[:, None]
+        values = stretch(link, postures)[:, None]
     else:
         columns = [COMPONENTS.index(name) for name in procedure.measured]
-        left = _turned_back(readings.measured - postures[:, columns], procedure.measured)
+        values = _turned_back(readings.measured - postures[:, columns], procedure.measured)
     slopes = jacobian(procedure, geometry, postures, link)
-    return Left(procedure.read, left, postures), np.asarray(slopes)
+    return Residuals(procedure.read, values, postures), np.asarray(slopes)
 
 
 def _inverse(readings: Readings, geometry: Geometry) -> FloatArray:
@@ -192,26 +181,21 @@ def _inverse(readings: Readings, geometry: Geometry) -> FloatArray:
     try:
         return np.asarray(inverse(geometry, readings.measured))
     except UnreachablePosture:
-        for row, one in enumerate(readings.measured):
-            try:
-                inverse(geometry, one[None])
-            except UnreachablePosture as problem:
-                raise _unreachable(readings.number(row), problem) from problem
+        _name_posture(readings, readings.measured, lambda one: inverse(geometry, one))
         raise
 
 
 def stretch(link: ConstraintLink | None, postures: FloatArray) -> FloatArray:
     """Length of the constraint link less the distance of its ends ``(p,)`` in metres."""
-    if link is None:
-        raise CalibrationError("constraint link", "none", "one in the machine file")
+    link = present(link)
     apart = postures[:, :3] + rotation(postures[:, 3:]) @ link.platform_end - link.base_end
     return np.asarray(link.length_m - np.linalg.norm(apart, axis=1))
 
 
-def _turned_back(left: FloatArray, names: tuple[str, ...]) -> FloatArray:
+def _turned_back(values: FloatArray, names: tuple[str, ...]) -> FloatArray:
     """Angles between -π and π."""
     angular = np.array([name in ANGLES for name in names])
-    return np.where(angular, np.remainder(left + np.pi, 2.0 * np.pi) - np.pi, left)
+    return np.where(angular, np.remainder(values + np.pi, 2.0 * np.pi) - np.pi, values)
 
 
 def variances(readings: Readings, geometry: Geometry) -> FloatArray:
@@ -223,13 +207,9 @@ def variances(readings: Readings, geometry: Geometry) -> FloatArray:
     own = np.diag(readings.value_noise**2)
     if readings.procedure.kind is not Kind.POSE_INVERSE:
         return np.tile(own, (len(readings.sliders), 1, 1))
-    slope = _slider_slope(readings, geometry)
-    return np.asarray(slope @ own @ np.swapaxes(slope, 1, 2))
-
-
-def _slider_slope(readings: Readings, geometry: Geometry) -> FloatArray:
     _inverse(readings, geometry)  # names the posture that cannot be
-    return np.asarray(slider_slopes(geometry, readings.measured)[0])
+    slope = legs(geometry, readings.measured).arms.by_posture
+    return np.asarray(slope @ own @ np.swapaxes(slope, 1, 2))
 
 
 def whitening(readings: Readings, geometry: Geometry) -> FloatArray:
@@ -239,12 +219,14 @@ def whitening(readings: Readings, geometry: Geometry) -> FloatArray:
     return np.asarray(np.linalg.inv(root))
 
 
-def shares(readings: Readings, geometry: Geometry, left: Left) -> tuple[FloatArray, FloatArray]:
-    """Of the squares that are left, each in units of its own noise: by column ``(r,)`` and by
-    posture ``(p,)``; zeros where nothing is left.
+def shares(
+    readings: Readings, geometry: Geometry, found: Residuals
+) -> tuple[FloatArray, FloatArray]:
+    """Of the squares of residuals, each in units of its own noise: by column ``(r,)`` and by
+    posture ``(p,)``; zeros where all are zero.
     """
     own = np.diagonal(variances(readings, geometry), axis1=1, axis2=2)
-    squares = left.values**2 / own
+    squares = found.values**2 / own
     total = float(squares.sum())
     if total <= 0.0:
         return np.zeros(squares.shape[1]), np.zeros(len(squares))

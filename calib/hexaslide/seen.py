@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from calib.design.identifiability import ClassicalQr, analyse, classical_qr
 from calib.design.planning import AddedMeasurement, Combination, Examination, SeenBy, seen_by
 from calib.errors import CalibrationError
-from calib.hexaslide.geometry import HexaSlide
+from calib.hexaslide.geometry import HexaSlide, present
+from calib.hexaslide.kinematics import forward_near, inverse
 from calib.hexaslide.planning import enough_postures, fewest_postures, reachable, sensitivity
 from calib.hexaslide.procedures import (
     ALL_UNITS,
+    COMPONENTS,
     Kind,
     Procedure,
-    differenced,
     held_postures,
     in_units,
 )
+from calib.hexaslide.residuals import stretch
 from calib.linalg import BLIND, EXACT_BLIND, basis_of, condition, without
 from calib.observations import FloatArray
 
@@ -122,48 +126,12 @@ class HexaSlidePlanning:
         return (None,) * len(vectors)
 
 
-@dataclass(frozen=True, eq=False)
-class View:
-    """A procedure on a machine; ``conditions`` of what is seen at its postures, by units."""
-
-    planned: HexaSlidePlanning
-    seen: SeenBy
-    conditions: dict[str, float]
-
-    @property
-    def procedure(self) -> Procedure:
-        """What is read."""
-        return self.planned.procedure
-
-    @property
-    def machine(self) -> HexaSlide:
-        """The nominal one."""
-        return self.planned.machine
-
-    @property
-    def fewest(self) -> int:
-        """How few postures show all that the procedure can show."""
-        return self.seen.examined.fewest_postures or 1
-
-    @property
-    def published(self) -> PublishedSet | None:
-        """The paper's figures, for its own procedures only."""
-        return PUBLISHED_SETS[self.procedure.kind] if self.planned.usual else None
-
-
-def look_at(planned: HexaSlidePlanning) -> View:
-    """Raises CalibrationError for postures that cannot be."""
-    seen = seen_by(planned)
-    conditions = conditions_by_units(planned.procedure, seen.examined.bare, seen.found.rank)
-    return View(planned, seen, conditions)
-
-
 def conditions_by_units(procedure: Procedure, rows: FloatArray, rank: int) -> dict[str, float]:
     """Condition number of what is seen in each unit, from rows ``(n, k)``, metres and radians."""
     return {units.words: condition(in_units(procedure, rows, units), rank) for units in ALL_UNITS}
 
 
-def conditions_at(view: View, postures: FloatArray) -> dict[str, float]:
+def conditions_at(view: HexaSlideSeen, postures: FloatArray) -> dict[str, float]:
     """The same at postures ``(p, 6)``."""
     rows = sensitivity(view.procedure, view.machine, postures).jacobian
     return conditions_by_units(view.procedure, rows, view.seen.found.rank)
@@ -203,27 +171,68 @@ class PaperRule:
 
 @dataclass(frozen=True, eq=False)
 class HexaSlideSeen:
-    """What a procedure sees, with the figures that a judgement of papers/001 needs.
+    """What a procedure sees on a machine, with the figures that a judgement of papers/001 needs.
 
-    ``always`` are names of combinations that no posture shows; ``conditions`` the condition number
-    of what is seen in each unit; ``rules`` the paper's rule at these postures, then at as many as
-    the paper has, where they could be taken.
+    ``conditions`` are condition numbers of what is seen at the postures, by units.
     """
 
+    planned: HexaSlidePlanning
     seen: SeenBy
-    always: tuple[str, ...]
     conditions: dict[str, float]
-    rules: tuple[PaperRule, ...]
+
+    @property
+    def procedure(self) -> Procedure:
+        """What is read."""
+        return self.planned.procedure
+
+    @property
+    def machine(self) -> HexaSlide:
+        """The nominal one."""
+        return self.planned.machine
+
+    @property
+    def fewest(self) -> int:
+        """How few postures show all that the procedure can show."""
+        return self.seen.examined.fewest_postures or 1
+
+    @property
+    def published(self) -> PublishedSet | None:
+        """The paper's figures, for its own procedures only."""
+        return PUBLISHED_SETS[self.procedure.kind] if self.planned.usual else None
+
+    @cached_property
+    def always(self) -> tuple[str, ...]:
+        """Names of the combinations that no posture shows."""
+        all_seen = reachable(self.procedure, self.machine)
+        never = basis_of(all_seen.unseen_vectors.T, EXACT_BLIND)
+        names = self.seen.found.names
+        return tuple(one.name for one in self.seen.unidentifiable if _lies_in(never, one, names))
+
+    @cached_property
+    def rules(self) -> tuple[PaperRule, ...]:
+        """The paper's rule at these postures and, for its own procedures, at as many as it has,
+        where they could be taken.
+        """
+        procedure, postures = self.procedure, self.planned.postures()
+        all_seen = reachable(procedure, self.machine).rank
+        sets = [(postures, self.seen.found.rank)]
+        few = PUBLISHED_SETS[procedure.kind].count
+        if self.planned.usual and len(postures) > few:
+            some = postures[:few]
+            sets.append((some, analyse(sensitivity(procedure, self.machine, some)).rank))
+        found = []
+        for some, rank in sets:
+            with suppress(CalibrationError):  # a step leaves the workspace: nothing to show
+                rows = differenced(procedure, self.machine, some)
+                found.append(_rule(rows, procedure.parameters, rank, all_seen))
+        return tuple(found)
 
 
-def hexaslide_seen(planned: HexaSlidePlanning) -> HexaSlideSeen:
+def look_at(planned: HexaSlidePlanning) -> HexaSlideSeen:
     """Raises CalibrationError for postures that cannot be."""
-    view = look_at(planned)
-    seen, all_seen = view.seen, reachable(planned.procedure, planned.machine)
-    never = basis_of(all_seen.unseen_vectors.T, EXACT_BLIND)
-    always = tuple(one.name for one in seen.lost if _lies_in(never, one, seen.found.names))
-    rules = _rules(planned, seen.found.rank, all_seen.rank)
-    return HexaSlideSeen(seen, always, view.conditions, rules)
+    seen = seen_by(planned)
+    conditions = conditions_by_units(planned.procedure, seen.examined.bare, seen.found.rank)
+    return HexaSlideSeen(planned, seen, conditions)
 
 
 def _lies_in(space: FloatArray, one: Combination, names: tuple[str, ...]) -> bool:
@@ -231,23 +240,32 @@ def _lies_in(space: FloatArray, one: Combination, names: tuple[str, ...]) -> boo
     return bool(np.linalg.norm(without(space, vector)) < BLIND)
 
 
-def _rules(planned: HexaSlidePlanning, rank: int, all_seen: int) -> tuple[PaperRule, ...]:
-    """At the postures asked for and, for the paper's own procedures, at the paper's number."""
-    procedure, machine = planned.procedure, planned.machine
-    postures = planned.postures()
-    sets = [(postures, rank)]
-    few = PUBLISHED_SETS[procedure.kind].count
-    if planned.usual and len(postures) > few:
-        some = postures[:few]
-        sets.append((some, analyse(sensitivity(procedure, machine, some)).rank))
-    found = []
-    for some, true in sets:
-        try:
-            rows = differenced(procedure, machine.geometry, some, machine.link)
-        except CalibrationError:
-            continue  # a step leaves the workspace: there is nothing to show
-        found.append(_rule(rows, procedure.parameters, true, all_seen))
-    return tuple(found)
+DIFFERENCE_STEP = 1e-7
+"""The paper's step, metres."""
+
+
+def differenced(procedure: Procedure, machine: HexaSlide, postures: FloatArray) -> FloatArray:
+    """Derivatives ``(p, r, k)`` as `derivatives.jacobian`, each wrong by about 1e-7.
+
+    Raises CalibrationError where a step leaves what can be reached, or without a link to read.
+    """
+    names, kind = procedure.parameters, procedure.kind
+    if kind is Kind.CONSTRAINT_LINK:
+        present(machine.link)
+    sliders, start = inverse(machine.geometry, postures), machine.parameters(names)
+
+    def read(parameters: FloatArray) -> FloatArray:
+        changed = machine.with_parameters(names, parameters)
+        if kind is Kind.POSE_INVERSE:
+            return np.asarray(inverse(changed.geometry, postures))
+        moved = forward_near(changed.geometry, sliders, postures)
+        if kind is Kind.CONSTRAINT_LINK:
+            return -stretch(changed.link, moved)[:, None]
+        return np.asarray(moved[:, [COMPONENTS.index(name) for name in procedure.measured]])
+
+    before = read(start)
+    steps = DIFFERENCE_STEP * np.eye(len(start))
+    return np.stack([(read(start + step) - before) / DIFFERENCE_STEP for step in steps], axis=-1)
 
 
 def _rule(rows: FloatArray, names: tuple[str, ...], rank: int, all_seen: int) -> PaperRule:

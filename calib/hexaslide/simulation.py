@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.errors import CalibrationError
-from calib.hexaslide.geometry import Box, ConstraintLink, HexaSlide
+from calib.hexaslide.geometry import Box, ConstraintLink, HexaSlide, present
 from calib.hexaslide.kinematics import inverse, rotation
 from calib.hexaslide.procedures import COMPONENTS, Kind, Procedure
 from calib.hexaslide.residuals import Readings, standing
@@ -91,12 +91,10 @@ def _on_link(
     truth: HexaSlide, postures: FloatArray | int, generator: np.random.Generator, play_m: float
 ) -> FloatArray:
     """Sliders ``(p, 6)`` of postures at which the ends are as far apart as the link is long."""
-    if truth.link is None:
-        raise CalibrationError("constraint link", "none", "one in the machine file")
+    link = present(truth.link)
     if not isinstance(postures, int):
-        given = _held(
-            truth.box, truth.link, postures, play_m * generator.standard_normal(len(postures))
-        )
+        play = play_m * generator.standard_normal(len(postures))
+        given = _held(truth.box, link, postures, play)
         if len(given) < len(postures):
             raise CalibrationError(
                 "postures on the constraint link",
@@ -109,12 +107,12 @@ def _on_link(
     for _ in range(MOST_ROUNDS):
         play = play_m * generator.standard_normal(count)
         free = truth.box.random(count, generator)
-        held = np.vstack([held, _held(truth.box, truth.link, free, play)])
+        held = np.vstack([held, _held(truth.box, link, free, play)])
         if len(held) >= count:
             return np.asarray(inverse(truth.geometry, held[:count]))
     raise CalibrationError(
         "constraint link",
-        f"a length of {truth.link.length_m:g} m that {len(held)} of "
+        f"a length of {link.length_m:g} m that {len(held)} of "
         f"{MOST_ROUNDS * count} random postures keep",
         "ends and a length that let the platform move in the box",
     )

@@ -224,7 +224,6 @@ def _refuse_unseen_sizes(told: Told, columns: FloatArray, noise: Noise | None) -
     sizes = told.sizes
     shown = Sensitivity(
         names=tuple(size.name for size in sizes),
-        units=tuple(size.unit for size in sizes),
         jacobian=columns,
         tolerance=np.array([NOTICED * size.tolerance for size in sizes]),
         noise_known=noise is not None,

@@ -19,7 +19,7 @@ from calib.identify.solution import SUBSETS, Solution
 from calib.newton import Optimum, normal_equations, solve_positive
 from calib.noise.reading import IndicatorFigures, IndicatorNoise, Noise, reading_weights, visits
 from calib.noise.repeats import Repeats
-from calib.noise.rounding import quantisation_of_repeatability, scatter_of_shown
+from calib.noise.rounding import quantisation_of_repeatability, scatter_of_repeatability
 from calib.observations import FloatArray, Observations
 from calib.stats import coverage_factors
 from calib.tripod.geometry import PARAMETER_NAMES
@@ -68,7 +68,7 @@ class Campaign:
             solution.model,
             visits(observed),
             SUBSETS[solution.subset],
-            scatter_of_shown(shown, step),
+            scatter_of_repeatability(shown, step),
             step,
             np.full(len(PARAMETER_NAMES), STEPS_APART * step),
             noise_known=noise.repeated in ("nothing", "equal"),

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from scipy.special import fdtrc
 
 from calib.noise.repeats import Outlier, Repeats, cycle_drift, outlying_readings
 from calib.noise.rounding import quantisation_of_repeatability, quantisation_variance
 from calib.observations import FloatArray, IntArray, Observations
-from calib.stats import variance_ratio_p_values
-from calib.ties import ranks
+from calib.ties import descending, ranks
 
 NoiseSource = Literal["repeats", "instrument", "residuals"]
 Repeated = Literal["nothing", "equal", "rounding", "scatter"]
@@ -25,7 +25,6 @@ LEAST_NOISE_MM = 1e-9
 
 POOLING_LEVEL = 0.01
 """Chance that indicators of equal scatter are kept apart."""
-
 
 BORROWED = 4.0
 """Degrees of freedom that diagnosis lends to a mounting kept apart: a variance from few repeats
@@ -58,7 +57,7 @@ class Noise:
     that do not fit their own repeats; they are counted nevertheless. Degrees of freedom are
     infinite for a stated instrument: taken as known (GUM 4.3, type B).
     ``repeated`` is what repeats show: nothing where there are none, equal readings, less scatter
-    than rounding, or scatter. ``cycle_drift_mm`` is how far readings wander from cycle to cycle
+    than rounding, or scatter. ``cycle_drift_mm`` is how far readings drift from cycle to cycle
     where that is more than chance; it is not in the variances.
     """
 
@@ -83,9 +82,9 @@ class Noise:
     def degrees_of_freedom(self) -> float:
         """Degrees of freedom of that standard deviation (Welch and Satterthwaite, GUM G.4.1)."""
         total = sum(one.variance_mm2 for one in self.indicators)
-        shown = np.array([one.repeatability_mm2 for one in self.indicators])
+        scatter = np.array([one.repeatability_mm2 for one in self.indicators])
         spread = sum(
-            float(shown[self.estimates == number].sum()) ** 2
+            float(scatter[self.estimates == number].sum()) ** 2
             / self.indicators[number].degrees_of_freedom
             for number in set(self.estimates.tolist())
         )
@@ -100,13 +99,13 @@ class Noise:
 
     def repeatability_mm2(self, observed: Observations) -> FloatArray:
         """Variance of each value ``(n_readings,)`` that repeats reduce, mm²."""
-        shown = np.array([one.repeatability_mm2 for one in self.indicators])
-        return np.asarray(shown[observed.indicator] / observed.averaged)
+        scatter = np.array([one.repeatability_mm2 for one in self.indicators])
+        return np.asarray(scatter[observed.indicator] / observed.averaged)
 
     def quantisation_mm2(self, observed: Observations) -> FloatArray:
         """Variance that each value ``(n_readings,)`` shares with its repeats, mm²."""
-        locked = np.array([one.quantisation_mm2 for one in self.indicators])
-        return np.asarray(locked[observed.indicator])
+        shared = np.array([one.quantisation_mm2 for one in self.indicators])
+        return np.asarray(shared[observed.indicator])
 
     def scaled(self, factor: float) -> Noise:
         """The same noise with every variance times ``factor``."""
@@ -126,17 +125,16 @@ class Noise:
 def reading_weights(observed: Observations, noise: Noise | None) -> FloatArray:
     """Weight of each value ``(n_readings,)`` in 1/mm² such that those of a posture add up right.
 
-    Values of one mounting in one posture have together the weight of their mean, 1/(shown/n +
-    locked). Without a noise the number of averaged readings serves.
+    Values of one mounting in one posture have together the weight of their mean,
+    1/(repeatability/n + quantisation). Without a noise the number of averaged readings serves.
     """
     if noise is None:
         return observed.averaged
     place = observed.level
     together = np.bincount(place, observed.averaged)[place]
-    shown = np.array([one.repeatability_mm2 for one in noise.indicators])[observed.indicator]
-    return np.asarray(
-        observed.averaged / together / (shown / together + noise.quantisation_mm2(observed))
-    )
+    repeatability = np.array([one.repeatability_mm2 for one in noise.indicators])
+    of_mean = repeatability[observed.indicator] / together + noise.quantisation_mm2(observed)
+    return np.asarray(observed.averaged / together / of_mean)
 
 
 @dataclass(frozen=True)
@@ -164,11 +162,11 @@ class IndicatorFigures:
         Rounding to a step r adds a variance of ``r² / 12`` (GUM F.2.2.1).
         """
         scatter, step = self.repeatability_mm or 0.0, self.resolution_mm or 0.0
-        locked = float(quantisation_variance(np.array([scatter]), step)[0])
-        shown = scatter**2 + step**2 / 12.0 - locked
-        if shown + locked <= LEAST_NOISE_MM**2:
+        rounding = float(quantisation_variance(np.array([scatter]), step)[0])
+        repeatability = scatter**2 + step**2 / 12.0 - rounding
+        if repeatability + rounding <= LEAST_NOISE_MM**2:
             return None
-        one = IndicatorNoise(max(shown, 0.0), locked, math.inf)
+        one = IndicatorNoise(max(repeatability, 0.0), rounding, math.inf)
         return Noise((one,) * indicator_count, "instrument")
 
 
@@ -221,16 +219,15 @@ def reading_noise(visited: Observations, indicator: IndicatorFigures) -> Noise |
     step = max(indicator.resolution_mm or 0.0, indicator.step_mm or 0.0)
     squares = repeats.sums_of_squares(visited.value_mm[:, None])[:, 0]
     arithmetic = (ROUNDING * float(np.abs(visited.value_mm).max())) ** 2
-    if free.sum() <= 0.0 or float(squares.sum()) <= arithmetic * free.sum():
-        if free.sum() <= 0.0:
-            return indicator.noise(visited.indicator_count)
-        known = _stated(indicator, step, visited.indicator_count)
+    if free.sum() <= 0.0:
+        return indicator.noise(visited.indicator_count)
+    if float(squares.sum()) <= arithmetic * free.sum():
+        count = visited.indicator_count
+        known = indicator.noise(count) or IndicatorFigures(resolution_mm=step).noise(count)
         return replace(known, repeated="equal") if known else None
     ones = _noise_of_indicators(squares, free, step)
-    shown, locked = (
-        sum(one.repeatability_mm2 for one in ones),
-        sum(one.quantisation_mm2 for one in ones),
-    )
+    scatter = sum(one.repeatability_mm2 for one in ones)
+    rounding = sum(one.quantisation_mm2 for one in ones)
     floor = step**2 / 12.0
     found = Noise(
         ones,
@@ -240,22 +237,17 @@ def reading_noise(visited: Observations, indicator: IndicatorFigures) -> Noise |
         "scatter",
         cycle_drift(repeats, floor),
     )
-    return found if shown >= locked else replace(found, source="instrument", repeated="rounding")
-
-
-def _stated(indicator: IndicatorFigures, seen_mm: float, indicator_count: int) -> Noise | None:
-    """The stated noise; where nothing is stated, that of the step seen in the readings."""
-    return indicator.noise(indicator_count) or IndicatorFigures(resolution_mm=seen_mm).noise(
-        indicator_count
-    )
+    if scatter >= rounding:
+        return found
+    return replace(found, source="instrument", repeated="rounding")
 
 
 def _noise_of_indicators(
     squares: FloatArray, free: FloatArray, step: float
 ) -> tuple[IndicatorNoise, ...]:
-    """Variances of each indicator: the loud ones their own, all others the pooled ones.
+    """Variances of each indicator: the noisy ones their own, all others the pooled ones.
 
-    The loudest is set aside until the rest may be pooled. One without repeats of its own gets what
+    The noisiest is set aside until the rest may be pooled. One without repeats of its own gets what
     all together show.
     """
     judged = np.flatnonzero(free > 0.0)
@@ -273,9 +265,9 @@ def _noise_of_indicators(
 
 
 def _split(square_sum: float, degrees_of_freedom: float, step: float) -> IndicatorNoise:
-    shown = square_sum / degrees_of_freedom
-    locked = float(quantisation_of_repeatability(np.array([shown]), step, degrees_of_freedom)[0])
-    return IndicatorNoise(shown, locked, degrees_of_freedom)
+    scatter = square_sum / degrees_of_freedom
+    shared = quantisation_of_repeatability(np.array([scatter]), step, degrees_of_freedom)
+    return IndicatorNoise(scatter, float(shared[0]), degrees_of_freedom)
 
 
 def may_be_pooled(squares: FloatArray, free: FloatArray, step: float) -> bool:
@@ -290,9 +282,40 @@ def may_be_pooled(squares: FloatArray, free: FloatArray, step: float) -> bool:
     rest, nu_rest = square.sum() - square, nu.sum() - nu
     own, others = _variances(square / nu, step, nu), _variances(rest / nu_rest, step, nu_rest)
     ratio = np.divide(own, others, out=np.full_like(own, np.inf), where=others > 0.0)
-    return bool((variance_ratio_p_values(ratio, nu, nu_rest) * len(nu) >= POOLING_LEVEL).all())
+    return bool((fdtrc(nu, nu_rest, ratio) * len(nu) >= POOLING_LEVEL).all())
 
 
 def _variances(repeatability_mm2: FloatArray, step: float, free: FloatArray) -> FloatArray:
-    shown = np.maximum(repeatability_mm2, 0.0)
-    return np.asarray(shown + quantisation_of_repeatability(shown, step, free))
+    scatter = np.maximum(repeatability_mm2, 0.0)
+    return np.asarray(scatter + quantisation_of_repeatability(scatter, step, free))
+
+
+@dataclass(frozen=True)
+class NoisyIndicator:
+    """An indicator that scatters more than the quietest: its first row and its scatter, mm.
+
+    ``mounting`` is False where it was used in more than one mounting; ``number`` counts from 1.
+    """
+
+    row: int
+    mounting: bool
+    number: int
+    scatter_mm: float
+
+
+def noisy_indicators(observed: Observations, noise: Noise) -> list[NoisyIndicator]:
+    """Indicators with an estimate of their own, the noisiest first."""
+    quiet = noise.quiet_mm2
+    found = []
+    for k, one in enumerate(noise.indicators):
+        if one.variance_mm2 > quiet:
+            rows = np.flatnonzero(observed.indicator == k)
+            single = len(np.unique(observed.mount[rows])) == 1
+            scatter = math.sqrt(one.variance_mm2)
+            found.append(NoisyIndicator(int(rows[0]), single, k + 1, scatter))
+    return descending(found, lambda one: one.scatter_mm)
+
+
+def single_posture_rows(observed: Observations) -> list[IntArray]:
+    """Rows of each mounting of a single posture: without another one they say nothing."""
+    return [rows for rows in observed.mountings if len(np.unique(observed.level[rows])) == 1]

@@ -131,10 +131,10 @@ def outlying_readings(repeats: Repeats, floor_mm2: float) -> tuple[Outlier, ...]
 
 
 def cycle_drift(repeats: Repeats, floor_mm2: float) -> float | None:
-    """How far readings wander from cycle to cycle, r.m.s. in mm; None where chance may do that.
+    """How far readings drift from cycle to cycle, r.m.s. in mm; None where chance may do that.
 
     Mean square of the cycles, cells taken out, against that of the repeats (variance ratio). What
-    wanders within a cycle is not seen here and goes into the differences.
+    drifts within a cycle is not seen here and goes into the differences.
     """
     observed = repeats.observed
     left = _without_cells(np.sqrt(observed.averaged), repeats.cell, observed.value_mm[:, None])
@@ -162,7 +162,7 @@ def _others(
     others, nu_others = total - float(squares[indicator]), nu_total - float(free[indicator])
     if nu_own > 0.0 and nu_others > 0.0:
         ratio = (own / nu_own) / max(others / nu_others, TINY)
-        louder = variance_ratio_p_value(ratio, nu_own, nu_others)
-        if min(louder, 1.0 - louder) < UNEQUAL_LEVEL:
+        noisier = variance_ratio_p_value(ratio, nu_own, nu_others)
+        if min(noisier, 1.0 - noisier) < UNEQUAL_LEVEL:
             return own / nu_own, nu_own
     return max(total - square, 0.0) / (nu_total - 1.0), nu_total - 1.0

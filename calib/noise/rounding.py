@@ -20,7 +20,7 @@ from scipy.special import ndtr
 from calib.observations import FloatArray
 
 RATIO_LIMIT = 1.0
-"""From this ratio of scatter to step on the locked part is less than 1e-17 of the step squared."""
+"""From this ratio of scatter to step on B is less than 1e-17 of the step squared."""
 
 GRID_POINTS = 4001
 COARSE_POINTS = 201
@@ -33,46 +33,46 @@ def quantisation_variance(scatter_mm: FloatArray, step_mm: float) -> FloatArray:
     """The part B of the variance (mm²) that repeats in one posture share; shape of the scatter."""
     if step_mm <= 0.0:
         return np.zeros_like(scatter_mm)
-    ratio, locked, _ = _table()
-    return np.asarray(step_mm**2 * np.interp(scatter_mm / step_mm, ratio, locked))
+    ratio, bias, _ = _table()
+    return np.asarray(step_mm**2 * np.interp(scatter_mm / step_mm, ratio, bias))
 
 
-def scatter_of_shown(repeatability_mm2: float, step_mm: float) -> float:
+def scatter_of_repeatability(repeatability_mm2: float, step_mm: float) -> float:
     """Scatter (mm) of readings before rounding whose repeats show this variance."""
     if step_mm <= 0.0 or repeatability_mm2 >= RATIO_LIMIT * step_mm**2:
         return float(np.sqrt(max(repeatability_mm2 - step_mm**2 / 12.0 * (step_mm > 0.0), 0.0)))
-    ratio, _, shown = _table()
-    return float(step_mm * np.interp(repeatability_mm2 / step_mm**2, shown, ratio))
+    ratio, _, repeatability = _table()
+    return float(step_mm * np.interp(repeatability_mm2 / step_mm**2, repeatability, ratio))
 
 
 def quantisation_of_repeatability(
     repeatability_mm2: FloatArray, step_mm: float, degrees_of_freedom: float | FloatArray
 ) -> FloatArray:
-    """Estimate of the locked variance (mm²) from the variance that repeats show; same shape.
+    """Estimate of the shared variance (mm²) from the variance that repeats show; same shape.
 
     B is a convex function of what is shown, so a shown variance that itself scatters would make B
     too large on average: that part, to second order, is taken off.
     """
     if step_mm <= 0.0:
         return np.zeros_like(repeatability_mm2)
-    _, locked, shown = _table()
+    _, bias, repeatability = _table()
     relative = repeatability_mm2 / step_mm**2
-    value = np.interp(relative, shown, locked, right=0.0)
-    excess = np.interp(relative, shown, _excess(), right=0.0) / degrees_of_freedom
+    value = np.interp(relative, repeatability, bias, right=0.0)
+    excess = np.interp(relative, repeatability, _excess(), right=0.0) / degrees_of_freedom
     return np.asarray(np.clip(value - excess, 0.0, 1.0 / 12.0) * step_mm**2)
 
 
 @lru_cache(maxsize=1)
 def _excess() -> FloatArray:
-    """What scatter of the shown variance adds to the locked one, for one degree of freedom."""
-    ratio, locked, shown = _table()
-    bend = np.gradient(np.gradient(locked, shown), shown)
+    """What scatter of the shown variance adds to the shared one, for one degree of freedom."""
+    ratio, bias, repeatability = _table()
+    bend = np.gradient(np.gradient(bias, repeatability), repeatability)
     coarse = np.linspace(0.0, RATIO_LIMIT, COARSE_POINTS)
-    scatter = np.interp(ratio, coarse, [_scatter_of_shown(float(r)) for r in coarse])
+    scatter = np.interp(ratio, coarse, [_scatter_of_repeatability(float(r)) for r in coarse])
     return np.asarray(0.5 * bend * scatter)
 
 
-def _scatter_of_shown(ratio: float) -> float:
+def _scatter_of_repeatability(ratio: float) -> float:
     """Variance of the shown variance of three rounded repeats, times its 2 degrees of freedom.
 
     Over all places within a step: mean of the fourth central moment over n, plus the variance of
@@ -91,10 +91,10 @@ def _scatter_of_shown(ratio: float) -> float:
 
 @lru_cache(maxsize=1)
 def _table() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Scatter, locked and shown variance for a step of 1, on a grid."""
+    """Scatter, quantisation bias and repeatability variance for a step of 1, on a grid."""
     ratio = np.linspace(0.0, RATIO_LIMIT, GRID_POINTS)
-    locked = np.zeros(GRID_POINTS)
+    bias = np.zeros(GRID_POINTS)
     for k in range(1, TERMS + 1):
-        locked += np.exp(-4.0 * (np.pi * k * ratio) ** 2) / (2.0 * (np.pi * k) ** 2)
-    locked[0] = 1.0 / 12.0
-    return ratio, locked, ratio**2 + 1.0 / 12.0 - locked
+        bias += np.exp(-4.0 * (np.pi * k * ratio) ** 2) / (2.0 * (np.pi * k) ** 2)
+    bias[0] = 1.0 / 12.0
+    return ratio, bias, ratio**2 + 1.0 / 12.0 - bias

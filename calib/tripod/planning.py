@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calib.design.criteria import Aim, covariances_after, inverse
 from calib.design.exchange import Candidates, Choice, choose
-from calib.design.planning import AddedMeasurement, Coordinates, Examination, Orders
+from calib.design.planning import AddedMeasurement, Examination
 from calib.errors import ImpossibleRequest, NotIdentifiable
 from calib.linalg import without_means
 from calib.noise.reading import Noise, reading_weights, visits
@@ -30,6 +30,12 @@ from calib.tripod.pool import (
     visiting_order,
 )
 from calib.tripod.sensitivity import sensitivity_of_readings, tool_metric
+
+Coordinates = dict[str, float | str]
+"""One posture: names with their unit, such as ``displacement_mm``."""
+
+Orders = dict[tuple[int, float], list[float]]
+"""Displacements in mm to visit for each mounting (leg, station)."""
 
 ZERO_SPREAD_MM = 1000.0
 """Nothing is known of the zero of a mounting: its standard deviation before the first reading."""

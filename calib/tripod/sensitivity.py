@@ -34,7 +34,6 @@ def sensitivity_of_readings(
     tool = workspace_jacobian(geometry)[:, :, list(free)]
     return Sensitivity(
         names=tuple(PARAMETER_NAMES[k] for k in free),
-        units=("mm",) * len(free),
         jacobian=jacobian,
         tolerance=np.full(len(free), TOLERANCE_MM),
         cost=tool.reshape(-1, len(free)),

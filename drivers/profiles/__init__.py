@@ -9,7 +9,6 @@ from drivers.profiles.cdi import CDI
 from drivers.profiles.heidenhain_nd28x import HEIDENHAIN_ND28X
 from drivers.profiles.keyence_dl_rs1a import KEYENCE_DL_RS1A
 from drivers.profiles.magnescale_lt import MAGNESCALE_LT
-from drivers.profiles.mahr_marcator import MAHR_MARCATOR
 from drivers.profiles.mahr_millimar import MAHR_C1202, MAHR_OPTORSD
 from drivers.profiles.marposs_quick_read import MARPOSS_QUICK_READ
 from drivers.profiles.metro_mux import METRO_MUX
@@ -17,7 +16,7 @@ from drivers.profiles.mitutoyo_01a import MITUTOYO_01A, MITUTOYO_IT007R, MITUTOY
 from drivers.profiles.mitutoyo_counter import MITUTOYO_COUNTER, MITUTOYO_VL50
 from drivers.profiles.mux import DMX, MUX
 from drivers.profiles.starrett_iq import STARRETT_IQ
-from drivers.profiles.sylvac import SYLVAC, SYLVAC_SIMPLEX
+from drivers.profiles.sylvac import MAHR_MARCATOR, SYLVAC, SYLVAC_SIMPLEX
 from drivers.profiles.tesa import TESA
 from drivers.profiles.u_wave import U_WAVE
 

@@ -8,35 +8,29 @@ pattern is read by RE2, whose time grows with the length of the line only, whate
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import re2
 
 from calib.errors import IndicatorError
 from drivers.profile import (
+    UNITS,
     Asked,
     BadReply,
     FaultKind,
     LineSettings,
     Outcome,
     Profile,
-    Spindle,
-    Twin,
-    Unit,
     Verified,
     not_understood,
     reading,
 )
-from drivers.twins import Answering
 
 PATTERN = r"(?P<number>[+-]?0{0,4}\d{0,4}\.\d{1,6})(?: ?(?P<unit>mm|inches|inch|in|um|µm))?"
 NUMBER = re.compile(r"[+\- ]? *(?:\d{1,9}\.?\d{0,9}|\.\d{1,9})", re.ASCII)
 PIECE = re.compile(r"\\.|\[\^?\]?(?:\\.|[^\]\\])*\]|.", re.DOTALL)
 EXAMPLE = r"(?P<number>[+-]?\d+\.\d+)"
-
-UNITS = dict.fromkeys(("inches", "inch", "in", "IN", "I", '"'), Unit.INCH)
-UNITS |= dict.fromkeys(("mm", "MM", "M"), Unit.MM) | dict.fromkeys(("um", "µm"), Unit.MICROMETRE)
 
 
 def checked(pattern: str) -> re2._Regexp:
@@ -81,18 +75,6 @@ def samples() -> list[str]:
     return [sample for sample in made if NUMBER.fullmatch(sample)]
 
 
-@dataclass(frozen=True)
-class Streaming:
-    """A bridge that prints whenever it has the time, and listens to nothing."""
-
-    spindle: Spindle
-
-    def receive(self, request: bytes) -> bytes:
-        """One line for no request: the bare number."""
-        places = max(1, self.spindle.decimals)
-        return b"" if request else f"{self.spindle.text(places).removeprefix('+')}\r\n".encode()
-
-
 def ascii_line(pattern: str, *, request: bytes = b"") -> Profile:
     """A profile for this pattern; without a request the device streams. Raises IndicatorError."""
     compiled = checked(pattern)
@@ -105,9 +87,6 @@ def ascii_line(pattern: str, *, request: bytes = b"") -> Profile:
             return not_understood(text)
         return reading(text, number, asked, UNITS[unit] if unit else None)
 
-    def answering(spindle: Spindle) -> Twin:
-        return Answering(lambda _: Streaming(spindle).receive(b""), end=request)
-
     return Profile(
         name="ascii-line",
         title="Bridge that prints one number a line",
@@ -116,7 +95,7 @@ def ascii_line(pattern: str, *, request: bytes = b"") -> Profile:
         line=LineSettings(baud=9600),
         request=(lambda _: request) if request else None,
         parse=parse,
-        make_twin=answering if request else Streaming,
+        reply=lambda spindle: f"{spindle.text().removeprefix('+')}\r\n",
         stream_s=0.0 if request else 0.1,
         hint="An Arduino starts anew when its port is opened: wait 2 s; most print no unit.",
     )

@@ -17,14 +17,11 @@ from drivers.profile import (
     LineSettings,
     Outcome,
     Profile,
-    Spindle,
-    Twin,
     Unit,
     Verified,
     not_understood,
     reading,
 )
-from drivers.twins import Answering
 
 VALUE = re.compile(
     r"[\x02\x06]*"
@@ -52,18 +49,6 @@ def parse(text: str, asked: Asked) -> Outcome | None:
     return reading(text, found["number"], asked, Unit.INCH if found["unit"] == '"' else Unit.MM)
 
 
-def twin(spindle: Spindle) -> Twin:
-    """Answers every STX with a line of 17 bytes, as in the vendor's table."""
-
-    def answer(request: bytes) -> bytes:
-        if request != b"\x02":
-            return b""
-        text = spindle.text(max(1, spindle.decimals))
-        return f"{text[0]}{text[1:]:>10}    \r\n".encode()
-
-    return Answering(answer, end=b"")
-
-
 HEIDENHAIN_ND28X = Profile(
     name="heidenhain-nd28x",
     title="Heidenhain ND 280, ND 281",
@@ -72,7 +57,7 @@ HEIDENHAIN_ND28X = Profile(
     line=LineSettings(9600, 7, "E", 2),
     request=lambda _: b"\x02",
     parse=parse,
-    make_twin=twin,
+    reply=lambda spindle: f"{spindle.text(10, ' ')}    \r\n",
     bad_replies={
         "fault": BadReply(b"+   12.3456 ?  \r\n", FaultKind.DEVICE_FAULT),
         "refused": BadReply(b"\x15\r\n", FaultKind.DEVICE_FAULT),

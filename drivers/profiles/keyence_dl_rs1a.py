@@ -17,12 +17,10 @@ from drivers.profile import (
     Outcome,
     Profile,
     Spindle,
-    Twin,
     Verified,
     not_understood,
     reading,
 )
-from drivers.twins import Answering
 
 VALUES = re.compile(r"M0(?P<fields>(?:,[+-]\d{3}\.\d{4})+)", re.ASCII)
 FAULT = re.compile(r"ER,(?P<command>M0|MS|SR|SW),(?P<code>\d\d)", re.ASCII)
@@ -59,18 +57,11 @@ def parse(text: str, asked: Asked) -> Outcome | None:
     return reading(text, field, asked)
 
 
-def twin(spindle: Spindle) -> Twin:
+def reply(spindle: Spindle) -> str:
     """As many amplifiers as the channel says; the last one is the spindle's."""
-
-    def answer(request: bytes) -> bytes:
-        if request != b"M0":
-            return f"ER,{request.decode('latin-1')[:2]},00\r\n".encode("latin-1")
-        text = spindle.text(4)
-        number = text[1:].zfill(8)
-        field = text[0] + (number if len(number) == 8 else BEYOND)
-        return f"M0{',+000.0000' * (spindle.channel - 1)},{field}\r\n".encode()
-
-    return Answering(answer, end=b"\n")
+    text = spindle.text(8, decimals=4)
+    field = text if len(text) == 9 else text[0] + BEYOND
+    return f"M0{',+000.0000' * (spindle.channel - 1)},{field}\r\n"
 
 
 KEYENCE_DL_RS1A = Profile(
@@ -81,7 +72,8 @@ KEYENCE_DL_RS1A = Profile(
     line=LineSettings(baud=9600),
     request=lambda _: b"M0\r\n",
     parse=parse,
-    make_twin=twin,
+    reply=reply,
+    otherwise=lambda request, _: f"ER,{request[:2]},00\r\n",
     bad_replies={
         "over-range": BadReply(b"M0,-999.9999\r\n", FaultKind.OVER_RANGE),
         "time-out": BadReply(b"ER,M0,02\r\n", FaultKind.DEVICE_FAULT),

@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 
 from drivers.profile import (
+    UNITS,
     Asked,
     BadReply,
     Fault,
@@ -18,21 +19,16 @@ from drivers.profile import (
     Outcome,
     Profile,
     Spindle,
-    Twin,
-    Unit,
     Verified,
     not_understood,
     reading,
 )
-from drivers.twins import Answering
 
 MODE = r"(?:[NPIA](?P<unit>[MI])[UGLE]?)?"
 VALUE = re.compile(MODE + r"(?P<number>[+\- ](?=[\d.]{7}$)\d+\.\d+)", re.ASCII)
 OVERFLOW = re.compile(MODE + r"(?=.*F)[+\- ]?[\dF.]{6,8}", re.ASCII)
 ALARM = re.compile(r'E[FO]?|[NPIA][MI]E?"? *Error *"?', re.ASCII)
 LINE = re.compile(r"(?:A(?P<A>[^B]+?))?(?:[ ,;]?B(?P<B>[^B]+))?", re.ASCII)
-
-UNITS = {"M": Unit.MM, "I": Unit.INCH}
 
 
 def parse(text: str, asked: Asked) -> Outcome | None:
@@ -63,20 +59,12 @@ def _outcome(text: str, field: str, asked: Asked) -> Outcome:
     return Fault(FaultKind.DEVICE_FAULT, text, words)
 
 
-def twin(spindle: Spindle) -> Twin:
-    """Answers ``*r`` in short form; a number too long for the display overflows."""
-
-    def answer(request: bytes) -> bytes:
-        if request != b"*r":
-            return b""
-        text = spindle.text(max(1, spindle.decimals))
-        number = text[1:].zfill(7)
-        if len(number) > 7:
-            number = f"F{number[-6:]}"
-        channel = "A" if spindle.channel == 1 else "A+00.0000 B"
-        return f"{channel}{text[0]}{number}\r\n".encode()
-
-    return Answering(answer, end=b"\n")
+def reply(spindle: Spindle) -> str:
+    """In short form; a number too long for the display overflows."""
+    text = spindle.text(7)
+    if len(text) > 8:
+        text = f"{text[0]}F{text[-6:]}"
+    return f"{'A' if spindle.channel == 1 else 'A+00.0000 B'}{text}\r\n"
 
 
 MAGNESCALE_LT = Profile(
@@ -87,7 +75,7 @@ MAGNESCALE_LT = Profile(
     line=LineSettings(baud=9600),
     request=lambda _: b"*r\r\n",
     parse=parse,
-    make_twin=twin,
+    reply=reply,
     bad_replies={
         "over-range": BadReply(b"A+F2.3456\r\n", FaultKind.OVER_RANGE),
         "alarm": BadReply(b"AE\r\n", FaultKind.DEVICE_FAULT),

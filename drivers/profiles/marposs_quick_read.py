@@ -6,60 +6,26 @@ may follow. A single letter tells why there is no value, ``ERRn`` refuses a comm
 
 from __future__ import annotations
 
-import re
+from drivers.profile import BadReply, FaultKind, Grammar, LineSettings, Profile, Spindle, Verified
 
-from drivers.profile import (
-    Asked,
-    BadReply,
-    Fault,
-    FaultKind,
-    LineSettings,
-    Outcome,
-    Profile,
-    Spindle,
-    Twin,
-    Verified,
-    not_understood,
-    reading,
+GRAMMAR = Grammar(
+    value=r"(?P<number>[+-](?=[\d.]{7}[<>@X]?$)\d+\.\d+)[<>@X]?",
+    fault=r"(?P<code>[ONI])|ERR(?P<refused>\d{1,2})",
+    passed_over=r"M\?",
+    words={
+        "O": "outside the measuring range: move the head closer to its zero",
+        "N": "the display is not zeroed: set zero on the master",
+        "I": "the display cannot send now: leave its menu",
+    },
+    other_words="the display refuses the command (fault {refused})",
+    kinds={"O": FaultKind.OVER_RANGE},
 )
-from drivers.twins import Answering
-
-VALUE = re.compile(r"(?P<number>[+-](?=[\d.]{7}[<>@X]?$)\d+\.\d+)[<>@X]?", re.ASCII)
-FAULT = re.compile(r"ERR(?P<code>\d{1,2})", re.ASCII)
-
-LETTERS = {
-    "O": (FaultKind.OVER_RANGE, "outside the measuring range: move the head closer to its zero"),
-    "N": (FaultKind.DEVICE_FAULT, "the display is not zeroed: set zero on the master"),
-    "I": (FaultKind.DEVICE_FAULT, "the display cannot send now: leave its menu"),
-}
 
 
-def parse(text: str, asked: Asked) -> Outcome | None:
-    """A line without its end; None for the echo."""
-    if text == "M?":
-        return None
-    if found := VALUE.fullmatch(text):
-        return reading(text, found["number"], asked)
-    if text in LETTERS:
-        kind, words = LETTERS[text]
-        return Fault(kind, text, words)
-    if found := FAULT.fullmatch(text):
-        words = f"the display refuses the command (fault {found['code']})"
-        return Fault(FaultKind.DEVICE_FAULT, text, words)
-    return not_understood(text)
-
-
-def twin(spindle: Spindle) -> Twin:
-    """Answers ``M?``; a number too long for the display is over range."""
-
-    def answer(request: bytes) -> bytes:
-        if request != b"M?":
-            return b"ERR3\r"
-        text = spindle.text(max(1, spindle.decimals))
-        number = text[1:].zfill(7)
-        return f"{text[0]}{number}\r".encode() if len(number) == 7 else b"O\r"
-
-    return Answering(answer)
+def reply(spindle: Spindle) -> str:
+    """A number too long for the display is over range."""
+    text = spindle.text(7)
+    return f"{text}\r" if len(text) == 8 else "O\r"
 
 
 MARPOSS_QUICK_READ = Profile(
@@ -69,8 +35,9 @@ MARPOSS_QUICK_READ = Profile(
     source="Quick Read manual p. 195-202; line settings are chosen on the unit",
     line=LineSettings(baud=9600),
     request=lambda _: b"M?\r",
-    parse=parse,
-    make_twin=twin,
+    parse=GRAMMAR.parse,
+    reply=reply,
+    otherwise=lambda _request, _spindle: "ERR3\r",
     bad_replies={
         "over-range": BadReply(b"O\r", FaultKind.OVER_RANGE),
         "not-zeroed": BadReply(b"N\r", FaultKind.DEVICE_FAULT),

@@ -7,7 +7,6 @@ the minimum and their difference, which are no positions.
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 from drivers.profile import (
@@ -15,58 +14,43 @@ from drivers.profile import (
     BadReply,
     Fault,
     FaultKind,
+    Grammar,
     LineSettings,
     Outcome,
     Profile,
+    Reading,
     Spindle,
-    Twin,
     Verified,
-    not_understood,
-    reading,
-    wrong_channel,
 )
-from drivers.twins import Answering
 
-VALUE = re.compile(r"G(?P<mode>[NXMW])(?P<channel>\d\d),(?P<number>[+-]\d{1,7}\.\d{1,7})", re.ASCII)
-FAULT = re.compile(r"ER(?P<channel>\d\d)(,(?P<code>\d{1,2}))?", re.ASCII)
-PASSED_OVER = re.compile(r"(CH|GA)\d\d|CS", re.ASCII)
-
+GRAMMAR = Grammar(
+    value=r"G[NXMW](?P<channel>\d\d),(?P<number>[+-]\d{1,7}\.\d{1,7})",
+    fault=r"ER(?P<channel>\d\d)(,(?P<code>\d{1,2}))?",
+    passed_over=r"(CH|GA)\d\d|CS",
+    words={"": "error without a code: see the display of the instrument"},
+    other_words="error {code}: see the display of the instrument",
+)
 MODES = {"X": "the maximum", "M": "the minimum", "W": "the difference of maximum and minimum"}
 
 
 def parse(text: str, asked: Asked) -> Outcome | None:
     """A line without its end; None for an echo and for ``CH``, which acknowledges a command."""
-    if PASSED_OVER.fullmatch(text):
-        return None
-    value = VALUE.fullmatch(text)
-    fault = FAULT.fullmatch(text)
-    found = value or fault
-    if not found:
-        return not_understood(text)
-    if int(found["channel"]) != asked.channel:
-        return wrong_channel(text, found["channel"], asked)
-    if not value:
-        words = f"error {found['code'] or 'without a code'}: see the display of the instrument"
+    outcome = GRAMMAR.parse(text, asked)
+    if isinstance(outcome, Reading) and text[1] in MODES:
+        words = f"the display holds {MODES[text[1]]}: switch it to the current value"
         return Fault(FaultKind.DEVICE_FAULT, text, words)
-    if value["mode"] in MODES:
-        words = f"the display holds {MODES[value['mode']]}: switch it to the current value"
-        return Fault(FaultKind.DEVICE_FAULT, text, words)
-    return reading(text, value["number"], asked)
+    return outcome
 
 
-def twin(spindle: Spindle) -> Twin:
-    """Answers ``GA`` for its own number and for 00, which calls every unit on the chain."""
-    own = f"{spindle.channel:02d}"
+def reply(spindle: Spindle) -> str:
+    """The position under the twin's own number."""
+    return f"GN{spindle.channel:02d},{spindle.text(9)}\r\n"
 
-    def answer(request: bytes) -> bytes:
-        if request == b"CS":
-            return f"CH{own}\r\n".encode()
-        if request not in {f"GA{own}".encode(), b"GA00"}:
-            return b""
-        text = spindle.text(max(1, spindle.decimals))
-        return f"GN{own},{text[0]}{text[1:].zfill(9)}\r\n".encode()
 
-    return Answering(answer)
+def otherwise(request: str, spindle: Spindle) -> str:
+    """00 calls every unit on the chain; ``CS`` is acknowledged."""
+    known = {"GA00": reply(spindle), "CS": f"CH{spindle.channel:02d}\r\n"}
+    return known.get(request, "")
 
 
 MITUTOYO_COUNTER = Profile(
@@ -80,7 +64,8 @@ MITUTOYO_COUNTER = Profile(
     line=LineSettings(baud=9600),
     request=lambda asked: f"GA{asked.channel:02d}\r\n".encode(),
     parse=parse,
-    make_twin=twin,
+    reply=reply,
+    otherwise=otherwise,
     bad_replies={
         "maximum": BadReply(b"GX01,+0016.2345\r\n", FaultKind.DEVICE_FAULT),
         "minimum": BadReply(b"GM01,-0016.2345\r\n", FaultKind.DEVICE_FAULT),

@@ -6,60 +6,19 @@
 
 from __future__ import annotations
 
-import re
+from drivers.profile import BadReply, FaultKind, Grammar, LineSettings, Profile, Verified
 
-from drivers.profile import (
-    Asked,
-    BadReply,
-    Fault,
-    FaultKind,
-    LineSettings,
-    Outcome,
-    Profile,
-    Spindle,
-    Twin,
-    Verified,
-    not_understood,
-    reading,
+GRAMMAR = Grammar(
+    value=r"(?P<number>[+-](?=[ \d.]{7,8},) *(?:\d+\.\d+|\.\d+)), (?P<unit>IN|MM)",
+    fault="(?P<code>NOT FOUND|NO ACCESS|OUT OF BOUNDS|NON NUMERIC)",
+    passed_over="R|SUCCESS",
+    words={
+        "NOT FOUND": "the indicator does not know this command",
+        "NO ACCESS": "the indicator does not allow this command now",
+        "OUT OF BOUNDS": "a parameter of the indicator is set outside its limits",
+        "NON NUMERIC": "the indicator expected a number in the command",
+    },
 )
-from drivers.profiles.cdi import UNITS
-from drivers.twins import Answering
-
-VALUE = re.compile(
-    r"(?P<number>[+-](?=[ \d.]{7,8},) *(?:\d+\.\d+|\.\d+)), (?P<unit>IN|MM)", re.ASCII
-)
-PASSED_OVER = ("R", "SUCCESS")
-
-FAULT_WORDS = {
-    "NOT FOUND": "the indicator does not know this command",
-    "NO ACCESS": "the indicator does not allow this command now",
-    "OUT OF BOUNDS": "a parameter of the indicator is set outside its limits",
-    "NON NUMERIC": "the indicator expected a number in the command",
-}
-
-
-def parse(text: str, asked: Asked) -> Outcome | None:
-    """A line without CR; None for the echo and the receipt of a setting."""
-    if text in PASSED_OVER:
-        return None
-    if found := VALUE.fullmatch(text):
-        return reading(text, found["number"], asked, UNITS[found["unit"]])
-    if text in FAULT_WORDS:
-        return Fault(FaultKind.DEVICE_FAULT, text, FAULT_WORDS[text])
-    return not_understood(text)
-
-
-def twin(spindle: Spindle) -> Twin:
-    """Answers ``R`` in mm."""
-
-    def answer(request: bytes) -> bytes:
-        if request != b"R":
-            return b"NOT FOUND\r"
-        text = spindle.text(max(1, spindle.decimals))
-        return f"{text[0]}{text[1:]:>7}, MM\r".encode()
-
-    return Answering(answer)
-
 
 STARRETT_IQ = Profile(
     name="starrett-iq",
@@ -68,8 +27,9 @@ STARRETT_IQ = Profile(
     source="Starrett IQ manual p. 17",
     line=LineSettings(baud=9600),
     request=lambda _: b"R\r",
-    parse=parse,
-    make_twin=twin,
+    parse=GRAMMAR.parse,
+    reply=lambda spindle: f"{spindle.text(7, ' ')}, MM\r",
+    otherwise=lambda _request, _spindle: "NOT FOUND\r",
     bad_replies={
         "bad-command": BadReply(b"NOT FOUND\r", FaultKind.DEVICE_FAULT),
         "no-access": BadReply(b"NO ACCESS\r", FaultKind.DEVICE_FAULT),

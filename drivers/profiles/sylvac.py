@@ -6,60 +6,22 @@ fault, ``SY…`` an identification at power-up, and older units echo the request
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
-from drivers.profile import (
-    Asked,
-    BadReply,
-    Fault,
-    FaultKind,
-    LineSettings,
-    Outcome,
-    Profile,
-    Spindle,
-    Twin,
-    Verified,
-    not_understood,
-    reading,
+from drivers.profile import BadReply, FaultKind, Grammar, LineSettings, Profile, Verified
+
+GRAMMAR = Grammar(
+    value=r"(?P<number>[+\- ]\d+\.\d+)[<=>]?",
+    fault=r"ERR(?P<code>\d)",
+    passed_over=r"SY\d{3}(\.\w+)*|\?|PRI",
+    words={
+        "0": "the sensor was moved too fast: set zero again",
+        "1": "the indicator does not know this command",
+        "2": "parity error: check 7 data bits, even parity, 2 stop bits",
+        "3": "outside the measuring range",
+    },
+    kinds={"3": FaultKind.OVER_RANGE},
 )
-from drivers.twins import Answering
-
-VALUE = re.compile(r"(?P<number>[+\- ]\d+\.\d+)[<=>]?", re.ASCII)
-FAULT = re.compile(r"ERR(?P<code>\d)", re.ASCII)
-PASSED_OVER = re.compile(r"SY\d{3}(\.\w+)*|\?|PRI", re.ASCII)
-
-FAULT_WORDS = {
-    "0": "the sensor was moved too fast: set zero again",
-    "1": "the indicator does not know this command",
-    "2": "parity error: check 7 data bits, even parity, 2 stop bits",
-    "3": "outside the measuring range",
-}
-
-
-def parse(text: str, asked: Asked) -> Outcome | None:
-    """A line without CR; None for echo and identification."""
-    if PASSED_OVER.fullmatch(text):
-        return None
-    if found := VALUE.fullmatch(text):
-        return reading(text, found["number"], asked)
-    if found := FAULT.fullmatch(text):
-        kind = FaultKind.OVER_RANGE if found["code"] == "3" else FaultKind.DEVICE_FAULT
-        return Fault(kind, text, FAULT_WORDS.get(found["code"], f"fault {found['code']}"))
-    return not_understood(text)
-
-
-def twin(spindle: Spindle) -> Twin:
-    """Answers ``?`` with the position."""
-
-    def answer(request: bytes) -> bytes:
-        if request != b"?":
-            return b"ERR1\r"
-        text = spindle.text()
-        return f"{text[0]}{text[1:].zfill(4 + spindle.decimals)}\r".encode()
-
-    return Answering(answer)
-
 
 SYLVAC = Profile(
     name="sylvac",
@@ -68,8 +30,9 @@ SYLVAC = Profile(
     source="Bowers/Sylvac Opto manual p. 12-13, Power manual p. 15",
     line=LineSettings(4800, 7, "E", 2, dtr=True, rts=False),
     request=lambda _: b"?\r",
-    parse=parse,
-    make_twin=twin,
+    parse=GRAMMAR.parse,
+    reply=lambda spindle: f"{spindle.text(4 + spindle.decimals)}\r",
+    otherwise=lambda _request, _spindle: "ERR1\r",
     bad_replies={
         "speed": BadReply(b"ERR0\r", FaultKind.DEVICE_FAULT),
         "bad-command": BadReply(b"ERR1\r", FaultKind.DEVICE_FAULT),
@@ -86,4 +49,15 @@ SYLVAC_SIMPLEX = replace(
     line=LineSettings(4800, 7, "E", 2, dtr=True, rts=True, dtr_pulse_s=0.15),
     interval_s=0.5,
     hint="Asked by a pulse on DTR of at least 110 ms; after that the display holds its value.",
+)
+
+# No command table of Mahr was found; that its gauges work on opto-RS duplex inputs is known.
+MAHR_MARCATOR = replace(
+    SYLVAC,
+    name="mahr-marcator",
+    title="Mahr MarCator 1075R, 1086, 1087 (opto RS-232)",
+    verified=Verified.UNVERIFIED,
+    source="from memory, supposed to be alike Sylvac opto-RS duplex; no vendor document found",
+    button=False,
+    hint="Unverified: compare some readings with the display, in mm, before you trust it.",
 )

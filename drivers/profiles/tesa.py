@@ -11,49 +11,29 @@ import re
 from drivers.profile import (
     Asked,
     BadReply,
-    Fault,
     FaultKind,
+    Grammar,
     LineSettings,
     Outcome,
     Profile,
-    Spindle,
-    Twin,
     Unit,
     Verified,
-    not_understood,
     reading,
 )
-from drivers.twins import Answering
 
-VALUE = re.compile(r"[+-](?=[\d.]{7}$)\d{1,5}\.\d{1,5}", re.ASCII)
+GRAMMAR = Grammar(
+    value=r"(?P<number>[+-](?=[\d.]{7}$)\d{1,5}\.\d{1,5})",
+    fault=r"ERR(?P<code>\d{1,2})",
+    passed_over=r"\?",
+    other_words="error {code}: see the manual of the instrument",
+)
 INCHES = re.compile(r"[+-]\.\d{6}", re.ASCII)
-FAULT = re.compile(r"ERR(?P<code>\d{1,2})", re.ASCII)
 
 
 def parse(text: str, asked: Asked) -> Outcome | None:
     """A line without its end; None for an echo."""
-    if text == "?":
-        return None
-    if VALUE.fullmatch(text):
-        return reading(text, text, asked)
-    if INCHES.fullmatch(text):
-        return reading(text, text, asked, Unit.INCH)
-    if found := FAULT.fullmatch(text):
-        words = f"error {found['code']}: see the manual of the instrument"
-        return Fault(FaultKind.DEVICE_FAULT, text, words)
-    return not_understood(text)
-
-
-def twin(spindle: Spindle) -> Twin:
-    """Answers ``?`` with six digits."""
-
-    def answer(request: bytes) -> bytes:
-        if request != b"?":
-            return b""
-        text = spindle.text(max(1, spindle.decimals))
-        return f"{text[0]}{text[1:].zfill(7)}\r\n".encode()
-
-    return Answering(answer)
+    inches = INCHES.fullmatch(text)
+    return reading(text, text, asked, Unit.INCH) if inches else GRAMMAR.parse(text, asked)
 
 
 TESA = Profile(
@@ -64,7 +44,7 @@ TESA = Profile(
     line=LineSettings(4800, 7, "E", 2),
     request=lambda _: b"?\r",
     parse=parse,
-    make_twin=twin,
+    reply=lambda spindle: f"{spindle.text(7)}\r\n",
     bad_replies={
         "error": BadReply(b"ERR23\r\n", FaultKind.DEVICE_FAULT),
         "wrong-unit": BadReply(b"-.001250\r\n", FaultKind.WRONG_UNIT),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 import tomllib
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from app.planning.hexaslide_calibration import Asked, write_simulated
+from app.planning.hexaslide import Asked, write_simulated
 from protocols.machine_files import machine_names
 from tests.conftest import ROOT
 
@@ -75,6 +76,13 @@ main()
     loaded = done.stderr.splitlines()[-1].split()
     assert "calib.design.identifiability" in loaded
     assert not [name for name in loaded if name.startswith(f"calib.{other}")]
+
+
+def test_a_machine_is_named_in_its_own_files_and_the_registry_alone() -> None:
+    own = [path for room in ROOMS for path in (ROOT / room).rglob("*.py")]
+    naming = [path for path in own if re.search("hexa.?slide", path.read_text("utf-8"), re.I)]
+    others = [path for path in naming if "hexaslide" not in str(path.relative_to(ROOT))]
+    assert others == [ROOT / "app/machines/registry.py"]
 
 
 def test_no_command_knows_the_name_of_a_machine() -> None:

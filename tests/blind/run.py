@@ -84,7 +84,7 @@ def do(work: Work, cases: Sequence[Case], path: Path, title: str) -> None:
 def run(cases: Sequence[Case], folder: Folder, seed: int, workers: int) -> Told:
     """Everything that is missing of a run, then what is known of it."""
     start = time.monotonic()
-    with joblib.parallel_config(n_jobs=workers, inner_max_num_threads=1):
+    with joblib.parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
         do(partial(generated, folder, seed), cases, folder.truths, "sessions")
         seal(folder, (case.session for case in cases))
         do(partial(diagnosed, folder), cases, folder.results, "diagnosed")

@@ -11,7 +11,6 @@ import distributed
 import joblib
 import numpy as np
 
-from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.planning import BestPostures, best_postures
 from calib.hexaslide.procedures import Procedure
 from protocols.hexaslide_machine import load_hexaslide
@@ -19,8 +18,7 @@ from protocols.hexaslide_machine import load_hexaslide
 
 def search() -> BestPostures:
     """A short search from three starts."""
-    own = load_hexaslide(None)
-    machine = HexaSlide(own.geometry(), own.posture_box(), own.link())
+    machine = load_hexaslide().whole()
     return best_postures(Procedure.of("pose-inverse"), machine, 9, seed=3, starts=3)
 
 

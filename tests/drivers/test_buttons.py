@@ -16,6 +16,7 @@ from drivers.profile import Fault, FaultKind, Outcome, Reading, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.profiles.sylvac import SYLVAC
 from drivers.twin_port import TwinPort
+from drivers.twins import twin_of
 
 PATIENCE_S = 30.0
 
@@ -59,7 +60,7 @@ def test_replugged_under_the_same_name(tmp_path: Path) -> None:
     name = tmp_path / "gauge"
     heard: list[Outcome] = []
     quick = replace(MITUTOYO_01A, timeout_s=1.0)
-    first = TwinPort(MITUTOYO_01A.make_twin(Spindle(lambda: 1.0, 0.001)), "pty")
+    first = TwinPort(twin_of(MITUTOYO_01A, Spindle(lambda: 1.0, 0.001)), "pty")
     name.symlink_to(first.url)
     line = IndicatorLine(quick, str(name), interval_s=0.02, listener=heard.append)
     line.start()
@@ -72,7 +73,7 @@ def test_replugged_under_the_same_name(tmp_path: Path) -> None:
     lost = heard[-1]
     assert isinstance(lost, Fault)
     assert lost.kind is FaultKind.DISCONNECTED
-    with TwinPort(MITUTOYO_01A.make_twin(Spindle(lambda: 2.0, 0.001)), "pty") as second:
+    with TwinPort(twin_of(MITUTOYO_01A, Spindle(lambda: 2.0, 0.001)), "pty") as second:
         name.symlink_to(second.url)
         until(lambda: isinstance(heard[-1], Reading))
         line.close()

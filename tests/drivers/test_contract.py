@@ -123,7 +123,7 @@ def test_troubles_that_a_reader_must_stand(profile: Profile, transport: Transpor
 def test_no_reading_is_stale(profile: Profile, transport: Transport) -> None:
     """Whatever was asked, the answer is where the spindle stood after the question."""
     position = [0.0]
-    twin = profile.make_twin(Spindle(lambda: position[0], 0.001))
+    twin = twin_of(profile, Spindle(lambda: position[0], 0.001))
     with TwinPort(twin, transport, stream_s=profile.stream_s) as port:
         line = IndicatorLine(replace(profile, timeout_s=2.0), port.url, interval_s=0.0)
         line.start()

@@ -56,9 +56,9 @@ def test_faults_by_name(fault: str, said: str) -> None:
 def test_over_range_and_wrong_profile() -> None:
     quick = replace(SYLVAC, timeout_s=0.3, interval_s=0.0)
     assert "over range" in examined(quick, "over-range")
-    with TwinPort(MITUTOYO_01A.make_twin(Spindle(lambda: 0.5, 0.001)), "tcp"):
+    with TwinPort(twin_of(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), "tcp"):
         pass
-    device = MITUTOYO_01A.make_twin(Spindle(lambda: 0.5, 0.001))
+    device = twin_of(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001))
 
     class AnswersAnything:
         def receive(self, request: bytes) -> bytes:
@@ -75,7 +75,7 @@ def test_wrong_unit_and_inch_that_looks_like_it() -> None:
         QUICK, bad_replies={"inch": BadReply(b"01A+00.12345\r", FaultKind.WRONG_UNIT)}
     )
     assert "look like inch" in examined(in_inch, "inch")
-    with TwinPort(QUICK.make_twin(Spindle(lambda: 0.5, 0.001)), "tcp") as port:
+    with TwinPort(twin_of(QUICK, Spindle(lambda: 0.5, 0.001)), "tcp") as port:
         assert "+12.7 mm" in told(QUICK, port.url, Asked(unit=Unit.INCH))
 
 
@@ -117,7 +117,7 @@ def test_no_permission(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_port_in_use() -> None:
     from drivers.port import open_port
 
-    with TwinPort(QUICK.make_twin(Spindle(lambda: 0.5, 0.001)), "pty") as port:
+    with TwinPort(twin_of(QUICK, Spindle(lambda: 0.5, 0.001)), "pty") as port:
         holder = open_port(QUICK, port.url)
         assert "in use by another program" in told(QUICK, port.url)
         holder.close()

@@ -6,6 +6,7 @@ import re
 from typing import Any
 
 from drivers.profile import Asked, FaultKind, Profile, Reading, Spindle
+from drivers.twins import twin_of
 from tests.conftest import ROOT
 
 
@@ -16,7 +17,7 @@ def test_example_of_the_documentation() -> None:
     names: dict[str, Any] = {}
     exec(compile(code, "docs/indicators.md", "exec"), names)
     example: Profile = names["EXAMPLE"]
-    reply = example.make_twin(Spindle(lambda: -1.5, 0.001)).receive(b"R\r")
+    reply = twin_of(example, Spindle(lambda: -1.5, 0.001)).receive(b"R\r")
     found = example.parse(reply.decode().strip(), Asked())
     assert isinstance(found, Reading)
     assert found.value_mm == -1.5

@@ -7,16 +7,17 @@ from __future__ import annotations
 
 import os
 import random
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import count, product
+from itertools import chain, count, product, repeat
 
 import pytest
 
 from drivers.profile import Asked, Fault, FaultKind, Profile, Reading, Spindle
 from drivers.profiles import PROFILES
 from drivers.profiles.ascii_line import ascii_line
+from drivers.twins import twin_of
 from tests.conftest import ROOT
 from tests.drivers.simulated_wire import Delay, Stalled, Tally, Wire, always, jittered, stalls
 
@@ -187,18 +188,10 @@ DOCUMENTED = {"mitutoyo-it007r": [b"01A+0000.1234\r"]}
 """Frames of another width than the twin's."""
 
 
-class Losing:
-    """A twin whose answers come from a list, in turn, the last one for ever."""
-
-    def __init__(self, *answers: bytes) -> None:
-        self._answers = list(answers)
-
-    def receive(self, request: bytes) -> bytes:
-        return self._answers.pop(0) if len(self._answers) > 1 else self._answers[0]
-
-
-def losing(answers: tuple[bytes, ...], _: Spindle) -> Losing:
-    return Losing(*answers)
+def losing(*answers: bytes) -> Callable[[Spindle], str]:
+    """These answers one after the other, the last one for ever."""
+    following = chain(answers, repeat(answers[-1]))
+    return lambda _: next(following).decode("latin-1")
 
 
 def frames(profile: Profile) -> Iterator[bytes]:
@@ -206,7 +199,7 @@ def frames(profile: Profile) -> Iterator[bytes]:
     for position in (1.234, -0.567, 12.345, -23.456, 0.012, -0.002):
         for resolution in (0.01, 0.001, 0.0001):
             spindle = Spindle(partial(float, position), resolution)
-            yield profile.make_twin(spindle).receive(request)
+            yield twin_of(profile, spindle).receive(request)
     yield from DOCUMENTED.get(profile.name, ())
 
 
@@ -234,7 +227,7 @@ def test_a_lost_byte_changes_no_reading_that_is_kept(profile: Profile) -> None:
         if not is_changed(profile, frame, short):
             continue
         for answers in ((frame, frame, short, frame), (frame, short, frame)):
-            wire = Wire(replace(profile, make_twin=partial(losing, answers)))
+            wire = Wire(replace(profile, reply=losing(*answers)))
             wire.exchange.outcome()
             found = [wire.exchange.taken() for _ in range(3)]
             changed += sum(
@@ -261,7 +254,7 @@ def test_the_rest_of_a_line_begun_before_the_question_is_no_answer() -> None:
                 self._coming.append((self.now_s + 0.001 * at, line[at : at + 1]))
 
     for phase in range(40):
-        profile = replace(PROFILES["ascii-line"], make_twin=lambda _: Losing(b"-10.012\r\n"))
+        profile = replace(PROFILES["ascii-line"], reply=losing(b"-10.012\r\n"))
         wire = Cut(profile)
         wire.wait(0.2 + 0.0005 * phase)
         for _ in range(5):

@@ -22,6 +22,7 @@ from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.profiles.sylvac import SYLVAC
 from drivers.rig import SimulatedRig
 from drivers.twin_port import Transport, TwinPort
+from drivers.twins import twin_of
 
 QUICK = replace(MITUTOYO_01A, timeout_s=0.3, interval_s=60.0)
 POSIX = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals need POSIX")
@@ -121,7 +122,7 @@ def test_a_late_answer_is_not_taken_for_the_next_reading(transport: Transport) -
 
 @pytest.mark.parametrize("transport", BOTH)
 def test_unplugged_and_plugged_in_again(transport: Transport) -> None:
-    twin = TwinPort(MITUTOYO_01A.make_twin(Spindle(lambda: 0.5, 0.001)), transport)
+    twin = TwinPort(twin_of(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), transport)
     with line(twin.url, replace(QUICK, interval_s=0.05)) as opened:
         assert isinstance(opened.ask().result(timeout=5), Reading)
         twin.close()

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.profile import Asked, Fault, FaultKind, Reading, Spindle
-from drivers.profiles.mitutoyo_01a import parse, twin
+from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
+from drivers.twins import twin_of
 
 
 @pytest.mark.parametrize(
@@ -23,7 +24,7 @@ from drivers.profiles.mitutoyo_01a import parse, twin
     ],
 )
 def test_values(frame: bytes, value: float, resolution: float) -> None:
-    found = parse(frame.decode("latin-1"), Asked())
+    found = MITUTOYO_01A.parse(frame.decode("latin-1"), Asked())
     assert isinstance(found, Reading)
     assert found.value_mm == value
     assert found.resolution_mm == pytest.approx(resolution)
@@ -51,29 +52,29 @@ def test_values(frame: bytes, value: float, resolution: float) -> None:
     ],
 )
 def test_what_is_not_a_value(frame: bytes, kind: FaultKind) -> None:
-    found = parse(frame.decode("latin-1"), Asked())
+    found = MITUTOYO_01A.parse(frame.decode("latin-1"), Asked())
     assert isinstance(found, Fault)
     assert found.kind is kind
 
 
 @given(st.binary(max_size=20))
 def test_no_value_from_outside_the_grammar(frame: bytes) -> None:
-    found = parse(frame.decode("latin-1"), Asked())
+    found = MITUTOYO_01A.parse(frame.decode("latin-1"), Asked())
     if isinstance(found, Reading):
         assert re.fullmatch(rb"01A[+-][0-9]+\.[0-9]+", frame)
 
 
 @given(st.floats(-99.0, 99.0), st.sampled_from([0.01, 0.001, 0.0001]))
 def test_the_twin_speaks_what_the_profile_reads(position: float, resolution: float) -> None:
-    reply = twin(Spindle(lambda: position, resolution)).receive(b"1\r")
+    reply = twin_of(MITUTOYO_01A, Spindle(lambda: position, resolution)).receive(b"1\r")
     assert reply.endswith(b"\r")
-    found = parse(reply[:-1].decode(), Asked())
+    found = MITUTOYO_01A.parse(reply[:-1].decode(), Asked())
     assert isinstance(found, Reading)
     assert abs(found.value_mm - position) <= resolution / 2 + 1e-9
     assert found.resolution_mm == pytest.approx(resolution)
 
 
 def test_the_twin_waits_for_a_whole_request() -> None:
-    device = twin(Spindle(lambda: 1.0, 0.001))
+    device = twin_of(MITUTOYO_01A, Spindle(lambda: 1.0, 0.001))
     assert device.receive(b"1") == b""
     assert device.receive(b"\r1\rx\r").count(b"\r") == 2

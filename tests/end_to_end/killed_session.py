@@ -14,12 +14,13 @@ import signal
 import sys
 from collections.abc import Iterator
 from concurrent.futures import Future
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from app.measuring.gauges import Gauge
 from app.measuring.indicators import simulated_indicators
-from app.measuring.opening import Indicators, Plan, begin, resume
+from app.measuring.opening import Indicators, Plan, begin
 from app.measuring.session import GuidedSession
 from drivers.line import IndicatorLine
 from drivers.profile import Asked, Fault, FaultKind, Outcome, Reading
@@ -93,8 +94,8 @@ class Life:
     def live(self) -> None:
         """Go on with the session until it is closed, or until the end."""
         with doomed(self._fate):
-            start = resume if self._path.exists() else begin
-            guided = start(plan(self._path), self._indicators)
+            whole = replace(plan(self._path), continued=self._path.exists())
+            guided = begin(whole, self._indicators)
             lines = self._path.read_bytes().count(b"\n")
             step = guided.step()
             self._tell({"did": "begin", "lines": lines, "step": step.number if step else None})

@@ -20,7 +20,7 @@ from app.screens.hexaslide import HexaSlideScreen
 from app.screens.interface import Interface
 from app.screens.leg_review import LegReviewScreen
 from app.screens.measure import HELD_KEY_S, MeasureScreen
-from app.screens.widgets import GaugeDisplay
+from app.screens.session_view import GaugeDisplay
 from drivers.profile import Outcome
 
 SIZE = (80, 24)

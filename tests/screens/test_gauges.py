@@ -1,10 +1,7 @@
-"""The panels of the indicators, and how the screen is told that there is something to show."""
+"""The panels of the indicators."""
 
 from __future__ import annotations
 
-import asyncio
-import threading
-import time
 from pathlib import Path
 
 from textual.app import App, ComposeResult
@@ -14,12 +11,10 @@ from textual.widget import Widget
 
 from app.measuring.gauges import Live, Motion
 from app.screens import interface
-from app.screens.news import News
-from app.screens.widgets import GaugeDisplay, Line, big_digits
+from app.screens.session_view import GaugeDisplay, big_digits
 from drivers.profile import Fault, FaultKind, Outcome, Reading
 
 SIZE = (80, 24)
-GATHER_S = 0.05
 
 
 def live(outcome: Outcome, motion: Motion) -> Live:
@@ -31,7 +26,7 @@ def shown(value_mm: float, motion: Motion = Motion.STABLE, *, age_s: float = 0.0
 
 
 class Panels(App[None]):
-    """Two indicators beside each other and a line, in the looks of the program."""
+    """Two indicators beside each other, in the looks of the program."""
 
     CSS_PATH = Path(interface.__file__).with_name("glidecal.tcss")
 
@@ -39,7 +34,6 @@ class Panels(App[None]):
         with Horizontal(id="gauges"):
             yield GaugeDisplay("left", "gauge0")
             yield GaugeDisplay("right", "gauge1")
-        yield Line("", id="said", markup=False)
 
     @property
     def panels(self) -> tuple[GaugeDisplay, GaugeDisplay]:
@@ -134,37 +128,3 @@ def grounds(app: App[None], widget: Widget) -> set[object]:
     """Colours behind the digits."""
     strips = app.screen._compositor.render_strips()[widget.region.y + 1 : widget.region.y + 4]
     return {segment.style.bgcolor for strip in strips for segment in strip if segment.style}
-
-
-async def test_a_kept_line_shows_every_text() -> None:
-    app = Panels()
-    async with app.run_test(size=SIZE) as pilot:
-        line = app.query_one(Line)
-        for words in ("Taken [1]", "Noted"):
-            line.update(words, layout=False)
-            await pilot.pause()
-            assert [row.strip() for row in rows_of(app, line)] == [words]
-
-
-async def test_news_of_threads_are_gathered_and_none_is_lost() -> None:
-    news = News(asyncio.get_running_loop())
-    threads = [threading.Thread(target=news.tell) for _ in range(5)]
-    begun = time.monotonic()
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    await asyncio.wait_for(news.gathered(GATHER_S), 5.0)
-    assert time.monotonic() - begun >= GATHER_S
-    waiting = asyncio.create_task(news.gathered(0.0))
-    await asyncio.sleep(0)
-    assert not waiting.done(), "all of it was gathered"
-    news.tell()
-    await asyncio.wait_for(waiting, 5.0)
-
-
-def test_news_after_the_end_are_for_nobody() -> None:
-    loop = asyncio.new_event_loop()
-    news = News(loop)
-    loop.close()
-    news.tell()

@@ -16,18 +16,19 @@ from textual.containers import VerticalScroll
 from textual.pilot import Pilot
 from textual.widgets import Input, OptionList, TabbedContent
 
-import calib.hexaslide.search as searching
-from app.planning.request import Request
+import calib.hexaslide.planning as searching
+from app.machines.registry import LOOKS
+from app.planning.hexaslide import Request
 from app.screens.dialogs import HelpDialog, TextDialog
 from app.screens.drawing import DrawingPlot
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
 from app.screens.start import Glidecal
-from calib.design.criteria import Criterion
-from calib.hexaslide.procedures import jacobian
-from calib.hexaslide.search import BoxedPostures, boxed_postures
-from calib.hexaslide.seen import HexaSlidePlanning
+from calib.hexaslide.derivatives import jacobian
+from calib.hexaslide.geometry import HexaSlide
+from calib.hexaslide.planning import BestPostures, best_postures
+from calib.hexaslide.procedures import Procedure
 from tests.screens.driving import SIZE, looked, said, text, until
 
 BRAILLE = range(0x2801, 0x2900)
@@ -77,23 +78,23 @@ class Gate:
         self.left = 0
         self.ended = threading.Event()
 
-    def boxed_postures(
+    def best_postures(
         self,
-        planned: HexaSlidePlanning,
+        procedure: Procedure,
+        machine: HexaSlide,
         count: int,
-        criterion: Criterion,
         *,
         seed: int,
         starts: int,
         watch: Callable[[], object],
-    ) -> BoxedPostures:
+    ) -> BestPostures:
         self.counts.append(count)
         if len(self.counts) == 1:
             assert self.first.wait(20.0)
-            return boxed_postures(planned, count, criterion, seed=seed, starts=starts, watch=watch)
+            return best_postures(procedure, machine, count, seed=seed, starts=starts, watch=watch)
         try:
             while True:  # ends by what `watch` raises
-                boxed_postures(planned, count, criterion, seed=seed, starts=starts, watch=watch)
+                best_postures(procedure, machine, count, seed=seed, starts=starts, watch=watch)
         finally:
             self.left += 1
             self.ended.set()
@@ -102,7 +103,7 @@ class Gate:
 @pytest.fixture
 def gate(monkeypatch: pytest.MonkeyPatch) -> Iterator[Gate]:
     made = Gate()
-    monkeypatch.setattr(searching, "boxed_postures", made.boxed_postures)
+    monkeypatch.setattr(searching, "best_postures", made.best_postures)
     yield made
     made.first.set()
 
@@ -212,15 +213,15 @@ def check_found(screen: HexaSlideScreen) -> None:
     found, view = screen.found, screen.view
     assert found is not None
     assert view is not None
-    machine, best = view.machine, found.best.best
+    machine, best = view.machine, found.best
     for postures, stated in (
-        (found.begin, best.start_condition_number),
-        (found.postures, best.condition_number),
+        (best.begin, best.start_condition_number),
+        (best.coordinates, best.condition_number),
     ):
         rows = jacobian(view.procedure, machine.geometry, postures).reshape(-1, 49)
         assert np.linalg.cond(rows) == pytest.approx(stated, rel=1e-6)
     assert best.condition_number < 140.2
-    assert ((machine.box.lower <= found.postures) & (found.postures <= machine.box.upper)).all()
+    assert ((machine.box.lower <= best.coordinates) & (best.coordinates <= machine.box.upper)).all()
 
 
 async def check_drawn_at_postures(pilot: Pilot[str], interface: Interface) -> None:
@@ -237,7 +238,7 @@ async def check_drawn_at_postures(pilot: Pilot[str], interface: Interface) -> No
 
 
 async def test_leaving_while_it_searches(gate: Gate) -> None:
-    interface = Glidecal(HomeScreen())
+    interface = Glidecal(HomeScreen(), looks=LOOKS)
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         choices = interface.screen.query_one("#choices", OptionList)
         await until(pilot, "choices", lambda: choices.option_count > 0)
@@ -287,7 +288,7 @@ async def test_count_of_postures(gate: Gate) -> None:
         await until(pilot, "a first start", lambda: screen.found is not None)
         assert gate.counts[0] == 10
         assert screen.found is not None
-        assert len(screen.found.postures) == 10
+        assert len(screen.found.best.coordinates) == 10
         await pilot.press("escape")
         await until(pilot, "the end of the search", lambda: gate.left == len(gate.counts) - 1)
         await pilot.press("f10")

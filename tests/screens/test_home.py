@@ -13,15 +13,13 @@ from textual.widgets import Input, OptionList, Select
 from app.commands.sessions import run_headless
 from app.exports import FILE_NAMES
 from app.screens.check import CheckScreen
-from app.screens.compare import CompareScreen
 from app.screens.dialogs import ChoiceDialog, HelpDialog
-from app.screens.dry_run import DryRunScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
 from app.screens.pick import PickScreen
-from app.screens.prepare import PrepareScreen
+from app.screens.prepare import DryRunScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
-from app.screens.result import ResultScreen
+from app.screens.result import CompareScreen, ResultScreen
 from app.screens.start import Glidecal
 from tests.screens.driving import SIZE, quick_plan, said, text, until
 

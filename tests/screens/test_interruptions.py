@@ -9,13 +9,14 @@ from pathlib import Path
 import pytest
 from textual.widgets import OptionList
 
-from app.measuring.opening import continue_session, plan_to_continue
+from app.measuring.opening import plan_to_continue
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
 from app.screens.start import Glidecal
 from drivers.profile import Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.twin_port import TwinPort, default_transport
+from drivers.twins import twin_of
 from protocols.record import read_record
 from protocols.session import fold
 from tests.screens.driving import SIZE, answered, quick_plan, take, text, to_measuring, until
@@ -28,7 +29,7 @@ async def test_continue_at_the_first_unfinished_step(tmp_path: Path) -> None:
         screen = await to_measuring(pilot, first)
         await take(pilot, screen)
         await pilot.press("f10")
-    second = Glidecal(CheckScreen(plan_to_continue(plan.path), continued=True))
+    second = Glidecal(CheckScreen(plan_to_continue(plan.path)))
     async with second.run_test(size=SIZE) as pilot:
         await until(pilot, "words", lambda: "Enter continues" in text(second, "#words"))
         screen = await to_measuring(pilot, second)
@@ -61,7 +62,7 @@ async def test_a_cable_plugged_in_later_is_found_by_another_try(tmp_path: Path) 
     late = Instrument(profile="mitutoyo-01a", port=str(plugged))
     plan = replace(quick_plan(tmp_path), instruments=(late,))
     interface = Glidecal(CheckScreen(plan))
-    with TwinPort(MITUTOYO_01A.make_twin(Spindle(lambda: 0.5, 0.001)), "pty") as port:
+    with TwinPort(twin_of(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), "pty") as port:
         async with interface.run_test(size=SIZE) as pilot:
             await until(pilot, "words", lambda: "R tries again" in text(interface, "#words"))
             await pilot.press("enter")
@@ -168,7 +169,7 @@ async def test_pulled_cable_in_the_middle_of_a_session(tmp_path: Path) -> None:
     from protocols.machine import Instrument
 
     gauge = tmp_path / "gauge"
-    first = TwinPort(MITUTOYO_01A.make_twin(Spindle(lambda: 0.5, 0.001)), default_transport())
+    first = TwinPort(twin_of(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), default_transport())
     point_to(gauge, first.url)
     known = Instrument(profile="mitutoyo-01a", port=str(gauge))
     plan = replace(quick_plan(tmp_path), instruments=(known,))
@@ -181,7 +182,7 @@ async def test_pulled_cable_in_the_middle_of_a_session(tmp_path: Path) -> None:
         await until(pilot, "told", lambda: "check the cable" in text(interface, "#said"))
         assert "The session waits" in text(interface, "#said")
         with TwinPort(
-            MITUTOYO_01A.make_twin(Spindle(lambda: 0.7, 0.001)), default_transport()
+            twin_of(MITUTOYO_01A, Spindle(lambda: 0.7, 0.001)), default_transport()
         ) as second:
             point_to(gauge, second.url)
             await until(pilot, "back", lambda: "answers again" in text(interface, "#said"))
@@ -213,7 +214,7 @@ async def test_a_continued_verification_still_compares(tmp_path: Path) -> None:
         await pilot.press("f10")
     again = plan_to_continue(verify.path)
     assert again.before is not None
-    with continue_session(replace(again, interval_s=0.0)) as guided:
+    with start_session(replace(again, interval_s=0.0)) as guided:
         measure_all(guided)
     after = solve_for_controller(verify.path).solution
     assert after.rms_before_mm < 0.1 * again.before.solution.rms_before_mm

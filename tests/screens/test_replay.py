@@ -12,11 +12,11 @@ from app.measuring.playback import State
 from app.report.text.replay import reading_lines
 from app.screens.dialogs import HelpDialog, TextDialog
 from app.screens.interface import Interface
+from app.screens.pick import ReplayChoiceScreen
 from app.screens.replay import ReplayedResult, ReplayScreen
-from app.screens.replay_choice import ReplayChoiceScreen
 from app.screens.result import ResultScreen
+from app.screens.session_view import GaugeDisplay, StepList
 from app.screens.start import Glidecal
-from app.screens.widgets import GaugeDisplay, StepList
 from protocols.record import read_record
 from protocols.session import fold
 from tests.recorded import REASON, story, write

@@ -19,9 +19,11 @@ from app.screens.start import Glidecal
 from drivers.profile import Fault, FaultKind, Reading, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.twin_port import TwinPort
+from drivers.twins import twin_of
 from protocols.record import read_record
 from protocols.session import fold
 from tests.screens.driving import (
+    PRESSES,
     SIZE,
     answered,
     numbers,
@@ -131,7 +133,7 @@ async def test_prepare_form_with_keys(tmp_path: Path, monkeypatch: pytest.Monkey
         await pilot.press("enter")
         await until(pilot, "form", lambda: isinstance(interface.screen, PrepareScreen))
         assert "Without any, choose the demonstration" in text(interface, "#summary")
-        with TwinPort(MITUTOYO_01A.make_twin(Spindle(lambda: 0.5, 0.001)), "tcp") as twin:
+        with TwinPort(twin_of(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), "tcp") as twin:
             await prepare(pilot, interface, twin.url)
 
 
@@ -190,7 +192,7 @@ async def test_automatic_on_a_real_machine_waits_for_a_movement(tmp_path: Path) 
     from protocols.machine import Instrument
 
     position = [0.5]
-    twin = MITUTOYO_01A.make_twin(Spindle(lambda: position[0], 0.001))
+    twin = twin_of(MITUTOYO_01A, Spindle(lambda: position[0], 0.001))
     with TwinPort(twin, "tcp") as port:
         known = Instrument(profile="mitutoyo-01a", port=port.url)
         plan = replace(quick_plan(tmp_path), instruments=(known,))
@@ -230,9 +232,13 @@ async def test_the_data_button_takes_the_step(tmp_path: Path) -> None:
     interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await to_measuring(pilot, interface)
-        await until(pilot, "stillness", screen.ready_by_hand)
-        screen.guided.gauges[0].press(Fault(FaultKind.NO_ANSWER, "", "any outcome"))
-        await until(pilot, "a step", lambda: screen.guided.session.done() == {1})
+        for _ in range(PRESSES):  # as an operator does where a press came too soon
+            await until(pilot, "stillness", screen.ready_by_hand)
+            screen.guided.gauges[0].press(Fault(FaultKind.NO_ANSWER, "", "any outcome"))
+            await pilot.pause(0.3)
+            await until(pilot, "an answer", lambda: not screen.busy)
+            if screen.guided.session.done():
+                break
         await pilot.pause(0.3)
         assert screen.guided.session.done() == {1}
         await pilot.press("f10")

@@ -7,11 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from app.report.charts.charts import Chart, Series
-from calib.hexaslide.drawing import lines_at, outline
-from calib.hexaslide.geometry import Box, HexaSlide
-from calib.hexaslide.search import Found
-from calib.observations import FloatArray
+from app.report.charts.charts import Chart
 
 Point = tuple[float, float]
 Limits = tuple[float, float]
@@ -91,87 +87,3 @@ def ticks_within(limits: Limits, most: int) -> tuple[float, ...]:
         if last - first < most:
             return tuple(k * step for k in range(first, last + 1))
     return ()
-
-
-FRONT, ABOVE = (0, 2), (0, 1)
-"""Coordinates across and upwards."""
-
-PROJECTIONS = ((0, 1), (0, 2), (3, 4), (3, 5))
-"""Two of places, two of angles."""
-
-COORDINATES = ("x", "y", "z", "theta", "psi", "phi")
-
-
-def drawn_machine(machine: HexaSlide, posture: FloatArray) -> tuple[Drawing, Drawing]:
-    """The machine at a posture ``(6,)`` from the front and from above.
-
-    Rails are drawn as far as the sliders go in the box.
-    """
-    lines = lines_at(machine, posture)
-    strokes = [(Look.DOTTED, rail) for rail in lines.rails]
-    strokes += [(Look.THIN, link) for link in lines.links]
-    strokes.append((Look.THICK, lines.platform))
-    return (
-        _seen_from("From the front", FRONT, machine.box, strokes, lines.carriages),
-        _seen_from("From above", ABOVE, machine.box, strokes, lines.carriages),
-    )
-
-
-def _seen_from(
-    title: str,
-    axes: tuple[int, int],
-    box: Box,
-    strokes: list[tuple[Look, FloatArray]],
-    carriages: FloatArray,
-) -> Drawing:
-    """Lines in space ``(n, 3)`` seen along the axis that is left out."""
-    seen = list(axes)
-    flat = [Stroke(look, _points(line[:, seen])) for look, line in strokes]
-    numbers = enumerate(_points(carriages[:, seen]), start=1)
-    return Drawing(
-        title=title,
-        x_words=f"{'xyz'[axes[0]]}, m",
-        y_words=f"{'xyz'[axes[1]]} in m",
-        series=(),
-        strokes=(_outline(box, axes), *flat),
-        labels=tuple(Label(f"{chain}", at) for chain, at in numbers),
-        even=True,
-    )
-
-
-def drawn_postures(machine: HexaSlide, found: Found | None) -> tuple[Drawing, ...]:
-    """The four projections of start and optimum in the box."""
-    sets = () if found is None else (("start", found.begin), ("optimum", found.postures))
-    return tuple(_projected(machine.box, axes, sets) for axes in PROJECTIONS)
-
-
-def _projected(
-    box: Box, axes: tuple[int, int], sets: tuple[tuple[str, FloatArray], ...]
-) -> Drawing:
-    scale, unit = _scale_of(axes)
-    across, upwards = axes
-    series = tuple(
-        Series(name, *(tuple((scale * postures[:, axis]).tolist()) for axis in axes))
-        for name, postures in sets
-    )
-    return Drawing(
-        title=f"{COORDINATES[upwards]} over {COORDINATES[across]}",
-        x_words="",
-        y_words=unit,
-        series=series,
-        strokes=(_outline(box, axes),),
-    )
-
-
-def _outline(box: Box, axes: tuple[int, int]) -> Stroke:
-    """Dots on the edges of the box."""
-    return Stroke(Look.MARKED, _points(_scale_of(axes)[0] * outline(box, axes)))
-
-
-def _scale_of(axes: tuple[int, int]) -> tuple[float, str]:
-    """Places are shown in metres, angles in degrees."""
-    return (1.0, "m") if axes[0] < len("xyz") else (180.0 / math.pi, "°")
-
-
-def _points(places: FloatArray) -> tuple[Point, ...]:
-    return tuple((x, y) for x, y in places.tolist())

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Annotated, Literal
 
-from app.planning.hexaslide_calibration import CalibratedMachine
+from app.planning.hexaslide import CalibratedMachine
 from app.report.schema.document import (
     Count,
     LackOfFit,
@@ -21,11 +21,11 @@ from app.report.schema.document import (
 )
 from app.report.schema.planning import ClassicalQr, Direction, IdentifiabilityReport
 from calib.design.criteria import Criterion, Observability
-from calib.hexaslide.frames import PAIRS, inner_lengths
+from calib.hexaslide.checked import PAIRS, inner_lengths
 from calib.hexaslide.geometry import unit_of
-from calib.hexaslide.procedures import DIFFERENCE_STEP, Kind
-from calib.hexaslide.residuals import ANGLES, Left
-from calib.hexaslide.seen import UNITS, HexaSlideSeen
+from calib.hexaslide.procedures import ANGLES, Kind
+from calib.hexaslide.residuals import Residuals
+from calib.hexaslide.seen import DIFFERENCE_STEP, UNITS, HexaSlideSeen
 
 
 class HexaSlideDirection(Direction):
@@ -37,7 +37,7 @@ class HexaSlideDirection(Direction):
 def _lost(found: HexaSlideSeen) -> tuple[SimpleNamespace, ...]:
     return tuple(
         SimpleNamespace(**vars(one), at_every_posture=one.name in found.always)
-        for one in found.seen.lost
+        for one in found.seen.unidentifiable
     )
 
 
@@ -80,26 +80,26 @@ class HexaSlidePosturesReport(Report):
 
     schema_id: Literal["glidecal.postures/1"] = schema("glidecal.postures/1")
     machine: Literal["hexaslide"] = "hexaslide"
-    procedure: Kind = at("boxed.procedure.kind")
-    measured: tuple[str, ...] = at("boxed.procedure.read")
-    count: Count = at("boxed.best.refined.coordinates")
-    criterion: Criterion = at("boxed.best.criterion")
-    value: float = at("boxed.best.refined.value")
-    start_value: float = at("boxed.best.refined.start_value")
-    rank: int = at("boxed.best.rank", "combinations that are seen")
-    condition_number: float = at("boxed.best.condition_number")
-    start_condition_number: float = at("boxed.best.start_condition_number")
-    published_criteria: Observability = at("boxed.best.found")
-    start_published_criteria: Observability = at("boxed.best.start")
+    procedure: Kind = at("best.procedure.kind")
+    measured: tuple[str, ...] = at("best.procedure.read")
+    count: Count = at("best.refined.coordinates")
+    criterion: Criterion = at("best.criterion")
+    value: float = at("best.refined.value")
+    start_value: float = at("best.refined.start_value")
+    rank: int = at("best.rank", "combinations that are seen")
+    condition_number: float = at("best.condition_number")
+    start_condition_number: float = at("best.start_condition_number")
+    published_criteria: Observability = at("best.found")
+    start_published_criteria: Observability = at("best.start")
     units: str = UNITS
-    postures: tuple[dict[str, float], ...] = at("boxed.postures")
-    coordinates_on_bound: int = at("boxed.best.refined.on_bound")
-    start_coordinates_on_bound: int = at("boxed.best.start_on_bound")
-    source: str = at("boxed.source", "of the first start")
-    seconds: float = at("boxed.seconds")
-    starts: Count = at("boxed.best.values")
-    values_of_starts: tuple[float, ...] = at("boxed.best.values")
-    seed: int = at("boxed.seed")
+    postures: tuple[dict[str, float], ...] = at("best.postures")
+    coordinates_on_bound: int = at("best.refined.on_bound")
+    start_coordinates_on_bound: int = at("best.start_on_bound")
+    source: str = at("best.source", "of the first start")
+    seconds: float = at("best.seconds")
+    starts: Count = at("best.values")
+    values_of_starts: tuple[float, ...] = at("best.values")
+    seed: int = at("best.seed")
 
 
 @dataclass(frozen=True)
@@ -110,8 +110,8 @@ class Rms:
     angle_mrad: float | None
 
 
-def _rms(left: Left) -> Rms:
-    both = (left.rms(angles=False), left.rms(angles=True))
+def _rms(found: Residuals) -> Rms:
+    both = (found.rms(angles=False), found.rms(angles=True))
     return Rms(*(None if size is None else 1000.0 * size for size in both))
 
 
@@ -217,9 +217,11 @@ class ComponentLeft:
 
 
 def _by_component(solved: CalibratedMachine) -> tuple[ComponentLeft, ...]:
-    left = solved.found.after
-    sizes = 1000.0 * (left.values**2).mean(axis=0) ** 0.5
-    columns = zip(left.names, sizes.tolist(), left.angular, solved.by_column.tolist(), strict=True)
+    after = solved.found.after
+    sizes = 1000.0 * (after.values**2).mean(axis=0) ** 0.5
+    columns = zip(
+        after.names, sizes.tolist(), after.angular, solved.by_column.tolist(), strict=True
+    )
     return tuple(
         ComponentLeft(name, size, "mrad" if angular else "mm", share)
         for name, size, angular, share in columns
@@ -275,7 +277,7 @@ class TruthReport(Report):
     ] = at("kept_out")
     before: Apart
     after: Apart
-    individually_known_within_95_percent: int | None = at("held")
+    individually_known_within_95_percent: int | None = at("within")
     individually_known_count: Count = at("misses")
     individually_known_worst: Annotated[
         float, made(lambda misses: float(abs(misses).max(initial=0.0)))
@@ -311,8 +313,8 @@ class CalibrationReport(Report):
     units: str = UNITS
     parameters: Annotated[dict[str, HexaSlideParameter], made(_parameters)] = at("solved")
     individually_known: tuple[str, ...] = at("solved.found.known")
-    lost_motions: tuple[str, ...] = at("solved.found.lost")
-    lost_count: int = at("solved.found.lost_count")
+    lost_motions: tuple[str, ...] = at("solved.found.unidentifiable")
+    lost_count: int = at("solved.found.unidentifiable_count")
     inner_lengths: Annotated[dict[str, InnerLength], made(_inner)] = at(
         "solved", "26 that no frame changes"
     )

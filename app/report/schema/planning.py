@@ -61,7 +61,7 @@ class IdentifiabilityReport(Report):
     )
     remark: str = at("seen.examined.remark")
     individually_identifiable: tuple[str, ...] = at("seen.found.individually_known")
-    lost_directions: tuple[Direction, ...] = at("seen.lost")
+    lost_directions: tuple[Direction, ...] = at("seen.unidentifiable")
     weak_directions: tuple[Direction, ...] = at("seen.weak")
     condition_number: Finite = at("seen.found.condition_number", "of what is seen")
     units: str = at("seen.examined.units")

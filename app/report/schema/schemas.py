@@ -3,56 +3,30 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
+from collections.abc import Iterator
+from functools import reduce
+from importlib import import_module
+from operator import or_
 from pathlib import Path
-from typing import Any
+from pkgutil import iter_modules
+from typing import Any, get_args
 
 from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaMode
 
-from app.report.schema.diagnosis import AliasReport, DiagnosisReport
-from app.report.schema.hexaslide import (
-    CalibrationReport,
-    HexaSlideIdentifiabilityReport,
-    HexaSlidePosturesReport,
-)
-from app.report.schema.plan import PlanReport
-from app.report.schema.planning import IdentifiabilityReport, PosturesReport
-from app.report.schema.readings import FaultReport, PortsReport, ReadingReport, ReplayReport
-from app.report.schema.solution import ComparisonReport, OffsetsReport, SolutionReport
+import app.report.schema
+import protocols
+from app.report.schema.document import Report
+from protocols.documents import Document
 from protocols.events import Event
-from protocols.hexaslide_machine import HexaSlideMachine
-from protocols.hexaslide_measurements import HexaSlideMeasurements, HexaSlideTruth
-from protocols.machine import Machine
-from protocols.model_file import ModelFile
-from protocols.procedure import Procedure
 
-WRITTEN: dict[str, Any] = {
-    "aliases": AliasReport,
-    "comparison": ComparisonReport,
-    "diagnosis": DiagnosisReport,
-    "hexaslide-calibration": CalibrationReport,
-    "identifiability": IdentifiabilityReport | HexaSlideIdentifiabilityReport,
-    "offsets": OffsetsReport,
-    "plan": PlanReport,
-    "ports": PortsReport,
-    "postures": PosturesReport | HexaSlidePosturesReport,
-    "reading": ReadingReport | FaultReport,
-    "replay": ReplayReport,
-    "solution": SolutionReport,
-}
-"""By the name in their id, ``glidecal.NAME/1``."""
+ROOMS = (app.report.schema, protocols)
+"""Where all documents stand that are written, or read again; some of the latter are TOML."""
 
-READ: dict[str, Any] = {
-    "hexaslide": HexaSlideMachine,
-    "hexaslide-measurements": HexaSlideMeasurements,
-    "hexaslide-truth": HexaSlideTruth,
-    "machine": Machine,
-    "model": ModelFile,
-    "procedure": Procedure,
-    "session": Event,  # one line of the record
-}
-"""Files that are read again, some of them TOML."""
+
+ID = re.compile(r"glidecal\.(.+)/1")
 
 
 class _Untitled(GenerateJsonSchema):
@@ -63,12 +37,32 @@ class _Untitled(GenerateJsonSchema):
 
 
 def schemas() -> dict[str, str]:
-    """The text of each schema by its file name."""
-    written = {f"{name}-1.json": _text(name, it, "serialization") for name, it in WRITTEN.items()}
-    return written | {f"{name}-1.json": _text(name, it, "validation") for name, it in READ.items()}
+    """The text of each schema by its file name; what several machines write is one of theirs."""
+    for room in ROOMS:
+        for module in iter_modules(room.__path__, f"{room.__name__}."):
+            import_module(module.name)
+    by_name: dict[str, list[type[Document]]] = {}
+    for kind in _documents(Document):
+        (schema_id,) = get_args(kind.model_fields["schema_id"].annotation)
+        by_name.setdefault(ID.sub(r"\1", schema_id), []).append(kind)
+    # the first line of a record has the id, a schema is for each of its lines
+    every = {name: reduce(or_, kinds) for name, kinds in by_name.items()} | {"session": Event}
+    return {
+        f"{name}-1.json": _text(name, kind, written=issubclass(by_name[name][0], Report))
+        for name, kind in every.items()
+    }
 
 
-def _text(name: str, kind: Any, mode: JsonSchemaMode) -> str:  # noqa: ANN401 (class or union)
+def _documents(above: type[Document]) -> Iterator[type[Document]]:
+    """Classes with an id, in the order in which they are defined."""
+    for kind in above.__subclasses__():
+        if "schema_id" in kind.model_fields:
+            yield kind
+        yield from _documents(kind)
+
+
+def _text(name: str, kind: Any, *, written: bool) -> str:  # noqa: ANN401 (class or union)
+    mode: JsonSchemaMode = "serialization" if written else "validation"
     found = TypeAdapter(kind).json_schema(mode=mode, schema_generator=_Untitled)
     head = {"$schema": _Untitled.schema_dialect, "title": f"glidecal.{name}/1"}
     return json.dumps(head | (found | head), indent=1, ensure_ascii=False) + "\n"

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from textwrap import fill
 
 from app.evaluating.diagnosis import SessionDiagnosis
-from app.report.text.tables import WIDTH, new_table, signed, table_text, wrapped
+from app.report.text.tables import hanging, new_table, signed, table_text, wrapped
 from calib.diagnosis.results import (
     SEEN,
     Cell,
@@ -53,6 +52,7 @@ NEXT_WRITTEN = "Written. Measure it with: glidecal run --protocol {}"
 NO_FILE_NEEDED = "No file is needed: glidecal run --protocol {}"
 NOT_REPLACED = "{} is there already and is not replaced. Give another name."
 
+INDENT = "    "
 SHOWN_CANDIDATES = 8
 SHOWN_SHARES = 6
 MOST_RIVALS = 8
@@ -140,12 +140,12 @@ def effects_text(findings: tuple[Finding, ...]) -> str:
     """Named effects with their values, and what looks the same."""
     lines = []
     for one in findings:
-        lines.append(f"{one.id} ({one.where}), {one.kind}: {one.title}")
-        lines += _values_and_gap(one)
+        lines.append(wrapped(f"{one.id} ({one.where}), {one.kind}: {one.title}"))
+        lines += [hanging(line, INDENT) for line in _values_and_gap(one)]
         if one.indistinguishable_from:
             rivals = ", ".join(f"{r.id} ({r.where})" for r in one.indistinguishable_from)
-            lines.append(f"    these data cannot tell it from: {rivals}")
-    return "\n".join(wrapped(line) if not line.startswith(" ") else hanging(line) for line in lines)
+            lines.append(hanging(f"{INDENT}these data cannot tell it from: {rivals}", INDENT))
+    return "\n".join(lines)
 
 
 def _values_and_gap(one: Finding) -> list[str]:
@@ -158,12 +158,6 @@ def _values_and_gap(one: Finding) -> list[str]:
     return [*lines, f"    gap {one.gap_rms_before_mm:.4f} → {one.gap_rms_after_mm:.4f} mm"]
 
 
-def hanging(line: str) -> str:
-    """A long indented line broken with the same indent."""
-    indent = line[: len(line) - len(line.lstrip())]
-    return fill(line, WIDTH, subsequent_indent=indent, break_long_words=False)
-
-
 def discrepancy_text(found: ModelDiscrepancy) -> str:
     """The unnamed effect of the residuals, its values, and what it would take away."""
     effect = found.law
@@ -172,7 +166,7 @@ def discrepancy_text(found: ModelDiscrepancy) -> str:
         begin = "A law without a name explains all, in place of what was named"
     lines = [wrapped(f"{begin}: {effect.title}."), *_values_and_gap(effect)]
     if found.held_out:
-        lines.append(hanging("    " + held_out_words(found.held_out)))
+        lines.append(hanging(INDENT + held_out_words(found.held_out), INDENT))
     return "\n".join(lines)
 
 

@@ -6,9 +6,8 @@ import math
 from statistics import median
 
 from app.report.text.tables import new_table, table_text, wrapped
-from calib.hexaslide.procedures import DIFFERENCE_STEP
-from calib.hexaslide.search import BoxedPostures
-from calib.hexaslide.seen import UNITS, HexaSlideSeen, PaperRule
+from calib.hexaslide.planning import BestPostures
+from calib.hexaslide.seen import DIFFERENCE_STEP, UNITS, HexaSlideSeen, PaperRule
 
 PUBLISHED_WORDS = {
     "log10_determinant": "log10 det(JᵀJ)",
@@ -20,31 +19,30 @@ PUBLISHED_WORDS = {
 """The criteria of papers/001, section 4, in its order; the larger the better."""
 
 
-def boxed_text(found: BoxedPostures) -> str:
+def postures_text(found: BestPostures) -> str:
     """Before and after, then the postures and how they were found."""
     parts = [wrapped(_sentence(found)), _criteria(found), _postures(found.postures)]
     return "\n\n".join([*parts, wrapped(_search(found))])
 
 
-def _sentence(found: BoxedPostures) -> str:
-    best, procedure = found.best, found.procedure
-    moved = bool(best.values)
-    before = f" (start {best.refined.start_value:.4g})" if moved else ""
-    condition = f"{best.condition_number:.4g}"
-    condition += f", at the start {best.start_condition_number:.4g}" if moved else ""
+def _sentence(found: BestPostures) -> str:
+    procedure, moved = found.procedure, bool(found.values)
+    before = f" (start {found.refined.start_value:.4g})" if moved else ""
+    condition = f"{found.condition_number:.4g}"
+    condition += f", at the start {found.start_condition_number:.4g}" if moved else ""
     return (
         f"hexaslide, {procedure.kind.value}, reading {', '.join(procedure.read)}: "
-        f"{len(found.postures)} postures for the {best.criterion.value} criterion, "
-        f"{best.refined.value:.5g}{before}. "
-        f"Condition number {condition} ({UNITS}; of the {best.rank} combinations that are "
+        f"{len(found.postures)} postures for the {found.criterion.value} criterion, "
+        f"{found.refined.value:.5g}{before}. "
+        f"Condition number {condition} ({UNITS}; of the {found.rank} combinations that are "
         "seen)."
     )
 
 
-def _criteria(found: BoxedPostures) -> str:
-    best, moved = found.best, bool(found.best.values)
+def _criteria(found: BestPostures) -> str:
+    moved = bool(found.values)
     table = new_table("criteria of papers/001", *(["start", "found"] if moved else ["value"]))
-    sets = (best.start, best.found) if moved else (best.found,)
+    sets = (found.start, found.found) if moved else (found.found,)
     for name, words in PUBLISHED_WORDS.items():
         table.add_row(words, *(f"{getattr(one, name):.4g}" for one in sets))
     return table_text(table)
@@ -57,20 +55,20 @@ def _postures(postures: tuple[dict[str, float], ...]) -> str:
     return table_text(table)
 
 
-def _search(found: BoxedPostures) -> str:
-    best, size = found.best, found.best.refined.coordinates.size
-    share = f"{100.0 * best.refined.on_bound / size:.0f} %"
-    if not best.values:
+def _search(found: BestPostures) -> str:
+    size = found.coordinates.size
+    share = f"{100.0 * found.refined.on_bound / size:.0f} %"
+    if not found.values:
         return f"{share} of the coordinates stand on a bound of the box. From {found.source}."
     return (
         f"{share} of the coordinates stand on a bound of the box, at the start "
-        f"{100.0 * best.start_on_bound / size:.0f} %. {_starts(found)}, seed {found.seed}, "
+        f"{100.0 * found.start_on_bound / size:.0f} %. {_starts(found)}, seed {found.seed}, "
         f"{found.seconds:.1f} s."
     )
 
 
-def _starts(found: BoxedPostures) -> str:
-    values, random = found.best.values, found.source == "random"
+def _starts(found: BestPostures) -> str:
+    values, random = found.values, found.source == "random"
     if len(values) == 1:
         return f"One start, {'random' if random else found.source}"
     first = "" if random else f", the first of them {found.source}"
@@ -122,12 +120,15 @@ def _verdict(found: HexaSlideSeen) -> str:
 
 
 def _lost(found: HexaSlideSeen) -> str:
-    always = [one.name for one in found.seen.lost if one.name in found.always]
-    lines = [f"NOT SEEN ({len(axes)}): {_motion(axes)}." for axes in _grouped(always)]
+    names = [one.name for one in found.seen.unidentifiable]
+    lines = []
+    for motion, axes in grouped([name for name in names if name in found.always]).items():
+        before = f"{', '.join(axes[:-1])} and " if len(axes) > 1 else ""
+        lines.append(f"NOT SEEN ({len(axes)}): {motion} {before}{axes[-1]}.")
     if lines:
         lines.append("  No posture shows this: nothing that is read depends on it.")
-    others = [one for one in found.seen.lost if one.name not in found.always]
-    lines += [f"NOT SEEN (1): {one.name}." for one in others[:MOST_TOLD]]
+    others = [name for name in names if name not in found.always]
+    lines += [f"NOT SEEN (1): {name}." for name in others[:MOST_TOLD]]
     if len(others) > MOST_TOLD:
         lines.append(f"NOT SEEN ({len(others) - MOST_TOLD}): more such sums; --json tells them.")
     if others:
@@ -135,19 +136,13 @@ def _lost(found: HexaSlideSeen) -> str:
     return "\n".join(lines)
 
 
-def _grouped(names: list[str]) -> list[list[str]]:
-    """Names that differ in their last word only, together."""
+def grouped(names: list[str]) -> dict[str, list[str]]:
+    """Last words of names by what stands before them: the axes of one motion."""
     groups: dict[str, list[str]] = {}
     for name in names:
-        groups.setdefault(name.rsplit(" ", 1)[0], []).append(name)
-    return list(groups.values())
-
-
-def _motion(names: list[str]) -> str:
-    motion, axis = names[0].rsplit(" ", 1)
-    axes = [axis, *(name.rsplit(" ", 1)[1] for name in names[1:])]
-    before = f"{', '.join(axes[:-1])} and " if len(axes) > 1 else ""
-    return f"{motion} {before}{axes[-1]}"
+        motion, _, axis = name.rpartition(" ")
+        groups.setdefault(motion, []).append(axis)
+    return groups
 
 
 def _known(found: HexaSlideSeen) -> str:

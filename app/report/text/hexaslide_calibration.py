@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import math
 
-from app.planning.hexaslide_calibration import CalibratedMachine
-from app.report.schema.hexaslide import INNER_NAMES, CalibrationReport, Rms
+from app.planning.hexaslide import CalibratedMachine
+from app.report.schema.hexaslide import CalibrationReport, Rms
 from app.report.text.tables import new_table, signed, table_text, wrapped
-from calib.hexaslide.geometry import unit_of
 from calib.hexaslide.procedures import Kind
-from protocols.hexaslide_measurements import HexaSlideMeasurements
+from protocols.hexaslide_postures import HexaSlideMeasurements
 
 LACK_OF_FIT_LEVEL = 0.01
 MOST_POSTURES = 5
+
+LEFT_WORDS = {
+    Kind.POSE_INVERSE: "Sliders, read less predicted",
+    Kind.POSE_FORWARD: "Measured less predicted",
+    Kind.POSITION: "Measured less predicted",
+    Kind.CONSTRAINT_LINK: "Length of the link less that predicted",
+}
 
 
 def simulated_text(measured: HexaSlideMeasurements) -> str:
@@ -26,69 +32,58 @@ def simulated_text(measured: HexaSlideMeasurements) -> str:
 def calibration_text(solved: CalibratedMachine) -> str:
     """The sentences that matter, parameters, what is left, then the checks."""
     said = CalibrationReport.of(solved=solved)  # words and JSON tell the same numbers
+    factor = solved.factor
     parts = [
-        wrapped(_heading(solved)),
-        wrapped("\n".join([*_verdict(solved, said), *_warnings(solved), *_lost(solved)])),
-        _parameters(solved),
-        wrapped("\n".join(_figures(solved, said))),
-        _left(solved, said),
-        wrapped("\n".join([_held_out(solved, said), *_truth(said)])),
+        wrapped(_heading(said)),
+        wrapped("\n".join([*_verdict(said), *_warnings(said), *_lost(said)])),
+        _parameters(said),
+        wrapped("\n".join(_figures(said, factor))),
+        _left(said),
+        wrapped("\n".join([_held_out(said), *_truth(said)])),
     ]
     return "\n\n".join(part for part in parts if part)
 
 
-def _heading(solved: CalibratedMachine) -> str:
-    source = solved.source
-    measured = ", ".join(source.measured)
+def _heading(said: CalibrationReport) -> str:
+    measured = ", ".join(said.measured)
     read = f"sliders and {measured}" if measured else "sliders on the constraint link"
     return (
-        f"{solved.name}: {source.machine.name} ({source.machine_file}), "
-        f"{source.procedure.value}, {len(source.postures)} {source.origin} postures; read: {read}"
+        f"{said.measurements}: {said.machine} ({said.machine_file}), {said.procedure.value}, "
+        f"{said.postures.count} {said.origin} postures; read: {read}"
     )
 
 
-def _verdict(solved: CalibratedMachine, said: CalibrationReport) -> list[str]:
-    found = solved.found
+def _verdict(said: CalibrationReport) -> list[str]:
     return [
-        f"{found.rank} of {len(found.names)} combinations of the parameters identified from "
-        f"{len(solved.numbers)} postures in {found.steps} steps.",
-        f"{_what(solved)}, r.m.s.: "
-        + "; ".join(_both(said.rms_before, said.rms_after, " → "))
-        + ".",
+        f"{said.rank} of {said.parameter_count} combinations of the parameters identified from "
+        f"{said.postures.fitted} postures in {said.steps} steps.",
+        f"{LEFT_WORDS[said.procedure]}, r.m.s.: {_both(said.rms_before, said.rms_after)}.",
     ]
 
 
-def _what(solved: CalibratedMachine) -> str:
-    kind = solved.source.procedure
-    if kind is Kind.POSE_INVERSE:
-        return "Sliders, read less predicted"
-    return (
-        "Length of the link less that predicted"
-        if kind is Kind.CONSTRAINT_LINK
-        else ("Measured less predicted")
+def _both(before: Rms, after: Rms) -> str:
+    """One phrase for lengths and one for angles, where there are any."""
+    pairs = (
+        (before.length_mm, after.length_mm, "mm"),
+        (before.angle_mrad, after.angle_mrad, "mrad"),
+    )
+    return "; ".join(
+        f"{first:.4g} → {second:.4g} {unit}"
+        for first, second, unit in pairs
+        if first is not None and second is not None
     )
 
 
-def _both(before: Rms, after: Rms, between: str) -> list[str]:
-    """One phrase for lengths and one for angles, where there are any."""
-    parts = []
-    lengths, angles = (before.length_mm, after.length_mm), (before.angle_mrad, after.angle_mrad)
-    for (first, second), unit in ((lengths, "mm"), (angles, "mrad")):
-        if first is not None and second is not None:
-            parts.append(f"{first:.4g}{between}{second:.4g} {unit}")
-    return parts
-
-
-def _warnings(solved: CalibratedMachine) -> list[str]:
-    found = solved.found
-    if solved.p_value is not None and solved.p_value < LACK_OF_FIT_LEVEL:
-        ratio = math.sqrt(found.lack_of_fit or 0.0)
+def _warnings(said: CalibrationReport) -> list[str]:
+    p_value = said.lack_of_fit.p_value
+    if p_value is not None and p_value < LACK_OF_FIT_LEVEL:
+        ratio = math.sqrt(said.lack_of_fit.statistic or 0.0)
         return [
             f"WARNING: what is left is {ratio:.1f} times the stated noise: a wrong reading, a "
             "noise that is stated too small, or something that the model does not have. The "
             "uncertainties below do not count it."
         ]
-    if found.covariance is None:
+    if said.noise.length_mm is None:
         return [
             "WARNING: no noise is stated and nothing is left over to tell it: no uncertainties. "
             "Measure more postures, or state the noise."
@@ -96,55 +91,56 @@ def _warnings(solved: CalibratedMachine) -> list[str]:
     return []
 
 
-def _lost(solved: CalibratedMachine) -> list[str]:
-    found = solved.found
-    if not found.lost_count:
+def _lost(said: CalibrationReport) -> list[str]:
+    if not said.lost_count:
         return ["Nothing is lost: every parameter is known by itself."]
-    lines = []
-    if found.lost:
-        lines.append(f"NOT SEEN, left as the machine file has it: {'; '.join(found.lost)}.")
-    other = found.lost_count - len(found.lost)
+    lines, motions = [], said.lost_motions
+    if motions:
+        lines.append(f"NOT SEEN, left as the machine file has it: {'; '.join(motions)}.")
+    other = said.lost_count - len(motions)
     if other:
         lines.append(f"NOT SEEN: {other} more combinations, motions of no single frame.")
-    if found.lost and not other:
+    if motions and not other:
         lines.append("These turn or shift whole frames; nothing that was measured depends on them.")
     return lines
 
 
-def _parameters(solved: CalibratedMachine) -> str:
+def _parameters(said: CalibrationReport) -> str:
     """Individually known parameters; lengths in mm, components of directions in mm/m."""
-    found, u, factor = solved.found, solved.uncertainty, solved.factor
-    if not found.known:
+    if not said.individually_known:
         return "No parameter is known by itself."
     table = new_table("parameter", "value", "from nominal", "± U (95 %)", "unit")
-    for k, name in enumerate(found.names):
-        if name in found.known:
-            value, change = found.parameters[k], found.parameters[k] - solved.start[k]
-            expanded = "unknown" if u is None else f"{1000.0 * u[k] * (factor or 0.0):.4f}"
-            unit = "mm" if unit_of(name) == "m" else "mm/m"
-            table.add_row(name, f"{1000.0 * value:.4f}", signed(1000.0 * change, 4), expanded, unit)
+    for name in said.individually_known:
+        one = said.parameters[name]
+        half = one.expanded_uncertainty
+        table.add_row(
+            name,
+            f"{1000.0 * one.value:.4f}",
+            signed(1000.0 * (one.value - one.nominal), 4),
+            "unknown" if half is None else f"{1000.0 * half:.4f}",
+            "mm" if one.unit == "m" else "mm/m",
+        )
     return table_text(table)
 
 
-def _figures(solved: CalibratedMachine, said: CalibrationReport) -> list[str]:
+def _figures(said: CalibrationReport, factor: float | None) -> list[str]:
     lines = []
-    others = [name for name in solved.found.names if name not in solved.found.known]
+    others = [name for name, one in said.parameters.items() if not one.individually_known]
     if others:
         lines.append(
             f"{len(others)} parameters are known only together, up to what is not seen: "
             f"{', '.join(others)}."
         )
-        lines += _inner(solved)
-    lines += _noise(solved, said)
+        lines += _inner(said, factor)
+    lines += _noise(said, factor)
     lines.append(f"Condition number {said.condition_number:.4g} of what is seen ({said.units}).")
     return lines
 
 
-def _noise(solved: CalibratedMachine, said: CalibrationReport) -> list[str]:
-    noise, source = said.noise, solved.source
+def _noise(said: CalibrationReport, factor: float | None) -> list[str]:
+    noise, link = said.noise, said.procedure is Kind.CONSTRAINT_LINK
     if noise.length_mm is None:
         return []
-    link = source.procedure is Kind.CONSTRAINT_LINK
     words = f"{'Play of the link' if link else 'Noise of a length'} {noise.length_mm:.4g} mm"
     if noise.angle_mrad is not None:
         words += f", of an angle {noise.angle_mrad:.4g} mrad"
@@ -152,48 +148,47 @@ def _noise(solved: CalibratedMachine, said: CalibrationReport) -> list[str]:
         words += ", as stated"
     else:
         words += f", from what is left with {noise.degrees_of_freedom:g} degrees of freedom"
-    return [f"{words}; coverage factor {solved.factor:.3f}."]
+    return [f"{words}; coverage factor {factor:.3f}."]
 
 
-def _inner(solved: CalibratedMachine) -> list[str]:
-    u, factor = solved.inner_uncertainty_m, solved.factor
-    if u is None or factor is None:
+def _inner(said: CalibrationReport, factor: float | None) -> list[str]:
+    known = {name: one.standard_uncertainty_m for name, one in said.inner_lengths.items()}
+    joints = [u for name, u in known.items() if name.startswith("B") and u is not None]
+    if not joints or factor is None:
         return []
-    joints = [k for k, name in enumerate(INNER_NAMES) if name.startswith("B")]
-    expanded = 1000.0 * factor * u[joints]
+    least, most = (1000.0 * factor * end(joints) for end in (min, max))
     return [
-        f"Distances between platform joints do not depend on that: known to ±{expanded.min():.4f} "
-        f"… ±{expanded.max():.4f} mm (95 %)."
+        f"Distances between platform joints do not depend on that: known to ±{least:.4f} "
+        f"… ±{most:.4f} mm (95 %)."
     ]
 
 
-def _left(solved: CalibratedMachine, said: CalibrationReport) -> str:
-    left = said.residuals
-    heading = "chain" if solved.source.procedure is Kind.POSE_INVERSE else "measured"
+def _left(said: CalibrationReport) -> str:
+    residuals = said.residuals
+    heading = "chain" if said.procedure is Kind.POSE_INVERSE else "measured"
     table = new_table(heading, "left, r.m.s.", "unit", "share")
-    for row in left.by_component:
+    for row in residuals.by_component:
         table.add_row(row.component, f"{row.rms:.4g}", row.unit, f"{100.0 * row.share:.0f} %")
-    worst = sorted(left.by_posture, key=lambda one: -one.share)[:MOST_POSTURES]
+    worst = sorted(residuals.by_posture, key=lambda one: -one.share)[:MOST_POSTURES]
     words = ", ".join(f"{one.posture} ({100.0 * one.share:.0f} %)" for one in worst)
-    even = 100.0 / len(left.by_posture)
+    even = 100.0 / len(residuals.by_posture)
     return "\n".join(
         [
             table_text(table),
             "",
             wrapped(
                 f"Postures with the largest shares: {words}; even would be {even:.0f} % each. "
-                f"{left.remark}"
+                f"{residuals.remark}"
             ),
         ]
     )
 
 
-def _held_out(solved: CalibratedMachine, said: CalibrationReport) -> str:
-    held = said.held_out
-    if solved.held_out is None or held is None:
+def _held_out(said: CalibrationReport) -> str:
+    count, total = len(said.postures.held_out), said.postures.count
+    if said.held_out is None:
         return "No posture was kept out of the fit as a check."
-    count, total = len(solved.held_out.numbers), len(solved.source.postures)
-    both = "; ".join(_both(held.rms_before, held.rms_after, " → "))
+    both = _both(said.held_out.rms_before, said.held_out.rms_after)
     return (
         f"Check on {count} of {total} postures ({100.0 * count / total:.0f} %), kept out of the "
         f"fit: {both} r.m.s., noise of measuring included."

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from app.report.text.hexaslide import grouped
 from app.report.text.tables import new_table, table_text, wrapped
 from calib.hexaslide.geometry import COORDINATES
+from calib.hexaslide.planning import Found
 from calib.hexaslide.procedures import COMPONENTS, Kind
-from calib.hexaslide.search import Found
-from calib.hexaslide.seen import KINDS, PublishedSet, View
+from calib.hexaslide.seen import KINDS, HexaSlideSeen, PublishedSet
 from calib.observations import FloatArray
 
 HEXASLIDE_HELP = """\
@@ -45,7 +46,7 @@ STOPPED = "Stopped. The best so far stays."
 DRAWING_WORDS = "· rail   ⡇ link and its number   ▀ platform   : box of the postures"
 
 
-def heading_text(machine: str, view: View | None) -> str:
+def heading_text(machine: str, view: HexaSlideSeen | None) -> str:
     """Machine and procedure on one line."""
     if view is None:
         return machine
@@ -64,7 +65,7 @@ def problem_text(problem: Exception) -> str:
     return wrapped(f"This machine or procedure cannot be used.\n\n{problem}")
 
 
-def sees_text(view: View, found: Found | None, best: dict[str, float] | None) -> str:
+def sees_text(view: HexaSlideSeen, found: Found | None, best: dict[str, float] | None) -> str:
     """Rank, what is lost, what is known, how many postures it takes; the paper beside it."""
     seen = view.seen
     rank, count = seen.found.rank, len(seen.found.names)
@@ -85,39 +86,33 @@ def sees_text(view: View, found: Found | None, best: dict[str, float] | None) ->
     return "\n\n".join(parts)
 
 
-def lost_words(view: View) -> str:
+def lost_words(view: HexaSlideSeen) -> str:
     """Motions of one frame in one breath; other combinations are long and only counted."""
     motions = {name for name, _ in view.seen.examined.sensitivity.motions}
-    grouped: dict[str, list[str]] = {}
-    others = 0
-    for one in view.seen.lost:
-        start, _, axis = one.name.rpartition(" ")
-        if one.name in motions:
-            grouped.setdefault(start, []).append(axis)
-        else:
-            others += 1
-    said = [f"{start} {', '.join(axes)}" for start, axes in grouped.items()]
+    named = [one.name for one in view.seen.unidentifiable if one.name in motions]
+    others = len(view.seen.unidentifiable) - len(named)
+    said = [f"{motion} {', '.join(axes)}" for motion, axes in grouped(named).items()]
     if others:
         said.append(f"{others} other combination{'s' if others > 1 else ''}")
     return "; ".join(said) or "nothing"
 
 
-def _known(view: View) -> str:
+def _known(view: HexaSlideSeen) -> str:
     known = view.seen.found.individually_known
     if len(known) == len(view.seen.found.names):
         return f"KNOWN ONE BY ONE: all {len(known)} parameters."
     return f"KNOWN ONE BY ONE ({len(known)}): {', '.join(known) or 'none'}."
 
 
-def _conditions(view: View, found: Found | None, best: dict[str, float] | None) -> str:
+def _conditions(view: HexaSlideSeen, found: Found | None, best: dict[str, float] | None) -> str:
     """Condition numbers in each unit, the paper's below."""
     table = new_table("condition number of what is seen", *view.conditions)
     count = view.seen.examined.posture_count
     table.add_row(f"{count} random postures", *map(_number, view.conditions.values()))
     if found is not None and best is not None:
-        start = found.best.best.start_condition_number
-        table.add_row(f"{len(found.begin)} random, the start of the search", _number(start))
-        table.add_row(f"{len(found.begin)} optimum postures", *map(_number, best.values()))
+        start = found.best.start_condition_number
+        table.add_row(f"{len(found.best.begin)} random, the start of the search", _number(start))
+        table.add_row(f"{len(found.best.begin)} optimum postures", *map(_number, best.values()))
     published = view.published
     if published is not None:
         table.add_row(f"papers/001: {published.count} random", _number(published.random))
@@ -130,15 +125,15 @@ def _number(value: float) -> str:
     return f"{value:,.0f}".replace(",", " ") if value >= 1000.0 else f"{value:.1f}"
 
 
-def search_text(view: View, count: int, found: Found | None, *, searching: bool) -> str:
+def search_text(view: HexaSlideSeen, count: int, found: Found | None, *, searching: bool) -> str:
     """How the search stands, in one or two lines."""
     if found is None:
         waiting = f"Searching for {count} postures, the first start …  Escape stops."
         return waiting if searching else f"{NOT_YET} Now {count} of them; C changes that."
-    best = found.best.best
+    best = found.best
     share = best.refined.on_bound / best.refined.coordinates.size
     said = (
-        f"{len(found.begin)} postures, start {found.done} of {found.starts}: condition number "
+        f"{len(found.best.begin)} postures, start {found.done} of {found.starts}: condition number "
         f"{_number(best.start_condition_number)} → {_number(best.condition_number)} (m, rad)"
         f"{_beside(view.published)}; {share:.0%} of the coordinates on a bound."
     )
@@ -153,7 +148,7 @@ def list_text(found: Found | None) -> str:
     """The best postures as a table."""
     if found is None:
         return NOT_YET
-    return postures_table(found.postures)
+    return postures_table(found.best.coordinates)
 
 
 def postures_table(postures: FloatArray) -> str:

@@ -9,15 +9,17 @@ from app.measuring.recent import Recent
 from app.report.text.tables import new_table, table_text
 from app.settings import FILE_VARIABLE, Settings
 
-HOME_HELP = """\
+WORDS_OF_LOOKS = "{looks}"
+"""Where the help has the lines of the machines' own screens."""
+
+HOME_HELP = f"""\
 Continue       an interrupted session, at its first open step
 New session    measures with real indicators
 Demonstration  the same on a simulated machine, in demo-sessions
 Compare        the session before the offsets were entered in the
                controller with the one after
 Diagnose       where readings and model disagree, and what is missing
-Hexa Slide     another machine: what can be seen of it, drawn, and where
-               to measure; no readings are needed
+{WORDS_OF_LOOKS}
 
 Sessions of this folder and of demo-sessions stand below, newest
 first. Enter on one of them offers what can be done with it.
@@ -31,7 +33,6 @@ HOME_CHOICES = (
     ("compare", "Compare before and after"),
     ("export", "Export offsets of a session"),
     ("diagnose", "Diagnose: what is missing in the model"),
-    ("hexaslide", "Hexa Slide: what a procedure sees, the best postures"),
 )
 READING_ONLY = ("result", "replay", "compare", "diagnose")
 """What is left where nothing may be written."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from textwrap import fill
 
-from app.report.text.tables import WIDTH
+from app.report.text.tables import hanging
 from drivers.doctor import Finding
 from drivers.profile import Fault, Outcome
+
+INDENT = " " * 9
 
 
 def outcome_text(outcome: Outcome) -> str:
@@ -20,16 +21,11 @@ def outcome_text(outcome: Outcome) -> str:
     return f"{outcome.value_mm:+.{decimals}f} mm{assumed}  {outcome.text!r}{warning}"
 
 
-def _hanging(text: str) -> str:
-    """Broken at the width of a plain terminal, later lines set in."""
-    return fill(text, WIDTH, subsequent_indent=" " * 9, break_long_words=False)
-
-
 def findings_text(findings: Iterable[Finding]) -> str:
     """Every finding on a line of its own, the next step below what is wrong."""
     lines = []
     for finding in findings:
-        lines.append(_hanging(f"{'ok   ' if finding.well else 'FAULT'}  {finding.what}"))
+        lines.append(hanging(f"{'ok   ' if finding.well else 'FAULT'}  {finding.what}", INDENT))
         if not finding.well and finding.next_step:
-            lines.append(_hanging(f"       → {finding.next_step}"))
+            lines.append(hanging(f"       → {finding.next_step}", INDENT))
     return "\n".join(lines)

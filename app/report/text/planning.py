@@ -7,11 +7,11 @@ import math
 from app.planning.next_measurement import NextMeasurement
 from app.report.text.tables import new_table, table_text, wrapped
 from calib.design.criteria import Criterion
-from calib.design.optimum import ChosenPostures, Figures
 from calib.design.planning import Combination, SeenBy
-from calib.diagnosis.aliases import AliasMap
+from calib.diagnosis.results import AliasMap
 from calib.identify.next_mounting import Proposal
 from calib.stats import coverage_factor
+from calib.tripod.optimum import ChosenPostures, Figures
 
 COVERAGE = coverage_factor(math.inf)
 """Factor from standard to expanded uncertainty (95 %) with a known noise."""
@@ -27,7 +27,7 @@ CRITERION_WORDS = {
 
 
 def identifiability_text(seen: SeenBy) -> str:
-    """The sentence that matters, combinations with cures, then the classical test."""
+    """The sentence that matters, combinations with added measurements, then the classical test."""
     examined, found = seen.examined, seen.found
     steps = "steps" if examined.fewest_postures is None else "postures"
     parts = [
@@ -37,7 +37,7 @@ def identifiability_text(seen: SeenBy) -> str:
         ),
         wrapped(_verdict(seen)),
     ]
-    if seen.lost or seen.weak:
+    if seen.unidentifiable or seen.weak:
         parts.append(_combinations(seen))
     parts.append(
         wrapped(
@@ -79,18 +79,18 @@ def _combinations(seen: SeenBy) -> str:
     without = (
         f"  {'No posture of this procedure shows' if enough else 'More postures may show'} it."
     )
-    for one in seen.lost:
-        lines += [f"NOT SEEN: {one.name}.", _cure(one, without)]
+    for one in seen.unidentifiable:
+        lines += [f"NOT SEEN: {one.name}.", _addition(one, without)]
     for one in seen.weak:
         half, tool = COVERAGE * (one.standard_uncertainty or 0.0), COVERAGE * (one.tool_mm or 0.0)
         lines.append(
             f"WEAK: {one.name} known only to ±{half:.3f} mm (95 %), ±{tool:.3f} mm at the tool."
         )
-        lines.append(_cure(one))
+        lines.append(_addition(one))
     return wrapped("\n".join(lines))
 
 
-def _cure(one: Combination, without: str = "") -> str:
+def _addition(one: Combination, without: str = "") -> str:
     if one.cure is None:
         return without
     half = COVERAGE * one.cure.standard_uncertainty

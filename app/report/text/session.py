@@ -88,7 +88,7 @@ def dry_run_text(procedure: Procedure, machine: Machine, axes: Sequence[str]) ->
     return f"{sentence}\n\n{table_text(table)}"
 
 
-def check_text(plan: Plan, *, continued: bool) -> str:
+def check_text(plan: Plan) -> str:
     """What to look at before the first reading."""
     if plan.simulated:
         check = "The machine is simulated; its indicators speak real bytes over real ports."
@@ -102,8 +102,8 @@ def check_text(plan: Plan, *, continued: bool) -> str:
     if unverified:
         check += f"\nUNVERIFIED profile: {', '.join(unverified)}. Compare with the display first."
     sentence = procedure_sentence(plan.procedure, plan.machine.geometry(), plan.axes)
-    begin = "Enter continues the session" if continued else "Enter begins the session"
-    if continued:
+    begin = "Enter continues the session" if plan.continued else "Enter begins the session"
+    if plan.continued:
         begin += "; after a break the indicators get a new zero"
     entered = ""
     if plan.before is not None:

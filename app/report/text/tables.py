@@ -40,6 +40,11 @@ def wrapped(text: str) -> str:
     )
 
 
+def hanging(line: str, indent: str) -> str:
+    """A long line broken at the same width, later lines set in."""
+    return fill(line, WIDTH, subsequent_indent=indent, break_long_words=False)
+
+
 LEAST_MM = 1e-6
 """What is less than a millionth of a millimetre is arithmetic."""
 

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from app.exit_codes import Exit, exit_code
-from app.planning.hexaslide import hexaslide_planning
-from app.planning.request import Request
+from app.planning.hexaslide import Request, hexaslide_planning
 from app.report.schema.hexaslide import HexaSlideIdentifiabilityReport, PaperRules
 from app.report.text.hexaslide import seen_text
 from calib.errors import RecordError
-from calib.hexaslide.procedures import Procedure, held_postures, jacobian
-from calib.hexaslide.seen import HexaSlideSeen, hexaslide_seen
+from calib.hexaslide.derivatives import jacobian
+from calib.hexaslide.procedures import Procedure, held_postures
+from calib.hexaslide.seen import HexaSlideSeen, look_at
 from protocols.hexaslide_machine import load_hexaslide
 from protocols.hexaslide_postures import load_postures
 from tests.app.cli import glidecal, refused
@@ -49,7 +49,7 @@ def test_ranks_beside_those_of_the_paper(
 
 
 def seen_of(request: Request) -> HexaSlideSeen:
-    return hexaslide_seen(hexaslide_planning(request))
+    return look_at(hexaslide_planning(request))
 
 
 def told(request: Request) -> str:
@@ -67,7 +67,7 @@ def test_too_few_postures_say_the_minimum_and_what_is_lost_in_whole() -> None:
     lost = found["lost_directions"]
     assert [one["at_every_posture"] for one in lost] == [True, True, True, False]
     machine = load_hexaslide()
-    geometry, box = machine.geometry(), machine.posture_box()
+    geometry, box = machine.whole().geometry, machine.whole().box
     rows = jacobian(Procedure.of("position"), geometry, held_postures(geometry, box, 15, 0))
     names = found["parameters"]
     for one in lost:
@@ -143,7 +143,7 @@ def test_what_is_known_of_the_link() -> None:
 
 def test_postures_of_a_file(tmp_path: Path) -> None:
     machine, columns = load_hexaslide(), "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg"
-    postures = machine.posture_box().random(40, np.random.default_rng(3))
+    postures = machine.whole().box.random(40, np.random.default_rng(3))
     postures[:, 3:] = 0.0
     table = tmp_path / "own.csv"
     lines = [columns, *(",".join(map(str, row)) for row in postures)]

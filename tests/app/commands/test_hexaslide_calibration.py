@@ -14,14 +14,14 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.exit_codes import exit_code
-from app.planning.hexaslide_calibration import Asked, calibrate_file, write_simulated
+from app.machines.hexaslide import reads
+from app.planning.hexaslide import Asked, calibrate_file, write_simulated
 from app.report.schema.hexaslide import CalibrationReport
 from app.report.text.hexaslide_calibration import calibration_text
 from calib.errors import GlidecalError, NotIdentifiable, RecordError, UsageError
 from calib.hexaslide.kinematics import forward
-from protocols.hexaslide_files import is_measurements
 from protocols.hexaslide_machine import load_hexaslide
-from protocols.hexaslide_measurements import read_measurements, read_truth
+from protocols.hexaslide_postures import read_measurements, read_truth
 from tests.app.cli import glidecal, refused
 from tests.conftest import ROOT
 
@@ -135,11 +135,11 @@ def test_readings_are_of_the_true_machine_with_the_stated_noise(tmp_path: Path) 
     measured = read_measurements(path)
     true = read_truth(truth, measured)
     readings = measured.readings()
-    stands = forward(true.geometry(), readings.sliders, true.posture_box())
+    stands = forward(true.whole().geometry, readings.sliders, true.whole().box)
     noise = readings.measured - stands
     assert noise[:, :3].std() == pytest.approx(1e-5, rel=0.15)
     assert noise[:, 3:].std() == pytest.approx(5e-5, rel=0.15)
-    nominal = forward(measured.machine.geometry(), readings.sliders, true.posture_box())
+    nominal = forward(measured.machine.whole().geometry, readings.sliders, true.whole().box)
     assert np.abs(readings.measured - nominal).max() > 1e-3
 
 
@@ -239,7 +239,7 @@ Damage = Callable[[str], str]
 def test_a_damaged_file_is_one_paragraph(damage: Damage, message: str, tmp_path: Path) -> None:
     path, _ = written(tmp_path, "position", 20)
     path.write_text(damage(path.read_text(encoding="utf-8")), encoding="utf-8")
-    assert is_measurements(path)
+    assert reads(path)
     with pytest.raises(RecordError) as caught:
         calibrate_file(path, None, 0.2)
     assert message in str(caught.value)
@@ -284,7 +284,7 @@ def test_postures_all_alike_are_refused_or_told(tmp_path: Path) -> None:
 
 def test_postures_of_a_file_are_measured(tmp_path: Path) -> None:
     """The best postures show more than as many random ones, and those of a file are taken."""
-    box = load_hexaslide(None).posture_box()
+    box = load_hexaslide(None).whole().box
     corners = box.lower + (box.upper - box.lower) * (np.arange(64)[:, None] >> np.arange(6) & 1)
     chosen = np.random.default_rng(4).permutation(corners)[:24]
     chosen[:, 3:] = np.degrees(chosen[:, 3:])

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.planning.hexaslide import asked_postures, write_postures
-from app.planning.request import Request
+from app.planning.hexaslide import Request, asked_postures, write_postures
 from app.report.schema.hexaslide import HexaSlidePosturesReport
-from app.report.text.hexaslide import PUBLISHED_WORDS, boxed_text
+from app.report.text.hexaslide import PUBLISHED_WORDS, postures_text
 from calib.design.criteria import Criterion
 from calib.errors import NotIdentifiable, RecordError, UsageError
-from calib.hexaslide.procedures import Procedure, jacobian
+from calib.hexaslide.derivatives import jacobian
+from calib.hexaslide.procedures import Procedure
 from protocols.hexaslide_machine import load_hexaslide
 from protocols.hexaslide_postures import load_postures
 from tests.app.cli import glidecal, refused
@@ -24,7 +24,7 @@ H60 = load_hexaslide()
 
 
 def random_file(folder: Path, count: int, *, factor: float = 1.0) -> Path:
-    box = H60.posture_box()
+    box = H60.whole().box
     postures = box.random(count, np.random.default_rng(11))
     postures = box.centre + factor * (postures - box.centre)
     postures[:, 3:] = np.degrees(postures[:, 3:])
@@ -35,7 +35,7 @@ def random_file(folder: Path, count: int, *, factor: float = 1.0) -> Path:
 
 
 def condition(path: Path) -> float:
-    rows = jacobian(Procedure.of("pose-inverse"), H60.geometry(), load_postures(path))
+    rows = jacobian(Procedure.of("pose-inverse"), H60.whole().geometry, load_postures(path))
     return float(np.linalg.cond(rows.reshape(-1, 49)))
 
 
@@ -62,19 +62,19 @@ def test_a_file_is_the_first_start(tmp_path: Path) -> None:
     path = random_file(tmp_path, 10)
     request = Request("pose-inverse", posture_file=path)
     found = asked_postures(request, None, Criterion.SMALLEST_SINGULAR_VALUE, starts=2)
-    assert len(found.best.values) == 2
-    assert found.best.refined.coordinates.shape == (10, 6)
-    said = boxed_text(found).replace("\n", " ")
+    assert len(found.values) == 2
+    assert found.coordinates.shape == (10, 6)
+    said = postures_text(found).replace("\n", " ")
     assert f"Best of 2 starts, the first of them {path}" in said.replace("  ", " ")
     alone = asked_postures(request, 10, starts=1)
-    assert alone.best.start_condition_number == pytest.approx(condition(path), rel=1e-6)
-    assert alone.best.condition_number < condition(path)
-    assert f"One start, {path}, seed 0" in boxed_text(alone).replace("\n", " ")
+    assert alone.start_condition_number == pytest.approx(condition(path), rel=1e-6)
+    assert alone.condition_number < condition(path)
+    assert f"One start, {path}, seed 0" in postures_text(alone).replace("\n", " ")
 
 
 def test_words_tell_before_after_spread_bounds_and_seed() -> None:
     found = asked_postures(Request("pose-inverse", seed=5), 9, Criterion.DETERMINANT, starts=3)
-    said, document = boxed_text(found).replace("\n", " "), HexaSlidePosturesReport.of(boxed=found)
+    said, document = postures_text(found).replace("\n", " "), HexaSlidePosturesReport.of(best=found)
     values = document.values_of_starts
     assert f"({min(values):.4g} to {max(values):.4g}, median {sorted(values)[1]:.4g})" in said
     assert "seed 5" in said
@@ -123,7 +123,7 @@ def test_options_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     outside = Request("pose-inverse", posture_file=random_file(tmp_path, 9, factor=1.2))
     with pytest.raises(RecordError, match=r"posture \d+, \w+: found .* the machine's box.*--as-is"):
         asked_postures(outside, None, starts=1)
-    assert asked_postures(outside, None, starts=1, as_is=True).best.values == ()
+    assert asked_postures(outside, None, starts=1, as_is=True).values == ()
     judged = asked_postures(given, None, starts=1, as_is=True)
     with pytest.raises(UsageError, match="ends with"):
         write_postures(judged, tmp_path / "out.txt")
@@ -138,6 +138,12 @@ def test_refusals_on_the_command_line(tmp_path: Path) -> None:
     assert "--count: found none" in refused(2, *other)
     assert "--as-is: found the machine orthoglide" in refused(2, *other, "--count", "9", "--as-is")
     assert "the machine hexaslide" in refused(2, *other, "--count", "9", "--posture-file", missing)
+    said = refused(2, *VERB, "--count", "9", "--mounting-seconds", "60")
+    assert "--mounting-seconds: found the machine hexaslide" in said
+    seed = ("identifiability", "orthoglide", "--seed", "3")
+    assert "--seed: found the machine orthoglide. Allowed: the machine hexaslide" in refused(
+        2, *seed
+    )
 
 
 def refused_by_typer(*arguments: str) -> str:

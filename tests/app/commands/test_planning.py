@@ -13,21 +13,21 @@ import numpy as np
 import pytest
 
 from app.planning.next_measurement import next_measurement
-from app.planning.request import Request
 from app.planning.tripod import tripod_planning
 from calib.design.criteria import Criterion
-from calib.design.optimum import optimum_postures
-from calib.design.planning import PooledMachine, seen_by
+from calib.design.planning import seen_by
 from calib.observations import conditions
 from calib.ties import descending
 from calib.tripod.geometry import Geometry
+from calib.tripod.optimum import optimum_postures
 from calib.tripod.pipeline import derivatives
+from calib.tripod.planning import TripodPlanning
 from calib.tripod.pool import leg_pool, levels_mm, visiting_order
 from tests.app.cli import glidecal, refused
 
 
-def orthoglide(request: Request) -> PooledMachine:
-    return tripod_planning("orthoglide", request)[0]
+def orthoglide(procedure: str, noise_mm: float) -> TripodPlanning:
+    return tripod_planning("orthoglide", procedure, noise_mm=noise_mm)[0]
 
 
 MAX_MIN = """schema = "glidecal.procedure/1"
@@ -108,13 +108,13 @@ def test_the_text_tells_combination_cost_cure_and_the_classical_view(six: Path) 
 def test_zero_added_to_the_six_differences_lets_everything_be_seen(six: Path) -> None:
     text = MAX_MIN.replace('["max", "min"]', '["max", "min", "zero"]')
     six.write_text(text, encoding="utf-8")
-    seen = seen_by(orthoglide(Request(str(six), noise_mm=0.02)))
+    seen = seen_by(orthoglide(str(six), 0.02))
     assert seen.found.rank == 6
 
 
 def test_a_cure_keeps_its_promise() -> None:
     """The promised uncertainty from the readings with those of the cure appended."""
-    seen = seen_by(orthoglide(Request("zero-max-min", noise_mm=0.02)))
+    seen = seen_by(orthoglide("zero-max-min", 0.02))
     weak = next(one for one in seen.weak if one.name == "d_rho_x + d_L_x")
     assert weak.cure is not None
     found = re.fullmatch(
@@ -151,9 +151,7 @@ def test_twelve_chosen_postures_beat_the_twelve_of_a_procedure(tmp_path: Path) -
     text = MAX_MIN.replace('["max", "min"]', '["zero", "max", "min", 30.0]')
     path.write_text(text, encoding="utf-8")
     for criterion in Criterion:
-        found = optimum_postures(
-            orthoglide(Request(str(path), noise_mm=0.02)), 12, criterion=criterion
-        )
+        found = optimum_postures(orthoglide(str(path), 0.02), 12, criterion=criterion)
         before, after = found.before.value, found.after.value
         assert before is not None
         assert after is not None
@@ -254,9 +252,7 @@ def test_moved_postures_are_those_of_the_written_procedure(tmp_path: Path) -> No
 @pytest.mark.parametrize("criterion", list(Criterion))
 def test_nine_postures_do_for_every_criterion(criterion: Criterion) -> None:
     """Sets of nine that see next to nothing have fine condition numbers."""
-    found = optimum_postures(
-        orthoglide(Request("zero-max-min", noise_mm=0.02)), 9, criterion=criterion
-    )
+    found = optimum_postures(orthoglide("zero-max-min", 0.02), 9, criterion=criterion)
     assert found.after.value is not None
     assert found.grid_value is not None
     assert found.after.condition_number is not None
@@ -264,8 +260,7 @@ def test_nine_postures_do_for_every_criterion(criterion: Criterion) -> None:
 
 
 def test_one_seed_gives_one_choice() -> None:
-    request = Request("sweep", noise_mm=0.01)
-    first, second = (optimum_postures(orthoglide(request), 9, seed=4) for _ in range(2))
+    first, second = (optimum_postures(orthoglide("sweep", 0.01), 9, seed=4) for _ in range(2))
     assert first.postures == second.postures
     assert first.after == second.after
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from app.measuring.demo import demo_plan, measure_all
-from app.measuring.opening import Plan, continue_session, start_session
+from app.measuring.opening import Plan, start_session
 from app.measuring.session import GuidedSession
 from app.measuring.simulated import BenchSettings
 from protocols.procedure import Procedure
@@ -122,7 +122,7 @@ def test_after_a_break_the_mounting_before_it_is_repeated_whole(tmp_path: Path) 
     plan = quick(tmp_path)
     with start_session(plan) as guided:
         take(guided, 3)
-    with continue_session(plan) as guided:
+    with start_session(replace(plan, continued=True)) as guided:
         assert guided.steps_repeated_with(3) == {1, 2, 3}
         assert take(guided, 1) == [4]
         assert guided.steps_repeated_with(4) == {4}
@@ -162,7 +162,7 @@ def test_nothing_is_restored_after_the_stand_moved(tmp_path: Path, moved: str) -
             guided.remount()
         if moved == "break":
             guided.leave()
-            guided = stack.enter_context(continue_session(plan))
+            guided = stack.enter_context(start_session(replace(plan, continued=True)))
         before = guided.session.readings
         assert not guided.restore(3, "too late")
         assert guided.session.readings == before
@@ -206,7 +206,7 @@ def test_a_step_brought_back_after_a_break_needs_a_zero(tmp_path: Path) -> None:
         take(guided, 1)
         guided.skip([2], "collides")
         take(guided, 1)
-    with continue_session(plan) as guided:
+    with start_session(replace(plan, continued=True)) as guided:
         assert guided.steps_repeated_with(2) == {2}, "the Zero of step 4 is still to come"
         guided.skip([4], "no time")
         assert guided.steps_repeated_with(2) == {1, 2, 3}
@@ -238,7 +238,7 @@ def killed_in_step_2(folder: Path) -> Plan:
 def test_a_step_that_is_skipped_has_no_readings_that_count(tmp_path: Path) -> None:
     """One of two readings was on the disk when the program was killed; then it is left out."""
     plan = killed_in_step_2(tmp_path)
-    with continue_session(plan) as guided:
+    with start_session(replace(plan, continued=True)) as guided:
         assert counting(guided) == {1: [1, 2], 2: [3]}
         guided.skip([2], "no time")
         assert counting(guided) == {1: [1, 2]}
@@ -257,7 +257,7 @@ def test_a_skipped_step_whose_readings_are_restored_is_skipped_no_more(tmp_path:
 
 def test_an_interrupted_step_is_measured_again_as_a_whole(tmp_path: Path) -> None:
     plan = killed_in_step_2(tmp_path)
-    with continue_session(plan) as guided:
+    with start_session(replace(plan, continued=True)) as guided:
         assert take(guided, 1) == [2]
         assert counting(guided) == {1: [1, 2], 2: [4, 5]}
         assert guided.session.superseded == {3: "step was interrupted"}
@@ -305,7 +305,7 @@ def test_a_break_is_told_by_the_record(tmp_path: Path) -> None:
     plan = quick(tmp_path)
     with start_session(plan) as guided:
         take(guided, 1)
-    with continue_session(plan) as guided:
+    with start_session(replace(plan, continued=True)) as guided:
         take(guided, 1)
         times_s = [r.time_s for r in guided.session.readings if r.time_s is not None]
     assert times_s == sorted(times_s)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from app.report.text.planning import alias_text
-from calib.diagnosis.aliases import AliasMap, Imitation
+from calib.diagnosis.results import AliasMap, Imitation
 
 
 def test_an_effect_that_imitates_in_several_sizes_is_named_once() -> None:

@@ -8,20 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.planning.hexaslide import hexaslide_planning
-from app.planning.request import Request
+from app.planning.hexaslide import Request, hexaslide_planning
 from app.report.charts.drawings import (
     Drawing,
     Look,
     Stroke,
-    drawn_machine,
-    drawn_postures,
     ticks_within,
 )
+from app.report.charts.hexaslide import drawn_machine, drawn_postures
+from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.geometry import HexaSlide
-from calib.hexaslide.procedures import DEGREES, MILLIMETRES, Procedure, in_units, jacobian
-from calib.hexaslide.search import Found, find_postures
-from calib.hexaslide.seen import KINDS, HexaSlidePlanning, look_at
+from calib.hexaslide.planning import Found, find_postures
+from calib.hexaslide.procedures import DEGREES, MILLIMETRES, Procedure, in_units
+from calib.hexaslide.seen import KINDS, look_at
 from calib.linalg import condition
 from protocols.hexaslide_machine import load_hexaslide
 from tests.app.cli import refused
@@ -136,20 +135,21 @@ def test_degrees_change_the_rows_of_angles_alone() -> None:
     assert turned[:, 3:] == pytest.approx(np.degrees(rows.reshape(20, 6, -1)[:, 3:]))
 
 
-def test_postures_to_look_at_are_no_start_of_the_search(machine: HexaSlide) -> None:
-    given = machine.box.random(20, np.random.default_rng(1))
+def test_a_search_begins_at_the_random_postures_of_its_seed(machine: HexaSlide) -> None:
     procedure = Procedure.of("pose-inverse")
     heard: list[Found] = []
     find_postures(
-        HexaSlidePlanning(procedure, machine, 3, given=given, source="file"),
+        procedure,
+        machine,
         9,
+        seed=3,
         starts=1,
         heard=heard.append,
         going_on=lambda: True,
     )
     (found,) = heard
-    assert found.postures.shape == (9, 6)
-    assert found.begin == pytest.approx(machine.box.random(9, np.random.default_rng(3)))
+    assert found.best.coordinates.shape == (9, 6)
+    assert found.best.begin == pytest.approx(machine.box.random(9, np.random.default_rng(3)))
     assert found.best.source == "random"
 
 

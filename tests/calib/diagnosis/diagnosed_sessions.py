@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.diagnosis.cleaning import Case
-from calib.diagnosis.problem import FittedSession, Problem
+from calib.diagnosis.problem import Case, Problem
 from calib.diagnosis.results import Diagnosis
 from calib.noise.reading import IndicatorFigures
 from calib.observations import Observations, observe
@@ -36,8 +35,7 @@ def case(
 
 
 def problem(taken: Observations, seed: int) -> Problem:
-    one = case(taken, seed=seed)
-    return Problem.of([FittedSession.of(one.model, one.observed, one.indicator, one.tolerance_mm)])
+    return Problem.of([case(taken, seed=seed).fitted()])
 
 
 def names(found: Diagnosis) -> list[tuple[str, str]]:

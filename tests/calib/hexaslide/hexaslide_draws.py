@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.geometry import Box, ConstraintLink, Geometry, HexaSlide
-from calib.hexaslide.procedures import Procedure, jacobian
+from calib.hexaslide.procedures import Procedure
 from calib.observations import FloatArray
 
 SHAPES = ("any", "planar platform", "planar base", "parallel rails", "flat", "symmetric")

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from calib.design.identifiability import classical_qr
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
+from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.geometry import (
     NAMES,
     Box,
@@ -16,7 +19,7 @@ from calib.hexaslide.geometry import (
     values,
     with_values,
 )
-from calib.hexaslide.kinematics import forward, forward_near, inverse, rotation
+from calib.hexaslide.kinematics import forward, forward_near, inverse, legs, rotation
 from calib.hexaslide.planning import (
     best_postures,
     fewest_postures,
@@ -26,11 +29,9 @@ from calib.hexaslide.procedures import (
     COMPONENTS,
     Kind,
     Procedure,
-    differenced,
     held_postures,
-    jacobian,
-    slider_slopes,
 )
+from calib.hexaslide.seen import differenced
 from calib.observations import FloatArray
 from protocols.hexaslide_machine import load_hexaslide
 from tests.calib.hexaslide.hexaslide_draws import SHAPES, drawn_machine, jacobian_and_slopes
@@ -93,7 +94,7 @@ def test_sliders_of_the_middle_posture() -> None:
 
 def test_derivatives_of_the_third_slider() -> None:
     posture = np.array([[-0.123, -0.654, -1.234, 0.1, -0.2, 0.3]])
-    row = slider_slopes(H60.geometry, posture)[1][0, 2]
+    row = jacobian(Procedure.of("pose-inverse"), H60.geometry, posture)[0, 2]
     own = [
         row[NAMES.index(f"{part}3")]
         for part in ["Bx", "By", "Bz", "Ax", "Ay", "Az", "ax", "ay", "l"]
@@ -135,8 +136,8 @@ def test_a_posture_beyond_singular_ones_is_never_given() -> None:
     generator = np.random.default_rng(2)
     wide = generator.uniform(-1.0, 1.0, (4000, 6)) * [0.2, 0.2, 0.2, 1.5, 1.5, 3.0]
     wide += H60.box.centre
-    side = np.sign(np.linalg.det(slider_slopes(H60.geometry, wide)[0]))
-    centre = np.sign(np.linalg.det(slider_slopes(H60.geometry, H60.box.centre[None])[0]))[0]
+    side = np.sign(np.linalg.det(legs(H60.geometry, wide).arms.by_posture))
+    centre = np.sign(np.linalg.det(legs(H60.geometry, H60.box.centre[None]).arms.by_posture))[0]
     beyond = wide[side != centre][:100]
     assert len(beyond) == 100
     told = 0
@@ -148,7 +149,7 @@ def test_a_posture_beyond_singular_ones_is_never_given() -> None:
         except UnreachablePosture:
             told += 1
         else:
-            slopes = slider_slopes(H60.geometry, found)[0]
+            slopes = legs(H60.geometry, found).arms.by_posture
             assert np.sign(np.linalg.det(slopes))[0] == centre
             assert np.abs(inverse(H60.geometry, found) - sliders).max() < 1e-9
     assert told > 0
@@ -157,7 +158,7 @@ def test_a_posture_beyond_singular_ones_is_never_given() -> None:
 def test_all_of_the_box_is_reached_on_one_side_of_singular_postures() -> None:
     postures = H60.box.grid()
     assert len(postures) == 3**6
-    by_posture = slider_slopes(H60.geometry, postures)[0]
+    by_posture = legs(H60.geometry, postures).arms.by_posture
     sides = np.sign(np.linalg.det(by_posture))
     assert (sides == sides[0]).all()
     assert np.linalg.cond(by_posture).max() < 36.5
@@ -240,7 +241,8 @@ def test_forward_rows_are_inverse_rows_turned_and_blocks_have_their_ranks(
     machine: HexaSlide,
 ) -> None:
     postures = held_postures(machine.geometry, machine.box, 9, 3)
-    by_posture, by_parameter = slider_slopes(machine.geometry, postures)
+    by_posture = legs(machine.geometry, postures).arms.by_posture
+    by_parameter = jacobian(Procedure.of("pose-inverse"), machine.geometry, postures)
     found = jacobian(Procedure.of("pose-forward"), machine.geometry, postures)
     expected = -np.linalg.inv(by_posture) @ by_parameter
     assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
@@ -295,7 +297,7 @@ def test_the_rule_of_the_paper_on_its_differences_counts_rows_or_parameters(
     kind: Kind, count: int, counted: int
 ) -> None:
     procedure, postures = Procedure.of(kind), some(H60, count)
-    rows = differenced(procedure, H60.geometry, postures, H60.link)
+    rows = differenced(procedure, H60, postures)
     exact = jacobian(procedure, H60.geometry, postures, H60.link)
     assert np.abs(rows - exact).max() < 1e-6 * np.abs(exact).max()
     names = procedure.parameters
@@ -306,11 +308,11 @@ def test_the_rule_of_the_paper_on_its_differences_counts_rows_or_parameters(
 def test_differences_through_the_inverse_kinematics_and_of_the_link_alone() -> None:
     procedure = Procedure.of("constraint-link", known=("d",))
     for one in (procedure, Procedure.of("pose-inverse")):
-        found = differenced(one, H60.geometry, some(H60, 5), H60.link)
+        found = differenced(one, H60, some(H60, 5))
         expected = jacobian(one, H60.geometry, some(H60, 5), H60.link)
         assert found == pytest.approx(expected, abs=2e-6)
     with pytest.raises(CalibrationError, match="one in the machine file"):
-        differenced(procedure, H60.geometry, some(H60, 5), None)
+        differenced(procedure, replace(H60, link=None), some(H60, 5))
 
 
 def test_wrong_input_is_refused() -> None:

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
-from calib.hexaslide.calibration import Calibration, calibrate, left_of
-from calib.hexaslide.frames import frames_apart, inner_lengths, inner_slopes
+from calib.hexaslide.calibration import Calibration, calibrate, residuals_of
+from calib.hexaslide.checked import frames_apart, inner_lengths, inner_slopes
+from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.geometry import Box, HexaSlide, values, with_values
 from calib.hexaslide.kinematics import forward, rotation
-from calib.hexaslide.procedures import Procedure, jacobian
+from calib.hexaslide.procedures import Procedure
 from calib.hexaslide.residuals import Readings, residuals, shares, stretch, whitening
 from calib.hexaslide.simulation import disturbed, measure
 from calib.observations import FloatArray
@@ -64,7 +65,7 @@ def test_whole_postures_without_noise_give_every_parameter(
     kind: str, count: int, machine: HexaSlide
 ) -> None:
     found, truth, _ = calibrated(kind, count, 1, machine)
-    assert (found.rank, found.lost, found.steps <= 12) == (49, (), True)
+    assert (found.rank, found.unidentifiable, found.steps <= 12) == (49, (), True)
     assert found.parameters == pytest.approx(truth.parameters(found.names), abs=1e-11)
     assert found.known == found.names
 
@@ -72,15 +73,17 @@ def test_whole_postures_without_noise_give_every_parameter(
 @pytest.mark.parametrize("machine", MACHINES, ids=["H60", "other 1", "other 2"])
 def test_positions_without_noise_give_positions_and_one_constant_turn(machine: HexaSlide) -> None:
     found, truth, _ = calibrated("position", 24, 2, machine)
-    assert (found.rank, found.lost_count, len(found.known)) == (46, 3, 31)
-    assert found.lost == tuple(f"platform frame turned about its {axis}" for axis in "XYZ")
+    assert (found.rank, found.unidentifiable_count, len(found.known)) == (46, 3, 31)
+    assert found.unidentifiable == tuple(
+        f"platform frame turned about its {axis}" for axis in "XYZ"
+    )
     sliders = elsewhere(truth)
     own, true = stand(found.machine, sliders), stand(truth, sliders)
     assert np.abs(own[:, :3] - true[:, :3]).max() < 1e-11
     turns = np.swapaxes(rotation(true[:, 3:]), 1, 2) @ rotation(own[:, 3:])
     assert np.abs(turns - turns[0]).max() < 1e-11  # the same at every posture, and not nothing
     assert np.abs(turns[0] - np.eye(3)).max() > 1e-4
-    apart = frames_apart(own, true, found.lost)
+    apart = frames_apart(own, true, found.unidentifiable)
     size = np.arccos((np.trace(turns[0]) - 1.0) / 2.0)
     assert apart.turned_rad == pytest.approx(size, rel=1e-6)
     assert apart.angles_rad.max() < 1e-11
@@ -93,7 +96,7 @@ def test_a_constraint_link_without_noise_gives_all_that_no_frame_changes(
     machine: HexaSlide,
 ) -> None:
     found, truth, readings = calibrated("constraint-link", 60, 3, machine)
-    assert (found.rank, found.lost_count, len(found.lost)) == (48, 7, 7)
+    assert (found.rank, found.unidentifiable_count, len(found.unidentifiable)) == (48, 7, 7)
     assert found.steps <= 12
     own, true = found.machine.geometry, truth.geometry
     for i in range(6):
@@ -105,7 +108,7 @@ def test_a_constraint_link_without_noise_gives_all_that_no_frame_changes(
     assert own.links == pytest.approx(true.links, abs=1e-9)
     assert np.abs(inner_lengths(NOMINAL.geometry) - inner_lengths(true)).max() > 1e-4
     apart = frames_apart(
-        stand(found.machine, readings.sliders), stand(truth, readings.sliders), found.lost
+        stand(found.machine, readings.sliders), stand(truth, readings.sliders), found.unidentifiable
     )
     assert apart.places_m.max() < 1e-9
     assert apart.shifted_m > 1e-5
@@ -142,7 +145,7 @@ def test_derivatives_are_those_of_what_is_left(kind: str) -> None:
         ends = []
         for sign in (1.0, -1.0):
             moved = NOMINAL.with_parameters(names, own + sign * step * np.eye(len(own))[k])
-            ends.append(left_of(readings, moved).values)
+            ends.append(residuals_of(readings, moved).values)
         difference = (ends[0] - ends[1]) / (2.0 * step)
         assert -difference == pytest.approx(slopes[:, :, k], abs=1e-7)
 
@@ -191,7 +194,7 @@ def test_pose_inverse_counts_the_noise_of_the_posture_not_of_the_sliders() -> No
 def test_weights_make_residuals_independent_and_equal() -> None:
     _, truth, readings = calibrated("pose-inverse", 400, 11, noise=(NOISE_M, NOISE_RAD))
     white = whitening(readings, truth.geometry)
-    left = left_of(readings, truth).values
+    left = residuals_of(readings, truth).values
     plain = np.einsum("prs,ps->pr", white, left) / NOISE_M
     assert np.cov(plain.T) == pytest.approx(np.eye(6), abs=0.2)
 

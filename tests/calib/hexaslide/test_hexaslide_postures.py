@@ -12,10 +12,10 @@ from benchmarks.hexaslide import ours, peer
 from calib.design.criteria import Criterion, observability
 from calib.design.refinement import OF_ENDS
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
+from calib.hexaslide.derivatives import RowMaker, jacobian
 from calib.hexaslide.geometry import ConstraintLink, Geometry, HexaSlide
-from calib.hexaslide.gradients import RowMaker
 from calib.hexaslide.planning import BestPostures, best_postures, judged_postures
-from calib.hexaslide.procedures import Kind, Procedure, jacobian
+from calib.hexaslide.procedures import Kind, Procedure
 from calib.observations import FloatArray
 from tests.calib.hexaslide.hexaslide_draws import jacobian_and_slopes
 from tests.calib.hexaslide.test_hexaslide import H60, random_machine, some

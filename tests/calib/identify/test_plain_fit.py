@@ -159,7 +159,7 @@ def test_rosenbrock_needs_the_damping() -> None:
         )
         return residual, slope
 
-    found = minimise(evaluate, start)
+    found = minimise(evaluate, start, np.zeros((2, 2, 2)))
     assert found.converged.all()
     np.testing.assert_allclose(found.values, 1.0, atol=1e-7)
 

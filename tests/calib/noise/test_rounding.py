@@ -8,7 +8,7 @@ import pytest
 from calib.noise.rounding import (
     quantisation_of_repeatability,
     quantisation_variance,
-    scatter_of_shown,
+    scatter_of_repeatability,
 )
 
 PLACES = 20_000
@@ -60,6 +60,6 @@ def test_identical_repeats_leave_the_whole_step_locked() -> None:
 @pytest.mark.parametrize("ratio", [0.2, 0.5, 0.9, 1.5])
 def test_scatter_behind_what_repeats_show(ratio: float) -> None:
     shown = simulated(ratio, 20)[1] * 0.01**2
-    assert scatter_of_shown(shown, 0.01) == pytest.approx(0.01 * ratio, rel=0.02)
-    assert scatter_of_shown(0.0, 0.01) == 0.0
-    assert scatter_of_shown(0.003**2, 0.0) == pytest.approx(0.003)
+    assert scatter_of_repeatability(shown, 0.01) == pytest.approx(0.01 * ratio, rel=0.02)
+    assert scatter_of_repeatability(0.0, 0.01) == 0.0
+    assert scatter_of_repeatability(0.003**2, 0.0) == pytest.approx(0.003)

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from drivers.profile import Asked, Fault, FaultKind, Profile, Reading, Spindle, Unit
 from drivers.profiles.heidenhain_nd28x import HEIDENHAIN_ND28X
-from drivers.profiles.mahr_marcator import MAHR_MARCATOR
 from drivers.profiles.mahr_millimar import MAHR_C1202, MAHR_OPTORSD
 from drivers.profiles.mitutoyo_counter import MITUTOYO_COUNTER, MITUTOYO_VL50
+from drivers.profiles.sylvac import MAHR_MARCATOR
 from drivers.profiles.tesa import TESA
 from drivers.profiles.u_wave import U_WAVE
 from drivers.twins import twin_of

@@ -6,20 +6,22 @@ import math
 
 import pytest
 
-from calib.diagnosis.hypotheses import Hypothesis, chosen, entries_of
+from calib.diagnosis.hypotheses import causes_of, hypotheses_of, log_choices
 from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.candidates import Candidate
 from tests.calib.diagnosis.diagnosed_sessions import TWO_STATION, problem
 
 
-def visible() -> list[Hypothesis]:
+def visible() -> list[Candidate]:
     made = problem(TWO_STATION, 0)
-    return [e for e in entries_of(made, CATALOGUE) if made.block(e.columns).shape[1]]
+    return [e for e in hypotheses_of(made, CATALOGUE) if made.block(e.columns).shape[1]]
 
 
 def test_an_effect_then_one_part_or_all_then_which() -> None:
     entries = visible()
     cost = {
-        (e.id, e.where): log_prior for e, log_prior in zip(entries, chosen(entries), strict=True)
+        (e.id, e.where): log_prior
+        for e, log_prior in zip(entries, log_choices(entries), strict=True)
     }
     effects = len({e.id for e in entries})
     assert cost["gravity_sag", "all"] == pytest.approx(math.log(effects * 2))
@@ -37,8 +39,8 @@ def test_the_effects_share_their_chances_evenly() -> None:
     effects = {e.id for e in entries}
     for name in effects:
         chances = {
-            e.way: math.exp(-log_prior)
-            for e, log_prior in zip(entries, chosen(entries), strict=True)
-            if e.id == name and e.causes == 1
+            (e.id, e.where, e.arrangement): math.exp(-log_prior)
+            for e, log_prior in zip(entries, log_choices(entries), strict=True)
+            if e.id == name and causes_of(e) == 1
         }
         assert sum(chances.values()) == pytest.approx(1.0 / len(effects))

@@ -20,7 +20,7 @@ from calib.diagnosis.labels import (
     other_labels,
     relabelled,
 )
-from calib.diagnosis.outliers import WILD_DISTANCE, set_strays_right
+from calib.diagnosis.outliers import WILD_DISTANCE, set_outliers_right
 from calib.diagnosis.results import Named
 from calib.observations import IntArray, Observations
 from calib.tripod.effects import CATALOGUE
@@ -59,7 +59,7 @@ def test_a_wild_reading_where_another_posture_reads_is_not_moved(off: float) -> 
     there = float(one.observed.value_mm[row]) + 30.0 * SCATTER_MM
     observed = posture_put_at(one.observed, 2, -37.0, there)
     observed = reading(observed, row, there + off * SCATTER_MM)
-    (found,) = set_strays_right(observed)
+    (found,) = set_outliers_right(observed)
     assert "wild_reading" in {found.id, *(each.id for each in found.or_else)}
     assert found.rows.tolist() == [row]
     left = np.delete(np.arange(len(observed)), row)
@@ -74,7 +74,7 @@ def test_a_fit_that_may_be_an_accident_is_told_with_both_names(off: float, first
     row = int(rows_at(one.observed, 2, 22.0)[1])
     there = float(one.observed.value_mm[row]) + 60.0 * SCATTER_MM
     observed = posture_put_at(one.observed, 2, -37.0, there)
-    (found,) = set_strays_right(reading(observed, row, there + off * SCATTER_MM))
+    (found,) = set_outliers_right(reading(observed, row, there + off * SCATTER_MM))
     (other,) = {"label_error", "wild_reading"} - {first}
     assert (found.id, found.or_else) == (first, (Named(other, "yx"),))
     words = {
@@ -93,7 +93,7 @@ def test_the_same_reading_is_moved_where_the_counts_of_postures_say_so() -> None
     observed = posture_put_at(one.observed, 2, -37.0, there + 60.0 * SCATTER_MM)
     levels = observed.displacement_mm.copy()
     levels[row] = 22.0
-    (found,) = set_strays_right(replace(observed, displacement_mm=levels))
+    (found,) = set_outliers_right(replace(observed, displacement_mm=levels))
     assert (found.id, found.or_else) == ("label_error", ())
     assert found.title.endswith("belongs to -37 mm")
     assert np.array_equal(found.corrected.displacement_mm, observed.displacement_mm)
@@ -107,7 +107,7 @@ def test_a_repeat_that_fits_elsewhere_is_not_moved_when_others_show_the_wild_one
     value = float(one.observed.value_mm[innocent])
     observed = posture_put_at(one.observed, 3, 60.0, value)
     observed = reading(observed, int(wild), value + 2500.0 * SCATTER_MM)
-    (found,) = set_strays_right(observed)
+    (found,) = set_outliers_right(observed)
     assert (found.id, found.or_else) == ("wild_reading", ())
     assert found.rows.tolist() == [wild]
 
@@ -122,7 +122,7 @@ def test_of_two_repeats_the_innocent_one_is_not_moved(wild: int, far: float) -> 
     innocent = float(one.observed.value_mm[rows[1 - wild]])
     observed = posture_put_at(one.observed, 4, -71.0, innocent)
     observed = reading(observed, int(rows[wild]), innocent - far * SCATTER_MM)
-    (found,) = set_strays_right(observed)
+    (found,) = set_outliers_right(observed)
     named = {found.id, *(each.id for each in found.or_else)}
     assert "wild_reading" in named
     assert sorted(found.rows.tolist()) == rows.tolist()
@@ -137,7 +137,7 @@ def test_a_reading_of_heavy_tails_is_not_moved() -> None:
     mean = float(np.median(one.observed.value_mm[rows_at(one.observed, 1, 22.0)]))
     there = mean + 0.87 * WILD_DISTANCE * SCATTER_MM
     observed = reading(posture_put_at(one.observed, 1, 41.0, there), row, there)
-    assert set_strays_right(observed) == []
+    assert set_outliers_right(observed) == []
 
 
 @pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
@@ -149,7 +149,7 @@ def test_two_mistakes_do_not_hide_each_other(taken: Observations, size_mm: float
         first, second = (int(np.flatnonzero(observed.mount == mount)[4]) for mount in (0, 3))
         value = observed.value_mm.copy()
         value[[first, second]] += size_mm, -1.1 * size_mm
-        found = set_strays_right(replace(observed, value_mm=value))
+        found = set_outliers_right(replace(observed, value_mm=value))
         assert len(found) == 2
         taken_out = {first, second}
         rest = found[-1].corrected.value_mm
@@ -173,7 +173,7 @@ def test_heavy_tails_hold_no_wrong_labels(taken: Observations) -> None:
     for seed in range(40):
         observed = case(taken, seed=seed, scatter_mm=1e-9).observed
         noise = SCATTER_MM * np.random.default_rng([8, seed]).standard_t(3, len(observed))
-        found = set_strays_right(replace(observed, value_mm=observed.value_mm + noise))
+        found = set_outliers_right(replace(observed, value_mm=observed.value_mm + noise))
         assert "label_error" not in {each.id for each in found}
 
 
@@ -195,7 +195,7 @@ def test_first_readings_off_by_a_large_play_are_not_wild(taken: Observations) ->
     """Before the first reading nobody knows from where the machine came."""
     plays = [EffectInstance(LAWS["backlash"], leg, (0.5,)) for leg in "xyz"]
     for seed in range(4):
-        assert set_strays_right(case(taken, *plays, seed=seed).observed) == []
+        assert set_outliers_right(case(taken, *plays, seed=seed).observed) == []
 
 
 @pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
@@ -205,7 +205,7 @@ def test_indicators_that_scatter_unequally_are_no_mistakes(taken: Observations) 
         observed = case(taken, seed=seed, scatter_mm=1e-9).observed
         noise = SCATTER_MM * np.random.default_rng([8, seed]).normal(size=len(observed))
         noise *= np.where(observed.mount == seed % observed.mount_count, 3.0, 1.0)
-        assert set_strays_right(replace(observed, value_mm=observed.value_mm + noise)) == []
+        assert set_outliers_right(replace(observed, value_mm=observed.value_mm + noise)) == []
 
 
 @pytest.mark.parametrize("fit", [0.0, 0.7, 3.0])

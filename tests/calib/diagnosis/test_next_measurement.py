@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.next_measurement import ENOUGH, GOAL, best_addition, options
-from calib.diagnosis.problem import FittedSession, Problem
+from calib.diagnosis.problem import Case, Problem
 from calib.diagnosis.separating import Added, Explanation, Judge, Preparation, added_conditions
 from calib.noise.reading import IndicatorFigures
 from calib.observations import Conditions, FloatArray, Observations, observe
@@ -32,7 +32,7 @@ def problem(taken: Observations = SHORT, *effects: EffectInstance) -> Problem:
         generator=np.random.default_rng(2),
     )
     figures = IndicatorFigures(repeatability_mm=NOISE_MM)
-    return Problem.of([FittedSession.of(Model(), observe(taken, value), figures, TOLERANCE_MM)])
+    return Problem.of([Case(Model(), observe(taken, value), figures, TOLERANCE_MM).fitted()])
 
 
 def candidate(model: Model, taken: Conditions, name: str, where: str) -> Candidate:

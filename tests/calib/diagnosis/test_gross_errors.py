@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.attribution import DOUBT
-from calib.diagnosis.cleaning import Case, Mistake, clean
+from calib.diagnosis.cleaning import clean
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.gross_errors import find_shift
 from calib.diagnosis.labels import Label, relabelled
-from calib.diagnosis.outliers import belongs_elsewhere, set_strays_right
-from calib.diagnosis.setup_shifts import find_slip
+from calib.diagnosis.outliers import belongs_elsewhere, set_outliers_right
+from calib.diagnosis.problem import Case
+from calib.diagnosis.results import Finding
 from calib.observations import IntArray, Observations
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
@@ -51,7 +53,7 @@ def under_level(observed: Observations, row: int, level_mm: float) -> Observatio
     return approached(replace(observed, displacement_mm=levels))
 
 
-def mistakes(one: Case, observed: Observations) -> list[Mistake]:
+def mistakes(one: Case, observed: Observations) -> list[Finding]:
     return clean([one.with_readings(observed)], CATALOGUE)[1]
 
 
@@ -65,11 +67,11 @@ def test_a_slip_is_no_drift_and_no_wild_reading(
     """Before the third reading, or between two cycles, repeats of one approach cannot tell."""
     clean_one = case(taken, seed=first).observed
     rows = rows_of(clean_one, 3)
-    slip = find_slip(shifted(clean_one, rows[first:], by_mm))
-    assert slip is not None
-    assert slip.rows[0] == rows[first]
-    assert slip.shift_mm == pytest.approx(by_mm, abs=0.008)
-    assert np.abs(slip.corrected.value_mm - clean_one.value_mm).max() < 0.008
+    shift = find_shift(shifted(clean_one, rows[first:], by_mm))
+    assert shift is not None
+    assert shift.rows[0] == rows[first]
+    assert f"before the reading at {clean_one.posture_words(rows[first])}" in shift.title
+    assert np.abs(shift.corrected.value_mm - clean_one.value_mm).max() < 0.008
 
 
 @pytest.mark.parametrize("taken", [SHORT, SWEEP, TWO_STATION])
@@ -80,7 +82,7 @@ def test_a_steady_drift_is_no_slip_whatever_the_play(taken: Observations, play_m
         observed = case(taken, *effects, seed=seed).observed
         drift = 0.05 * (observed.time_s - observed.time_s[0]) / 3600.0
         for size in (1.0, 5.0, 25.0):
-            assert find_slip(replace(observed, value_mm=observed.value_mm + size * drift)) is None
+            assert find_shift(replace(observed, value_mm=observed.value_mm + size * drift)) is None
 
 
 def test_a_wrong_label_that_leaves_no_repeat() -> None:
@@ -89,7 +91,7 @@ def test_a_wrong_label_that_leaves_no_repeat() -> None:
     row = int(rows_of(one.observed, 2)[9])
     assert one.observed.displacement_mm[row] == -71.0
     wrong = under_level(one.observed, row, 41.0)
-    (found,) = set_strays_right(wrong)
+    (found,) = set_outliers_right(wrong)
     assert (found.id, found.where) == ("label_error", "yx")
     assert found.rows.tolist() == [row]
     assert found.title == "the reading at +41 mm, cycle 1 belongs to -71 mm"
@@ -102,7 +104,7 @@ def test_two_readings_under_one_label_and_the_wrong_one_is_told() -> None:
     one = case(SHORT, seed=2)
     row = int(rows_of(one.observed, 1)[0])
     wrong = under_level(one.observed, row, 60.0)
-    (found,) = set_strays_right(wrong)
+    (found,) = set_outliers_right(wrong)
     assert found.rows.tolist() == [row]
     assert found.title == "the reading at +60 mm, cycle 1 belongs to +0 mm"
 
@@ -114,7 +116,7 @@ def test_a_reading_under_the_other_leg(taken: Observations) -> None:
     other = int(one.observed.mount[(one.observed.leg == 2) & (one.observed.axis == 1)][0])
     posture = int(one.observed.level[row])
     wrong = approached(relabelled(one.observed, row, Label(other, posture, "")))
-    (found,) = set_strays_right(wrong)
+    (found,) = set_outliers_right(wrong)
     assert (found.id, found.where) == ("label_error", "zy")
     assert found.title.endswith("belongs to leg X")
     assert np.array_equal(found.corrected.mount, one.observed.mount)
@@ -126,8 +128,8 @@ def test_a_wrong_label_beside_a_drift() -> None:
     mount = int(one.observed.mount[(one.observed.leg == 1) & (one.observed.axis == 0)][0])
     row = int(rows_of(one.observed, mount)[2])
     (found,) = mistakes(one, under_level(one.observed, row, 0.0))
-    assert (found.blunder.id, found.blunder.where) == ("label_error", "yx")
-    assert found.blunder.title.endswith("belongs to -100 mm")
+    assert (found.id, found.where) == ("label_error", "yx")
+    assert found.title.endswith("belongs to -100 mm")
 
 
 def test_of_two_repeats_neither_can_be_called_wild() -> None:
@@ -135,7 +137,7 @@ def test_of_two_repeats_neither_can_be_called_wild() -> None:
     one = case(SWEEP, seed=5)
     rows = rows_of(one.observed, 4)[[2, 13]]
     assert one.observed.displacement_mm[rows].tolist() == [60.0, 60.0]
-    found = set_strays_right(shifted(one.observed, rows[:1], 0.1))
+    found = set_outliers_right(shifted(one.observed, rows[:1], 0.1))
     assert [each.id for each in found] == ["wild_reading"]
     assert sorted(found[0].rows.tolist()) == rows.tolist()
     assert found[0].title == (
@@ -163,8 +165,8 @@ def test_a_flicker_of_the_display_is_no_wild_reading() -> None:
     row = rows_of(one.observed, 1)[[4]]
     steps = np.round(one.observed.value_mm / 0.001) * 0.001
     flickering = shifted(replace(one.observed, value_mm=steps), row, 0.002)
-    assert set_strays_right(flickering)
-    assert set_strays_right(flickering, step_mm=0.001) == []
+    assert set_outliers_right(flickering)
+    assert set_outliers_right(flickering, step_mm=0.001) == []
 
 
 @pytest.mark.parametrize("factor", [25.4, 1.0 / 25.4])
@@ -175,8 +177,9 @@ def test_readings_in_inches_bring_their_scatter_with_them(factor: float) -> None
     value[rows] *= factor
     found = mistakes(one, replace(one.observed, value_mm=value))
     place = "xyz"[one.observed.leg[rows[0]]] + "xyz"[one.observed.axis[rows[0]]]
-    assert [(each.blunder.id, each.blunder.where) for each in found] == [("unit_mixup", place)]
-    assert np.allclose(found[0].blunder.corrected.value_mm, one.observed.value_mm)
+    assert [(each.id, each.where) for each in found] == [("unit_mixup", place)]
+    (corrected,) = clean([one.with_readings(replace(one.observed, value_mm=value))])[0]
+    assert np.allclose(corrected.observed.value_mm, one.observed.value_mm)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -208,8 +211,8 @@ def test_indicators_swapped_at_all_stations_are_one_mistake(seed: int) -> None:
     value = one.observed.value_mm.copy()
     value[first], value[second] = value[second], value[first].copy()
     (found,) = mistakes(one, replace(one.observed, value_mm=value))
-    assert (found.blunder.id, found.blunder.where) == ("gauge_swap", "z")
-    assert found.blunder.title == "indicators exchanged"
+    assert (found.id, found.where) == ("gauge_swap", "z")
+    assert found.title == "indicators exchanged"
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.attribution import Attribution
-from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.hypotheses import chosen, entries_of, implausible
+from calib.diagnosis.diagnose import diagnose, sentence
+from calib.diagnosis.hypotheses import hypotheses_of, implausible, log_choices
 from calib.diagnosis.model_selection import ModelSelection
-from calib.diagnosis.problem import FittedSession, Problem
-from calib.diagnosis.report import sentence
+from calib.diagnosis.problem import Problem
 from calib.diagnosis.results import Named
 from calib.observations import FloatArray
 from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import EffectInstance
 from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case, names, problem
 
@@ -62,7 +62,7 @@ def test_a_large_effect_is_followed_beyond_its_derivatives(seed: int) -> None:
 def test_sizes_that_only_each_other_call_for_cost() -> None:
     """Two columns that nearly cancel: small alone, huge together."""
     made = problem(TWO_STATION, 0)
-    entries = [e for e in entries_of(made, CATALOGUE) if (e.id, e.where) == ("backlash", "x")]
+    entries = [e for e in hypotheses_of(made, CATALOGUE) if (e.id, e.where) == ("backlash", "x")]
     entries = [entries[0], entries[0]]
     other = np.cos(np.arange(len(made.y)))[:, None]
     nearly = replace(entries[1], columns=entries[0].columns + 1e-6 * other)
@@ -70,16 +70,20 @@ def test_sizes_that_only_each_other_call_for_cost() -> None:
     odd = made.root_weight[:, None] * other
     y = 100.0 * odd[:, 0] / np.linalg.norm(odd)
     moved = replace(made, y=y - made.nuisance @ (made.nuisance.T @ y))
+    blocks = [moved.block(e.columns) for e in pair]
+    selection = ModelSelection(moved, pair, blocks, log_choices(pair))
+    assert implausible(moved, pair[:1]) < 1.0
+    assert implausible(moved, pair[1:]) < 1.0
+    assert selection.far_together((0, 1)) > 10.0
+    assert selection.far_together((0,)) == 0.0
 
-    def loss(members: tuple[int, ...]) -> float:
-        return implausible(moved, [pair[k] for k in members])
 
-    blocks = tuple(moved.block(e.columns) for e in pair)
-    race = ModelSelection(moved, blocks, chosen(pair), (1, 1), 1, loss)
-    assert loss((0,)) < 1.0
-    assert loss((1,)) < 1.0
-    assert race.far_together((0, 1)) > 10.0
-    assert race.far_together((0,)) == 0.0
+def attributed(made: Problem, one: Candidate) -> Attribution:
+    """With a single candidate, that is kept."""
+    selection = ModelSelection(made, [one], [made.block(one.columns)], np.zeros(1))
+    found = Attribution(selection, selection.run())
+    assert found.outcome.members == (0,)
+    return found
 
 
 def without_a_row(one: Problem, columns: FloatArray, row: int) -> float:
@@ -97,17 +101,13 @@ def without_a_row(one: Problem, columns: FloatArray, row: int) -> float:
 
 def test_evidence_without_any_one_reading_is_that_of_fits_without_it() -> None:
     made = case(SWEEP, EffectInstance(LAWS["backlash"], "y", (0.006,)), seed=8)
-    fitted_session = FittedSession.of(made.model, made.observed, made.indicator, made.tolerance_mm)
-    one = Problem.of([fitted_session])
-    entries = [e for e in entries_of(one, CATALOGUE) if (e.id, e.where) == ("backlash", "y")]
-    race = ModelSelection(one, (one.block(entries[0].columns),), np.zeros(1), (1,), 1)
-    naming = Attribution(one, entries, race, race.run())
-    kept = naming.outcome.kept
-    assert kept is not None
+    one = Problem.of([made.fitted()])
+    entries = [e for e in hypotheses_of(one, CATALOGUE) if (e.id, e.where) == ("backlash", "y")]
+    naming = attributed(one, entries[0])
     columns = one.root_weight[:, None] * entries[0].columns
     least = min(without_a_row(one, columns, row) for row in range(len(one.y)))
-    assert naming.without_any_one(kept, 0) == pytest.approx(least - 1.0, rel=1e-6)
-    assert naming.without_any_one(kept, 0) < naming.evidence(kept, 0)
+    assert naming.without_any_one(0) == pytest.approx(least - 1.0, rel=1e-6)
+    assert naming.without_any_one(0) < naming.evidence(0)
 
 
 def test_one_reading_gives_no_name() -> None:
@@ -118,12 +118,10 @@ def test_one_reading_gives_no_name() -> None:
     spike[row] = 1.0
     y = 9.0 * spike[:, 0]
     moved = replace(one, y=one.y + y - one.nuisance @ (one.nuisance.T @ y))
-    entry = replace(entries_of(one, CATALOGUE)[0], columns=spike / one.root_weight[row])
-    race = ModelSelection(moved, (moved.block(entry.columns),), np.zeros(1), (1,), 1)
-    naming = Attribution(moved, [entry], race, race.run())
-    assert naming.outcome.kept is not None
-    assert naming.evidence(naming.outcome.kept, 0) > 25.0
-    assert naming.without_any_one(naming.outcome.kept, 0) < 0.0
+    entry = replace(hypotheses_of(one, CATALOGUE)[0], columns=spike / one.root_weight[row])
+    naming = attributed(moved, entry)
+    assert naming.evidence(0) > 25.0
+    assert naming.without_any_one(0) < 0.0
     assert naming.doubt == "the evidence hangs on a single reading"
 
 
@@ -148,11 +146,8 @@ def test_one_direction_that_one_reading_carries_is_not_the_whole_evidence() -> N
     columns[:, 1] = np.cos(1.7 * np.arange(len(one.y)))
     white = columns @ np.array([3.0, 2.5])
     moved = replace(one, y=one.y + white - one.nuisance @ (one.nuisance.T @ white))
-    entry = replace(entries_of(one, CATALOGUE)[0], columns=columns / one.root_weight[:, None])
-    race = ModelSelection(moved, (moved.block(entry.columns),), np.zeros(1), (1,), 1)
-    naming = Attribution(moved, [entry], race, race.run())
-    kept = naming.outcome.kept
-    assert kept is not None
+    entry = replace(hypotheses_of(one, CATALOGUE)[0], columns=columns / one.root_weight[:, None])
+    naming = attributed(moved, entry)
     least = min(without_a_row(moved, columns, k) for k in range(len(one.y)))
     assert least > 100.0
-    assert naming.without_any_one(kept, 0) == pytest.approx(least - 2.0, rel=1e-4)
+    assert naming.without_any_one(0) == pytest.approx(least - 2.0, rel=1e-4)

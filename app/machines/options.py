@@ -1,4 +1,4 @@
-"""Options that several verbs share."""
+"""Options that several verbs or machines share."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
-from typer.models import OptionInfo
+from typer.models import ArgumentInfo, OptionInfo
 
 from protocols.machine_files import USUAL_MACHINE, machine_names
 
 
-def finite(value: float | None) -> float | None:
+def _finite(value: float | None) -> float | None:
     """Refuse NaN, which no range excludes, and infinity."""
     if value is not None and not math.isfinite(value):
         raise typer.BadParameter("a finite number is needed")
@@ -25,7 +25,7 @@ def _no_trace(value_mm: float | None) -> float | None:
 
     if value_mm and value_mm < LEAST_FIGURE_MM:
         raise typer.BadParameter(f"0, or {LEAST_FIGURE_MM:g} mm at least")
-    return finite(value_mm)
+    return _finite(value_mm)
 
 
 def figure(help_text: str) -> OptionInfo:
@@ -36,7 +36,7 @@ def figure(help_text: str) -> OptionInfo:
 
 def number(help_text: str, least: float | None = None, most: float | None = None) -> OptionInfo:
     """An option for a finite number."""
-    option: OptionInfo = typer.Option(help=help_text, min=least, max=most, callback=finite)
+    option: OptionInfo = typer.Option(help=help_text, min=least, max=most, callback=_finite)
     return option
 
 
@@ -45,6 +45,12 @@ def file(help_text: str, *names: str, default: str | bool = True) -> OptionInfo:
     # readable=False: our own message and exit status for a file without permission
     option: OptionInfo = typer.Option(*names, help=help_text, show_default=default, readable=False)
     return option
+
+
+def argument(help_text: str) -> ArgumentInfo:
+    """A file, or several, without an option's name."""
+    found: ArgumentInfo = typer.Argument(help=help_text, show_default=False, readable=False)
+    return found
 
 
 def machine_option(help_text: str) -> OptionInfo:
@@ -63,9 +69,7 @@ def say(text: str) -> None:
     typer.echo(text, err=True)
 
 
-Sessions = Annotated[
-    list[Path], typer.Argument(help="Session files.", show_default=False, readable=False)
-]
+Sessions = Annotated[list[Path], argument("Session files.")]
 Output = Annotated[Path, file("File to write.", "--output", "-o", default=False)]
 Machine = Annotated[
     str | None, machine_option(f"{', '.join(machine_names())}, or a machine file (TOML).")
@@ -84,10 +88,6 @@ Method = Annotated[
     Literal["linear", "exact"],
     typer.Option(help="linear: system (11); exact: nonlinear, raw readings."),
 ]
-Measured = Annotated[str, typer.Option(help="Hexa Slide: what is measured, such as x,y,z,theta.")]
-Known = Annotated[
-    str | None,
-    typer.Option(
-        help="Constraint link: what is known of c,d,length, or none.", show_default="length"
-    ),
-]
+
+SCATTER_MM, RESOLUTION_MM = 0.002, 0.001
+"""Of a simulated machine and its indicators where nothing is asked for."""

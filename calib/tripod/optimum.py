@@ -1,4 +1,4 @@
-"""Optimum postures of any machine that chooses from a list, within a budget of minutes."""
+"""Optimum postures of a machine with three drives, chosen from its pool, within minutes."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 
 from calib.design.criteria import Aim, Criterion, value_of, wanted_information
 from calib.design.exchange import Choice, choose
-from calib.design.planning import Coordinates, Orders, Pool, PooledMachine
 from calib.errors import ImpossibleRequest, NotIdentifiable
 from calib.observations import FloatArray
 from calib.ties import descending
+from calib.tripod.planning import Coordinates, Orders, TripodPlanning, TripodPool
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class ChosenPostures:
 
 
 def optimum_postures(
-    machine: PooledMachine,
+    machine: TripodPlanning,
     count: int,
     *,
     criterion: Criterion = Criterion.DETERMINANT,
@@ -85,14 +85,14 @@ def optimum_postures(
     seconds = time.perf_counter() - begin
     whitened = examined.sensitivity.jacobian
     information = pool.candidates.information(np.array(chosen, dtype=np.intp))
-    left = wanted_information(information, aim)
+    remaining = wanted_information(information, aim)
     plain = Aim(criterion, None, metric)
     return ChosenPostures(
         machine=machine.name,
         procedure=examined.procedure,
         criterion=criterion,
         before=_figures(whitened.T @ whitened, plain, examined.minutes, examined.posture_count),
-        after=_figures(left, plain, pool.minutes(chosen), count),
+        after=_figures(remaining, plain, pool.minutes(chosen), count),
         grid_value=found.value if refine else None,
         start_condition_number=found.start_condition_number,
         postures=pool.coordinates(chosen),
@@ -117,7 +117,7 @@ class _Search:
     repeats: bool
     common: bool
 
-    def best_of(self, pool: Pool) -> Choice:
+    def best_of(self, pool: TripodPool) -> Choice:
         """Raises ImpossibleRequest where no common set has this size."""
         symmetric = pool.symmetric(self.count, self.aim, self.seed)
         if not self.common:
@@ -140,7 +140,9 @@ class _Search:
         return descending(symmetric, lambda one: sign * one.value)[0]
 
 
-def _within_budget(pool: Pool, search: _Search, budget_min: float | None) -> tuple[Pool, Choice]:
+def _within_budget(
+    pool: TripodPool, search: _Search, budget_min: float | None
+) -> tuple[TripodPool, Choice]:
     """Set-ups are given up, the least used first, until the time is enough."""
     found = search.best_of(pool)
     while budget_min is not None and (needed := pool.minutes(found.chosen)) > budget_min:
@@ -156,8 +158,8 @@ def _within_budget(pool: Pool, search: _Search, budget_min: float | None) -> tup
 
 
 def _moved(
-    pool: Pool, chosen: Sequence[int], aim: Aim, budget_min: float | None
-) -> tuple[Pool, tuple[int, ...]]:
+    pool: TripodPool, chosen: Sequence[int], aim: Aim, budget_min: float | None
+) -> tuple[TripodPool, tuple[int, ...]]:
     """Off the grid, unless the way there would turn more often than there is time for."""
     moved = pool.moved(chosen, aim)
     every = tuple(range(len(chosen)))

@@ -1,0 +1,255 @@
+"""Where the gap lies, cell by cell and by patterns, and how large it is on readings not seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.diagnosis.problem import FittedSession, Problem
+from calib.diagnosis.results import Cell, HeldOutGap, Residuals, Share
+from calib.diagnosis.selection import KNOWN, Search, Spread, heaviest_first
+from calib.errors import NotIdentifiable
+from calib.linalg import (
+    DEPENDENT,
+    EXACT_BLIND,
+    basis_of,
+    incidence,
+    lengths,
+    new_directions,
+    onto,
+    squares_in,
+    without,
+)
+from calib.observations import (
+    LEG_NAMES,
+    TOOL,
+    TOUCHED_NAMES,
+    FloatArray,
+    IntArray,
+    numbered,
+    rows_of,
+)
+from calib.ties import descending
+from calib.tripod.effects.effect import EffectInstance
+
+
+def locate(problem: Problem) -> tuple[Share, ...]:
+    """Share of the gap in each part of the readings, with its chance under pure noise.
+
+    The gap is the structure that the model leaves (cells and cycles). A part of the readings holds
+    as much of it as the squares there; patterns hold what they explain.
+    """
+    explained = onto(problem.structure, problem.y)
+    if not problem.structure_df:
+        explained = np.zeros_like(explained)  # nothing is left but rounding
+    total = float((explained**2).sum())
+    shares = []
+    for leg, axis, pattern, mask in _parts(problem):
+        if not mask.any():
+            continue
+        inside = float((explained[mask] ** 2).sum())
+        taken = (problem.nuisance[mask] ** 2).sum()
+        freedom = float((problem.structure[mask] ** 2).sum() - taken)
+        chance = problem.gap_p_value(inside, max(round(freedom), 1))
+        shares.append(Share(leg, axis, pattern, inside / total if total else 0.0, chance))
+    mounts = incidence(problem.mount)
+    for pattern, columns in _patterns(problem):
+        each = (mounts[:, :, None] * columns[:, None, :]).reshape(len(columns), -1)
+        block = problem.block(each)
+        inside = squares_in(block, problem.y)
+        chance = problem.gap_p_value(inside, block.shape[1])
+        shares.append(Share("", "", pattern, min(inside / total, 1.0) if total else 0.0, chance))
+    return tuple(descending(descending(shares, lambda s: s.share), lambda s: -s.p_value))
+
+
+def _parts(problem: Problem) -> Iterator[tuple[str, str, str, NDArray[np.bool_]]]:
+    leg, axis = problem.conditions("leg"), problem.conditions("axis")
+    for k, name in enumerate(LEG_NAMES):
+        yield name, "", "leg", leg == k
+        yield "", name, "axis", axis == k
+    for i, leg_name in zip((0, 1, 2, TOOL), TOUCHED_NAMES, strict=True):
+        for j, axis_name in enumerate(LEG_NAMES):
+            yield leg_name, axis_name, "mounting", (leg == i) & (axis == j)
+
+
+def _patterns(problem: Problem) -> Iterator[tuple[str, FloatArray]]:
+    """What may differ within a mounting, as columns ``(n, k)``."""
+    position = problem.conditions("position_mm") / 100.0
+    if position.any():
+        first, second = np.triu_indices(3)
+        yield "in proportion to the position", position
+        yield "with the square of the position", position[:, first] * position[:, second]
+        yield "direction of approach", problem.conditions("movement")
+    else:
+        displacement = problem.conditions("displacement_mm")[:, None] / 100.0
+        yield "odd in displacement", np.hstack([displacement, displacement**3])
+        yield "even in displacement", np.hstack([displacement**2, displacement**4])
+        yield "direction of approach", problem.conditions("approach")[:, None]
+    time, temperature = problem.conditions("time_s"), problem.conditions("temperature_c")
+    if np.isfinite(time).all() and np.ptp(time) > 0.0:
+        yield "time", (time / np.ptp(time))[:, None]
+    if np.isfinite(temperature).all() and np.ptp(temperature) > 0.0:
+        yield "temperature", temperature[:, None]
+
+
+def where_words(shares: tuple[Share, ...], level: float) -> str:
+    """A short sentence on where the gap is: the least likely parts by name."""
+    significant = [s for s in shares if s.p_value < level]
+    patterns = [s for s in significant if not s.leg and not s.axis]
+    legs = [s for s in significant if s.pattern == "leg"]
+    if not significant:
+        return "nowhere in particular"
+    parts = []
+    if legs:
+        some = "leg " + " and ".join(s.leg for s in legs)
+        parts.append(f"on {some if len(legs) < 3 else 'all legs'}")
+    if patterns:
+        strongest = descending(patterns, lambda s: s.share)[0]
+        parts.append(f"mostly with {strongest.pattern} ({strongest.share:.0%})")
+    return ", ".join(parts) or f"most on {significant[0].leg}{significant[0].axis}"
+
+
+def residuals(problem: Problem, after: FloatArray | None) -> Residuals:
+    """Means of each cell; ``after`` ``(n,)`` is the whitened residual with effects adopted."""
+    before_mm = problem.y / problem.root_weight
+    after_mm = None if after is None else after / problem.root_weight
+    names = ("leg", "axis", "station", "displacement_mm", "approach")
+    columns = [*map(problem.conditions, names), *problem.conditions("position_mm").T]
+    keys = [column.astype(np.float64).round(4) for column in columns]
+    cells = []
+    for rows in rows_of(numbered(*keys)):
+        leg, axis, station, displacement, approach, *position = (float(k[rows[0]]) for k in keys)
+        cells.append(
+            Cell(
+                leg=TOUCHED_NAMES[int(leg)],
+                axis=LEG_NAMES[int(axis)],
+                station=station,
+                displacement_mm=displacement,
+                approach=int(approach),
+                before_mm=float(before_mm[rows].mean()),
+                after_mm=None if after_mm is None else float(after_mm[rows].mean()),
+                noise_mm=float(np.sqrt((problem.root_weight[rows] ** -2.0).sum()) / len(rows)),
+                position_mm=tuple(position) if leg == TOOL else None,
+            )
+        )
+    later = [cell.after_mm for cell in cells if cell.after_mm is not None]
+    return Residuals(
+        tuple(cells),
+        _rms([cell.before_mm for cell in cells]),
+        _rms(later) if later else None,
+        _rms([cell.noise_mm for cell in cells]),
+    )
+
+
+def _rms(values_mm: list[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values_mm)))) if values_mm else 0.0
+
+
+def left_out_postures(
+    problem: Problem,
+    columns: Sequence[FloatArray],
+    size: int,
+    groups: Sequence[IntArray] = (),
+) -> HeldOutGap | None:
+    """Leave out one side of one leg at a time; choose anew, fit, predict what was left out.
+
+    ``columns`` are those of every candidate ``(n, r)`` in mm, ``size`` the number of effects to
+    choose in each fold. Zeros come from the rest of each mounting, base parameters are held by
+    their tolerances. ``groups`` are other rows to leave out together. None where nothing can be.
+    """
+    nuisance = problem.nuisance_columns()
+    white = [problem.root_weight[:, None] * c for c in columns]
+    squares, used = [0.0, 0.0], 0
+    for rows in groups or _groups(problem):
+        train = np.setdiff1d(np.arange(len(problem.y)), rows)
+        chosen = _chosen(problem, white, nuisance, train, size)
+        designs = nuisance, np.hstack([nuisance, *(white[k] for k in chosen)])
+        for k, design in enumerate(designs):
+            value = _prior_constrained(problem, design, train)
+            missed = (problem.residual[rows] - design[rows] @ value) / problem.root_weight[rows]
+            squares[k] += float((missed**2).sum())
+        used += len(rows)
+    if not used:
+        return None
+    return HeldOutGap(
+        "one side of one leg left out at a time, the choice made anew each time",
+        math.sqrt(squares[0] / used),
+        math.sqrt(squares[1] / used),
+        problem.noise_mm,
+    )
+
+
+def _groups(problem: Problem) -> Iterator[IntArray]:
+    """Rows of one leg on one side of Zero, in all sessions; of the tool along each coordinate."""
+    leg, displacement = problem.conditions("leg"), problem.conditions("displacement_mm")
+    places = [(k, displacement) for k in range(len(LEG_NAMES))]
+    places += [(TOOL, coordinate) for coordinate in problem.conditions("position_mm").T]
+    for k, coordinate in places:
+        for side in (1.0, -1.0):
+            rows = np.flatnonzero((leg == k) & (np.sign(coordinate) == side))
+            if len(rows) and len(rows) < (leg == k).sum():
+                yield rows
+
+
+def _chosen(
+    problem: Problem,
+    white: Sequence[FloatArray],
+    nuisance: FloatArray,
+    train: IntArray,
+    size: int,
+) -> tuple[int, ...]:
+    """The best model of this size on these rows alone."""
+    basis = basis_of(nuisance[train], DEPENDENT)
+    rest = without(basis, problem.residual[train])
+    spread = KNOWN
+    if math.isfinite(problem.noise_df):
+        spread = Spread(float(rest @ rest), float(len(train) - basis.shape[1]))
+    blocks = [new_directions(basis, column[train] / lengths(column)) for column in white]
+    search = Search(rest, blocks, spread, np.zeros(len(blocks)))
+    larger = search.singles()
+    members: tuple[int, ...] = ()
+    while larger and len(members) < size:
+        members = heaviest_first(larger)[0].members
+        larger = search.larger(members)
+    return members
+
+
+def _prior_constrained(problem: Problem, design: FloatArray, train: IntArray) -> FloatArray:
+    """Least squares on some rows; base parameters held by their tolerances.
+
+    Not to the fit without effects, which a missing effect has pulled away.
+    """
+    hold, middle = np.zeros(design.shape[1]), np.zeros(design.shape[1])
+    start = 0
+    for one in problem.fitted_sessions:
+        start += one.observed.mount_count
+        here = slice(start, start + len(one.case.tolerance_mm))
+        hold[here] = 1.0 / one.case.tolerance_mm
+        middle[here] = np.subtract(one.case.model.parameters_mm, one.model.parameters_mm)
+        start = here.stop
+    rows = np.vstack([design[train], np.diag(hold)[hold > 0.0]])
+    right = np.concatenate([problem.residual[train], (hold * middle)[hold > 0.0]])
+    size = lengths(rows)
+    found = np.linalg.lstsq(rows / size, right, rcond=EXACT_BLIND)[0]
+    return np.asarray(found / size)
+
+
+def on_other_sessions(
+    others: Sequence[FittedSession], effects: tuple[EffectInstance, ...]
+) -> HeldOutGap | None:
+    """The gap on sessions that were not used at all: effects as they were found, base anew.
+
+    Every session has its own base parameters and zeros, so only the effects are tested. None where
+    the effects put the machine out of its own reach.
+    """
+    before = Problem.of(others)
+    try:
+        after = before.adopting(effects)
+    except NotIdentifiable:
+        return None
+    noise_mm = before.noise_mm * math.sqrt(max(before.structure_df, 1) / len(before.y))
+    how = "sessions that were not used"
+    return HeldOutGap(how, before.gap_rms_mm(), after.gap_rms_mm(), noise_mm)

@@ -82,22 +82,23 @@ class Entries:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._lines = list(_without_comments(_joined(_with_includes(path))))
+        self._lines = list(_with_includes(path))
 
     def has(self, section: str) -> bool:
         """Whether there is such a section."""
-        return any(line.startswith(f"[{section}]") for line in self._lines)
+        return any(_bare(line).startswith(f"[{section}]") for line in self._lines)
 
     def find(self, section: str, key: str) -> str | None:
         """The first entry of the first section of this name; None where there is none."""
         lines = iter(self._lines)
         for line in lines:
-            if line.startswith(f"[{section}]"):
+            if _bare(line).startswith(f"[{section}]"):
                 break
-        for line in lines:
-            if line.startswith("["):
+        for line in _joined(lines):  # only entries go on in the next line, not headings
+            bare = _bare(line)
+            if bare.startswith("["):
                 return None
-            if entry := re.match(rf"{re.escape(key)}(?:[ \t][^=]*)?=\s*(.*)", line):
+            if entry := re.match(rf"{re.escape(key)}(?:[ \t][^=]*)?=\s*(.*)", bare):
                 return entry[1].rstrip()
         return None
 
@@ -154,8 +155,7 @@ def _joined(lines: Iterable[str]) -> Iterator[str]:
         before = ""
 
 
-def _without_comments(lines: Iterable[str]) -> Iterator[str]:
-    for line in lines:
-        bare = line.lstrip(" \t\r")
-        if bare and bare[0] not in "#;":
-            yield bare.rstrip("\r\n")
+def _bare(line: str) -> str:
+    """The line from its first letter; nothing of a comment."""
+    bare = line.lstrip(" \t\r")
+    return "" if bare[:1] in ("#", ";") else bare

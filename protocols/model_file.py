@@ -11,6 +11,8 @@ from typing import Annotated, Literal
 from pydantic import AwareDatetime, Field, ValidationError
 
 from calib.errors import RecordError, UsageError
+from calib.identify.fit import Size
+from calib.identify.solution import Solution
 from calib.observations import TOOL, conditions
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.catalogue import laws_of
@@ -315,6 +317,52 @@ def to_model(found: ModelFile, thing: str, effects: Sequence[Law] = CATALOGUE) -
     values = tuple(found.parameters_mm.get(name, 0.0) for name in PARAMETER_NAMES)
     placed = [placed_effects(entry, effects, geometry, thing) for entry in found.effects]
     return Model(geometry, values, tuple(effect for each in placed for effect in each))
+
+
+def sizes_of(found: ModelFile, laws: Sequence[Law] = CATALOGUE) -> tuple[Size, ...]:
+    """The values of a model's effects that a fit may free: one for each entry of a parameter.
+
+    Places that share an entry share the value. Raises RecordError as `to_model` does.
+    """
+    geometry, sizes, first = found.machine.geometry(), [], 0
+    for entry in found.effects:
+        placed = placed_effects(entry, laws, geometry, "model")
+        law = placed[0].law
+        bases = [parameter.name for parameter in law.parameters]
+        for name, parameter in entry.parameters.items():
+            base = bases.index(parameter.of or name)
+            places = _places(entry, parameter, law, geometry, "model")
+            at = [first + k for k, one in enumerate(placed) if one.place in places]
+            known = law.parameters[base]
+            sizes.append(
+                Size(
+                    f"{entry.id} {entry.where}: {name}",
+                    known.unit,
+                    known.tolerance,
+                    tuple((effect, base) for effect in at),
+                )
+            )
+        first += len(placed)
+    return tuple(sizes)
+
+
+def with_solution(found: ModelFile, solution: Solution) -> ModelFile:
+    """The model with parameters and sizes as they were fitted together, and how well each is known.
+
+    ``solution`` was fitted with `sizes_of` this model.
+    """
+    sizes = iter(solution.sizes)
+    effects = []
+    for entry in found.effects:
+        known = {
+            name: one.model_copy(
+                update={"value": size.value, "standard_uncertainty": size.standard_uncertainty}
+            )
+            for (name, one), size in zip(entry.parameters.items(), sizes, strict=False)
+        }
+        effects.append(entry.model_copy(update={"parameters": known}))
+    values = dict(zip(PARAMETER_NAMES, solution.model.parameters_mm, strict=True))
+    return found.model_copy(update={"parameters_mm": values, "effects": tuple(effects)})
 
 
 def _check_parameters(found: ModelFile, thing: str) -> None:

@@ -15,6 +15,7 @@ from app.machines.options import (
     Sessions,
     SubsetName,
     argument,
+    file,
     say,
 )
 from app.machines.registry import NAMES, family_of_files, options_of, with_options_of_machines
@@ -61,44 +62,48 @@ def export(
     source: Annotated[Path, typer.Argument(help="Session or model file.", show_default=False)],
     output: Output,
     format_name: Annotated[
-        Literal["json", "csv", "model", "linuxcnc"],
+        Literal["json", "csv", "model", "linuxcnc", "linuxcnc-kins"],
         typer.Option("--format", help="What to write."),
     ],
     subset: Annotated[
         SubsetName, typer.Option(help="Parameters to identify from a session.")
     ] = "joint-offsets",
     method: Method = "exact",
+    model: Annotated[
+        Path | None, file("Of a session: fit the sizes of this model's effects, too.")
+    ] = None,
     home_offset: Annotated[
         str | None, typer.Option(help="Present HOME_OFFSET of joints x,y,z in mm: '1.5,0,-2'.")
     ] = None,
     ini: Annotated[
-        Path | None, typer.Option(help="LinuxCNC INI file to read the present HOME_OFFSET from.")
+        Path | None, typer.Option(help="LinuxCNC INI file: what the joints hold now.")
     ] = None,
 ) -> None:
-    """Offsets for the controller: a file, or for linuxcnc a folder with three includes."""
+    """Offsets for the controller: a file, or for linuxcnc a folder of includes and tables."""
     from app.exports import FORMATS
-    from app.exports.linuxcnc import read_home_offsets
+    from app.exports.linuxcnc_ini import read_controller
     from app.report.offsets import offsets_from_file
     from app.report.text.caveats import UNKNOWN_HOME_OFFSET
+    from calib.tripod.controller import Controller
     from protocols.files import write_files
 
     if home_offset is not None and ini:
         raise UsageError("--home-offset and --ini", "both", "one of them")
-    offsets = offsets_from_file(source, subset, method)
+    offsets = offsets_from_file(source, subset, method, model)
     if home_offset is not None:
-        offsets = replace(offsets, home_offset_mm=_triple(home_offset))
+        offsets = replace(offsets, controller=Controller.homed_at(_triple(home_offset)))
     if ini:
-        offsets = replace(offsets, home_offset_mm=read_home_offsets(ini))
+        offsets = replace(offsets, controller=read_controller(ini))
     for text in offsets.cautions:
         say(f"glidecal: {text}")
-    if format_name == "linuxcnc" and offsets.home_offset_mm is None:
+    if format_name.startswith("linuxcnc") and offsets.controller is None:
         say(f"glidecal: WARNING: {UNKNOWN_HOME_OFFSET}")
     for path in write_files(output, FORMATS[format_name](offsets)):
         say(f"written: {path}")
 
 
 def _triple(text: str) -> tuple[float, float, float]:
-    from app.exports.linuxcnc import LARGEST_MM
+    from app.exports.linuxcnc_ini import LARGEST_MM
     from protocols.table import NUMBER
 
     parts = text.split(",")

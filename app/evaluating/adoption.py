@@ -7,8 +7,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from app.evaluating.diagnosis import SessionDiagnosis
+from app.evaluating.solution import solve_sessions
 from calib.diagnosis.results import Contender, Finding
-from calib.errors import UsageError
+from calib.errors import NotIdentifiable, UsageError
 from calib.tripod.effects.empirical import EMPIRICAL
 from protocols.files import write_files
 from protocols.model_file import (
@@ -18,6 +19,7 @@ from protocols.model_file import (
     model_file,
     read_model_file,
     with_effect,
+    with_solution,
     without_effect,
 )
 from protocols.record import read_record
@@ -62,8 +64,24 @@ def adopt(
             why = f"a law without a name: {one.title}"
         values = {v.name: (v.value, v.standard_uncertainty) for v in one.parameters}
         model = with_effect(model, effect_entry(one.where, one.effects, values, source), why)
+    model = _fitted(model, diagnosed)
     write_files(target, {"": model.text()})
     return model
+
+
+def _fitted(model: ModelFile, diagnosed: SessionDiagnosis) -> ModelFile:
+    """The model with joint offsets and sizes fitted together to the sessions.
+
+    As it is where sessions had different offsets entered, or do not determine them together.
+    """
+    sessions = diagnosed.sessions
+    if len({one.opened.machine.entered_offsets_mm for one in sessions}) > 1:
+        return model
+    try:
+        solved = solve_sessions(diagnosed.names, sessions, subset="joint-offsets", model=model)
+    except NotIdentifiable:
+        return model
+    return with_solution(model, solved.solution)
 
 
 def remove(path: Path, effect: str, why: str) -> ModelFile:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from calib.errors import NotIdentifiable, RecordError
+from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.accuracy import ToolError
 from calib.identify.solution import Method, Solution, Subset, Weights
 from calib.identify.subset_choice import SubsetChoice, choose_subset
@@ -24,6 +25,11 @@ from protocols.events import Reading
 from protocols.observations import to_observations
 from protocols.record import Record, read_record
 from protocols.session import Session, fold
+
+if TYPE_CHECKING:  # asked for by option only
+    from calib.identify.fit import Size
+    from protocols.machine import Machine
+    from protocols.model_file import ModelFile
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,22 +136,43 @@ def solve_sessions(
     subset: Subset | None = None,
     method: Method = "exact",
     weights: Weights = "equal",
+    model: ModelFile | None = None,
 ) -> SessionSolution:
     """Identify; without a subset the recommended one is taken.
 
-    Raises NotIdentifiable where the readings do not determine what was asked for.
+    The sizes of a model's effects are fitted with the parameters. Raises NotIdentifiable where the
+    readings do not determine what was asked for, UsageError for a model of another machine.
     """
     observed = to_observations(sessions)
     machine = sessions[0].opened.machine
+    start, sizes = (Model(machine.geometry()), ()) if model is None else _of(model, machine, method)
     choice = choose_subset(
-        Model(machine.geometry()),
+        start,
         observed,
         method,
         weights=weights,
         indicator=indicator_figures(sessions),
         tolerance_mm=machine.tolerances_mm(),
+        sizes=sizes,
     )
     return _solved(names, sessions, observed, choice, subset or choice.recommended)
+
+
+def _of(model: ModelFile, machine: Machine, method: Method) -> tuple[Model, tuple[Size, ...]]:
+    """Where a fit with this model begins, and what it frees of the effects."""
+    from app.evaluating.own_effects import known_laws  # files of users: only where asked for
+    from protocols.model_file import sizes_of, to_model
+
+    if replace(model.machine.geometry(), load=machine.load) != machine.geometry():
+        raise UsageError(
+            "--model",
+            f"the model of another machine, {model.machine.name}",
+            f"one of {machine.name} as the session has it",
+        )
+    if model.effects and method != "exact":
+        raise UsageError("--method with --model", method, "exact: sizes of effects are fitted, too")
+    effects = known_laws()
+    return to_model(model, "model", effects), sizes_of(model, effects)
 
 
 def _solved(
@@ -212,13 +239,20 @@ def solve_files(
     subset: Subset | None = None,
     method: Method = "exact",
     weights: Weights = "equal",
+    model: Path | None = None,
 ) -> tuple[SessionSolution, list[str]]:
     """`load_sessions` and `solve_sessions` in one step, with the warnings."""
     sessions, warnings = load_sessions(paths)
     if not sessions:
         raise NotIdentifiable("sessions", "none", "at least one session")
     names = [path.name for path in paths]
-    return solve_sessions(names, sessions, subset=subset, method=method, weights=weights), warnings
+    from protocols.model_file import read_model_file
+
+    known = read_model_file(model) if model else None
+    solved = solve_sessions(
+        names, sessions, subset=subset, method=method, weights=weights, model=known
+    )
+    return solved, warnings
 
 
 def solve_for_controller(path: Path) -> SessionSolution:

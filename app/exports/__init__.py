@@ -13,8 +13,6 @@ from app.exports import linuxcnc
 from app.report.offsets import Offsets, offsets_from_solved
 from app.report.schema.document import to_json
 from app.report.schema.solution import OffsetsReport
-from calib.tripod.geometry import PARAMETER_NAMES
-from calib.tripod.pipeline import Model
 from protocols.files import Written, write_files
 from protocols.model_file import model_file
 from protocols.table import csv_text
@@ -27,10 +25,7 @@ def as_json(offsets: Offsets) -> Written:
 
 def as_model(offsets: Offsets) -> Written:
     """Schema ``glidecal.model/1``: for ``glidecal simulate --model``."""
-    known = offsets.parameters
-    values = tuple(known[name].value if name in known else 0.0 for name in PARAMETER_NAMES)
-    model = Model(offsets.machine.geometry(), values)
-    return {"": model_file(model, offsets.machine, offsets.cautions).text()}
+    return {"": model_file(offsets.model, offsets.machine, offsets.cautions).text()}
 
 
 def as_csv(offsets: Offsets) -> Written:
@@ -63,6 +58,7 @@ FORMATS = {
     "csv": as_csv,
     "model": as_model,
     "linuxcnc": linuxcnc.joint_includes,
+    "linuxcnc-kins": linuxcnc.with_kinematics,
 }
 """Each takes offsets and gives the texts of the files to write, by name ('' is the path itself)."""
 
@@ -73,7 +69,7 @@ def export_offsets(solved: SessionSolution, folder: Path) -> list[Path]:
     """Offsets of a solution in every format, into a folder. Raises RecordError."""
     offsets = offsets_from_solved(solved)
     paths: list[Path] = []
-    for name, written in FORMATS.items():
-        target = folder if name == "linuxcnc" else folder / FILE_NAMES[name]
-        paths += write_files(target, written(offsets))
+    for name in (*FILE_NAMES, "linuxcnc"):
+        target = folder / FILE_NAMES[name] if name in FILE_NAMES else folder
+        paths += write_files(target, FORMATS[name](offsets))
     return paths

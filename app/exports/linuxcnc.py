@@ -1,61 +1,209 @@
-"""Joint includes for LinuxCNC.
+"""Files for LinuxCNC: an include for each joint, its table where it has one, own kinematics.
 
-``HOME_OFFSET`` is the joint coordinate of the home switch, so with true = believed + d_rho:
-``HOME_OFFSET_new = HOME_OFFSET_old + d_rho`` (docs/export.md). The controller refuses comments
-behind a number; comments stand on lines of their own.
+``HOME_OFFSET`` is the joint coordinate of the home switch, so new = old + e(switch, direction of
+latching), e being true - believed place of the carriage (docs/export.md). A table is read in
+coordinates that are believed once that is entered, and BACKLASH is not looked at beside one: play
+goes into it. The controller refuses comments behind a number; they stand on lines of their own.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
-from pathlib import Path
+from dataclasses import dataclass
+from importlib import resources
 from textwrap import wrap
 
 from app.report.offsets import Offsets, one_line
 from app.report.schema.solution import Offset
 from app.report.text.tables import WIDTH, uncertain
-from calib.errors import RecordError, UsageError
+from calib.errors import ImpossibleRequest, UsageError
 from calib.observations import LEG_NAMES
-from protocols.documents import read_text
+from calib.tripod.controller import (
+    NOTHING_MM,
+    Controller,
+    ControllerJoint,
+    Table,
+    carriage_errors_mm,
+    kinematics_of,
+    left_at_tool_mm,
+    table_of,
+)
+from calib.tripod.pipeline import Model, Stage
 from protocols.files import Written
-from protocols.table import NUMBER
 
-MILLIMETRES = ("mm", "metric")
-LARGEST_MM = 100_000.0
-DEEPEST_INCLUDE = 8
+PLAY_ALONE_MM = 2e-4
+"""A table whose columns differ by play alone, within this, is BACKLASH."""
+
+MODULE = "orthoglidekins"
+WITHOUT_KINEMATICS = (Stage.ACTUATOR,)
+WITH_KINEMATICS = (Stage.ACTUATOR, Stage.FOOT, Stage.TOOL)
+TOUCHES_THE_TOOL = (Stage.ACTUATOR, Stage.FOOT, Stage.TOOL)
+
+
+@dataclass(frozen=True)
+class JointEntries:
+    """Entries of one joint, mm; ``home_change_mm`` is what HOME_OFFSET grows by."""
+
+    home_change_mm: float
+    backlash_mm: float = 0.0
+    table: Table | None = None
+
+
+def joint_entries(model: Model, drive: int, held: ControllerJoint) -> JointEntries:
+    """Entries of a drive's joint that now holds this.
+
+    Raises ImpossibleRequest for what a joint cannot take.
+    """
+    offset = model.parameters_mm[drive]
+    table = table_of(model, drive)
+    if table is None:
+        return JointEntries(offset)
+    if held.compensated:
+        raise ImpossibleRequest(
+            f"compensation table of joint {LEG_NAMES[drive]}",
+            "another one in the INI file, with which the machine was measured",
+            "a joint without COMP_FILE",
+            "Take the old table out of the INI file, measure again, and export then.",
+        )
+    least = float((table.error_down_mm - table.error_up_mm).min())
+    if least < -NOTHING_MM:
+        raise ImpossibleRequest(
+            f"play of joint {LEG_NAMES[drive]}",
+            f"{least:+.4f} mm",
+            "play that is not negative",
+            "It is no play: take the effect out with glidecal model --remove.",
+        )
+    # what homing meets at the switch is in the old value; an encoder meets nothing
+    change = offset
+    if not held.absolute_encoder:
+        change = carriage_errors_mm(model, held.home_offset_mm, held.latch_sign or 1)[drive]
+    play = float(table.error_down_mm.mean())
+    if max(abs(table.error_up_mm).max(), abs(table.error_down_mm - play).max()) < PLAY_ALONE_MM:
+        return JointEntries(change, held.backlash_mm + play)
+    half = held.backlash_mm / 2.0  # the controller adds it upwards and takes it off downwards
+    both = Table(table.joint_mm, table.error_up_mm - half, table.error_down_mm + half)
+    return JointEntries(change, table=both)
+
+
+def table_text(table: Table, mm_per_unit: float = 1.0) -> str:
+    """A COMP_FILE of type 1: believed coordinate, what is added to the motor up and down.
+
+    Numbers alone: LinuxCNC takes no heading, and stops at the first line that it cannot read.
+    """
+    rows = zip(table.joint_mm, table.error_up_mm, table.error_down_mm, strict=True)
+    return "".join(
+        f"{q / mm_per_unit:.6f} {-up / mm_per_unit:.6f} {-down / mm_per_unit:.6f}\n"
+        for q, up, down in rows
+    )
 
 
 def joint_includes(offsets: Offsets) -> Written:
-    """``calib_joint<n>.inc`` for n = 0, 1, 2. Raises UsageError where lengths cannot be held."""
+    """``calib_joint<n>.inc`` for each joint, and ``calib_joint<n>.comp`` where it needs a table.
+
+    Raises UsageError where lengths cannot be held, ImpossibleRequest as `joint_entries`.
+    """
     if offsets.lengths_mm:
         shown = ", ".join(f"{name} {value:+.4f}" for name, value in offsets.lengths_mm.items())
         raise UsageError(
             "LinuxCNC joint includes",
             f"leg length errors ({shown} mm)",
             "joint offsets alone: HOME_OFFSET cannot hold a length",
-            "Export with --subset joint-offsets, or use --format json.",
+            "Export with --subset joint-offsets, or use --format linuxcnc-kins.",
         )
-    old = offsets.home_offset_mm or (0.0, 0.0, 0.0)
-    return {
-        f"calib_joint{n}.inc": _include(offsets, n, old[n], offset)
-        for n, offset in enumerate(offsets.joint_offsets_mm)
-    }
+    return _includes(offsets, WITHOUT_KINEMATICS)
 
 
-def _include(offsets: Offsets, joint: int, old_mm: float, offset_mm: float) -> str:
-    name = f"d_rho_{LEG_NAMES[joint]}"
-    said = [
-        f"glidecal: joint {joint} ({LEG_NAMES[joint]}) of {one_line(offsets.machine.name)}, "
-        f"from {one_line(offsets.source)}",
-        f"old HOME_OFFSET {old_mm:.6f} mm + {name} {offset_mm:+.6f} mm",
+def with_kinematics(offsets: Offsets) -> Written:
+    """`joint_includes`, an own kinematics module and ``calib.hal`` with the values of its pins.
+
+    What moves a carriage along its own drive stays with the joints: nothing is corrected twice.
+    """
+    unit = offsets.controller.mm_per_unit if offsets.controller else 1.0
+    source = resources.files("app.exports").joinpath(f"{MODULE}.comp").read_text(encoding="utf-8")
+    said = [line for text in _origin(offsets) for line in _lines(text)]
+    hal = "".join(f"# {line}\n" for line in said) + pins(offsets.model, unit)
+    own = {f"{MODULE}.comp": source, "calib.hal": hal}
+    return {**_includes(offsets, WITH_KINEMATICS), **own}
+
+
+def _includes(offsets: Offsets, told: tuple[Stage, ...]) -> Written:
+    x, y, z = offsets.joint_offsets_mm  # all are stated
+    controller, written = offsets.controller, {}
+    if controller is None and any(e.stage == Stage.ACTUATOR for e in offsets.model.effects):
+        raise UsageError(
+            "LinuxCNC joint includes",
+            "effects along the drives, but not where the home switches are",
+            "--ini with the controller's INI file",
+            "Homing meets these effects at the switch, so HOME_OFFSET depends on its place.",
+        )
+    joints = _joints(controller)
+    for drive, offset in enumerate((x, y, z)):
+        joint = joints[drive]
+        held = controller.joints[joint] if controller else None
+        entries = joint_entries(offsets.model, drive, held) if held else JointEntries(offset)
+        unit = controller.mm_per_unit if controller else 1.0
+        said = [*_origin(offsets, joint, drive), *_of_joint(offsets, drive, held, entries)]
+        said += [*_left(offsets.model, told), *offsets.cautions]
+        put = f"put '#INCLUDE calib_joint{joint}.inc' directly under [JOINT_{joint}]"
+        lines = [f"# {line}" for text in said for line in _lines(text)]
+        lines.append(f"# {put}; LINEAR_UNITS = {'mm' if unit == 1.0 else f'1/{unit:g} mm'}")
+        if held:
+            lines.append(
+                f"HOME_OFFSET = {(held.home_offset_mm + entries.home_change_mm) / unit:.6f}"
+            )
+        if entries.backlash_mm and entries.table is None:
+            lines.append(f"BACKLASH = {entries.backlash_mm / unit:.6f}")
+        if entries.table is not None:
+            name = f"calib_joint{joint}.comp"
+            lines += [f"COMP_FILE = {name}", "COMP_FILE_TYPE = 1"]
+            written[name] = table_text(entries.table, unit)
+        written[f"calib_joint{joint}.inc"] = "\n".join(lines) + "\n"
+    return written
+
+
+def _joints(controller: Controller | None) -> tuple[int, ...]:
+    """The joint of each drive: by the axes that the kinematics name, else in their order."""
+    axes = controller.axes[:3] if controller and controller.axes else "XYZ"
+    return tuple(axes.index(a) for a in "XYZ") if set(axes) == set("XYZ") else (0, 1, 2)
+
+
+def _origin(offsets: Offsets, joint: int | None = None, drive: int = 0) -> list[str]:
+    of = "" if joint is None else f"joint {joint} ({LEG_NAMES[drive]}) of "
+    made = f", {one_line(offsets.made)}" if offsets.made else ""
+    return [
+        f"glidecal: {of}{one_line(offsets.machine.name)}, from {one_line(offsets.source)}{made}"
     ]
-    said += _known(name, offsets.parameters[name], lacks_fit=offsets.lacks_fit)
-    put = f"# put '#INCLUDE calib_joint{joint}.inc' directly under [JOINT_{joint}]; "
-    return (
-        "".join(f"# {line}\n" for text in [*said, *offsets.cautions] for line in _lines(text))
-        + f"{put}LINEAR_UNITS = mm\nHOME_OFFSET = {old_mm + offset_mm:.6f}\n"
-    )
+
+
+def _of_joint(
+    offsets: Offsets, drive: int, held: ControllerJoint | None, entries: JointEntries
+) -> Iterator[str]:
+    """How the value comes about, or what to add to one that nobody stated."""
+    name = f"d_rho_{LEG_NAMES[drive]}"
+    offset = offsets.parameters[name].value
+    if held is None:
+        yield (
+            f"nobody stated the present HOME_OFFSET: add {offset:+.6f} mm ({name}) to the value "
+            "that the controller holds now, and enter the sum"
+        )
+    else:
+        yield f"old HOME_OFFSET {held.home_offset_mm:.6f} mm + {name} {offset:+.6f} mm"
+        more = entries.home_change_mm - offset
+        if abs(more) > NOTHING_MM:
+            yield f"and {more:+.6f} mm that homing meets at the switch"
+    yield from _known(name, offsets.parameters[name], lacks_fit=offsets.lacks_fit)
+
+
+def _left(model: Model, told: tuple[Stage, ...]) -> Iterator[str]:
+    """Effects that these files do not hold, and what that leaves at the tool."""
+    mine = [one for one in model.effects if one.stage in TOUCHES_THE_TOOL]
+    held = dict.fromkeys(one.id for one in mine if one.stage in told)
+    out = dict.fromkeys(one.id for one in mine if one.stage not in told)
+    if held:
+        yield f"in these files: {', '.join(held)}"
+    if out:
+        left = f"{left_at_tool_mm(model, told, lengths=True):.4f} mm r.m.s. at the tool"
+        yield f"not in these files: {', '.join(out)}; that leaves {left}"
 
 
 def _known(name: str, one: Offset, *, lacks_fit: bool) -> list[str]:
@@ -78,43 +226,30 @@ def _lines(text: str) -> list[str]:
     return wrap(one_line(text), WIDTH, break_on_hyphens=False)
 
 
-def read_home_offsets(path: Path) -> tuple[float, float, float]:
-    """HOME_OFFSET of [JOINT_0], [JOINT_1] and [JOINT_2] in a LinuxCNC INI file, mm.
-
-    As in the controller the first occurrence of a key wins and a comment behind a number is an
-    error. Raises RecordError.
-    """
-    found: dict[tuple[str, str], str] = {}
-    section = ""
-    for line in _with_includes(path):
-        if heading := re.fullmatch(r"\s*\[(\w+)\]\s*", line):
-            section = heading[1]
-        elif entry := re.fullmatch(r"\s*(\w+)\s*=\s*(.*?)\s*", line):
-            found.setdefault((section, entry[1]), entry[2])
-    units = found.get(("TRAJ", "LINEAR_UNITS"), "mm")
-    if units.lower() not in MILLIMETRES:
-        raise RecordError(f"INI file {path}, LINEAR_UNITS", repr(units), ", ".join(MILLIMETRES))
-    x, y, z = (_number(path, f"JOINT_{n}", found) for n in range(3))
-    return x, y, z
+def pins(model: Model, mm_per_unit: float = 1.0) -> str:
+    """``calib.hal``: ``setp`` lines for the kinematics of a model, in the machine's unit."""
+    return "\n".join(_pins(model, mm_per_unit)) + "\n"
 
 
-def _with_includes(path: Path, depth: int = 0) -> Iterator[str]:
-    """The lines of an INI file with those of its included files in place."""
-    if depth > DEEPEST_INCLUDE:
-        raise RecordError(f"INI file {path}", "an include of an include …", "a few levels")
-    for line in read_text(path, "INI file").splitlines():
-        if include := re.fullmatch(r"\s*#INCLUDE\s+(\S+)\s*", line):
-            yield from _with_includes(path.parent / include[1], depth + 1)
-        else:
-            yield line
+def _pins(model: Model, mm_per_unit: float) -> Iterator[str]:
+    found, geometry = kinematics_of(model), model.geometry
+    vectors = {
+        "origin": found.origin_mm / mm_per_unit,
+        "direction": found.direction,
+        "bend": found.bend_per_mm * mm_per_unit,
+        "platform": geometry.platform / mm_per_unit,
+    }
+    figures = {"zero": found.zero_mm, "length": found.length_mm, "sag": found.sag_mm}
+    for drive in range(len(LEG_NAMES)):
+        for name, rows in vectors.items():
+            for axis, value in zip("xyz", rows[drive], strict=True):
+                yield _setp(f"{name}-{drive}-{axis}", value)
+        for name, values in figures.items():
+            yield _setp(f"{name}-{drive}", values[drive] / mm_per_unit)
+    for axis, value in zip("xyz", geometry.gravity, strict=True):
+        yield _setp(f"gravity-{axis}", value)
+    yield _setp("side", geometry.side)
 
 
-def _number(path: Path, section: str, found: dict[tuple[str, str], str]) -> float:
-    text = found.get((section, "HOME_OFFSET"), "")
-    if not NUMBER.fullmatch(text) or abs(float(text)) > LARGEST_MM:
-        raise RecordError(
-            f"INI file {path}, [{section}] HOME_OFFSET",
-            repr(text) if text else "nothing",
-            "a number with a decimal point and no comment behind it",
-        )
-    return float(text)
+def _setp(pin: str, value: float) -> str:
+    return f"setp {MODULE}.{pin} {float(value):.12g}"

@@ -175,6 +175,9 @@ class SolveOptions:
         Literal["equal", "covariance"],
         typer.Option(help="Linear method only: equal as in the papers, or covariance (14)."),
     ] = "equal"
+    model: Annotated[
+        Path | None, file("Fit the sizes of this model's effects together with the parameters.")
+    ] = None
     tolerance: Annotated[
         float | None, number("Judge the tool's r.m.s. error against this, mm.")
     ] = None
@@ -191,7 +194,9 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
     """Parameters with uncertainties from sessions. Raises UsageError for what they do not allow."""
     from app.evaluating.solution import solve_files
 
-    solved, warnings = solve_files(files, subset=own.subset, method=own.method, weights=own.weights)
+    solved, warnings = solve_files(
+        files, subset=own.subset, method=own.method, weights=own.weights, model=own.model
+    )
     for warning in warnings:
         say(f"glidecal: {warning}")
     judged = mapped = simulated = None
@@ -215,7 +220,10 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
     def document() -> Report:
         from app.report.schema.solution import SolutionReport
 
-        return SolutionReport.of(solved=solved, judged=judged, maps=mapped, simulated=simulated)
+        sizes = solved.solution.sizes or None
+        return SolutionReport.of(
+            solved=solved, sizes=sizes, judged=judged, maps=mapped, simulated=simulated
+        )
 
     return Answer(text, document)
 

@@ -11,10 +11,13 @@ from app.evaluating.solution import SessionSolution, solve_files
 from app.report.schema.document import rows
 from app.report.schema.solution import Offset
 from app.report.text.caveats import caveats
+from app.version import VERSION
 from calib.errors import RecordError
 from calib.identify.solution import LACK_OF_FIT_LEVEL, Method, Subset
 from calib.printable import printable
+from calib.tripod.controller import Controller
 from calib.tripod.geometry import PARAMETER_NAMES
+from calib.tripod.pipeline import Model
 from protocols.machine import Machine
 from protocols.model_file import is_model, read_model_file, to_model
 
@@ -29,14 +32,16 @@ class Offsets:
 
     ``cautions`` are what stands below the first lines of the result, and that a session is
     unfinished, one line each; with ``lacks_fit`` its warning counts what the model leaves as
-    noise. ``home_offset_mm`` are the controller's present values, None where nobody stated
-    them.
+    noise. ``model`` holds the parameters, and effects fitted with them. ``controller`` is what the
+    controller holds now, None where nobody stated it; ``made`` tells when, and by which program.
     """
 
     source: str
     machine: Machine
     parameters: dict[str, Offset]
-    home_offset_mm: tuple[float, float, float] | None
+    model: Model
+    controller: Controller | None
+    made: str = ""
     remarks: tuple[str, ...] = ()
     cautions: tuple[str, ...] = ()
     lacks_fit: bool = False
@@ -81,11 +86,24 @@ def offsets_from_solved(solved: SessionSolution) -> Offsets:
             solution.coverage_factors,
             solution.enlarged_expanded_mm,
         ),
-        home_offset_mm=machine.home_offset_mm,
+        model=solution.model,
+        controller=_stated(machine),
+        made=_made(solved),
         remarks=tuple(remarks),
         cautions=tuple(map(one_line, caveats(solved))),
         lacks_fit=fit is not None and fit.p_value < LACK_OF_FIT_LEVEL,
     )
+
+
+def _stated(machine: Machine) -> Controller | None:
+    """What the machine file says that the controller holds."""
+    return Controller.homed_at(machine.home_offset_mm) if machine.home_offset_mm else None
+
+
+def _made(solved: SessionSolution) -> str:
+    """When the sessions were measured, and the program's version."""
+    days = sorted({f"{one.opened.at:%Y-%m-%d}" for one in solved.sessions})
+    return f"measured {', '.join(days)}, glidecal {VERSION}"
 
 
 def one_line(text: str) -> str:
@@ -93,28 +111,33 @@ def one_line(text: str) -> str:
     return printable(" ".join(text.split()))
 
 
-def offsets_from_file(path: Path, subset: Subset, method: Method) -> Offsets:
+def offsets_from_file(
+    path: Path, subset: Subset, method: Method, model: Path | None = None
+) -> Offsets:
     """Offsets of a session or a model file; an unfinished session is a caution, too.
+
+    With a model the sizes of its effects are fitted to the session, too.
 
     Raises RecordError where the file is neither, NotIdentifiable where it gives no result.
     """
     if is_model(path):
         return _offsets_from_model(path)
-    solved, warnings = solve_files([path], subset=subset, method=method)
+    solved, warnings = solve_files([path], subset=subset, method=method, model=model)
     offsets = offsets_from_solved(solved)
     return replace(offsets, cautions=(*map(one_line, warnings), *offsets.cautions))
 
 
 def _offsets_from_model(path: Path) -> Offsets:
     found = read_model_file(path)
-    to_model(found, f"model {path}", known_laws())
+    model = to_model(found, f"model {path}", known_laws())
     _all_stated(f"model {path}, parameters_mm", found.parameters_mm)
     stated = [name for name in PARAMETER_NAMES if name in found.parameters_mm]
     return Offsets(
         source=path.name,
         machine=found.machine,
         parameters={name: Offset(found.parameters_mm[name]) for name in stated},
-        home_offset_mm=found.machine.home_offset_mm,
+        model=model,
+        controller=_stated(found.machine),
         cautions=tuple(dict.fromkeys([NOT_KNOWN, *(found.cautions or ())])),
     )
 

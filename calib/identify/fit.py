@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +14,9 @@ from calib.linalg import EXACT_BLIND, without_means
 from calib.newton import Evaluate, Optimum, minimise
 from calib.observations import FloatArray, IntArray, Observations
 from calib.tripod.differences import Differences, reading_matrix
-from calib.tripod.pipeline import Model, derivatives, simulate
+from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.geometry import PARAMETER_NAMES
+from calib.tripod.pipeline import COMPLEX_STEP_MM, Effect, Model, derivatives, simulate
 from calib.tripod.plain import PlainDesign, plain_design
 
 TOLERANCE = 1e-14
@@ -23,19 +27,48 @@ ROUNDING_STEP = 1e-4
 """In tolerances: no step of this size matters."""
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """Parameters ``(6,)`` in mm with the free ones fitted, and how the readings made them.
+@dataclass(frozen=True)
+class Size:
+    """A value of the model's effects that is fitted beside the parameters, in its own unit.
 
-    ``design`` ``(n_readings, k)`` holds the derivatives of the readings by the free parameters,
-    ``predicted_mm`` ``(n_readings,)`` the readings without zeros by the same form of the model, and
-    ``estimator`` ``(k, n_readings)`` what a change of each reading does to each free parameter.
+    ``at`` are number of the effect in the model and of the value in it: places may share one.
+    ``tolerance`` is a size that nobody would remark on.
     """
 
-    parameters_mm: FloatArray
+    name: str
+    unit: str
+    tolerance: float
+    at: tuple[tuple[int, int], ...]
+
+    def value(self, model: Model) -> float:
+        """What the model says."""
+        effect, number = self.at[0]
+        return float(np.real(cast(EffectInstance, model.effects[effect]).values[number]))
+
+    def steps(self, model: Model) -> tuple[Effect, ...]:
+        """The model's effects with this size a complex step further."""
+        return _moved_to(model, (), (self,), [self.value(model) + 1j * COMPLEX_STEP_MM]).effects
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The model with the free parameters fitted, and how the readings made them.
+
+    ``design`` ``(n_readings, k)`` holds the derivatives of the readings by what is free, sizes of
+    effects behind parameters, ``predicted_mm`` ``(n_readings,)`` the readings without zeros by the
+    same form of the model, and ``estimator`` ``(k, n_readings)`` what a change of each reading does
+    to each of them.
+    """
+
+    model: Model
     design: FloatArray
     predicted_mm: FloatArray
     estimator: FloatArray
+
+    @property
+    def parameters_mm(self) -> FloatArray:
+        """All six parameters ``(6,)``, mm."""
+        return np.array(self.model.parameters_mm)
 
 
 def without_zeros(observed: Observations, weight: FloatArray, rows: FloatArray) -> FloatArray:
@@ -76,7 +109,7 @@ def _linear(
     step = estimator @ (observed.value_mm - nominal)
     parameters = np.array(model.parameters_mm)
     parameters[list(free)] += step
-    return Fit(parameters, design, nominal + design @ step, estimator)
+    return Fit(model.with_parameters(parameters), design, nominal + design @ step, estimator)
 
 
 def _estimator(observed: Observations, weight: FloatArray, design: FloatArray) -> FloatArray:
@@ -87,90 +120,131 @@ def _estimator(observed: Observations, weight: FloatArray, design: FloatArray) -
 
 
 def exact_fit(
-    model: Model, observed: Observations, free: tuple[int, ...], weight: FloatArray
+    model: Model,
+    observed: Observations,
+    free: tuple[int, ...],
+    weight: FloatArray,
+    sizes: tuple[Size, ...] = (),
 ) -> Fit:
     """Nonlinear weighted least squares on raw readings through the exact pipeline.
 
-    Raises NotIdentifiable where the legs cannot meet or no optimum is found.
+    ``sizes`` of the model's effects are fitted with the parameters. Raises NotIdentifiable where
+    the legs cannot meet or no optimum is found.
     """
     if model.effects:
-        values = _fit_with_effects(model, observed, free, weight)
+        fitted = _fit_with_effects(model, observed, free, weight, sizes)
     else:
         optimum = PlainFit.of(model, observed, free, weight).solve(observed.value_mm[:, None])
         if not optimum.converged[0]:
             raise _no_optimum("no optimum within reach")
-        values = optimum.values[:, 0]
-    parameters = np.array(model.parameters_mm)
-    parameters[list(free)] = values
+        fitted = _moved_to(model, free, (), optimum.values[:, 0])
     try:
-        design = derivatives(model.geometry, parameters, observed, model.effects)[:, list(free)]
-        fitted = model.with_parameters(parameters).readings(observed)
+        design = _columns(fitted, observed, free, sizes)
+        predicted = fitted.readings(observed)
     except UnreachablePosture as problem:
         raise _no_optimum(str(problem)) from problem
-    return Fit(parameters, design, fitted, _estimator(observed, weight, design))
+    return Fit(fitted, design, predicted, _estimator(observed, weight, design))
 
 
 def prior_fit(
-    model: Model, observed: Observations, weight: FloatArray, tolerance_mm: FloatArray
+    model: Model,
+    observed: Observations,
+    weight: FloatArray,
+    tolerance_mm: FloatArray,
+    sizes: tuple[Size, ...] = (),
 ) -> Fit:
     """All six parameters, each held to the model's value by its tolerance ``(6,)``, mm.
 
     The tolerance of a part is the standard deviation of a normal prior (Bayes; ridge regression
     with a weight for each parameter), so directions that the readings do not see stay where the
-    parts' tolerances put them. Raises NotIdentifiable as `exact_fit`.
+    parts' tolerances put them. Sizes of effects are free. Raises NotIdentifiable as `exact_fit`.
     """
-    base = np.array(model.parameters_mm)
-    precision = np.diag(tolerance_mm**-2.0)
-    parameters = base.copy()
+    free = tuple(range(len(PARAMETER_NAMES)))
+    tolerance = np.concatenate([tolerance_mm, np.full(len(sizes), np.inf)])
+    precision = np.diag(tolerance**-2.0)
+    base = _values_of(model, free, sizes)
+    values, least = base, np.append(tolerance_mm, [size.tolerance for size in sizes])
     for _ in range(MOST_STEPS):
+        fitted = _moved_to(model, free, sizes, values)
         try:
-            design = derivatives(model.geometry, parameters, observed, model.effects)
-            fitted = model.with_parameters(parameters).readings(observed)
+            design = _columns(fitted, observed, free, sizes)
+            predicted = fitted.readings(observed)
         except UnreachablePosture as problem:
             raise _no_optimum(str(problem)) from problem
         centred = without_zeros(observed, weight, design)
         pull = centred.T * weight
         inverse = np.linalg.inv(pull @ centred + precision)
         estimator = np.asarray(inverse @ pull)
-        step = estimator @ (observed.value_mm - fitted) + inverse @ precision @ (base - parameters)
-        parameters = parameters + step
+        step = estimator @ (observed.value_mm - predicted) + inverse @ precision @ (base - values)
+        values = values + step
+        # with very little noise, rounding goes on along what only the tolerances hold
         if float(np.abs(step).max()) < SMALL_STEP_MM:
-            return Fit(parameters, design, fitted, estimator)
-    # with very little noise, rounding goes on along what only the tolerances hold
-    if (np.abs(step) < ROUNDING_STEP * tolerance_mm).all():
-        return Fit(parameters, design, fitted, estimator)
-    raise _no_optimum(f"no rest after {MOST_STEPS} steps")
+            break
+    else:
+        if not (np.abs(step) < ROUNDING_STEP * least).all():
+            raise _no_optimum(f"no rest after {MOST_STEPS} steps")
+    return Fit(_moved_to(model, free, sizes, values), design, predicted, estimator)
+
+
+def _values_of(model: Model, free: Sequence[int], sizes: Sequence[Size]) -> FloatArray:
+    """Free parameters, then sizes ``(k,)``."""
+    base = np.array(model.parameters_mm)[list(free)]
+    return np.concatenate([base, [size.value(model) for size in sizes]])
+
+
+def _moved_to(
+    model: Model, free: Sequence[int], sizes: Sequence[Size], values: Sequence[Any] | FloatArray
+) -> Model:
+    """The model with these free parameters and sizes ``(k,)``, which may be complex in sizes."""
+    parameters = np.array(model.parameters_mm)
+    parameters[list(free)] = np.real(values[: len(free)])
+    effects = list(model.effects)
+    for size, value in zip(sizes, values[len(free) :], strict=True):
+        for effect, number in size.at:
+            effects[effect] = cast(EffectInstance, effects[effect]).with_value(number, value)
+    return replace(model.with_parameters(parameters), effects=tuple(effects))
+
+
+def _columns(
+    model: Model, observed: Observations, free: Sequence[int], sizes: Sequence[Size]
+) -> FloatArray:
+    """Derivatives ``(n_readings, k)`` by free parameters and sizes, by the complex step."""
+    base = derivatives(model.geometry, model.parameters_mm, observed, model.effects)
+    columns = [base[:, list(free)]]
+    for size in sizes:
+        stepped = simulate(model.geometry, model.parameters_mm, observed, size.steps(model))
+        columns.append(stepped.imag[:, None] / COMPLEX_STEP_MM)
+    return np.hstack(columns)
 
 
 def _fit_with_effects(
-    model: Model, observed: Observations, free: tuple[int, ...], weight: FloatArray
-) -> NDArray[np.float64]:
-    """Free parameters ``(k,)`` through the stages, by scipy's trust region."""
+    model: Model,
+    observed: Observations,
+    free: tuple[int, ...],
+    weight: FloatArray,
+    sizes: tuple[Size, ...],
+) -> Model:
+    """The model at the optimum through the stages, by scipy's trust region."""
     from scipy.optimize import least_squares  # 0.1 s to import: only where used
 
-    index = list(free)
     root_weight = np.sqrt(weight)
-    base = np.array(model.parameters_mm)
-
-    def parameters(values: FloatArray) -> FloatArray:
-        full = base.copy()
-        full[index] = values
-        return full
 
     def residual(values: NDArray[np.float64]) -> FloatArray:
         try:
-            predicted = simulate(model.geometry, parameters(values), observed, model.effects)
+            predicted = _moved_to(model, free, sizes, values).readings(observed)
         except UnreachablePosture:
             return np.full(len(observed), np.nan)  # the trust region then takes a shorter step
         return root_weight * without_zeros(observed, weight, observed.value_mm - predicted)
 
     def jacobian(values: NDArray[np.float64]) -> FloatArray:
-        columns = derivatives(model.geometry, parameters(values), observed, model.effects)
-        return -root_weight[:, None] * without_zeros(observed, weight, columns[:, index])
+        columns = _columns(_moved_to(model, free, sizes, values), observed, free, sizes)
+        return -root_weight[:, None] * without_zeros(observed, weight, columns)
 
-    start = weighted_fit(model, observed, free, weight).parameters_mm[index]
+    base = _values_of(model, free, sizes)
+    start = base.copy()
+    start[: len(free)] = weighted_fit(model, observed, free, weight).parameters_mm[list(free)]
     if not np.isfinite(residual(start)).all():
-        start = base[index]
+        start = base
     try:
         found = least_squares(
             residual,
@@ -185,7 +259,7 @@ def _fit_with_effects(
         raise _no_optimum(str(problem)) from problem
     if not found.success:
         raise _no_optimum(str(found.message))
-    return np.asarray(found.x)
+    return _moved_to(model, free, sizes, found.x)
 
 
 def _no_optimum(found: str) -> NotIdentifiable:
@@ -196,9 +270,6 @@ def _no_optimum(found: str) -> NotIdentifiable:
         "Look for a wrong reading or unit; `glidecal solve` with --subset joint-offsets or"
         " --method linear may still answer.",
     )
-
-
-COMPLEX_STEP_MM = 1e-30
 
 
 @dataclass(frozen=True, eq=False)

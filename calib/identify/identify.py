@@ -16,11 +16,28 @@ from typing import Self
 
 import numpy as np
 
-from calib.design.identifiability import Identifiability, analyse, refuse_unseen
+from calib.design.identifiability import Identifiability, Sensitivity, analyse, refuse_unseen
 from calib.errors import NotIdentifiable
-from calib.identify.fit import Fit, exact_fit, papers_fit, prior_fit, weighted_fit, without_zeros
+from calib.identify.fit import (
+    Fit,
+    Size,
+    exact_fit,
+    papers_fit,
+    prior_fit,
+    weighted_fit,
+    without_zeros,
+)
 from calib.identify.propagation import Propagation, propagate, uncertainties
-from calib.identify.solution import SUBSETS, Method, Solution, Subset, Weights, lack_of_fit
+from calib.identify.solution import (
+    SUBSETS,
+    FittedSize,
+    Method,
+    Solution,
+    Subset,
+    Weights,
+    lack_of_fit,
+)
+from calib.linalg import DEPENDENT, basis_of, without
 from calib.noise.reading import (
     IndicatorFigures,
     IndicatorNoise,
@@ -36,6 +53,9 @@ from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 from calib.tripod.sensitivity import sensitivity_of_readings
 
+NOTICED = 50.0
+"""Tolerances: so large an effect would be seen without measuring, as offsets of 5 mm would."""
+
 
 def identify(
     model: Model,
@@ -46,33 +66,46 @@ def identify(
     weights: Weights = "equal",
     indicator: IndicatorFigures | None = None,
     tolerance_mm: FloatArray | None = None,
+    sizes: tuple[Size, ...] = (),
 ) -> Solution:
     """Identify the parameters of a subset; the others keep the model's values.
+
+    ``sizes`` of the model's effects are fitted with them, by the exact method only.
 
     ``weights`` matters for the linear method only. The indicator's figures serve as noise where
     there are no repeats. The subset ``with-tolerances`` needs ``tolerance_mm`` ``(6,)``, takes the
     exact method and always determines everything; its covariance holds the tolerances too. Raises
     NotIdentifiable where the readings do not determine the subset.
     """
-    told = Told.of(model, observed, indicator or IndicatorFigures())
+    told = Told.of(model, observed, indicator or IndicatorFigures(), sizes)
     return identify_from(told, subset, method, weights=weights, tolerance_mm=tolerance_mm)
 
 
 @dataclass(frozen=True, eq=False)
 class Told:
-    """What readings tell before any set of parameters is chosen; ``noise`` None: nothing of it."""
+    """What readings tell before any set of parameters is chosen; ``noise`` None: nothing of it.
+
+    ``sizes`` of the model's effects are free with every set.
+    """
 
     model: Model
     visited: Observations
     measured: Differences
     noise: Noise | None
+    sizes: tuple[Size, ...]
 
     @classmethod
-    def of(cls, model: Model, observed: Observations, indicator: IndicatorFigures) -> Self:
+    def of(
+        cls,
+        model: Model,
+        observed: Observations,
+        indicator: IndicatorFigures,
+        sizes: tuple[Size, ...] = (),
+    ) -> Self:
         """Raises NotIdentifiable where no mounting has two postures."""
         visited = visits(observed)
         measured = differences(model.geometry, visited)
-        return cls(model, visited, measured, reading_noise(visited, indicator))
+        return cls(model, visited, measured, reading_noise(visited, indicator), sizes)
 
 
 def identify_from(
@@ -87,7 +120,7 @@ def identify_from(
     free = SUBSETS[subset]
     model, visited, measured, noise = told.model, told.visited, told.measured, told.noise
     weight = reading_weights(visited, noise)
-    efficient = _efficient_fit(model, visited, subset, method, noise, tolerance_mm)
+    efficient = _efficient_fit(told, subset, method, tolerance_mm)
     held = subset == "with-tolerances"
     papers = method == "linear" and weights == "equal" and not held
     fit = papers_fit(model, visited, free, measured) if papers else efficient
@@ -97,20 +130,24 @@ def identify_from(
         weight = reading_weights(visited, noise)
     spread = propagate(fit.estimator, visited, noise)
     if held and tolerance_mm is not None:
-        spread = spread.with_prior(visited, weight, fit.design, tolerance_mm)
+        unbounded = np.full(len(told.sizes), np.inf)
+        tolerance = np.concatenate([tolerance_mm, unbounded])
+        spread = spread.with_prior(visited, weight, fit.design, tolerance)
     before = measured.combine @ model.readings(visited)
     predicted = measured.combine @ fit.predicted_mm
+    k = len(free)
     system = measured.combine @ fit.design
     return Solution(
-        model=model.with_parameters(fit.parameters_mm),
+        model=fit.model,
         subset=subset,
         method=method,
         weights="equal" if papers else "covariance",
         names=tuple(PARAMETER_NAMES[k] for k in free),
         values_mm=fit.parameters_mm[list(free)],
-        covariance_mm2=spread.covariance_mm2,
-        held_mm2=spread.held_mm2,
-        coverage_factors=_coverage(spread),
+        covariance_mm2=spread.covariance_mm2[:k, :k],
+        held_mm2=spread.held_mm2[:k, :k],
+        coverage_factors=_coverage(spread)[:k],
+        sizes=_fitted(told.sizes, fit.model, spread),
         differences=measured,
         difference_uncertainty_mm=uncertainties(measured.combine, visited, noise),
         predicted_mm=predicted,
@@ -119,7 +156,7 @@ def identify_from(
         degrees_of_freedom=(
             len(measured) if method == "linear" else len(visited) - visited.mount_count
         )
-        - len(free),
+        - fit.design.shape[1],
         noise=noise,
         lack_of_fit=lack_of_fit(
             visited,
@@ -129,39 +166,34 @@ def identify_from(
         ),
         condition_number=float(np.linalg.cond(system)),
         weak_directions=_seen(
-            model, visited, weight, efficient, free, noise, tolerance_mm if held else None
+            told, weight, efficient, free, noise, tolerance_mm if held else None
         ).weak,
         residual_mm=without_zeros(visited, weight, visited.value_mm - fit.predicted_mm),
     )
 
 
 def _efficient_fit(
-    model: Model,
-    visited: Observations,
-    subset: Subset,
-    method: Method,
-    noise: Noise | None,
-    tolerance_mm: FloatArray | None,
+    told: Told, subset: Subset, method: Method, tolerance_mm: FloatArray | None
 ) -> Fit:
     """The best estimate of its kind, refused where some combination is not seen."""
+    model, visited, noise = told.model, told.visited, told.noise
     free, weight = SUBSETS[subset], reading_weights(visited, noise)
     if subset == "with-tolerances":
         if tolerance_mm is None or noise is None:
             found = "no tolerances" if tolerance_mm is None else "no noise to weigh them with"
             raise NotIdentifiable("the set 'with-tolerances'", found, "both of them")
-        return prior_fit(model, visited, weight, tolerance_mm)
+        return prior_fit(model, visited, weight, tolerance_mm, told.sizes)
     linear = weighted_fit(model, visited, free, weight)
-    refuse_unseen(_seen(model, visited, weight, linear, free, noise), subset)
+    refuse_unseen(_seen(told, weight, linear, free, noise), subset)
     if method == "linear":
         return linear
-    exact = exact_fit(model, visited, free, weight)
-    refuse_unseen(_seen(model, visited, weight, exact, free, noise), subset)
+    exact = exact_fit(model, visited, free, weight, told.sizes)
+    refuse_unseen(_seen(told, weight, exact, free, noise), subset)
     return exact
 
 
 def _seen(
-    model: Model,
-    visited: Observations,
+    told: Told,
     weight: FloatArray,
     fit: Fit,
     free: tuple[int, ...],
@@ -169,13 +201,48 @@ def _seen(
     tolerance_mm: FloatArray | None = None,
 ) -> Identifiability:
     """What the readings see; with tolerances ``(k,)`` these count as measurements beside them."""
+    k = len(free)
+    root = np.sqrt(weight)[:, None]
+    if fit.design.shape[1] > k:  # sizes of effects are fitted too: what they take is not seen
+        centred = root * without_zeros(told.visited, weight, fit.design)
+        sizes, base = centred[:, k:], centred[:, :k]
+        design = without(basis_of(sizes, DEPENDENT), base) / root
+        _refuse_unseen_sizes(told, without(basis_of(base, DEPENDENT), sizes), noise)
+    else:
+        design = fit.design
     seen = sensitivity_of_readings(
-        model.geometry, visited, weight, fit.design, free, noise_known=noise is not None
+        told.model.geometry, told.visited, weight, design, free, noise_known=noise is not None
     )
     if tolerance_mm is not None:
         rows = np.vstack([seen.jacobian, np.diag(1.0 / tolerance_mm)])
         seen = replace(seen, jacobian=rows)
     return analyse(seen)
+
+
+def _refuse_unseen_sizes(told: Told, columns: FloatArray, noise: Noise | None) -> None:
+    """Refuse a model with effects whose sizes these readings do not show, by their names."""
+    sizes = told.sizes
+    shown = Sensitivity(
+        names=tuple(size.name for size in sizes),
+        jacobian=columns,
+        tolerance=np.array([NOTICED * size.tolerance for size in sizes]),
+        noise_known=noise is not None,
+    )
+    refuse_unseen(analyse(shown), "effects of the model")
+
+
+def _fitted(sizes: tuple[Size, ...], model: Model, spread: Propagation) -> tuple[FittedSize, ...]:
+    """Sizes as they were found, behind the parameters in the covariance."""
+    found = zip(
+        sizes,
+        spread.uncertainty_mm[len(spread.uncertainty_mm) - len(sizes) :],
+        _coverage(spread)[len(spread.uncertainty_mm) - len(sizes) :],
+        strict=True,
+    )
+    return tuple(
+        FittedSize(size.name, size.unit, size.value(model), float(u), float(k))
+        for size, u, k in found
+    )
 
 
 def _coverage(spread: Propagation) -> FloatArray:

@@ -38,12 +38,24 @@ class LackOfFit:
     p_value: float
 
 
+@dataclass(frozen=True)
+class FittedSize:
+    """A size of an effect that was fitted with the parameters, in its own unit."""
+
+    name: str
+    unit: str
+    value: float
+    standard_uncertainty: float
+    coverage_factor: float
+
+
 @dataclass(frozen=True, eq=False)
 class Solution:
     """Identified parameters of one subset with everything needed to trust them or not.
 
     ``names``, ``values_mm`` and ``coverage_factors`` (95 %) have k entries, ``covariance_mm2`` is
-    ``(k, k)``, of which ``held_mm2`` is what tolerances leave open.
+    ``(k, k)``, of which ``held_mm2`` is what tolerances leave open; what effects fitted with them,
+    ``sizes``, leave open is in it.
     ``predicted_mm`` and ``difference_uncertainty_mm`` belong to ``differences``,
     ``(n_differences,)`` each.
     Uncertainties carry the noise of the readings; they do not carry what the model leaves out.
@@ -69,6 +81,7 @@ class Solution:
     condition_number: float
     weak_directions: tuple[Direction, ...]
     residual_mm: FloatArray
+    sizes: tuple[FittedSize, ...] = ()
 
     @property
     def coverage_factor(self) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.errors import NotIdentifiable
 from calib.identify.accuracy import ToolError, tool_error
+from calib.identify.fit import Size
 from calib.identify.identify import Told, identify_from
 from calib.identify.solution import SUBSETS, Method, Solution, Subset, Weights
 from calib.noise.reading import IndicatorFigures
@@ -71,15 +72,18 @@ def choose_subset(
     weights: Weights = "equal",
     indicator: IndicatorFigures | None = None,
     tolerance_mm: FloatArray | None = None,
+    sizes: tuple[Size, ...] = (),
 ) -> SubsetChoice:
     """Identify all subsets and compare variance plus squared bias at the tool.
+
+    ``sizes`` of the model's effects are fitted with each of them.
 
     Bias of a smaller set is what the full set would change at the tool, less what chance alone
     would change; noise is the larger of the reading noise and what the full set leaves. Effects
     outside the six parameters are not in these figures. Raises NotIdentifiable where not even one
     subset is determined.
     """
-    told = Told.of(model, observed, indicator or IndicatorFigures())
+    told = Told.of(model, observed, indicator or IndicatorFigures(), sizes)
     solutions: dict[Subset, Solution] = {}
     refused: dict[Subset, NotIdentifiable] = {}
     wanted = [s for s in SUBSETS if s != "with-tolerances" or tolerance_mm is not None]

@@ -94,16 +94,29 @@ def simulate(
     bar, or of the tool, that is touched in the Zero posture, so it is zero there but for effects;
     the unknown zero of each mounting is not added. Raises UnreachablePosture.
     """
-    parameters = np.asarray(parameters_mm)
     with_zero = _append_zero_row(taken)
+    flow = posture(geometry, parameters_mm, with_zero, command(geometry, with_zero), effects)
+    flow = replace(flow, fraction=touched_fraction(flow))
+    return reading(flow, touched_point(flow))[..., :-1]
+
+
+def posture(
+    geometry: Geometry,
+    parameters_mm: ArrayLike,
+    taken: Conditions,
+    command_mm: FloatArray,
+    effects: Sequence[Effect] = (),
+) -> Flow:
+    """The machine as far as the tool, for joint coordinates ``(n, 3)``; see `simulate`."""
+    parameters = np.asarray(parameters_mm)
     none = np.empty(0)
     flow = Flow(
         geometry=geometry,
-        taken=with_zero,
+        taken=taken,
         effects=effects,
         joint_offset_mm=parameters[..., None, :3],
         length_error_mm=parameters[..., None, 3:],
-        command_mm=command(geometry, with_zero),
+        command_mm=command_mm,
         carriage_mm=none,
         foot_mm=none,
         tool_mm=none,
@@ -111,9 +124,7 @@ def simulate(
     )
     flow = replace(flow, carriage_mm=actuator(flow))
     flow = replace(flow, foot_mm=foot(flow))
-    flow = replace(flow, tool_mm=tool(flow))
-    flow = replace(flow, fraction=touched_fraction(flow))
-    return reading(flow, touched_point(flow))[..., :-1]
+    return replace(flow, tool_mm=tool(flow))
 
 
 def command(geometry: Geometry, taken: Conditions) -> FloatArray:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from calib.observations import FloatArray
+from calib.observations import FloatArray, tool_conditions
 from calib.tripod.geometry import Geometry
 from calib.tripod.kinematics import inverse, tool_jacobians
+from calib.tripod.pipeline import Flow, Model, posture
 
 POINTS_PER_AXIS = 5
 
@@ -39,3 +42,13 @@ def tool_jacobian_at(geometry: Geometry, tool_mm: FloatArray) -> FloatArray:
         at_zero = tool_jacobians(geometry, np.zeros(3), geometry.zero_mm)
         jacobian = jacobian - np.concatenate(at_zero, axis=1)
     return jacobian
+
+
+def machine_at(model: Model, joint_mm: FloatArray, way: float) -> Flow:
+    """The machine as far as the tool for joint coordinates ``(n, 3)``, all reached one ``way``.
+
+    1 is upwards, -1 downwards. Raises UnreachablePosture.
+    """
+    taken = tool_conditions(np.zeros((len(joint_mm), 3)))
+    taken = replace(taken, movement=np.full((len(joint_mm), 3), way))
+    return posture(model.geometry, model.parameters_mm, taken, joint_mm, model.effects)

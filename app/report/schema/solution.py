@@ -149,6 +149,16 @@ class SimulatedSessions(Report):
     ] = at("simulated")
 
 
+class FittedSize(Report):
+    """A size of an effect of the model, fitted with the parameters."""
+
+    name: str
+    unit: str
+    value: float
+    standard_uncertainty: float
+    coverage_factor: float
+
+
 class SolutionReport(Report):
     """``solve --json``: `SessionSolution`; what was asked beyond it is there only then."""
 
@@ -186,6 +196,7 @@ class SolutionReport(Report):
     weak_directions: tuple[WeakDirection, ...] = at("solved.solution.weak_directions")
     recommended_subset: Subset = at("solved.choice.recommended")
     reasons: tuple[str, ...] = at("solved.choice.reasons")
+    effects: tuple[FittedSize, ...] | None = asked("sizes", "with --model")
     tolerance: Judgement | None = asked("judged", "with --tolerance")
     tool_maps: tuple[ToolMap, ...] | None = asked("maps", "with --map")
     monte_carlo: Annotated[SimulatedSessions | None, called("simulated")] = asked(

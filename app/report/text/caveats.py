@@ -22,8 +22,8 @@ SUBSET_WORDS: dict[Subset, str] = {
 }
 
 UNKNOWN_HOME_OFFSET = (
-    "nobody stated the present HOME_OFFSET, 0 was assumed for every joint; state it in the "
-    "machine file, or give --ini or --home-offset to glidecal export."
+    "nobody stated the present HOME_OFFSET, so the files hold no value to enter, only what to add "
+    "to the present one; give --ini or --home-offset, or state it in the machine file."
 )
 
 MOST_NAMED = 8

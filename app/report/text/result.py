@@ -31,6 +31,7 @@ def solution_text(solved: SessionSolution) -> str:
         ),
         wrapped("\n".join([_verdict(solved), *caveats(solved)])),
         _parameter_table(solution),
+        *([_size_table(solution)] if solution.sizes else []),
         _difference_table(solution),
         _subset_table(solved),
         wrapped(_noise_words(solution)),
@@ -85,6 +86,17 @@ def _parameter_table(solution: Solution) -> str:
     decimals = decimals_for(float(solution.expanded_mm.min()), 4)
     for name, value, expanded, u in zip(*rows, strict=True):
         table.add_row(name, signed(value, decimals), uncertain(expanded, 4), uncertain(u, 4))
+    return table_text(table)
+
+
+def _size_table(solution: Solution) -> str:
+    """Sizes of the model's effects, fitted with the parameters."""
+    table = new_table("fitted with them", "value", "± U (95 %)", "unit")
+    for size in solution.sizes:
+        half = size.coverage_factor * size.standard_uncertainty
+        table.add_row(
+            size.name, signed(size.value, decimals_for(half, 4)), uncertain(half, 4), size.unit
+        )
     return table_text(table)
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import permutations
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,6 +98,11 @@ class EffectInstance:
     def stage(self) -> Stage:
         """The stage of the law."""
         return self.law.stage
+
+    def with_value(self, number: int, value: float | complex) -> Self:
+        """The same with one other value."""
+        values = (*self.values[:number], value, *self.values[number + 1 :])
+        return replace(self, values=values)
 
     def change(self, passing: NDArray[Any], flow: Flow) -> NDArray[Any]:
         """The law with these values, at this place."""

@@ -1,0 +1,198 @@
+"""What a controller would have to be told: carriage errors, kinematics, and what neither holds.
+
+q is the joint coordinate that the controller believes, e(q) = true - believed place of the
+carriage. The stages of the pipeline alone tell what an effect does: those of the actuator go into
+entries of a joint, those of foot and tool into the kinematics, the others harm no tool.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.errors import ImpossibleRequest
+from calib.observations import FloatArray
+from calib.tripod.effects.bars import GravitySag
+from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.kinematics import inverse
+from calib.tripod.pipeline import Model, Stage
+from calib.tripod.workspace import machine_at, workspace_points
+
+MOST_POINTS = 256
+"""Lines of a compensation table that LinuxCNC reads."""
+
+INTERPOLATION_MM = 1e-3
+"""By so much the straight lines between points of a table may depart from the error."""
+
+NOTHING_MM = 1e-6
+"""A smaller error of a carriage or foot is none."""
+
+JUDGED_POINTS = 4001
+"""Places between the joint limits where a table is compared with what it stands for."""
+
+PASSES = 20
+"""Of q_old = q_new - e(q_old): each leaves a hundredth of the step before it, or less."""
+
+
+@dataclass(frozen=True)
+class ControllerJoint:
+    """What the controller holds for one joint, in mm.
+
+    ``latch_sign`` is the sign of the movement onto the home switch, 0 where homing moves nothing;
+    with an absolute encoder there is no switch. ``compensated``: a COMP_FILE is read already.
+    """
+
+    home_offset_mm: float
+    latch_sign: int = 0
+    absolute_encoder: bool = False
+    backlash_mm: float = 0.0
+    compensated: bool = False
+
+
+@dataclass(frozen=True)
+class Controller:
+    """Joints, the controller's unit, and the axis of each joint (``"XYZ"``) where that is told."""
+
+    joints: tuple[ControllerJoint, ...]
+    mm_per_unit: float = 1.0
+    axes: str | None = None
+
+    @classmethod
+    def homed_at(cls, home_offset_mm: Sequence[float]) -> Controller:
+        """One of which nothing else is known."""
+        return cls(tuple(ControllerJoint(value) for value in home_offset_mm))
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Compensation of one joint: believed coordinates ``(n,)`` rising, e upwards and downwards."""
+
+    joint_mm: FloatArray
+    error_up_mm: FloatArray
+    error_down_mm: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Kinematics:
+    """Feet as polynomials of true carriage coordinates: origin + direction c + bend (c - zero)².
+
+    Arrays ``(3 drives, 3)``; ``length_mm``, ``sag_mm`` (shortening under the weight) and
+    ``zero_mm`` ``(3,)``. ``misfit_mm`` is the largest departure from the model's feet.
+    """
+
+    origin_mm: FloatArray
+    direction: FloatArray
+    bend_per_mm: FloatArray
+    zero_mm: FloatArray
+    length_mm: FloatArray
+    sag_mm: FloatArray
+    misfit_mm: float
+
+
+def carriage_error_mm(model: Model, joint_mm: FloatArray, way: float) -> FloatArray:
+    """e(q) of each joint ``(n, 3)`` at believed coordinates ``(n, 3)``, reached upwards (1) or not.
+
+    ``way`` -1 is downwards. Includes d_rho.
+    """
+    return np.asarray(machine_at(model, joint_mm, way).carriage_mm - joint_mm)
+
+
+def carriage_errors_mm(model: Model, joint_mm: float, way: float) -> list[float]:
+    """`carriage_error_mm` of every joint at one coordinate."""
+    return list(map(float, carriage_error_mm(model, np.full((1, 3), joint_mm), way)[0]))
+
+
+def table_of(model: Model, joint: int) -> Table | None:
+    """The fewest evenly spaced points that follow what the effects add to d_rho within 1 µm.
+
+    Coordinates are those that the controller believes once d_rho is entered. None where no effect
+    moves this carriage. Raises ImpossibleRequest where `MOST_POINTS` do not do.
+    """
+    geometry, offset = model.geometry, model.parameters_mm[joint]
+    fine = geometry.zero_mm[joint] + np.linspace(
+        geometry.travel_min_mm, geometry.travel_max_mm, JUDGED_POINTS
+    )
+    up, down = (_added_mm(model, joint, fine, offset, way) for way in (1.0, -1.0))
+    if max(np.abs(up).max(), np.abs(down).max()) < NOTHING_MM:
+        return None
+    for count in range(2, MOST_POINTS + 1):
+        points = np.linspace(fine[0], fine[-1], count)
+        at = [np.interp(points, fine, error) for error in (up, down)]
+        shown = [np.interp(fine, points, error) for error in at]
+        if max(np.abs(shown[0] - up).max(), np.abs(shown[1] - down).max()) < INTERPOLATION_MM:
+            return Table(points, *at)
+    raise ImpossibleRequest(
+        f"compensation table of joint {joint}",
+        f"{MOST_POINTS} points do not follow the error within {INTERPOLATION_MM * 1e3:g} µm",
+        "an error that changes less over the travel",
+    )
+
+
+def kinematics_of(model: Model) -> Kinematics:
+    """Drives and bars of the model for an own kinematics module, joints already corrected."""
+    geometry = model.geometry
+    travel = np.linspace(geometry.travel_min_mm, geometry.travel_max_mm, 33)
+    flow = machine_at(model, geometry.zero_mm + travel[:, None] * np.ones(3), 1.0)
+    found, misfit = np.empty((3, 3, 3)), 0.0
+    for k, zero in enumerate(geometry.zero_mm):
+        place = flow.carriage_mm[:, k] - zero
+        powers = np.stack([np.ones_like(place), place, place**2], axis=1)
+        found[k] = np.linalg.lstsq(powers, flow.foot_mm[:, k])[0]
+        misfit = max(misfit, float(np.abs(powers @ found[k] - flow.foot_mm[:, k]).max()))
+    direction = np.where(np.abs(found[:, 1]) < 1e-15, 0.0, found[:, 1])
+    return Kinematics(
+        origin_mm=found[:, 0] - direction * geometry.zero_mm[:, None],
+        direction=direction,
+        bend_per_mm=np.where(np.abs(found[:, 2]) < 1e-15, 0.0, found[:, 2]),
+        zero_mm=geometry.zero_mm,
+        length_mm=geometry.lengths + np.array(model.parameters_mm[3:]),
+        sag_mm=_sag_mm(model),
+        misfit_mm=misfit,
+    )
+
+
+def left_at_tool_mm(model: Model, told: Sequence[Stage], *, lengths: bool) -> float:
+    """R.m.s. error of the tool over the workspace, the worse way, with some effects told.
+
+    The stages in ``told`` (the actuator's with d_rho) and, with ``lengths``, d_L are what the
+    controller knows; what it does not know is left. Raises UnreachablePosture.
+    """
+    effects = tuple(one for one in model.effects if one.stage not in told)
+    kept = np.array(model.parameters_mm)
+    if Stage.ACTUATOR in told:
+        kept[:3] = 0.0
+    if lengths:
+        kept[3:] = 0.0
+    left = model.with_effects(effects).with_parameters(kept)
+    points = workspace_points(model.geometry)
+    joints = inverse(model.geometry, points)
+    zero = model.geometry.zero_mm[None, :]
+    worst = 0.0
+    for way in (1.0, -1.0):
+        off = machine_at(left, joints, way).tool_mm - points
+        if model.geometry.set_at_zero:
+            off = off - machine_at(left, zero, way).tool_mm
+        worst = max(worst, float(np.sqrt((off**2).sum(axis=-1).mean())))
+    return worst
+
+
+def _added_mm(
+    model: Model, joint: int, believed_mm: FloatArray, offset_mm: float, way: float
+) -> FloatArray:
+    """What effects add to d_rho ``(n,)`` where the corrected controller believes these places."""
+    old = believed_mm - offset_mm
+    for _ in range(PASSES):
+        added = carriage_error_mm(model, old[:, None] * np.ones(3), way)[:, joint] - offset_mm
+        old = believed_mm - offset_mm - added
+    return np.asarray(added)
+
+
+def _sag_mm(model: Model) -> FloatArray:
+    """What each bar gets shorter under the whole weight ``(3,)``."""
+    found = np.zeros(3)
+    for effect in model.effects:
+        if isinstance(effect, EffectInstance) and isinstance(effect.law, GravitySag):
+            found["xyz".index(effect.place)] += float(np.real(effect.values[0]))
+    return found * model.geometry.load

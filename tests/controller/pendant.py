@@ -1,0 +1,82 @@
+#!/usr/bin/python3
+"""Stands in the place of LinuxCNC's screen: homes, moves as told, writes down where things are.
+
+Runs under the system's Python, which has LinuxCNC's modules, and knows nothing of glidecal.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import hal
+import linuxcnc
+
+command, status, errors = linuxcnc.command(), linuxcnc.stat(), linuxcnc.error_channel()
+component = hal.component("pendant")
+component.ready()
+WAIT_S = 20
+
+
+def ask(_nothing: object) -> None:
+    command.wait_complete(WAIT_S)
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + WAIT_S
+    while time.monotonic() < end:
+        status.poll()
+        if condition():
+            return
+        time.sleep(0.01)
+    raise TimeoutError("the controller does not get there")
+
+
+def home() -> None:
+    ask(command.mode(linuxcnc.MODE_MANUAL))
+    ask(command.teleop_enable(0))
+    command.home(-1)
+    wait_for(lambda: all(status.homed[:3]))
+    time.sleep(0.1)
+
+
+def move(words: str) -> None:
+    if status.task_mode != linuxcnc.MODE_MDI:
+        ask(command.mode(linuxcnc.MODE_MDI))
+    ask(command.mdi(words))
+    wait_for(lambda: status.interp_state == linuxcnc.INTERP_IDLE and status.inpos)
+
+
+def where() -> dict[str, list[float]]:
+    time.sleep(0.02)
+    status.poll()
+    return {
+        "tool": list(status.actual_position[:3]),
+        "joint": [hal.get_value(f"joint.{k}.pos-cmd") for k in range(3)],
+        "motor": [hal.get_value(f"joint.{k}.motor-pos-cmd") for k in range(3)],
+        "carriage": [hal.get_value(f"rigjoint.{k}.carriage") for k in range(3)],
+        "trim": [hal.get_value(f"joint.{k}.backlash-corr") for k in range(3)],
+    }
+
+
+def main() -> None:
+    told = json.loads(Path("told.json").read_text())
+    answer: dict[str, list[object]] = {"stops": [], "errors": []}
+    try:
+        ask(command.state(linuxcnc.STATE_ESTOP_RESET))
+        ask(command.state(linuxcnc.STATE_ON))
+        for step in told:
+            home() if step == "home" else move(step)
+            answer["stops"].append(where())
+    except Exception as problem:  # whatever it is, the test shall read it
+        answer["errors"] += [repr(problem), repr(where())]
+    while (found := errors.poll()) is not None:
+        answer["errors"].append(found[1])
+    Path("answer.json").write_text(json.dumps(answer))
+
+
+main()
+sys.exit(0)

@@ -1,0 +1,81 @@
+"""The kinematics module in LinuxCNC against the pipeline and against hand-written geometry."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.exports.linuxcnc import pins
+from calib.observations import FloatArray, tool_conditions
+from calib.tripod.effects.axes import AxisOffset, AxisSquareness, Straightness
+from calib.tripod.effects.bars import GravitySag
+from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.geometry import Geometry
+from calib.tripod.pipeline import Model, posture
+from protocols.machine import load_machine
+from tests.controller.running import SimulatedJoint, Stop, need_linuxcnc, run
+
+POSTURES = 100
+
+
+def orthoglide() -> Model:
+    effects = (
+        EffectInstance(AxisSquareness(), "xy", (2.0,)),
+        EffectInstance(AxisSquareness(), "yz", (-1.5,)),
+        EffectInstance(AxisOffset(), "xz", (0.2,)),
+        EffectInstance(AxisOffset(), "zy", (-0.15,)),
+        EffectInstance(Straightness(), "yx", (0.05,)),
+        EffectInstance(GravitySag(), "x", (0.02,)),
+        EffectInstance(GravitySag(), "z", (0.03,)),
+    )
+    return Model(Geometry(), (0.0, 0.0, 0.0, 0.3, -0.2, 0.1), effects)
+
+
+def delta() -> Model:
+    return Model(load_machine("linear-delta").geometry(), (0.0, 0.0, 0.0, 0.4, -0.3, 0.2))
+
+
+def targets(geometry: Geometry) -> FloatArray:
+    low, high = geometry.workspace_mm or ((-60.0,) * 3, (40.0,) * 3)
+    return np.random.default_rng(4).uniform(low, high, (POSTURES, 3))
+
+
+@pytest.mark.parametrize("model", [orthoglide(), delta()], ids=["orthoglide", "linear-delta"])
+def test_joints_of_the_module_bring_the_model_to_the_target(model: Model, tmp_path: Path) -> None:
+    need_linuxcnc()
+    wanted = np.round(targets(model.geometry), 3)
+    stops = moved(model, wanted, tmp_path)
+    joints = np.array([stop.joint for stop in stops])
+    tools = posture(
+        model.geometry,
+        model.parameters_mm,
+        tool_conditions(np.zeros((POSTURES, 3))),
+        joints,
+        model.effects,
+    ).tool_mm
+    assert np.abs(tools - wanted).max() < 5e-6  # straightness follows the command, not the carriage
+    assert np.abs(np.array([stop.tool for stop in stops]) - wanted).max() < 1e-6, "and back"
+
+
+def test_lengths_alone_are_three_spheres(tmp_path: Path) -> None:
+    """No code of the program: the distances from target to feet are the lengths."""
+    need_linuxcnc()
+    model = Model(Geometry(), (0.0, 0.0, 0.0, 0.3, -0.2, 0.1))
+    wanted = np.round(targets(model.geometry), 3)[:20]
+    for stop, target in zip(moved(model, wanted, tmp_path), wanted, strict=True):
+        for k, length in enumerate((310.55, 310.05, 310.35)):
+            foot = [stop.joint[k] if axis == k else 0.0 for axis in range(3)]
+            assert math.dist(foot, target) == pytest.approx(length, abs=1e-6)
+
+
+def moved(model: Model, wanted: FloatArray, folder: Path) -> list[Stop]:
+    """Stops of LinuxCNC at the targets, homed where it stands."""
+    zero = model.geometry.zero_mm
+    lines = [f"G21 G90 G53 G1 F54000 X{x:.3f} Y{y:.3f} Z{z:.3f}" for x, y, z in wanted]
+    hal = pins(model)
+    joints = [SimulatedJoint({"mounting": float(q)}) for q in zero]
+    entries = [{"HOME": q, "HOME_OFFSET": q} for q in zero]
+    return run(folder, joints, entries, hal, ["home", *lines])[1:]

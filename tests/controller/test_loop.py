@@ -1,0 +1,110 @@
+"""Measure in LinuxCNC, find, export, home again, measure: what is the tool off by?
+
+Indicators of 2 µm that show steps of 1 µm; readings and tool by the geometry of `machine.py`.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.exports.linuxcnc import pins
+from calib.tripod.pipeline import Model
+from tests.app.cli import glidecal
+from tests.controller.machine import Machine, homing, measured, old_home_offset_mm
+from tests.controller.running import need_linuxcnc
+
+OFFSETS = (0.8, -1.3, 0.45)
+
+
+class Loop:
+    """One machine with its controller; ``ini`` is the controller's file, uncorrected."""
+
+    def __init__(self, machine: Machine, folder: Path, *, zero_set: bool = False) -> None:
+        need_linuxcnc()
+        self.machine, self.folder, self.zero_set = machine, folder, zero_set
+        self.entries = [homing(old_home_offset_mm(machine, k, 1.0)) for k in range(3)]
+        table, self.before_mm = measured(
+            machine, folder / "before", self.entries, pins(Model()), zero_set=zero_set
+        )
+        self.ini = folder / "before" / "config" / "machine.ini"
+        self.session = folder / "before.jsonl"
+        (folder / "before.csv").write_text(table)
+        self.do("import", folder / "before.csv", "-o", self.session, "--resolution", "0.001")
+
+    def do(self, *words: str | Path) -> str:
+        run = glidecal(*words)
+        assert run.status == 0, run.err
+        return run.out
+
+    def after_mm(self, name: str, *words: str | Path, sign: float = 1.0) -> float:
+        """The tool's error with what this export writes; -1 turns what HOME_OFFSET grows by."""
+        out = self.folder / f"export-{name}"
+        self.do("export", *words, "--ini", self.ini, "-o", out)
+        files = {path.name: path.read_text() for path in out.iterdir()}
+        for k in range(3):
+            old = float(self.entries[k]["HOME_OFFSET"])
+            include = files[f"calib_joint{k}.inc"]
+            new = float(re.findall(r"^HOME_OFFSET = (.*)$", include, re.M)[0])
+            turned = f"HOME_OFFSET = {old + sign * (new - old):.6f}"
+            files[f"calib_joint{k}.inc"] = re.sub(r"(?m)^HOME_OFFSET = .*$", turned, include)
+        includes = [f"#INCLUDE calib_joint{k}.inc\n" for k in range(3)]
+        hal = files.pop("calib.hal", pins(Model()))
+        return measured(
+            self.machine,
+            self.folder / name,
+            self.entries,
+            hal,
+            files=files,
+            includes=includes,
+            zero_set=self.zero_set,
+        )[1]
+
+
+def test_offsets(tmp_path: Path) -> None:
+    loop = Loop(Machine(OFFSETS), tmp_path)
+    assert loop.before_mm > 1.0
+    assert loop.after_mm("after", loop.session, "--format", "linuxcnc") < 0.003
+
+
+def test_play_and_screw_error_that_diagnose_names(tmp_path: Path) -> None:
+    machine = Machine(OFFSETS, joint={"play": 0.06, "cyclic": 0.01})
+    loop = Loop(machine, tmp_path)
+    model = tmp_path / "found.json"
+    loop.do("diagnose", loop.session, "--adopt", model)
+    assert loop.after_mm("offsets", loop.session, "--format", "linuxcnc") > 0.03
+    assert loop.after_mm("found", model, "--format", "linuxcnc") < 0.006
+
+
+def test_lengths_and_axes_through_own_kinematics(tmp_path: Path) -> None:
+    lean, shift = np.zeros((3, 3)), np.zeros((3, 3))
+    lean[0, 1] = lean[1, 0] = 1e-3  # x and y lean together by 2 mrad
+    shift[0, 2], shift[2, 1] = 0.2, -0.2
+    machine = Machine(OFFSETS, (0.3, -0.2, 0.1), lean=lean, shift_mm=shift)
+    loop = Loop(machine, tmp_path, zero_set=True)
+    model = tmp_path / "found.json"
+    loop.do("diagnose", loop.session, "--adopt", model)
+    asked = (loop.session, "--model", model, "--subset", "both", "--format", "linuxcnc-kins")
+    assert loop.after_mm("found", *asked) < 0.010
+    assert loop.after_mm("turned", *asked, sign=-1.0) > loop.before_mm
+
+
+@pytest.mark.parametrize("axes", ["xyz", "zxy"])
+def test_joints_follow_the_axes_of_the_kinematics(axes: str, samples: Path, tmp_path: Path) -> None:
+    """Joint n is the axis that [KINS] names n-th; nothing is started."""
+    ini = tmp_path / "a.ini"
+    ini.write_text(
+        f"[TRAJ]\nLINEAR_UNITS = inch\n[KINS]\nKINEMATICS = trivkins coordinates={axes}\n"
+        + "".join(f"[JOINT_{n}]\nHOME_OFFSET = {n + 1}\n" for n in range(3))
+    )
+    session = samples / "experiment_2_twelve.jsonl"
+    offsets = ("--format", "linuxcnc", "--method", "linear", "--ini", ini, "-o", tmp_path / "o")
+    assert glidecal("export", session, *offsets).status == 0
+    d_rho = dict(zip("xyz", (-0.485579, 0.498965, -1.671230), strict=True))
+    for n, axis in enumerate(axes):
+        text = (tmp_path / "o" / f"calib_joint{n}.inc").read_text()
+        assert f"joint {n} ({axis})" in text
+        assert f"HOME_OFFSET = {n + 1 + d_rho[axis] / 25.4:.6f}" in text

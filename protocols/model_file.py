@@ -15,9 +15,9 @@ from calib.identify.fit import Size
 from calib.identify.solution import Solution
 from calib.observations import TOOL, conditions
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.catalogue import laws_of
-from calib.tripod.effects.effect import EffectInstance, Law
-from calib.tripod.effects.empirical import BASES, EMPIRICAL, empirical_law
+from calib.tripod.effects.catalogue import effects_of
+from calib.tripod.effects.effect import Effect, EffectInstance
+from calib.tripod.effects.empirical import BASES, EMPIRICAL, empirical_effect
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.pipeline import Model
 from protocols.documents import (
@@ -79,7 +79,7 @@ def effect_entry(
     as ``shift_xy`` that begin with the catalogue's. Places of equal value share one parameter.
     Raises RecordError for a complex value.
     """
-    effect, known = placed[0].law, uncertainties or {}
+    effect, known = placed[0].effect, uncertainties or {}
     found: dict[str, ParameterEntry] = {}
     for one in placed:
         for parameter, value in zip(effect.parameters, one.values, strict=True):
@@ -109,7 +109,7 @@ def effect_entry(
 
 
 def placed_effects(
-    entry: EffectEntry, effects: Sequence[Law], geometry: Geometry, thing: str
+    entry: EffectEntry, effects: Sequence[Effect], geometry: Geometry, thing: str
 ) -> tuple[EffectInstance, ...]:
     """The entry for the simulation; ``thing`` begins the message of an error.
 
@@ -136,11 +136,13 @@ def placed_effects(
     )
 
 
-def _effect_of(entry: EffectEntry, effects: Sequence[Law], geometry: Geometry, thing: str) -> Law:
+def _effect_of(
+    entry: EffectEntry, effects: Sequence[Effect], geometry: Geometry, thing: str
+) -> Effect:
     """The variant of the effect that has these parameters."""
     if entry.id == EMPIRICAL:
         return _unnamed_effect(entry, thing)
-    known = (*laws_of(effects, geometry), *effects)
+    known = (*effects_of(effects, geometry), *effects)
     variants = [effect for effect in known if effect.id == entry.id]
     if not variants:
         raise RecordError(
@@ -161,10 +163,10 @@ def _effect_of(entry: EffectEntry, effects: Sequence[Law], geometry: Geometry, t
     return fitting[0]
 
 
-def _unnamed_effect(entry: EffectEntry, thing: str) -> Law:
+def _unnamed_effect(entry: EffectEntry, thing: str) -> Effect:
     """The effect of these bases; it is not in the catalogue, for it is the name of nothing."""
     named = [parameter.of or name for name, parameter in entry.parameters.items()]
-    effect = empirical_law(named)
+    effect = empirical_effect(named)
     if effect is None:
         raise RecordError(
             f"{thing}, parameters of {EMPIRICAL}",
@@ -175,7 +177,7 @@ def _unnamed_effect(entry: EffectEntry, thing: str) -> Law:
 
 
 def _places(
-    entry: EffectEntry, parameter: ParameterEntry, effect: Law, geometry: Geometry, thing: str
+    entry: EffectEntry, parameter: ParameterEntry, effect: Effect, geometry: Geometry, thing: str
 ) -> tuple[str, ...]:
     legs = ([0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]) if geometry.orthogonal else ([], [])
     at = [*legs[0], TOOL, TOOL, TOOL], [*legs[1], 0, 1, 2]
@@ -301,7 +303,7 @@ def read_model_file(path: Path) -> ModelFile:
         ) from problem
 
 
-def read_model(path: Path, effects: Sequence[Law] = CATALOGUE) -> tuple[Model, Machine]:
+def read_model(path: Path, effects: Sequence[Effect] = CATALOGUE) -> tuple[Model, Machine]:
     """A model and its machine from a JSON file; ``effects`` are the effects known.
 
     Raises RecordError naming the file and the fault.
@@ -310,7 +312,7 @@ def read_model(path: Path, effects: Sequence[Law] = CATALOGUE) -> tuple[Model, M
     return to_model(found, f"model {path}", effects), found.machine
 
 
-def to_model(found: ModelFile, thing: str, effects: Sequence[Law] = CATALOGUE) -> Model:
+def to_model(found: ModelFile, thing: str, effects: Sequence[Effect] = CATALOGUE) -> Model:
     """The model of a file; ``thing`` names it in errors. Raises RecordError."""
     _check_parameters(found, thing)
     geometry = found.machine.geometry()
@@ -319,21 +321,21 @@ def to_model(found: ModelFile, thing: str, effects: Sequence[Law] = CATALOGUE) -
     return Model(geometry, values, tuple(effect for each in placed for effect in each))
 
 
-def sizes_of(found: ModelFile, laws: Sequence[Law] = CATALOGUE) -> tuple[Size, ...]:
+def sizes_of(found: ModelFile, effects: Sequence[Effect] = CATALOGUE) -> tuple[Size, ...]:
     """The values of a model's effects that a fit may free: one for each entry of a parameter.
 
     Places that share an entry share the value. Raises RecordError as `to_model` does.
     """
     geometry, sizes, first = found.machine.geometry(), [], 0
     for entry in found.effects:
-        placed = placed_effects(entry, laws, geometry, "model")
-        law = placed[0].law
-        bases = [parameter.name for parameter in law.parameters]
+        placed = placed_effects(entry, effects, geometry, "model")
+        kind = placed[0].effect
+        bases = [parameter.name for parameter in kind.parameters]
         for name, parameter in entry.parameters.items():
             base = bases.index(parameter.of or name)
-            places = _places(entry, parameter, law, geometry, "model")
+            places = _places(entry, parameter, kind, geometry, "model")
             at = [first + k for k, one in enumerate(placed) if one.place in places]
-            known = law.parameters[base]
+            known = kind.parameters[base]
             sizes.append(
                 Size(
                     f"{entry.id} {entry.where}: {name}",

@@ -26,7 +26,7 @@ def write_session(
     effect: str = "",
     size: float = 0.0,
     *,
-    law: EffectInstance | None = None,
+    unnamed: EffectInstance | None = None,
 ) -> Path:
     """A simulated session, with an effect hidden in its machine."""
     machine = load_machine(None)
@@ -35,11 +35,11 @@ def write_session(
     if effect:
         taken = planned_readings(procedure, machine)
         hidden = hidden_effect(
-            effect, truth, taken, laws=CATALOGUE, seed=seed, noise_mm=SCATTER_MM, size=size
+            effect, truth, taken, effects=CATALOGUE, seed=seed, noise_mm=SCATTER_MM, size=size
         )
         truth = replace(truth, effects=hidden)
-    if law:
-        truth = replace(truth, effects=(law,))
+    if unnamed:
+        truth = replace(truth, effects=(unnamed,))
     opened, readings = simulated_session(
         procedure, machine, truth, seed=seed, scatter_mm=SCATTER_MM, resolution_mm=0.001
     )
@@ -59,4 +59,4 @@ def doubtful_session(folder: Path) -> Path:
 
 def nameless_session(folder: Path) -> Path:
     """A carriage that is off with the cube of its travel: nothing of the catalogue."""
-    return write_session(folder / "cube.jsonl", "sweep", 5, law=CUBE)
+    return write_session(folder / "cube.jsonl", "sweep", 5, unnamed=CUBE)

@@ -65,13 +65,13 @@ def diagnose(
 
 
 def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> None:
-    from app.evaluating.own_effects import known_laws
+    from app.evaluating.own_effects import known_effects
     from app.planning.aliases import alias_map
     from app.report.schema.diagnosis import AliasReport
     from app.report.schema.document import to_json
     from app.report.text.planning import alias_text
 
-    found = alias_map(name, known_laws(), machine)
+    found = alias_map(name, known_effects(), machine)
     typer.echo(to_json(AliasReport.of(found=found)) if as_json else alias_text(found))
 
 

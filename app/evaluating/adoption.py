@@ -95,7 +95,7 @@ def remove(path: Path, effect: str, why: str) -> ModelFile:
 def _chosen(diagnosed: SessionDiagnosis, candidate: str | None) -> list[Finding | Contender]:
     found = diagnosed.diagnosis
     named: list[Finding | Contender] = [e for e in found.effects if e.effects]
-    unnamed: list[Finding | Contender] = [found.left_over.law] if found.left_over else []
+    unnamed: list[Finding | Contender] = [found.left_over.effect] if found.left_over else []
     if candidate is None:
         if not named and not unnamed:
             raise UsageError(

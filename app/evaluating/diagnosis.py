@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.evaluating.own_effects import known_laws
+from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import indicator_figures, load_sessions
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.problem import Case
 from calib.diagnosis.results import Diagnosis
 from calib.errors import NotIdentifiable, UsageError
+from calib.tripod.effects.effect import Effect
 from calib.tripod.pipeline import Model
 from protocols.model_file import read_model
 from protocols.observations import to_observations
@@ -35,18 +36,19 @@ def diagnose_files(
     *,
     model: Path | None = None,
     held_out: Sequence[Path] = (),
+    effects: Sequence[Effect] | None = None,
 ) -> SessionDiagnosis:
     """Diagnose sessions against their nominal machine, or against a model with effects.
 
-    Sessions may have different joint offsets entered; their geometry must be one. Raises
-    RecordError, UsageError and NotIdentifiable.
+    ``effects`` are looked for in place of all that are known. Sessions may have different joint
+    offsets entered; their geometry must be one. Raises RecordError, UsageError and NotIdentifiable.
     """
     sessions, warnings = load_sessions(paths)
     if not sessions:
         raise NotIdentifiable("sessions", "none", "at least one session")
     others, more = load_sessions(held_out)
     _check(paths, held_out, sessions, others)
-    effects = known_laws()
+    effects = known_effects() if effects is None else effects
     nominal = Model(sessions[0].opened.machine.geometry())
     known = read_model(model, effects)[0] if model else nominal
     return SessionDiagnosis(

@@ -13,7 +13,7 @@ from typing import TypeVar, cast
 from calib.errors import GlidecalError, RecordError
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.contract import fault_of
-from calib.tripod.effects.effect import Law
+from calib.tripod.effects.effect import Effect
 from protocols.documents import MOST_WRITTEN_BYTES, read_text
 
 FOLDER_VARIABLE = "GLIDECAL_EFFECTS"
@@ -27,7 +27,7 @@ NAME = "EFFECTS"
 T = TypeVar("T")
 
 
-def known_laws() -> tuple[Law, ...]:
+def known_effects() -> tuple[Effect, ...]:
     """The catalogue and the user's own effects.
 
     Raises RecordError naming the file or entry point that cannot be used, and why.
@@ -38,7 +38,7 @@ def known_laws() -> tuple[Law, ...]:
             fault = _run(source, partial(fault_of, one))
             if fault:
                 raise _broken(source, fault)
-            effect = cast(Law, one)
+            effect = cast(Effect, one)
             if effect.id in {known.id for known in effects}:
                 raise _broken(source, f"the id '{effect.id}'", "an id that is not taken")
             effects.append(effect)

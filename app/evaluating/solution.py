@@ -160,7 +160,7 @@ def solve_sessions(
 
 def _of(model: ModelFile, machine: Machine, method: Method) -> tuple[Model, tuple[Size, ...]]:
     """Where a fit with this model begins, and what it frees of the effects."""
-    from app.evaluating.own_effects import known_laws  # files of users: only where asked for
+    from app.evaluating.own_effects import known_effects  # files of users: only where asked for
     from protocols.model_file import sizes_of, to_model
 
     if replace(model.machine.geometry(), load=machine.load) != machine.geometry():
@@ -171,7 +171,7 @@ def _of(model: ModelFile, machine: Machine, method: Method) -> tuple[Model, tupl
         )
     if model.effects and method != "exact":
         raise UsageError("--method with --model", method, "exact: sizes of effects are fitted, too")
-    effects = known_laws()
+    effects = known_effects()
     return to_model(model, "model", effects), sizes_of(model, effects)
 
 

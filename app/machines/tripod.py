@@ -120,7 +120,7 @@ class SimulateOptions:
 
 def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
     """A session of the nominal machine, or of that of a model file."""
-    from app.evaluating.own_effects import known_laws
+    from app.evaluating.own_effects import known_effects
     from app.measuring.hidden_effect import hidden_effect
     from app.measuring.simulated import planned_readings, simulated_session
     from calib.errors import UsageError
@@ -137,14 +137,14 @@ def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
     known = load_machine(asked.machine)
     real = Model(known.geometry())
     if own.model:
-        real, known = read_model(own.model, known_laws())
+        real, known = read_model(own.model, known_effects())
     planned = load_procedure(own.protocol or known.usual_procedure, known.geometry())
     if own.effect is not None:
         hidden = hidden_effect(
             own.effect,
             real,
             planned_readings(planned, known),
-            laws=known_laws(),
+            effects=known_effects(),
             seed=asked.seed,
             noise_mm=max(own.scatter, own.resolution),
             size=own.size,

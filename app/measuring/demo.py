@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from app.evaluating.own_effects import known_laws
+from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import SessionSolution
 from app.measuring.hidden_effect import hidden_effect
 from app.measuring.indicators import DEFAULT_PROFILE, simulated_indicators
@@ -58,7 +58,7 @@ def with_hidden_effect(plan: Plan, effect: str) -> Plan:
         effect,
         truth,
         planned_readings(plan.procedure, plan.machine),
-        laws=known_laws(),
+        effects=known_effects(),
         seed=plan.seed,
         noise_mm=math.hypot(plan.bench.scatter_mm, plan.bench.resolution_mm),
     )

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from calib.errors import UsageError
 from calib.observations import TOOL, Conditions
 from calib.tripod.effects.candidates import candidates
-from calib.tripod.effects.effect import EffectInstance, Law
+from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.hidden import hidden_among
 from calib.tripod.pipeline import Model
 
@@ -17,7 +17,7 @@ def hidden_effect(
     truth: Model,
     taken: Conditions,
     *,
-    laws: Sequence[Law],
+    effects: Sequence[Effect],
     seed: int,
     noise_mm: float,
     size: float | None = None,
@@ -27,9 +27,11 @@ def hidden_effect(
     Raises UsageError where it is not known, or these readings cannot show it.
     """
     effect_id, _, where = wanted.partition(":")
-    if effect_id not in {law.id for law in laws}:
-        raise UsageError("effect", repr(effect_id), ", ".join(dict.fromkeys(x.id for x in laws)))
-    of_it = [c for c in candidates(truth, taken, laws) if c.id == effect_id and "," not in c.where]
+    if effect_id not in {effect.id for effect in effects}:
+        raise UsageError("effect", repr(effect_id), ", ".join(dict.fromkeys(x.id for x in effects)))
+    of_it = [
+        c for c in candidates(truth, taken, effects) if c.id == effect_id and "," not in c.where
+    ]
     if not of_it:
         raise _not_seen(effect_id, taken)
     here = [c for c in of_it if where in ("", c.where)]

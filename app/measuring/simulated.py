@@ -10,7 +10,7 @@ from app.measuring.indicators import SIMULATED
 from app.version import program
 from calib.errors import RecordError
 from calib.observations import Observations, conditions
-from calib.tripod.pipeline import Effect, Model, measure
+from calib.tripod.pipeline import Model, StageEffect, measure
 from calib.tripod.simulation import SimulatedMachine
 from drivers.profile import LARGEST_MM, Profile
 from drivers.rig import SimulatedRig
@@ -33,7 +33,7 @@ class BenchSettings:
     resolution_mm: float = 0.001
     scatter_mm: float = 0.002
     motion_s: float = 0.0
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[StageEffect, ...] = ()
     clock_rate: float = 1.0
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from app.measuring.simulated import simulated_session
 from calib.diagnosis.hypotheses import alias_map as compare
 from calib.diagnosis.results import AliasMap
-from calib.tripod.effects.effect import Law
+from calib.tripod.effects.effect import Effect
 from calib.tripod.pipeline import Model
 from protocols.machine import load_machine
 from protocols.observations import to_observations
@@ -19,7 +19,7 @@ TYPICAL_MM = (1.0, -0.8, 0.6, 0.03, -0.02, 0.01)
 
 
 def alias_map(
-    procedure: str | None, laws: Sequence[Law], machine_name: str | None = None
+    procedure: str | None, effects: Sequence[Effect], machine_name: str | None = None
 ) -> AliasMap:
     """What this procedure cannot tell apart on a machine; None: the usual ones.
 
@@ -35,4 +35,4 @@ def alias_map(
         scatter_mm=0.0,
         resolution_mm=0.0,
     )
-    return compare(model, to_observations([fold([opened, *readings])]), laws)
+    return compare(model, to_observations([fold([opened, *readings])]), effects)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.evaluating.own_effects import known_laws
+from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import indicator_figures, load_sessions
 from app.planning.tripod import stated_noise
 from calib.errors import UsageError
@@ -74,7 +74,9 @@ def _machine_and_model(
     if model_file and machine_file:
         raise UsageError("--model and --machine", "both", "one: a model brings its own machine")
     model, machine = (
-        read_model(model_file, known_laws()) if model_file else (None, load_machine(machine_file))
+        read_model(model_file, known_effects())
+        if model_file
+        else (None, load_machine(machine_file))
     )
     if sessions:
         own = sessions[0].opened.machine

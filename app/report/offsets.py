@@ -6,7 +6,7 @@ from collections.abc import Container
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.evaluating.own_effects import known_laws
+from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import SessionSolution, solve_files
 from app.report.schema.document import rows
 from app.report.schema.solution import Offset
@@ -129,7 +129,7 @@ def offsets_from_file(
 
 def _offsets_from_model(path: Path) -> Offsets:
     found = read_model_file(path)
-    model = to_model(found, f"model {path}", known_laws())
+    model = to_model(found, f"model {path}", known_effects())
     _all_stated(f"model {path}, parameters_mm", found.parameters_mm)
     stated = [name for name in PARAMETER_NAMES if name in found.parameters_mm]
     return Offsets(

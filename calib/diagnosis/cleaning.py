@@ -28,7 +28,7 @@ from calib.observations import FloatArray
 from calib.ties import descending
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import Candidate
-from calib.tripod.effects.effect import Kind, Law
+from calib.tripod.effects.effect import Effect, Kind
 
 MOST_MISTAKES = 3
 LEAST_ROWS_BEYOND = 8
@@ -49,12 +49,12 @@ LEAST_GAIN = 1e-6
 
 
 def clean(
-    cases: Sequence[Case], laws: Sequence[Law] = CATALOGUE
+    cases: Sequence[Case], effects: Sequence[Effect] = CATALOGUE
 ) -> tuple[list[Case], list[Finding]]:
-    """Sessions without the mistakes found in them, and the mistakes. ``laws`` may act as well."""
+    """Sessions without the mistakes found in them, and the mistakes; ``effects`` may act, too."""
     cleaned, mistakes = [], []
     for case in cases:
-        errors = _errors_of(case, laws)
+        errors = _errors_of(case, effects)
         stages = [case, *(case.with_readings(error.corrected) for error in errors)]
         gaps = [Problem.of([one.fitted()]).gap_rms_mm() for one in stages] if errors else []
         for error, before_mm, after_mm in zip(errors, gaps, gaps[1:], strict=False):
@@ -64,7 +64,7 @@ def clean(
     return cleaned, mistakes
 
 
-def _errors_of(case: Case, laws: Sequence[Law]) -> list[GrossError]:
+def _errors_of(case: Case, effects: Sequence[Effect]) -> list[GrossError]:
     """One after the other, each in the data that the one before left."""
     found: list[GrossError] = []
     observed = case.observed
@@ -73,7 +73,7 @@ def _errors_of(case: Case, laws: Sequence[Law]) -> list[GrossError]:
         observed = shift.corrected
     spare = len(observed) - observed.mount_count - len(case.tolerance_mm)
     for _ in range(MOST_MISTAKES if spare >= LEAST_ROWS_BEYOND else 0):
-        error = _error_in(case.with_readings(observed), laws)
+        error = _error_in(case.with_readings(observed), effects)
         if error is None:
             break
         found.append(error)
@@ -82,7 +82,7 @@ def _errors_of(case: Case, laws: Sequence[Law]) -> list[GrossError]:
     return [*found, *set_outliers_right(observed, step_mm)]
 
 
-def _error_in(case: Case, laws: Sequence[Law]) -> GrossError | None:
+def _error_in(case: Case, effects: Sequence[Effect]) -> GrossError | None:
     suspected = suspicions(case.model, case.observed, case.tolerance_mm)
     if not suspected or suspected[0].proven:
         return suspected[0].error if suspected else None
@@ -90,7 +90,7 @@ def _error_in(case: Case, laws: Sequence[Law]) -> GrossError | None:
     before = _fitted(case)
     if before is None:
         return next((one.error for one, after in fitted if one.clear and after), None)
-    return _needed_given_effects(before, [(one, after) for one, after in fitted if after], laws)
+    return _needed_given_effects(before, [(one, after) for one, after in fitted if after], effects)
 
 
 def _fitted(case: Case) -> FittedSession | None:
@@ -110,10 +110,10 @@ class _Catalogue:
     freedom: int
 
     @classmethod
-    def of(cls, fitted_session: FittedSession, laws: Sequence[Law]) -> _Catalogue:
+    def of(cls, fitted_session: FittedSession, effects: Sequence[Effect]) -> _Catalogue:
         """All candidates of the catalogue that show in this session."""
         problem = Problem.of([fitted_session])
-        every = [one for one in hypotheses_of(problem, laws) if one.kind != Kind.BLUNDER]
+        every = [one for one in hypotheses_of(problem, effects) if one.kind != Kind.BLUNDER]
         freedom = len(problem.y) - problem.nuisance.shape[1]
         return cls(problem, ModelSelection.of(problem, every), freedom)
 
@@ -200,27 +200,27 @@ def _heaviest_first(accounts: Iterable[_Account]) -> list[_Account]:
 def _needed_given_effects(
     before: FittedSession,
     suspected: Sequence[tuple[Suspicion, FittedSession]],
-    laws: Sequence[Law],
+    effects: Sequence[Effect],
 ) -> GrossError | None:
     """The mistake, of those suspected, that is needed whatever effects there are; or None.
 
     Each comes with its corrected session, fitted. One that is not clear must be beyond doubt and
     leave no gap. Effects that do almost as well are named with it.
     """
-    alone = _Catalogue.of(before, laws)
+    alone = _Catalogue.of(before, effects)
     if not alone.problem.has_repeats() or alone.problem.structure_df < 1:
         return next((one.error for one, _ in suspected if one.clear), None)
-    effects = alone.best(MOST_EFFECTS)
+    explained = alone.best(MOST_EFFECTS)
     for one, fitted_session in sorted(suspected, key=lambda each: not each[0].clear):
-        corrected = _Catalogue.of(fitted_session, laws)
+        corrected = _Catalogue.of(fitted_session, effects)
         account = corrected.best(MOST_EFFECTS if one.clear else MOST_EFFECTS - 1)
         # what was found beside a mistake must be tried without it, too
-        effects = _heaviest_first([effects, alone.near(corrected, account)])[0]
-        likelier = account.log_weight - effects.log_weight - one.log_tried
+        explained = _heaviest_first([explained, alone.near(corrected, account)])[0]
+        likelier = account.log_weight - explained.log_weight - one.log_tried
         if likelier > math.log(ODDS) and (one.clear or _closes(corrected.problem, account)):
             return one.error
         if one.clear and likelier > math.log(DOUBTFUL_ODDS):
-            named = [alone.shown.candidates[k] for k in effects.members]
+            named = [alone.shown.candidates[k] for k in explained.members]
             return replace(one.error, or_else=tuple(Named(each.id, each.where) for each in named))
     return None
 

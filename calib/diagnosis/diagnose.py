@@ -31,7 +31,7 @@ from calib.diagnosis.selection import LEAST_LOG, heaviest_first
 from calib.errors import NotIdentifiable
 from calib.observations import FloatArray
 from calib.tripod.effects.candidates import Candidate
-from calib.tripod.effects.effect import EffectInstance, Kind, Law
+from calib.tripod.effects.effect import Effect, EffectInstance, Kind
 
 MOST_SELECTIONS = 3
 WORTH_ANOTHER = 9.0
@@ -47,16 +47,16 @@ FOUND_9_OF_10 = 1.28
 
 
 def diagnose(
-    cases: Sequence[Case], laws: Sequence[Law], held_out: Sequence[Case] = ()
+    cases: Sequence[Case], effects: Sequence[Effect], held_out: Sequence[Case] = ()
 ) -> Diagnosis:
     """Diagnose sessions that share their effects; each has base parameters and zeros of its own.
 
     ``held_out`` sessions are used for nothing but the gap after adopting. Raises NotIdentifiable
     where a session cannot be fitted at all.
     """
-    cleaned, mistakes = clean(cases, laws)
+    cleaned, mistakes = clean(cases, effects)
     first = Problem.of([case.fitted() for case in cleaned])
-    selection = ModelSelection.of(first, hypotheses_of(first, laws))
+    selection = ModelSelection.of(first, hypotheses_of(first, effects))
     attribution = Attribution(*_followed_far_enough(selection))
     doubted = attribution.repeats_explain_as_much()
     if doubted:
@@ -111,10 +111,10 @@ class _Report:
         verdict, noise = self.verdict, self.problem.fitted_sessions[0].noise
         told = bool(self.held_out) or verdict != "cannot-tell"
         named = [f for f in findings if f.kind == Kind.BLUNDER or verdict in WITH_NAMES]
-        placed = tuple(effect for finding in findings for effect in finding.effects)
-        law, where = None, ""
+        placed = tuple(one for finding in findings for one in finding.effects)
+        effect, where = None, ""
         if verdict in WITH_RESIDUALS:
-            law = discrepancy(self.selection, self.members, placed, self.others)
+            effect = discrepancy(self.selection, self.members, placed, self.others)
             left = replace(self.problem, y=self.selection.residual(self.members))
             where = where_words(locate(left), LEVEL)
         return Diagnosis(
@@ -132,8 +132,8 @@ class _Report:
             next_measurement=propose(verdict, self.attribution),
             smallest_detectable=self._smallest_detectable(),
             residuals=residuals(self.first, self._after(named)),
-            remarks=(*self._remarks(law), *self._half_seen()),
-            left_over=law,
+            remarks=(*self._remarks(effect), *self._half_seen()),
+            left_over=effect,
         )
 
     @cached_property
@@ -232,7 +232,7 @@ class _Report:
         columns = [one.columns for one in effects if causes_of(one) <= most]
         return left_out_postures(self.problem, columns, len(self.members))
 
-    def _remarks(self, law: ModelDiscrepancy | None) -> list[str]:
+    def _remarks(self, effect: ModelDiscrepancy | None) -> list[str]:
         """What else a person must know."""
         said = []
         if self.problem.noise_df <= 0.0:
@@ -241,7 +241,7 @@ class _Report:
             said.append(
                 "either the effect is not in the catalogue, or the repeats are not independent"
             )
-        if self.verdict in WITH_RESIDUALS and not law:
+        if self.verdict in WITH_RESIDUALS and not effect:
             said.append(NO_LAW)
         if self.doubted:
             said.append(DOUBT)

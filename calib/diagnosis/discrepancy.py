@@ -27,7 +27,7 @@ from calib.stats import variance_ratio_p_value
 from calib.ties import descending
 from calib.tripod.effects.candidates import stacked_columns
 from calib.tripod.effects.effect import EffectInstance
-from calib.tripod.effects.empirical import BASES, Empirical, law_words
+from calib.tripod.effects.empirical import BASES, Empirical, empirical_words
 from calib.tripod.pipeline import Stage
 
 MOST_BASES = 3
@@ -43,7 +43,7 @@ OTHER_CAUSES = ("up_less_down", "per_hour", "per_kelvin")
 
 
 @dataclass(frozen=True)
-class _Law:
+class _Unnamed:
     """One law: its terms by number, and what it explains of the gap with so many directions."""
 
     where: str
@@ -94,15 +94,15 @@ class _Rest:
         """The gap that is left, never nothing."""
         return max(self.gap - explained, 1e-12 * self.gap)
 
-    def p_value(self, law: _Law, before: float = 0.0, taken: int = 0) -> float:
+    def p_value(self, unnamed: _Unnamed, before: float = 0.0, taken: int = 0) -> float:
         """Of so much more explained than ``before``, against what is left then."""
-        rank, free = law.rank - taken, self.freedom - law.rank
+        rank, free = unnamed.rank - taken, self.freedom - unnamed.rank
         if rank <= 0 or free < 1:
             return 1.0
-        ratio = (law.explained - before) / rank / (self.left(law.explained) / free)
+        ratio = (unnamed.explained - before) / rank / (self.left(unnamed.explained) / free)
         return variance_ratio_p_value(max(ratio, 0.0), rank, free)
 
-    def laws(self) -> Iterator[_Law]:
+    def unnamed_effects(self) -> Iterator[_Unnamed]:
         """Every place with one to three bases of one stage that leave enough to judge with."""
         for stage in (Stage.READING, Stage.ACTUATOR):
             names = [name for name in BASES if BASES[name].stage == stage]
@@ -114,14 +114,14 @@ class _Rest:
                         wanted = [(place, name) for place in here for name in bases]
                         if all(each in self.terms for each in wanted):
                             terms = tuple(self.terms[each] for each in wanted)
-                            law = _Law(where, here, bases, terms, *self.explained(terms))
-                            if law.rank and self.freedom - law.rank >= LEAST_LEFT:
-                                yield law
+                            unnamed = _Unnamed(where, here, bases, terms, *self.explained(terms))
+                            if unnamed.rank and self.freedom - unnamed.rank >= LEAST_LEFT:
+                                yield unnamed
 
-    def criterion(self, law: _Law) -> float:
+    def criterion(self, unnamed: _Unnamed) -> float:
         """BIC over the cells."""
-        freedom, left = self.freedom, self.left(law.explained)
-        return freedom * math.log(left) + law.rank * math.log(freedom)
+        freedom, left = self.freedom, self.left(unnamed.explained)
+        return freedom * math.log(left) + unnamed.rank * math.log(freedom)
 
 
 def _wheres(places: Sequence[str]) -> Iterator[tuple[str, tuple[str, ...]]]:
@@ -159,18 +159,25 @@ def _described(
 ) -> tuple[ModelDiscrepancy | None, bool]:
     """The law that the residuals follow beside named effects, and whether it closes the gap."""
     rest = _Rest(selection, members)
-    laws = descending(rest.laws(), lambda law: -rest.criterion(law), LOG_UNIT)
-    p = min(rest.p_value(laws[0]) * len(laws), 1.0) if laws else 1.0
+    unnamed_effects = descending(
+        rest.unnamed_effects(), lambda unnamed: -rest.criterion(unnamed), LOG_UNIT
+    )
+    p = (
+        min(rest.p_value(unnamed_effects[0]) * len(unnamed_effects), 1.0)
+        if unnamed_effects
+        else 1.0
+    )
     if p > LEVEL:
         return None, False
-    best, problem = laws[0], selection.problem
+    best, problem = unnamed_effects[0], selection.problem
     finding = _finding(rest, best, p)
     if others:
         held = on_other_sessions(others, (*named, *finding.effects))
     else:
         known = [selection.candidates[k].columns for k in members]
         columns = [
-            np.hstack([*known, rest.columns[:, list(law.terms)]]) for law in laws[:HELD_OUT_AMONG]
+            np.hstack([*known, rest.columns[:, list(unnamed.terms)]])
+            for unnamed in unnamed_effects[:HELD_OUT_AMONG]
         ]
         held = _held_out(problem, columns)
     after = problem.gap_p_value(rest.gap - best.explained, rest.freedom - best.rank)
@@ -190,26 +197,26 @@ def _held_out(problem: Problem, columns: Sequence[FloatArray]) -> HeldOutGap | N
     return replace(found, how=how) if found else None
 
 
-def _finding(rest: _Rest, law: _Law, p: float) -> Finding:
+def _finding(rest: _Rest, unnamed: _Unnamed, p: float) -> Finding:
     """The law with its values, fitted to what the kept effects leave."""
-    terms = list(law.terms)
+    terms = list(unnamed.terms)
     free, size = rest.free[:, terms], rest.size[terms]
     inverse = np.linalg.pinv(free, rcond=NEW_DIRECTION)
     scaled = inverse @ rest.y
-    inflated = math.sqrt(max(rest.left(law.explained) / (rest.freedom - law.rank), 1.0))
+    inflated = math.sqrt(max(rest.left(unnamed.explained) / (rest.freedom - unnamed.rank), 1.0))
     values = scaled / size
     spread = inflated * np.sqrt((inverse**2).sum(axis=1)) / size
-    effect, width = Empirical(law.bases), len(law.bases)
+    effect, width = Empirical(unnamed.bases), len(unnamed.bases)
     parameters = []
     for k, (value, u) in enumerate(zip(values, spread, strict=True)):
-        place, basis = law.places[k // width], law.bases[k % width]
-        name = f"{basis}_{place}" if len(law.places) > 1 else basis
+        place, basis = unnamed.places[k // width], unnamed.bases[k % width]
+        name = f"{basis}_{place}" if len(unnamed.places) > 1 else basis
         parameters.append(Value(name, float(value), float(u), effect.parameters[k % width].unit))
     return Finding(
         effect.id,
         str(effect.kind),
-        _words(rest, law),
-        law.where,
+        _words(rest, unnamed),
+        unnamed.where,
         tuple(parameters),
         p,
         rest.problem.gap_rms_mm(rest.y),
@@ -217,15 +224,15 @@ def _finding(rest: _Rest, law: _Law, p: float) -> Finding:
         (),
         tuple(
             EffectInstance(effect, place, tuple(values[k * width : (k + 1) * width].tolist()))
-            for k, place in enumerate(law.places)
+            for k, place in enumerate(unnamed.places)
         ),
     )
 
 
-def _words(rest: _Rest, law: _Law) -> str:
+def _words(rest: _Rest, unnamed: _Unnamed) -> str:
     """``it grows with the cube of displacement at both indicators of leg X, not with time``."""
-    place = law.where.upper()
-    if BASES[law.bases[0]].stage == Stage.ACTUATOR:
+    place = unnamed.where.upper()
+    if BASES[unnamed.bases[0]].stage == Stage.ACTUATOR:
         where = "every carriage, differently at each" if "," in place else f"carriage {place}"
         where = f"of {where}"
     elif "," in place:
@@ -234,19 +241,21 @@ def _words(rest: _Rest, law: _Law) -> str:
         where = f"at the indicator along {place[1]} of leg {place[0]}"
     else:
         where = f"at both indicators of leg {place}"
-    others = " or ".join(BASES[name].words for name in _untouched(rest, law))
-    return f"it grows {law_words(law.bases)} {where}" + (f", not {others}" if others else "")
+    others = " or ".join(BASES[name].words for name in _untouched(rest, unnamed))
+    return f"it grows {empirical_words(unnamed.bases)} {where}" + (
+        f", not {others}" if others else ""
+    )
 
 
-def _untouched(rest: _Rest, law: _Law) -> Iterator[str]:
+def _untouched(rest: _Rest, unnamed: _Unnamed) -> Iterator[str]:
     """What else could matter on these legs and does not."""
-    legs = {place[0] for place in law.places}
+    legs = {place[0] for place in unnamed.places}
     for name in OTHER_CAUSES:
         more = [k for (place, of_it), k in rest.terms.items() if of_it == name and place[0] in legs]
-        if name in law.bases or not more:
+        if name in unnamed.bases or not more:
             continue
-        terms = (*law.terms, *more)
+        terms = (*unnamed.terms, *more)
         explained, rank = rest.explained(terms)
-        wider = replace(law, terms=terms, explained=explained, rank=rank)
-        if rest.p_value(wider, law.explained, law.rank) > NOT_WITH:
+        wider = replace(unnamed, terms=terms, explained=explained, rank=rank)
+        if rest.p_value(wider, unnamed.explained, unnamed.rank) > NOT_WITH:
             yield name

@@ -25,7 +25,7 @@ from calib.observations import (
     rows_of,
 )
 from calib.tripod.effects.candidates import Candidate, candidates, candidates_together, invisible
-from calib.tripod.effects.effect import EffectParameter, Kind, Law
+from calib.tripod.effects.effect import Effect, EffectParameter, Kind
 from calib.tripod.pipeline import Model
 
 FAR = 30.0
@@ -44,11 +44,11 @@ TOLERANCE_MM = (2.0, 2.0, 2.0, 0.1, 0.1, 0.1)
 """Of joint offsets and bar lengths."""
 
 
-def hypotheses_of(problem: Problem, laws: Sequence[Law]) -> list[Candidate]:
+def hypotheses_of(problem: Problem, effects: Sequence[Effect]) -> list[Candidate]:
     """Every candidate that the sessions can show, stacked over them, and lone wild readings."""
     sessions = [(one.model, one.observed) for one in problem.fitted_sessions]
     lone = _lone_readings(problem) if problem.has_repeats() else []
-    return [*candidates_together(sessions, laws), *lone]
+    return [*candidates_together(sessions, effects), *lone]
 
 
 def _lone_readings(problem: Problem) -> list[Candidate]:
@@ -134,7 +134,7 @@ def prior_constrained(white: FloatArray, y: FloatArray) -> FloatArray:
     return np.asarray(inverse @ y)
 
 
-def alias_map(model: Model, taken: Observations, laws: Sequence[Law]) -> AliasMap:
+def alias_map(model: Model, taken: Observations, effects: Sequence[Effect]) -> AliasMap:
     """Compare every effect in its smallest places with every other; base parameters are free.
 
     ``taken`` holds the readings of a procedure; their values do not matter.
@@ -142,7 +142,7 @@ def alias_map(model: Model, taken: Observations, laws: Sequence[Law]) -> AliasMa
     figures = IndicatorFigures(repeatability_mm=ALIAS_NOISE_MM)
     session = Case(model, taken, figures, np.array(TOLERANCE_MM)).fitted()
     problem = Problem.of([session])
-    compared = [c for c in candidates(model, session.observed, laws) if c.arrangement != "each"]
+    compared = [c for c in candidates(model, session.observed, effects) if c.arrangement != "each"]
     blocks = [problem.block(c.columns) for c in compared]
     found = []
     for i, first in enumerate(compared):
@@ -158,5 +158,5 @@ def alias_map(model: Model, taken: Observations, laws: Sequence[Law]) -> AliasMa
     return AliasMap(
         tuple(dict.fromkeys((c.id, c.where) for c in compared)),
         tuple(found),
-        invisible(model, session.observed, laws),
+        invisible(model, session.observed, effects),
     )

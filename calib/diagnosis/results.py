@@ -78,7 +78,7 @@ class ModelDiscrepancy:
     ``whole`` is True where the law takes the place of what was named, and not what that leaves.
     """
 
-    law: Finding
+    effect: Finding
     held_out: HeldOutGap | None
     whole: bool = False
 

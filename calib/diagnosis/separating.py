@@ -185,8 +185,8 @@ class Judge:
 
     def _columns(self, model: Model, taken: Conditions) -> FloatArray:
         """Columns of every explanation side by side; zero where one does not show."""
-        laws = list(dict.fromkeys(one.candidate.shares[0].law for one in self._all))
-        seen = {_key(one): one.columns for one in candidates(model, taken, laws)}
+        effects = list(dict.fromkeys(one.candidate.shares[0].effect for one in self._all))
+        seen = {_key(one): one.columns for one in candidates(model, taken, effects)}
         columns = []
         for one in self._all:
             nothing = np.zeros((len(taken), len(one.values)))

@@ -16,7 +16,7 @@ from calib.observations import FloatArray, IntArray, Observations
 from calib.tripod.differences import Differences, reading_matrix
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import PARAMETER_NAMES
-from calib.tripod.pipeline import COMPLEX_STEP_MM, Effect, Model, derivatives, simulate
+from calib.tripod.pipeline import COMPLEX_STEP_MM, Model, StageEffect, derivatives, simulate
 from calib.tripod.plain import PlainDesign, plain_design
 
 TOLERANCE = 1e-14
@@ -45,7 +45,7 @@ class Size:
         effect, number = self.at[0]
         return float(np.real(cast(EffectInstance, model.effects[effect]).values[number]))
 
-    def steps(self, model: Model) -> tuple[Effect, ...]:
+    def steps(self, model: Model) -> tuple[StageEffect, ...]:
         """The model's effects with this size a complex step further."""
         return _moved_to(model, (), (self,), [self.value(model) + 1j * COMPLEX_STEP_MM]).effects
 

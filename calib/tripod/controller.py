@@ -193,6 +193,6 @@ def _sag_mm(model: Model) -> FloatArray:
     """What each bar gets shorter under the whole weight ``(3,)``."""
     found = np.zeros(3)
     for effect in model.effects:
-        if isinstance(effect, EffectInstance) and isinstance(effect.law, GravitySag):
+        if isinstance(effect, EffectInstance) and isinstance(effect.effect, GravitySag):
             found["xyz".index(effect.place)] += float(np.real(effect.values[0]))
     return found * model.geometry.load

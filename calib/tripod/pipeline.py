@@ -40,7 +40,7 @@ class Stage(StrEnum):
     READING = "reading"  # reading (..., n), mm
 
 
-class Effect(Protocol):
+class StageEffect(Protocol):
     """A change in exactly one stage."""
 
     @property
@@ -51,8 +51,8 @@ class Effect(Protocol):
     def stage(self) -> Stage:
         """The one stage whose result `change` is given."""
 
-    def change(self, passing: NDArray[Any], flow: Flow) -> NDArray[Any]:
-        """What the stage hands on instead of ``passing``; ``flow`` holds what came before."""
+    def change(self, stage_input: NDArray[Any], flow: Flow) -> NDArray[Any]:
+        """What the stage hands on instead of ``stage_input``; ``flow`` holds what came before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class Flow:
 
     geometry: Geometry
     taken: Conditions
-    effects: Sequence[Effect]
+    effects: Sequence[StageEffect]
     joint_offset_mm: NDArray[Any]
     length_error_mm: NDArray[Any]
     command_mm: NDArray[Any]
@@ -74,19 +74,19 @@ class Flow:
     tool_mm: NDArray[Any]
     fraction: NDArray[Any]
 
-    def through(self, stage: Stage, passing: NDArray[Any]) -> NDArray[Any]:
-        """``passing`` after every effect of this stage."""
+    def through(self, stage: Stage, stage_input: NDArray[Any]) -> NDArray[Any]:
+        """``stage_input`` after every effect of this stage."""
         for effect in self.effects:
             if effect.stage == stage:
-                passing = effect.change(passing, self)
-        return passing
+                stage_input = effect.change(stage_input, self)
+        return stage_input
 
 
 def simulate(
     geometry: Geometry,
     parameters_mm: ArrayLike,
     taken: Conditions,
-    effects: Sequence[Effect] = (),
+    effects: Sequence[StageEffect] = (),
 ) -> NDArray[Any]:
     """Readings ``(..., n_readings)`` in mm for parameters ``(..., 6)`` in mm.
 
@@ -105,7 +105,7 @@ def posture(
     parameters_mm: ArrayLike,
     taken: Conditions,
     command_mm: FloatArray,
-    effects: Sequence[Effect] = (),
+    effects: Sequence[StageEffect] = (),
 ) -> Flow:
     """The machine as far as the tool, for joint coordinates ``(n, 3)``; see `simulate`."""
     parameters = np.asarray(parameters_mm)
@@ -207,7 +207,7 @@ def derivatives(
     geometry: Geometry,
     parameters_mm: ArrayLike,
     taken: Conditions,
-    effects: Sequence[Effect] = (),
+    effects: Sequence[StageEffect] = (),
 ) -> FloatArray:
     """Derivatives of the readings by the parameters ``(n_readings, 6)``, to machine precision.
 
@@ -277,7 +277,7 @@ class Model:
 
     geometry: Geometry = Geometry()
     parameters_mm: tuple[float, ...] = (0.0,) * len(PARAMETER_NAMES)
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[StageEffect, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.parameters_mm) != len(PARAMETER_NAMES) or not np.all(
@@ -293,7 +293,7 @@ class Model:
         """Simulated readings ``(n_readings,)`` in mm, without the zeros of the mountings."""
         return np.asarray(simulate(self.geometry, self.parameters_mm, taken, self.effects))
 
-    def with_effects(self, effects: tuple[Effect, ...]) -> Model:
+    def with_effects(self, effects: tuple[StageEffect, ...]) -> Model:
         """The same model with other effects."""
         return replace(self, effects=effects)
 

@@ -26,7 +26,7 @@ def of_the_program(session: Path, without: tuple[str, ...]) -> Json:
 
     options: Json = {}
     if without:
-        options["laws"] = tuple(law for law in _catalogue() if law.id not in without)
+        options["effects"] = tuple(effect for effect in _catalogue() if effect.id not in without)
     found = diagnose_files([session], **options)
     return DiagnosisReport.of(found=found).model_dump(mode="json")
 
@@ -34,10 +34,10 @@ def of_the_program(session: Path, without: tuple[str, ...]) -> Json:
 def _catalogue() -> tuple[Any, ...]:
     """Every effect that the program knows; the bench reads nothing of them but their ids."""
     try:
-        from app.evaluating.own_effects import known_laws
+        from app.evaluating.own_effects import known_effects
     except ImportError as problem:
         raise CannotLeaveOut from problem
-    return known_laws()
+    return known_effects()
 
 
 def row_of(diagnose: Diagnose, session: Path, without: tuple[str, ...]) -> Json:

@@ -69,3 +69,13 @@ def test_blunders_are_named_with_their_place(tmp_path: Path) -> None:
     """6 sessions at 99 %: fewer than 5 happens in 0.1 % of runs."""
     cases = [Case(f"q/{b}", "blunder", "sweep", "gaussian", blunder=b) for b in BLUNDERS]
     assert rate(diagnosed(cases, tmp_path), blunder_named).hits >= 5
+
+
+def test_an_effect_left_out_of_the_catalogue_is_never_named(tmp_path: Path) -> None:
+    case = Case("q/left", "left-out", "sweep", "gaussian", ("backlash",), (4.0,))
+    session = tmp_path / "left.jsonl"
+    write_session(make(case, SEED), session)
+    known = of_the_program(session, ())
+    assert "backlash" in [one["id"] for one in known["candidates"]]
+    left_out = of_the_program(session, ("backlash",))
+    assert "backlash" not in str(left_out["candidates"] + left_out["effects"])

@@ -16,7 +16,7 @@ from calib.errors import RecordError, UsageError
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.actuators import ActuatorCyclic
 from calib.tripod.effects.candidates import candidates
-from calib.tripod.effects.effect import EffectInstance, Law
+from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.empirical import Empirical
 from calib.tripod.pipeline import Flow, Model, Stage
 from protocols.machine import Machine
@@ -61,13 +61,15 @@ def adopted(arrangement: str = "mirror") -> tuple[tuple[EffectInstance, ...], Ef
     return placed, effect_entry(candidate.where, placed, known, provenance)
 
 
-@pytest.mark.parametrize("law", CATALOGUE, ids=lambda law: f"{law.id}-{law.parameters[0].name}")
-def test_every_effect_of_the_catalogue_comes_back(tmp_path: Path, law: Law) -> None:
-    places = law.places(postures())
-    sizes = tuple(0.5 * p.tolerance for p in law.parameters)
+@pytest.mark.parametrize(
+    "effect", CATALOGUE, ids=lambda effect: f"{effect.id}-{effect.parameters[0].name}"
+)
+def test_every_effect_of_the_catalogue_comes_back(tmp_path: Path, effect: Effect) -> None:
+    places = effect.places(postures())
+    sizes = tuple(0.5 * p.tolerance for p in effect.parameters)
     machine = Machine()
     model = Model(
-        machine.geometry(), OFF, tuple(EffectInstance(law, place, sizes) for place in places)
+        machine.geometry(), OFF, tuple(EffectInstance(effect, place, sizes) for place in places)
     )
     path = tmp_path / "model.json"
     path.write_text(model_file(model, machine).text(), encoding="utf-8")
@@ -184,8 +186,8 @@ UNNAMED = {
 
 
 def test_a_law_without_a_name_comes_back(tmp_path: Path) -> None:
-    law = Empirical(("cube_at_100mm", "per_hour"))
-    placed = (EffectInstance(law, "xy", (12.0, 3.0)), EffectInstance(law, "xz", (-5.0, 1.0)))
+    effect = Empirical(("cube_at_100mm", "per_hour"))
+    placed = (EffectInstance(effect, "xy", (12.0, 3.0)), EffectInstance(effect, "xz", (-5.0, 1.0)))
     known = {
         name: (value, 0.5) for name, value in zip(UNNAMED, (12.0, 3.0, -5.0, 1.0), strict=True)
     }
@@ -249,8 +251,10 @@ def test_old_files_that_call_a_place_each_are_read(tmp_path: Path) -> None:
 def test_the_load_of_the_tool(tmp_path: Path) -> None:
     """A sag under twice the weight is twice as large; nothing else knows of the load."""
     taken = postures()
-    sag = EffectInstance(next(law for law in CATALOGUE if law.id == "gravity_sag"), "z", (0.1,))
-    twice = EffectInstance(sag.law, "z", (0.2,))
+    sag = EffectInstance(
+        next(effect for effect in CATALOGUE if effect.id == "gravity_sag"), "z", (0.1,)
+    )
+    twice = EffectInstance(sag.effect, "z", (0.2,))
     loaded = Machine(load=2.0)
     assert Machine.model_validate_json(loaded.model_dump_json()) == loaded
     one = Model(loaded.geometry(), OFF, (sag,)).readings(taken)
@@ -269,8 +273,8 @@ class Stranger:
     id: str = "stranger"
     stage: Stage = Stage.READING
 
-    def change(self, passing: NDArray[Any], flow: Flow) -> NDArray[Any]:
-        return passing
+    def change(self, stage_input: NDArray[Any], flow: Flow) -> NDArray[Any]:
+        return stage_input
 
 
 def test_what_cannot_be_written() -> None:

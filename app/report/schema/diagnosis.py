@@ -63,7 +63,7 @@ class UnnamedLaw(Effect):
 
 def _unnamed(left: ModelDiscrepancy) -> SimpleNamespace:
     return SimpleNamespace(
-        **vars(left.law), instead_of_what_was_named=left.whole, held_out_gap=left.held_out
+        **vars(left.effect), instead_of_what_was_named=left.whole, held_out_gap=left.held_out
     )
 
 

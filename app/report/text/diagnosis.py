@@ -160,7 +160,7 @@ def _values_and_gap(one: Finding) -> list[str]:
 
 def discrepancy_text(found: ModelDiscrepancy) -> str:
     """The unnamed effect of the residuals, its values, and what it would take away."""
-    effect = found.law
+    effect = found.effect
     begin = "What is left has no name, but follows a law"
     if found.whole:
         begin = "A law without a name explains all, in place of what was named"
@@ -369,7 +369,7 @@ def adopt_choices(diagnosed: SessionDiagnosis) -> list[tuple[str, str]]:
     others = [c for c in found.candidates if (c.id, c.where) in rivals and c.effects]
     choices = [("named", f"what was named: {words}")] if named else []
     if found.left_over:
-        where = found.left_over.law.where
+        where = found.left_over.effect.where
         also = f"{words} and what is left" if named else "what is left"
         said = f"{also}, as a law without a name ({where})"
         if found.left_over.whole:

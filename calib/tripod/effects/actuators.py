@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from calib.observations import LEG_NAMES, TOOL, Conditions, FloatArray
 from calib.tripod.effects.effect import (
     PER_THOUSAND,
+    Effect,
     EffectParameter,
     Kind,
-    Law,
     moved_carriage,
     travel,
 )
@@ -46,11 +46,11 @@ class ActuatorScale:
         return LEG_NAMES if len(taken) else ()
 
     def change(
-        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
         """The carriage is off by a part of its commanded travel."""
         leg = LEG_NAMES.index(place)
-        return moved_carriage(passing, leg, PER_THOUSAND * values[0] * travel(flow, leg))
+        return moved_carriage(stage_input, leg, PER_THOUSAND * values[0] * travel(flow, leg))
 
 
 @dataclass(frozen=True)
@@ -83,13 +83,13 @@ class ActuatorCyclic:
         return LEG_NAMES if len(taken) else ()
 
     def change(
-        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
         """The carriage is off by a sin t + b (cos t - 1), t one turn for each lead of travel."""
         leg = LEG_NAMES.index(place)
         turn = 2 * np.pi * travel(flow, leg) / self.lead_mm
         error = values[0] * np.sin(turn) + values[1] * (np.cos(turn) - 1.0)
-        return moved_carriage(passing, leg, PER_THOUSAND * error)
+        return moved_carriage(stage_input, leg, PER_THOUSAND * error)
 
 
 @dataclass(frozen=True)
@@ -112,12 +112,12 @@ class Backlash:
         return LEG_NAMES if len(taken) else ()
 
     def change(
-        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
         """The carriage is off by the play after a movement to smaller coordinates."""
         leg = LEG_NAMES.index(place)
         stays_back = last_movement(flow.taken)[:, leg] < 0
-        return moved_carriage(passing, leg, values[0] * stays_back)
+        return moved_carriage(stage_input, leg, values[0] * stays_back)
 
 
 def last_movement(taken: Conditions) -> FloatArray:
@@ -134,10 +134,10 @@ def last_movement(taken: Conditions) -> FloatArray:
     return np.where((taken.leg == TOOL)[:, None], taken.movement, movement)
 
 
-def with_machine_lead(laws: Iterable[Law], geometry: Geometry) -> tuple[Law, ...]:
+def with_machine_lead(effects: Iterable[Effect], geometry: Geometry) -> tuple[Effect, ...]:
     """The laws; where the machine's lead is known, cyclic errors with that lead only."""
-    known = tuple(laws)
-    others = tuple(law for law in known if not isinstance(law, ActuatorCyclic))
+    known = tuple(effects)
+    others = tuple(effect for effect in known if not isinstance(effect, ActuatorCyclic))
     if geometry.screw_lead_mm is None or len(others) == len(known):
         return known
     return (*others, ActuatorCyclic(geometry.screw_lead_mm))

@@ -14,9 +14,9 @@ from calib.tripod.effects.effect import (
     DIRECTIONS,
     PAIRS,
     PER_THOUSAND,
+    Effect,
     EffectParameter,
     Kind,
-    Law,
     moved_foot,
     numbers,
     travel,
@@ -52,14 +52,16 @@ class AxisSquareness:
         return PAIRS if len(taken) else ()
 
     def change(
-        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
         """Each foot of the pair moves towards the other axis in proportion to its coordinate."""
         first, second = numbers(place)
         half_rad = PER_THOUSAND * values[0] / 2
         towards = flow.geometry.towards
         carriage = flow.carriage_mm
-        feet = moved_foot(passing, first, towards(first, second), half_rad * carriage[..., first])
+        feet = moved_foot(
+            stage_input, first, towards(first, second), half_rad * carriage[..., first]
+        )
         return moved_foot(feet, second, towards(second, first), half_rad * carriage[..., second])
 
 
@@ -81,11 +83,11 @@ class AxisOffset:
         return self.directions if len(taken) else ()
 
     def change(
-        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
         """The foot is sideways by a constant."""
         shift = values[0] * np.ones(len(flow.taken))
-        return moved_foot(passing, _drive(place), flow.geometry.across[place], shift)
+        return moved_foot(stage_input, _drive(place), flow.geometry.across[place], shift)
 
 
 @dataclass(frozen=True)
@@ -106,22 +108,23 @@ class Straightness:
         return self.directions if len(taken) else ()
 
     def change(
-        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
         """The foot is sideways by value (travel / 100 mm)²."""
         leg = _drive(place)
         part = travel(flow, leg) / STRAIGHTNESS_TRAVEL_MM
-        return moved_foot(passing, leg, flow.geometry.across[place], values[0] * part**2)
+        return moved_foot(stage_input, leg, flow.geometry.across[place], values[0] * part**2)
 
 
 def _drive(place: str) -> int:
     return LEG_NAMES.index(place[0])
 
 
-def with_directions(laws: Iterable[Law], geometry: Geometry) -> tuple[Law, ...]:
+def with_directions(effects: Iterable[Effect], geometry: Geometry) -> tuple[Effect, ...]:
     """The laws; those that act sideways in the directions across this machine's drives."""
     names = tuple(geometry.across)
     sideways = (AxisOffset, Straightness)
     return tuple(
-        replace(law, directions=names) if isinstance(law, sideways) else law for law in laws
+        replace(effect, directions=names) if isinstance(effect, sideways) else effect
+        for effect in effects
     )

@@ -46,13 +46,13 @@ class GravitySag:
         return LEG_NAMES if len(taken) else ()
 
     def change(
-        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
         """The bar changes its length by value · load · pull / weight, at the unloaded machine."""
         leg = LEG_NAMES.index(place)
-        pull = pull_of_weight(flow.geometry, flow.foot_mm, passing)
+        pull = pull_of_weight(flow.geometry, flow.foot_mm, stage_input)
         shortening = values[0] * flow.geometry.load
-        return np.asarray(passing + shortening * pull[..., leg, None] * unit(leg))
+        return np.asarray(stage_input + shortening * pull[..., leg, None] * unit(leg))
 
 
 def pull_of_weight(
@@ -96,12 +96,12 @@ class LegTaper:
         return on_legs(taken)
 
     def change(
-        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
         """The surface departs by value · distance from the tool end."""
         along_mm = flow.fraction * flow.geometry.leg_length_mm[numbers(place)[0]]
         off_mm = PER_THOUSAND * values[0] * along_mm * at_mount(flow, place)
-        return moved_touch(passing, flow, off_mm)
+        return moved_touch(stage_input, flow, off_mm)
 
 
 @dataclass(frozen=True)
@@ -125,9 +125,9 @@ class LegBow:
         return on_legs(taken)
 
     def change(
-        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
         """A parabola along the bar: zero at both ends, the value in the middle."""
         part = 4.0 * flow.fraction * (1.0 - flow.fraction)
         off_mm = values[0] * part * at_mount(flow, place)
-        return moved_touch(passing, flow, off_mm)
+        return moved_touch(stage_input, flow, off_mm)

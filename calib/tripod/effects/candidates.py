@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from calib.observations import LEG_NAMES, Conditions, FloatArray
-from calib.tripod.effects.catalogue import CATALOGUE, laws_of
-from calib.tripod.effects.effect import EffectInstance, EffectParameter, Kind, Law
+from calib.tripod.effects.catalogue import CATALOGUE, effects_of
+from calib.tripod.effects.effect import Effect, EffectInstance, EffectParameter, Kind
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import COMPLEX_STEP_MM, Flow, Model, Stage, simulate
 
@@ -24,7 +24,7 @@ VANISHES_MM = 1e-9
 class Share:
     """A place of a candidate and which of its values act there."""
 
-    law: Law
+    effect: Effect
     place: str
     values: tuple[int, ...]
 
@@ -51,33 +51,33 @@ class Candidate:
     def effects(self, values: FloatArray) -> tuple[EffectInstance, ...]:
         """The effects of these values ``(r,)``, for `Model.effects`."""
         return tuple(
-            EffectInstance(share.law, share.place, tuple(float(values[k]) for k in share.values))
+            EffectInstance(share.effect, share.place, tuple(float(values[k]) for k in share.values))
             for share in self.shares
         )
 
 
 def candidates(
-    model: Model, observed: Conditions, laws: Sequence[Law] = CATALOGUE
+    model: Model, observed: Conditions, effects: Sequence[Effect] = CATALOGUE
 ) -> tuple[Candidate, ...]:
     """What the readings could show of these laws; the rest is `invisible`."""
-    return candidates_together([(model, observed)], laws)
+    return candidates_together([(model, observed)], effects)
 
 
 def candidates_together(
-    sessions: Sequence[tuple[Model, Conditions]], laws: Sequence[Law] = CATALOGUE
+    sessions: Sequence[tuple[Model, Conditions]], effects: Sequence[Effect] = CATALOGUE
 ) -> tuple[Candidate, ...]:
     """What several sessions could show together; ``columns`` are stacked over them.
 
     Places are those of all sessions: one that a session did not reach is zero there.
     """
-    return tuple(c for c, seen in _all_candidates(sessions, laws) if seen)
+    return tuple(c for c, seen in _all_candidates(sessions, effects) if seen)
 
 
 def invisible(
-    model: Model, observed: Conditions, laws: Sequence[Law] = CATALOGUE
+    model: Model, observed: Conditions, effects: Sequence[Effect] = CATALOGUE
 ) -> tuple[tuple[str, str], ...]:
     """Id and place of what changes no reading of these, or only zeros of mountings."""
-    found = list(_all_candidates([(model, observed)], laws))
+    found = list(_all_candidates([(model, observed)], effects))
     seen = {(c.id, c.where) for c, is_seen in found if is_seen}
     return tuple(dict.fromkeys((c.id, c.where) for c, _ in found if (c.id, c.where) not in seen))
 
@@ -90,59 +90,59 @@ class _Together:
     stage: Stage
     id: str = "together"
 
-    def change(self, passing: NDArray[Any], flow: Flow) -> NDArray[Any]:
-        return np.stack([effect.change(passing, flow) for effect in self.effects])
+    def change(self, stage_input: NDArray[Any], flow: Flow) -> NDArray[Any]:
+        return np.stack([effect.change(stage_input, flow) for effect in self.effects])
 
 
 def place_columns(
-    model: Model, observed: Conditions, laws: Sequence[Law]
+    model: Model, observed: Conditions, effects: Sequence[Effect]
 ) -> list[dict[str, FloatArray]]:
     """For each law its places and the derivatives ``(n_readings, k)`` there, by the complex step.
 
     One simulation for each stage; what comes before the stage is computed once for all.
     """
-    found: list[dict[str, list[FloatArray]]] = [{} for _ in laws]
+    found: list[dict[str, list[FloatArray]]] = [{} for _ in effects]
     for stage in Stage:
         stepped = [
-            (rows.setdefault(place, []), EffectInstance(law, place, tuple(step.tolist())))
-            for law, rows in zip(laws, found, strict=True)
-            if law.stage == stage
-            for place in law.places(observed)
-            for step in 1j * COMPLEX_STEP_MM * np.eye(len(law.parameters))
+            (rows.setdefault(place, []), EffectInstance(effect, place, tuple(step.tolist())))
+            for effect, rows in zip(effects, found, strict=True)
+            if effect.stage == stage
+            for place in effect.places(observed)
+            for step in 1j * COMPLEX_STEP_MM * np.eye(len(effect.parameters))
         ]
         if stepped:
             together = _Together(tuple(placed for _, placed in stepped), stage)
-            effects = (*model.effects, together)
-            readings = simulate(model.geometry, model.parameters_mm, observed, effects)
+            acting = (*model.effects, together)
+            readings = simulate(model.geometry, model.parameters_mm, observed, acting)
             for (rows, _), row in zip(stepped, readings.imag / COMPLEX_STEP_MM, strict=True):
                 rows.append(row)
     return [{place: np.stack(rows, axis=1) for place, rows in one.items()} for one in found]
 
 
 def _all_candidates(
-    sessions: Sequence[tuple[Model, Conditions]], laws: Sequence[Law]
+    sessions: Sequence[tuple[Model, Conditions]], effects: Sequence[Effect]
 ) -> Iterator[tuple[Candidate, bool]]:
     """Every candidate and whether it is seen."""
     geometry = sessions[0][0].geometry
-    known = laws_of(laws, geometry)
+    known = effects_of(effects, geometry)
     centre = _Centre([observed for _, observed in sessions])
-    for law, columns in zip(known, stacked_columns(sessions, known), strict=True):
-        seen = {p: c for p, c in columns.items() if centre.is_seen(c, law.parameters)}
+    for effect, columns in zip(known, stacked_columns(sessions, known), strict=True):
+        seen = {p: c for p, c in columns.items() if centre.is_seen(c, effect.parameters)}
         for place in columns:
             if place not in seen:
-                yield _one(law, place, columns[place]), False
-        for candidate in _arrangements(law, seen, geometry):
+                yield _one(effect, place, columns[place]), False
+        for candidate in _arrangements(effect, seen, geometry):
             yield candidate, centre.is_seen(candidate.columns, candidate.parameters)
 
 
 def stacked_columns(
-    sessions: Sequence[tuple[Model, Conditions]], laws: Sequence[Law]
+    sessions: Sequence[tuple[Model, Conditions]], effects: Sequence[Effect]
 ) -> list[dict[str, FloatArray]]:
     """`place_columns` of several sessions below each other, zero where one has no such place."""
-    parts = [place_columns(model, observed, laws) for model, observed in sessions]
+    parts = [place_columns(model, observed, effects) for model, observed in sessions]
     found = []
-    for law, *each in zip(laws, *parts, strict=True):
-        nothing = [np.zeros((len(o), len(law.parameters))) for _, o in sessions]
+    for effect, *each in zip(effects, *parts, strict=True):
+        nothing = [np.zeros((len(o), len(effect.parameters))) for _, o in sessions]
         places = dict.fromkeys(place for one in each for place in one)
         found.append(
             {
@@ -167,20 +167,22 @@ class _Centre:
         return bool((np.abs(left) * sizes).max(initial=0.0) > VANISHES_MM)
 
 
-def _arrangements(law: Law, seen: dict[str, FloatArray], geometry: Geometry) -> Iterator[Candidate]:
+def _arrangements(
+    effect: Effect, seen: dict[str, FloatArray], geometry: Geometry
+) -> Iterator[Candidate]:
     lateral = _is_lateral(seen, geometry)
-    if not lateral or law.stage in (Stage.TOUCH, Stage.READING):
-        yield from (_one(law, place, columns) for place, columns in seen.items())
+    if not lateral or effect.stage in (Stage.TOUCH, Stage.READING):
+        yield from (_one(effect, place, columns) for place, columns in seen.items())
     if lateral:
-        yield from _by_leg(law, seen)
+        yield from _by_leg(effect, seen)
     if len(seen) > 1:
         if geometry.orthogonal or not lateral:
-            yield _grouped(law, seen, "same", {"": tuple(seen)})
+            yield _grouped(effect, seen, "same", {"": tuple(seen)})
         if set(seen) == set(geometry.across):
-            yield from _symmetric(law, seen, geometry)
+            yield from _symmetric(effect, seen, geometry)
         legs = {place[0] for place in seen}
         if not lateral or len(legs) > 1:
-            found = _grouped(law, seen, "each", {f"_{place}": (place,) for place in seen})
+            found = _grouped(effect, seen, "each", {f"_{place}": (place,) for place in seen})
             yield replace(found, where=",".join(_listed(seen, lateral=lateral)))
 
 
@@ -191,7 +193,9 @@ def _is_lateral(seen: Iterable[str], geometry: Geometry) -> bool:
     return any(place[::-1] in seen or place[1] not in LEG_NAMES for place in seen)
 
 
-def _symmetric(law: Law, seen: dict[str, FloatArray], geometry: Geometry) -> Iterator[Candidate]:
+def _symmetric(
+    effect: Effect, seen: dict[str, FloatArray], geometry: Geometry
+) -> Iterator[Candidate]:
     """Two values that all drives share, as the machine is symmetric.
 
     Orthogonal drives: each the mirror image of itself when two axes are exchanged; going round with
@@ -199,12 +203,12 @@ def _symmetric(law: Law, seen: dict[str, FloatArray], geometry: Geometry) -> Ite
     """
     first, second = list(seen)[0::2], list(seen)[1::2]
     if not geometry.orthogonal:
-        yield _grouped(law, seen, "turning", {"_r": tuple(first), "_t": tuple(second)})
+        yield _grouped(effect, seen, "turning", {"_r": tuple(first), "_t": tuple(second)})
         return
-    yield _grouped(law, seen, "mirror", {"_first": tuple(first), "_second": tuple(second)})
+    yield _grouped(effect, seen, "mirror", {"_first": tuple(first), "_second": tuple(second)})
     following = (first[0], second[1], first[2])
     before = (second[0], first[1], second[2])
-    yield _grouped(law, seen, "turning", {"_next": following, "_before": before})
+    yield _grouped(effect, seen, "turning", {"_next": following, "_before": before})
 
 
 def _listed(seen: Iterable[str], *, lateral: bool) -> list[str]:
@@ -215,41 +219,44 @@ def _listed(seen: Iterable[str], *, lateral: bool) -> list[str]:
     return legs if whole else list(seen)
 
 
-def _by_leg(law: Law, seen: dict[str, FloatArray]) -> Iterator[Candidate]:
+def _by_leg(effect: Effect, seen: dict[str, FloatArray]) -> Iterator[Candidate]:
     """Both directions across one leg, each with its own value."""
     for leg in LEG_NAMES:
         both = [place for place in seen if place[0] == leg]
         if len(both) == 2:
-            found = _grouped(law, seen, "each", {f"_{place}": (place,) for place in both})
+            found = _grouped(effect, seen, "each", {f"_{place}": (place,) for place in both})
             yield replace(found, where=leg)
 
 
-def _one(law: Law, place: str, columns: FloatArray) -> Candidate:
-    found = _grouped(law, {place: columns}, "one", {"": (place,)})
+def _one(effect: Effect, place: str, columns: FloatArray) -> Candidate:
+    found = _grouped(effect, {place: columns}, "one", {"": (place,)})
     return replace(found, where=place)
 
 
 def _grouped(
-    law: Law, seen: dict[str, FloatArray], arrangement: str, groups: dict[str, tuple[str, ...]]
+    effect: Effect,
+    seen: dict[str, FloatArray],
+    arrangement: str,
+    groups: dict[str, tuple[str, ...]],
 ) -> Candidate:
     """Groups of places that share their values, by the ending of their parameters' names."""
-    count = len(law.parameters)
+    count = len(effect.parameters)
     return Candidate(
-        id=law.id,
-        title=law.title,
-        kind=law.kind,
+        id=effect.id,
+        title=effect.title,
+        kind=effect.kind,
         where="all",
         arrangement=arrangement,
         parameters=tuple(
             replace(parameter, name=parameter.name + ending)
             for ending in groups
-            for parameter in law.parameters
+            for parameter in effect.parameters
         ),
         columns=np.hstack(
             [np.sum([seen[place] for place in places], axis=0) for places in groups.values()]
         ),
         shares=tuple(
-            Share(law, place, tuple(range(number * count, (number + 1) * count)))
+            Share(effect, place, tuple(range(number * count, (number + 1) * count)))
             for number, places in enumerate(groups.values())
             for place in places
         ),

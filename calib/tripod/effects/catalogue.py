@@ -18,12 +18,12 @@ from calib.tripod.effects.axes import (
     with_directions,
 )
 from calib.tripod.effects.bars import GravitySag, LegBow, LegTaper
-from calib.tripod.effects.effect import Law
+from calib.tripod.effects.effect import Effect
 from calib.tripod.effects.environment import DriftWithTemperature, DriftWithTime
 from calib.tripod.effects.gauges import GaugeGain, GaugeTilt, PlateTilt
 from calib.tripod.geometry import Geometry
 
-CATALOGUE: tuple[Law, ...] = (
+CATALOGUE: tuple[Effect, ...] = (
     AxisSquareness(),
     AxisOffset(),
     Straightness(),
@@ -41,6 +41,6 @@ CATALOGUE: tuple[Law, ...] = (
 )
 
 
-def laws_of(laws: Iterable[Law], geometry: Geometry) -> tuple[Law, ...]:
+def effects_of(effects: Iterable[Effect], geometry: Geometry) -> tuple[Effect, ...]:
     """The laws as they are on this machine: its screws' lead, the directions across its drives."""
-    return with_directions(with_machine_lead(laws, geometry), geometry)
+    return with_directions(with_machine_lead(effects, geometry), geometry)

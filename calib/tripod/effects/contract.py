@@ -1,4 +1,4 @@
-"""What a law must keep to, tried on a machine that is a little off: see `Law`."""
+"""What a law must keep to, tried on a machine that is a little off: see `Effect`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.observations import Conditions, conditions
-from calib.tripod.effects.effect import EffectInstance, EffectParameter, Kind, Law
+from calib.tripod.effects.effect import Effect, EffectInstance, EffectParameter, Kind
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Stage, simulate
 
@@ -31,37 +31,37 @@ def fault_of(given: object) -> str:
     fault = _fault_of_form(given)
     if fault:
         return fault
-    law = cast(Law, given)
-    fault = _fault_of_change(law)
-    return f"{law.id}: {fault}" if fault else ""
+    effect = cast(Effect, given)
+    fault = _fault_of_change(effect)
+    return f"{effect.id}: {fault}" if fault else ""
 
 
 def _fault_of_form(given: object) -> str:
     """What it lacks to be a law; empty if nothing."""
     if not all(isinstance(getattr(given, name, None), str) for name in WORDS):
         return f"{given!r:.80}, which lacks one of the texts {', '.join(WORDS)}"
-    law = cast(Law, given)
-    if not ID.fullmatch(law.id):
-        return f"the id {law.id!r}, not of small letters, digits and _"
-    if not isinstance(law.kind, Kind) or not isinstance(law.stage, Stage):
-        return f"{law.id}: kind or stage that is no Kind or no Stage"
-    parameters = law.parameters
+    effect = cast(Effect, given)
+    if not ID.fullmatch(effect.id):
+        return f"the id {effect.id!r}, not of small letters, digits and _"
+    if not isinstance(effect.kind, Kind) or not isinstance(effect.stage, Stage):
+        return f"{effect.id}: kind or stage that is no Kind or no Stage"
+    parameters = effect.parameters
     if not parameters or not all(isinstance(p, EffectParameter) for p in parameters):
-        return f"{law.id}: parameters that are no EffectParameter"
+        return f"{effect.id}: parameters that are no EffectParameter"
     if not all(LEAST_TOLERANCE <= p.tolerance <= MOST_TOLERANCE for p in parameters):
-        return f"{law.id}: a tolerance outside {LEAST_TOLERANCE:g} … {MOST_TOLERANCE:g}"
+        return f"{effect.id}: a tolerance outside {LEAST_TOLERANCE:g} … {MOST_TOLERANCE:g}"
     return ""
 
 
 @np.errstate(all="ignore")  # what is not finite is told below
-def _fault_of_change(law: Law) -> str:
+def _fault_of_change(effect: Effect) -> str:
     """What is wrong with the readings that it makes; empty if nothing."""
     legs, axes = [0, 0, 1, 1, 2, 2] * 3, [1, 2, 0, 2, 0, 1] * 3
     taken = conditions(legs, axes, [0.0] * 6 + [60.0] * 6 + [-100.0] * 6)
-    places = law.places(taken)
+    places = effect.places(taken)
     if not places or not all(isinstance(place, str) for place in places):
         return "places that are no texts, or none"
-    faults = (_fault_at(_Trial(law, place, taken)) for place in places)
+    faults = (_fault_at(_Trial(effect, place, taken)) for place in places)
     return next((fault for fault in faults if fault), "")
 
 
@@ -69,15 +69,15 @@ def _fault_of_change(law: Law) -> str:
 class _Trial:
     """A law at one place of a machine that is a little off."""
 
-    law: Law
+    effect: Effect
     place: str
     taken: Conditions
 
     def readings(self, step: complex, size: float = 1.0) -> NDArray[Any]:
         """Readings with every value, and the machine, a step further."""
-        values = tuple(size * p.tolerance * (1 + step) for p in self.law.parameters)
+        values = tuple(size * p.tolerance * (1 + step) for p in self.effect.parameters)
         parameters = np.array(TRIED_MM) * (1 + step)
-        effect = EffectInstance(self.law, self.place, values)
+        effect = EffectInstance(self.effect, self.place, values)
         return simulate(Geometry(), parameters, self.taken, (effect,))
 
 

@@ -34,7 +34,7 @@ class EffectParameter:
     tolerance: float
 
 
-class Law(Protocol):
+class Effect(Protocol):
     """What an effect does; a small frozen dataclass.
 
     Laws of one ``id`` are variants of it and differ in the names of their parameters.
@@ -72,11 +72,11 @@ class Law(Protocol):
         """Where it may act: legs, pairs, directions of legs or mounts (``"xy"``)."""
 
     def change(
-        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
-        """What the stage hands on instead of ``passing``.
+        """What the stage hands on instead of ``stage_input``.
 
-        ``values`` in the units of `parameters`. Leading axes of ``passing`` and ``flow`` hold
+        ``values`` in the units of `parameters`. Leading axes of ``stage_input`` and ``flow`` hold
         several machines; values may be complex.
         """
 
@@ -85,28 +85,28 @@ class Law(Protocol):
 class EffectInstance:
     """A law at one place with values in its units: an effect for the pipeline."""
 
-    law: Law
+    effect: Effect
     place: str
     values: tuple[float | complex, ...]
 
     @property
     def id(self) -> str:
         """Name in the catalogue."""
-        return self.law.id
+        return self.effect.id
 
     @property
     def stage(self) -> Stage:
         """The stage of the law."""
-        return self.law.stage
+        return self.effect.stage
 
     def with_value(self, number: int, value: float | complex) -> Self:
         """The same with one other value."""
         values = (*self.values[:number], value, *self.values[number + 1 :])
         return replace(self, values=values)
 
-    def change(self, passing: NDArray[Any], flow: Flow) -> NDArray[Any]:
+    def change(self, stage_input: NDArray[Any], flow: Flow) -> NDArray[Any]:
         """The law with these values, at this place."""
-        return self.law.change(passing, flow, self.place, self.values)
+        return self.effect.change(stage_input, flow, self.place, self.values)
 
 
 PAIRS = ("xy", "yz", "xz")
@@ -150,20 +150,20 @@ def at_mount(flow: Flow, place: str) -> FloatArray:
     return np.asarray((flow.taken.leg == leg) & (flow.taken.axis == axis), dtype=np.float64)
 
 
-def moved_carriage(passing: NDArray[Any], leg: int, along_mm: NDArray[Any]) -> NDArray[Any]:
+def moved_carriage(stage_input: NDArray[Any], leg: int, along_mm: NDArray[Any]) -> NDArray[Any]:
     """Carriages ``(..., n, 3)`` with one moved along its axis by ``(..., n)``."""
-    return np.asarray(passing + along_mm[..., None] * unit(leg))
+    return np.asarray(stage_input + along_mm[..., None] * unit(leg))
 
 
 def moved_foot(
-    passing: NDArray[Any], leg: int, towards: FloatArray, sideways_mm: NDArray[Any]
+    stage_input: NDArray[Any], leg: int, towards: FloatArray, sideways_mm: NDArray[Any]
 ) -> NDArray[Any]:
     """Feet ``(..., n, 3, 3)`` with one moved by ``(..., n)`` along a unit vector ``(3,)``."""
     where = np.outer(unit(leg), towards)
-    return np.asarray(passing + sideways_mm[..., None, None] * where)
+    return np.asarray(stage_input + sideways_mm[..., None, None] * where)
 
 
-def moved_touch(passing: NDArray[Any], flow: Flow, by_mm: NDArray[Any]) -> NDArray[Any]:
+def moved_touch(stage_input: NDArray[Any], flow: Flow, by_mm: NDArray[Any]) -> NDArray[Any]:
     """Touched points ``(..., n, 3)`` moved along their measuring axes by ``(..., n)``."""
     along = measuring_directions(flow.geometry, flow.taken)
-    return np.asarray(passing + by_mm[..., None] * along)
+    return np.asarray(stage_input + by_mm[..., None] * along)

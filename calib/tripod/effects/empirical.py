@@ -89,7 +89,7 @@ class Empirical:
         grows = (
             "readings grow" if self.stage == Stage.READING else "a carriage is off along its way"
         )
-        return f"an unnamed law: {grows} {law_words(self.bases)}"
+        return f"an unnamed law: {grows} {empirical_words(self.bases)}"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -103,16 +103,16 @@ class Empirical:
         return LEG_NAMES if len(taken) else ()
 
     def change(
-        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
         """What passes grows by each value times its basis."""
         if self.stage == Stage.READING:
             columns = [_of_reading(name, flow.taken) for name in self.bases]
-            return np.asarray(passing + _grown_mm(values, columns) * at_mount(flow, place))
+            return np.asarray(stage_input + _grown_mm(values, columns) * at_mount(flow, place))
         leg = LEG_NAMES.index(place)
         part = travel(flow, leg) / AT_MM
         columns = [part ** BASES[name].power for name in self.bases]
-        return moved_carriage(passing, leg, _grown_mm(values, columns))
+        return moved_carriage(stage_input, leg, _grown_mm(values, columns))
 
 
 def _grown_mm(values: Sequence[Any], columns: Sequence[FloatArray]) -> NDArray[Any]:
@@ -135,12 +135,12 @@ def _of_reading(name: str, taken: Conditions) -> FloatArray:
     return np.asarray((taken.displacement_mm / AT_MM) ** BASES[name].power)
 
 
-def law_words(bases: Iterable[str]) -> str:
+def empirical_words(bases: Iterable[str]) -> str:
     """``with the cube of displacement and with time``."""
     return " and ".join(BASES[name].words for name in bases)
 
 
-def empirical_law(names: Iterable[str]) -> Empirical | None:
+def empirical_effect(names: Iterable[str]) -> Empirical | None:
     """The law of these parameters in their usual order.
 
     None where one of them is not known, or where some belong to readings and some to carriages.

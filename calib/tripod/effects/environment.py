@@ -34,11 +34,11 @@ class DriftWithTime:
         return _measured_axes(taken)
 
     def change(
-        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
         """The reading grows by value for each hour since the start of the session."""
         hours = _known_only(flow.taken.time_s, flow.taken) / SECONDS_PER_HOUR
-        return _wandered(passing, flow, place, PER_THOUSAND * values[0] * hours)
+        return _wandered(stage_input, flow, place, PER_THOUSAND * values[0] * hours)
 
 
 @dataclass(frozen=True)
@@ -58,16 +58,18 @@ class DriftWithTemperature:
         return _measured_axes(taken)
 
     def change(
-        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
         """The reading grows by value for each kelvin above 20 °C."""
         above = _known_only(flow.taken.temperature_c - REFERENCE_C, flow.taken)
-        return _wandered(passing, flow, place, PER_THOUSAND * values[0] * above)
+        return _wandered(stage_input, flow, place, PER_THOUSAND * values[0] * above)
 
 
-def _wandered(passing: NDArray[Any], flow: Flow, place: str, by_mm: NDArray[Any]) -> NDArray[Any]:
+def _wandered(
+    stage_input: NDArray[Any], flow: Flow, place: str, by_mm: NDArray[Any]
+) -> NDArray[Any]:
     measured = flow.taken.axis == LEG_NAMES.index(place)
-    return np.asarray(passing + by_mm * measured)
+    return np.asarray(stage_input + by_mm * measured)
 
 
 def _measured_axes(taken: Conditions) -> tuple[str, ...]:

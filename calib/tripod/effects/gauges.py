@@ -47,10 +47,10 @@ class GaugeGain:
         return mounts(taken)
 
     def change(
-        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
         """The reading is multiplied by 1 + value."""
-        return np.asarray(passing * (1.0 + PERCENT * values[0] * at_mount(flow, place)))
+        return np.asarray(stage_input * (1.0 + PERCENT * values[0] * at_mount(flow, place)))
 
 
 @dataclass(frozen=True)
@@ -74,16 +74,16 @@ class GaugeTilt:
         return on_legs(taken)
 
     def change(
-        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
         """The touched point along a plunger that is turned by the value towards the third axis."""
         leg, axis = numbers(place)
         drives = flow.geometry.directions
-        own = (passing * drives[axis]).sum(axis=-1)
-        third = (passing * drives[3 - leg - axis]).sum(axis=-1)
+        own = (stage_input * drives[axis]).sum(axis=-1)
+        third = (stage_input * drives[3 - leg - axis]).sum(axis=-1)
         tilt_rad = PER_THOUSAND * values[0]
         off_mm = np.sin(tilt_rad) * third + (np.cos(tilt_rad) - 1.0) * own
-        return moved_touch(passing, flow, off_mm * at_mount(flow, place))
+        return moved_touch(stage_input, flow, off_mm * at_mount(flow, place))
 
 
 @dataclass(frozen=True)
@@ -114,9 +114,9 @@ class PlateTilt:
         return tuple(place for place in mounts(taken) if place in AT_TOOL)
 
     def change(
-        self, passing: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
         """The way across the coordinate is read in proportion."""
         first, second = (k for k in range(3) if k != numbers(place)[1])
-        way = values[0] * passing[..., first] + values[1] * passing[..., second]
-        return moved_touch(passing, flow, PER_THOUSAND * way * at_mount(flow, place))
+        way = values[0] * stage_input[..., first] + values[1] * stage_input[..., second]
+        return moved_touch(stage_input, flow, PER_THOUSAND * way * at_mount(flow, place))

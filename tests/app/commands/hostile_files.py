@@ -206,10 +206,10 @@ def _table(chance: random.Random, folder: Path) -> Case:
 def _effect_file(chance: random.Random, folder: Path) -> Case:
     effects = folder / "effects"
     effects.mkdir()
-    law = LAW.format(
+    effect = LAW.format(
         title=repr(ESCAPES), tolerance=chance.choice(NUMBERS), factor=chance.choice(NUMBERS)
     )
-    text = chance.choice((*EFFECT_FILES, law, law, law))
+    text = chance.choice((*EFFECT_FILES, effect, effect, effect))
     (effects / "e.py").write_text(text)
     simulate = ("simulate", "-o", "s.jsonl", "--effect", "hostile")
     aliases = ("diagnose", "--aliases", "--procedure", "zero-max-min")

@@ -159,10 +159,10 @@ def test_what_has_no_name_is_adopted_as_a_law(tmp_path: Path) -> None:
     session, _ = nameless(tmp_path)
     target = tmp_path / "law.json"
     found = diagnosed(session, "--adopt", target, "--candidate", "empirical")
-    law = found["left_over"]
-    assert (law["id"], law["kind"], law["where"]) == ("empirical", "empirical", "x")
-    assert law["gap_rms_after_mm"] < 0.5 * law["gap_rms_before_mm"]
-    assert law["held_out_gap"]["after_rms_mm"] < law["held_out_gap"]["before_rms_mm"]
+    effect = found["left_over"]
+    assert (effect["id"], effect["kind"], effect["where"]) == ("empirical", "empirical", "x")
+    assert effect["gap_rms_after_mm"] < 0.5 * effect["gap_rms_before_mm"]
+    assert effect["held_out_gap"]["after_rms_mm"] < effect["held_out_gap"]["before_rms_mm"]
     assert "empirical" not in {one["id"] for one in (*found["effects"], *found["candidates"])}
     (entry,) = json.loads(target.read_text(encoding="utf-8"))["effects"]
     assert entry["id"] == "empirical"

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.evaluating.own_effects import effects_folder, known_laws
+from app.evaluating.own_effects import effects_folder, known_effects
 from calib.errors import RecordError
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import candidates
@@ -43,7 +43,7 @@ def write(folder: Path, text: str) -> None:
 
 def test_the_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert effects_folder() == folder
-    assert known_laws() == CATALOGUE
+    assert known_effects() == CATALOGUE
     monkeypatch.delenv("GLIDECAL_EFFECTS")
     assert effects_folder().parts[-2:] == ("glidecal", "effects")
 
@@ -51,10 +51,10 @@ def test_the_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_documented_effect_is_a_candidate(folder: Path) -> None:
     assert len(documented().splitlines()) < 40
     write(folder, documented())
-    laws = known_laws()
-    assert [law.id for law in laws[len(CATALOGUE) :]] == ["bent_arm"]
+    effects = known_effects()
+    assert [effect.id for effect in effects[len(CATALOGUE) :]] == ["bent_arm"]
     taken = postures()
-    found = [c for c in candidates(Model(parameters_mm=OFF), taken, laws) if c.id == "bent_arm"]
+    found = [c for c in candidates(Model(parameters_mm=OFF), taken, effects) if c.id == "bent_arm"]
     assert {c.where for c in found} >= {"xy", "zy", "x", "all", "x,y,z"}
     plain = Model(parameters_mm=OFF).readings(taken)
     column = next(c for c in found if c.where == "xy").columns[:, 0]
@@ -64,11 +64,11 @@ def test_the_documented_effect_is_a_candidate(folder: Path) -> None:
 
 def test_the_documented_effect_in_a_model(folder: Path, tmp_path: Path) -> None:
     write(folder, documented())
-    law = known_laws()[-1]
-    model = Model(parameters_mm=OFF, effects=(EffectInstance(law, "xy", (40.0,)),))
+    effect = known_effects()[-1]
+    model = Model(parameters_mm=OFF, effects=(EffectInstance(effect, "xy", (40.0,)),))
     path = tmp_path / "model.json"
     path.write_text(model_file(model, Machine()).text(), encoding="utf-8")
-    again, _ = read_model(path, known_laws())
+    again, _ = read_model(path, known_effects())
     taken = postures()
     assert again.readings(taken) == pytest.approx(model.readings(taken), abs=1e-15)
     made = tmp_path / "s.jsonl"
@@ -122,7 +122,7 @@ def test_the_documented_effect_in_the_demonstration(folder: Path, tmp_path: Path
 def test_a_broken_effect_is_named(folder: Path, text: str, said: str) -> None:
     write(folder, text)
     with pytest.raises(RecordError, match="mine") as caught:
-        known_laws()
+        known_effects()
     assert "mine.py" in str(caught.value)
     assert said in str(caught.value)
 
@@ -155,7 +155,7 @@ def test_an_installed_package_gives_effects(
     (described / "entry_points.txt").write_text("[glidecal.effects]\narm = shop_effects:EFFECTS\n")
     (site / "shop_effects.py").write_text(documented(), encoding="utf-8")
     monkeypatch.syspath_prepend(str(site))
-    assert [law.id for law in known_laws()[len(CATALOGUE) :]] == ["bent_arm"]
+    assert [effect.id for effect in known_effects()[len(CATALOGUE) :]] == ["bent_arm"]
     (described / "entry_points.txt").write_text("[glidecal.effects]\narm = shop_effects:NONE\n")
     with pytest.raises(RecordError, match="entry point arm = shop_effects:NONE"):
-        known_laws()
+        known_effects()

@@ -27,7 +27,7 @@ from protocols.record import read_record
 from protocols.session import fold
 from tests.app.cli import glidecal, refused
 
-IDS = tuple(dict.fromkeys(law.id for law in CATALOGUE))
+IDS = tuple(dict.fromkeys(effect.id for effect in CATALOGUE))
 MACHINE = load_machine(None)
 NOISE_MM = 0.002
 
@@ -44,16 +44,18 @@ def measured(plan: Plan) -> Observations:
     return to_observations([fold(read_record(plan.path).events)])
 
 
-@pytest.mark.parametrize("effect", IDS)
+@pytest.mark.parametrize("wanted", IDS)
 @pytest.mark.parametrize("protocol", ["zero-max-min", "two-station"])
-def test_every_effect_shows_and_nothing_else_imitates_it(effect: str, protocol: str) -> None:
+def test_every_effect_shows_and_nothing_else_imitates_it(wanted: str, protocol: str) -> None:
     """What offsets, lengths and zeros leave of it stands far above the noise; no monster."""
-    tolerance = {law.parameters: law.parameters[0].tolerance for law in CATALOGUE}
+    tolerance = {effect.parameters: effect.parameters[0].tolerance for effect in CATALOGUE}
     taken = planned_readings(load_procedure(protocol, MACHINE.geometry()), MACHINE)
     for seed in (1, 2, 3):
         truth = hidden_machine(MACHINE.geometry(), seed)
-        effects = hidden_effect(effect, truth, taken, laws=CATALOGUE, seed=seed, noise_mm=NOISE_MM)
-        assert {one.id for one in effects} == {effect}
+        effects = hidden_effect(
+            wanted, truth, taken, effects=CATALOGUE, seed=seed, noise_mm=NOISE_MM
+        )
+        assert {one.id for one in effects} == {wanted}
         shift = replace(truth, effects=effects).readings(taken) - truth.readings(taken)
         zeros = np.eye(taken.mount_count)[taken.mount]
         base = np.hstack([zeros, derivatives(truth.geometry, truth.parameters_mm, taken)])
@@ -61,7 +63,7 @@ def test_every_effect_shows_and_nothing_else_imitates_it(effect: str, protocol: 
         assert 0.9 * NOISE_MM < np.sqrt((left**2).mean()) < 6 * NOISE_MM
         assert (left**2).sum() > 50 * NOISE_MM**2
         for one in effects:
-            most = 60.01 * tolerance[one.law.parameters]
+            most = 60.01 * tolerance[one.effect.parameters]
             assert all(0.0 < abs(value) <= most for value in one.values)
 
 
@@ -160,7 +162,7 @@ def test_places_and_options_that_do_not_fit(tmp_path: Path) -> None:
             "thermal_drift",
             hidden_machine(MACHINE.geometry(), 1),
             untimed,
-            laws=CATALOGUE,
+            effects=CATALOGUE,
             seed=1,
             noise_mm=NOISE_MM,
         )

@@ -14,7 +14,7 @@ from calib.tripod.pipeline import Model, measure
 from tests.builders import conditions_of
 
 TOLERANCE_MM = np.array([2.0] * 3 + [0.1] * 3)
-LAWS = {law.id: law for law in reversed(CATALOGUE)}
+LAWS = {effect.id: effect for effect in reversed(CATALOGUE)}
 
 
 SWEEP, TWO_STATION, SHORT = map(conditions_of, ("sweep", "two-station", "zero-max-min"))

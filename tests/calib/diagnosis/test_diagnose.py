@@ -94,7 +94,7 @@ def test_a_model_that_has_the_effect_agrees() -> None:
 
 
 def test_an_effect_out_of_the_catalogue_is_not_given_a_name_with_confidence() -> None:
-    others = [law for law in CATALOGUE if law.id not in ("backlash",)]
+    others = [effect for effect in CATALOGUE if effect.id not in ("backlash",)]
     found = diagnose([case(TWO_STATION, EffectInstance(LAWS["backlash"], "x", (0.05,)))], others)
     assert found.verdict in ("unexplained", "partly-explained")
 
@@ -158,9 +158,9 @@ def test_two_effects_do_not_pass_for_one_in_every_place() -> None:
 
 def test_two_leads_of_one_screw_are_terms_of_a_series() -> None:
     both = [
-        EffectInstance(law, "y", (0.0, 30.0))
-        for law in CATALOGUE
-        if isinstance(law, ActuatorCyclic) and law.lead_mm in (5.0, 20.0)
+        EffectInstance(effect, "y", (0.0, 30.0))
+        for effect in CATALOGUE
+        if isinstance(effect, ActuatorCyclic) and effect.lead_mm in (5.0, 20.0)
     ]
     one, two = (diagnose([case(SWEEP, *some, seed=2)], CATALOGUE) for some in (both[:1], both))
     assert (one.verdict, names(one)) == ("explained", [("actuator_cyclic", "y")])

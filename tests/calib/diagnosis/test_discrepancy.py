@@ -10,7 +10,7 @@ from calib.diagnosis.results import Diagnosis, ModelDiscrepancy
 from calib.observations import Observations
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
-from calib.tripod.effects.empirical import BASES, Empirical, empirical_law
+from calib.tripod.effects.empirical import BASES, Empirical, empirical_effect
 from calib.tripod.pipeline import Model, Stage
 from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case
 
@@ -30,15 +30,15 @@ def test_a_cube_of_travel_is_described_and_never_named() -> None:
     made = case(TWO_STATION, cube(800.0), seed=3)
     found = diagnose([made], CATALOGUE)
     assert found.verdict in ("partly-explained", "unexplained")
-    law = law_of(found).law
-    assert (law.id, law.kind, law.where) == ("empirical", "empirical", "x")
-    assert law.title == (
+    unnamed = law_of(found).effect
+    assert (unnamed.id, unnamed.kind, unnamed.where) == ("empirical", "empirical", "x")
+    assert unnamed.title == (
         "it grows with the cube of travel of carriage X, not with the direction of approach or "
         "with time"
     )
-    (value,) = law.parameters
+    (value,) = unnamed.parameters
     assert abs(value.value - 800.0) < 4.0 * value.standard_uncertainty
-    assert law.gap_rms_after_mm < 0.4 * law.gap_rms_before_mm
+    assert unnamed.gap_rms_after_mm < 0.4 * unnamed.gap_rms_before_mm
     held = law_of(found).held_out
     assert held is not None
     assert held.after_rms_mm < 0.5 * held.before_rms_mm
@@ -61,11 +61,11 @@ def test_readings_that_depend_on_time_and_direction() -> None:
     found = diagnose([case(SWEEP, *effects, seed=6)], [LAWS["thermal_drift"]])
     assert found.verdict == "unexplained"
     assert found.effects == ()
-    law = law_of(found).law
-    assert law.where == "y"
-    assert "with the cube of displacement and with the direction of approach" in law.title
-    assert law.title.endswith("at both indicators of leg Y, not with time")
-    values = {v.name: v for v in law.parameters}
+    unnamed = law_of(found).effect
+    assert unnamed.where == "y"
+    assert "with the cube of displacement and with the direction of approach" in unnamed.title
+    assert unnamed.title.endswith("at both indicators of leg Y, not with time")
+    values = {v.name: v for v in unnamed.parameters}
     assert set(values) == {f"{b}_{p}" for b in term.bases for p in ("yx", "yz")}
     for name, size in (("cube_at_100mm", 60.0), ("up_less_down", 25.0)):
         for place in ("yx", "yz"):
@@ -84,14 +84,14 @@ def test_a_law_beside_what_was_named() -> None:
     assert found.verdict == "partly-explained"
     left = law_of(found)
     assert not left.whole
-    assert left.law.where == "xy"
-    assert "fourth power" in left.law.title
-    assert left.law.gap_rms_before_mm == pytest.approx(found.gap_after.rms_mm)
+    assert left.effect.where == "xy"
+    assert "fourth power" in left.effect.title
+    assert left.effect.gap_rms_before_mm == pytest.approx(found.gap_after.rms_mm)
 
 
 def test_adopted_it_is_gone_and_the_model_agrees() -> None:
     made = case(TWO_STATION, cube(800.0), seed=3)
-    effects = law_of(diagnose([made], CATALOGUE)).law.effects
+    effects = law_of(diagnose([made], CATALOGUE)).effect.effects
     again = case(TWO_STATION, cube(800.0), seed=3, model=Model(effects=effects))
     found = diagnose([again], CATALOGUE)
     assert found.verdict == "agrees"
@@ -139,10 +139,10 @@ def test_bases_and_laws_by_hand() -> None:
 
 
 def test_laws_that_are_none() -> None:
-    assert empirical_law(()) is None
-    assert empirical_law(("cube_at_100mm", "nonsense")) is None
-    assert empirical_law(("cube_at_100mm", "travel_cube_at_100mm")) is None
-    mixed = empirical_law(("per_hour", "line_at_100mm"))
+    assert empirical_effect(()) is None
+    assert empirical_effect(("cube_at_100mm", "nonsense")) is None
+    assert empirical_effect(("cube_at_100mm", "travel_cube_at_100mm")) is None
+    mixed = empirical_effect(("per_hour", "line_at_100mm"))
     assert mixed is not None
     assert mixed.bases == ("line_at_100mm", "per_hour")
     assert {BASES[name].stage for name in mixed.bases} == {Stage.READING}

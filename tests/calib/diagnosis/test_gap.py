@@ -20,7 +20,7 @@ def left_by_the_true_effect_mm(
     model = Model()
     base = derivatives(model.geometry, model.parameters_mm, taken, (effect,))
     small = 1e-6
-    bigger = EffectInstance(effect.law, effect.place, tuple(v + small for v in effect.values))
+    bigger = EffectInstance(effect.effect, effect.place, tuple(v + small for v in effect.values))
     readings = [Model(effects=(e,)).readings(taken) for e in (effect, bigger)]
     column = (readings[1] - readings[0]) / small
     zeros = np.eye(taken.mount_count)[taken.mount]

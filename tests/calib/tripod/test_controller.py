@@ -17,7 +17,7 @@ from calib.tripod.controller import (
 from calib.tripod.effects.actuators import ActuatorCyclic, ActuatorScale, Backlash
 from calib.tripod.effects.axes import AxisOffset, AxisSquareness, Straightness
 from calib.tripod.effects.bars import GravitySag
-from calib.tripod.effects.effect import EffectInstance, Law
+from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.gauges import GaugeGain
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, Stage
@@ -27,8 +27,8 @@ L = 310.25
 OFFSETS = (0.8, -1.3, 0.45)
 
 
-def model(*effects: tuple[Law, str, tuple[float, ...]]) -> Model:
-    placed = tuple(EffectInstance(law, place, values) for law, place, values in effects)
+def model(*effects: tuple[Effect, str, tuple[float, ...]]) -> Model:
+    placed = tuple(EffectInstance(effect, place, values) for effect, place, values in effects)
     return Model(Geometry(), (*OFFSETS, 0.0, 0.0, 0.0), placed)
 
 

@@ -15,8 +15,8 @@ from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.actuators import last_movement
 from calib.tripod.effects.bars import pull_of_weight
 from calib.tripod.effects.candidates import Candidate, candidates, invisible
-from calib.tripod.effects.catalogue import laws_of
-from calib.tripod.effects.effect import EffectInstance, Law
+from calib.tripod.effects.catalogue import effects_of
+from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.geometry import Geometry
 from calib.tripod.kinematics import trilaterate
 from calib.tripod.pipeline import Model, derivatives, simulate
@@ -58,13 +58,13 @@ PLATE = on_plate()
 SETTINGS = [
     pytest.param(known, geometry, taken, id=f"{known.id}-{known.parameters[0].name}-{name}")
     for name, geometry, taken in (("legs", Geometry(), TAKEN), ("plate", DELTA, PLATE))
-    for known in laws_of(CATALOGUE, geometry)
+    for known in effects_of(CATALOGUE, geometry)
     if known.places(taken)
 ]
 """Every law on a machine whose readings it may touch."""
 
 
-def law(effect_id: str, parameter: str = "") -> Law:
+def effect(effect_id: str, parameter: str = "") -> Effect:
     return next(
         known
         for known in CATALOGUE
@@ -82,7 +82,7 @@ def change(
 ) -> FloatArray:
     """What an effect changes in the readings of the nominal machine."""
     model = Model(geometry or Geometry())
-    placed = EffectInstance(law(effect_id, parameter), place, (value,))
+    placed = EffectInstance(effect(effect_id, parameter), place, (value,))
     return replace(model, effects=(placed,)).readings(taken) - model.readings(taken)
 
 
@@ -104,7 +104,7 @@ def test_the_catalogue_holds_the_ids_of_the_contract() -> None:
 
 @pytest.mark.parametrize(("known", "geometry", "taken"), SETTINGS)
 def test_zero_changes_nothing_and_columns_are_central_differences(
-    known: Law, geometry: Geometry, taken: Conditions
+    known: Effect, geometry: Geometry, taken: Conditions
 ) -> None:
     """Complex steps against differences of the nonlinear simulation, at a machine that is off."""
     model = Model(geometry, OFF)
@@ -129,7 +129,7 @@ def test_zero_changes_nothing_and_columns_are_central_differences(
 
 @pytest.mark.parametrize(("known", "geometry", "taken"), SETTINGS)
 def test_base_derivatives_pass_through_every_effect(
-    known: Law, geometry: Geometry, taken: Conditions
+    known: Effect, geometry: Geometry, taken: Conditions
 ) -> None:
     """A batch of complex machines with the effect adopted equals differences of single ones."""
     sizes = tuple(p.tolerance for p in known.parameters)
@@ -206,7 +206,7 @@ def test_scale_and_cyclic_are_errors_of_the_carriage(displacement: float) -> Non
         assert change("actuator_scale", "x", 0.5, taken)[0] == pytest.approx(scaled, abs=1e-11)
         turn = 2 * np.pi * travel / 4.0
         error = 1e-3 * (3.0 * np.sin(turn) + 5.0 * (np.cos(turn) - 1.0))
-        cyclic = EffectInstance(law("actuator_cyclic", "sine_4mm"), "x", (3.0, 5.0))
+        cyclic = EffectInstance(effect("actuator_cyclic", "sine_4mm"), "x", (3.0, 5.0))
         found = Model(effects=(cyclic,)).readings(taken)[0]
         assert found == pytest.approx(reads(leg, axis, displacement, (error, 0.0, 0.0)), abs=1e-11)
 
@@ -322,13 +322,13 @@ def test_gain_and_tilt() -> None:
     taken = conditions([0, 0, 1], [1, 2, 0], [60.0] * 3)
     model = Model(parameters_mm=OFF)
     plain = model.readings(taken)
-    gain = replace(model, effects=(EffectInstance(law("gauge_gain"), "xy", (2.0,)),)).readings(
+    gain = replace(model, effects=(EffectInstance(effect("gauge_gain"), "xy", (2.0,)),)).readings(
         taken
     )
     assert gain == pytest.approx(plain * [1.02, 1.0, 1.0])
     both = conditions([0] * 4, [1, 2, 1, 2], [60.0, 60.0, 0.0, 0.0])
     plain = model.readings(both)
-    tilt = replace(model, effects=(EffectInstance(law("gauge_tilt"), "xy", (10.0,)),)).readings(
+    tilt = replace(model, effects=(EffectInstance(effect("gauge_tilt"), "xy", (10.0,)),)).readings(
         both
     )
     moved = tilt - plain
@@ -402,8 +402,8 @@ def test_what_nothing_shows_is_listed() -> None:
 
 def test_candidates_of_a_model_that_has_effects() -> None:
     """Derivatives are taken with the adopted effects acting."""
-    gain = EffectInstance(law("gauge_gain"), "xy", (50.0,))
-    squareness = [law("axis_squareness")]
+    gain = EffectInstance(effect("gauge_gain"), "xy", (50.0,))
+    squareness = [effect("axis_squareness")]
     plain = candidates(Model(parameters_mm=OFF), TAKEN, squareness)[0].columns
     model = Model(parameters_mm=OFF, effects=(gain,))
     scaled = candidates(model, TAKEN, squareness)[0].columns

@@ -16,7 +16,7 @@ from calib.errors import UnreachablePosture
 from calib.observations import conditions, observe
 from calib.tripod.differences import differences, reading_matrix
 from calib.tripod.geometry import Geometry
-from calib.tripod.pipeline import Effect, Flow, Model, Stage, command, derivatives, simulate
+from calib.tripod.pipeline import Flow, Model, Stage, StageEffect, command, derivatives, simulate
 from tests.builders import postures
 
 NOMINAL = Geometry()
@@ -112,8 +112,8 @@ class Lean:
     id: str = "lean"
     stage: Stage = Stage.FOOT
 
-    def change(self, passing: NDArray[Any], flow: Flow) -> NDArray[Any]:
-        feet = passing.copy()
+    def change(self, stage_input: NDArray[Any], flow: Flow) -> NDArray[Any]:
+        feet = stage_input.copy()
         feet[..., self.leg, self.towards] += self.angle_rad * flow.carriage_mm[..., self.leg]
         return feet
 
@@ -128,8 +128,8 @@ class Shift:
     id: str = "shift"
     stage: Stage = Stage.FOOT
 
-    def change(self, passing: NDArray[Any], flow: Flow) -> NDArray[Any]:
-        feet = passing.copy()
+    def change(self, stage_input: NDArray[Any], flow: Flow) -> NDArray[Any]:
+        feet = stage_input.copy()
         feet[..., self.leg, self.towards] += self.shift_mm
         return feet
 
@@ -142,12 +142,12 @@ class Gain:
     id: str = "gain"
     stage: Stage = Stage.READING
 
-    def change(self, passing: NDArray[Any], flow: Flow) -> NDArray[Any]:
-        return passing * self.gain
+    def change(self, stage_input: NDArray[Any], flow: Flow) -> NDArray[Any]:
+        return stage_input * self.gain
 
 
 def slope(
-    effect_at: Callable[[float], Effect], leg: int, axis: int, displacement: float, h: float
+    effect_at: Callable[[float], StageEffect], leg: int, axis: int, displacement: float, h: float
 ) -> float:
     taken = conditions([leg], [axis], [displacement])
     high = Model(effects=(effect_at(h),)).readings(taken)[0]

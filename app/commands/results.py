@@ -78,6 +78,9 @@ def export(
     ini: Annotated[
         Path | None, typer.Option(help="LinuxCNC INI file: what the joints hold now.")
     ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Export effects that stayed ambiguous, too.")
+    ] = False,
 ) -> None:
     """Offsets for the controller: a file, or for linuxcnc a folder of includes and tables."""
     from app.exports import FORMATS
@@ -94,6 +97,13 @@ def export(
         offsets = replace(offsets, controller=Controller.homed_at(_triple(home_offset)))
     if ini:
         offsets = replace(offsets, controller=read_controller(ini))
+    if offsets.ambiguous and format_name.startswith("linuxcnc") and not force:
+        raise UsageError(
+            "export of a model",
+            f"{', '.join(offsets.ambiguous)}, one of several effects that would do",
+            "effects that the readings tell from others",
+            "Measure what glidecal diagnose --next proposes, or give --force.",
+        )
     for text in offsets.cautions:
         say(f"glidecal: {text}")
     if format_name.startswith("linuxcnc") and offsets.controller is None:

@@ -19,7 +19,7 @@ from calib.tripod.controller import Controller
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 from protocols.machine import Machine
-from protocols.model_file import is_model, read_model_file, to_model
+from protocols.model_file import ModelFile, is_model, read_model_file, to_model
 
 JOINT_OFFSETS = PARAMETER_NAMES[:3]
 
@@ -33,7 +33,8 @@ class Offsets:
     ``cautions`` are what stands below the first lines of the result, and that a session is
     unfinished, one line each; with ``lacks_fit`` its warning counts what the model leaves as
     noise. ``model`` holds the parameters, and effects fitted with them. ``controller`` is what the
-    controller holds now, None where nobody stated it; ``made`` tells when, and by which program.
+    controller holds now, None where nobody stated it; ``made`` tells when, and by which program;
+    ``ambiguous`` are effects that these readings could not tell from others.
     """
 
     source: str
@@ -42,6 +43,7 @@ class Offsets:
     model: Model
     controller: Controller | None
     made: str = ""
+    ambiguous: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     cautions: tuple[str, ...] = ()
     lacks_fit: bool = False
@@ -95,6 +97,15 @@ def offsets_from_solved(solved: SessionSolution) -> Offsets:
     )
 
 
+def ambiguous_effects(found: ModelFile) -> tuple[str, ...]:
+    """Effects of a model that stand for a set of which any would do."""
+    return tuple(
+        f"{one.id} ({one.where})"
+        for one in found.effects
+        if one.provenance and one.provenance.verdict == "ambiguous"
+    )
+
+
 def _stated(machine: Machine) -> Controller | None:
     """What the machine file says that the controller holds."""
     return Controller.homed_at(machine.home_offset_mm) if machine.home_offset_mm else None
@@ -124,7 +135,9 @@ def offsets_from_file(
         return _offsets_from_model(path)
     solved, warnings = solve_files([path], subset=subset, method=method, model=model)
     offsets = offsets_from_solved(solved)
-    return replace(offsets, cautions=(*map(one_line, warnings), *offsets.cautions))
+    unsure = ambiguous_effects(read_model_file(model)) if model else ()
+    cautions = (*map(one_line, warnings), *offsets.cautions)
+    return replace(offsets, cautions=cautions, ambiguous=unsure)
 
 
 def _offsets_from_model(path: Path) -> Offsets:
@@ -138,6 +151,7 @@ def _offsets_from_model(path: Path) -> Offsets:
         parameters={name: Offset(found.parameters_mm[name]) for name in stated},
         model=model,
         controller=_stated(found.machine),
+        ambiguous=ambiguous_effects(found),
         cautions=tuple(dict.fromkeys([NOT_KNOWN, *(found.cautions or ())])),
     )
 

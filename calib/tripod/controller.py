@@ -18,7 +18,7 @@ from calib.tripod.effects.bars import GravitySag
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.kinematics import inverse
 from calib.tripod.pipeline import Model, Stage
-from calib.tripod.workspace import machine_at, workspace_points
+from calib.tripod.workspace import carriages_at, machine_at, workspace_points
 
 MOST_POINTS = 256
 """Lines of a compensation table that LinuxCNC reads."""
@@ -96,7 +96,7 @@ def carriage_error_mm(model: Model, joint_mm: FloatArray, way: float) -> FloatAr
 
     ``way`` -1 is downwards. Includes d_rho.
     """
-    return np.asarray(machine_at(model, joint_mm, way).carriage_mm - joint_mm)
+    return carriages_at(model, joint_mm, way) - joint_mm
 
 
 def carriage_errors_mm(model: Model, joint_mm: float, way: float) -> list[float]:

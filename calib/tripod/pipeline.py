@@ -108,6 +108,19 @@ def posture(
     effects: Sequence[StageEffect] = (),
 ) -> Flow:
     """The machine as far as the tool, for joint coordinates ``(n, 3)``; see `simulate`."""
+    flow = driven(geometry, parameters_mm, taken, command_mm, effects)
+    flow = replace(flow, foot_mm=foot(flow))
+    return replace(flow, tool_mm=tool(flow))
+
+
+def driven(
+    geometry: Geometry,
+    parameters_mm: ArrayLike,
+    taken: Conditions,
+    command_mm: FloatArray,
+    effects: Sequence[StageEffect] = (),
+) -> Flow:
+    """The same as far as the carriages, which need not reach each other."""
     parameters = np.asarray(parameters_mm)
     none = np.empty(0)
     flow = Flow(
@@ -122,9 +135,7 @@ def posture(
         tool_mm=none,
         fraction=none,
     )
-    flow = replace(flow, carriage_mm=actuator(flow))
-    flow = replace(flow, foot_mm=foot(flow))
-    return replace(flow, tool_mm=tool(flow))
+    return replace(flow, carriage_mm=actuator(flow))
 
 
 def command(geometry: Geometry, taken: Conditions) -> FloatArray:

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.observations import FloatArray, tool_conditions
+from calib.observations import Conditions, FloatArray, tool_conditions
 from calib.tripod.geometry import Geometry
 from calib.tripod.kinematics import inverse, tool_jacobians
-from calib.tripod.pipeline import Flow, Model, posture
+from calib.tripod.pipeline import Flow, Model, driven, posture
 
 POINTS_PER_AXIS = 5
 
@@ -49,6 +49,18 @@ def machine_at(model: Model, joint_mm: FloatArray, way: float) -> Flow:
 
     1 is upwards, -1 downwards. Raises UnreachablePosture.
     """
-    taken = tool_conditions(np.zeros((len(joint_mm), 3)))
-    taken = replace(taken, movement=np.full((len(joint_mm), 3), way))
+    taken = reached(len(joint_mm), way)
     return posture(model.geometry, model.parameters_mm, taken, joint_mm, model.effects)
+
+
+def carriages_at(model: Model, joint_mm: FloatArray, way: float) -> FloatArray:
+    """True places of the carriages ``(n, 3)``, wherever they are sent."""
+    taken = reached(len(joint_mm), way)
+    flow = driven(model.geometry, model.parameters_mm, taken, joint_mm, model.effects)
+    return np.asarray(flow.carriage_mm)
+
+
+def reached(count: int, way: float) -> Conditions:
+    """Conditions of so many postures of the tool, all carriages having come one way."""
+    taken = tool_conditions(np.zeros((count, 3)))
+    return replace(taken, movement=np.full((count, 3), way))

@@ -168,7 +168,8 @@ def round_ticks(values: Iterable[float]) -> tuple[float, ...]:
     lower, upper = min(shown), max(shown)
     span = upper - lower
     if span < LEAST_SPAN_MM:
-        lower, upper, span = lower - LEAST_SPAN_MM / 2, upper + LEAST_SPAN_MM / 2, LEAST_SPAN_MM
+        room = (LEAST_SPAN_MM - span) / 2
+        lower, upper, span = lower - room, upper + room, LEAST_SPAN_MM
     decade = 10.0 ** math.floor(math.log10(span / MOST_TICKS))
     step = next(f * decade for f in (1.0, 2.0, 5.0, 10.0) if span / (f * decade) <= MOST_TICKS)
     first, last = math.floor(lower / step), math.ceil(upper / step)

@@ -19,6 +19,7 @@ from calib.diagnosis.results import (
     Share,
 )
 from calib.ties import descending
+from calib.tripod.effects.effect import remedies
 from calib.tripod.effects.empirical import EMPIRICAL
 
 DIAGNOSE_HELP = """\
@@ -142,6 +143,7 @@ def effects_text(findings: tuple[Finding, ...]) -> str:
     for one in findings:
         lines.append(wrapped(f"{one.id} ({one.where}), {one.kind}: {one.title}"))
         lines += [hanging(line, INDENT) for line in _values_and_gap(one)]
+        lines += [hanging(f"{INDENT}{said}", INDENT) for said in remedies(one.effects)]
         if one.indistinguishable_from:
             rivals = ", ".join(f"{r.id} ({r.where})" for r in one.indistinguishable_from)
             lines.append(hanging(f"{INDENT}these data cannot tell it from: {rivals}", INDENT))

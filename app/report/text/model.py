@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from app.report.text.tables import new_table, signed, table_text, wrapped
-from protocols.model_file import EffectEntry, ModelFile
+from app.evaluating.own_effects import known_effects
+from app.report.text.tables import hanging, new_table, signed, table_text, wrapped
+from calib.errors import RecordError
+from calib.tripod.effects.effect import remedies
+from protocols.machine import Machine
+from protocols.model_file import EffectEntry, ModelFile, placed_effects
 
 
 def model_text(model: ModelFile) -> str:
@@ -12,7 +16,7 @@ def model_text(model: ModelFile) -> str:
     for name, value in model.parameters_mm.items():
         table.add_row(name, signed(value, 4))
     parts = [f"Model of {model.machine.name}", table_text(table)]
-    parts += [effect_words(effect) for effect in model.effects] or ["No effects."]
+    parts += [effect_words(effect, model.machine) for effect in model.effects] or ["No effects."]
     if model.history:
         lines = [
             wrapped(f"{h.at:%Y-%m-%d %H:%M} {h.action} {h.effect.id} ({h.effect.where}): {h.why}")
@@ -22,14 +26,22 @@ def model_text(model: ModelFile) -> str:
     return "\n\n".join(parts)
 
 
-def effect_words(effect: EffectEntry) -> str:
-    """One effect, its sizes, and where it was found."""
+def effect_words(effect: EffectEntry, machine: Machine) -> str:
+    """One effect, its sizes, what to do against it, and where it was found."""
     lines = [f"{effect.id} ({effect.where}): {effect.title}"]
     for name, value in effect.parameters.items():
         spread = value.standard_uncertainty
         about = "" if spread is None else f" ± {spread:.2g}"
         lines.append(f"    {name} = {value.value:+.4g}{about} {value.unit}")
+    lines += [hanging(f"    {said}", "    ") for said in _remedies(effect, machine)]
     if effect.provenance:
         sessions = ", ".join(effect.provenance.sessions)
         lines.append(wrapped(f"    found in {sessions}, verdict {effect.provenance.verdict}"))
     return "\n".join(lines)
+
+
+def _remedies(effect: EffectEntry, machine: Machine) -> tuple[str, ...]:
+    try:
+        return remedies(placed_effects(effect, known_effects(), machine.geometry(), "model"))
+    except RecordError:  # an effect of somebody else: what it is shall be seen all the same
+        return ()

@@ -39,7 +39,9 @@ class ActuatorScale:
         "constant in time",
         "changes sign with travel",
     )
-    controller: str = "SCALE of the joint: multiply it by 1 minus the value in mm/m / 1000"
+    controller: str = (
+        "joint {place}: multiply SCALE by 1 − ({scale}), or COMP_FILE of export --format linuxcnc"
+    )
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every carriage."""
@@ -67,7 +69,7 @@ class ActuatorCyclic:
         "constant in time",
         "repeats after one lead of travel",
     )
-    controller: str = "screw compensation table of the joint (COMP_FILE)"
+    controller: str = "joint {place}: COMP_FILE of export --format linuxcnc"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -105,7 +107,7 @@ class Backlash:
         "constant in time",
         "depends on the direction of approach only, not on travel",
     )
-    controller: str = "BACKLASH of the joint, in mm"
+    controller: str = "joint {place}: BACKLASH = {play}"
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every carriage."""

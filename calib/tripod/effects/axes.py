@@ -45,7 +45,10 @@ class AxisSquareness:
         *REPEATABLE,
         "the same change of both readings of the pair",
     )
-    controller: str = ""
+    controller: str = (
+        "axes {place}: the kinematics of export --format linuxcnc-kins, or turn one "
+        "of them by {lean} away from the other"
+    )
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every pair of axes, whatever was measured."""
@@ -75,7 +78,10 @@ class AxisOffset:
     stage: Stage = Stage.FOOT
     parameters: tuple[EffectParameter, ...] = (EffectParameter("shift", "mm", 0.1),)
     invariances: tuple[str, ...] = (*REPEATABLE, "follows the angle of the bar, not its travel")
-    controller: str = ""
+    controller: str = (
+        "axis {axis}: the kinematics of export --format linuxcnc-kins, or shim it by "
+        "{shift} against {along}"
+    )
     directions: tuple[str, ...] = DIRECTIONS
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
@@ -100,7 +106,7 @@ class Straightness:
     stage: Stage = Stage.FOOT
     parameters: tuple[EffectParameter, ...] = (EffectParameter("sideways_at_100mm", "mm", 0.02),)
     invariances: tuple[str, ...] = (*REPEATABLE, "the same for equal travel either way from Zero")
-    controller: str = "straightness compensation of the axis, where the controller has one"
+    controller: str = "axis {axis}: the kinematics of export --format linuxcnc-kins"
     directions: tuple[str, ...] = DIRECTIONS
 
     def places(self, taken: Conditions) -> tuple[str, ...]:

@@ -39,7 +39,7 @@ class GravitySag:
         "constant in time",
         "changes with the load and with how the machine stands",
     )
-    controller: str = ""
+    controller: str = "bar {place}: the kinematics of export --format linuxcnc-kins"
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every bar."""
@@ -89,7 +89,7 @@ class LegTaper:
         "constant in time",
         "linear in the place on the bar, whatever moved it there",
     )
-    controller: str = ""
+    controller: str = "nothing to enter: the touched surface, not the machine"
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every leg and measuring axis that was measured."""
@@ -118,7 +118,7 @@ class LegBow:
         "constant in time",
         "depends on the place on the bar, whatever moved it there",
     )
-    controller: str = ""
+    controller: str = "nothing to enter: the touched surface, not the machine"
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every leg and measuring axis that was measured."""

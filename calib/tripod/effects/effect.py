@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -66,7 +67,11 @@ class Effect(Protocol):
 
     @property
     def controller(self) -> str:
-        """What the controller can be given against it, in words; empty if nothing."""
+        """What to do against it, in words; empty if nothing.
+
+        ``{place}`` stands for the places, ``{axis}`` and ``{along}`` for their letters, the name of
+        a parameter for its value and unit.
+        """
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Where it may act: legs, pairs, directions of legs or mounts (``"xy"``)."""
@@ -107,6 +112,28 @@ class EffectInstance:
     def change(self, stage_input: NDArray[Any], flow: Flow) -> NDArray[Any]:
         """The law with these values, at this place."""
         return self.effect.change(stage_input, flow, self.place, self.values)
+
+
+def remedies(placed: Sequence[EffectInstance]) -> tuple[str, ...]:
+    """What to do against an effect that acts at these places, once for those of equal values."""
+    alike: dict[tuple[float | complex, ...], list[EffectInstance]] = {}
+    for one in placed:
+        alike.setdefault(one.values, []).append(one)
+    return tuple(
+        dict.fromkeys(_remedy(some) for some in alike.values() if some[0].effect.controller)
+    )
+
+
+def _remedy(alike: Sequence[EffectInstance]) -> str:
+    effect, places = alike[0].effect, [one.place for one in alike]
+    words = {
+        "place": ", ".join(places),
+        "axis": ", ".join(dict.fromkeys(place[0] for place in places)),
+        "along": ", ".join(dict.fromkeys(place[-1] for place in places)),
+    }
+    for parameter, value in zip(effect.parameters, alike[0].values, strict=True):
+        words[parameter.name] = f"{value.real:+.4g} {parameter.unit}"
+    return re.sub(r"\{(\w+)\}", lambda found: words.get(found[1], found[0]), effect.controller)
 
 
 PAIRS = ("xy", "yz", "xz")

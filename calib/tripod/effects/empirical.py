@@ -76,7 +76,7 @@ class Empirical:
     id: str = EMPIRICAL
     kind: Kind = Kind.EMPIRICAL
     invariances: tuple[str, ...] = ()
-    controller: str = ""
+    controller: str = "nothing to enter before it has a name"
 
     @property
     def stage(self) -> Stage:

@@ -27,7 +27,7 @@ class DriftWithTime:
     stage: Stage = Stage.READING
     parameters: tuple[EffectParameter, ...] = (EffectParameter("rate", "µm/h", 10.0),)
     invariances: tuple[str, ...] = ("same for every posture", "same for both directions")
-    controller: str = ""
+    controller: str = "nothing to enter: let the machine and the stand come to rest in temperature"
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every measuring axis."""
@@ -51,7 +51,7 @@ class DriftWithTemperature:
     stage: Stage = Stage.READING
     parameters: tuple[EffectParameter, ...] = (EffectParameter("per_kelvin", "µm/K", 5.0),)
     invariances: tuple[str, ...] = ("same for every posture", "same for both directions")
-    controller: str = ""
+    controller: str = "nothing to enter: let the machine and the stand come to rest in temperature"
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every measuring axis."""

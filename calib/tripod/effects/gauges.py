@@ -40,7 +40,7 @@ class GaugeGain:
         "constant in time",
         "in proportion to the reading, whatever caused it",
     )
-    controller: str = ""
+    controller: str = "nothing to enter: check the indicator at {place}, it is {gain} off"
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every leg and measuring axis that was measured."""
@@ -67,7 +67,7 @@ class GaugeTilt:
         "in proportion to what the other indicator of the leg shows",
         "another one after the stand was set up anew",
     )
-    controller: str = ""
+    controller: str = "nothing to enter: seat the indicator at {place} anew, askew by {tilt}"
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every leg and measuring axis that was measured."""
@@ -107,7 +107,7 @@ class PlateTilt:
         "in proportion to the way across the indicator",
         "another one after the plate was set up anew",
     )
-    controller: str = ""
+    controller: str = "nothing to enter: level the plate, or seat the indicator anew"
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """The tool along every coordinate that was measured."""

@@ -113,7 +113,7 @@ def test_the_documented_effect_in_the_demonstration(folder: Path, tmp_path: Path
         (documented().replace("bent_arm", "backlash"), "the id 'backlash'"),
         (documented().replace("Stage.READING", '"reading"'), "no Stage"),
         (documented().replace("50.0)", "0.0)"), "a tolerance outside 1e-09"),
-        (documented().replace("passing**2", "abs(passing)"), "complex values do not pass"),
+        (documented().replace("stage_input**2", "abs(stage_input)"), "complex values do not pass"),
         (documented().replace("values[0]", "(1 + values[0])"), "a value of 0 changes readings"),
         (documented().replace("values[0]", "values[7]"), "IndexError"),
         (documented().replace("mounts(taken)", "()"), "places"),

@@ -12,14 +12,15 @@ import pytest
 from app.measuring.simulated import simulated_session
 from calib.observations import Conditions, FloatArray, conditions, tool_conditions
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.actuators import last_movement
+from calib.tripod.effects.actuators import Backlash, last_movement
+from calib.tripod.effects.axes import AxisOffset
 from calib.tripod.effects.bars import pull_of_weight
 from calib.tripod.effects.candidates import Candidate, candidates, invisible
 from calib.tripod.effects.catalogue import effects_of
-from calib.tripod.effects.effect import Effect, EffectInstance
+from calib.tripod.effects.effect import Effect, EffectInstance, remedies
 from calib.tripod.geometry import Geometry
 from calib.tripod.kinematics import trilaterate
-from calib.tripod.pipeline import Model, derivatives, simulate
+from calib.tripod.pipeline import Model, Stage, derivatives, simulate
 from protocols.events import Event
 from protocols.machine import Machine
 from protocols.observations import to_observations
@@ -428,3 +429,22 @@ def test_a_large_session_takes_milliseconds() -> None:
         candidates(Model(parameters_mm=OFF), taken)
         spans.append(time.perf_counter() - start)
     assert min(spans) < 0.3
+
+
+def test_remedies_tell_what_to_enter_and_at_which_joints() -> None:
+    """Once for places of equal values; a shim goes against the shift."""
+    play = [EffectInstance(Backlash(), leg, (0.06,)) for leg in "xz"]
+    assert remedies([*play, EffectInstance(Backlash(), "y", (0.02,))]) == (
+        "joint x, z: BACKLASH = +0.06 mm",
+        "joint y: BACKLASH = +0.02 mm",
+    )
+    (said,) = remedies([EffectInstance(AxisOffset(), "zy", (-0.12,))])
+    assert said.startswith("axis z: the kinematics of export --format linuxcnc-kins")
+    assert said.endswith("or shim it by -0.12 mm against y")
+
+
+def test_every_effect_says_what_to_do() -> None:
+    for effect in CATALOGUE:
+        place = "xy" if effect.stage != Stage.ACTUATOR else "x"
+        (said,) = remedies([EffectInstance(effect, place, (1.0,) * len(effect.parameters))])
+        assert "{" not in said, effect.id

@@ -1,0 +1,124 @@
+"""What LinuxCNC is given of a model with effects; that it is right, tests/controller tries."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.app.cli import glidecal, refused
+
+INI = "[TRAJ]\nLINEAR_UNITS = mm\n" + "".join(
+    f"[JOINT_{n}]\nHOME_OFFSET = {300 + n}\nHOME_LATCH_VEL = -1\n" for n in range(3)
+)
+D_RHO = {"d_rho_x": 0.5, "d_rho_y": -0.25, "d_rho_z": 0.0}
+
+
+def effect(name: str, where: str, verdict: str = "explained", **values: float) -> dict[str, object]:
+    units = {"play": "mm", "scale": "mm/m", "shift": "mm", "gain": "%"}
+    return {
+        "id": name,
+        "where": where,
+        "parameters": {key: {"value": v, "unit": units[key]} for key, v in values.items()},
+        "provenance": {"sessions": ["a.jsonl"], "verdict": verdict},
+    }
+
+
+def exported(
+    folder: Path, *effects: dict[str, object], ini: str = INI, kind: str = "linuxcnc"
+) -> dict[str, str]:
+    asked = asked_of(folder, *effects, ini=ini, kind=kind)
+    run = glidecal(*asked)
+    assert run.status == 0, run.err
+    return {path.name: path.read_text() for path in (folder / "out").iterdir()}
+
+
+def asked_of(
+    folder: Path, *effects: dict[str, object], ini: str = INI, kind: str = "linuxcnc"
+) -> tuple[str | Path, ...]:
+    document = {"schema": "glidecal.model/1", "parameters_mm": D_RHO, "effects": effects}
+    (folder / "m.json").write_text(json.dumps(document))
+    (folder / "m.ini").write_text(ini)
+    files = ("--ini", folder / "m.ini", "-o", folder / "out")
+    return ("export", folder / "m.json", "--format", kind, *files)
+
+
+def entry(text: str, key: str) -> str | None:
+    lines = [line for line in text.splitlines() if line.startswith(f"{key} = ")]
+    return lines[0].partition(" = ")[2] if lines else None
+
+
+def test_play_is_backlash_and_latched_downwards_in_home_offset(tmp_path: Path) -> None:
+    found = exported(tmp_path, effect("backlash", "y", play=0.06))
+    assert entry(found["calib_joint1.inc"], "BACKLASH") == "0.060000"
+    assert float(entry(found["calib_joint1.inc"], "HOME_OFFSET") or 0) == pytest.approx(
+        301 - 0.25 + 0.06
+    )
+    assert entry(found["calib_joint0.inc"], "BACKLASH") is None
+    assert entry(found["calib_joint0.inc"], "HOME_OFFSET") == "300.500000"
+    assert "and +0.060000 mm that homing meets at the switch" in found["calib_joint1.inc"]
+
+
+def test_play_is_added_to_what_the_joint_takes_already(tmp_path: Path) -> None:
+    ini = INI.replace("HOME_OFFSET = 301\n", "HOME_OFFSET = 301\nBACKLASH = 0.02\n")
+    found = exported(tmp_path, effect("backlash", "y", play=0.06), ini=ini)
+    assert entry(found["calib_joint1.inc"], "BACKLASH") == "0.080000"
+
+
+def test_scale_is_a_table_with_numbers_alone(tmp_path: Path) -> None:
+    found = exported(tmp_path, effect("actuator_scale", "x", scale=0.5))
+    assert entry(found["calib_joint0.inc"], "COMP_FILE") == "calib_joint0.comp"
+    rows = [[float(v) for v in line.split()] for line in found["calib_joint0.comp"].splitlines()]
+    assert len(rows) == 2
+    for q, up, down in rows:  # believed once 0.5 mm is entered: 0.5 mm of the way is the offset
+        assert up == down == pytest.approx(-0.5e-3 * (q - 0.5 - 310.25), abs=1e-4)
+
+
+def test_a_table_in_inches(tmp_path: Path) -> None:
+    ini = INI.replace("= mm", "= inch")
+    found = exported(tmp_path, effect("actuator_scale", "x", scale=0.5), ini=ini)
+    first, second = (line.split() for line in found["calib_joint0.comp"].splitlines())
+    assert (float(second[0]) - float(first[0])) * 25.4 == pytest.approx(160.0, abs=1e-3)
+
+
+def test_what_is_not_in_the_files_is_said_with_what_it_leaves(tmp_path: Path) -> None:
+    shift, gain = effect("axis_offset", "xy", shift=0.2), effect("gauge_gain", "xy", gain=1.0)
+    found = " ".join(exported(tmp_path, shift, gain)["calib_joint0.inc"].replace("# ", "").split())
+    assert "not in these files: axis_offset; that leaves 0.0" in found
+    assert "gauge_gain" not in found, "it moves no tool"
+
+
+def test_own_kinematics_hold_the_axes(tmp_path: Path) -> None:
+    found = exported(tmp_path, effect("axis_offset", "xy", shift=0.2), kind="linuxcnc-kins")
+    assert "setp orthoglidekins.origin-0-y 0.2\n" in found["calib.hal"]
+    assert "setp orthoglidekins.length-2 310.25\n" in found["calib.hal"]
+    assert "setp orthoglidekins.side -1\n" in found["calib.hal"]
+    assert found["orthoglidekins.comp"].startswith("// SPDX-License-Identifier: GPL-2.0-or-later")
+    assert "in these files: axis_offset" in found["calib_joint0.inc"]
+
+
+def test_an_ambiguous_effect_is_exported_by_force_alone(tmp_path: Path) -> None:
+    asked = asked_of(tmp_path, effect("backlash", "y", "ambiguous", play=0.06))
+    assert "backlash (y), one of several effects that would do" in refused(2, *asked)
+    assert not (tmp_path / "out").exists()
+    assert glidecal(*asked, "--force").status == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"play": -0.06}, "play that is not negative"),
+        ({"ini": INI.replace("HOME_OFFSET = 301", "COMP_FILE = y.comp")}, "another one in the INI"),
+    ],
+)
+def test_what_a_joint_cannot_take(tmp_path: Path, change: dict[str, object], said: str) -> None:
+    play, ini = float(str(change.get("play", 0.06))), str(change.get("ini", INI))
+    assert said in refused(2, *asked_of(tmp_path, effect("backlash", "y", play=play), ini=ini))
+    assert not (tmp_path / "out").exists()
+
+
+def test_effects_along_a_drive_need_the_place_of_the_switch(tmp_path: Path) -> None:
+    asked = asked_of(tmp_path, effect("backlash", "y", play=0.06))
+    without = [*asked[:4], "-o", tmp_path / "out"]
+    assert "where the home switches are" in refused(2, *without)

@@ -367,6 +367,26 @@ def with_solution(found: ModelFile, solution: Solution) -> ModelFile:
     return found.model_copy(update={"parameters_mm": values, "effects": tuple(effects)})
 
 
+def ambiguous_effects(found: ModelFile) -> tuple[str, ...]:
+    """Effects that stand for a set of which any would do: ``backlash (x)``."""
+    return tuple(
+        f"{one.id} ({one.where})"
+        for one in found.effects
+        if one.provenance and one.provenance.verdict == "ambiguous"
+    )
+
+
+def ambiguity(found: ModelFile) -> str:
+    """What must be said wherever such a model is used; empty if nothing."""
+    names = ambiguous_effects(found)
+    if not names:
+        return ""
+    return (
+        f"The model holds {', '.join(names)}, adopted as one of several effects that would do: "
+        "its name and what follows from it are not certain."
+    )
+
+
 def _check_parameters(found: ModelFile, thing: str) -> None:
     longest = min(found.machine.geometry().leg_length_mm)
     for name, value in found.parameters_mm.items():

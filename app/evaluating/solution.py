@@ -246,9 +246,12 @@ def solve_files(
     if not sessions:
         raise NotIdentifiable("sessions", "none", "at least one session")
     names = [path.name for path in paths]
-    from protocols.model_file import read_model_file
+    known = None
+    if model:
+        from protocols.model_file import ambiguity, read_model_file
 
-    known = read_model_file(model) if model else None
+        known = read_model_file(model)
+        warnings += [said] if (said := ambiguity(known)) else []
     solved = solve_sessions(
         names, sessions, subset=subset, method=method, weights=weights, model=known
     )

@@ -19,7 +19,13 @@ from calib.tripod.controller import Controller
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 from protocols.machine import Machine
-from protocols.model_file import ModelFile, is_model, read_model_file, to_model
+from protocols.model_file import (
+    ambiguity,
+    ambiguous_effects,
+    is_model,
+    read_model_file,
+    to_model,
+)
 
 JOINT_OFFSETS = PARAMETER_NAMES[:3]
 
@@ -97,15 +103,6 @@ def offsets_from_solved(solved: SessionSolution) -> Offsets:
     )
 
 
-def ambiguous_effects(found: ModelFile) -> tuple[str, ...]:
-    """Effects of a model that stand for a set of which any would do."""
-    return tuple(
-        f"{one.id} ({one.where})"
-        for one in found.effects
-        if one.provenance and one.provenance.verdict == "ambiguous"
-    )
-
-
 def _stated(machine: Machine) -> Controller | None:
     """What the machine file says that the controller holds."""
     return Controller.homed_at(machine.home_offset_mm) if machine.home_offset_mm else None
@@ -145,6 +142,7 @@ def _offsets_from_model(path: Path) -> Offsets:
     model = to_model(found, f"model {path}", known_effects())
     _all_stated(f"model {path}, parameters_mm", found.parameters_mm)
     stated = [name for name in PARAMETER_NAMES if name in found.parameters_mm]
+    said = [NOT_KNOWN, ambiguity(found), *(found.cautions or ())]
     return Offsets(
         source=path.name,
         machine=found.machine,
@@ -152,7 +150,7 @@ def _offsets_from_model(path: Path) -> Offsets:
         model=model,
         controller=_stated(found.machine),
         ambiguous=ambiguous_effects(found),
-        cautions=tuple(dict.fromkeys([NOT_KNOWN, *(found.cautions or ())])),
+        cautions=tuple(dict.fromkeys(one for one in said if one)),
     )
 
 

@@ -103,6 +103,21 @@ def test_an_ambiguous_effect_is_exported_by_force_alone(tmp_path: Path) -> None:
     assert "backlash (y), one of several effects that would do" in refused(2, *asked)
     assert not (tmp_path / "out").exists()
     assert glidecal(*asked, "--force").status == 0
+    words = (tmp_path / "out" / "calib_joint0.inc").read_text().replace("\n# ", " ")
+    assert "backlash (y), adopted as one of several effects that would do" in words
+
+
+def test_an_ambiguous_effect_is_said_to_be_one_wherever_the_model_is_used(
+    samples: Path, tmp_path: Path
+) -> None:
+    asked_of(tmp_path, effect("backlash", "y", "ambiguous", play=0.06))
+    model, session = tmp_path / "m.json", samples / "simulated_sweep.jsonl"
+    shown = glidecal("model", model).out
+    assert "WARNING: The model holds backlash (y)" in shown
+    for verb in ("solve", "diagnose"):
+        run = glidecal(verb, session, "--model", model)
+        assert run.status == 0
+        assert "one of several effects that would do" in run.err
 
 
 @pytest.mark.parametrize(

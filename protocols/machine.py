@@ -94,7 +94,8 @@ class Machine(Document):
 
     Without ``drive`` it is an Orthoglide along the coordinates. ``workspace_mm`` is the box that
     errors of the tool are judged over, lowest and highest corner from Zero; with ``set_at_zero``
-    they count from the tool's place at Zero. ``procedure`` is taken where none is named.
+    they count from the tool's place at Zero. ``procedure`` is taken where none is named;
+    ``tool_tolerance_mm`` is what the tool may be off by, r.m.s., for ``glidecal verify``.
 
     ``home_offset_mm`` are the controller's present HOME_OFFSET values, needed to write new ones;
     ``entered_offsets_mm`` are joint offsets already entered when the session is measured;
@@ -127,6 +128,7 @@ class Machine(Document):
     workspace_mm: tuple[Triple, Triple] | None = None
     set_at_zero: bool | None = None
     procedure: str | None = None
+    tool_tolerance_mm: Tolerance | None = None
 
     @model_validator(mode="after")
     def _possible(self) -> Machine:

@@ -16,6 +16,7 @@ from app.machines.options import (
     SubsetName,
     argument,
     file,
+    number,
     say,
 )
 from app.machines.registry import NAMES, family_of_files, options_of, with_options_of_machines
@@ -56,6 +57,30 @@ def compare(
         from app.report.text.result import comparison_report
 
         typer.echo(comparison_report(found))
+
+
+def verify(
+    before: Annotated[Path, argument("Session before.")],
+    after: Annotated[Path, argument("Session with the offsets entered.")],
+    tolerance: Annotated[
+        float | None,
+        number("What the tool may be off, mm r.m.s.; default: the machine file's."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Were the offsets entered rightly, and is the tool within its tolerance now?"""
+    from app.evaluating.verification import verify_files
+
+    found = verify_files(before, after, tolerance)
+    if as_json:
+        from app.report.schema.document import to_json
+        from app.report.schema.solution import VerificationReport
+
+        typer.echo(to_json(VerificationReport.of(found=found)))
+    else:
+        from app.report.text.result import verification_text
+
+        typer.echo(verification_text(found))
 
 
 def export(

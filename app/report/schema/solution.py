@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from app.evaluating.accuracy import Judgement
 from app.evaluating.comparison import Comparison
+from app.evaluating.verification import Entered
 from app.report.schema.document import (
     Finite,
     LackOfFit,
@@ -21,7 +22,7 @@ from app.report.schema.document import (
     rows,
     schema,
 )
-from calib.identify.accuracy import ToolError
+from calib.identify.accuracy import Decision, ToolError
 from calib.identify.solution import Method, Solution, Subset, Weights
 from calib.noise.reading import NoiseSource, Repeated
 
@@ -237,6 +238,31 @@ class ComparisonReport(Report):
     )
     unit: Literal["mm"] = "mm"
     remarks: tuple[str, ...] = at("found.remarks")
+
+
+class LeftOffset(Report):
+    """A joint offset before, and what is left of it, mm."""
+
+    name: str
+    before_mm: float
+    found_mm: float
+    expanded_mm: float
+    entered: Entered
+
+
+class VerificationReport(Report):
+    """``verify --json``: was it done, and is the machine good enough?"""
+
+    schema_id: Literal["glidecal.verification/1"] = schema("glidecal.verification/1")
+    before: FirstName = at("found.compared.before.names")
+    after: FirstName = at("found.compared.after.names")
+    tool_expected: ToolError = at("found.expected")
+    tool_found: ToolError = at("found.found")
+    tolerance_mm: float | None = at("found.tolerance_mm")
+    decision: Decision | None = at("found.decision", "null: no tolerance")
+    offsets: tuple[LeftOffset, ...] = at("found.offsets")
+    something_missing: bool = at("found.something_missing", "more than noise is left: diagnose")
+    remarks: tuple[str, ...] = at("found.compared.remarks")
 
 
 CONVENTION = "true position = believed position + d_rho; true length = nominal + d_L"

@@ -17,6 +17,7 @@ from calib.noise.reading import Noise
 
 if TYPE_CHECKING:  # asked for by option only, and heavy
     from app.evaluating.accuracy import Judgement
+    from app.evaluating.verification import Verification
     from calib.identify.accuracy import ToolMap
     from calib.identify.monte_carlo import MonteCarlo
 
@@ -278,3 +279,46 @@ session left over: offsets cannot remove more than that.
 
 G  the plot in the place of the text, and back
 Y  copies the text"""
+
+
+WRONG = {
+    "not entered": "the value before is still there. Enter it, and home again.",
+    "wrong sign": "twice the value before. It was entered with the wrong sign.",
+    "something else": "neither 0 nor the value before. Was the machine changed mechanically?",
+}
+
+
+def verification_text(found: Verification) -> str:
+    """The decision first, then what was expected and found, then what to do."""
+    before, after = found.compared.before, found.compared.after
+    table = new_table("joint offset", "before, mm", "left, mm", "± U (95 %), mm", "")
+    for one in found.offsets:
+        decimals = decimals_for(one.expanded_mm, 4)
+        shown = (signed(one.before_mm, decimals), signed(one.found_mm, decimals))
+        table.add_row(one.name, *shown, uncertain(one.expanded_mm, 4), one.entered)
+    said = (
+        f"{_decided(found)} Tool over the workspace: expected {_tool(before, found.expected)} mm "
+        f"r.m.s., found {_tool(after, found.found)} mm."
+    )
+    remarks = [wrapped(f"Remark: {remark}") for remark in found.compared.remarks]
+    heading = f"before: {before.names[0]}\nafter:  {after.names[0]}"
+    return "\n\n".join([heading, wrapped(said), table_text(table), *_what_to_do(found), *remarks])
+
+
+def _decided(found: Verification) -> str:
+    if found.decision is None:
+        return "NOT JUDGED: no --tolerance, and no tool_tolerance_mm in the machine file."
+    words = {"pass": "PASS", "fail": "FAIL", "undecided": "UNDECIDED"}[found.decision]
+    return f"{words}: tolerance {found.tolerance_mm:g} mm, guard band the expanded uncertainty."
+
+
+def _what_to_do(found: Verification) -> list[str]:
+    """What went wrong at the controller, or in the model."""
+    after = found.compared.after.names[0]
+    wrong = {kind: [one.name for one in found.offsets if one.entered == kind] for kind in WRONG}
+    said = [f"{', '.join(names)}: {WRONG[kind]}" for kind, names in wrong.items() if names]
+    if found.something_missing:
+        said.append(f"Something is missing from the model: glidecal diagnose {after}")
+    if not said and found.decision in ("fail", "undecided"):
+        said.append("The offsets are as expected: measure more (glidecal plan), or fit lengths.")
+    return [wrapped("\n".join(said))] if said else []

@@ -1,0 +1,82 @@
+"""Was the right thing entered, and is the tool good enough? On simulated machines."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.app.cli import glidecal, refused
+
+D_RHO = (0.8, -0.5, 0.3)
+NAMES = ("d_rho_x", "d_rho_y", "d_rho_z")
+
+
+def session(folder: Path, name: str, times: float, seed: int, **more: object) -> Path:
+    """A machine whose offsets are so many times `D_RHO`."""
+    values = dict(zip(NAMES, (times * mm for mm in D_RHO), strict=True))
+    document = {"schema": "glidecal.model/1", "parameters_mm": values, **more}
+    model, path = folder / f"{name}.json", folder / f"{name}.jsonl"
+    model.write_text(json.dumps(document))
+    run = glidecal("simulate", "--model", model, "-o", path, "--seed", str(seed))
+    assert run.status == 0, run.err
+    return path
+
+
+@pytest.mark.parametrize(
+    ("times", "entered", "decision"),
+    [
+        (0.0, "as expected", "pass"),
+        (1.0, "not entered", "fail"),
+        (2.0, "wrong sign", "fail"),
+        (0.5, "something else", "fail"),
+    ],
+)
+def test_what_was_entered_and_whether_it_will_do(
+    times: float, entered: str, decision: str, tmp_path: Path
+) -> None:
+    pair = (session(tmp_path, "a", 1.0, 1), session(tmp_path, "b", times, 2))
+    run = glidecal("verify", *pair, "--tolerance", "0.05", "--json")
+    assert run.status == 0, run.err
+    found = json.loads(run.out)
+    assert found["schema"] == "glidecal.verification/1"
+    assert [one["entered"] for one in found["offsets"]] == [entered] * 3
+    assert found["decision"] == decision
+    assert not found["something_missing"]
+    text = glidecal("verify", *pair, "--tolerance", "0.05").out
+    assert decision.upper() in text
+    assert ("Enter it, and" in text) == (entered == "not entered")
+
+
+def test_the_tolerance_is_the_machines(tmp_path: Path) -> None:
+    machine = {"schema": "glidecal.machine/1", "tool_tolerance_mm": 0.05}
+    first = session(tmp_path, "a", 1.0, 1, machine=machine)
+    second = session(tmp_path, "b", 0.0, 2, machine=machine)
+    assert "PASS: tolerance 0.05 mm" in glidecal("verify", first, second).out
+    assert (
+        "FAIL: tolerance 0.0001 mm"
+        in glidecal("verify", first, second, "--tolerance", "0.0001").out
+    )
+
+
+def test_without_a_tolerance_nothing_is_judged_and_a_hidden_effect_is_pointed_at(
+    tmp_path: Path,
+) -> None:
+    lean = {
+        "id": "axis_squareness",
+        "where": "xy",
+        "parameters": {"lean": {"value": 2.0, "unit": "mrad"}},
+    }
+    first = session(tmp_path, "a", 1.0, 1, effects=[lean])
+    second = session(tmp_path, "b", 0.0, 2, effects=[lean])
+    text = glidecal("verify", first, second).out
+    assert "NOT JUDGED" in text
+    assert "glidecal diagnose b.jsonl" in text
+
+
+def test_bad_pairs(tmp_path: Path) -> None:
+    one = session(tmp_path, "a", 1.0, 1)
+    assert "the same session" in refused(3, "verify", one, one)
+    other = session(tmp_path, "b", 1.0, 2)
+    assert "a positive length" in refused(2, "verify", one, other, "--tolerance", "0")

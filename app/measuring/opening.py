@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -188,17 +188,39 @@ def plan_to_continue(path: Path, instruments: tuple[Instrument, ...] = ()) -> Pl
     if instruments and [i.axes for i in instruments] != [i.axes for i in opened.instruments]:
         axes = " and ".join(f"@{i.axes}" for i in opened.instruments)
         raise UsageError("indicators of a continued session", "other axes", axes)
+    known = instruments or _known_here(path, opened)
+    return replace(_planned(path, opened, opened.procedure, known), continued=True)
+
+
+def plan_to_repeat(path: Path) -> Plan | None:
+    """The plan of a finished session, as it can be measured once more.
+
+    None for an imported table, and where its ports are those of another computer. Raises
+    RecordError where the record is altered.
+    """
+    opened = read_record(path).opened
+    if opened.procedure is None or not opened.instruments:
+        return None
+    try:
+        known = _known_here(path, opened)
+    except (PortsUnknown, UsageError, RecordError):
+        return None
+    return _planned(path, opened, opened.procedure, known)
+
+
+def _planned(
+    path: Path, opened: Opened, procedure: Procedure, instruments: tuple[Instrument, ...]
+) -> Plan:
     return Plan(
         path=path,
         machine=opened.machine,
-        procedure=opened.procedure,
-        instruments=instruments or _known_here(path, opened),
+        procedure=procedure,
+        instruments=instruments,
         operator=opened.operator,
         temperature_c=opened.temperature_c,
         seed=opened.seed or 0,
         before=_verified(path, opened.verifies),
         verifies=opened.verifies,
-        continued=True,
     )
 
 

@@ -19,7 +19,12 @@ from app.evaluating.solution import solve_files, solve_for_controller
 from app.exports import export_offsets
 from app.measuring.demo import DEMO_MOTION_S, demo_plan
 from app.measuring.indicators import parse_indicator
-from app.measuring.opening import PortsUnknown, plan_to_continue, writable_folder
+from app.measuring.opening import (
+    PortsUnknown,
+    plan_to_continue,
+    plan_to_repeat,
+    writable_folder,
+)
 from app.measuring.recent import Recent, follow_up, recent_sessions
 from app.measuring.simulated import BenchSettings
 from app.report.text import home as texts
@@ -200,9 +205,10 @@ class HomeScreen(Screen[None]):
 
     def _show_result(self, path: Path) -> Callable[[], object]:
         solved, warnings = solve_files([path])
+        plan = None if self.app.read_only else plan_to_repeat(path)
 
         def show() -> None:
-            self.app.push_screen(self.app.result(solved, None, path))
+            self.app.push_screen(self.app.result(solved, plan, path))
             for warning in warnings:
                 self.app.notify(warning, severity="warning", markup=False)
 

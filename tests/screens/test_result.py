@@ -15,7 +15,7 @@ from textual.widgets._footer import FooterKey
 
 from app.evaluating.solution import SessionSolution, solve_files, solve_for_controller
 from app.measuring.demo import demo_plan, measure_all, verification_plan
-from app.measuring.opening import Plan, start_session
+from app.measuring.opening import Plan, plan_to_repeat, start_session
 from app.measuring.simulated import BenchSettings
 from app.report.text.result import solution_text
 from app.screens.check import CheckScreen
@@ -305,8 +305,28 @@ async def test_verify_needs_the_plan_of_the_session(
         assert "v" not in offered(interface)
         await pilot.press("v")
         await until(pilot, "refusal", lambda: bool(said))
-        assert "right after a session was measured" in said[0]
+        assert "cannot be measured again from here" in said[0]
         assert isinstance(interface.screen, ResultScreen)
+
+
+async def test_any_finished_session_can_be_verified_later(samples: Path, tmp_path: Path) -> None:
+    """After a restart the record alone tells machine, procedure, indicators; a table cannot."""
+    plan = quick_plan(tmp_path)
+    with start_session(replace(plan, interval_s=0.0)) as guided:
+        measure_all(guided)
+    again = plan_to_repeat(guided.path)
+    assert again is not None
+    assert (again.procedure, again.instruments) == (plan.procedure, plan.instruments)
+    assert plan_to_repeat(samples / "experiment_2_twelve.jsonl") is None
+    solved = solve_for_controller(guided.path)
+    interface = Glidecal(ResultScreen(solved, again, guided.path))
+    async with interface.run_test(size=SIZE) as pilot:
+        await until(pilot, "verify offered", lambda: "v" in offered(interface))
+        await pilot.press("v")
+        await until(pilot, "the check", lambda: isinstance(interface.screen, CheckScreen))
+    planned = verification_plan(again, solved)
+    assert planned.verifies == guided.path.name
+    assert planned.machine.entered_offsets_mm == pytest.approx(solved.joint_offsets_mm)
 
 
 async def test_another_key_of_the_settings(published: tuple[SessionSolution, Path]) -> None:

@@ -234,7 +234,10 @@ NEXT = (
     "and compares."
 )
 ONLY_SHOWN = "This program only shows: nothing is written and nothing is measured."
-NO_PLAN = "Verify is offered right after a session was measured."
+NO_PLAN = (
+    "This session cannot be measured again from here: it is a table, or its ports are those of "
+    "another computer."
+)
 
 
 def result_text(

@@ -50,7 +50,8 @@ def as_csv(offsets: Offsets) -> Written:
             one.expanded_with_lack_of_fit,
         )
         rows.append((name, *("" if mm is None else f"{mm:.6f}" for mm in known)))
-    return {"": csv_text(rows, offsets.cautions)}
+    made = [f"{offsets.source}, {offsets.made}"] if offsets.made else []
+    return {"": csv_text(rows, [*made, *offsets.cautions])}
 
 
 FORMATS = {
@@ -65,9 +66,9 @@ FORMATS = {
 FILE_NAMES = {"json": "offsets.json", "csv": "offsets.csv", "model": "model.json"}
 
 
-def export_offsets(solved: SessionSolution, folder: Path) -> list[Path]:
-    """Offsets of a solution in every format, into a folder. Raises RecordError."""
-    offsets = offsets_from_solved(solved)
+def export_offsets(solved: SessionSolution, session: Path, folder: Path) -> list[Path]:
+    """Offsets of a session's solution in every format, into a folder. Raises RecordError."""
+    offsets = offsets_from_solved(solved, [session])
     paths: list[Path] = []
     for name in (*FILE_NAMES, "linuxcnc"):
         target = folder / FILE_NAMES[name] if name in FILE_NAMES else folder

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,8 +26,12 @@ from protocols.model_file import (
     read_model_file,
     to_model,
 )
+from protocols.record import read_record
 
 JOINT_OFFSETS = PARAMETER_NAMES[:3]
+
+DIGITS = 16
+"""Of a digest: enough to tell any two sessions apart; glidecal validate shows all."""
 
 NOT_KNOWN = "NOTE: the values are of a model file: it does not hold how well they are known."
 
@@ -71,8 +75,8 @@ class Offsets:
         return {name: mm for name in names if (mm := self.parameters[name].value)}
 
 
-def offsets_from_solved(solved: SessionSolution) -> Offsets:
-    """Offsets of a solution."""
+def offsets_from_solved(solved: SessionSolution, paths: Sequence[Path]) -> Offsets:
+    """Offsets of a solution of these session files. Raises RecordError."""
     solution = solved.solution
     machine = solved.sessions[0].opened.machine
     fit = solution.lack_of_fit
@@ -96,7 +100,7 @@ def offsets_from_solved(solved: SessionSolution) -> Offsets:
         ),
         model=solution.model,
         controller=_stated(machine),
-        made=_made(solved),
+        made=_made(solved, paths),
         remarks=tuple(remarks),
         cautions=tuple(map(one_line, caveats(solved))),
         lacks_fit=fit is not None and fit.p_value < LACK_OF_FIT_LEVEL,
@@ -108,10 +112,11 @@ def _stated(machine: Machine) -> Controller | None:
     return Controller.homed_at(machine.home_offset_mm) if machine.home_offset_mm else None
 
 
-def _made(solved: SessionSolution) -> str:
-    """When the sessions were measured, and the program's version."""
+def _made(solved: SessionSolution, paths: Sequence[Path]) -> str:
+    """When the sessions were measured, the beginnings of their digests, the program's version."""
     days = sorted({f"{one.opened.at:%Y-%m-%d}" for one in solved.sessions})
-    return f"measured {', '.join(days)}, glidecal {VERSION}"
+    digests = ", ".join(read_record(path).digest[:DIGITS] for path in paths)
+    return f"measured {', '.join(days)}, digest {digests}, glidecal {VERSION}"
 
 
 def one_line(text: str) -> str:
@@ -131,7 +136,7 @@ def offsets_from_file(
     if is_model(path):
         return _offsets_from_model(path)
     solved, warnings = solve_files([path], subset=subset, method=method, model=model)
-    offsets = offsets_from_solved(solved)
+    offsets = offsets_from_solved(solved, [path])
     unsure = ambiguous_effects(read_model_file(model)) if model else ()
     cautions = (*map(one_line, warnings), *offsets.cautions)
     return replace(offsets, cautions=cautions, ambiguous=unsure)

@@ -217,7 +217,7 @@ class HomeScreen(Screen[None]):
     def _export(self, path: Path) -> Callable[[], object]:
         folder = path.with_suffix("")
         solved = solve_for_controller(path)
-        said = exported_text(folder, export_offsets(solved, folder), solved)
+        said = exported_text(folder, export_offsets(solved, path, folder), solved)
         return partial(self.app.notify, said, timeout=10, markup=False)
 
     def _show_comparison(self, before: Path, after: Path) -> Callable[[], object]:

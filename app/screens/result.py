@@ -119,7 +119,7 @@ class ResultScreen(PagedScreen):
         folder = self.path.with_suffix("")
         try:
             offsets = self._joint_offsets()
-            said = texts.exported_text(folder, export_offsets(offsets, folder), offsets)
+            said = texts.exported_text(folder, export_offsets(offsets, self.path, folder), offsets)
         except GlidecalError as problem:
             self.app.call_from_thread(self.app.complain, problem)
         else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
@@ -81,21 +82,27 @@ async def to_measuring(pilot: Pilot[str], interface: Interface) -> MeasureScreen
     return screen
 
 
-async def take(pilot: Pilot[str], screen: MeasureScreen) -> None:
+async def press_for(
+    pilot: Pilot[str], screen: MeasureScreen, what: str, condition: Callable[[], bool]
+) -> None:
     """As an operator does: press once all stand still, and again where the press came too soon."""
+    for _ in range(PRESSES):
+        await until(pilot, "stillness", screen.ready_by_hand)
+        await pilot.press("space")
+        await until(pilot, "an answer", lambda: condition() or not screen.busy)
+        if condition():
+            return
+        await pilot.pause(HELD_KEY_S)  # a press sooner than this is a key held down
+    pytest.fail(f"did not happen in {PRESSES} presses: {what}")
+
+
+async def take(pilot: Pilot[str], screen: MeasureScreen) -> None:
     before = len(screen.guided.session.all_readings)
 
     def taken() -> bool:
         return len(screen.guided.session.all_readings) > before and not screen.busy
 
-    for _ in range(PRESSES):
-        await until(pilot, "stillness", screen.ready_by_hand)
-        await pilot.press("space")
-        await until(pilot, "an answer", lambda: not screen.busy)
-        if taken():
-            break
-        await pilot.pause(HELD_KEY_S)  # a press sooner than this is a key held down
-    assert taken(), f"no reading after {PRESSES} presses: {said(screen.app)}"
+    await press_for(pilot, screen, "a reading taken", taken)
     if isinstance(screen.app.screen, LegReviewScreen):
         await pilot.press("space")
 

@@ -24,7 +24,7 @@ from app.screens.start import Glidecal
 from drivers.profile import Outcome, Reading
 from protocols.events import Noted
 from protocols.record import read_record
-from tests.screens.driving import quick_plan, take, to_measuring, until
+from tests.screens.driving import press_for, quick_plan, take, to_measuring, until
 
 Driven = tuple[Pilot[str], Interface, MeasureScreen]
 
@@ -199,9 +199,9 @@ async def test_review_after_each_leg(tmp_path: Path) -> None:
     async with measuring(tmp_path, (120, 40)) as (pilot, interface, screen):
         for _ in range(9):
             await take(pilot, screen)
-        await until(pilot, "stillness", screen.ready_by_hand)
-        await pilot.press("space")
-        await until(pilot, "review", lambda: isinstance(interface.screen, LegReviewScreen))
+        await press_for(
+            pilot, screen, "review", lambda: isinstance(interface.screen, LegReviewScreen)
+        )
         said = str(interface.screen.query_one("#review-text", Static).content)
         assert "Leg X is done" in said
         assert "4 differences so far" in said

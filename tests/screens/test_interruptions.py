@@ -19,7 +19,16 @@ from drivers.twin_port import TwinPort, default_transport
 from drivers.twins import twin_of
 from protocols.record import read_record
 from protocols.session import fold
-from tests.screens.driving import SIZE, answered, quick_plan, take, text, to_measuring, until
+from tests.screens.driving import (
+    SIZE,
+    answered,
+    press_for,
+    quick_plan,
+    take,
+    text,
+    to_measuring,
+    until,
+)
 
 
 async def test_continue_at_the_first_unfinished_step(tmp_path: Path) -> None:
@@ -88,9 +97,9 @@ async def test_indicator_fault_is_not_taken(
         silence = Fault(FaultKind.NO_ANSWER, "", "no answer [1]: is it on?")
         with monkeypatch.context() as patched:
             patched.setattr(Gauge, "ask", lambda _: answered(silence))
-            await until(pilot, "stillness", screen.ready_by_hand)
-            await pilot.press("space")
-            await until(pilot, "refusal", lambda: "no answer [1]" in text(interface, "#said"))
+            await press_for(
+                pilot, screen, "refusal", lambda: "no answer [1]" in text(interface, "#said")
+            )
         assert screen.guided.session.all_readings == ()
         await take(pilot, screen)
         assert screen.guided.session.done() == {1}
@@ -115,9 +124,9 @@ async def test_disk_full_is_said_and_the_session_goes_on(
 
         with monkeypatch.context() as patched:
             patched.setattr(os, "fsync", refuse)
-            await until(pilot, "stillness", screen.ready_by_hand)
-            await pilot.press("space")
-            await until(pilot, "words", lambda: "No space left" in text(interface, "#said"))
+            await press_for(
+                pilot, screen, "words", lambda: "No space left" in text(interface, "#said")
+            )
         assert screen.guided.session.done() == {1}
         await take(pilot, screen)
         assert screen.guided.session.done() == {1, 2}
@@ -135,9 +144,9 @@ async def test_a_record_that_is_replaced_ends_measuring_and_its_copy_is_named(
         path = screen.guided.path
         path.unlink()
         path.write_text("something else")
-        await until(pilot, "stillness", screen.ready_by_hand)
-        await pilot.press("space")
-        await until(pilot, "words", lambda: "removed or replaced" in text(interface, "#said"))
+        await press_for(
+            pilot, screen, "words", lambda: "removed or replaced" in text(interface, "#said")
+        )
         await pilot.press("f10")
     kept = path.with_stem(f"{path.stem}-kept")
     assert f"Every reading taken is in {kept}" in str(interface.return_value)

@@ -14,7 +14,7 @@ from app.screens.leg_review import LegReviewScreen
 from app.screens.plot import ChartPlot
 from app.screens.start import Glidecal
 from drivers.profile import Reading
-from tests.screens.driving import numbers, quick_plan, take, text, to_measuring, until
+from tests.screens.driving import numbers, press_for, quick_plan, take, text, to_measuring, until
 
 STEPS_OF_A_LEG = 10
 ELSEWHERE = Live(Reading("7.777", 7.777, 0.001, False), 0.0, Motion.STABLE, (7.777,))
@@ -33,9 +33,9 @@ async def test_the_review_is_whole_and_gives_the_session_back(
         screen = await to_measuring(pilot, interface)
         for _ in range(STEPS_OF_A_LEG - 1):
             await take(pilot, screen)
-        await until(pilot, "stillness", screen.ready_by_hand)
-        await pilot.press("space")
-        await until(pilot, "review", lambda: isinstance(interface.screen, LegReviewScreen))
+        await press_for(
+            pilot, screen, "review", lambda: isinstance(interface.screen, LegReviewScreen)
+        )
         await until(pilot, "words", lambda: "Leg X is done." in text(interface, "#review-text"))
         wide = size[0] > 80
         assert interface.screen.query_one(ChartPlot).display == wide

@@ -27,6 +27,7 @@ from tests.screens.driving import (
     SIZE,
     answered,
     numbers,
+    press_for,
     quick_plan,
     take,
     text,
@@ -251,10 +252,10 @@ async def test_a_reading_from_another_world_is_a_fault(
     async with interface.run_test(size=SIZE) as pilot:
         screen = await to_measuring(pilot, interface)
         far = Reading("+99999.999", 99999.999, 0.001, unit_assumed=True)
-        await until(pilot, "stillness", screen.ready_by_hand)
         with monkeypatch.context() as patched:
             patched.setattr(Gauge, "ask", lambda _: answered(far))
-            await pilot.press("space")
-            await until(pilot, "refusal", lambda: "further than any" in text(interface, "#said"))
+            await press_for(
+                pilot, screen, "refusal", lambda: "further than any" in text(interface, "#said")
+            )
         assert screen.guided.session.all_readings == ()
         await pilot.press("f10")

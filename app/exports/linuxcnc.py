@@ -19,14 +19,16 @@ from app.report.text.tables import WIDTH, uncertain
 from calib.errors import ImpossibleRequest, UsageError
 from calib.observations import LEG_NAMES
 from calib.tripod.controller import (
+    INTERPOLATION_MM,
     NOTHING_MM,
     Controller,
     ControllerJoint,
     Table,
     carriage_errors_mm,
     kinematics_of,
-    left_at_tool_mm,
+    not_told,
     table_of,
+    tool_error_mm,
 )
 from calib.tripod.pipeline import Model, Stage
 from protocols.files import Written
@@ -35,9 +37,8 @@ PLAY_ALONE_MM = 2e-4
 """A table whose columns differ by play alone, within this, is BACKLASH."""
 
 MODULE = "orthoglidekins"
-WITHOUT_KINEMATICS = (Stage.ACTUATOR,)
-WITH_KINEMATICS = (Stage.ACTUATOR, Stage.FOOT, Stage.TOOL)
-TOUCHES_THE_TOOL = (Stage.ACTUATOR, Stage.FOOT, Stage.TOOL)
+MOVES_THE_TOOL = (Stage.ACTUATOR, Stage.FOOT, Stage.TOOL)
+UNITS = {1.0: "mm", 25.4: "inch"}
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ def joint_includes(offsets: Offsets) -> Written:
             "joint offsets alone: HOME_OFFSET cannot hold a length",
             "Export with --subset joint-offsets, or use --format linuxcnc-kins.",
         )
-    return _includes(offsets, WITHOUT_KINEMATICS)
+    return _includes(offsets, kinematics=False)
 
 
 def with_kinematics(offsets: Offsets) -> Written:
@@ -123,18 +124,19 @@ def with_kinematics(offsets: Offsets) -> Written:
     said = [line for text in _origin(offsets) for line in _lines(text)]
     hal = "".join(f"# {line}\n" for line in said) + pins(offsets.model, unit)
     own = {f"{MODULE}.comp": source, "calib.hal": hal}
-    return {**_includes(offsets, WITH_KINEMATICS), **own}
+    return {**_includes(offsets, kinematics=True), **own}
 
 
-def _includes(offsets: Offsets, told: tuple[Stage, ...]) -> Written:
+def _includes(offsets: Offsets, *, kinematics: bool) -> Written:
     x, y, z = offsets.joint_offsets_mm  # all are stated
     controller, written = offsets.controller, {}
-    if controller is None and any(e.stage == Stage.ACTUATOR for e in offsets.model.effects):
+    unknown = controller is None or any(one.latch_sign is None for one in controller.joints)
+    if unknown and any(one.stage == Stage.ACTUATOR for one in offsets.model.effects):
         raise UsageError(
             "LinuxCNC joint includes",
-            "effects along the drives, but not where the home switches are",
+            "effects along the drives, but not where and how the joints home",
             "--ini with the controller's INI file",
-            "Homing meets these effects at the switch, so HOME_OFFSET depends on its place.",
+            "Homing meets these effects at the switch, so HOME_OFFSET depends on it.",
         )
     joints = _joints(controller)
     for drive, offset in enumerate((x, y, z)):
@@ -143,10 +145,10 @@ def _includes(offsets: Offsets, told: tuple[Stage, ...]) -> Written:
         entries = joint_entries(offsets.model, drive, held) if held else JointEntries(offset)
         unit = controller.mm_per_unit if controller else 1.0
         said = [*_origin(offsets, joint, drive), *_of_joint(offsets, drive, held, entries)]
-        said += [*_left(offsets.model, told), *offsets.cautions]
+        said += [*_left(offsets.model, kinematics=kinematics), *offsets.cautions]
         put = f"put '#INCLUDE calib_joint{joint}.inc' directly under [JOINT_{joint}]"
         lines = [f"# {line}" for text in said for line in _lines(text)]
-        lines.append(f"# {put}; LINEAR_UNITS = {'mm' if unit == 1.0 else f'1/{unit:g} mm'}")
+        lines.append(f"# {put}; LINEAR_UNITS = {UNITS.get(unit) or f'{1.0 / unit:g}'}")
         if held:
             lines.append(
                 f"HOME_OFFSET = {(held.home_offset_mm + entries.home_change_mm) / unit:.6f}"
@@ -194,16 +196,19 @@ def _of_joint(
     yield from _known(name, offsets.parameters[name], lacks_fit=offsets.lacks_fit)
 
 
-def _left(model: Model, told: tuple[Stage, ...]) -> Iterator[str]:
+def _left(model: Model, *, kinematics: bool) -> Iterator[str]:
     """Effects that these files do not hold, and what that leaves at the tool."""
-    mine = [one for one in model.effects if one.stage in TOUCHES_THE_TOOL]
-    held = dict.fromkeys(one.id for one in mine if one.stage in told)
-    out = dict.fromkeys(one.id for one in mine if one.stage not in told)
+    left = not_told(model, kinematics=kinematics)
+    mine = [one for one in model.effects if one.stage in MOVES_THE_TOOL]
+    held = dict.fromkeys(one.id for one in mine if one not in left.effects)
+    out = dict.fromkeys(one.id for one in left.effects)
     if held:
         yield f"in these files: {', '.join(held)}"
     if out:
-        left = f"{left_at_tool_mm(model, told, lengths=True):.4f} mm r.m.s. at the tool"
-        yield f"not in these files: {', '.join(out)}; that leaves {left}"
+        error = f"{tool_error_mm(left):.4f} mm r.m.s. at the tool"
+        yield f"not in these files: {', '.join(out)}; that leaves {error}"
+    if kinematics and (misfit_mm := kinematics_of(model).misfit_mm) > INTERPOLATION_MM:
+        yield f"the kinematics follow the drives within {misfit_mm:.4f} mm only"
 
 
 def _known(name: str, one: Offset, *, lacks_fit: bool) -> list[str]:

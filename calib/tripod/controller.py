@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeGuard
 
 import numpy as np
 
 from calib.errors import ImpossibleRequest
-from calib.observations import FloatArray
+from calib.observations import LEG_NAMES, FloatArray
 from calib.tripod.effects.bars import GravitySag
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.kinematics import inverse
-from calib.tripod.pipeline import Model, Stage
+from calib.tripod.pipeline import Model, Stage, StageEffect
 from calib.tripod.workspace import carriages_at, machine_at, workspace_points
 
 MOST_POINTS = 256
@@ -40,12 +41,13 @@ PASSES = 20
 class ControllerJoint:
     """What the controller holds for one joint, in mm.
 
-    ``latch_sign`` is the sign of the movement onto the home switch, 0 where homing moves nothing;
-    with an absolute encoder there is no switch. ``compensated``: a COMP_FILE is read already.
+    ``latch_sign`` is the sign of the movement onto the home switch, 0 where homing moves nothing,
+    None where nobody said; with an absolute encoder there is no switch. ``compensated``: a
+    COMP_FILE is read already.
     """
 
     home_offset_mm: float
-    latch_sign: int = 0
+    latch_sign: int | None = None
     absolute_encoder: bool = False
     backlash_mm: float = 0.0
     compensated: bool = False
@@ -124,7 +126,7 @@ def table_of(model: Model, joint: int) -> Table | None:
         if max(np.abs(shown[0] - up).max(), np.abs(shown[1] - down).max()) < INTERPOLATION_MM:
             return Table(points, *at)
     raise ImpossibleRequest(
-        f"compensation table of joint {joint}",
+        f"compensation table of joint {LEG_NAMES[joint]}",
         f"{MOST_POINTS} points do not follow the error within {INTERPOLATION_MM * 1e3:g} µm",
         "an error that changes less over the travel",
     )
@@ -153,27 +155,36 @@ def kinematics_of(model: Model) -> Kinematics:
     )
 
 
-def left_at_tool_mm(model: Model, told: Sequence[Stage], *, lengths: bool) -> float:
-    """R.m.s. error of the tool over the workspace, the worse way, with some effects told.
+def not_told(model: Model, *, kinematics: bool) -> Model:
+    """What the controller does not know with these entries of joints, and with own kinematics.
 
-    The stages in ``told`` (the actuator's with d_rho) and, with ``lengths``, d_L are what the
-    controller knows; what it does not know is left. Raises UnreachablePosture.
+    Joints take d_rho and what acts along the drives, kinematics the rest of the drives, the weight
+    on the bars and d_L.
     """
-    effects = tuple(one for one in model.effects if one.stage not in told)
-    kept = np.array(model.parameters_mm)
-    if Stage.ACTUATOR in told:
-        kept[:3] = 0.0
-    if lengths:
-        kept[3:] = 0.0
-    left = model.with_effects(effects).with_parameters(kept)
+
+    def left(effect: StageEffect) -> bool:
+        if effect.stage == Stage.TOOL:
+            return not (kinematics and _is_sag(effect))
+        return effect.stage == Stage.FOOT and not kinematics
+
+    lengths = np.zeros(3) if kinematics else model.parameters_mm[3:]
+    unknown = model.with_parameters(np.concatenate([np.zeros(3), lengths]))
+    return unknown.with_effects(tuple(filter(left, model.effects)))
+
+
+def tool_error_mm(model: Model) -> float:
+    """R.m.s. error of the tool over the workspace, the worse way round. Raises UnreachablePosture.
+
+    Less what it is at Zero, where that is set by hand.
+    """
     points = workspace_points(model.geometry)
     joints = inverse(model.geometry, points)
     zero = model.geometry.zero_mm[None, :]
     worst = 0.0
     for way in (1.0, -1.0):
-        off = machine_at(left, joints, way).tool_mm - points
+        off = machine_at(model, joints, way).tool_mm - points
         if model.geometry.set_at_zero:
-            off = off - machine_at(left, zero, way).tool_mm
+            off = off - machine_at(model, zero, way).tool_mm
         worst = max(worst, float(np.sqrt((off**2).sum(axis=-1).mean())))
     return worst
 
@@ -193,6 +204,10 @@ def _sag_mm(model: Model) -> FloatArray:
     """What each bar gets shorter under the whole weight ``(3,)``."""
     found = np.zeros(3)
     for effect in model.effects:
-        if isinstance(effect, EffectInstance) and isinstance(effect.effect, GravitySag):
-            found["xyz".index(effect.place)] += float(np.real(effect.values[0]))
+        if _is_sag(effect):
+            found[LEG_NAMES.index(effect.place)] += float(np.real(effect.values[0]))
     return found * model.geometry.load
+
+
+def _is_sag(effect: StageEffect) -> TypeGuard[EffectInstance]:
+    return isinstance(effect, EffectInstance) and isinstance(effect.effect, GravitySag)

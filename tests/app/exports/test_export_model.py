@@ -136,4 +136,5 @@ def test_what_a_joint_cannot_take(tmp_path: Path, change: dict[str, object], sai
 def test_effects_along_a_drive_need_the_place_of_the_switch(tmp_path: Path) -> None:
     asked = asked_of(tmp_path, effect("backlash", "y", play=0.06))
     without = [*asked[:4], "-o", tmp_path / "out"]
-    assert "where the home switches are" in refused(2, *without)
+    for known in ((), ("--home-offset", "300,301,302")):
+        assert "where and how the joints home" in refused(2, *without, *known)

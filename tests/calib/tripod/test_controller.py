@@ -11,8 +11,9 @@ from calib.errors import ImpossibleRequest
 from calib.tripod.controller import (
     carriage_error_mm,
     kinematics_of,
-    left_at_tool_mm,
+    not_told,
     table_of,
+    tool_error_mm,
 )
 from calib.tripod.effects.actuators import ActuatorCyclic, ActuatorScale, Backlash
 from calib.tripod.effects.axes import AxisOffset, AxisSquareness, Straightness
@@ -20,7 +21,7 @@ from calib.tripod.effects.bars import GravitySag
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.gauges import GaugeGain
 from calib.tripod.geometry import Geometry
-from calib.tripod.pipeline import Model, Stage
+from calib.tripod.pipeline import Model
 from calib.tripod.workspace import workspace_jacobian
 
 L = 310.25
@@ -104,12 +105,12 @@ def test_drives_and_bars_by_hand() -> None:
 
 def test_what_is_told_leaves_nothing_and_offsets_leave_what_the_jacobian_says() -> None:
     found = model((Backlash(), "x", (0.06,)), (AxisOffset(), "xy", (0.1,)))
-    both = (Stage.ACTUATOR, Stage.FOOT)
-    assert left_at_tool_mm(found, both, lengths=True) == pytest.approx(0.0, abs=1e-12)
-    axes = left_at_tool_mm(found, [Stage.ACTUATOR], lengths=True)
+    assert tool_error_mm(not_told(found, kinematics=True)) == pytest.approx(0.0, abs=1e-12)
+    axes = tool_error_mm(not_told(found, kinematics=False))
     # the bar takes up 0.1 mm times its slope p_y / L, whose r.m.s. over the workspace is 0.18
     assert axes == pytest.approx(0.018, rel=0.25)
     small = Model(Geometry(), (1e-4, -2e-4, 1e-4, 0.0, 0.0, 0.0))
     moved = workspace_jacobian(Geometry()) @ np.array(small.parameters_mm)
     expected = math.sqrt((moved**2).sum(axis=1).mean())
-    assert left_at_tool_mm(small, [], lengths=False) == pytest.approx(expected, rel=1e-4)
+    assert tool_error_mm(small) == pytest.approx(expected, rel=1e-4)
+    assert tool_error_mm(not_told(small, kinematics=False)) == pytest.approx(0.0, abs=1e-12)

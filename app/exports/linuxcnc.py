@@ -74,6 +74,15 @@ def joint_entries(model: Model, drive: int, held: ControllerJoint) -> JointEntri
             "play that is not negative",
             "It is no play: take the effect out with glidecal model --remove.",
         )
+    most = float(max(abs(table.error_up_mm).max(), abs(table.error_down_mm).max()))
+    travel_mm = model.geometry.travel_max_mm - model.geometry.travel_min_mm
+    if not most < travel_mm:
+        raise ImpossibleRequest(
+            f"error of joint {LEG_NAMES[drive]} along its drive",
+            f"{most:.4g} mm",
+            f"less than its travel, {travel_mm:g} mm",
+            "Look at the values in the model: glidecal model.",
+        )
     # what homing meets at the switch is in the old value; an encoder meets nothing
     change = offset
     if not held.absolute_encoder:

@@ -228,7 +228,14 @@ def _refuse_unseen_sizes(told: Told, columns: FloatArray, noise: Noise | None) -
         tolerance=np.array([NOTICED * size.tolerance for size in sizes]),
         noise_known=noise is not None,
     )
-    refuse_unseen(analyse(shown), "effects of the model")
+    unseen = analyse(shown).unseen
+    if unseen:
+        raise NotIdentifiable(
+            "effects of the model",
+            f"not shown by these readings: {'; '.join(one.combination for one in unseen)}",
+            "sizes that the readings tell",
+            "Measure with a procedure that shows them, or take them out: glidecal model --remove.",
+        )
 
 
 def _fitted(sizes: tuple[Size, ...], model: Model, spread: Propagation) -> tuple[FittedSize, ...]:

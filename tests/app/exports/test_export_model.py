@@ -124,6 +124,7 @@ def test_an_ambiguous_effect_is_said_to_be_one_wherever_the_model_is_used(
     ("change", "said"),
     [
         ({"play": -0.06}, "play that is not negative"),
+        ({"play": 500.0}, "less than its travel, 160 mm"),
         ({"ini": INI.replace("HOME_OFFSET = 301", "COMP_FILE = y.comp")}, "another one in the INI"),
     ],
 )

@@ -10,6 +10,7 @@ from app.evaluating.diagnosis import SessionDiagnosis
 from app.evaluating.solution import solve_sessions
 from calib.diagnosis.results import Contender, Finding
 from calib.errors import NotIdentifiable, UsageError
+from calib.identify.solution import Subset
 from calib.tripod.effects.empirical import EMPIRICAL
 from protocols.files import write_files
 from protocols.model_file import (
@@ -25,6 +26,7 @@ from protocols.model_file import (
 from protocols.record import read_record
 
 MOST_OFFERED = 8
+SETS: tuple[Subset, ...] = ("joint-offsets", "with-tolerances")
 
 
 def left_behind(diagnosed: SessionDiagnosis, candidate: str | None) -> bool:
@@ -72,16 +74,19 @@ def adopt(
 def _fitted(model: ModelFile, diagnosed: SessionDiagnosis) -> ModelFile:
     """The model with joint offsets and sizes fitted together to the sessions.
 
-    As it is where sessions had different offsets entered, or do not determine them together.
+    With all parameters held by tolerances where the offsets alone are not determined. Where
+    sessions had different offsets entered there are none to state: what nobody fitted is not 0.
     """
     sessions = diagnosed.sessions
-    if len({one.opened.machine.entered_offsets_mm for one in sessions}) > 1:
-        return model
-    try:
-        solved = solve_sessions(diagnosed.names, sessions, subset="joint-offsets", model=model)
-    except NotIdentifiable:
-        return model
-    return with_solution(model, solved.solution)
+    if len({one.opened.machine.entered_offsets_mm for one in sessions}) == 1:
+        for subset in SETS:
+            try:
+                solved = solve_sessions(diagnosed.names, sessions, subset=subset, model=model)
+            except NotIdentifiable:
+                continue
+            return with_solution(model, solved.solution)
+    stated = {name: mm for name, mm in model.parameters_mm.items() if mm}
+    return model.model_copy(update={"parameters_mm": stated})
 
 
 def remove(path: Path, effect: str, why: str) -> ModelFile:

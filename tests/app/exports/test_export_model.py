@@ -139,3 +139,28 @@ def test_effects_along_a_drive_need_the_place_of_the_switch(tmp_path: Path) -> N
     without = [*asked[:4], "-o", tmp_path / "out"]
     for known in ((), ("--home-offset", "300,301,302")):
         assert "where and how the joints home" in refused(2, *without, *known)
+
+
+def test_adopting_states_fitted_offsets_and_none_that_nobody_fitted(tmp_path: Path) -> None:
+    """Two sessions with different offsets entered have no common ones: an export is refused."""
+    hidden = ("--effect", "backlash:x", "--size", "0.05", "--protocol", "two-station")
+    for name, entered in (("a", "[0.0, 0.0, 0.0]"), ("b", "[0.3, 0.0, 0.0]")):
+        machine = tmp_path / f"{name}.toml"
+        machine.write_text(f'schema = "glidecal.machine/1"\nentered_offsets_mm = {entered}\n')
+        session = tmp_path / f"{name}.jsonl"
+        run = glidecal("simulate", *hidden, "--machine", machine, "-o", session)
+        assert run.status == 0, run.err
+    one, both = tmp_path / "one.json", tmp_path / "both.json"
+    sessions = (tmp_path / "a.jsonl", tmp_path / "b.jsonl")
+    assert glidecal("diagnose", sessions[0], "--adopt", one).status == 0
+    assert glidecal("diagnose", *sessions, "--adopt", both).status == 0
+    asked = ("--model", one, "--subset", "joint-offsets", "--json")
+    alone = json.loads(glidecal("solve", sessions[0], *asked).out)
+    stated = json.loads(one.read_text())["parameters_mm"]
+    fitted = {name: found["value"] for name, found in alone["parameters"].items()}
+    assert {name: stated[name] for name in D_RHO} == pytest.approx(fitted, abs=1e-6)
+    assert [size["name"] for size in alone["effects"]] == ["backlash x: play"]
+    assert json.loads(both.read_text())["parameters_mm"] == {}
+    (tmp_path / "m.ini").write_text(INI)
+    export = ("export", both, "--format", "linuxcnc", "--ini", tmp_path / "m.ini")
+    assert "an offset that nobody stated is not 0" in refused(3, *export, "-o", tmp_path / "o")

@@ -139,7 +139,7 @@ def exact_fit(
             raise _no_optimum("no optimum within reach")
         fitted = _moved_to(model, free, (), optimum.values[:, 0])
     try:
-        design = _columns(fitted, observed, free, sizes)
+        design = design_of(fitted, observed, free, sizes)
         predicted = fitted.readings(observed)
     except UnreachablePosture as problem:
         raise _no_optimum(str(problem)) from problem
@@ -167,7 +167,7 @@ def prior_fit(
     for _ in range(MOST_STEPS):
         fitted = _moved_to(model, free, sizes, values)
         try:
-            design = _columns(fitted, observed, free, sizes)
+            design = design_of(fitted, observed, free, sizes)
             predicted = fitted.readings(observed)
         except UnreachablePosture as problem:
             raise _no_optimum(str(problem)) from problem
@@ -205,7 +205,7 @@ def _moved_to(
     return replace(model.with_parameters(parameters), effects=tuple(effects))
 
 
-def _columns(
+def design_of(
     model: Model, observed: Observations, free: Sequence[int], sizes: Sequence[Size]
 ) -> FloatArray:
     """Derivatives ``(n_readings, k)`` by free parameters and sizes, by the complex step."""
@@ -237,7 +237,7 @@ def _fit_with_effects(
         return root_weight * without_zeros(observed, weight, observed.value_mm - predicted)
 
     def jacobian(values: NDArray[np.float64]) -> FloatArray:
-        columns = _columns(_moved_to(model, free, sizes, values), observed, free, sizes)
+        columns = design_of(_moved_to(model, free, sizes, values), observed, free, sizes)
         return -root_weight[:, None] * without_zeros(observed, weight, columns)
 
     base = _values_of(model, free, sizes)

@@ -21,6 +21,7 @@ from calib.errors import NotIdentifiable
 from calib.identify.fit import (
     Fit,
     Size,
+    design_of,
     exact_fit,
     papers_fit,
     prior_fit,
@@ -166,7 +167,7 @@ def identify_from(
         ),
         condition_number=float(np.linalg.cond(system)),
         weak_directions=_seen(
-            told, weight, efficient, free, noise, tolerance_mm if held else None
+            told, weight, efficient.design, free, noise, tolerance_mm if held else None
         ).weak,
         residual_mm=without_zeros(visited, weight, visited.value_mm - fit.predicted_mm),
     )
@@ -176,47 +177,54 @@ def _efficient_fit(
     told: Told, subset: Subset, method: Method, tolerance_mm: FloatArray | None
 ) -> Fit:
     """The best estimate of its kind, refused where some combination is not seen."""
-    model, visited, noise = told.model, told.visited, told.noise
+    model, visited, noise, sizes = told.model, told.visited, told.noise, told.sizes
     free, weight = SUBSETS[subset], reading_weights(visited, noise)
-    if subset == "with-tolerances":
-        if tolerance_mm is None or noise is None:
-            found = "no tolerances" if tolerance_mm is None else "no noise to weigh them with"
-            raise NotIdentifiable("the set 'with-tolerances'", found, "both of them")
-        return prior_fit(model, visited, weight, tolerance_mm, told.sizes)
+    held = subset == "with-tolerances"
+    if held and (tolerance_mm is None or noise is None):
+        found = "no tolerances" if tolerance_mm is None else "no noise to weigh them with"
+        raise NotIdentifiable("the set 'with-tolerances'", found, "both of them")
+    if sizes:  # no fit can begin with a size that nothing shows
+        start = design_of(model, visited, free, sizes)
+        _seen(told, weight, start, free, noise, tolerance_mm if held else None)
+    if held and tolerance_mm is not None:
+        return prior_fit(model, visited, weight, tolerance_mm, sizes)
     linear = weighted_fit(model, visited, free, weight)
-    refuse_unseen(_seen(told, weight, linear, free, noise), subset)
+    refuse_unseen(_seen(told, weight, linear.design, free, noise), subset)
     if method == "linear":
         return linear
-    exact = exact_fit(model, visited, free, weight, told.sizes)
-    refuse_unseen(_seen(told, weight, exact, free, noise), subset)
+    exact = exact_fit(model, visited, free, weight, sizes)
+    refuse_unseen(_seen(told, weight, exact.design, free, noise), subset)
     return exact
 
 
 def _seen(
     told: Told,
     weight: FloatArray,
-    fit: Fit,
+    design: FloatArray,
     free: tuple[int, ...],
     noise: Noise | None,
     tolerance_mm: FloatArray | None = None,
 ) -> Identifiability:
-    """What the readings see; with tolerances ``(k,)`` these count as measurements beside them."""
+    """What the readings see of the parameters; tolerances ``(k,)`` count as measurements beside.
+
+    Sizes of effects in the ``design`` ``(n_readings, k + n_sizes)`` take their part away. Raises
+    NotIdentifiable for a size that is not seen.
+    """
     k = len(free)
-    root = np.sqrt(weight)[:, None]
-    if fit.design.shape[1] > k:  # sizes of effects are fitted too: what they take is not seen
-        centred = root * without_zeros(told.visited, weight, fit.design)
-        sizes, base = centred[:, k:], centred[:, :k]
-        design = without(basis_of(sizes, DEPENDENT), base) / root
-        _refuse_unseen_sizes(told, without(basis_of(base, DEPENDENT), sizes), noise)
-    else:
-        design = fit.design
-    seen = sensitivity_of_readings(
-        told.model.geometry, told.visited, weight, design, free, noise_known=noise is not None
-    )
+    rows = np.sqrt(weight)[:, None] * without_zeros(told.visited, weight, design)
     if tolerance_mm is not None:
-        rows = np.vstack([seen.jacobian, np.diag(1.0 / tolerance_mm)])
-        seen = replace(seen, jacobian=rows)
-    return analyse(seen)
+        prior = np.zeros((k, rows.shape[1]))
+        np.fill_diagonal(prior, 1.0 / tolerance_mm)
+        rows = np.vstack([rows, prior])
+    base, sizes = rows[:, :k], rows[:, k:]
+    if sizes.shape[1]:
+        _refuse_unseen_sizes(told, without(basis_of(base, DEPENDENT), sizes), noise)
+        base = without(basis_of(sizes, DEPENDENT), base)
+    known = noise is not None
+    seen = sensitivity_of_readings(
+        told.model.geometry, told.visited, weight, design[:, :k], free, noise_known=known
+    )
+    return analyse(replace(seen, jacobian=base))
 
 
 def _refuse_unseen_sizes(told: Told, columns: FloatArray, noise: Noise | None) -> None:

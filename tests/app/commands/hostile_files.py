@@ -189,6 +189,62 @@ def _model(chance: random.Random, folder: Path) -> Case:
     return Case(runs, {})
 
 
+def _controller(chance: random.Random, folder: Path) -> Case:
+    """A model with effects along the drives, and a controller's INI file."""
+    play = {"value": 0.05, "unit": "mm"}
+    scale = {"value": 0.2, "unit": "mm/m"}
+    model: dict[str, Any] = {
+        "schema": "glidecal.model/1",
+        "parameters_mm": dict.fromkeys(("d_rho_x", "d_rho_y", "d_rho_z"), 0.1),
+        "effects": [
+            {"id": "backlash", "where": "x", "parameters": {"play": play}},
+            {"id": "actuator_scale", "where": "y", "parameters": {"scale": scale}},
+        ],
+    }
+    if chance.random() < 0.7:
+        _spoil(chance, model)
+    (folder / "m.json").write_text(json.dumps(model))
+    joints = [f"[JOINT_{n}]\nHOME_OFFSET = {300 + n}\nHOME_LATCH_VEL = -1" for n in range(3)]
+    kins = "[KINS]\nKINEMATICS = trivkins coordinates=XYZ\nJOINTS = 3"
+    lines = "\n".join(["[TRAJ]\nLINEAR_UNITS = mm", kins, *joints]).splitlines()
+    for _ in range(chance.choice((0, 1, 2, 5))):
+        at = chance.randrange(len(lines))
+        lines[at : at + chance.randint(0, 1)] = [chance.choice(LINES_OF_INI)]
+    (folder / "m.ini").write_bytes(_bytes_spoilt(chance, "\n".join(lines).encode()))
+    export = ("export", "m.json", "--ini", "m.ini", "--force")
+    runs: tuple[Arguments, ...] = (
+        (*export, "--format", "linuxcnc", "-o", "out-a"),
+        (*export, "--format", "linuxcnc-kins", "-o", "out-b"),
+        ("solve", str(SAMPLES / "simulated_zero-max-min.jsonl"), "--model", "m.json"),
+    )
+    return Case(runs, {})
+
+
+LINES_OF_INI = (
+    *(
+        "#INCLUDE m.ini",
+        "#INCLUDE /dev/zero",
+        "#INCLUDE ..",
+        "#INCLUDE $(touch pwned)",
+        "#INCLUDE '",
+    ),
+    *(
+        "#INCLUDE `touch pwned`",
+        "#INCLUDE ~nobody/x",
+        "[JOINT_0]",
+        "[",
+        "[]",
+        "\\",
+        "= 1",
+        "HOME_OFFSET",
+    ),
+    *("HOME_OFFSET = 1e400", "HOME_OFFSET = nan", "HOME_OFFSET = " + "9" * 400, "LINEAR_UNITS = 0"),
+    *("LINEAR_UNITS = 1e-300", "JOINTS = 1e9", "JOINTS = 3.7", "JOINTS = -1", "BACKLASH = 1e300"),
+    *("COMP_FILE = \x1b]0;t\x07", "HOME_ABSOLUTE_ENCODER = 2", "HOME_LATCH_VEL = 1e-300"),
+    *("KINEMATICS = x coordinates=XXYYZZ", "KINEMATICS = x coordinates=" + "A" * 500),
+)
+
+
 def _table(chance: random.Random, folder: Path) -> Case:
     text = (SAMPLES / "tables/experiment_2_twelve.csv").read_text()
     rows = [line.split(",") for line in text.splitlines()]
@@ -217,7 +273,18 @@ def _effect_file(chance: random.Random, folder: Path) -> Case:
 
 
 KINDS: tuple[Callable[[random.Random, Path], Case], ...] = (
-    *(_record, _record, _record, _machine, _procedure, _model, _model, _table, _hexaslide),
+    *(
+        _record,
+        _record,
+        _record,
+        _machine,
+        _procedure,
+        _model,
+        _model,
+        _controller,
+        _table,
+        _hexaslide,
+    ),
     *(_postures, _effect_file),
 )
 

@@ -148,13 +148,14 @@ def _includes(offsets: Offsets, *, kinematics: bool) -> Written:
             "Homing meets these effects at the switch, so HOME_OFFSET depends on it.",
         )
     joints = _joints(controller)
+    left = list(_left(offsets.model, kinematics=kinematics))
     for drive, offset in enumerate((x, y, z)):
         joint = joints[drive]
         held = controller.joints[joint] if controller else None
         entries = joint_entries(offsets.model, drive, held) if held else JointEntries(offset)
         unit = controller.mm_per_unit if controller else 1.0
         said = [*_origin(offsets, joint, drive), *_of_joint(offsets, drive, held, entries)]
-        said += [*_left(offsets.model, kinematics=kinematics), *offsets.cautions]
+        said += [*left, *offsets.cautions]
         put = f"put '#INCLUDE calib_joint{joint}.inc' directly under [JOINT_{joint}]"
         lines = [f"# {line}" for text in said for line in _lines(text)]
         lines.append(f"# {put}; LINEAR_UNITS = {UNITS.get(unit) or f'{1.0 / unit:g}'}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,12 @@ from calib.linalg import EXACT_BLIND, without_means
 from calib.newton import Evaluate, Optimum, minimise
 from calib.observations import FloatArray, IntArray, Observations
 from calib.tripod.differences import Differences, reading_matrix
-from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import COMPLEX_STEP_MM, Model, StageEffect, derivatives, simulate
 from calib.tripod.plain import PlainDesign, plain_design
+
+if TYPE_CHECKING:  # the catalogue comes with it, which a fit without effects does not need
+    from calib.tripod.effects.effect import EffectInstance
 
 TOLERANCE = 1e-14
 SMALL_STEP_MM = 1e-9
@@ -43,7 +45,7 @@ class Size:
     def value(self, model: Model) -> float:
         """What the model says."""
         effect, number = self.at[0]
-        return float(np.real(cast(EffectInstance, model.effects[effect]).values[number]))
+        return float(np.real(cast("EffectInstance", model.effects[effect]).values[number]))
 
     def steps(self, model: Model) -> tuple[StageEffect, ...]:
         """The model's effects with this size a complex step further."""
@@ -201,7 +203,7 @@ def _moved_to(
     effects = list(model.effects)
     for size, value in zip(sizes, values[len(free) :], strict=True):
         for effect, number in size.at:
-            effects[effect] = cast(EffectInstance, effects[effect]).with_value(number, value)
+            effects[effect] = cast("EffectInstance", effects[effect]).with_value(number, value)
     return replace(model.with_parameters(parameters), effects=tuple(effects))
 
 

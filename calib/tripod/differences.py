@@ -46,11 +46,6 @@ class Differences:
     def __len__(self) -> int:
         return len(self.names)
 
-    def unit_uncertainty(self, averaged: FloatArray) -> FloatArray:
-        """Standard uncertainty of each difference for unit noise of a single reading."""
-        squares = self.combine.multiply(self.combine) @ (1.0 / averaged)
-        return np.sqrt(np.asarray(squares, dtype=np.float64))
-
     @property
     def published_rows(self) -> NDArray[np.intp]:
         """Rows that the papers tabulate: Max and Min (or Max minus Min) at one station."""

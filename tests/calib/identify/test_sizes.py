@@ -112,5 +112,12 @@ def test_a_size_that_nothing_shows_is_refused_by_name() -> None:
     scale = replace(truth, effects=(EffectInstance(ActuatorScale(), "x", (0.1,)),))
     scaled = Size("scale", "mm/m", 0.1, ((0, 0),))
     identify(scale, observe(still, values), "joint-offsets", sizes=(scaled,))
-    with pytest.raises(NotIdentifiable, match="play"):
-        identify(start, observe(still, values), "joint-offsets", sizes=(play,))
+    for subset in ("joint-offsets", "with-tolerances"):
+        with pytest.raises(NotIdentifiable, match="play"):
+            identify(
+                start,
+                observe(still, values),
+                subset,
+                tolerance_mm=np.repeat([2.0, 0.1], 3),
+                sizes=(play,),
+            )

@@ -76,6 +76,9 @@ main()
     loaded = done.stderr.splitlines()[-1].split()
     assert "calib.design.identifiability" in loaded
     assert not [name for name in loaded if name.startswith(f"calib.{other}")]
+    if "solve" in asked:  # nobody asked for effects
+        unasked = ("calib.tripod.effects", "protocols.model_file", "calib.diagnosis")
+        assert not [name for name in loaded if name.startswith(unasked)]
 
 
 def test_a_machine_is_named_in_its_own_files_and_the_registry_alone() -> None:

@@ -16,7 +16,6 @@ from calib.tripod.effects.effect import (
     Kind,
     at_mount,
     moved_touch,
-    numbers,
     on_legs,
     unit,
 )
@@ -72,7 +71,34 @@ def pull_of_weight(
 
 
 @dataclass(frozen=True)
-class LegTaper:
+class _Surface:
+    """The touched surface of a bar lies off the bar's own line, depending on the place on it."""
+
+    id: str = ""
+    title: str = ""
+    kind: Kind = Kind.MACHINE
+    stage: Stage = Stage.TOUCH
+    parameters: tuple[EffectParameter, ...] = ()
+    invariances: tuple[str, ...] = ()
+    controller: str = "nothing to enter: the touched surface, not the machine"
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Every leg and measuring axis that was measured."""
+        return on_legs(taken)
+
+    def change(
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """The touched point is off by the value times the shape along the bar."""
+        off_mm = values[0] * self._shape(flow) * at_mount(flow, place)
+        return moved_touch(stage_input, flow, off_mm)
+
+    def _shape(self, flow: Flow) -> NDArray[Any]:
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class LegTaper(_Surface):
     """The touched surface is not parallel to the bar's kinematic line.
 
     ``"xy"``: leg x where the indicator measures y. Positive: from the tool end to the foot the
@@ -81,53 +107,31 @@ class LegTaper:
 
     id: str = "leg_taper"
     title: str = "the touched surface of a bar is not parallel to the bar's own line"
-    kind: Kind = Kind.MACHINE
-    stage: Stage = Stage.TOUCH
     parameters: tuple[EffectParameter, ...] = (EffectParameter("taper", "mm/m", 0.3),)
     invariances: tuple[str, ...] = (
         "same for both directions of approach",
         "constant in time",
         "linear in the place on the bar, whatever moved it there",
     )
-    controller: str = "nothing to enter: the touched surface, not the machine"
 
-    def places(self, taken: Conditions) -> tuple[str, ...]:
-        """Every leg and measuring axis that was measured."""
-        return on_legs(taken)
-
-    def change(
-        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
-    ) -> NDArray[Any]:
-        """The surface departs by value · distance from the tool end."""
-        along_mm = flow.fraction * flow.geometry.leg_length_mm[numbers(place)[0]]
-        off_mm = PER_THOUSAND * values[0] * along_mm * at_mount(flow, place)
-        return moved_touch(stage_input, flow, off_mm)
+    def _shape(self, flow: Flow) -> NDArray[Any]:
+        """In proportion to the distance from the tool end."""
+        return np.asarray(PER_THOUSAND * flow.fraction * flow.geometry.lengths[flow.taken.leg])
 
 
 @dataclass(frozen=True)
-class LegBow:
+class LegBow(_Surface):
     """The touched surface is bowed; positive: its middle stands out to the positive axis."""
 
     id: str = "leg_bow"
     title: str = "the touched surface of a bar is bowed"
-    kind: Kind = Kind.MACHINE
-    stage: Stage = Stage.TOUCH
     parameters: tuple[EffectParameter, ...] = (EffectParameter("middle", "mm", 0.05),)
     invariances: tuple[str, ...] = (
         "same for both directions of approach",
         "constant in time",
         "depends on the place on the bar, whatever moved it there",
     )
-    controller: str = "nothing to enter: the touched surface, not the machine"
 
-    def places(self, taken: Conditions) -> tuple[str, ...]:
-        """Every leg and measuring axis that was measured."""
-        return on_legs(taken)
-
-    def change(
-        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
-    ) -> NDArray[Any]:
-        """A parabola along the bar: zero at both ends, the value in the middle."""
-        part = 4.0 * flow.fraction * (1.0 - flow.fraction)
-        off_mm = values[0] * part * at_mount(flow, place)
-        return moved_touch(stage_input, flow, off_mm)
+    def _shape(self, flow: Flow) -> NDArray[Any]:
+        """A parabola: zero at both ends of the bar, 1 in the middle."""
+        return np.asarray(4.0 * flow.fraction * (1.0 - flow.fraction))

@@ -18,62 +18,53 @@ REFERENCE_C = 20.0
 
 
 @dataclass(frozen=True)
-class DriftWithTime:
-    """Readings wander steadily with time."""
+class _Drift:
+    """Readings along an axis wander in proportion to something, whatever the posture."""
 
     id: str = "thermal_drift"
-    title: str = "readings wander steadily with time"
+    title: str = ""
     kind: Kind = Kind.ENVIRONMENT
     stage: Stage = Stage.READING
-    parameters: tuple[EffectParameter, ...] = (EffectParameter("rate", "µm/h", 10.0),)
+    parameters: tuple[EffectParameter, ...] = ()
     invariances: tuple[str, ...] = ("same for every posture", "same for both directions")
     controller: str = "nothing to enter: let the machine and the stand come to rest in temperature"
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every measuring axis."""
-        return _measured_axes(taken)
+        return tuple(name for k, name in enumerate(LEG_NAMES) if k in taken.axis)
 
     def change(
         self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
-        """The reading grows by value for each hour since the start of the session."""
-        hours = _known_only(flow.taken.time_s, flow.taken) / SECONDS_PER_HOUR
-        return _wandered(stage_input, flow, place, PER_THOUSAND * values[0] * hours)
+        """The reading grows by value for each unit of what it wanders with."""
+        measured = flow.taken.axis == LEG_NAMES.index(place)
+        by_mm = PER_THOUSAND * values[0] * _known_only(self._grown_with(flow.taken), flow.taken)
+        return np.asarray(stage_input + by_mm * measured)
+
+    def _grown_with(self, taken: Conditions) -> FloatArray:
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class DriftWithTemperature:
-    """Readings wander with the temperature of the machine."""
+class DriftWithTime(_Drift):
+    """Readings wander steadily with time; hours count from the start of the session."""
 
-    id: str = "thermal_drift"
+    title: str = "readings wander steadily with time"
+    parameters: tuple[EffectParameter, ...] = (EffectParameter("rate", "µm/h", 10.0),)
+
+    def _grown_with(self, taken: Conditions) -> FloatArray:
+        return np.asarray(taken.time_s / SECONDS_PER_HOUR)
+
+
+@dataclass(frozen=True)
+class DriftWithTemperature(_Drift):
+    """Readings wander with the temperature of the machine; kelvins count from 20 °C."""
+
     title: str = "readings wander with the temperature"
-    kind: Kind = Kind.ENVIRONMENT
-    stage: Stage = Stage.READING
     parameters: tuple[EffectParameter, ...] = (EffectParameter("per_kelvin", "µm/K", 5.0),)
-    invariances: tuple[str, ...] = ("same for every posture", "same for both directions")
-    controller: str = "nothing to enter: let the machine and the stand come to rest in temperature"
 
-    def places(self, taken: Conditions) -> tuple[str, ...]:
-        """Every measuring axis."""
-        return _measured_axes(taken)
-
-    def change(
-        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
-    ) -> NDArray[Any]:
-        """The reading grows by value for each kelvin above 20 °C."""
-        above = _known_only(flow.taken.temperature_c - REFERENCE_C, flow.taken)
-        return _wandered(stage_input, flow, place, PER_THOUSAND * values[0] * above)
-
-
-def _wandered(
-    stage_input: NDArray[Any], flow: Flow, place: str, by_mm: NDArray[Any]
-) -> NDArray[Any]:
-    measured = flow.taken.axis == LEG_NAMES.index(place)
-    return np.asarray(stage_input + by_mm * measured)
-
-
-def _measured_axes(taken: Conditions) -> tuple[str, ...]:
-    return tuple(name for k, name in enumerate(LEG_NAMES) if k in taken.axis)
+    def _grown_with(self, taken: Conditions) -> FloatArray:
+        return np.asarray(taken.temperature_c - REFERENCE_C)
 
 
 def _known_only(figure: FloatArray, taken: Conditions) -> FloatArray:

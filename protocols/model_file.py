@@ -376,9 +376,8 @@ def ambiguous_effects(found: ModelFile) -> tuple[str, ...]:
     )
 
 
-def ambiguity(found: ModelFile) -> str:
-    """What must be said wherever such a model is used; empty if nothing."""
-    names = ambiguous_effects(found)
+def ambiguity(names: Sequence[str]) -> str:
+    """What must be said wherever a model with such effects is used; empty if nothing."""
     if not names:
         return ""
     return (

@@ -22,6 +22,9 @@ def diagnose(
             help="Adopt this candidate, ID or ID:WHERE, instead; empirical: the unnamed law."
         ),
     ] = None,
+    correct: Annotated[
+        Path | None, file("Write the session once more with mistakes that were named put right.")
+    ] = None,
     held_out: Annotated[list[Path] | None, file("Session for the gap alone; repeat.")] = None,
     next_procedure: Annotated[
         Path | None, file("Write the next measurement as a procedure.", "--next")
@@ -61,6 +64,9 @@ def diagnose(
         say(f"model written: {adopt}")
         if adoption.left_behind(found, candidate):
             say("there is an unnamed law, too: --candidate empirical")
+    if correct:
+        adoption.correct(found, sessions[0], correct)
+        say(f"corrected session written: {correct}")
     typer.echo(to_json(DiagnosisReport.of(found=found)) if as_json else diagnosis_text(found))
 
 

@@ -122,13 +122,8 @@ def export(
         offsets = replace(offsets, controller=Controller.homed_at(_triple(home_offset)))
     if ini:
         offsets = replace(offsets, controller=read_controller(ini))
-    if offsets.ambiguous and format_name.startswith("linuxcnc") and not force:
-        raise UsageError(
-            "export of a model",
-            f"{', '.join(offsets.ambiguous)}, one of several effects that would do",
-            "effects that the readings tell from others",
-            "Measure what glidecal diagnose --next proposes, or give --force.",
-        )
+    if force:
+        offsets = replace(offsets, ambiguous=())
     for text in offsets.cautions:
         say(f"glidecal: {text}")
     if format_name.startswith("linuxcnc") and offsets.controller is None:

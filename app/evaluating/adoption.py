@@ -1,4 +1,4 @@
-"""A named effect becomes part of the model, with its provenance; it can be taken out again."""
+"""What was named is used: an effect joins the model, a mistake is put right in a new record."""
 
 from __future__ import annotations
 
@@ -9,10 +9,14 @@ from pathlib import Path
 from app.evaluating.diagnosis import SessionDiagnosis
 from app.evaluating.solution import solve_sessions
 from calib.diagnosis.results import Contender, Finding
-from calib.errors import NotIdentifiable, UsageError
+from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.solution import Subset
+from calib.tripod.effects.effect import Kind
 from calib.tripod.effects.empirical import EMPIRICAL
+from protocols.corrections import corrected_readings
+from protocols.events import Closed, Line, Opened, Reading, Superseded
 from protocols.files import write_files
+from protocols.journal import write_whole
 from protocols.model_file import (
     ModelFile,
     Provenance,
@@ -87,6 +91,53 @@ def _fitted(model: ModelFile, diagnosed: SessionDiagnosis) -> ModelFile:
             return with_solution(model, solved.solution)
     stated = {name: mm for name, mm in model.parameters_mm.items() if mm}
     return model.model_copy(update={"parameters_mm": stated})
+
+
+def mistakes_of(diagnosed: SessionDiagnosis) -> list[Finding]:
+    """The gross errors that were named, in the order found."""
+    return [one for one in diagnosed.diagnosis.effects if one.kind == Kind.BLUNDER]
+
+
+def correct(diagnosed: SessionDiagnosis, source: Path, target: Path) -> None:
+    """Write the record ``source`` once more with what was named put right, and say why in it.
+
+    A stand that moved gives a new mounting from there on; a reading that belongs nowhere is
+    superseded. Raises UsageError where there is nothing to correct, or not one session, and
+    RecordError where the session is not finished or the file exists.
+    """
+    mistakes = mistakes_of(diagnosed)
+    if len(diagnosed.sessions) != 1:
+        found = f"{len(diagnosed.sessions)} sessions"
+        raise UsageError("--correct", found, "one session", "Correct them one at a time.")
+    if not mistakes:
+        verdict = (
+            f"no mistake in the readings was named; the verdict is '{diagnosed.diagnosis.verdict}'"
+        )
+        raise UsageError("--correct", verdict, "a diagnosis that names one")
+    record = read_record(source)
+    if record.end != "closed":
+        raise RecordError(
+            f"session {source}",
+            "not finished",
+            "a closed record",
+            "Finish it first: glidecal run --continue.",
+        )
+    session, cleaned = diagnosed.sessions[0], diagnosed.diagnosis.cleaned[0]
+    why = "; ".join(f"{one.title} ({one.where})" for one in mistakes)
+    made = f"Corrected from {source.name}, digest {record.digest}: {why}."
+    changed = {one.reading: one for one in corrected_readings(session, cleaned)}
+    events: list[Line] = [
+        changed.get(one.reading, one) if isinstance(one, Reading) else one
+        for one in record.events
+        if not isinstance(one, Opened | Closed)
+    ]
+    kept = set(cleaned.rows.tolist())
+    gone = tuple(one.reading for row, one in enumerate(session.readings) if row not in kept)
+    if gone:
+        events.append(Superseded(readings=gone, reason=why))
+    opened = record.opened
+    remarks = (*opened.remarks, made)
+    write_whole(target, opened.model_copy(update={"remarks": remarks}), events)
 
 
 def remove(path: Path, effect: str, why: str) -> ModelFile:

@@ -14,7 +14,7 @@ from calib.diagnosis.results import Diagnosis
 from calib.errors import NotIdentifiable, UsageError
 from calib.tripod.effects.effect import Effect
 from calib.tripod.pipeline import Model
-from protocols.model_file import ambiguity, read_model_file, to_model
+from protocols.model_file import ambiguity, ambiguous_effects, read_model_file, to_model
 from protocols.observations import to_observations
 from protocols.session import Session
 
@@ -54,7 +54,7 @@ def diagnose_files(
     if model:
         found = read_model_file(model)
         known = to_model(found, f"model {model}", effects)
-        more += [said] if (said := ambiguity(found)) else []
+        more += [said] if (said := ambiguity(ambiguous_effects(found))) else []
     return SessionDiagnosis(
         names=tuple(path.name for path in paths),
         held_out=tuple(path.name for path in held_out),

@@ -40,7 +40,8 @@ class SessionSolution:
     is expected with the solution entered, each with its standard uncertainty, for which
     ``tool_factor`` is the coverage factor (95 %). ``visit_count`` counts readings without a
     movement between them as one. ``suspects`` do not fit their own repeats,
-    ``isolated`` readings have no other posture to compare with.
+    ``isolated`` readings have no other posture to compare with. ``ambiguous`` are effects of the
+    model that stand for a set of which any would do.
     """
 
     names: tuple[str, ...]
@@ -55,10 +56,12 @@ class SessionSolution:
     suspects: tuple[Suspect, ...]
     noisy: tuple[NoisyChannel, ...]
     isolated: tuple[IsolatedReadings, ...]
+    ambiguous: tuple[str, ...] = ()
 
     def with_subset(self, subset: Subset) -> SessionSolution:
         """Another set of the same choice; nothing is fitted again. Raises NotIdentifiable."""
-        return _solved(self.names, self.sessions, self.observed, self.choice, subset)
+        solved = _solved(self.names, self.sessions, self.observed, self.choice, subset)
+        return replace(solved, ambiguous=self.ambiguous)
 
     @property
     def reading_count(self) -> int:
@@ -155,7 +158,12 @@ def solve_sessions(
         tolerance_mm=machine.tolerances_mm(),
         sizes=sizes,
     )
-    return _solved(names, sessions, observed, choice, subset or choice.recommended)
+    solved = _solved(names, sessions, observed, choice, subset or choice.recommended)
+    if model is None:
+        return solved
+    from protocols.model_file import ambiguous_effects
+
+    return replace(solved, ambiguous=ambiguous_effects(model))
 
 
 def _of(model: ModelFile, machine: Machine, method: Method) -> tuple[Model, tuple[Size, ...]]:
@@ -248,10 +256,9 @@ def solve_files(
     names = [path.name for path in paths]
     known = None
     if model:
-        from protocols.model_file import ambiguity, read_model_file
+        from protocols.model_file import read_model_file
 
         known = read_model_file(model)
-        warnings += [said] if (said := ambiguity(known)) else []
     solved = solve_sessions(
         names, sessions, subset=subset, method=method, weights=weights, model=known
     )

@@ -139,14 +139,7 @@ def with_kinematics(offsets: Offsets) -> Written:
 def _includes(offsets: Offsets, *, kinematics: bool) -> Written:
     x, y, z = offsets.joint_offsets_mm  # all are stated
     controller, written = offsets.controller, {}
-    unknown = controller is None or any(one.latch_sign is None for one in controller.joints)
-    if unknown and any(one.stage == Stage.ACTUATOR for one in offsets.model.effects):
-        raise UsageError(
-            "LinuxCNC joint includes",
-            "effects along the drives, but not where and how the joints home",
-            "--ini with the controller's INI file",
-            "Homing meets these effects at the switch, so HOME_OFFSET depends on it.",
-        )
+    _refuse_what_is_not_known(offsets)
     joints = _joints(controller)
     left = list(_left(offsets.model, kinematics=kinematics))
     for drive, offset in enumerate((x, y, z)):
@@ -171,6 +164,25 @@ def _includes(offsets: Offsets, *, kinematics: bool) -> Written:
             written[name] = table_text(entries.table, unit)
         written[f"calib_joint{joint}.inc"] = "\n".join(lines) + "\n"
     return written
+
+
+def _refuse_what_is_not_known(offsets: Offsets) -> None:
+    if offsets.ambiguous:
+        raise UsageError(
+            "export of a model",
+            f"{', '.join(offsets.ambiguous)}, one of several effects that would do",
+            "effects that the readings tell from others",
+            "Measure what glidecal diagnose --next proposes, or give --force.",
+        )
+    controller = offsets.controller
+    unknown = controller is None or any(one.latch_sign is None for one in controller.joints)
+    if unknown and any(one.stage == Stage.ACTUATOR for one in offsets.model.effects):
+        raise UsageError(
+            "LinuxCNC joint includes",
+            "effects along the drives, but not where and how the joints home",
+            "--ini with the controller's INI file",
+            "Homing meets these effects at the switch, so HOME_OFFSET depends on it.",
+        )
 
 
 def _joints(controller: Controller | None) -> tuple[int, ...]:

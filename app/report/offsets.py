@@ -101,6 +101,7 @@ def offsets_from_solved(solved: SessionSolution, paths: Sequence[Path]) -> Offse
         model=solution.model,
         controller=_stated(machine),
         made=_made(solved, paths),
+        ambiguous=solved.ambiguous,
         remarks=tuple(remarks),
         cautions=tuple(map(one_line, caveats(solved))),
         lacks_fit=fit is not None and fit.p_value < LACK_OF_FIT_LEVEL,
@@ -137,9 +138,7 @@ def offsets_from_file(
         return _offsets_from_model(path)
     solved, warnings = solve_files([path], subset=subset, method=method, model=model)
     offsets = offsets_from_solved(solved, [path])
-    unsure = ambiguous_effects(read_model_file(model)) if model else ()
-    cautions = (*map(one_line, warnings), *offsets.cautions)
-    return replace(offsets, cautions=cautions, ambiguous=unsure)
+    return replace(offsets, cautions=(*map(one_line, warnings), *offsets.cautions))
 
 
 def _offsets_from_model(path: Path) -> Offsets:
@@ -147,14 +146,15 @@ def _offsets_from_model(path: Path) -> Offsets:
     model = to_model(found, f"model {path}", known_effects())
     _all_stated(f"model {path}, parameters_mm", found.parameters_mm)
     stated = [name for name in PARAMETER_NAMES if name in found.parameters_mm]
-    said = [NOT_KNOWN, ambiguity(found), *(found.cautions or ())]
+    unsure = ambiguous_effects(found)
+    said = [NOT_KNOWN, ambiguity(unsure), *(found.cautions or ())]
     return Offsets(
         source=path.name,
         machine=found.machine,
         parameters={name: Offset(found.parameters_mm[name]) for name in stated},
         model=model,
         controller=_stated(found.machine),
-        ambiguous=ambiguous_effects(found),
+        ambiguous=unsure,
         cautions=tuple(dict.fromkeys(one for one in said if one)),
     )
 

@@ -14,8 +14,10 @@ from textual.containers import Vertical, VerticalScroll
 from textual.widgets import Footer, Static, TabbedContent, TabPane
 from textual.worker import get_current_worker
 
-from app.evaluating.adoption import adopt, write_procedure
+from app.evaluating.adoption import adopt, correct, write_procedure
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_files
+from app.evaluating.solution import solve_files
+from app.measuring.opening import plan_to_repeat
 from app.report.charts.charts import residuals_before_and_after
 from app.report.text import diagnosis as texts
 from app.report.text.result import ONLY_SHOWN, copied_text
@@ -38,6 +40,7 @@ class DiagnoseScreen(PagedScreen):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("a", "adopt", "Adopt", id="diagnose.adopt"),
         Binding("n", "next", "Next measurement", id="diagnose.next"),
+        Binding("r", "result", "Result", id="diagnose.result"),
         Binding("a", "refuse('adopt')", show=False, id="diagnose.refuse_adopt"),
         Binding("n", "refuse('next')", show=False, id="diagnose.refuse_next"),
         Binding("1", "page('verdict')", "Verdict", show=False, id="diagnose.verdict"),
@@ -163,14 +166,32 @@ class DiagnoseScreen(PagedScreen):
     def _ask_file(self, answer: str | None) -> None:
         if not answer:
             return
-        first = self.paths[0]
+        first, correcting = self.paths[0], answer == texts.CORRECT
         proposed = self.model or unused_path(first.with_name(f"{first.stem}_model.json"))
+        if correcting:
+            proposed = unused_path(first.with_name(f"{first.stem}_corrected.jsonl"))
 
         def named(typed: str | None) -> None:
-            if typed:
+            if typed and correcting:
+                self._correct(Path(typed).expanduser())
+            elif typed:
                 self._adopt(Path(typed).expanduser(), None if answer == "named" else answer)
 
-        self.app.push_screen(TextDialog(texts.WHICH_FILE, "path", str(proposed)), named)
+        question = texts.WHICH_SESSION if correcting else texts.WHICH_FILE
+        self.app.push_screen(TextDialog(question, "path", str(proposed)), named)
+
+    def _correct(self, target: Path) -> None:
+        """Write the session without its mistakes and look again, at that."""
+        found = self._ready()
+        if found is None:
+            return
+        with self.app.complaining():
+            source = self.paths[0]
+            correct(found, source, target)
+            said = texts.CORRECTED.format(target, source.name)
+            self.app.notify(said, timeout=10, markup=False)
+            self.paths = (target,)
+            self._look()
 
     def _adopt(self, target: Path, candidate: str | None) -> None:
         """Write the model and look again with it."""
@@ -202,6 +223,20 @@ class DiagnoseScreen(PagedScreen):
         with self.app.complaining():
             write_procedure(found, path)
             self.app.notify(texts.NEXT_WRITTEN.format(path), timeout=12, markup=False)
+
+    @work(thread=True, group="result", exclusive=True)
+    def action_result(self) -> None:
+        """What these sessions give, with the adopted effects where there are any."""
+        path = self.paths[0]
+        try:
+            solved, _ = solve_files(self.paths, model=self.model)
+            plan = None if self.app.read_only else plan_to_repeat(path)
+        except GlidecalError as problem:
+            self.app.call_from_thread(self.app.complain, problem)
+        else:
+            self.app.call_from_thread(
+                lambda: self.app.push_screen(self.app.result(solved, plan, path))
+            )
 
     def action_copy(self) -> None:
         if self._ready() is None:

@@ -20,11 +20,11 @@ from calib.diagnosis.hypotheses import hypotheses_of
 from calib.diagnosis.model_selection import ModelSelection
 from calib.diagnosis.outliers import set_outliers_right
 from calib.diagnosis.problem import Case, FittedSession, Problem
-from calib.diagnosis.results import Finding, Named
+from calib.diagnosis.results import CleanedReadings, Finding, Named
 from calib.diagnosis.selection import LOG_UNIT
 from calib.errors import NotIdentifiable
 from calib.linalg import squares_in, union, without
-from calib.observations import FloatArray
+from calib.observations import FloatArray, Observations
 from calib.ties import descending
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import Candidate
@@ -50,7 +50,7 @@ LEAST_GAIN = 1e-6
 
 def clean(
     cases: Sequence[Case], effects: Sequence[Effect] = CATALOGUE
-) -> tuple[list[Case], list[Finding]]:
+) -> tuple[list[CleanedReadings], list[Finding]]:
     """Sessions without the mistakes found in them, and the mistakes; ``effects`` may act, too."""
     cleaned, mistakes = [], []
     for case in cases:
@@ -60,8 +60,20 @@ def clean(
         for error, before_mm, after_mm in zip(errors, gaps, gaps[1:], strict=False):
             what = error.id, str(Kind.BLUNDER), error.title, error.where
             mistakes.append(Finding(*what, (), 0.0, before_mm, after_mm, error.or_else))
-        cleaned.append(stages[-1])
+        cleaned.append(_cleaned(case.observed, errors))
     return cleaned, mistakes
+
+
+def _cleaned(observed: Observations, errors: Sequence[GrossError]) -> CleanedReadings:
+    rows = np.arange(len(observed))
+    slips = np.zeros(len(observed), dtype=np.intp)
+    for error in errors:
+        if len(error.corrected) < len(rows):
+            rows = np.delete(rows, error.rows)
+        elif error.id == "stand_slip":
+            slips[rows[error.rows]] += 1
+        observed = error.corrected
+    return CleanedReadings(observed, rows, slips[rows])
 
 
 def _errors_of(case: Case, effects: Sequence[Effect]) -> list[GrossError]:

@@ -55,14 +55,16 @@ def diagnose(
     where a session cannot be fitted at all.
     """
     cleaned, mistakes = clean(cases, effects)
-    first = Problem.of([case.fitted() for case in cleaned])
+    usable = [case.with_readings(one.observed) for case, one in zip(cases, cleaned, strict=True)]
+    first = Problem.of([case.fitted() for case in usable])
     selection = ModelSelection.of(first, hypotheses_of(first, effects))
     attribution = Attribution(*_followed_far_enough(selection))
     doubted = attribution.repeats_explain_as_much()
     if doubted:
         outcome = replace(attribution.outcome, kept=None)
         attribution = replace(attribution, outcome=outcome)
-    return _Report(first, attribution, mistakes, held_out, doubted=doubted).make()
+    found = _Report(first, attribution, mistakes, held_out, doubted=doubted).make()
+    return replace(found, cleaned=tuple(cleaned))
 
 
 def _followed_far_enough(selection: ModelSelection) -> tuple[ModelSelection, Outcome]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from calib.observations import IntArray, Observations
 from calib.tripod.effects.effect import EffectInstance
 
 Verdict = Literal[
@@ -181,9 +182,24 @@ class Residuals:
     noise_rms_mm: float
 
 
+@dataclass(frozen=True, eq=False)
+class CleanedReadings:
+    """Readings of one session without the mistakes found; ``rows`` ``(n,)`` are where they stood.
+
+    A row that is not named was left out. ``slips`` ``(n,)`` counts how often its stand had moved.
+    """
+
+    observed: Observations
+    rows: IntArray
+    slips: IntArray
+
+
 @dataclass(frozen=True)
 class Diagnosis:
-    """The whole answer. ``sentence`` is the verdict for a machinist."""
+    """The whole answer. ``sentence`` is the verdict for a machinist.
+
+    ``cleaned`` are the readings of each session as they were diagnosed.
+    """
 
     verdict: Verdict
     sentence: str
@@ -201,6 +217,7 @@ class Diagnosis:
     residuals: Residuals
     remarks: tuple[str, ...] = ()
     left_over: ModelDiscrepancy | None = None
+    cleaned: tuple[CleanedReadings, ...] = field(default=(), repr=False)
 
 
 @dataclass(frozen=True)

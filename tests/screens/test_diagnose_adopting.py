@@ -6,14 +6,20 @@ import re
 import tomllib
 from pathlib import Path
 
+import pytest
 from textual.widgets import Input, OptionList
 
+from app.evaluating.solution import solve_files
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.dialogs import ChoiceDialog, TextDialog
+from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
+from protocols.events import Opened, Reading
+from protocols.journal import write_whole
 from protocols.machine import load_machine
 from protocols.model_file import read_model_file
 from protocols.procedure import load_procedure
+from protocols.record import read_record
 from tests.hidden_sessions import write_session
 from tests.screens.diagnosing import diagnosed, offered, verdict
 from tests.screens.driving import SIZE, said, text, until
@@ -139,6 +145,44 @@ async def test_a_session_that_agrees(tmp_path: Path) -> None:
         assert not isinstance(interface.screen, ChoiceDialog)
         await pilot.press("f10")
     assert [one.name for one in tmp_path.iterdir()] == ["plain.jsonl"]
+
+
+async def test_a_mistake_is_put_right_in_a_new_session_and_its_result_shown(tmp_path: Path) -> None:
+    right = write_session(tmp_path / "right.jsonl", "sweep", 4)
+    events = read_record(right).events
+    turned = [
+        one.model_copy(update={"value_mm": -one.value_mm})
+        if isinstance(one, Reading) and (one.leg, one.axis) == ("y", "z")
+        else one
+        for one in events
+    ]
+    wrong = tmp_path / "wrong.jsonl"
+    opened = events[0]
+    assert isinstance(opened, Opened)
+    write_whole(wrong, opened, list(turned[1:-1]))
+    interface = Glidecal(DiagnoseScreen([wrong]))
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        screen = await diagnosed(pilot, interface)
+        assert "gauge_sign (yz)" in verdict(interface)
+        await pilot.press("a")
+        await until(pilot, "choice", lambda: isinstance(interface.screen, ChoiceDialog))
+        listed = [str(o.prompt) for o in interface.screen.query_one(OptionList).options]
+        assert listed[0] == "1  the readings, in a new session: gauge_sign (yz)"
+        await pilot.press("1")
+        await until(pilot, "file name", lambda: isinstance(interface.screen, TextDialog))
+        await pilot.press("enter")
+        new = tmp_path / "wrong_corrected.jsonl"
+        await until(pilot, "again", lambda: screen.paths == (new,) and not screen.looking)
+        assert verdict(interface).startswith("AGREES.")
+        assert text(interface, "#diagnosed").startswith(new.name)
+        await pilot.press("r")
+        await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
+        shown = interface.screen
+        assert isinstance(shown, ResultScreen)
+        expected = solve_files([right])[0].joint_offsets_mm
+        assert shown.solved.joint_offsets_mm == pytest.approx(expected, abs=1e-9)
+        assert "Corrected from wrong.jsonl" in " ".join(text(interface, "#text").split())
+        await pilot.press("f10")
 
 
 async def test_where_nothing_may_be_written(doubtful: Path) -> None:

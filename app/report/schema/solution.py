@@ -198,6 +198,9 @@ class SolutionReport(Report):
     recommended_subset: Subset = at("solved.choice.recommended")
     reasons: tuple[str, ...] = at("solved.choice.reasons")
     effects: tuple[FittedSize, ...] | None = asked("sizes", "with --model")
+    ambiguous_effects: tuple[str, ...] = at(
+        "solved.ambiguous", "those of the model that are one of several that would do"
+    )
     tolerance: Judgement | None = asked("judged", "with --tolerance")
     tool_maps: tuple[ToolMap, ...] | None = asked("maps", "with --map")
     monte_carlo: Annotated[SimulatedSessions | None, called("simulated")] = asked(

@@ -33,12 +33,20 @@ MOST_NAMED = 8
 def caveats(solved: SessionSolution) -> list[str]:
     """One line each, the gravest first."""
     return [
+        *_of_the_model(solved),
         *_of_the_fit(solved),
         *_of_noise(solved),
         *_of_readings(solved),
         *_of_the_measurement(solved),
         *_of_the_choice(solved),
     ]
+
+
+def _of_the_model(solved: SessionSolution) -> Iterator[str]:
+    if solved.ambiguous:
+        from protocols.model_file import ambiguity  # with a model only
+
+        yield f"WARNING: {ambiguity(solved.ambiguous)}"
 
 
 def _of_the_fit(solved: SessionSolution) -> Iterator[str]:

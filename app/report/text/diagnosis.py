@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from app.evaluating.adoption import mistakes_of
 from app.evaluating.diagnosis import SessionDiagnosis
 from app.report.text.tables import hanging, new_table, signed, table_text, wrapped
 from calib.diagnosis.results import (
@@ -27,7 +28,9 @@ DIAGNOSE_HELP = """\
 Tab, arrows   the next page; up and down scroll it
 A             adopt what was named, another effect that fits as well, or
               what is left as a law without a name: writes a model file
-              and diagnoses again with it
+              and diagnoses again with it; mistakes in the readings are put
+              right in a new session file
+R             the result: offsets, and the sizes of adopted effects with them
 N             write the next measurement, the one that separates what
               stayed ambiguous, as a procedure file
 Y             copy the text of this page to the clipboard
@@ -35,7 +38,7 @@ Escape, F10   back, quit
 
 Where shows what the model leaves of the readings at each place, in µm,
 offsets, lengths and zeros fitted. ▲ and ▼ are more than noise, ▲▲ and ▼▼
-much more. Adopting changes the model alone, never the readings."""
+much more. Adopting changes no record: the old session stays as it is."""
 
 LOOKING = "Looking for what is missing …"
 NOT_YET = "The diagnosis is not ready yet."
@@ -45,7 +48,10 @@ NOTHING_NAMED = (
     "left, if anything, follows no simple law."
 )
 NO_NEXT = "No measurement is proposed: nothing stayed ambiguous between two effects."
-WHAT_TO_ADOPT = "What shall become part of the model?"
+CORRECT = "correct"
+WHAT_TO_ADOPT = "What shall become part of the model, or be put right?"
+CORRECTED = "Corrected session written: {}. Diagnosing it; {} stays as it is."
+WHICH_SESSION = "Write the corrected session to which file?"
 WHICH_FILE = "Write the model to which file?"
 ADOPTED = "Adopted in {}: gap {:.4f} → {:.4f} mm."
 MODEL_WRITTEN = "Model written: {}. Diagnosing again with it."
@@ -361,15 +367,17 @@ def change_text(diagnosed: SessionDiagnosis) -> str:
 def adopt_choices(diagnosed: SessionDiagnosis) -> list[tuple[str, str]]:
     """What can be adopted: answers for a dialog with their words. The first is what was named.
 
-    An answer is ``named``, ``empirical`` (what was named and the unnamed law of what is left), or
-    a candidate as ``id:where``.
+    An answer is `CORRECT`, ``named``, ``empirical`` (what was named and the unnamed law of what is
+    left), or a candidate as ``id:where``.
     """
     found = diagnosed.diagnosis
     named = [one for one in found.effects if one.effects]
     words = " and ".join(f"{one.id} ({one.where})" for one in named)
     rivals = {(r.id, r.where) for one in named for r in one.indistinguishable_from}
     others = [c for c in found.candidates if (c.id, c.where) in rivals and c.effects]
-    choices = [("named", f"what was named: {words}")] if named else []
+    mistakes = ", ".join(f"{one.id} ({one.where})" for one in mistakes_of(diagnosed))
+    choices = [(CORRECT, f"the readings, in a new session: {mistakes}")] if mistakes else []
+    choices += [("named", f"what was named: {words}")] if named else []
     if found.left_over:
         where = found.left_over.effect.where
         also = f"{words} and what is left" if named else "what is left"

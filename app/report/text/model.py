@@ -7,7 +7,13 @@ from app.report.text.tables import hanging, new_table, signed, table_text, wrapp
 from calib.errors import RecordError
 from calib.tripod.effects.effect import remedies
 from protocols.machine import Machine
-from protocols.model_file import EffectEntry, ModelFile, ambiguity, placed_effects
+from protocols.model_file import (
+    EffectEntry,
+    ModelFile,
+    ambiguity,
+    ambiguous_effects,
+    placed_effects,
+)
 
 
 def model_text(model: ModelFile) -> str:
@@ -17,7 +23,7 @@ def model_text(model: ModelFile) -> str:
         table.add_row(name, signed(value, 4))
     parts = [f"Model of {model.machine.name}", table_text(table)]
     parts += [effect_words(effect, model.machine) for effect in model.effects] or ["No effects."]
-    parts += [wrapped(f"WARNING: {said}")] if (said := ambiguity(model)) else []
+    parts += [wrapped(f"WARNING: {said}")] if (said := ambiguity(ambiguous_effects(model))) else []
     if model.history:
         lines = [
             wrapped(f"{h.at:%Y-%m-%d %H:%M} {h.action} {h.effect.id} ({h.effect.where}): {h.why}")

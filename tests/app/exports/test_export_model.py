@@ -117,7 +117,8 @@ def test_an_ambiguous_effect_is_said_to_be_one_wherever_the_model_is_used(
     for verb in ("solve", "diagnose"):
         run = glidecal(verb, session, "--model", model)
         assert run.status == 0
-        assert "one of several effects that would do" in run.err
+        said = " ".join(f"{run.out} {run.err}".split())
+        assert "one of several effects that would do" in said
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,93 @@
+"""A mistake that was named is put right in a new record; made by the blind bench's simulation."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from protocols.record import read_record
+from protocols.session import Session, fold
+from tests.app.cli import glidecal, refused
+from tests.blind import blunders
+from tests.blind.blunders import Table
+from tests.blind.cases import BLUNDERS, Case
+from tests.blind.forward import FloatArray
+from tests.blind.generator import make
+
+NOISE_MM = 0.002
+
+
+def table_of(values_mm: FloatArray, rows: Table, folder: Path, name: str) -> Path:
+    """The table of a session, imported: what stands in it and nothing else."""
+    path = folder / f"{name}.csv"
+    of = rows.rows
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(("leg", "axis", "displacement_mm", "value_mm", "cycle", "station"))
+        for k, value in enumerate(values_mm.tolist()):
+            leg, axis = "xyz"[of.leg[k]], "xyz"[of.axis[k]]
+            place = f"{of.displacement_mm[k]:g}", f"{value:.6f}", of.cycle[k], f"{of.station[k]:g}"
+            writer.writerow((leg, axis, *place))
+    session = folder / f"{name}.jsonl"
+    run = glidecal("import", path, "-o", session)
+    assert run.status == 0, run.err
+    return session
+
+
+def folded(path: Path) -> Session:
+    return fold(read_record(path).events)
+
+
+def values_mm(session: Session, numbers: Sequence[int]) -> FloatArray:
+    by_number = {one.reading: one.value_mm for one in session.readings}
+    return np.array([by_number[number] for number in numbers])
+
+
+@pytest.mark.parametrize("kind", BLUNDERS)
+def test_the_new_record_is_the_session_without_the_mistake(kind: str, tmp_path: Path) -> None:
+    made = make(Case(f"correct/{kind}", "none", "two-station", "gaussian"), 3)
+    right = Table(made.rows, made.values_mm)
+    wrong, _ = blunders.commit(kind, right, NOISE_MM, np.random.default_rng(5))
+    good = folded(table_of(right.values_mm, right, tmp_path, "good"))
+    bad = table_of(wrong.values_mm, wrong, tmp_path, "bad")
+    before, new = bad.read_bytes(), tmp_path / "new.jsonl"
+    run = glidecal("diagnose", bad, "--correct", new)
+    assert run.status == 0, run.err
+    assert bad.read_bytes() == before
+    found = folded(new)
+    (said,) = found.opened.remarks
+    assert said.startswith(f"Corrected from bad.jsonl, digest {read_record(bad).digest}: ")
+    numbers = [one.reading for one in found.readings]
+    assert len(numbers) == len(good.readings) - (kind == "wild")
+    as_read = {one.reading: one for one in folded(bad).readings}
+    truth = {one.reading: one for one in good.readings}
+    for one in found.readings:
+        was = truth[one.reading]
+        assert (one.leg, one.axis, one.displacement_mm) == (was.leg, was.axis, was.displacement_mm)
+        read = as_read[one.reading]
+        same = (one.value_mm, one.mount, one.leg) == (read.value_mm, read.mount, read.leg)
+        assert one.text == read.text
+        assert ("as_read" in one.extra) == (not same or one.displacement_mm != read.displacement_mm)
+    if kind == "stand_slip":
+        moved = {one.mount for one in found.readings} - {one.mount for one in good.readings}
+        (name,) = moved
+        assert name.endswith(", moved 1")
+    else:
+        off = values_mm(found, numbers) - values_mm(good, numbers)
+        assert np.abs(off).max() < 26.4 * 0.5e-6  # six places, some of inches
+    verdicts = [
+        glidecal("diagnose", path).out.split()[0] for path in (new, tmp_path / "good.jsonl")
+    ]
+    assert verdicts[0] == verdicts[1]
+
+
+def test_nothing_is_corrected_that_was_not_named(samples: Path, tmp_path: Path) -> None:
+    session, new = samples / "experiment_2_twelve.jsonl", tmp_path / "new.jsonl"
+    assert "no mistake in the readings was named" in refused(
+        2, "diagnose", session, "--correct", new
+    )
+    assert not new.exists()

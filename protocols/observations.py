@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.observations import FloatArray, Observations
-from calib.tripod.pipeline import carriage_movement
+from calib.tripod.movements import carriage_movement
 from protocols.events import Reading
 from protocols.procedure import leg_number
 from protocols.session import Session

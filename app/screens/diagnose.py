@@ -16,8 +16,8 @@ from textual.worker import get_current_worker
 
 from app.evaluating.adoption import adopt, correct, write_procedure
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_files
-from app.evaluating.solution import solve_files
-from app.measuring.opening import plan_to_repeat
+from app.evaluating.solution import SessionSolution, solve_files
+from app.measuring.opening import Plan, plan_to_repeat
 from app.report.charts.charts import residuals_before_and_after
 from app.report.text import diagnosis as texts
 from app.report.text.result import ONLY_SHOWN, copied_text
@@ -234,9 +234,10 @@ class DiagnoseScreen(PagedScreen):
         except GlidecalError as problem:
             self.app.call_from_thread(self.app.complain, problem)
         else:
-            self.app.call_from_thread(
-                lambda: self.app.push_screen(self.app.result(solved, plan, path))
-            )
+            self.app.call_from_thread(self._show_result, solved, plan, path)
+
+    def _show_result(self, solved: SessionSolution, plan: Plan | None, path: Path) -> None:
+        self.app.push_screen(self.app.result(solved, plan, path))
 
     def action_copy(self) -> None:
         if self._ready() is None:

@@ -41,6 +41,7 @@ from calib.noise.reading import (
 from calib.observations import FloatArray, IntArray, Observations, numbered
 from calib.stats import variance_ratio_p_value
 from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Model, derivatives
 
 VISIBLE = 1e-6
@@ -62,7 +63,7 @@ class Case:
 
     def fitted(self) -> FittedSession:
         """The base parameters fitted, to linearise there. Raises NotIdentifiable."""
-        visited = visits(self.observed)
+        visited = with_first_movements(visits(self.observed))
         noise = reading_noise(visited, self.indicator)
         weight = reading_weights(visited, noise)
         if noise is None:  # a variance to weigh the tolerances with

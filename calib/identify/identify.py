@@ -51,6 +51,7 @@ from calib.observations import FloatArray, Observations
 from calib.stats import coverage_factor
 from calib.tripod.differences import Differences, differences
 from calib.tripod.geometry import PARAMETER_NAMES
+from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Model
 from calib.tripod.sensitivity import sensitivity_of_readings
 
@@ -105,6 +106,8 @@ class Told:
     ) -> Self:
         """Raises NotIdentifiable where no mounting has two postures."""
         visited = visits(observed)
+        if sizes:  # of play, too
+            visited = with_first_movements(visited)
         measured = differences(model.geometry, visited)
         return cls(model, visited, measured, reading_noise(visited, indicator), sizes)
 

@@ -26,9 +26,6 @@ from calib.tripod.kinematics import inverse, trilaterate
 
 COMPLEX_STEP_MM = 1e-30
 
-STILL_MM = 1e-6
-"""A carriage that is to move by less stands still: no controller resolves it."""
-
 
 class Stage(StrEnum):
     """Where an effect acts, and what it is handed to change."""
@@ -260,15 +257,6 @@ def _joint(flow: Flow) -> FloatArray:
 
 def _dot(left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
     return np.asarray((left * right).sum(axis=-1))
-
-
-def carriage_movement(geometry: Geometry, from_mm: FloatArray, to_mm: FloatArray) -> FloatArray:
-    """Sign ``(n, 3)`` of each carriage's movement between tool positions ``(n, 3)``.
-
-    Less than `STILL_MM` is none. Raises UnreachablePosture.
-    """
-    moved = inverse(geometry, to_mm) - inverse(geometry, from_mm)
-    return np.asarray(np.where(np.abs(moved) < STILL_MM, 0.0, np.sign(moved)))
 
 
 def _append_zero_row(taken: Conditions) -> Conditions:

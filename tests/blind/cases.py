@@ -38,7 +38,10 @@ COUNTS = {
 
 @dataclass(frozen=True)
 class Case:
-    """What one session hides. ``without`` is left out of the catalogue for its diagnosis."""
+    """What one session hides. ``without`` is left out of the catalogue for its diagnosis.
+
+    ``homed`` is the direction in which homing ended: the table of readings does not tell it.
+    """
 
     key: str
     cell: str
@@ -49,6 +52,7 @@ class Case:
     blunder: str = ""
     shape: str = ""
     without: tuple[str, ...] = ()
+    homed: float = 1.0
 
     @property
     def session(self) -> str:

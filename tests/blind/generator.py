@@ -76,7 +76,7 @@ def make(case: Case, seed: int) -> Made:
 
 
 def _attempt(case: Case, rng: np.random.Generator) -> Made:
-    rows = rows_of(PLANS[case.procedure], rng, in_place=case.noise == "locked")
+    rows = rows_of(PLANS[case.procedure], rng, case.noise == "locked", case.homed)
     sigma_mm = float(rng.uniform(0.0007, 0.0015) if case.noise == "quantised" else _scatter(rng))
     noise = draw(case.noise, rows, sigma_mm, rng)
     hidden, columns = _machine(case, rows, rng)

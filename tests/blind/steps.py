@@ -60,14 +60,16 @@ def _one_mounting(plan: Plan, leg: int, station: float, in_place: bool) -> list[
     return [*taken, Visit(leg, station, 0.0, plan.cycles)]
 
 
-def rows_of(plan: Plan, rng: np.random.Generator, in_place: bool = False) -> Rows:
-    """The rows of a procedure in the order taken, two for each visit."""
-    return rows_of_visits(visits(plan, in_place), rng)
+def rows_of(
+    plan: Plan, rng: np.random.Generator, in_place: bool = False, homed: float = 1.0
+) -> Rows:
+    """The rows of a procedure in the order taken, two for each visit; ``homed`` -1: downwards."""
+    return rows_of_visits(visits(plan, in_place), rng, homed)
 
 
-def rows_of_visits(taken: list[Visit], rng: np.random.Generator) -> Rows:
+def rows_of_visits(taken: list[Visit], rng: np.random.Generator, homed: float = 1.0) -> Rows:
     """Two rows for each of these visits."""
-    moved = np.repeat(_movements(taken), 2, axis=0)
+    moved = np.repeat(_movements(taken, homed), 2, axis=0)
     time_s = np.repeat(_times(taken, rng), 2)
     both = [(v, axis) for v in taken for axis in range(3) if axis != v.leg]
     places = {key: k for k, key in enumerate(dict.fromkeys((v.leg, a, v.station) for v, a in both))}
@@ -91,13 +93,13 @@ def _times(taken: list[Visit], rng: np.random.Generator) -> FloatArray:
     return np.asarray(np.round(passed, 1), dtype=np.float64)
 
 
-def _movements(taken: list[Visit]) -> FloatArray:
+def _movements(taken: list[Visit], homed: float) -> FloatArray:
     """Sign of each carriage's last movement at every visit, ``(n_visits, 3)``.
 
-    The tool is driven along straight lines; the carriages follow the nominal joints. Homing is
-    taken to have ended upwards.
+    The tool is driven along straight lines; the carriages follow the nominal joints. Before the
+    first visit each was moved as homing ended.
     """
-    here, last = np.zeros(3), np.ones(3)
+    here, last = np.zeros(3), homed * np.ones(3)
     found = []
     for visit in taken:
         there = np.zeros(3)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.observations import LEG_NAMES, TOOL, Conditions, FloatArray
+from calib.observations import LEG_NAMES, Conditions
 from calib.tripod.effects.effect import (
     PER_THOUSAND,
     Effect,
@@ -19,6 +19,7 @@ from calib.tripod.effects.effect import (
     travel,
 )
 from calib.tripod.geometry import Geometry
+from calib.tripod.movements import last_movement
 from calib.tripod.pipeline import Flow, Stage
 
 STANDARD_LEADS_MM = (4.0, 5.0, 10.0, 20.0)
@@ -120,20 +121,6 @@ class Backlash:
         leg = LEG_NAMES.index(place)
         stays_back = last_movement(flow.taken)[:, leg] < 0
         return moved_carriage(stage_input, leg, values[0] * stays_back)
-
-
-def last_movement(taken: Conditions) -> FloatArray:
-    """Sign of the last movement of each carriage ``(n, 3)``; 0 where it is not known.
-
-    Readings of the tool tell it themselves. On an Orthoglide the touched leg's carriage follows the
-    displacement s. The others are commanded ``sqrt(L^2 - s^2)``: they went down where the tool went
-    away from Zero at last, up where it came nearer, and so up on arriving at Zero.
-    """
-    from_zero = np.sign(taken.displacement_mm)
-    others = np.where(from_zero == 0, np.abs(taken.approach), -from_zero * taken.approach)
-    movement = np.repeat(others[:, None], 3, axis=1)
-    movement[np.arange(len(taken)), taken.leg] = taken.approach
-    return np.where((taken.leg == TOOL)[:, None], taken.movement, movement)
 
 
 def with_machine_lead(effects: Iterable[Effect], geometry: Geometry) -> tuple[Effect, ...]:

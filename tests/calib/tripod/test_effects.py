@@ -12,7 +12,7 @@ import pytest
 from app.measuring.simulated import simulated_session
 from calib.observations import Conditions, FloatArray, conditions, tool_conditions
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.actuators import Backlash, last_movement
+from calib.tripod.effects.actuators import Backlash
 from calib.tripod.effects.axes import AxisOffset
 from calib.tripod.effects.bars import pull_of_weight
 from calib.tripod.effects.candidates import Candidate, candidates, invisible
@@ -20,6 +20,7 @@ from calib.tripod.effects.catalogue import effects_of
 from calib.tripod.effects.effect import Effect, EffectInstance, remedies
 from calib.tripod.geometry import Geometry
 from calib.tripod.kinematics import trilaterate
+from calib.tripod.movements import last_movement
 from calib.tripod.pipeline import Model, Stage, derivatives, simulate
 from protocols.events import Event
 from protocols.machine import Machine

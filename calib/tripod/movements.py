@@ -1,0 +1,69 @@
+"""How each carriage came to where it is: from the way of the tool, or from repeats of a posture."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from calib.noise.repeats import Repeats
+from calib.observations import TOOL, Conditions, FloatArray, Observations, numbered, rows_of
+from calib.tripod.geometry import Geometry
+from calib.tripod.kinematics import inverse
+
+STILL_MM = 1e-6
+"""A carriage that is to move by less stands still: no controller resolves it."""
+
+DEPARTS = 4.0
+"""Standard deviations beyond which a first reading was not reached as its repeats were."""
+
+
+def carriage_movement(geometry: Geometry, from_mm: FloatArray, to_mm: FloatArray) -> FloatArray:
+    """Sign ``(n, 3)`` of each carriage's movement between tool positions ``(n, 3)``.
+
+    Less than `STILL_MM` is none. Raises UnreachablePosture.
+    """
+    moved = inverse(geometry, to_mm) - inverse(geometry, from_mm)
+    return np.asarray(np.where(np.abs(moved) < STILL_MM, 0.0, np.sign(moved)))
+
+
+def last_movement(taken: Conditions) -> FloatArray:
+    """Sign of the last movement of each carriage ``(n, 3)``; 0 where it is not known.
+
+    Readings of the tool tell it themselves. On an Orthoglide the touched leg's carriage follows the
+    displacement s. The others are commanded ``sqrt(L^2 - s^2)``: they went down where the tool went
+    away from Zero at last, up where it came nearer, and so up on arriving at Zero.
+    """
+    from_zero = np.sign(taken.displacement_mm)
+    others = np.where(from_zero == 0, np.abs(taken.approach), -from_zero * taken.approach)
+    movement = np.repeat(others[:, None], 3, axis=1)
+    movement[np.arange(len(taken)), taken.leg] = taken.approach
+    told = (taken.leg == TOOL) | taken.movement.any(axis=1)
+    return np.where(told[:, None], taken.movement, movement)
+
+
+def with_first_movements(observed: Observations) -> Observations:
+    """The same visits; where nobody saw how a posture was reached, its repeats tell.
+
+    The first reading of a mounting that departs from those that were reached from a known side was
+    reached from the other one. One that agrees stays as it is: so far as it shows, nothing has
+    play.
+    """
+    repeats = Repeats.of(observed)
+    scatter = repeats.standard_deviation_mm
+    if scatter is None:
+        return observed
+    known, movement = observed.approach_known, observed.movement.copy()
+    last = last_movement(observed)
+    for row in np.flatnonzero(~known).tolist():
+        alike = np.flatnonzero(known & (observed.posture == observed.posture[row]))
+        if not len(alike):
+            continue
+        sides = [alike[rows] for rows in rows_of(numbered(repeats.cell[alike]))]
+        off_mm = [abs(observed.value_mm[row] - observed.value_mm[one].mean()) for one in sides]
+        least_mm = [DEPARTS * scatter * math.sqrt(1.0 + 1.0 / len(one)) for one in sides]
+        if all(off > least for off, least in zip(off_mm, least_mm, strict=True)):
+            ways = last[alike]  # a carriage that came from both sides tells nothing
+            movement[row] = np.where((ways == ways[0]).all(axis=0), -ways[0], 0.0)
+    return replace(observed, movement=movement)

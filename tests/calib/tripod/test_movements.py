@@ -1,0 +1,74 @@
+"""Where nobody saw how a first posture was reached: machines that homed down, or up.
+
+Sessions of the blind bench's simulation, which is driven along a path and knows every movement.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.evaluating.diagnosis import diagnose_files
+from calib.noise.reading import visits
+from calib.observations import Observations
+from calib.tripod.movements import last_movement, with_first_movements
+from protocols.observations import to_observations
+from protocols.record import read_record
+from protocols.session import fold
+from tests.blind.bench_files import write_session
+from tests.blind.cases import Case
+from tests.blind.generator import make
+
+PROCEDURES = ("zero-max-min", "sweep", "two-station")
+
+
+def session(folder: Path, case: Case) -> Path:
+    path = folder / f"{case.session}.jsonl"
+    write_session(make(case, 1), path)
+    return path
+
+
+def visited(path: Path) -> Observations:
+    return visits(to_observations([fold(read_record(path).events)]))
+
+
+@pytest.mark.parametrize("procedure", PROCEDURES)
+def test_play_is_all_that_is_missing_however_the_machine_homed(
+    procedure: str, tmp_path: Path
+) -> None:
+    for number, strength in enumerate((8.0, 12.0, 16.0)):
+        name = f"homed/{procedure}/{number}"
+        case = Case(name, "single", procedure, "gaussian", ("backlash",), (strength,), homed=-1.0)
+        found = diagnose_files([session(tmp_path, case)]).diagnosis
+        places = [(one.id, one.where) for one in found.effects if one.kind == "machine"]
+        (hidden,) = make(case, 1).truth["hidden"]
+        assert ("backlash", hidden["where"][0]) in places
+        assert found.verdict in ("explained", "ambiguous")
+        assert found.gap_after.p_value > 1e-3
+
+
+def test_a_first_reading_that_agrees_with_its_repeats_stays_as_it_is(tmp_path: Path) -> None:
+    plain = visited(session(tmp_path, Case("homed/none", "none", "sweep", "gaussian", homed=-1.0)))
+    assert not with_first_movements(plain).movement.any()
+
+
+def test_the_first_reading_takes_the_other_side_of_its_repeats(tmp_path: Path) -> None:
+    plain = visited(session(tmp_path, Case("homed/off", "none", "zero-max-min", "gaussian")))
+    first = int(plain.mountings[3][0])
+    value = plain.value_mm.copy()
+    value[first] += 0.1
+    moved = with_first_movements(replace(plain, value_mm=value))
+    assert np.flatnonzero(moved.movement.any(axis=1)).tolist() == [first]
+    of_repeats = last_movement(plain)[(plain.mount == 3) & plain.at_zero & plain.approach_known]
+    assert last_movement(moved)[first] == pytest.approx(-of_repeats[0])
+
+
+def test_without_repeats_nothing_is_known(tmp_path: Path) -> None:
+    plain = visited(session(tmp_path, Case("homed/once", "none", "zero-max-min", "gaussian")))
+    once = plain.take(plain.cycle == 1)
+    value = once.value_mm.copy()
+    value[0] += 0.1
+    assert not with_first_movements(replace(once, value_mm=value)).movement.any()

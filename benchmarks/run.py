@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import root
 
+from benchmarks.controller import controller
 from benchmarks.hexaslide import hexaslide
 from benchmarks.identification import table as identification
 from benchmarks.interface import interface
@@ -161,6 +162,7 @@ PARTS: dict[str, Callable[[], list[str]]] = {
     "postures": postures,
     "hexaslide": hexaslide,
     "interface": interface,
+    "controller": controller,
 }
 
 

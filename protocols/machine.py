@@ -50,6 +50,15 @@ Direction = Annotated[Triple, AfterValidator(_somewhere)]
 """Of any length but 0."""
 
 
+Joint = Annotated[str, Field(pattern="^-?[xyz]$")]
+
+
+def _each_once(joints: tuple[str, str, str]) -> tuple[str, str, str]:
+    if sorted(name[-1] for name in joints) != ["x", "y", "z"]:
+        raise ValueError('each drive once, such as ["z", "-x", "y"]')
+    return joints
+
+
 class Instrument(Document):
     """One indicator: profile and port, what it measures, and the maker's figures in mm.
 
@@ -97,7 +106,9 @@ class Machine(Document):
     they count from the tool's place at Zero. ``procedure`` is taken where none is named;
     ``tool_tolerance_mm`` is what the tool may be off by, r.m.s., for ``glidecal verify``.
 
-    ``home_offset_mm`` are the controller's present HOME_OFFSET values, needed to write new ones;
+    ``home_offset_mm`` are the controller's present HOME_OFFSET values, of the joints that move x, y
+    and z, needed to write new ones; ``joints`` names the drive that joint 0, 1 and 2 moves, ``-x``
+    where the joint counts against it;
     ``entered_offsets_mm`` are joint offsets already entered when the session is measured;
     ``offset_tolerance_mm`` and ``length_tolerance_mm`` are standard deviations of how far joint
     offsets and leg lengths of such machines are off, before anything is measured;
@@ -116,6 +127,7 @@ class Machine(Document):
     parallelogram_width_mm: Length = 80.0
     tool_radius_mm: Length = 31.0
     home_offset_mm: Triple | None = None
+    joints: Annotated[tuple[Joint, Joint, Joint], AfterValidator(_each_once)] | None = None
     entered_offsets_mm: Triple = ZERO
     offset_tolerance_mm: Tolerance = 2.0
     length_tolerance_mm: Tolerance = 0.1

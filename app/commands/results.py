@@ -98,7 +98,8 @@ def export(
         Path | None, file("Of a session: fit the sizes of this model's effects, too.")
     ] = None,
     home_offset: Annotated[
-        str | None, typer.Option(help="Present HOME_OFFSET of joints x,y,z in mm: '1.5,0,-2'.")
+        str | None,
+        typer.Option(help="Present HOME_OFFSET of the joints of x,y,z in mm: '1.5,0,-2'."),
     ] = None,
     ini: Annotated[
         Path | None, typer.Option(help="LinuxCNC INI file: what the joints hold now.")
@@ -119,7 +120,9 @@ def export(
         raise UsageError("--home-offset and --ini", "both", "one of them")
     offsets = offsets_from_file(source, subset, method, model)
     if home_offset is not None:
-        offsets = replace(offsets, controller=Controller.homed_at(_triple(home_offset)))
+        offsets = replace(
+            offsets, controller=Controller.homed_at(_triple(home_offset), offsets.machine.joints)
+        )
     if ini:
         offsets = replace(offsets, controller=read_controller(ini))
     if force:

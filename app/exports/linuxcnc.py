@@ -8,8 +8,8 @@ goes into it. The controller refuses comments behind a number; they stand on lin
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from importlib import resources
 from textwrap import wrap
 
@@ -21,7 +21,6 @@ from calib.observations import LEG_NAMES
 from calib.tripod.controller import (
     INTERPOLATION_MM,
     NOTHING_MM,
-    Controller,
     ControllerJoint,
     Table,
     carriage_errors_mm,
@@ -49,12 +48,23 @@ class JointEntries:
     backlash_mm: float = 0.0
     table: Table | None = None
 
+    def turned(self) -> JointEntries:
+        """The same for a joint that counts the other way; play stays as it is."""
+        table = self.table.turned() if self.table else None
+        return replace(self, home_change_mm=-self.home_change_mm, table=table)
 
-def joint_entries(model: Model, drive: int, held: ControllerJoint) -> JointEntries:
-    """Entries of a drive's joint that now holds this.
+
+def joint_entries(model: Model, drive: int, held: ControllerJoint, way: int = 1) -> JointEntries:
+    """Entries of a drive's joint that now holds this; with ``way`` -1 it counts against the drive.
 
     Raises ImpossibleRequest for what a joint cannot take.
     """
+    if way < 0:
+        return _of_drive(model, drive, held.turned()).turned()
+    return _of_drive(model, drive, held)
+
+
+def _of_drive(model: Model, drive: int, held: ControllerJoint) -> JointEntries:
     offset = model.parameters_mm[drive]
     table = table_of(model, drive)
     if table is None:
@@ -131,7 +141,7 @@ def with_kinematics(offsets: Offsets) -> Written:
     unit = offsets.controller.mm_per_unit if offsets.controller else 1.0
     source = resources.files("app.exports").joinpath(f"{MODULE}.comp").read_text(encoding="utf-8")
     said = [line for text in _origin(offsets) for line in _lines(text)]
-    hal = "".join(f"# {line}\n" for line in said) + pins(offsets.model, unit)
+    hal = "".join(f"# {line}\n" for line in said) + pins(offsets.model, unit, _joints(offsets))
     own = {f"{MODULE}.comp": source, "calib.hal": hal}
     return {**_includes(offsets, kinematics=True), **own}
 
@@ -140,14 +150,16 @@ def _includes(offsets: Offsets, *, kinematics: bool) -> Written:
     x, y, z = offsets.joint_offsets_mm  # all are stated
     controller, written = offsets.controller, {}
     _refuse_what_is_not_known(offsets)
-    joints = _joints(controller)
+    joints = _joints(offsets)
     left = list(_left(offsets.model, kinematics=kinematics))
     for drive, offset in enumerate((x, y, z)):
-        joint = joints[drive]
+        joint, way = joints[drive]
         held = controller.joints[joint] if controller else None
-        entries = joint_entries(offsets.model, drive, held) if held else JointEntries(offset)
+        entries = (
+            joint_entries(offsets.model, drive, held, way) if held else JointEntries(way * offset)
+        )
         unit = controller.mm_per_unit if controller else 1.0
-        said = [*_origin(offsets, joint, drive), *_of_joint(offsets, drive, held, entries)]
+        said = [*_origin(offsets, joint, drive), *_of_joint(offsets, drive, way, held, entries)]
         said += [*left, *offsets.cautions]
         put = f"put '#INCLUDE calib_joint{joint}.inc' directly under [JOINT_{joint}]"
         lines = [f"# {line}" for text in said for line in _lines(text)]
@@ -185,10 +197,17 @@ def _refuse_what_is_not_known(offsets: Offsets) -> None:
         )
 
 
-def _joints(controller: Controller | None) -> tuple[int, ...]:
-    """The joint of each drive: by the axes that the kinematics name, else in their order."""
-    axes = controller.axes[:3] if controller and controller.axes else "XYZ"
-    return tuple(axes.index(a) for a in "XYZ") if set(axes) == set("XYZ") else (0, 1, 2)
+def _joints(offsets: Offsets) -> tuple[tuple[int, int], ...]:
+    """The joint of each drive, and -1 where it counts against it.
+
+    As the machine file says, else by the axes that the kinematics name, else in their order.
+    """
+    axes = offsets.controller.axes if offsets.controller else None
+    named = offsets.machine.joints or tuple((axes or "").lower()[:3])
+    if sorted(name[-1] for name in named) != list(LEG_NAMES):
+        named = LEG_NAMES
+    drives = [name[-1] for name in named]
+    return tuple((n := drives.index(leg), -1 if named[n][0] == "-" else 1) for leg in LEG_NAMES)
 
 
 def _origin(offsets: Offsets, joint: int | None = None, drive: int = 0) -> list[str]:
@@ -200,11 +219,13 @@ def _origin(offsets: Offsets, joint: int | None = None, drive: int = 0) -> list[
 
 
 def _of_joint(
-    offsets: Offsets, drive: int, held: ControllerJoint | None, entries: JointEntries
+    offsets: Offsets, drive: int, way: int, held: ControllerJoint | None, entries: JointEntries
 ) -> Iterator[str]:
     """How the value comes about, or what to add to one that nobody stated."""
     name = f"d_rho_{LEG_NAMES[drive]}"
-    offset = offsets.parameters[name].value
+    offset = way * offsets.parameters[name].value
+    if way < 0:
+        yield f"this joint counts against its drive, as the machine file says: {name} is turned"
     if held is None:
         yield (
             f"nobody stated the present HOME_OFFSET: add {offset:+.6f} mm ({name}) to the value "
@@ -253,12 +274,19 @@ def _lines(text: str) -> list[str]:
     return wrap(one_line(text), WIDTH, break_on_hyphens=False)
 
 
-def pins(model: Model, mm_per_unit: float = 1.0) -> str:
-    """``calib.hal``: ``setp`` lines for the kinematics of a model, in the machine's unit."""
-    return "\n".join(_pins(model, mm_per_unit)) + "\n"
+def pins(
+    model: Model,
+    mm_per_unit: float = 1.0,
+    joints: Sequence[tuple[int, int]] = ((0, 1), (1, 1), (2, 1)),
+) -> str:
+    """``calib.hal``: ``setp`` lines for the kinematics of a model, in the machine's unit.
+
+    ``joints`` are the joint of each drive and whether it counts with (1) or against (-1) it.
+    """
+    return "\n".join(_pins(model, mm_per_unit, joints)) + "\n"
 
 
-def _pins(model: Model, mm_per_unit: float) -> Iterator[str]:
+def _pins(model: Model, mm_per_unit: float, joints: Sequence[tuple[int, int]]) -> Iterator[str]:
     found, geometry = kinematics_of(model), model.geometry
     vectors = {
         "origin": found.origin_mm / mm_per_unit,
@@ -273,6 +301,8 @@ def _pins(model: Model, mm_per_unit: float) -> Iterator[str]:
                 yield _setp(f"{name}-{drive}-{axis}", value)
         for name, values in figures.items():
             yield _setp(f"{name}-{drive}", values[drive] / mm_per_unit)
+        for name, number in zip(("joint", "way"), joints[drive], strict=True):
+            yield _setp(f"{name}-{drive}", number)
     for axis, value in zip("xyz", geometry.gravity, strict=True):
         yield _setp(f"gravity-{axis}", value)
     yield _setp("side", geometry.side)

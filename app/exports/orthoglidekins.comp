@@ -4,7 +4,7 @@
 // calibrates them: the Orthoglide and the linear delta are two sets of pins. A module of
 // kinematics is linked with LinuxCNC, so this file alone has LinuxCNC's licence.
 //
-// Foot of bar i for joint coordinate q:  origin + direction q + bend (q - zero)^2
+// Foot of bar i for coordinate q of its drive:  origin + direction q + bend (q - zero)^2
 // (direction of any length: it holds the scale, the lean and the squareness of the drive).
 // |tool + platform - foot| = length + sag * pull, with the pull of weight in the bar from the
 // equilibrium of the unloaded platform. Lengths in machine units.
@@ -24,7 +24,7 @@ pin in float direction-#-z[3];
 pin in float bend-#-x[3] "per machine unit";
 pin in float bend-#-y[3];
 pin in float bend-#-z[3];
-pin in float zero-#[3] "joint coordinate from which the bend counts";
+pin in float zero-#[3] "coordinate of the drive from which the bend counts";
 pin in float platform-#-x[3];
 pin in float platform-#-y[3];
 pin in float platform-#-z[3];
@@ -33,6 +33,8 @@ pin in float sag-#[3] "a bar pressed with the weight gets so much shorter";
 pin in float gravity-x;
 pin in float gravity-y;
 pin in float gravity-z = -1;
+pin in float joint-#[3] = -1 "the joint that moves this drive; -1: that of its number";
+pin in float way-#[3] = 1 "-1: the joint counts against the drive";
 pin in float side = 1 "of the plane of the feet on which the tool is: 1 or -1";
 license "GPL";
 author "glidecal";
@@ -69,6 +71,8 @@ static vec gravity_of(void) { INSTANCE; vec r = {{gravity_x, gravity_y, gravity_
 static double length_of(int i) { INSTANCE; return length(i); }
 static double sag_of(int i) { INSTANCE; return sag(i); }
 static double zero_of(int i) { INSTANCE; return zero(i); }
+static double way_of(int i) { INSTANCE; return way(i); }
+static int joint_of(int i) { INSTANCE; int n = (int)joint(i); return n < 0 || n > 2 ? i : n; }
 static double side_of(void) { INSTANCE; return side; }
 
 static vec foot(int i, double q) {
@@ -109,13 +113,13 @@ static int loaded(const vec at[3], double l[3]) {
 
 KINEMATICS_TYPE kinematicsType() { return KINEMATICS_BOTH; }
 
-int kinematicsForward(const double *joint, EmcPose *pos,
+int kinematicsForward(const double *joints, EmcPose *pos,
                       const KINEMATICS_FORWARD_FLAGS *fflags, KINEMATICS_INVERSE_FLAGS *iflags) {
     vec at[3], tool;
     double l[3];
     int i;
     (void)fflags; (void)iflags;
-    for (i = 0; i < 3; i++) at[i] = minus(foot(i, joint[i]), platform_of(i));
+    for (i = 0; i < 3; i++) at[i] = minus(foot(i, way_of(i) * joints[joint_of(i)]), platform_of(i));
     if (loaded(at, l) || meet(at, l, &tool)) return -1;
     pos->tran.x = tool.v[0];
     pos->tran.y = tool.v[1];
@@ -124,7 +128,7 @@ int kinematicsForward(const double *joint, EmcPose *pos,
     return 0;
 }
 
-int kinematicsInverse(const EmcPose *pos, double *joint,
+int kinematicsInverse(const EmcPose *pos, double *joints,
                       const KINEMATICS_INVERSE_FLAGS *iflags, KINEMATICS_FORWARD_FLAGS *fflags) {
     vec tool = {{pos->tran.x, pos->tran.y, pos->tran.z}}, at[3];
     double l[3], q[3];
@@ -148,6 +152,6 @@ int kinematicsInverse(const EmcPose *pos, double *joint,
         for (i = 0; i < 3; i++) at[i] = minus(foot(i, q[i]), platform_of(i));
         if (loaded(at, l)) return -1;
     }
-    for (i = 0; i < 3; i++) joint[i] = q[i];
+    for (i = 0; i < 3; i++) joints[joint_of(i)] = way_of(i) * q[i];
     return 0;
 }

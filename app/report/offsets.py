@@ -110,7 +110,11 @@ def offsets_from_solved(solved: SessionSolution, paths: Sequence[Path]) -> Offse
 
 def _stated(machine: Machine) -> Controller | None:
     """What the machine file says that the controller holds."""
-    return Controller.homed_at(machine.home_offset_mm) if machine.home_offset_mm else None
+    return (
+        Controller.homed_at(machine.home_offset_mm, machine.joints)
+        if machine.home_offset_mm
+        else None
+    )
 
 
 def _made(solved: SessionSolution, paths: Sequence[Path]) -> str:

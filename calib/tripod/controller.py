@@ -8,7 +8,7 @@ entries of a joint, those of foot and tool into the kinematics, the others harm 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeGuard
 
 import numpy as np
@@ -52,6 +52,11 @@ class ControllerJoint:
     backlash_mm: float = 0.0
     compensated: bool = False
 
+    def turned(self) -> ControllerJoint:
+        """The same joint as its drive counts, where it counts the other way."""
+        latch = None if self.latch_sign is None else -self.latch_sign
+        return replace(self, home_offset_mm=-self.home_offset_mm, latch_sign=latch)
+
 
 @dataclass(frozen=True)
 class Controller:
@@ -62,9 +67,12 @@ class Controller:
     axes: str | None = None
 
     @classmethod
-    def homed_at(cls, home_offset_mm: Sequence[float]) -> Controller:
-        """One of which nothing else is known."""
-        return cls(tuple(ControllerJoint(value) for value in home_offset_mm))
+    def homed_at(
+        cls, home_offset_mm: Sequence[float], joints: Sequence[str] | None = None
+    ) -> Controller:
+        """One of which nothing else is known: by the drives x, y, z that its ``joints`` move."""
+        of_joints = (home_offset_mm[LEG_NAMES.index(name[-1])] for name in joints or LEG_NAMES)
+        return cls(tuple(map(ControllerJoint, of_joints)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +82,10 @@ class Table:
     joint_mm: FloatArray
     error_up_mm: FloatArray
     error_down_mm: FloatArray
+
+    def turned(self) -> Table:
+        """The same table for a coordinate that counts the other way."""
+        return Table(-self.joint_mm[::-1], -self.error_down_mm[::-1], -self.error_up_mm[::-1])
 
 
 @dataclass(frozen=True, eq=False)

@@ -146,14 +146,12 @@ def measured(
     zero_set: bool = False,
 ) -> tuple[str, float]:
     """A table of readings for ``glidecal import``, and the tool's error, from one run."""
-    lines = [_go((-25.0, -25.0, -25.0))]
     levels = [*LEVELS * CYCLES, 0.0]
-    for leg in range(3):
-        lines += [_go(np.eye(3)[leg] * level) for level in levels]
+    lines = [_go(np.eye(3)[leg] * level) for leg in range(3) for level in levels]
     lines += [_go(wanted) for wanted in CHECKED]
     told = ["home", *lines]
     stops = run(folder, machine.joints(), entries, calib_hal, told, files=files, includes=includes)[
-        2:
+        1:
     ]
     generator = np.random.default_rng(3)
     rows = ["leg,axis,displacement_mm,station,cycle,value_mm"]

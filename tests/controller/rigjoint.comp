@@ -6,6 +6,7 @@ pin out float motor_fb;
 pin out float carriage;
 pin out bit home_sw;
 param rw float mounting = 0 "carriage less motor where nothing else is off, mm";
+param rw float way = 1 "-1: the motor counts against the carriage";
 param rw float scale = 0 "mm per mm from zero";
 param rw float zero = 0 "carriage coordinate where scale and cyclic error vanish";
 param rw float cyclic = 0 "amplitude of a sine, mm";
@@ -19,7 +20,7 @@ license "GPL";
 ;;
 #include <rtapi_math.h>
 FUNCTION(_) {
-    double x = motor + mounting;
+    double x = way * motor + mounting;
     double pushed = x + scale * (x - zero) + cyclic * sin(2 * M_PI * (x - zero) / lead);
     if (!moved || pushed > place) place = pushed;
     else if (pushed + play < place) place = pushed + play;

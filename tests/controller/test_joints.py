@@ -2,81 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from app.exports.linuxcnc import joint_entries, pins, table_text
 from calib.tripod.controller import ControllerJoint
-from calib.tripod.effects.actuators import ActuatorCyclic, ActuatorScale, Backlash
-from calib.tripod.effects.effect import EffectInstance
-from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
-from tests.controller.machine import L, Machine, homing, old_home_offset_mm
-from tests.controller.running import need_linuxcnc, run
-
-OFFSETS = (0.8, -1.3, 0.45)
-PLAY = {"play": 0.06}
-SCALE = {"scale": 5e-4}
-WHOLE = {"scale": 5e-4, "cyclic": 0.01, "play": 0.06}
-PLACES = [(0, 0, 0), (60, 0, 0), (0, 0, 0), (0, 60, 0), (0, 0, 60), (-60, 0, 0), (0, -60, -60)]
-HERE = {"HOME": L, "HOME_SEARCH_VEL": 0.0, "HOME_LATCH_VEL": 0.0}
-"""The switch is here, now: homed where it stands."""
-
-
-def found(machine: Machine) -> Model:
-    """The machine as glidecal would have found it."""
-    effects = []
-    for leg in "xyz":
-        figures = machine.joint
-        if "scale" in figures:
-            scale = figures["scale"] * 1e3
-            effects.append(EffectInstance(ActuatorScale(), leg, (scale,)))
-        if "cyclic" in figures:
-            sine = figures["cyclic"] * 1e3
-            effects.append(EffectInstance(ActuatorCyclic(5.0), leg, (sine, 0.0)))
-        if "play" in figures:
-            effects.append(EffectInstance(Backlash(), leg, (figures["play"],)))
-    return Model(Geometry(), (*machine.offset_mm, 0.0, 0.0, 0.0), tuple(effects))
-
-
-def worst_um(
-    folder: Path,
-    machine: Machine,
-    model: Model,
-    held: Sequence[ControllerJoint],
-    home: Mapping[str, float | str],
-    *,
-    sign: float = 1.0,
-) -> float:
-    """Largest departure of a carriage from what the controller believes, µm.
-
-    ``sign`` -1 turns every entry round: the control.
-    """
-    entries, files = [], {}
-    for k in range(3):
-        given = joint_entries(model, k, held[k])
-        entry = {**home, "HOME_OFFSET": held[k].home_offset_mm + sign * given.home_change_mm}
-        if given.backlash_mm:
-            entry["BACKLASH"] = sign * given.backlash_mm
-        if given.table is not None:
-            name = f"calib_joint{k}.comp"
-            rows = np.loadtxt(table_text(given.table).splitlines(), ndmin=2)
-            rows[:, 1:] *= sign
-            files[name] = "".join("{:.6f} {:.6f} {:.6f}\n".format(*row) for row in rows)
-            entry |= {"COMP_FILE": name, "COMP_FILE_TYPE": 1}
-        entries.append(entry)
-    lines = [f"G21 G90 G53 G1 F30000 X{x} Y{y} Z{z}" for x, y, z in PLACES]
-    hal = pins(Model())
-    stops = run(folder, machine.joints(), entries, hal, ["home", *lines], files=files)[1:]
-    off = np.array([s.carriage for s in stops]) - np.array([s.joint for s in stops])
-    return float(np.abs(off).max() * 1e3)
-
-
-def on_switch(machine: Machine, way: float) -> list[ControllerJoint]:
-    return [ControllerJoint(old_home_offset_mm(machine, k, way), int(way)) for k in range(3)]
+from tests.controller.joints import (
+    HERE,
+    OFFSETS,
+    PLAY,
+    SCALE,
+    WHOLE,
+    found,
+    on_switch,
+    worst_um,
+)
+from tests.controller.machine import L, Machine, homing
+from tests.controller.running import need_linuxcnc
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0], ids=["latched-up", "latched-down"])
@@ -90,6 +33,18 @@ def test_homed_on_a_switch_the_carriage_is_where_it_is_believed(
     machine = Machine(OFFSETS, joint=figures)
     held = on_switch(machine, way)
     assert worst_um(tmp_path, machine, found(machine), held, homing(0.0, way)) < 3.0
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0], ids=["latched-up", "latched-down"])
+def test_a_joint_that_counts_against_its_drive(way: float, tmp_path: Path) -> None:
+    need_linuxcnc()
+    machine = Machine(OFFSETS, joint=WHOLE)
+    held = [one.turned() for one in on_switch(machine, way)]
+    home = homing(0.0, way)
+    turned = {key: -float(home[key]) for key in ("HOME", "HOME_SEARCH_VEL", "HOME_LATCH_VEL")}
+    limits = {"MIN_LIMIT": -1000, "MAX_LIMIT": 0}
+    home = {**home, **turned, **limits}
+    assert worst_um(tmp_path, machine, found(machine), held, home, way=-1) < 3.0
 
 
 @pytest.mark.parametrize("encoder", [0, 1, 2], ids=["here", "encoder-1", "encoder-2"])

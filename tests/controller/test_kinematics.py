@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -71,11 +72,30 @@ def test_lengths_alone_are_three_spheres(tmp_path: Path) -> None:
             assert math.dist(foot, target) == pytest.approx(length, abs=1e-6)
 
 
-def moved(model: Model, wanted: FloatArray, folder: Path) -> list[Stop]:
-    """Stops of LinuxCNC at the targets, homed where it stands."""
+def test_joints_in_another_order_and_one_turned_bring_the_same(tmp_path: Path) -> None:
+    need_linuxcnc()
+    model = orthoglide()
+    wanted = np.round(targets(model.geometry), 3)[:20]
+    plain = np.array([stop.joint for stop in moved(model, wanted, tmp_path / "plain")])
+    other = moved(model, wanted, tmp_path / "other", [(2, 1), (0, -1), (1, 1)])
+    joints = np.array([stop.joint for stop in other])
+    assert joints[:, [2, 0, 1]] * (1, -1, 1) == pytest.approx(plain, abs=1e-9)
+    assert np.abs(np.array([stop.tool for stop in other]) - wanted).max() < 1e-6
+
+
+def moved(
+    model: Model,
+    wanted: FloatArray,
+    folder: Path,
+    order: Sequence[tuple[int, int]] = ((0, 1), (1, 1), (2, 1)),
+) -> list[Stop]:
+    """Stops of LinuxCNC at the targets, homed where it stands; ``order`` as `pins` takes it."""
     zero = model.geometry.zero_mm
     lines = [f"G21 G90 G53 G1 F54000 X{x:.3f} Y{y:.3f} Z{z:.3f}" for x, y, z in wanted]
-    hal = pins(model)
-    joints = [SimulatedJoint({"mounting": float(q)}) for q in zero]
-    entries = [{"HOME": q, "HOME_OFFSET": q} for q in zero]
+    hal = pins(model, joints=order)
+    of_joint = {joint: way * float(q) for q, (joint, way) in zip(zero, order, strict=True)}
+    joints = [SimulatedJoint({"mounting": of_joint[n]}) for n in range(3)]
+    entries = [
+        {"HOME": of_joint[n], "HOME_OFFSET": of_joint[n], "MIN_LIMIT": -1000} for n in range(3)
+    ]
     return run(folder, joints, entries, hal, ["home", *lines])[1:]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 from pathlib import Path
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from app.exports.linuxcnc_ini import Entries, read_controller
 from calib.errors import GlidecalError
+from tests.app.cli import glidecal, refused
 
 INIVAR, START = shutil.which("inivar"), shutil.which("linuxcnc")
 SAMPLES = Path("/usr/share/doc/linuxcnc/examples/sample-configs")
@@ -188,3 +190,26 @@ def test_any_order_of_lines_reads_as_the_controller_reads_it(
     assert (Entries(path).find("JOINT_0", "HOME_OFFSET") or None) == inivar(
         path, "JOINT_0", "HOME_OFFSET"
     )
+
+
+def test_joints_of_the_machine_file_come_before_those_of_the_kinematics(tmp_path: Path) -> None:
+    """Joint 0 moves z, joint 1 moves x and counts against it; home_offset_mm is by drive."""
+    machine, session, out = (tmp_path / name for name in ("m.toml", "s.jsonl", "out"))
+    machine.write_text(
+        'schema = "glidecal.machine/1"\njoints = ["z", "-x", "y"]\nhome_offset_mm = [1, 2, 3.0]'
+    )
+    assert glidecal("simulate", "--machine", machine, "--seed", "2", "-o", session).status == 0
+    d_rho = {
+        name: row["value"]
+        for name, row in json.loads(glidecal("solve", session, "--json").out)["parameters"].items()
+    }
+    written = glidecal("export", session, "--format", "linuxcnc", "-o", out)
+    assert written.status == 0, written.err
+    new = [3.0 + d_rho["d_rho_z"], 1.0 - d_rho["d_rho_x"], 2.0 + d_rho["d_rho_y"]]
+    for n, value in enumerate(new):
+        text = (out / f"calib_joint{n}.inc").read_text()
+        assert f"HOME_OFFSET = {value:.6f}\n" in text
+        assert ("counts against its drive" in " ".join(text.split())) == (n == 1)
+    machine.write_text('schema = "glidecal.machine/1"\njoints = ["z", "-z", "y"]\n')
+    said = refused(3, "simulate", "--machine", machine, "--seed", "2", "-o", tmp_path / "t.jsonl")
+    assert "each drive once" in said

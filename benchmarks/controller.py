@@ -1,0 +1,78 @@
+"""What is left in LinuxCNC after a calibration, behind a simulated machine: `tests/controller`."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.tripod.controller import ControllerJoint
+from tests.controller.joints import HERE, OFFSETS, SCALE, WHOLE, found, on_switch, worst_um
+from tests.controller.loop import Loop
+from tests.controller.machine import L, Machine, homing
+from tests.controller.running import need_linuxcnc
+
+Entry = Mapping[str, float | str]
+HEADINGS = [
+    "| hidden, then found and exported | tool before, mm r.m.s. | after | control: what | mm |",
+    "|---|---|---|---|---|",
+]
+"""Of the tool at twelve places; homing is real, no reading is told how its posture was reached."""
+
+
+def controller() -> list[str]:
+    """Tool error and carriage error before and after, in LinuxCNC."""
+    try:
+        need_linuxcnc()
+    except pytest.skip.Exception as problem:
+        return [*HEADINGS, f"| {problem} | | | | |"]
+    with tempfile.TemporaryDirectory() as folder:
+        return [*HEADINGS, *_loops(Path(folder)), "", *_homing(Path(folder))]
+
+
+def _loops(folder: Path) -> list[str]:
+    plain = Loop(Machine(OFFSETS), folder / "offsets")
+    rows = [_row("offsets 0.8, −1.3, 0.45 mm", plain, ("--format", "linuxcnc"), plain.session)]
+    for name, scale in (("play 60 µm, cyclic 10 µm", 0.0), ("the same, scale 0.5 mm/m", 5e-4)):
+        figures = {"play": 0.06, "cyclic": 0.01, "scale": scale}
+        loop = Loop(Machine(OFFSETS, joint=figures), folder / f"scale{scale}")
+        model = loop.session.with_name("found.json")
+        loop.do("diagnose", loop.session, "--adopt", model)
+        alone = loop.after_mm("offsets", loop.session, "--format", "linuxcnc")
+        row = _row(f"offsets, {name}", loop, ("--format", "linuxcnc"), model)
+        rows.append(row.format(f"offsets alone | {alone:.4f}"))
+    lean, shift = np.zeros((3, 3)), np.zeros((3, 3))
+    lean[0, 1] = lean[1, 0] = 1e-3
+    shift[0, 2], shift[2, 1] = 0.2, -0.2
+    axes = Machine(OFFSETS, (0.3, -0.2, 0.1), lean=lean, shift_mm=shift)
+    loop = Loop(axes, folder / "axes", zero_set=True)
+    model = loop.session.with_name("found.json")
+    loop.do("diagnose", loop.session, "--adopt", model)
+    asked = ("--model", model, "--subset", "both", "--format", "linuxcnc-kins")
+    turned = loop.after_mm("turned", loop.session, *asked, sign=-1.0)
+    row = _row("six parameters, 2 mrad, axes 0.2 mm apart", loop, asked, loop.session)
+    return [one.format("– | –") for one in [*rows, row.format(f"signs turned | {turned:.4f}")]]
+
+
+def _row(name: str, loop: Loop, asked: Sequence[str | Path], source: Path) -> str:
+    after = loop.after_mm("after", source, *asked)
+    return f"| {name} | {loop.before_mm:.4f} | {after:.4f} | {{}} |"
+
+
+def _homing(folder: Path) -> list[str]:
+    rows = ["| homing, after the export | worst carriage, µm |", "|---|---|"]
+    tried: dict[str, tuple[Machine, list[ControllerJoint], Entry]] = {}
+    whole, scaled = Machine(OFFSETS, joint=WHOLE), Machine(OFFSETS, joint=SCALE)
+    for name, way in (("upwards", 1.0), ("downwards", -1.0)):
+        on = on_switch(whole, way)
+        tried[f"on a switch, latched {name}; every effect"] = whole, on, homing(0.0, way)
+    for kind, name in enumerate(("where it stands", "absolute encoder, 1", "the same, 2")):
+        held = [ControllerJoint(L, absolute_encoder=kind > 0)] * 3
+        tried[f"{name}; scale"] = scaled, held, {**HERE, "HOME_ABSOLUTE_ENCODER": kind}
+    for number, (name, (machine, held, home)) in enumerate(tried.items()):
+        worst = worst_um(folder / f"homing{number}", machine, found(machine), held, home)
+        rows.append(f"| {name} | {worst:.1f} |")
+    return rows

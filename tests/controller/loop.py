@@ -1,0 +1,58 @@
+"""Measure in LinuxCNC, export, home again, measure: the loop as tests and figures go round it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from app.exports.linuxcnc import pins
+from calib.tripod.pipeline import Model
+from tests.app.cli import glidecal
+from tests.controller.machine import Machine, homing, measured, old_home_offset_mm
+from tests.controller.running import need_linuxcnc
+
+OFFSETS = (0.8, -1.3, 0.45)
+
+
+class Loop:
+    """One machine with its controller; ``ini`` is the controller's file, uncorrected."""
+
+    def __init__(self, machine: Machine, folder: Path, *, zero_set: bool = False) -> None:
+        need_linuxcnc()
+        self.machine, self.folder, self.zero_set = machine, folder, zero_set
+        self.entries = [homing(old_home_offset_mm(machine, k, 1.0)) for k in range(3)]
+        table, self.before_mm = measured(
+            machine, folder / "before", self.entries, pins(Model()), zero_set=zero_set
+        )
+        self.ini = folder / "before" / "config" / "machine.ini"
+        self.session = folder / "before.jsonl"
+        (folder / "before.csv").write_text(table)
+        self.do("import", folder / "before.csv", "-o", self.session, "--resolution", "0.001")
+
+    def do(self, *words: str | Path) -> str:
+        run = glidecal(*words)
+        assert run.status == 0, run.err
+        return run.out
+
+    def after_mm(self, name: str, *words: str | Path, sign: float = 1.0) -> float:
+        """The tool's error with what this export writes; -1 turns what HOME_OFFSET grows by."""
+        out = self.folder / f"export-{name}"
+        self.do("export", *words, "--ini", self.ini, "-o", out)
+        files = {path.name: path.read_text() for path in out.iterdir()}
+        for k in range(3):
+            old = float(self.entries[k]["HOME_OFFSET"])
+            include = files[f"calib_joint{k}.inc"]
+            new = float(re.findall(r"^HOME_OFFSET = (.*)$", include, re.M)[0])
+            turned = f"HOME_OFFSET = {old + sign * (new - old):.6f}"
+            files[f"calib_joint{k}.inc"] = re.sub(r"(?m)^HOME_OFFSET = .*$", turned, include)
+        includes = [f"#INCLUDE calib_joint{k}.inc\n" for k in range(3)]
+        hal = files.pop("calib.hal", pins(Model()))
+        return measured(
+            self.machine,
+            self.folder / name,
+            self.entries,
+            hal,
+            files=files,
+            includes=includes,
+            zero_set=self.zero_set,
+        )[1]

@@ -49,10 +49,13 @@ class ParameterEntry(Document):
 
 
 class Provenance(Document):
-    """Which sessions an effect was found in: names, digests, when, and the verdict."""
+    """Which sessions an effect was found in: names, digests, when the last of them began (and when
+    the effect was found), and the verdict.
+    """
 
     sessions: tuple[Name, ...]
     digests: tuple[Name, ...] = ()
+    measured: AwareDatetime | None = None
     found: AwareDatetime | None = None
     verdict: Name = ""
 

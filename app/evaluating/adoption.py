@@ -61,6 +61,7 @@ def adopt(
     source = Provenance(
         sessions=diagnosed.names,
         digests=tuple(read_record(path).digest for path in paths),
+        measured=max(one.opened.at for one in diagnosed.sessions),
         found=datetime.now(UTC),
         verdict=diagnosed.diagnosis.verdict,
     )

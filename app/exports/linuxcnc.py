@@ -187,6 +187,18 @@ def _refuse_what_is_not_known(offsets: Offsets) -> None:
             "Measure what glidecal diagnose --next proposes, or give --force.",
         )
     controller = offsets.controller
+    entered = controller.entered if controller else None
+    if (
+        entered
+        and offsets.measured
+        and offsets.measured.replace(second=0, microsecond=0) <= entered
+    ):
+        raise UsageError(
+            "--ini",
+            f"joints that hold the offsets of a session of {entered:%Y-%m-%d %H:%M}",
+            "what they held when these readings were taken",
+            "Measure again with what they hold now, or take the includes of that session out.",
+        )
     unknown = controller is None or any(one.latch_sign is None for one in controller.joints)
     if unknown and any(one.stage == Stage.ACTUATOR for one in offsets.model.effects):
         raise UsageError(

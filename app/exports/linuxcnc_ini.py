@@ -10,8 +10,11 @@ import os
 import re
 import shlex
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 
+from app.report.offsets import MINUTE
 from calib.errors import RecordError
 from calib.observations import LEG_NAMES
 from calib.tripod.controller import Controller, ControllerJoint
@@ -34,7 +37,7 @@ def read_controller(path: Path) -> Controller:
     if count < len(LEG_NAMES):
         raise RecordError(f"INI file {path}, [KINS] JOINTS", str(count), "three joints or more")
     joints = tuple(_joint(ini, f"JOINT_{n}", mm_per_unit) for n in range(count))
-    return Controller(joints, mm_per_unit, _axes(ini))
+    return Controller(joints, mm_per_unit, _axes(ini), max(ini.measured(), default=None))
 
 
 def _unit(ini: Entries) -> float:
@@ -87,6 +90,13 @@ class Entries:
     def has(self, section: str) -> bool:
         """Whether there is such a section."""
         return any(_bare(line).startswith(f"[{section}]") for line in self._lines)
+
+    def measured(self) -> Iterator[datetime]:
+        """When the sessions began whose offsets stand in includes of this program."""
+        said = " ".join(line.lstrip("# ") for line in self._lines if line.startswith("# "))
+        for found in re.finditer(r"measured (\d{4}-\d\d-\d\d \d\d:\d\d [+-]\d{4})", said):
+            with suppress(ValueError):
+                yield datetime.strptime(found[1], MINUTE)
 
     def find(self, section: str, key: str) -> str | None:
         """The first entry of the first section of this name; None where there is none."""

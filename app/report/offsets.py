@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from pathlib import Path
 
 from app.evaluating.own_effects import known_effects
@@ -30,6 +31,9 @@ from protocols.record import read_record
 
 JOINT_OFFSETS = PARAMETER_NAMES[:3]
 
+MINUTE = "%Y-%m-%d %H:%M %z"
+"""How a time stands in a file, for people and for `app.exports.linuxcnc_ini`."""
+
 DIGITS = 16
 """Of a digest: enough to tell any two sessions apart; glidecal validate shows all."""
 
@@ -43,7 +47,8 @@ class Offsets:
     ``cautions`` are what stands below the first lines of the result, and that a session is
     unfinished, one line each; with ``lacks_fit`` its warning counts what the model leaves as
     noise. ``model`` holds the parameters, and effects fitted with them. ``controller`` is what the
-    controller holds now, None where nobody stated it; ``made`` tells when, and by which program;
+    controller holds now, None where nobody stated it; ``measured`` is when the last session began,
+    None where the source does not tell;
     ``ambiguous`` are effects that these readings could not tell from others.
     """
 
@@ -52,11 +57,20 @@ class Offsets:
     parameters: dict[str, Offset]
     model: Model
     controller: Controller | None
-    made: str = ""
+    measured: datetime | None = None
+    digests: tuple[str, ...] = ()
     ambiguous: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     cautions: tuple[str, ...] = ()
     lacks_fit: bool = False
+
+    @property
+    def made(self) -> str:
+        """When it was measured, the beginnings of the digests, the program's version."""
+        if self.measured is None:
+            return ""
+        digests = ", ".join(digest[:DIGITS] for digest in self.digests)
+        return f"measured {self.measured:{MINUTE}}, digest {digests}, glidecal {VERSION}"
 
     @property
     def joint_offsets_mm(self) -> tuple[float, float, float]:
@@ -100,7 +114,8 @@ def offsets_from_solved(solved: SessionSolution, paths: Sequence[Path]) -> Offse
         ),
         model=solution.model,
         controller=_stated(machine),
-        made=_made(solved, paths),
+        measured=max(one.opened.at for one in solved.sessions),
+        digests=tuple(read_record(path).digest for path in paths),
         ambiguous=solved.ambiguous,
         remarks=tuple(remarks),
         cautions=tuple(map(one_line, caveats(solved))),
@@ -115,13 +130,6 @@ def _stated(machine: Machine) -> Controller | None:
         if machine.home_offset_mm
         else None
     )
-
-
-def _made(solved: SessionSolution, paths: Sequence[Path]) -> str:
-    """When the sessions were measured, the beginnings of their digests, the program's version."""
-    days = sorted({f"{one.opened.at:%Y-%m-%d}" for one in solved.sessions})
-    digests = ", ".join(read_record(path).digest[:DIGITS] for path in paths)
-    return f"measured {', '.join(days)}, digest {digests}, glidecal {VERSION}"
 
 
 def one_line(text: str) -> str:
@@ -151,6 +159,7 @@ def _offsets_from_model(path: Path) -> Offsets:
     _all_stated(f"model {path}, parameters_mm", found.parameters_mm)
     stated = [name for name in PARAMETER_NAMES if name in found.parameters_mm]
     unsure = ambiguous_effects(found)
+    known = [one.provenance for one in found.effects if one.provenance]
     said = [NOT_KNOWN, ambiguity(unsure), *(found.cautions or ())]
     return Offsets(
         source=path.name,
@@ -158,6 +167,8 @@ def _offsets_from_model(path: Path) -> Offsets:
         parameters={name: Offset(found.parameters_mm[name]) for name in stated},
         model=model,
         controller=_stated(found.machine),
+        measured=max((one.measured for one in known if one.measured), default=None),
+        digests=tuple(dict.fromkeys(digest for one in known for digest in one.digests)),
         ambiguous=unsure,
         cautions=tuple(dict.fromkeys(one for one in said if one)),
     )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from typing import TypeGuard
 
 import numpy as np
@@ -60,11 +61,16 @@ class ControllerJoint:
 
 @dataclass(frozen=True)
 class Controller:
-    """Joints, the controller's unit, and the axis of each joint (``"XYZ"``) where that is told."""
+    """Joints, the controller's unit, and the axis of each joint (``"XYZ"``) where that is told.
+
+    ``entered`` is when the last session was measured whose offsets the joints hold, as far as the
+    controller's files tell.
+    """
 
     joints: tuple[ControllerJoint, ...]
     mm_per_unit: float = 1.0
     axes: str | None = None
+    entered: datetime | None = None
 
     @classmethod
     def homed_at(

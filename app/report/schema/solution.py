@@ -287,7 +287,9 @@ class OffsetsReport(Report):
 
     schema_id: Literal["glidecal.offsets/1"] = schema("glidecal.offsets/1")
     source: str = at("offsets.source")
-    made: str = at("offsets.made", "when measured, digests, program; empty of a model file")
+    made: str = at(
+        "offsets.made", "when measured, digests, program; empty where the source does not tell"
+    )
     machine: str = at("offsets.machine.name")
     convention: str = CONVENTION
     unit: Literal["mm"] = "mm"

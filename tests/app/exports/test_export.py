@@ -53,7 +53,7 @@ def session(samples: Path) -> Path:
     return samples / "experiment_2_twelve.jsonl"
 
 
-MADE = "measured 2026-01-01, digest 0123456789abcdef"
+MADE = "measured 2026-01-01 00:00 +0000, digest 0123456789abcdef"
 
 
 def test_linuxcnc_includes_as_golden_text(session: Path, tmp_path: Path) -> None:
@@ -67,7 +67,11 @@ def test_linuxcnc_includes_as_golden_text(session: Path, tmp_path: Path) -> None
     names = sorted(p.name for p in out.iterdir())
     assert names == ["calib_joint0.inc", "calib_joint1.inc", "calib_joint2.inc"]
     for name in names:
-        written = re.sub(r"measured [\d-]{10}, digest [\da-f]{16}", MADE, (out / name).read_text())
+        written = re.sub(
+            r"measured [\d-]{10} [\d:]{5} \+0000,\s(# )?digest [\da-f]{16}",
+            MADE,
+            (out / name).read_text(),
+        )
         assert written == (golden / name).read_text()
 
 

@@ -165,3 +165,22 @@ def test_adopting_states_fitted_offsets_and_none_that_nobody_fitted(tmp_path: Pa
     (tmp_path / "m.ini").write_text(INI)
     export = ("export", both, "--format", "linuxcnc", "--ini", tmp_path / "m.ini")
     assert "an offset that nobody stated is not 0" in refused(3, *export, "-o", tmp_path / "o")
+
+
+def test_what_the_joints_hold_already_is_not_entered_twice(samples: Path, tmp_path: Path) -> None:
+    """The include of an export stands in the INI file: that export once more would add to it."""
+    session, out = samples / "simulated_sweep.jsonl", tmp_path
+    ini = tmp_path / "m.ini"
+    joints = "".join(
+        f"[JOINT_{n}]\n#INCLUDE calib_joint{n}.inc\nHOME_OFFSET = 1\n" for n in range(3)
+    )
+    ini.write_text(f"[TRAJ]\nLINEAR_UNITS = mm\n{joints}")
+    asked = ("export", session, "--format", "linuxcnc", "--ini", ini, "-o", out)
+    assert glidecal(*asked).status == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    assert "joints that hold the offsets of a session of" in refused(2, *asked)
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    later = tmp_path / "later.jsonl"
+    assert glidecal("simulate", "--seed", "3", "-o", later).status == 0
+    assert glidecal(*("export", later, *asked[2:])).status == 0
+    assert "joints that hold the offsets" in refused(2, *asked)

@@ -46,15 +46,18 @@ class Dialog(ModalScreen[ScreenResultType], LeftOnce[ScreenResultType]):
 
 
 class Palette(CommandPalette, LeftOnce[None]):
-    """The command palette, which hands Page keys on to a list only once it is laid out.
+    """The command palette, which hands keys on to a list only while it has one.
+
+    Page keys need one that is laid out.
 
     Without an id: Textual gives its own one, and a palette that is still going clashes with it.
     """
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        if action != "command_list" or not set(PAGES).intersection(parameters):
+        if action not in ("command_list", "cursor_down"):
             return True
-        return all(bool(found.scrollable_content_region) for found in self.query(OptionList))
+        lists, paging = self.query(OptionList), set(PAGES).intersection(parameters)
+        return bool(lists) and all(one.scrollable_content_region or not paging for one in lists)
 
     def run_worker(  # its arguments are Textual's
         self,

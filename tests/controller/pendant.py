@@ -43,9 +43,16 @@ def home() -> None:
     time.sleep(0.1)
 
 
-def move(words: str) -> None:
+def in_mdi() -> bool:
+    """Asked until it is so: a controller that just homed may not listen yet."""
     if status.task_mode != linuxcnc.MODE_MDI:
         ask(command.mode(linuxcnc.MODE_MDI))
+        status.poll()
+    return bool(status.task_mode == linuxcnc.MODE_MDI)
+
+
+def move(words: str) -> None:
+    wait_for(in_mdi)
     ask(command.mdi(words))
     wait_for(lambda: status.interp_state == linuxcnc.INTERP_IDLE and status.inpos)
 
@@ -68,6 +75,7 @@ def main() -> None:
     try:
         ask(command.state(linuxcnc.STATE_ESTOP_RESET))
         ask(command.state(linuxcnc.STATE_ON))
+        wait_for(lambda: status.task_state == linuxcnc.STATE_ON)
         for step in told:
             home() if step == "home" else move(step)
             answer["stops"].append(where())

@@ -73,7 +73,7 @@ def save_theme(path: Path, theme: str) -> None:
         raise RecordError(
             f"{WHAT} {path}", "a form that cannot be changed safely", f'theme = "{theme}" by hand'
         )
-    write_files(path, {"": text})
+    write_files(path, {"": text}, replace=True)
 
 
 def _settings_in(text: str) -> Settings | None:

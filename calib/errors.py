@@ -9,7 +9,8 @@ GlidecalError
 ├── UsageError                 what a command line meets
 └── IndicatorError             what a port meets
 
-An error says four things: the thing, the value found, what is allowed, and what to do next.
+An error says four things: the thing, the value found (or the reason), what is allowed, and what to
+do next.
 """
 
 from __future__ import annotations
@@ -23,24 +24,40 @@ class GlidecalError(Exception):
     """Base of every error that is meant for a person.
 
     ``thing`` names what is wrong, ``found`` the value met, ``allowed`` what would be right and
-    ``next_step`` what to do. Empty parts are left out of the paragraph.
+    ``next_step`` what to do. Where no value was met ``reason`` says what the matter is. Empty parts
+    are left out of the paragraph.
     """
 
-    def __init__(self, thing: str, found: str = "", allowed: str = "", next_step: str = "") -> None:
+    def __init__(
+        self,
+        thing: str,
+        found: str = "",
+        allowed: str = "",
+        next_step: str = "",
+        *,
+        reason: str = "",
+    ) -> None:
         self.thing = thing
         self.found = found
+        self.reason = reason
         self.allowed = allowed
         self.next_step = next_step
         super().__init__(self.paragraph())
 
     def paragraph(self) -> str:
         """One short paragraph in the order thing, found, allowed, next step."""
+        said = f"found {_short(self.found)}" if self.found else _short(self.reason)
         parts = [
-            f"{self.thing}: found {_short(self.found)}" if self.found else self.thing,
+            f"{self.thing}: {said}" if said else self.thing,
             f"Allowed: {self.allowed}" if self.allowed else "",
             self.next_step,
         ]
-        return printable(" ".join(part.rstrip(".") + "." for part in parts if part))
+        return printable(" ".join(sentence(part) for part in parts if part))
+
+
+def sentence(text: str) -> str:
+    """The text with a mark at its end."""
+    return text if text.endswith(("?", "!", "…")) else text.rstrip(".") + "."
 
 
 def _short(text: str) -> str:

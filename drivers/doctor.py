@@ -53,7 +53,7 @@ def examine(
     try:
         line.start()
     except IndicatorError as problem:
-        found = f"port {port}: {problem.found}"
+        found = f"port {port}: {problem.found or problem.reason}"
         return [*findings, Finding(False, found, problem.next_step or str(problem.allowed))]
     findings.append(Finding(True, f"port {port} opens"))
     try:

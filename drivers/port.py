@@ -109,9 +109,6 @@ def cannot_open(port: str, problem: Exception) -> IndicatorError:
         "busy": ("in use by another program", "Close the other program"),
         "refused": ("nobody listens there", "Start the device or the simulator first"),
     }
-    for sign, (found, next_step) in reasons.items():
-        if sign in said:
-            return IndicatorError(f"port {port}", found, "a free serial port", next_step)
-    return IndicatorError(
-        f"port {port}", said, "a serial port", "glidecal ports lists what is there"
-    )
+    found = (why for sign, why in reasons.items() if sign in said)
+    reason, next_step = next(found, (said, "glidecal ports lists what is there"))
+    return IndicatorError(f"port {port}", next_step=next_step, reason=reason)

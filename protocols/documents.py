@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from calib.errors import RecordError
 from calib.printable import printable
-from protocols.files import open_to_read
+from protocols.files import open_to_read, reason_of
 
 Name = Annotated[str, AfterValidator(printable)]
 """One line: line breaks and other hidden characters are shown, nothing is obeyed."""
@@ -77,24 +77,36 @@ def read_toml(path: Path, kind: type[D], what: str) -> D:
 
 
 def read_text(path: Path, what: str, most_bytes: int = MOST_BYTES) -> str:
-    """The text of a file as UTF-8, line breaks as ``\\n``.
+    """The text of a file as UTF-8, line breaks as ``\\n``. Raises as `read_bytes`."""
+    try:
+        text = read_bytes(path, what, most_bytes).decode("utf-8-sig")
+    except UnicodeDecodeError as problem:
+        raise RecordError(f"{what} {path}", reason="not UTF-8 text") from problem
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
-    The one door for files of a user. Raises RecordError where it cannot be read, is no ordinary
-    file or larger than ``most_bytes``.
+
+def read_bytes(path: Path, what: str, most_bytes: int = MOST_BYTES) -> bytes:
+    """The content of a file: the one door for files of a user.
+
+    Raises RecordError where it cannot be read, is no ordinary file or larger than ``most_bytes``.
     """
     try:
         with open_to_read(path) as file:
             content = file.read(most_bytes + 1)
-        if len(content) <= most_bytes:
-            text = content.decode("utf-8-sig")
-            return text.replace("\r\n", "\n").replace("\r", "\n")
-        reason = f"more than {most_bytes:,} bytes"
-        allowed = f"a file up to {most_bytes:,} bytes"
     except OSError as problem:
-        reason, allowed = problem.strerror or str(problem), "a readable UTF-8 file"
-    except ValueError:  # also a name with a zero byte
-        reason, allowed = "not UTF-8 text", "a readable UTF-8 file"
-    raise RecordError(f"{what} {path}", reason, allowed)
+        raise unreadable(f"{what} {path}", problem) from problem
+    except ValueError as problem:
+        raise RecordError(f"{what} {path}", reason="a name that no file can have") from problem
+    if len(content) > most_bytes:
+        found, allowed = f"more than {most_bytes:,} bytes", f"a file up to {most_bytes:,} bytes"
+        raise RecordError(f"{what} {path}", found, allowed)
+    return content
+
+
+def unreadable(thing: str, problem: OSError) -> RecordError:
+    """The error for a file that the system does not give."""
+    next_step = "Name a file that is there and that you may read"
+    return RecordError(thing, next_step=next_step, reason=reason_of(problem))
 
 
 def describe(problem: ValidationError, text: str | None = None) -> str:

@@ -8,7 +8,7 @@ import os
 import stat
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from itertools import chain, count
 from pathlib import Path
@@ -16,8 +16,8 @@ from typing import Literal
 
 from calib.errors import RecordError, UsageError
 
-Written = dict[str, str]
-"""Texts of files by their names; '' is the path itself."""
+Written = Mapping[str, str | bytes]
+"""Contents of files by their names; '' is the path itself."""
 
 
 NO_WAIT = getattr(os, "O_NONBLOCK", 0)
@@ -28,6 +28,11 @@ DISK_FAILS = (errno.EIO, errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 
 FAR_BYTES = 0x7FFF_FFF0
 """Windows locks bytes that nobody else can read then: this one lies behind any record."""
+
+
+def reason_of(problem: OSError) -> str:
+    """What the system says."""
+    return problem.strerror or str(problem)
 
 
 def open_to_write(path: Path, mode: Literal["x+b", "r+b"]) -> io.FileIO:
@@ -170,23 +175,42 @@ def _check_regular(found: os.stat_result) -> None:
 RECORD_START = b'{"line":1,'
 
 
-def write_files(path: Path, written: Written) -> list[Path]:
+class FilesThere(UsageError):
+    """Files that stand where others are to be written: only a person may give them up."""
+
+    def __init__(self, there: Sequence[Path]) -> None:
+        several = len(there) > 1
+        names = ", ".join(path.name for path in there) if several else str(there[0])
+        folder = f" in {there[0].parent}" if several else ""
+        self.words = f"{names} {'are' if several else 'is'} there already{folder}"
+        super().__init__(self.words, next_step="Give another name, or --force to replace")
+
+
+def check_targets(targets: Iterable[Path], *, replace: bool = False) -> None:
+    """Raises UsageError for a target that must not be replaced, FilesThere unless others may be."""
+    there = [target for target in targets if target.exists()]
+    for target in there:
+        _refuse_to_replace(target)
+    if there and not replace:
+        raise FilesThere(there)
+
+
+def write_files(path: Path, written: Written, *, replace: bool = False) -> list[Path]:
     """Write one file at ``path``, or several into the folder ``path``: all of them or none.
 
     Several are never old and new side by side, not even if the program is killed: the old ones
-    are out of the way before the first new one has its name. Raises RecordError where the disk
-    refuses, which tells what stands there if the old ones could not be put back, and UsageError
-    for a target that must not be replaced.
+    are out of the way before the first new one has its name. Raises as `check_targets`, and
+    RecordError where the disk refuses, which tells what stands there if the old ones could not be
+    put back.
     """
-    targets = {path / name if name else path: text for name, text in written.items()}
-    for target in targets:
-        _refuse_to_replace(target)
+    targets = targets_of(path, written)
+    check_targets(targets, replace=replace)
     staged: dict[Path, Path] = {}
     try:
-        for target, text in targets.items():
+        for target, content in targets.items():
             target.parent.mkdir(parents=True, exist_ok=True)
             behind = target.resolve()  # behind a link, the file itself
-            staged[behind] = _stage(behind, text)
+            staged[behind] = _stage(behind, content)
         _swap(staged)
     except OSError as problem:
         for part in staged.values():
@@ -194,9 +218,10 @@ def write_files(path: Path, written: Written) -> list[Path]:
                 part.unlink(missing_ok=True)
         raise RecordError(
             f"writing {path}",
-            problem.strerror or str(problem),
+            "",
             "a place with write permission and free space",
             *getattr(problem, "__notes__", ()),
+            reason=reason_of(problem),
         ) from problem
     return list(targets)
 
@@ -249,9 +274,12 @@ def _what_stands_there(staged: dict[Path, Path]) -> str:
     )
 
 
+def targets_of(path: Path, written: Written) -> dict[Path, str | bytes]:
+    """The contents by the paths of their files."""
+    return {path / name if name else path: content for name, content in written.items()}
+
+
 def _refuse_to_replace(target: Path) -> None:
-    if not target.exists():
-        return
     if not target.is_file():
         raise UsageError("output", f"{target}, not an ordinary file", "a file to write")
     with suppress(OSError), target.open("rb") as file:
@@ -259,13 +287,13 @@ def _refuse_to_replace(target: Path) -> None:
             raise UsageError("output", f"{target}, a session", "another file: records are kept")
 
 
-def _stage(target: Path, text: str) -> Path:
-    """The text beside its target under another name, safe on the disk."""
+def _stage(target: Path, content: str | bytes) -> Path:
+    """The content beside its target under another name, safe on the disk."""
     descriptor, name = tempfile.mkstemp(dir=target.parent, prefix=target.name, suffix=".part")
     part = Path(name)
     try:
-        with os.fdopen(descriptor, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
             file.flush()
             os.fsync(file.fileno())
         part.chmod(0o644)  # mkstemp makes it private

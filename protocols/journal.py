@@ -14,8 +14,9 @@ from pydantic_core import PydanticSerializationError
 
 from calib.errors import RecordError
 from protocols import files
+from protocols.documents import unreadable
 from protocols.events import EVENT, FIRST_DIGEST, Closed, Continued, Event, Line, Opened
-from protocols.record import check_record, check_size, count_readings, digest_of, unreadable
+from protocols.record import check_record, check_size, count_readings, digest_of
 
 TAIL_BYTES = 4096
 """So much of the end of the file is looked at before it grows."""
@@ -67,7 +68,7 @@ class Journal:
         except PermissionError as problem:
             raise _cannot_write(path, problem) from problem
         except OSError as problem:
-            raise unreadable(path, problem) from problem
+            raise unreadable(f"session {path}", problem) from problem
         try:
             _lock(path, file)
             return cls._resumed(path, file, program)
@@ -298,7 +299,7 @@ def _lock(path: Path, file: io.FileIO) -> None:
         files.lock(file)
     except BlockingIOError as problem:
         raise RecordError(
-            f"session {path}", "in use by another glidecal", "one writer at a time"
+            f"session {path}", reason="in use by another glidecal", next_step="Close that one first"
         ) from problem
     except OSError as problem:
         raise RecordError(
@@ -321,7 +322,8 @@ def _second_places(path: Path) -> Iterator[Path]:
 def _cannot_write(path: Path, problem: OSError) -> RecordError:
     return RecordError(
         f"writing {path}",
-        problem.strerror or str(problem),
+        "",
         "a folder with write permission and free space",
         "What was acknowledged before is on the disk.",
+        reason=files.reason_of(problem),
     )

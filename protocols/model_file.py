@@ -27,6 +27,7 @@ from protocols.documents import (
     Name,
     describe,
     read_text,
+    unreadable,
 )
 from protocols.files import open_to_read
 from protocols.machine import Machine
@@ -287,9 +288,7 @@ def is_model(path: Path) -> bool:
         with open_to_read(path) as file:
             content = json.loads(file.read(MOST_BYTES))
     except OSError as problem:
-        raise RecordError(
-            f"file {path}", problem.strerror or str(problem), "a session or model file"
-        ) from problem
+        raise unreadable(f"file {path}", problem) from problem
     except (ValueError, RecursionError):
         return False
     return isinstance(content, dict) and "event" not in content

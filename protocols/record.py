@@ -18,7 +18,7 @@ from typing import Literal
 from pydantic import ValidationError
 
 from calib.errors import RecordError
-from protocols.documents import describe
+from protocols.documents import describe, unreadable
 from protocols.events import (
     EVENT,
     FIRST_DIGEST,
@@ -74,7 +74,7 @@ def read_record(path: Path) -> Record:
             check_size(path, os.fstat(file.fileno()).st_size)
             content = file.readall()
     except OSError as problem:
-        raise unreadable(path, problem) from problem
+        raise unreadable(f"session {path}", problem) from problem
     return check_record(path, content)
 
 
@@ -117,12 +117,6 @@ def check_size(path: Path, size_bytes: int) -> None:
         raise RecordError(f"session {path}", found, f"up to {MOST_BYTES / 1e6:.0f} MB")
 
 
-def unreadable(path: Path, problem: OSError) -> RecordError:
-    """The error for a file that the system does not give."""
-    reason = problem.strerror or str(problem)
-    return RecordError(f"session {path}", reason, "a readable session file")
-
-
 def read_ends(path: Path) -> tuple[Opened, list[Event]]:
     """First line and last whole lines of a record of any size, not checked against each other.
 
@@ -136,7 +130,7 @@ def read_ends(path: Path) -> tuple[Opened, list[Event]]:
             file.seek(max(len(first), size_bytes - END_BYTES))
             last = file.read(END_BYTES).split(b"\n")[1:-1]
     except OSError as problem:
-        raise unreadable(path, problem) from problem
+        raise unreadable(f"session {path}", problem) from problem
     opened = _parse_line(path, 1, first)
     if not isinstance(opened, Opened):
         raise RecordError(f"session {path}", f"first event '{opened.event}'", "'opened'")

@@ -1,4 +1,4 @@
-"""Tables of readings (CSV): one header line, one row a reading, in the order taken."""
+"""Tables of readings (CSV, XLSX): one header line, one row a reading, in the order taken."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from pydantic import ValidationError
 from calib.errors import RecordError
 from calib.printable import printable
 from calib.tripod.geometry import Geometry
+from protocols import spreadsheet
 from protocols.documents import describe, read_text
 from protocols.events import Reading
-from protocols.procedure import Leg, default_mount, may_stand
+from protocols.procedure import Leg, Procedure, default_mount, may_stand
 
 REQUIRED = ("leg", "axis", "displacement_mm", "value_mm")
 OPTIONAL = ("cycle", "time_s", "mount", "station", "temperature_c", "averaged", "seq")
@@ -28,7 +29,13 @@ OF_TOOL = (*POSITION, "value_mm")
 """Columns of a table of readings of the tool, as against a plate."""
 OPTIONAL_OF_TOOL = ("axis", "lift_mm", *(name for name in OPTIONAL if name != "station"))
 
+NUMBERS = (
+    *("displacement_mm", "value_mm", "time_s", "station", "temperature_c", "lift_mm"),
+    *POSITION,
+)
+
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+COMMA = re.compile(r"[+-]?\d*,\d+", re.ASCII)
 LARGEST_COUNT = 1_000_000
 MOST_ROWS = 100_000
 LARGEST_NUMBER = 1e9
@@ -40,12 +47,13 @@ WHOLE = re.compile(r"\+?\d+", re.ASCII)
 
 
 class Row:
-    """One row of a table, with its line number for messages."""
+    """One row of a table, with its line number for messages, and the table's decimal mark."""
 
-    def __init__(self, path: Path, line: int, fields: dict[str, str]) -> None:
+    def __init__(self, path: Path, line: int, fields: dict[str, str], mark: str = ".") -> None:
         self.path = path
         self.line = line
         self.fields = fields
+        self.mark = mark
 
     def fault(self, column: str, allowed: str, next_step: str = "") -> RecordError:
         """The error that this column's value deserves."""
@@ -63,16 +71,22 @@ class Row:
                 return "z"
         raise self.fault(column, "x, y or z")
 
-    def number(self, column: str) -> float:
-        """A finite number with a decimal point."""
+    def with_point(self, column: str) -> str:
+        """A finite number as it is written, with a decimal point."""
         text = self.fields[column]
-        if not NUMBER.fullmatch(text):
-            comma = re.fullmatch(r"[+-]?\d*,\d+", text)
+        plain = text if self.mark == "." else text.replace(".", " ").replace(",", ".", 1)
+        if not NUMBER.fullmatch(plain):
+            word = "point" if self.mark == "." else "comma, as in other rows"
+            comma = COMMA.fullmatch(text) and self.mark == "."
+            next_step = "Replace the decimal comma by a point, or the commas between columns by ;"
             raise self.fault(
-                column,
-                "a finite number with a decimal point",
-                "Replace the decimal comma by a point" if comma else "",
+                column, f"a finite number with a decimal {word}", next_step if comma else ""
             )
+        return plain
+
+    def number(self, column: str) -> float:
+        """A finite number."""
+        text = self.with_point(column)
         value = float(text)
         if abs(value) > LARGEST_NUMBER:
             raise self.fault(column, f"a number of sensible size, up to {LARGEST_NUMBER:g}")
@@ -114,20 +128,14 @@ def within_limits(reading: Reading, geometry: Geometry) -> bool:
 
 
 def _rows(path: Path) -> tuple[list[Row], tuple[str, ...]]:
-    text = read_text(path, "table")
-    lines = csv.reader(StringIO(text, newline=""), strict=True)
-    try:
-        header = [name.strip() for name in next(lines, [])]
-        _check_header(path, header)
-        rows = [
-            Row(path, lines.line_num, _fields(path, lines.line_num, header, values))
-            for values in lines
-            if any(value.strip() for value in values)
-        ]
-    except csv.Error as problem:
-        raise RecordError(
-            f"table {path}, line {lines.line_num}", str(problem), "comma separated values"
-        ) from problem
+    lines, semicolons = _lines(path)
+    header = [name.strip() for name in lines[0][1]] if lines else []
+    _check_header(path, header)
+    filled = [(line, values) for line, values in lines[1:] if any(v.strip() for v in values)]
+    fields = [(line, _fields(path, line, header, values)) for line, values in filled]
+    commas = (COMMA.fullmatch(one.get(name, "")) for _, one in fields for name in NUMBERS)
+    mark = "," if semicolons and any(commas) else "."
+    rows = [Row(path, line, one, mark) for line, one in fields]
     if not 1 <= len(rows) <= MOST_ROWS:
         found = f"{len(rows):,} rows" if rows else "no row of readings"
         raise RecordError(f"table {path}", found, f"a row for each reading, up to {MOST_ROWS:,}")
@@ -136,10 +144,26 @@ def _rows(path: Path) -> tuple[list[Row], tuple[str, ...]]:
     return rows, tuple(name for name in header if name not in known)
 
 
+def _lines(path: Path) -> tuple[list[tuple[int, list[str]]], bool]:
+    """Line numbers and fields; whether semicolons stand between them, as with decimal commas."""
+    if path.suffix.lower() == spreadsheet.SUFFIX:
+        return spreadsheet.read_rows(path, MOST_ROWS + 2), False
+    text = read_text(path, "table")
+    header = text.partition("\n")[0]
+    semicolons = ";" in header and "," not in header
+    lines = csv.reader(
+        StringIO(text, newline=""), strict=True, delimiter=";" if semicolons else ","
+    )
+    try:
+        return [(lines.line_num, values) for values in lines], semicolons
+    except csv.Error as problem:
+        raise RecordError(
+            f"table {path}, line {lines.line_num}", str(problem), "comma separated values"
+        ) from problem
+
+
 def _check_header(path: Path, header: list[str]) -> None:
     thing = f"table {path}, header"
-    if len(header) == 1 and ";" in header[0]:
-        raise RecordError(thing, "semicolons", "commas between columns and decimal points")
     of_tool = _is_of_tool(header)
     required = OF_TOOL if of_tool else REQUIRED
     missing = [name for name in required if name not in header]
@@ -161,7 +185,7 @@ def _fields(path: Path, line: int, header: list[str], values: list[str]) -> dict
             f"table {path}, line {line}",
             f"{len(values)} fields",
             f"{len(header)} fields as in the header",
-            "A decimal comma makes one field too many; write a decimal point.",
+            "With decimal commas put semicolons between columns.",
         )
     return dict(zip(header, (value.strip() for value in values), strict=True))
 
@@ -244,7 +268,7 @@ def _of_any(row: Row, unknown: tuple[str, ...]) -> dict[str, Any]:
         raise row.fault("value_mm", f"a reading up to {LARGEST_READING_MM:g} mm")
     return {
         "value_mm": value,
-        "text": row.fields["value_mm"],
+        "text": row.with_point("value_mm"),
         "cycle": row.optional("cycle", lambda name: row.whole(name, 1), 1),
         "time_s": row.optional("time_s", row.number, None),
         "temperature_c": row.optional("temperature_c", row.number, None),
@@ -279,6 +303,24 @@ def _check_mounts(rows: list[Row], readings: tuple[Reading, ...]) -> None:
                 f"a new name: {reading.mount!r} already is leg {leg}, axis {axis}, "
                 f"station {station:g}",
             )
+
+
+def template(procedure: Procedure, geometry: Geometry, path: Path) -> str | bytes:
+    """A table with a row for each reading of a procedure, its value left to be filled in."""
+    rows: list[Sequence[str | float]]
+    if procedure.plate is not None:
+        lift_mm = procedure.plate.lift_mm
+        rows = [("cycle", *POSITION, "axis", "lift_mm", "value_mm")]
+        for step in procedure.steps(geometry):
+            rows.append((step.cycle, *(step.position_mm or ()), step.axes[0], lift_mm, ""))
+    else:
+        rows = [("cycle", "leg", "axis", "station", "displacement_mm", "value_mm")]
+        for step in procedure.steps(geometry):
+            place = (step.station, step.displacement_mm, "")
+            rows += [(step.cycle, step.leg, axis, *place) for axis in step.axes]
+    if path.suffix.lower() == spreadsheet.SUFFIX:
+        return spreadsheet.workbook(rows, f"table {path}")
+    return csv_text([c if isinstance(c, str) else f"{c:.12g}" for c in row] for row in rows)
 
 
 FORMULA = re.compile(r"""["'\s]*[=+\-@]""")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from app.machines.options import AsJson, argument, file, machine_option, say
+from app.machines.options import AsJson, Force, argument, file, machine_option, may_replace, say
 from calib.errors import UsageError
 from protocols.machine_files import machine_names
 
@@ -39,6 +39,7 @@ def diagnose(
         str | None,
         machine_option(f"Machine for --aliases: {', '.join(machine_names())}, or a file (TOML)."),
     ] = None,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Where simulation and measurement disagree, the missing effect, the gap before and after."""
@@ -53,14 +54,15 @@ def diagnose(
         return
     if not sessions:
         raise UsageError("diagnose", "no session", "at least one, or --aliases --procedure NAME")
+    may = may_replace(force, adopt if adopt != model else None, next_procedure)
     found = diagnose_files(sessions, model=model, held_out=held_out or [])
     for warning in found.warnings:
         say(f"glidecal: {warning}")
     if next_procedure:
-        adoption.write_procedure(found, next_procedure)
+        adoption.write_procedure(found, next_procedure, replace=may)
         say(f"next measurement: glidecal run --protocol {next_procedure}")
     if adopt:
-        adoption.adopt(found, sessions, adopt, known=model, candidate=candidate)
+        adoption.adopt(found, sessions, adopt, known=model, candidate=candidate, replace=may)
         say(f"model written: {adopt}")
         if adoption.left_behind(found, candidate):
             say("there is an unnamed law, too: --candidate empirical")

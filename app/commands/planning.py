@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from app.machines.family import OnScreen, Question, Search
-from app.machines.options import AsJson, Machine, file, say
+from app.machines.options import AsJson, Force, Machine, file, say
 from app.machines.registry import (
     CRITERIA,
     LISTED,
@@ -75,6 +75,7 @@ def postures(
     output: Annotated[
         Path | None, file(f"File to write: {POSTURE_FILES}.", "--output", "-o")
     ] = None,
+    force: Force = False,
     as_json: AsJson = False,
     **own: Any,  # noqa: ANN401 (as above)
 ) -> None:
@@ -83,7 +84,7 @@ def postures(
 
     family = family_of(machine)
     given = options_of(context, family, f"the machine {machine}", own)
-    search = Search(count, Criterion(criterion or family.criterion), seed, starts, output)
+    search = Search(count, Criterion(criterion or family.criterion), seed, starts, output, force)
     asked = Question(machine, procedure, machine_file)
     typer.echo(family.postures(asked, search, given, say).shown(as_json=as_json))
 

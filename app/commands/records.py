@@ -7,22 +7,36 @@ import select
 import sys
 import threading
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from app.exit_codes import Exit, exit_code
-from app.machines.options import AsJson, Machine, Output, Sessions, argument, figure, say
+from app.machines.options import (
+    AsJson,
+    Force,
+    Machine,
+    Protocol,
+    Sessions,
+    argument,
+    figure,
+    file,
+    may_replace,
+    say,
+)
 from app.machines.registry import LOOKS
 from app.report.streams import need_terminal
 from calib.errors import GlidecalError, UsageError
+
+if TYPE_CHECKING:  # heavy: imported where used
+    from protocols.machine import Machine as MachineFile
 
 DEFAULT_PORT = 8765
 
 
 def import_table(
-    table: Annotated[Path, argument("Table of readings (CSV).")],
-    output: Output,
+    table: Annotated[Path, argument("Table of readings (.csv or .xlsx).")],
+    output: Annotated[Path | None, file("Session to write.", "--output", "-o")] = None,
     machine: Machine = None,
     resolution: Annotated[float | None, figure("Resolution of the indicators, mm.")] = None,
     repeatability: Annotated[
@@ -31,8 +45,13 @@ def import_table(
     remark: Annotated[
         list[str] | None, typer.Option(help="A remark for the record; may be repeated.")
     ] = None,
+    template: Annotated[
+        bool, typer.Option("--template", help="Write TABLE, a row a reading, without values.")
+    ] = False,
+    protocol: Protocol = None,
+    force: Force = False,
 ) -> None:
-    """A session from a table of readings."""
+    """A session from a table of readings, or with --template the table to be filled in."""
     from app.version import program
     from protocols.events import Opened
     from protocols.journal import write_whole
@@ -40,6 +59,12 @@ def import_table(
     from protocols.table import read_table, within_limits
 
     known = load_machine(machine)
+    if template:
+        _write_template(table, known, protocol, force=force)
+        return
+    if output is None or protocol is not None:
+        found = "none" if output is None else "--protocol without --template"
+        raise UsageError("--output", found, "-o SESSION, or --template to write an empty table")
     readings, unknown = read_table(table, known.geometry())
     opened = Opened(
         program=program(),
@@ -64,6 +89,19 @@ def import_table(
     if len({reading.posture_mm for reading in readings}) < 2:
         say("glidecal: only one posture in this table; it cannot be solved alone")
     say(f"{len(readings)} readings written to {output}")
+
+
+def _write_template(
+    table: Path, machine: MachineFile, protocol: str | None, *, force: bool
+) -> None:
+    from protocols.files import write_files
+    from protocols.procedure import load_procedure
+    from protocols.table import template
+
+    procedure = load_procedure(protocol or machine.usual_procedure, machine.geometry())
+    may = may_replace(force, table)
+    write_files(table, {"": template(procedure, machine.geometry(), table)}, replace=may)
+    say(f"{procedure.name} to be filled in, column value_mm: {table}")
 
 
 def validate(sessions: Sessions) -> None:

@@ -10,12 +10,14 @@ import typer
 
 from app.machines.options import (
     AsJson,
+    Force,
     Method,
     Output,
     Sessions,
     SubsetName,
     argument,
     file,
+    may_replace,
     number,
     say,
 )
@@ -104,9 +106,10 @@ def export(
     ini: Annotated[
         Path | None, typer.Option(help="LinuxCNC INI file: what the joints hold now.")
     ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Export effects that stayed ambiguous, too.")
+    ambiguous: Annotated[
+        bool, typer.Option("--ambiguous", help="Export effects that stayed ambiguous, too.")
     ] = False,
+    force: Force = False,
 ) -> None:
     """Offsets for the controller: a file, or for linuxcnc a folder of includes and tables."""
     from app.exports import FORMATS
@@ -114,7 +117,7 @@ def export(
     from app.report.offsets import offsets_from_file
     from app.report.text.caveats import UNKNOWN_HOME_OFFSET
     from calib.tripod.controller import Controller
-    from protocols.files import write_files
+    from protocols.files import targets_of, write_files
 
     if home_offset is not None and ini:
         raise UsageError("--home-offset and --ini", "both", "one of them")
@@ -125,13 +128,15 @@ def export(
         )
     if ini:
         offsets = replace(offsets, controller=read_controller(ini))
-    if force:
+    if ambiguous:
         offsets = replace(offsets, ambiguous=())
     for text in offsets.cautions:
         say(f"glidecal: {text}")
     if format_name.startswith("linuxcnc") and offsets.controller is None:
         say(f"glidecal: WARNING: {UNKNOWN_HOME_OFFSET}")
-    for path in write_files(output, FORMATS[format_name](offsets)):
+    written = FORMATS[format_name](offsets)
+    may = may_replace(force, *targets_of(output, written))
+    for path in write_files(output, written, replace=may):
         say(f"written: {path}")
 
 

@@ -11,6 +11,7 @@ import typer
 
 from app.machines.family import Simulation
 from app.machines.options import (
+    Force,
     Machine,
     Output,
     Protocol,
@@ -211,10 +212,11 @@ def simulate(
     output: Output,
     machine: Annotated[str | None, machine_option(LISTED)] = None,
     seed: Seed = 1,
+    force: Force = False,
     **own: Any,  # noqa: ANN401 (what the machines add)
 ) -> None:
     """A session from the simulation: the nominal machine, or that of a model file."""
     name = machine or USUAL_MACHINE
     family = family_of(name)
     given = options_of(context, family, f"the machine {name}", own)
-    family.simulate(Simulation(output, machine, seed), given, say)
+    family.simulate(Simulation(output, machine, seed, force), given, say)

@@ -47,13 +47,15 @@ def adopt(
     *,
     known: Path | None = None,
     candidate: str | None = None,
+    replace: bool = False,
 ) -> ModelFile:
     """Write a model with the named effects added, or with one candidate (``id`` or ``id:where``).
 
     ``empirical`` as candidate adds what was named and the unnamed effect of the residuals, or that
     alone where it explains all; where nothing was named it is added without asking for it. Gross
-    errors are mistakes of the data and are never adopted. Raises UsageError where there is nothing
-    to adopt and RecordError where the file cannot be written.
+    errors are mistakes of the data and are never adopted. The known model itself goes on with its
+    history, another file is kept unless ``replace``. Raises UsageError where there is nothing to
+    adopt, FilesThere, and RecordError where the file cannot be written.
     """
     chosen = _chosen(diagnosed, candidate)
     machine = diagnosed.sessions[0].opened.machine
@@ -72,7 +74,7 @@ def adopt(
         values = {v.name: (v.value, v.standard_uncertainty) for v in one.parameters}
         model = with_effect(model, effect_entry(one.where, one.effects, values, source), why)
     model = _fitted(model, diagnosed)
-    write_files(target, {"": model.text()})
+    write_files(target, {"": model.text()}, replace=replace or target == known)
     return model
 
 
@@ -145,7 +147,7 @@ def remove(path: Path, effect: str, why: str) -> ModelFile:
     """Take an effect (``id`` or ``id:where``) out of a model; the history keeps it."""
     name, _, where = effect.partition(":")
     model = without_effect(read_model_file(path), name, where or None, why)
-    write_files(path, {"": model.text()})
+    write_files(path, {"": model.text()}, replace=True)
     return model
 
 
@@ -176,7 +178,7 @@ def _chosen(diagnosed: SessionDiagnosis, candidate: str | None) -> list[Finding 
     return [fitting[0]]
 
 
-def write_procedure(diagnosed: SessionDiagnosis, path: Path) -> None:
+def write_procedure(diagnosed: SessionDiagnosis, path: Path, *, replace: bool = False) -> None:
     """The proposed measurement as a procedure file. Raises UsageError where there is none."""
     proposed = diagnosed.diagnosis.next_measurement
     if proposed is None or not proposed.protocol.startswith("schema"):
@@ -188,4 +190,4 @@ def write_procedure(diagnosed: SessionDiagnosis, path: Path) -> None:
             "a proposal that needs a file",
             f"Measure it with: glidecal run --protocol {proposed.protocol}",
         )
-    write_files(path, {"": proposed.protocol})
+    write_files(path, {"": proposed.protocol}, replace=replace)

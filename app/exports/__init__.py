@@ -66,11 +66,10 @@ FORMATS = {
 FILE_NAMES = {"json": "offsets.json", "csv": "offsets.csv", "model": "model.json"}
 
 
-def export_offsets(solved: SessionSolution, session: Path, folder: Path) -> list[Path]:
-    """Offsets of a session's solution in every format, into a folder. Raises RecordError."""
+def export_offsets(
+    solved: SessionSolution, session: Path, folder: Path, *, replace: bool = False
+) -> list[Path]:
+    """Offsets of a session's solution in every format, into a folder. Raises as `write_files`."""
     offsets = offsets_from_solved(solved, [session])
-    paths: list[Path] = []
-    for name in (*FILE_NAMES, "linuxcnc"):
-        target = folder / FILE_NAMES[name] if name in FILE_NAMES else folder
-        paths += write_files(target, FORMATS[name](offsets))
-    return paths
+    files = {file: FORMATS[name](offsets)[""] for name, file in FILE_NAMES.items()}
+    return write_files(folder, {**files, **linuxcnc.joint_includes(offsets)}, replace=replace)

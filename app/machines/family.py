@@ -48,22 +48,24 @@ class Question:
 
 @dataclass(frozen=True)
 class Search:
-    """How postures are looked for; None: not given."""
+    """How postures are looked for; None: not given. With ``force`` a file is replaced unasked."""
 
     count: int | None
     criterion: Criterion
     seed: int
     starts: int
     output: Path | None
+    force: bool = False
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """The machine by its name or file, None: the usual one, and the file to write."""
+    """The machine by its name or file, None: the usual one, and the file to write, as `Search`."""
 
     output: Path
     machine: str | None = None
     seed: int = 1
+    force: bool = False
 
 
 Plan = Callable[[str | None, Sequence[Path], Any, Say], Answer]

@@ -18,7 +18,7 @@ from app.machines.family import (
     Search,
     Simulation,
 )
-from app.machines.options import file, number, parts
+from app.machines.options import file, may_replace, may_write, number, parts
 from app.screens.look import Look
 from calib.errors import UsageError
 
@@ -143,16 +143,13 @@ def postures(asked: Question, search: Search, own: PostureOptions, say: Say) -> 
         posture_file=own.posture_file,
         seed=search.seed,
     )
+    may = may_write(search.output, ".csv", force=search.force)
     found = asked_postures(
-        request,
-        search.count,
-        search.criterion,
-        starts=search.starts,
-        as_is=own.as_is,
-        output=search.output,
+        request, search.count, search.criterion, starts=search.starts, as_is=own.as_is
     )
     if search.output:
-        say(f"postures written to {write_postures(found, search.output)}")
+        write_postures(found, search.output, replace=may)
+        say(f"postures written to {search.output}")
     return Answer(lambda: postures_text(found), lambda: HexaSlidePosturesReport.of(best=found))
 
 
@@ -206,7 +203,8 @@ def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
         measured=parts(own.measured),
         machine_file=own.machine_file,
     )
-    measured = write_simulated(wanted, asked.output, own.truth)
+    may = may_replace(asked.force, asked.output, own.truth)
+    measured = write_simulated(wanted, asked.output, own.truth, replace=may)
     say(f"{simulated_text(measured)}, written to {asked.output}")
     if own.truth is not None:
         say(f"the true machine written to {own.truth}")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import sys
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 from typer.models import ArgumentInfo, OptionInfo
 
+from calib.errors import UsageError
 from protocols.machine_files import USUAL_MACHINE, machine_names
 
 
@@ -64,12 +66,39 @@ def parts(listed: str | None) -> tuple[str, ...]:
     return tuple(part.strip() for part in listed.split(",")) if listed and listed.strip() else ()
 
 
+def may_replace(force: bool, *targets: Path | None) -> bool:
+    """Whether files that are there may be replaced: by ``--force``, else a terminal is asked.
+
+    Ask before long work, and write with the answer. Raises FilesThere where nobody can be asked.
+    """
+    from protocols.files import FilesThere, check_targets
+
+    try:
+        check_targets([target for target in targets if target], replace=force)
+    except FilesThere as problem:
+        if not (sys.stdin.isatty() and sys.stderr.isatty()):
+            raise
+        typer.confirm(f"{problem.words}. Replace?", abort=True, err=True)
+        return True
+    return force
+
+
+def may_write(output: Path | None, suffix: str, *, force: bool) -> bool:
+    """As `may_replace`. Raises UsageError for a name that does not end so."""
+    if output is not None and output.suffix != suffix:
+        raise UsageError("--output", f"{output}", f"a path that ends with {suffix}")
+    return may_replace(force, output)
+
+
 def say(text: str) -> None:
     """Progress and warnings go to standard error."""
     typer.echo(text, err=True)
 
 
 Sessions = Annotated[list[Path], argument("Session files.")]
+Force = Annotated[
+    bool, typer.Option("--force", help="Replace files that are there; sessions never are.")
+]
 Output = Annotated[Path, file("File to write.", "--output", "-o", default=False)]
 Machine = Annotated[
     str | None, machine_option(f"{', '.join(machine_names())}, or a machine file (TOML).")

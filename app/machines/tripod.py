@@ -20,6 +20,8 @@ from app.machines.options import (
     SubsetName,
     figure,
     file,
+    may_replace,
+    may_write,
     number,
 )
 from protocols.machine_files import USUAL_MACHINE, machine_names
@@ -73,14 +75,16 @@ class PostureOptions:
 
 def postures(asked: Question, search: Search, own: PostureOptions, say: Say) -> Answer:
     """Postures from a list, and procedures that visit them."""
-    from app.planning.tripod import tripod_planning, write_procedures
+    from app.planning.tripod import procedure_files, tripod_planning
     from app.report.schema.planning import PosturesReport
     from app.report.text.planning import postures_text
     from calib.errors import UsageError
     from calib.tripod.optimum import optimum_postures
+    from protocols.files import targets_of, write_files
 
     if search.count is None:
         raise UsageError("--count", "none", "how many postures to choose")
+    may = may_write(search.output, ".toml", force=search.force)  # run --protocol takes no other
     minutes = own.mounting_seconds / 60.0
     planned, like = tripod_planning(
         asked.machine, asked.procedure, asked.machine_file, own.noise, minutes
@@ -97,7 +101,9 @@ def postures(asked: Question, search: Search, own: PostureOptions, say: Say) -> 
         refine=own.refine,
     )
     if search.output:
-        for path in write_procedures(chosen.orders, like, search.output):
+        target, written = procedure_files(chosen.orders, like, search.output)
+        may = may_replace(may, *targets_of(target, written))
+        for path in write_files(target, written, replace=may):
             say(f"procedure written to {path}")
     return Answer(lambda: postures_text(chosen), lambda: PosturesReport.of(chosen=chosen))
 

@@ -26,7 +26,7 @@ from calib.errors import GlidecalError, RecordError, UsageError
 from calib.tripod.simulation import hidden_machine
 from drivers.twin_port import Transport, default_transport
 from protocols.events import Opened
-from protocols.files import unused_path
+from protocols.files import reason_of, unused_path
 from protocols.journal import Journal
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Procedure, Step
@@ -259,6 +259,8 @@ def writable_folder(folder: Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise RecordError(
-            f"folder {folder}", problem.strerror or str(problem), "a folder with write permission"
+            f"folder {folder}",
+            allowed="a folder with write permission",
+            reason=reason_of(problem),
         ) from problem
     return folder

@@ -89,14 +89,12 @@ def asked_postures(
     *,
     starts: int,
     as_is: bool = False,
-    output: Path | None = None,
 ) -> BestPostures:
     """The best postures, from those of the file if there is one, or those ``as_is``.
 
     Papers/001 minimises the condition number. Raises UsageError, RecordError, CalibrationError for
     postures that do not determine enough.
     """
-    _check_output(output)
     if criterion is Criterion.TOOL_VARIANCE:
         raise UsageError("--criterion", criterion.value, "the other five for the hexaslide")
     planned, given = hexaslide_planning(request), None
@@ -137,17 +135,11 @@ def inside_box(given: FloatArray, machine: HexaSlide, advice: str = "") -> Float
         ) from problem
 
 
-def _check_output(output: Path | None) -> None:
-    if output is not None and output.suffix != ".csv":
-        raise UsageError("--output", f"{output}", "a path that ends with .csv for the hexaslide")
-
-
-def write_postures(found: BestPostures, path: Path) -> Path:
-    """A table that ``--posture-file`` reads, units in its header line. Raises RecordError."""
-    _check_output(path)
+def write_postures(found: BestPostures, path: Path, *, replace: bool = False) -> None:
+    """A table that ``--posture-file`` reads, units in its header line. Raises as `write_files`."""
     rows = [[f"{value:.12g}" for value in row.values()] for row in found.postures]
-    write_files(path, {"": "".join(f"{','.join(row)}\n" for row in [COORDINATES, *rows])})
-    return path
+    table = "".join(f"{','.join(row)}\n" for row in [COORDINATES, *rows])
+    write_files(path, {"": table}, replace=replace)
 
 
 @dataclass(frozen=True)
@@ -215,17 +207,16 @@ def _noise(asked: Asked) -> MeasuringNoise:
     return MeasuringNoise(length_mm=asked.noise_mm, angle_mrad=angle)
 
 
-def write_simulated(asked: Asked, output: Path, truth: Path | None) -> HexaSlideMeasurements:
-    """Simulate into new files. Raises as `simulated`, RecordError for a file that exists."""
+def write_simulated(
+    asked: Asked, output: Path, truth: Path | None, *, replace: bool = False
+) -> HexaSlideMeasurements:
+    """Simulate into files. Raises as `simulated` and `write_files`."""
     if truth is not None and truth.resolve() == output.resolve():
         raise UsageError("--truth and --output", f"{output} twice", "two files")
-    for path in (output, truth):
-        if path is not None and path.exists():
-            raise RecordError(f"output {path}", "a file that exists already", "a new file")
     measured, true = simulated(asked)
-    write_files(output, {"": measured.text()})
+    write_files(output, {"": measured.text()}, replace=replace)
     if truth is not None:
-        write_files(truth, {"": true.text()})
+        write_files(truth, {"": true.text()}, replace=replace)
     return measured
 
 

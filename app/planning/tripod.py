@@ -10,7 +10,7 @@ from calib.errors import UsageError
 from calib.noise.reading import IndicatorFigures, Noise
 from calib.observations import LEG_NAMES
 from calib.tripod.planning import Orders, TripodPlanning
-from protocols.files import write_files
+from protocols.files import Written
 from protocols.machine import Machine, load_machine
 from protocols.procedure import Procedure, load_procedure
 
@@ -72,20 +72,15 @@ def tripod_planning(
     return planning, procedure
 
 
-def write_procedures(orders: Orders, like: Procedure, path: Path) -> list[Path]:
-    """Write the procedure, or one for each mounting with its name before the suffix.
+def procedure_files(orders: Orders, like: Procedure, path: Path) -> tuple[Path, Written]:
+    """What to write where: the procedure, or one for each mounting with its name before the suffix.
 
-    Timing and limits are those of the procedure ``like`` them. Raises UsageError for a path that
-    ``run --protocol`` would not take, RecordError where the disk refuses.
+    Timing and limits are those of the procedure ``like`` them.
     """
-    if path.suffix != ".toml":
-        raise UsageError("--output", f"{path}", "a path that ends with .toml")
     texts = _texts(orders, like)
     if list(texts) == [""]:
-        return write_files(path, texts)
-    return write_files(
-        path.parent, {f"{path.stem}{part}.toml": text for part, text in texts.items()}
-    )
+        return path, texts
+    return path.parent, {f"{path.stem}{part}.toml": text for part, text in texts.items()}
 
 
 def _texts(orders: Orders, like: Procedure) -> dict[str, str]:

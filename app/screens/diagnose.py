@@ -26,7 +26,7 @@ from app.screens.interface import Interface
 from app.screens.pages import PagedScreen
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError
-from protocols.files import unused_path
+from protocols.files import FilesThere, unused_path
 
 PAGES = {"verdict": "1 Verdict", "where": "2 Where", "candidates": "3 Candidates"}
 CHANGE = "change"
@@ -193,16 +193,25 @@ class DiagnoseScreen(PagedScreen):
             self.paths = (target,)
             self._look()
 
-    def _adopt(self, target: Path, candidate: str | None) -> None:
+    def _adopt(self, target: Path, candidate: str | None, *, replace: bool = False) -> None:
         """Write the model and look again with it."""
         found = self._ready()
         if found is None:
             return
-        if target.exists() and target != self.model:
-            self.app.complain(texts.NOT_REPLACED.format(target))
-            return
         with self.app.complaining():
-            adopt(found, self.paths, target, known=self.model, candidate=candidate)
+            try:
+                adopt(
+                    found,
+                    self.paths,
+                    target,
+                    known=self.model,
+                    candidate=candidate,
+                    replace=replace,
+                )
+            except FilesThere as problem:
+                again = partial(self._adopt, target, candidate, replace=True)
+                self.app.ask_to_replace(problem, again)
+                return
             self.app.notify(texts.MODEL_WRITTEN.format(target), timeout=10, markup=False)
             self.model, self._gap_before_mm = target, found.diagnosis.gap_before.rms_mm
             self._look()

@@ -34,6 +34,7 @@ from app.screens.fast_keys import Title
 from app.screens.interface import Interface
 from app.screens.pick import PickScreen
 from calib.errors import GlidecalError
+from protocols.files import FilesThere
 
 DEMO_FOLDER = Path("demo-sessions")
 
@@ -214,10 +215,15 @@ class HomeScreen(Screen[None]):
 
         return show
 
-    def _export(self, path: Path) -> Callable[[], object]:
+    def _export(self, path: Path, *, replace: bool = False) -> Callable[[], object]:
         folder = path.with_suffix("")
         solved = solve_for_controller(path)
-        said = exported_text(folder, export_offsets(solved, path, folder), solved)
+        try:
+            written = export_offsets(solved, path, folder, replace=replace)
+        except FilesThere as problem:
+            again = partial(self._start, partial(self._export, path, replace=True))
+            return partial(self.app.ask_to_replace, problem, again)
+        said = exported_text(folder, written, solved)
         return partial(self.app.notify, said, timeout=10, markup=False)
 
     def _show_comparison(self, before: Path, after: Path) -> Callable[[], object]:

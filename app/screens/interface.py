@@ -31,14 +31,14 @@ from textual.widget import Widget
 from app.exit_codes import Exit
 from app.measuring.opening import Indicators, Plan
 from app.measuring.session import GuidedSession
-from app.report.text.home import WORDS_OF_LOOKS, key_list_text
-from app.screens.dialogs import HelpDialog
+from app.report.text.home import REPLACE_CHOICES, WORDS_OF_LOOKS, key_list_text
+from app.screens.dialogs import ChoiceDialog, HelpDialog
 from app.screens.fast_keys import Palette, ready
 from app.screens.look import Look
 from app.settings import Settings, save_theme, settings_path
 from calib.errors import GlidecalError
 from calib.printable import HIDDEN
-from protocols.files import unused_path
+from protocols.files import FilesThere, unused_path
 
 if TYPE_CHECKING:
     from app.evaluating.comparison import Comparison
@@ -203,6 +203,15 @@ class Interface(App[str]):
     def complain(self, problem: GlidecalError | str) -> None:
         """Show an error that a person can act on."""
         self.notify(str(problem), severity="error", timeout=12, markup=False)
+
+    def ask_to_replace(self, problem: FilesThere, write: Callable[[], object]) -> None:
+        """Files are there already: write them where a person gives them up."""
+
+        def answered(answer: str | None) -> None:
+            if answer == "replace":
+                write()
+
+        self.push_screen(ChoiceDialog(f"{problem.words}.", REPLACE_CHOICES), answered)
 
     @contextmanager
     def complaining(self) -> Iterator[None]:

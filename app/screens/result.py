@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -25,6 +26,7 @@ from app.screens.pages import PagedScreen
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError
 from calib.identify.solution import Subset
+from protocols.files import FilesThere
 
 CHOICES: dict[str, Subset] = {
     "1": "joint-offsets",
@@ -113,13 +115,20 @@ class ResultScreen(PagedScreen):
             self.solved = self.solved.with_subset(CHOICES[key])
             self._show()
 
-    @work(thread=True, group="export")
     def action_export(self) -> None:
         """Write the offsets in every format beside the session."""
+        self._export()
+
+    @work(thread=True, group="export")
+    def _export(self, *, replace: bool = False) -> None:
         folder = self.path.with_suffix("")
         try:
             offsets = self._joint_offsets()
-            said = texts.exported_text(folder, export_offsets(offsets, self.path, folder), offsets)
+            written = export_offsets(offsets, self.path, folder, replace=replace)
+            said = texts.exported_text(folder, written, offsets)
+        except FilesThere as problem:
+            again = partial(self._export, replace=True)
+            self.app.call_from_thread(self.app.ask_to_replace, problem, again)
         except GlidecalError as problem:
             self.app.call_from_thread(self.app.complain, problem)
         else:

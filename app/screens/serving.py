@@ -30,6 +30,7 @@ from textual_serve.download_manager import DownloadManager
 from textual_serve.server import Server, to_int
 
 from calib.errors import UsageError
+from protocols.files import reason_of
 
 HOST = "127.0.0.1"
 CLOSING_S = 3.0
@@ -57,9 +58,8 @@ def listen(port: int) -> socket.socket:
     except OSError as problem:
         raise UsageError(
             f"port {port} on {HOST}",
-            problem.strerror or str(problem),
-            "a free port that this user may open",
-            "Choose another one with --port, or --port 0.",
+            next_step="Choose another one with --port, or --port 0.",
+            reason=reason_of(problem),
         ) from problem
 
 

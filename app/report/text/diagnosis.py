@@ -57,7 +57,6 @@ ADOPTED = "Adopted in {}: gap {:.4f} → {:.4f} mm."
 MODEL_WRITTEN = "Model written: {}. Diagnosing again with it."
 NEXT_WRITTEN = "Written. Measure it with: glidecal run --protocol {}"
 NO_FILE_NEEDED = "No file is needed: glidecal run --protocol {}"
-NOT_REPLACED = "{} is there already and is not replaced. Give another name."
 
 INDENT = "    "
 SHOWN_CANDIDATES = 8

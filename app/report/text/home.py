@@ -81,6 +81,8 @@ def partner_question(after: Path, before: Path) -> str:
 PORTS_QUESTION = "The ports of {} are those of another computer. Which are they here?"
 PORTS_HINT = "mitutoyo-01a:COM5@yx sylvac:COM6@zy, with the axes as before"
 
+REPLACE_CHOICES = (("keep", "1  Keep what is there"), ("replace", "2  Replace it"))
+
 PARTNER_CHOICES = (
     ("both", "1  Compare these two"),
     ("other", "2  Another session after this one"),

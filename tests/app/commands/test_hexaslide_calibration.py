@@ -339,9 +339,9 @@ def test_files_are_neither_overwritten_nor_mixed_up(tmp_path: Path) -> None:
     path, truth = written(tmp_path, "position", 20)
     before = path.read_bytes()
     asked = ("position", "--postures", "20", "--seed", "9")
-    assert "exists already" in told(3, *SIMULATE, *asked, "-o", path)
+    assert "is there already" in told(2, *SIMULATE, *asked, "-o", path)
     other = tmp_path / "other.json"
-    assert "exists already" in told(3, *SIMULATE, *asked, "-o", other, "--truth", truth)
+    assert "is there already" in told(2, *SIMULATE, *asked, "-o", other, "--truth", truth)
     assert "two files" in told(2, *SIMULATE, *asked, "-o", other, "--truth", other)
     assert path.read_bytes() == before
     assert not other.exists()

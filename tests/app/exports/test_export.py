@@ -395,10 +395,10 @@ def test_includes_all_or_none_whichever_rename_fails(
     stood = {path.name: path.read_text() for path in tmp_path.iterdir()}
     monkeypatch.setattr(Path, "replace", failing_replace({failing}))
     if before == "nothing" and failing > len(names):
-        write_files(tmp_path, dict.fromkeys(names, "new"))
+        write_files(tmp_path, dict.fromkeys(names, "new"), replace=True)
         return
     with pytest.raises(RecordError, match="Input/output"):
-        write_files(tmp_path, dict.fromkeys(names, "new"))
+        write_files(tmp_path, dict.fromkeys(names, "new"), replace=True)
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == stood
 
 
@@ -412,7 +412,7 @@ def test_a_kill_leaves_old_includes_or_new_ones_never_both(
         (tmp_path / name).write_text("old")
     monkeypatch.setattr(Path, "replace", failing_replace({killed}, KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
-        write_files(tmp_path, dict.fromkeys(names, "new"))
+        write_files(tmp_path, dict.fromkeys(names, "new"), replace=True)
     assert len({(tmp_path / n).read_text() for n in names if (tmp_path / n).exists()}) <= 1
 
 
@@ -422,7 +422,7 @@ def test_what_cannot_be_put_back_is_named(tmp_path: Path, monkeypatch: pytest.Mo
         (tmp_path / name).write_text("old")
     monkeypatch.setattr(Path, "replace", failing_replace(set(range(5, 99))))
     with pytest.raises(RecordError) as found:
-        write_files(tmp_path, dict.fromkeys(names, "new"))
+        write_files(tmp_path, dict.fromkeys(names, "new"), replace=True)
     assert "New: calib_joint0.inc. Old, under another name: calib_joint0.inc" in str(found.value)
     assert (tmp_path / names[0]).read_text() == "new"
     assert [path.read_text() for path in tmp_path.glob("*.old")] == ["old"] * 3

@@ -102,7 +102,7 @@ def test_an_ambiguous_effect_is_exported_by_force_alone(tmp_path: Path) -> None:
     asked = asked_of(tmp_path, effect("backlash", "y", "ambiguous", play=0.06))
     assert "backlash (y), one of several effects that would do" in refused(2, *asked)
     assert not (tmp_path / "out").exists()
-    assert glidecal(*asked, "--force").status == 0
+    assert glidecal(*asked, "--ambiguous").status == 0
     words = (tmp_path / "out" / "calib_joint0.inc").read_text().replace("\n# ", " ")
     assert "backlash (y), adopted as one of several effects that would do" in words
 

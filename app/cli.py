@@ -51,7 +51,7 @@ def home(
 
 
 def settings() -> None:
-    """The settings file, its present values, and every key with its id."""
+    """The settings file, its values, and every key."""
     from app.report.text.home import settings_text
     from app.screens.keys import known_keys, settings_for_screens
     from app.settings import settings_path

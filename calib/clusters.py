@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextvars import ContextVar
 from typing import TypeVar
 
 T = TypeVar("T")
 R = TypeVar("R")
+
+on_part: ContextVar[Callable[[int, int], object]] = ContextVar(
+    "on_part", default=lambda _done, _parts: None
+)
+"""Is told how many parts are done, of how many: whoever waits may set it."""
 
 
 def in_parallel(work: Callable[[T], R], parts: Sequence[T]) -> Iterator[R]:
@@ -16,9 +22,15 @@ def in_parallel(work: Callable[[T], R], parts: Sequence[T]) -> Iterator[R]:
     joblib.parallel_config(n_jobs=4):`` it runs in four processes, with ``backend="dask"`` on a
     cluster of dask.
     """
+    for done, found in enumerate(_results(work, parts), start=1):
+        on_part.get()(done, len(parts))
+        yield found
+
+
+def _results(work: Callable[[T], R], parts: Sequence[T]) -> Iterator[R]:
     if len(parts) < 2:
-        yield from map(work, parts)
-        return
+        return map(work, parts)
     from joblib import Parallel, delayed  # as slow to load as a whole search of few postures
 
-    yield from Parallel(return_as="generator")(delayed(work)(part) for part in parts)
+    results: Iterator[R] = Parallel(return_as="generator")(delayed(work)(part) for part in parts)
+    return results

@@ -59,6 +59,17 @@ class Trouble(StrEnum):
     PARITY = "parity"
 
 
+WORDS = {
+    Trouble.SILENCE: "no answer at all: switched off, or the cable is out",
+    Trouble.SPLIT: "half an answer, without its end",
+    Trouble.NOISE: "stray bytes before each answer",
+    Trouble.ECHO: "each request comes back before its answer",
+    Trouble.DROP_OUTS: "every third answer is missing",
+    Trouble.SLOW: "each answer comes 0.4 s late",
+    Trouble.DISCONNECT: "the port is gone at the first request",
+    Trouble.PARITY: "seven data bits with even parity, to a reader of eight",
+}
+
 SLOW_S = 0.4
 NOISE = b"\xff\x80"
 
@@ -68,12 +79,7 @@ class Disconnected(Exception):
 
 
 class SuspectData:
-    """A twin with a fault: one of `Trouble`, or the name of one of the profile's bad replies.
-
-    ``split`` cuts the answer in the middle of a line, ``noise`` puts stray bytes in front of it,
-    ``drop-outs`` leaves out every third answer and ``parity`` sends seven data bits with even
-    parity to a reader of eight.
-    """
+    """A twin with a fault: one of `Trouble`, or the name of one of the profile's bad replies."""
 
     def __init__(self, twin: Twin, profile: Profile, fault: str) -> None:
         self._twin = twin
@@ -106,9 +112,13 @@ class SuspectData:
         return next((shape for name, shape in shapes.items() if name == self._fault), answer)
 
 
-def faults_of(profile: Profile) -> tuple[str, ...]:
-    """Names of the faults that a twin of this profile can show."""
-    return (*Trouble, *profile.bad_replies)
+def faults_of(profile: Profile) -> dict[str, str]:
+    """The faults that a twin of this profile can show: names, and what each is."""
+    own = {
+        name: f"answers {bad.reply.decode('latin-1').strip()}, {bad.kind}"
+        for name, bad in profile.bad_replies.items()
+    }
+    return {**{trouble.value: words for trouble, words in WORDS.items()}, **own}
 
 
 def twin_of(profile: Profile, spindle: Spindle, fault: str | None = None) -> Twin:

@@ -7,7 +7,16 @@ from typing import Annotated
 
 import typer
 
-from app.machines.options import AsJson, Force, argument, file, machine_option, may_replace, say
+from app.machines.options import (
+    AsJson,
+    Force,
+    argument,
+    file,
+    machine_option,
+    may_replace,
+    say,
+    working,
+)
 from calib.errors import UsageError
 from protocols.machine_files import machine_names
 
@@ -42,7 +51,10 @@ def diagnose(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Where simulation and measurement disagree, the missing effect, the gap before and after."""
+    """What is missing in the model, and where it shows.
+
+    Where simulation and measurement disagree, the missing effect, the gap before and after.
+    """
     from app.evaluating import adoption
     from app.evaluating.diagnosis import diagnose_files
     from app.report.schema.diagnosis import DiagnosisReport
@@ -55,7 +67,8 @@ def diagnose(
     if not sessions:
         raise UsageError("diagnose", "no session", "at least one, or --aliases --procedure NAME")
     may = may_replace(force, adopt if adopt != model else None, next_procedure)
-    found = diagnose_files(sessions, model=model, held_out=held_out or [])
+    with working("Diagnosing"):
+        found = diagnose_files(sessions, model=model, held_out=held_out or [])
     for warning in found.warnings:
         say(f"glidecal: {warning}")
     if next_procedure:
@@ -79,7 +92,8 @@ def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> No
     from app.report.schema.document import to_json
     from app.report.text.planning import alias_text
 
-    found = alias_map(name, known_effects(), machine)
+    with working("Comparing effects"):
+        found = alias_map(name, known_effects(), machine)
     typer.echo(to_json(AliasReport.of(found=found)) if as_json else alias_text(found))
 
 
@@ -89,7 +103,10 @@ def model(
     why: Annotated[str, typer.Option(help="The reason, for the history.")] = "",
     as_json: AsJson = False,
 ) -> None:
-    """Parameters, effects and history of a model; effects can be removed again."""
+    """Parameters, effects and history of a model.
+
+    Effects can be removed again.
+    """
     from app.evaluating.adoption import remove as take_out
     from app.report.text.model import model_text
     from protocols.model_file import read_model_file

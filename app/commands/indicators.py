@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from app.machines.options import AsJson, Channel, figure, number, say
+from app.machines.options import AsJson, Channel, Machine, Seed, figure, number, say
 from calib.errors import IndicatorError, UsageError
 
 indicator_verbs = typer.Typer(help="One indicator outside any session.", no_args_is_help=True)
@@ -78,7 +83,7 @@ def doctor(
 
 
 def ports(as_json: AsJson = False) -> None:
-    """Serial ports of this computer and the indicator profiles that exist."""
+    """Serial ports of this computer, indicator profiles."""
     from serial.tools import list_ports
 
     from app.report.schema.document import to_json
@@ -110,8 +115,18 @@ def simulate_indicator(
     resolution: Annotated[float, figure("Step of the display, mm.")] = 0.001,
     channel: Channel = 1,
     seconds: Annotated[float | None, number("Stop after this time.", 0.0, 1e6)] = None,
+    protocol: Annotated[
+        str | None,
+        typer.Option(help="Rehearse: two indicators on a machine that follows this procedure."),
+    ] = None,
+    machine: Machine = None,
+    seed: Seed = 1,
 ) -> None:
-    """Open a port and answer as the device would, until Ctrl-C."""
+    """A simulated indicator on a port, until Ctrl-C.
+
+    It swings; with --protocol there are two, at a simulated machine that goes from step to step
+    when Enter is pressed here: to rehearse a session on real ports.
+    """
     from app.measuring.indicators import swinging
     from drivers.profile import Spindle
     from drivers.profiles import profile_named
@@ -121,17 +136,70 @@ def simulate_indicator(
     known = profile_named(profile)
     names = faults_of(known)
     if fault == "list":
-        typer.echo("\n".join(names))
+        typer.echo("\n".join(f"{name:<16}{words}" for name, words in names.items()))
         return
     if fault is not None and fault not in names:
         raise UsageError("--fault", repr(fault), ", ".join(names))
     if not resolution > 0.0:
         raise UsageError("--resolution", f"{resolution:g}", "more than 0 mm")
+    if protocol is not None:
+        if fault is not None or tcp is not None or channel != 1:
+            raise UsageError("--protocol", "--fault, --tcp or --channel, too", "one or the others")
+        _rehearse(profile, protocol, machine, seed, resolution, seconds)
+        return
     transport = default_transport() if tcp is None else "tcp"
     twin = twin_of(known, Spindle(swinging(), resolution, channel), fault)
     with TwinPort(twin, transport, stream_s=known.stream_s, tcp_port=tcp or 0) as port:
         typer.echo(port.url)
         say(f"{known.title} listens there; Ctrl-C ends it.")
-        started = time.monotonic()
-        while seconds is None or time.monotonic() - started < seconds:
-            time.sleep(0.1)
+        _wait(seconds)
+
+
+def _wait(seconds: float | None) -> None:
+    started = time.monotonic()
+    while seconds is None or time.monotonic() - started < seconds:
+        time.sleep(0.1)
+
+
+def _rehearse(
+    profile: str,
+    protocol: str,
+    machine: str | None,
+    seed: int,
+    resolution_mm: float,
+    seconds: float | None,
+) -> None:
+    from app.measuring.demo import DEMO_MOTION_S
+    from app.measuring.indicators import simulated_indicators
+    from app.measuring.opening import Plan, refuse_plate, simulated_bench
+    from app.measuring.simulated import BenchSettings, rehearsed
+    from app.report.text.session import rehearsal_text, rehearsed_text
+    from protocols.machine import load_machine
+    from protocols.procedure import load_procedure
+
+    known = load_machine(machine)
+    procedure = load_procedure(protocol, known.geometry())
+    refuse_plate(procedure)
+    settings = BenchSettings(resolution_mm, motion_s=DEMO_MOTION_S)
+    instruments = simulated_indicators([profile])
+    plan = Plan(Path("rehearsal"), known, procedure, instruments, seed=seed, bench=settings)
+    steps = procedure.steps(known.geometry(), plan.axes)
+    with closing(simulated_bench(plan)) as bench:
+        typer.echo("\n".join(bench.rig.ports))
+        options = f"--protocol {protocol}" + (f" --machine {machine}" if machine else "")
+        say(rehearsal_text(options, plan, bench.rig.ports))
+
+        def follow() -> None:
+            for step in rehearsed(steps, _typed()):
+                bench.go(step)
+                say(rehearsed_text(step, plan))
+
+        threading.Thread(target=follow, daemon=True).start()
+        _wait(seconds)
+
+
+def _typed() -> Iterator[str]:
+    """Lines of standard input as they come."""
+    # not sys.stdin: a thread that waits in it holds a lock that the end of the program needs
+    while typed := os.read(0, 1024):
+        yield from typed.decode(errors="replace").splitlines()

@@ -36,7 +36,10 @@ def identifiability(
     as_json: AsJson = False,
     **own: Any,  # noqa: ANN401 (what the machines add)
 ) -> None:
-    """Which parameters a procedure can and cannot see, and what would help."""
+    """Which parameters a procedure can and cannot see.
+
+    And what would help.
+    """
     family = family_of(machine)
     given = options_of(context, family, f"the machine {machine}", own)
     answer = family.identifiability(Question(machine, procedure or "", machine_file), given)
@@ -68,7 +71,12 @@ def postures(
             "tool-variance",
         ]
         | None,
-        typer.Option(help="What is made best.", show_default=CRITERIA),
+        typer.Option(
+            metavar="CRITERION",
+            help="What is made best: determinant, average-variance, smallest-singular-value, "
+            "condition, noise-amplification or tool-variance.",
+            show_default=CRITERIA,
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the starts.")] = 0,
     starts: Annotated[int, typer.Option(min=1, max=10_000, help="Random starts.")] = 8,
@@ -100,7 +108,10 @@ def plan(
     as_json: AsJson = False,
     **own: Any,  # noqa: ANN401 (as above)
 ) -> None:
-    """The one added mounting that lowers the expected tool error most per minute."""
+    """The set-up that lowers the tool error most.
+
+    The one added set-up that lowers the expected tool error most per minute.
+    """
     family, propose = family_that_plans(machine)
     given = options_of(context, family, f"the machine {machine}", own)
     answer = propose(machine, [*(sessions or ()), *(session or ())], given, say)

@@ -51,7 +51,10 @@ def import_table(
     protocol: Protocol = None,
     force: Force = False,
 ) -> None:
-    """A session from a table of readings, or with --template the table to be filled in."""
+    """A session from a table of readings.
+
+    With --template the table itself, to be filled in.
+    """
     from app.version import program
     from protocols.events import Opened
     from protocols.journal import write_whole
@@ -105,9 +108,10 @@ def _write_template(
 
 
 def validate(sessions: Sessions) -> None:
-    """Check records: complete, unbroken, unaltered; names the first broken line.
+    """Are records complete, unbroken and unaltered?
 
-    What it proves holds against accidents and careless edits: the digests have no key.
+    Names the first broken line. What it proves holds against accidents and careless edits: the
+    digests have no key.
     """
     from app.evaluating.solution import end_warning
     from app.measuring.value_check import check_values
@@ -143,7 +147,10 @@ def replay(
     as_json: AsJson = False,
     served: Annotated[bool, typer.Option("--served", hidden=True)] = False,
 ) -> None:
-    """A recorded session again on the screen, or its readings and averages."""
+    """A recorded session again on the screen.
+
+    With --headless its readings and averages.
+    """
     if not headless and not as_json:
         if served:  # a page of glidecal serve: no terminal, and only to look at
             threading.Thread(target=_end_with_the_server, daemon=True).start()
@@ -183,7 +190,10 @@ def serve(
         int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.", min=0, max=65535)
     ] = DEFAULT_PORT,
 ) -> None:
-    """Recorded sessions in a browser of this computer, to look at only; Ctrl-C ends it."""
+    """Recorded sessions in a browser, to look at only.
+
+    Of this computer alone. Ctrl-C ends it.
+    """
     from protocols.record import read_record
 
     for path in sessions:

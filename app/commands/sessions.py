@@ -65,7 +65,10 @@ def run(
         bool, typer.Option("--dry-run", help="Show every step; open and write nothing.")
     ] = False,
 ) -> None:
-    """The guided session on real indicators, or on a simulated machine."""
+    """The guided session on real indicators.
+
+    With --simulated on a simulated machine.
+    """
     from app.measuring.indicators import choose_indicators, some_indicators
     from app.measuring.opening import (
         SIMULATED_INTERVAL_S,
@@ -144,7 +147,10 @@ def demo(
         "demo-sessions"
     ),
 ) -> None:
-    """Measure, identify, export, measure again and compare, on a simulated machine."""
+    """A whole calibration on a simulated machine.
+
+    Measure, identify, export, measure again and compare.
+    """
     from app.measuring.demo import DEMO_MOTION_S, demo_plan, with_hidden_effect
     from app.measuring.indicators import DEFAULT_PROFILE
     from app.measuring.opening import SIMULATED_INTERVAL_S, writable_folder
@@ -215,7 +221,10 @@ def simulate(
     force: Force = False,
     **own: Any,  # noqa: ANN401 (what the machines add)
 ) -> None:
-    """A session from the simulation: the nominal machine, or that of a model file."""
+    """A session of a simulated machine.
+
+    The nominal one, or that of a model file.
+    """
     name = machine or USUAL_MACHINE
     family = family_of(name)
     given = options_of(context, family, f"the machine {name}", own)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from app.evaluating.solution import SessionSolution, indicator_figures
@@ -46,9 +45,7 @@ def maps(solved: SessionSolution) -> tuple[ToolMap, ...]:
     return tuple(tool_map(geometry, bias, covariance, plane, POINTS) for plane in PLANES)
 
 
-def monte_carlo(
-    solved: SessionSolution, sessions: int, seed: int, progress: Callable[[int], None]
-) -> MonteCarlo:
+def monte_carlo(solved: SessionSolution, sessions: int, seed: int) -> MonteCarlo:
     """Sessions like this one on machines like this one, identified as this one was.
 
     All indicators scatter alike there; with a coarse display the machines differ by some steps. A
@@ -63,4 +60,4 @@ def monte_carlo(
             "a session with repeats or a stated indicator, and one of the plain sets",
         )
     campaign = Campaign.like(solution, solved.observed, indicator_figures(solved.sessions))
-    return simulate_and_identify(campaign, sessions, seed, progress)
+    return simulate_and_identify(campaign, sessions, seed)

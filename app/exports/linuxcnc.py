@@ -184,7 +184,7 @@ def _refuse_what_is_not_known(offsets: Offsets) -> None:
             "export of a model",
             f"{', '.join(offsets.ambiguous)}, one of several effects that would do",
             "effects that the readings tell from others",
-            "Measure what glidecal diagnose --next proposes, or give --force.",
+            "Measure what glidecal diagnose --next proposes, or give --ambiguous.",
         )
     controller = offsets.controller
     entered = controller.entered if controller else None

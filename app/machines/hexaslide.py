@@ -18,7 +18,7 @@ from app.machines.family import (
     Search,
     Simulation,
 )
-from app.machines.options import file, may_replace, may_write, number, parts
+from app.machines.options import file, may_replace, may_write, number, parts, working
 from app.screens.look import Look
 from calib.errors import UsageError
 
@@ -92,7 +92,8 @@ def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer | On
     planned = hexaslide_planning(request)
     if own.screen:
         return OnScreen(lambda: _screen(request))
-    found = look_at(planned)
+    with working("Looking at the postures"):
+        found = look_at(planned)
     return Answer(
         lambda: seen_text(found),
         lambda: HexaSlideIdentifiabilityReport.of(seen=found.seen, found=found),
@@ -144,9 +145,10 @@ def postures(asked: Question, search: Search, own: PostureOptions, say: Say) -> 
         seed=search.seed,
     )
     may = may_write(search.output, ".csv", force=search.force)
-    found = asked_postures(
-        request, search.count, search.criterion, starts=search.starts, as_is=own.as_is
-    )
+    with working("Looking for postures"):
+        found = asked_postures(
+            request, search.count, search.criterion, starts=search.starts, as_is=own.as_is
+        )
     if search.output:
         write_postures(found, search.output, replace=may)
         say(f"postures written to {search.output}")
@@ -230,7 +232,8 @@ def solve(files: Sequence[Path], own: SolveOptions, _say: Say) -> Answer:
     if len(files) != 1:
         raise UsageError(FAMILY.measured, f"{len(files)} files", "one file")
     share = SHARE if own.held_out is None else own.held_out
-    solved = calibrate_file(files[0], own.truth, share)
+    with working("Solving"):
+        solved = calibrate_file(files[0], own.truth, share)
     return Answer(lambda: calibration_text(solved), lambda: CalibrationReport.of(solved=solved))
 
 

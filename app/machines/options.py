@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -88,6 +90,37 @@ def may_write(output: Path | None, suffix: str, *, force: bool) -> bool:
     if output is not None and output.suffix != suffix:
         raise UsageError("--output", f"{output}", f"a path that ends with {suffix}")
     return may_replace(force, output)
+
+
+@contextmanager
+def working(words: str) -> Iterator[None]:
+    """Tells a terminal what is under way, for how long, and how far where that is known.
+
+    Nothing may be said meanwhile.
+    """
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from calib.clusters import on_part
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    # a bar needs the terminal's own codes, and shows no text of a file
+    with Progress(
+        *columns,
+        console=Console(file=sys.__stderr__),
+        transient=True,
+        redirect_stdout=False,
+        redirect_stderr=False,
+    ) as bar:
+        task = bar.add_task(f"{words}, Ctrl-C stops", total=None)
+        token = on_part.set(lambda done, parts: bar.update(task, completed=done, total=parts))
+        try:
+            yield
+        finally:
+            on_part.reset(token)
 
 
 def say(text: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,13 +22,12 @@ from app.machines.options import (
     may_replace,
     may_write,
     number,
+    working,
 )
 from protocols.machine_files import USUAL_MACHINE, machine_names
 
 if TYPE_CHECKING:  # heavy: imported where used
-    from app.evaluating.solution import SessionSolution
     from app.report.schema.document import Report
-    from calib.identify.monte_carlo import MonteCarlo
 
 
 Noise = Annotated[float | None, number("Standard deviation of a reading, mm.", most=10.0)]
@@ -89,17 +87,18 @@ def postures(asked: Question, search: Search, own: PostureOptions, say: Say) -> 
     planned, like = tripod_planning(
         asked.machine, asked.procedure, asked.machine_file, own.noise, minutes
     )
-    chosen = optimum_postures(
-        planned,
-        search.count,
-        criterion=search.criterion,
-        budget_min=own.budget,
-        seed=search.seed,
-        starts=search.starts,
-        repeats=own.repeats,
-        common=own.common,
-        refine=own.refine,
-    )
+    with working("Looking for postures"):
+        chosen = optimum_postures(
+            planned,
+            search.count,
+            criterion=search.criterion,
+            budget_min=own.budget,
+            seed=search.seed,
+            starts=search.starts,
+            repeats=own.repeats,
+            common=own.common,
+            refine=own.refine,
+        )
     if search.output:
         target, written = procedure_files(chosen.orders, like, search.output)
         may = may_replace(may, *targets_of(target, written))
@@ -200,9 +199,10 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
     """Parameters with uncertainties from sessions. Raises UsageError for what they do not allow."""
     from app.evaluating.solution import solve_files
 
-    solved, warnings = solve_files(
-        files, subset=own.subset, method=own.method, weights=own.weights, model=own.model
-    )
+    with working("Solving"):
+        solved, warnings = solve_files(
+            files, subset=own.subset, method=own.method, weights=own.weights, model=own.model
+        )
     for warning in warnings:
         say(f"glidecal: {warning}")
     judged = mapped = simulated = None
@@ -212,7 +212,10 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
         judged = None if own.tolerance is None else judge(solved, own.tolerance)
         mapped = maps(solved) if own.show_map else None
     if own.monte_carlo:
-        simulated = _monte_carlo(solved, own.monte_carlo, own.seed)
+        from app.evaluating.accuracy import monte_carlo
+
+        with working("Simulating sessions"):
+            simulated = monte_carlo(solved, own.monte_carlo, own.seed)
 
     def text() -> str:
         from app.report.text.result import judged_text, maps_text, monte_carlo_text, solution_text
@@ -234,19 +237,6 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
     return Answer(text, document)
 
 
-def _monte_carlo(solved: SessionSolution, count: int, seed: int) -> MonteCarlo:
-    """Many sessions with a progress bar on standard error."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    from app.evaluating.accuracy import monte_carlo
-
-    # a bar needs the terminal's own codes, and shows no text of a file
-    with Progress(console=Console(file=sys.__stderr__), transient=True) as bar:
-        task = bar.add_task("sessions", total=count)
-        return monte_carlo(solved, count, seed, lambda done: bar.update(task, completed=done))
-
-
 @dataclass(frozen=True)
 class PlanOptions:
     """Of ``plan``."""
@@ -262,13 +252,14 @@ def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: S
     from app.report.schema.plan import PlanReport
     from app.report.text.planning import plan_text
 
-    found = next_measurement(
-        sessions,
-        machine_file=machine,
-        model_file=own.model,
-        noise_mm=own.noise,
-        minutes_per_mounting=own.mounting_seconds / 60.0,
-    )
+    with working("Looking for the next measurement"):
+        found = next_measurement(
+            sessions,
+            machine_file=machine,
+            model_file=own.model,
+            noise_mm=own.noise,
+            minutes_per_mounting=own.mounting_seconds / 60.0,
+        )
     for warning in found.warnings:
         say(f"glidecal: {warning}")
     return Answer(lambda: plan_text(found), lambda: PlanReport.of(plan=found))

@@ -118,11 +118,7 @@ def open_indicators(plan: Plan) -> Indicators:
         interval_s, window_s = None, plan.procedure.window_s
         bench: SimulatedBench | None = None
         if plan.simulated:
-            entered = plan.machine.entered_offsets_mm
-            truth = hidden_machine(plan.machine.geometry(), plan.seed, entered)
-            bench = SimulatedBench(
-                truth, plan.seed, plan.path.name, profiles, plan.transport, plan.bench
-            )
+            bench = simulated_bench(plan)
             undo.callback(bench.close)
             ports, interval_s, window_s = bench.rig.ports, plan.interval_s, SIMULATED_WINDOW_S
         gauges = tuple(
@@ -141,6 +137,13 @@ def open_indicators(plan: Plan) -> Indicators:
             undo.callback(gauge.close)
         undo.pop_all()
     return Indicators(gauges, bench.go, bench.close) if bench else Indicators(gauges)
+
+
+def simulated_bench(plan: Plan) -> SimulatedBench:
+    """The simulated machine of a plan, with its indicators switched on."""
+    truth = hidden_machine(plan.machine.geometry(), plan.seed, plan.machine.entered_offsets_mm)
+    profiles = [profile_of(instrument) for instrument in plan.instruments]
+    return SimulatedBench(truth, plan.seed, plan.path.name, profiles, plan.transport, plan.bench)
 
 
 def refuse_plate(procedure: Procedure) -> None:

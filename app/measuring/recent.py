@@ -20,12 +20,14 @@ SMALL_BYTES = 2 * END_BYTES
 class Recent:
     """One session file: its state in words, whether it can go on, what it verifies.
 
-    ``problem`` is the reason why a file cannot be used; empty for a readable session.
+    ``empty``: it was left before its first reading. ``problem`` is the reason why a file cannot be
+    used; empty for a readable session.
     """
 
     path: Path
     state: str
     interrupted: bool = False
+    empty: bool = False
     verifies: str | None = None
     problem: str = ""
 
@@ -87,7 +89,13 @@ def _state(record: Record) -> Recent:
     if not steps:
         return Recent(record.path, f"{readings}, cut", verifies=verifies)
     where = f"interrupted at step {following.number} of {len(steps)}" if following else "not closed"
-    return Recent(record.path, f"{readings}, {where}", interrupted=True, verifies=verifies)
+    return Recent(
+        record.path,
+        f"{readings}, {where}",
+        interrupted=True,
+        empty=not session.all_readings,
+        verifies=verifies,
+    )
 
 
 def follow_up(session: Recent, among: list[Recent]) -> Recent | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from app.measuring.indicators import SIMULATED
@@ -79,6 +80,16 @@ class SimulatedBench:
     def close(self) -> None:
         """Switch everything off."""
         self.rig.close()
+
+
+def rehearsed(steps: Sequence[Step], typed: Iterable[str]) -> Iterator[Step]:
+    """The first step, then for each line the step of that number, without one the following."""
+    at = 1
+    yield steps[0]
+    for line in typed:
+        at = int(line) if line.isdecimal() and line.isascii() else at + 1
+        at = min(max(at, 1), len(steps))
+        yield steps[at - 1]
 
 
 EXACT_DECIMALS = 15

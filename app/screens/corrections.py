@@ -9,7 +9,7 @@ from typing import TypeVar
 from textual.screen import ModalScreen, Screen
 
 from app.measuring.session import GuidedSession
-from app.report.text.session import point_text
+from app.report.text.session import MOVED_CHOICES, MOVED_QUESTION, point_text
 from app.screens.dialogs import ChoiceDialog, TextDialog
 from app.screens.interface import Interface
 from calib.errors import GlidecalError
@@ -131,8 +131,12 @@ class Corrections(Screen[None]):
             self.proceed()
 
     def action_remount(self) -> None:
-        """The stand was moved: later readings have a new zero."""
-        if not self.busy and self.write(self.guided.remount):
+        """The stand was moved: later readings have a new zero. Asks first."""
+        if not self.busy:
+            self.ask(ChoiceDialog(MOVED_QUESTION, MOVED_CHOICES), self._remount)
+
+    def _remount(self, answer: str | None) -> None:
+        if answer == "moved" and self.write(self.guided.remount):
             self.say("New mounting: readings from here on have a zero of their own")
             self.proceed()
 

@@ -82,7 +82,7 @@ class HomeScreen(Screen[None]):
         others: list[Option | None] = []
         for recent in self._recent:
             label = texts.session_label(recent)
-            if recent.interrupted and not self.app.read_only:
+            if recent.interrupted and not recent.empty and not self.app.read_only:
                 going_on.append(Option(f"Continue  {label}", f"continue {recent.path}"))
             others.append(Option(label, f"session {recent.path}"))
         options = [*going_on, *(Option(words, name) for name, words in able)]

@@ -7,7 +7,6 @@ memory flat.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self
 
@@ -110,13 +109,8 @@ class MonteCarlo:
         return np.sqrt(self.predicted_mm2)
 
 
-def simulate_and_identify(
-    campaign: Campaign,
-    sessions: int,
-    seed: int,
-    progress: Callable[[int], None] = lambda _: None,
-) -> MonteCarlo:
-    """Simulate, identify and judge so many sessions; ``progress`` is told how many are done."""
+def simulate_and_identify(campaign: Campaign, sessions: int, seed: int) -> MonteCarlo:
+    """Simulate, identify and judge so many sessions."""
     kind = _Kind.of(campaign)
     size = len(campaign.free)
     total = _Sums(0, np.zeros(size), np.zeros((size, size)), np.zeros(size))
@@ -124,9 +118,8 @@ def simulate_and_identify(
     ends = [min(start + CHUNK, sessions) for start in starts]
     chunks = zip(starts, ends, strict=True)
     parts = in_parallel(lambda chunk: kind.sums(seed, *chunk), tuple(chunks))
-    for end, part in zip(ends, parts, strict=True):
+    for part in parts:
         total += part
-        progress(end)
     failed = total.failed
     covered, product, stated = total.covered, total.product_mm2, total.stated_mm2
     judged = max(sessions - failed, 1)

@@ -7,7 +7,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from textual.widgets import Input, OptionList
+from textual.widgets import Input, OptionList, Static
 
 from app.evaluating.solution import solve_files
 from app.screens.diagnose import DiagnoseScreen
@@ -78,8 +78,12 @@ async def test_another_effect_of_an_ambiguous_set_is_adopted(doubtful: Path) -> 
             await until(pilot, "file name", lambda: isinstance(interface.screen, TextDialog))
             interface.screen.query_one(Input).value = str(path)
             await pilot.press("enter")
-            await pilot.pause()
-        assert f"{taken} is there already" in said(interface)
+            if path == taken:
+                await until(pilot, "question", lambda: isinstance(interface.screen, ChoiceDialog))
+                question = str(interface.screen.query(Static).first().content)
+                assert question == f"{taken} is there already."
+                await pilot.press("1")
+                await until(pilot, "kept", lambda: interface.screen is screen)
         assert taken.read_text(encoding="utf-8") == "mine"
         await until(pilot, "again", lambda: screen.model == target and not screen.looking)
         assert rival is not None

@@ -21,6 +21,9 @@ from app.screens.prepare import DryRunScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import CompareScreen, ResultScreen
 from app.screens.start import Glidecal
+from protocols.journal import Journal
+from tests.protocols.test_journal import reading
+from tests.recorded import opened as planned
 from tests.screens.driving import SIZE, quick_plan, said, text, until
 
 BEFORE, AFTER = "before [mm].jsonl", "after [ttyUSB0].jsonl"
@@ -80,6 +83,22 @@ async def test_list_of_what_can_be_done(folder: Path) -> None:
         await shown(pilot, interface, HelpDialog)
         await pilot.press("escape", "f10")
     assert interface.return_code == 0
+
+
+async def test_a_session_left_before_its_first_reading_is_not_offered_first(folder: Path) -> None:
+    for name, readings in (("left.jsonl", []), ("begun.jsonl", [reading(1)])):
+        journal = Journal.create(folder / name, planned())
+        journal.append(*readings)
+        journal.close()
+    interface = Glidecal(HomeScreen())
+    async with interface.run_test(size=SIZE) as pilot:
+        await pilot.pause()
+        listed = options(interface)
+        assert [words.split()[1] for words in listed if words[:8] == "Continue"] == ["begun.jsonl"]
+        await choose(pilot, interface, "left.jsonl")
+        await shown(pilot, interface, ChoiceDialog)
+        assert "Continue measuring" in options(interface)[0]
+        await pilot.press("escape", "f10")
 
 
 async def test_compare_by_keys(folder: Path) -> None:
@@ -167,6 +186,14 @@ async def test_export_writes_what_the_result_screen_writes(folder: Path) -> None
         await until(pilot, "words", lambda: f"Written to {written.name}" in said(interface))
         names = {path.name for path in written.iterdir()}
         assert names >= set(FILE_NAMES.values()) | {"calib_joint0.inc"}
+        (written / "offsets.csv").write_text("mine", encoding="utf-8")
+        await choose(pilot, interface, "Export")
+        await shown(pilot, interface, PickScreen)
+        await choose(pilot, interface, "before")
+        await shown(pilot, interface, ChoiceDialog)
+        assert (written / "offsets.csv").read_text(encoding="utf-8") == "mine"
+        await pilot.press("2")
+        await until(pilot, "replaced", lambda: (written / "offsets.csv").stat().st_size > 4)
         await pilot.press("f10")
 
 

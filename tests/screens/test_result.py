@@ -10,7 +10,7 @@ import pytest
 from textual.containers import VerticalScroll
 from textual.geometry import Size
 from textual.screen import Screen
-from textual.widgets import TabbedContent
+from textual.widgets import Static, TabbedContent
 from textual.widgets._footer import FooterKey
 
 from app.evaluating.solution import SessionSolution, solve_files, solve_for_controller
@@ -19,7 +19,7 @@ from app.measuring.opening import Plan, plan_to_repeat, start_session
 from app.measuring.simulated import BenchSettings
 from app.report.text.result import solution_text
 from app.screens.check import CheckScreen
-from app.screens.dialogs import HelpDialog
+from app.screens.dialogs import ChoiceDialog, HelpDialog
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
 from app.screens.plot import ChartPlot
@@ -261,6 +261,27 @@ async def test_export_names_what_it_wrote(
     assert "offsets.csv" in written
     assert all(name in said[0] for name in written)
     assert "WARNING" in said[0], "no HOME_OFFSET is known of this machine"
+
+
+async def test_export_asks_before_it_replaces(
+    published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solved, path = published
+    mine = path.with_suffix("") / "offsets.csv"
+    mine.parent.mkdir()
+    mine.write_text("mine", encoding="utf-8")
+    interface = Glidecal(ResultScreen(solved, None, path))
+    said = hear(interface, monkeypatch)
+    async with interface.run_test(size=SIZE) as pilot:
+        for answer in ("1", "2"):
+            await pilot.press("e")
+            await until(pilot, "question", lambda: isinstance(interface.screen, ChoiceDialog))
+            assert f"{mine} is there already" in str(interface.screen.query(Static).first().content)
+            assert [one.name for one in mine.parent.iterdir()] == [mine.name]
+            assert mine.read_text(encoding="utf-8") == "mine"
+            await pilot.press(answer)
+        await until(pilot, "written", lambda: bool(said))
+    assert mine.read_text(encoding="utf-8") != "mine"
 
 
 async def test_export_that_the_disk_refuses(

@@ -11,6 +11,7 @@ from textual.widgets import Input, Static
 
 from app.measuring.gauges import Gauge
 from app.screens.check import CheckScreen
+from app.screens.dialogs import ChoiceDialog
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
 from app.screens.prepare import PrepareScreen
@@ -71,7 +72,12 @@ async def test_take_repeat_note_remount_and_pause(tmp_path: Path) -> None:
         await pilot.press("n", *"slip [x]", "enter")
         await pilot.pause()
         assert "Noted: slip [x]" in text(interface, "#said")
-        await pilot.press("m")
+        for answer, mountings in (("1", 1), ("2", 2)):
+            await pilot.press("m")
+            await until(pilot, "question", lambda: isinstance(interface.screen, ChoiceDialog))
+            await pilot.press(answer)
+            await until(pilot, "answer", lambda: interface.screen is screen)
+            assert len(screen.guided.session.mountings) == mountings
         await take(pilot, screen)
         await pilot.press("ctrl+c")
     assert interface.return_code == 130

@@ -88,6 +88,23 @@ def dry_run_text(procedure: Procedure, machine: Machine, axes: Sequence[str]) ->
     return f"{sentence}\n\n{table_text(table)}"
 
 
+def rehearsal_text(options: str, plan: Plan, ports: Sequence[str]) -> str:
+    """How a rehearsal is measured, with these ``options``, and moved."""
+    named = zip(plan.instruments, ports, strict=True)
+    return (
+        f"Measure with: glidecal run {options} "
+        + " ".join(f"--indicator {instrument.profile}:{port}" for instrument, port in named)
+        + "\nHere Enter moves the machine to the next step, a number and Enter to that step; "
+        "Ctrl-C ends."
+    )
+
+
+def rehearsed_text(step: Step, plan: Plan) -> str:
+    """Where the machine goes."""
+    posture = step.posture(plan.machine.geometry())
+    return f"step {step.number}: leg {step.leg.upper()}  {posture}  cycle {step.cycle}"
+
+
 def check_text(plan: Plan) -> str:
     """What to look at before the first reading."""
     if plan.simulated:
@@ -205,6 +222,9 @@ def question_text(taken: TakenStep) -> str:
         )
     return "\n".join(lines)
 
+
+MOVED_QUESTION = "Was the stand moved or touched? If so, readings get a new zero from here on."
+MOVED_CHOICES = (("no", "1  No: go on as before"), ("moved", "2  Yes: a new zero"))
 
 QUESTION_CHOICES = (
     ("read", "1  Read again here, without moving"),

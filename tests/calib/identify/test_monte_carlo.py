@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 
+from calib.clusters import on_part
 from calib.identify.accuracy import decide, tool_error, tool_map
 from calib.identify.identify import identify
 from calib.identify.monte_carlo import Campaign, simulate_and_identify
@@ -169,9 +170,11 @@ def test_map_and_decision() -> None:
 
 
 def test_memory_and_result_do_not_depend_on_how_sessions_are_cut() -> None:
-    told: list[int] = []
+    told: list[tuple[int, int]] = []
     campaign = Campaign(Model(), OBSERVED, SUBSETS["both"], 0.005, 0.01, np.full(6, 1.0))
-    first = simulate_and_identify(campaign, 5000, seed=1, progress=told.append)
+    token = on_part.set(lambda done, parts: told.append((done, parts)))
+    first = simulate_and_identify(campaign, 5000, seed=1)
+    on_part.reset(token)
     again = simulate_and_identify(campaign, 5000, seed=1)
-    assert told == [2048, 4096, 5000]
+    assert told == [(1, 3), (2, 3), (3, 3)]
     assert np.array_equal(first.error_covariance_mm2, again.error_covariance_mm2)

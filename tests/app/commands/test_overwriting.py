@@ -1,0 +1,133 @@
+"""Every verb that writes a file a person asked for: nothing that is there is lost unasked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import typer
+from typer.main import get_command
+
+from app.cli import cli
+from protocols.files import FilesThere, write_files
+from tests.app.cli import glidecal, refused
+
+HEXA = ("--machine", "hexaslide", "--procedure", "pose-inverse", "--postures", "12")
+POSTURES = ("--procedure", "zero-max-min", "--count", "9", "--common")
+NINE = ("--procedure", "pose-inverse", "--count", "9", "--starts", "1")
+SAMPLE = "{samples}/simulated_sweep.jsonl"
+
+WRITING = {
+    "export json": (("export", SAMPLE, "--format", "json", "-o", "{}"), ""),
+    "export csv": (("export", SAMPLE, "--format", "csv", "-o", "{}"), ""),
+    "export model": (("export", SAMPLE, "--format", "model", "-o", "{}"), ""),
+    "export linuxcnc": (
+        ("export", SAMPLE, "--format", "linuxcnc", "--home-offset", "0,0,0", "-o", "{}"),
+        "calib_joint1.inc",
+    ),
+    "adopt": (("diagnose", SAMPLE, "--candidate", "backlash:y", "--adopt", "{}"), ""),
+    "postures": (("postures", "orthoglide", *POSTURES, "-o", "{}.toml"), ""),
+    "postures hexaslide": (("postures", "hexaslide", *NINE, "-o", "{}.csv"), ""),
+    "simulate hexaslide": (("simulate", *HEXA, "-o", "{}"), ""),
+    "its truth": (("simulate", *HEXA, "-o", "{}-other", "--truth", "{}"), ""),
+    "template": (("import", "{}.csv", "--template"), ""),
+    "template xlsx": (("import", "{}.xlsx", "--template"), ""),
+}
+"""Arguments with the place of the file or folder, and the file that is there in a folder."""
+
+RECORDING = {
+    "import": ("import", "{samples}/tables/experiment_2_six.csv", "-o", "{}"),
+    "simulate": ("simulate", "-o", "{}"),
+    "run": ("run", "--simulated", "--headless", "-o", "{}"),
+}
+
+WRITING_OPTIONS = {"output", "adopt", "next_procedure", "template", "folder"}
+NO_FORCE = {"run", "demo"}
+"""They write sessions under new names alone."""
+
+
+def asked(arguments: tuple[str, ...], samples: Path, at: Path) -> list[str]:
+    return [one.replace("{samples}", str(samples)).replace("{}", str(at)) for one in arguments]
+
+
+def target_of(name: str, at: Path) -> Path:
+    arguments, inside = WRITING[name]
+    if inside:
+        at.mkdir()
+        return at / inside
+    suffix = next(one for one in arguments if one.startswith("{}") and one != "{}-other")
+    return Path(suffix.replace("{}", str(at)))
+
+
+@pytest.mark.parametrize("name", WRITING)
+def test_a_file_that_is_there_is_kept_in_a_pipe_and_replaced_by_force(
+    name: str, tmp_path: Path, samples: Path
+) -> None:
+    at = tmp_path / "out"
+    target = target_of(name, at)
+    target.write_text("mine", encoding="utf-8")
+    arguments = asked(WRITING[name][0], samples, at)
+    there = sorted(tmp_path.rglob("*"))
+    said = refused(2, *arguments)
+    assert f"{target} is there already. Give another name, or --force to replace." in said
+    assert target.read_text(encoding="utf-8") == "mine"
+    assert sorted(tmp_path.rglob("*")) == there, "nothing is half written beside it"
+    assert glidecal(*arguments, "--force").status == 0
+    assert target.read_bytes() != b"mine"
+
+
+@pytest.mark.parametrize("name", RECORDING)
+def test_a_session_is_never_replaced(name: str, tmp_path: Path, samples: Path) -> None:
+    at = tmp_path / "s.jsonl"
+    at.write_text("mine", encoding="utf-8")
+    arguments = asked(RECORDING[name], samples, at)
+    forced = [*arguments, "--force"] if name not in NO_FORCE else arguments
+    assert "a record is never overwritten" in refused(3, *forced)
+    assert at.read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.parametrize("name", ["export json", "postures", "simulate hexaslide", "template"])
+def test_not_even_force_writes_over_a_session(name: str, tmp_path: Path, samples: Path) -> None:
+    target = target_of(name, tmp_path / "out")
+    session = (samples / "simulated_sweep.jsonl").read_bytes()
+    target.write_bytes(session)
+    arguments = asked(WRITING[name][0], samples, tmp_path / "out")
+    assert "records are kept" in refused(2, *arguments, "--force")
+    assert target.read_bytes() == session
+
+
+def test_every_verb_with_a_file_to_write_stands_above() -> None:
+    command = get_command(cli)
+    assert isinstance(command, typer.core.TyperGroup)
+    writing = {
+        name
+        for name, verb in command.commands.items()
+        if WRITING_OPTIONS & {one.name for one in verb.params}
+    }
+    tried = {arguments[0] for arguments, _ in WRITING.values()} | {a[0] for a in RECORDING.values()}
+    assert writing - {"demo"} == tried
+    for name in writing - NO_FORCE:
+        assert "force" in {one.name for one in command.commands[name].params}, name
+
+
+def test_the_known_model_goes_on_without_a_question(tmp_path: Path, samples: Path) -> None:
+    model = tmp_path / "m.json"
+    session = samples / "simulated_sweep.jsonl"
+    first = ("diagnose", session, "--adopt", model, "--candidate", "backlash:y")
+    assert glidecal(*first).status == 0
+    again = ("diagnose", session, "--model", model, "--adopt", model, "--candidate", "gravity_sag")
+    assert glidecal(*again).status == 0
+    said = glidecal("model", model).out
+    assert "backlash (y)" in said
+    assert "gravity_sag (all)" in said
+
+
+def test_a_folder_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    (tmp_path / "b").write_text("mine", encoding="utf-8")
+    with pytest.raises(FilesThere, match=r"b is there already\."):
+        write_files(tmp_path, {"a": "new", "b": "new"})
+    assert not (tmp_path / "a").exists()
+    write_files(tmp_path, {"a": "new", "b": b"new"}, replace=True)
+    assert (tmp_path / "b").read_bytes() == b"new"
+    with pytest.raises(FilesThere, match=r"^a, b are there already in "):
+        write_files(tmp_path, {"a": "newer", "b": "newer"})

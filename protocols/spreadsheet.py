@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from io import BytesIO
@@ -60,7 +59,7 @@ def workbook(rows: Iterable[Sequence[str | float]], thing: str) -> bytes:
 
 def _openpyxl(thing: str) -> Any:  # noqa: ANN401 (a module)
     try:
-        return importlib.import_module("openpyxl")
+        import openpyxl
     except ImportError as problem:
         raise UsageError(
             thing,
@@ -68,6 +67,7 @@ def _openpyxl(thing: str) -> Any:  # noqa: ANN401 (a module)
             "an installation with the extra xlsx",
             'Install it with: pip install "glidecal[xlsx]", or save the table as CSV',
         ) from problem
+    return openpyxl
 
 
 def _texts(row: Iterable[object]) -> list[str]:

@@ -26,7 +26,7 @@ from app.screens.interface import Interface
 from app.screens.pages import PagedScreen
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError
-from protocols.files import FilesThere, unused_path
+from protocols.files import unused_path
 
 PAGES = {"verdict": "1 Verdict", "where": "2 Where", "candidates": "3 Candidates"}
 CHANGE = "change"
@@ -198,20 +198,9 @@ class DiagnoseScreen(PagedScreen):
         found = self._ready()
         if found is None:
             return
-        with self.app.complaining():
-            try:
-                adopt(
-                    found,
-                    self.paths,
-                    target,
-                    known=self.model,
-                    candidate=candidate,
-                    replace=replace,
-                )
-            except FilesThere as problem:
-                again = partial(self._adopt, target, candidate, replace=True)
-                self.app.ask_to_replace(problem, again)
-                return
+        known = self.model
+        with self.app.complaining(partial(self._adopt, target, candidate, replace=True)):
+            adopt(found, self.paths, target, known=known, candidate=candidate, replace=replace)
             self.app.notify(texts.MODEL_WRITTEN.format(target), timeout=10, markup=False)
             self.model, self._gap_before_mm = target, found.diagnosis.gap_before.rms_mm
             self._look()

@@ -214,12 +214,18 @@ class Interface(App[str]):
         self.push_screen(ChoiceDialog(f"{problem.words}.", REPLACE_CHOICES), answered)
 
     @contextmanager
-    def complaining(self) -> Iterator[None]:
-        """Within this an error is shown, and what would follow it there is left out."""
+    def complaining(self, replacing: Callable[[], object] | None = None) -> Iterator[None]:
+        """Within this an error is shown, and what would follow it there is left out.
+
+        Where files are there already a person is asked, and ``replacing`` writes all the same.
+        """
         try:
             yield
         except GlidecalError as problem:
-            self.complain(problem)
+            if replacing and isinstance(problem, FilesThere):
+                self.ask_to_replace(problem, replacing)
+            else:
+                self.complain(problem)
 
     async def action_quit(self) -> None:
         """Quit; an open session is paused and can be continued."""

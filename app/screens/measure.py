@@ -25,7 +25,7 @@ from app.screens.corrections import Corrections
 from app.screens.dialogs import ChoiceDialog
 from app.screens.leg_review import LegReviewScreen
 from app.screens.session_view import SessionView
-from calib.errors import GlidecalError
+from calib.errors import GlidecalError, sentence
 from drivers.profile import Fault, Reading
 from protocols.procedure import Step
 from protocols.session_clock import steady_s
@@ -181,7 +181,7 @@ class MeasureScreen(Corrections):
             if lost and number not in self._lost:
                 self._lost.add(number)
                 words = live.outcome.words if isinstance(live.outcome, Fault) else ""
-                self.say(f"Indicator {number + 1}: {words}. The session waits.")
+                self.say(f"Indicator {number + 1}: {sentence(words)} The session waits.")
             elif isinstance(live.outcome, Reading) and number in self._lost:
                 self._lost.remove(number)
                 self.say(f"Indicator {number + 1} answers again; go on with this step.")
@@ -198,7 +198,7 @@ class MeasureScreen(Corrections):
         if held or self.busy:
             return
         if self.held:
-            self.say("On hold: nothing is taken. P goes on.")
+            self.say("On hold: nothing is taken. Press P to measure again.")
             return
         if self.guided.step() is None:
             self._begin_finish()
@@ -292,7 +292,7 @@ class MeasureScreen(Corrections):
     def action_hold(self) -> None:
         """Nothing is taken until the same key again."""
         self._set_hold(not self.held, "on hold" if not self.held else "goes on")
-        self.say("On hold. P goes on." if self.held else "Goes on.")
+        self.say("On hold. Press P to measure again." if self.held else "No longer on hold.")
 
     def _set_hold(self, held: bool, note: str) -> None:
         if self.write(lambda: self.guided.note(note)):

@@ -27,6 +27,7 @@ from app.report.charts.charts import readings_by_posture
 from app.report.text.session import leg_table_text, step_text
 from app.report.text.tables import signed
 from app.screens.plot import ChartPlot
+from calib.errors import sentence
 from calib.tripod.geometry import Geometry
 from drivers.profile import Fault, Reading
 from protocols.procedure import Step
@@ -52,9 +53,6 @@ OLD_S = 1.0
 
 CHART_S = 0.06
 """The chart is half of a step's picture; it comes later, so that readings need not wait for it."""
-
-WORDS_FIT = 38
-"""Columns that a fault's words need; narrower panels name its kind only."""
 
 
 @lru_cache(maxsize=64)
@@ -94,6 +92,8 @@ class GaugeDisplay(Widget):
         if state != self.state:
             self.state = state
             self._draw_rows(STATE_ROW, 1)
+            if Motion.FAULT in (live.motion, self._motion):
+                self.refresh()
         if live.motion is not self._motion:
             self._motion = live.motion
             self.set_classes(f"gauge {live.motion.value}")
@@ -107,12 +107,15 @@ class GaugeDisplay(Widget):
     def render_line(self, y: int) -> Strip:
         """One row; the look of border and ground comes from the style sheet."""
         ground = self.visual_style.rich_style
+        if self._motion is Motion.FAULT:  # its words in the place of digits and trend
+            rows = self._state_rows()
+            return Strip([Segment(rows[y] if y < len(rows) else "", ground)])
         if y < DIGIT_ROWS:
             row, width = big_digits(self.number)[y], self.size.width
             left = max(0, width - len(row)) // 2
             return Strip([Segment((" " * left + row).ljust(width), ground)])
         if y == STATE_ROW:
-            return Strip([Segment(self._state_fitting(), ground)])
+            return Strip([Segment(self._state_rows()[0], ground)])
         return self._trend_strip(ground) if y == TREND_ROW else Strip([])
 
     def get_selection(self, selection: Selection) -> tuple[str, str] | None:
@@ -143,10 +146,10 @@ class GaugeDisplay(Widget):
             for bar, count in zip(drawn, cells, strict=True)
         )
 
-    def _state_fitting(self) -> str:
-        """As much of the state as one row holds, cut between words; never control codes."""
+    def _state_rows(self) -> list[str]:
+        """The state in rows, cut between words; never control codes."""
         rows = Content(self.state).wrap(max(1, self.size.width))
-        return "".join(filter(str.isprintable, rows[0].plain)) if rows else ""
+        return ["".join(filter(str.isprintable, row.plain)) for row in rows] or [""]
 
     def _number(self, live: Live) -> str:
         if not isinstance(live.outcome, Reading):
@@ -156,8 +159,7 @@ class GaugeDisplay(Widget):
     def _state(self, live: Live) -> str:
         state = MARKS[live.motion]
         if isinstance(live.outcome, Fault):
-            roomy = self.size.width >= WORDS_FIT
-            return f"{state}  {live.outcome.words if roomy else live.outcome.kind}"
+            return f"{state}  {sentence(live.outcome.words)}"
         return f"{state}  {live.age_s:.0f} s old" if live.age_s >= OLD_S else state
 
 

@@ -296,8 +296,8 @@ def sentence(verdict: Verdict, findings: Sequence[Finding], where: str, doubt: s
         "explained": f"What was missing is: {names}.",
         "ambiguous": f"Something is missing: {names}"
         + (f", or else {', '.join(rivals)}; these data cannot tell." if rivals else f"; {doubt}."),
-        "partly-explained": f"Part of what is missing is {names}; more is left, {where}.",
+        "partly-explained": f"Part of what is missing: {names}; more is left, {where}.",
         "unexplained": f"Something real is missing, {where}, and no known effect explains it.",
         "cannot-tell": "The readings are too few to tell what is missing"
-        + (f"; the best guess is {names}." if names else "."),
+        + (f"; best guess: {names}." if names else "."),
     }[verdict]

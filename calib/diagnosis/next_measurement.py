@@ -130,7 +130,7 @@ def _proposal(added: Added, names: Sequence[Named], apart: FloatArray) -> NextMe
         if all(apart[k, other] >= bar for other in told):
             told.append(k)
     words = [f"{names[k].id} ({names[k].where})" for k in told]
-    verb = "settles it" if bar == ENOUGH else "helps"
+    verb = "decides" if bar == ENOUGH else "helps to decide"
     return NextMeasurement(
         f"{added.words}; it {verb} between {', '.join(words[:-1])} and {words[-1]}",
         _procedure_text(added),

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import re
+import sys
+from collections.abc import Sequence
+from datetime import datetime
 from pathlib import Path
+from zipfile import ZIP_DEFLATED, ZipFile
 
+import openpyxl
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.errors import RecordError
+from calib.errors import RecordError, UsageError
 from calib.tripod.geometry import Geometry
 from protocols.events import Reading
-from protocols.table import read_table
+from protocols.machine import load_machine
+from protocols.procedure import load_procedure
+from protocols.spreadsheet import MOST_UNPACKED_BYTES
+from protocols.table import read_table, template
 
 HEADER = "leg,axis,displacement_mm,value_mm"
 GOOD = f"{HEADER}\nx,y,0,0.10\nx,y,60,0.25\n"
@@ -64,7 +73,10 @@ def test_windows_line_ends_byte_order_mark_and_blank_rows(tmp_path: Path, text: 
         ("x,y,0,1_000", r"found '1_000'"),
         ("x,y,0,\u0661", r"column value_mm"),
         ('x,y,0,"0,1"', r"Replace the decimal comma by a point"),
-        ("x,y,0,0,1", r"5 fields. Allowed: 4 fields as in the header. A decimal comma"),
+        (
+            "x,y,0,0,1",
+            r"5 fields. Allowed: 4 fields as in the header. With decimal commas",
+        ),
         ("x,y,0", r"3 fields"),
         ("x,y,400,0.1", r"less than the leg length"),
         ("x,y,-310.25,0.1", r"less than the leg length"),
@@ -81,7 +93,6 @@ def test_bad_rows(tmp_path: Path, row: str, said: str) -> None:
     [
         ("", r"header: found nothing"),
         (HEADER + "\n", r"no row of readings"),
-        ("leg;axis;displacement_mm;value_mm\nx;y;0;0,1\n", r"semicolons"),
         ("leg,axis,value_mm\nx,y,0\n", r"Missing: displacement_mm"),
         (HEADER + ",leg\nx,y,0,0,x\n", r"'leg' twice"),
         (b"leg,axis\xff\n", r"not UTF-8 text"),
@@ -117,17 +128,199 @@ def test_one_mounting_is_in_one_place(tmp_path: Path) -> None:
         read(tmp_path, f"{HEADER},mount\nx,y,0,0.1,m\ny,x,0,0.1,m\n")
 
 
+def german(text: str) -> str:
+    return text.replace(",", ";").replace(".", ",")
+
+
+def test_semicolons_and_decimal_commas_are_the_same_table(tmp_path: Path) -> None:
+    table = f"{HEADER},station\nx,y,0,0.10,0.5\nx,y,-59.5,-1.25,0.5\n"
+    plain, _ = read(tmp_path, table)
+    commas, _ = read(tmp_path, german(table))
+    assert [r.model_dump(exclude={"at"}) for r in commas] == [
+        r.model_dump(exclude={"at"}) for r in plain
+    ]
+    assert commas[0].text == "0.10", "the record is the same everywhere"
+    points, _ = read(tmp_path, table.replace(",", ";"))
+    assert [r.value_mm for r in points] == [r.value_mm for r in plain]
+
+
+@pytest.mark.parametrize("odd", ["1.234", "1.234,5", "0,1,2", ",", "1,5e", "0,1 "])
+def test_one_decimal_mark_in_a_table(tmp_path: Path, odd: str) -> None:
+    table = f"{german(HEADER)}\nx;y;0;0,10\nx;y;60;{odd}\n"
+    if odd.strip() == "0,1":
+        assert read(tmp_path, table)[0][1].value_mm == 0.1
+        return
+    with pytest.raises(RecordError, match="a finite number with a decimal comma, as in other rows"):
+        read(tmp_path, table)
+
+
+def workbook_of(path: Path, rows: Sequence[Sequence[object]]) -> Path:
+    book = openpyxl.Workbook()
+    for row in rows:
+        book.active.append(row)
+    book.create_sheet("notes").append(["not read"])
+    book.save(path)
+    return path
+
+
+def test_a_workbook_is_the_same_table(tmp_path: Path) -> None:
+    header = [*HEADER.split(","), "weather"]
+    rows: list[list[object]] = [
+        ["x", "y", 0, 0.1 + 0.2, "rain"],
+        [None] * 5,
+        ["x", "y", -59.5, -1e-05],
+    ]
+    readings, unknown = read_table(workbook_of(tmp_path / "t.XLSX", [header, *rows]), Geometry())
+    assert [(r.displacement_mm, r.value_mm) for r in readings] == [(0.0, 0.3), (-59.5, -1e-05)]
+    assert readings[0].text == "0.3", "as the spreadsheet shows it"
+    assert [r.extra for r in readings] == [{"weather": "rain"}, {"weather": ""}]
+    assert unknown == ("weather",)
+
+
+@pytest.mark.parametrize(
+    ("cell", "said"),
+    [
+        (None, r"line 3, column value_mm: found ''"),
+        ("0,1", r"found '0,1'.*decimal point"),
+        (True, r"found 'True'"),
+        (datetime(2026, 1, 2), r"found '2026-01-02"),
+        ("=1+1", r"found ''"),
+        (1e300, r"sensible size"),
+    ],
+)
+def test_bad_cells_of_a_workbook(tmp_path: Path, cell: object, said: str) -> None:
+    rows: list[list[object]] = [[*HEADER.split(",")], ["x", "y", 0, 0.1], ["x", "y", 60, cell]]
+    with pytest.raises(RecordError, match=said):
+        read_table(workbook_of(tmp_path / "t.xlsx", rows), Geometry())
+
+
+def test_workbooks_that_are_none_and_one_that_is_too_large_unpacked(tmp_path: Path) -> None:
+    path = tmp_path / "t.xlsx"
+    for content in (b"", GOOD.encode(), b"PK\x03\x04"):
+        path.write_bytes(content)
+        with pytest.raises(RecordError, match=r"t\.xlsx: no readable workbook\. Save"):
+            read_table(path, Geometry())
+    with ZipFile(path, "w", ZIP_DEFLATED) as packed, packed.open("xl/workbook.xml", "w") as part:
+        for _ in range(MOST_UNPACKED_BYTES // 10_000_000 + 1):
+            part.write(b" " * 10_000_000)
+    assert path.stat().st_size < 1_000_000
+    with pytest.raises(RecordError, match="no readable workbook"):
+        read_table(path, Geometry())
+
+
+def test_a_workbook_without_openpyxl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = workbook_of(tmp_path / "t.xlsx", [HEADER.split(",")])
+    monkeypatch.setitem(sys.modules, "openpyxl", None)
+    with pytest.raises(
+        UsageError, match=r'pip install "glidecal\[xlsx\]", or save the table as CSV'
+    ):
+        read_table(path, Geometry())
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".xlsx"])
+@pytest.mark.parametrize("machine", ["orthoglide", "linear-delta"])
+def test_a_template_that_was_filled_in_holds_every_reading(
+    tmp_path: Path, suffix: str, machine: str
+) -> None:
+    known = load_machine(machine)
+    geometry, path = known.geometry(), tmp_path / f"t{suffix}"
+    procedure = load_procedure(known.usual_procedure, geometry)
+    empty = template(procedure, geometry, path)
+    path.write_bytes(empty.encode() if isinstance(empty, str) else empty)
+    with pytest.raises(RecordError, match="line 2, column value_mm: found ''"):
+        read_table(path, geometry)
+    if isinstance(empty, str):
+        path.write_text(re.sub(r",$", ",0.125", empty, flags=re.M), encoding="utf-8")
+    else:
+        book = openpyxl.load_workbook(path)
+        for row in book.active.iter_rows(min_row=2):
+            row[-1].value = 0.125
+        book.save(path)
+    readings, unknown = read_table(path, geometry)
+    steps = procedure.steps(geometry)
+    expected = [
+        (s.leg, axis, s.displacement_mm, s.position_mm, s.cycle, s.station)
+        for s in steps
+        for axis in s.axes
+    ]
+    found = [
+        (r.leg, r.axis, r.displacement_mm, r.position_mm, r.cycle, r.station) for r in readings
+    ]
+    assert found == expected
+    assert {r.value_mm for r in readings} == {0.125}
+    assert unknown == ()
+
+
 def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="No such file"):
         read_table(tmp_path / "none.csv", Geometry())
 
 
-@given(st.binary(max_size=300))
+NUMBERS_AS_TYPED = st.floats(-500.0, 500.0).map(lambda v: f"{v:.4f}")
+CELLS = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.floats(allow_nan=False, allow_infinity=False),
+    st.text(st.characters(min_codepoint=32, exclude_categories=["Cs", "Cc", "Cn"]), max_size=8),
+    st.sampled_from(["x", "y", "z", "0,5", "1.5", "1;5", "=1/0", "#DIV/0!"]),
+)
+
+
+@given(st.lists(st.tuples(NUMBERS_AS_TYPED, NUMBERS_AS_TYPED), min_size=1, max_size=8))
+def test_points_commas_and_workbooks_say_the_same(
+    tmp_path_factory: pytest.TempPathFactory, pairs: list[tuple[str, str]]
+) -> None:
+    folder = tmp_path_factory.getbasetemp()
+    text = "\n".join([HEADER, *(f"x,y,{float(at) / 5:.4f},{value}" for at, value in pairs)])
+    (folder / "point.csv").write_text(text, encoding="utf-8")
+    (folder / "comma.csv").write_text(german(text), encoding="utf-8")
+    rows = [line.split(",") for line in text.split("\n")]
+    numbers = [[*row[:2], *map(float, row[2:])] for row in rows[1:]]
+    workbook_of(folder / "cells.xlsx", [rows[0], *numbers])
+    names = ("point.csv", "comma.csv", "cells.xlsx")
+    point, comma, cells = (
+        [(r.displacement_mm, r.value_mm) for r in read_table(folder / name, Geometry())[0]]
+        for name in names
+    )
+    assert point == comma == cells
+
+
+@given(st.lists(st.lists(CELLS, max_size=6), max_size=5))
+def test_any_cells_give_readings_or_a_record_error(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[list[object]]
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "fuzz.xlsx"
+    workbook_of(path, [HEADER.split(","), *rows])
+    try:
+        readings, _ = read_table(path, Geometry())
+    except RecordError:
+        return
+    assert all(abs(r.value_mm) < 1e9 for r in readings)
+
+
+@given(st.lists(st.integers(0, 5000), max_size=6), st.binary(max_size=6))
+def test_a_spoilt_workbook_is_refused_in_a_sentence(
+    tmp_path_factory: pytest.TempPathFactory, places: list[int], other: bytes
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "spoilt.xlsx"
+    content = bytearray(workbook_of(path, [HEADER.split(","), ["x", "y", 0, 0.1]]).read_bytes())
+    for at, byte in zip(places, other, strict=False):
+        content[at % len(content)] = byte
+    path.write_bytes(content)
+    try:
+        readings, _ = read_table(path, Geometry())
+    except RecordError:
+        return
+    assert all(abs(r.value_mm) < 1e9 for r in readings)
+
+
+@given(st.sampled_from([HEADER, german(HEADER)]), st.binary(max_size=300))
 def test_any_bytes_give_readings_or_a_record_error(
-    tmp_path_factory: pytest.TempPathFactory, content: bytes
+    tmp_path_factory: pytest.TempPathFactory, header: str, content: bytes
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "fuzz.csv"
-    path.write_bytes(HEADER.encode() + b"\n" + content)
+    path.write_bytes(header.encode() + b"\n" + content)
     try:
         readings, _ = read_table(path, Geometry())
     except RecordError:

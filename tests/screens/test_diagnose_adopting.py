@@ -123,7 +123,7 @@ async def test_the_next_measurement_becomes_a_procedure(doubtful: Path) -> None:
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await diagnosed(pilot, interface)
         assert "Next measurement: " in verdict(interface)
-        assert "it settles it between actuator_scale (y)" in " ".join(verdict(interface).split())
+        assert "it decides between actuator_scale (y)" in " ".join(verdict(interface).split())
         await pilot.press("n")
         written = doubtful.with_name("doubt_next.toml")
         await until(pilot, "words", lambda: f"--protocol {written}" in said(interface))

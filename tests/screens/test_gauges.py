@@ -90,22 +90,25 @@ async def test_every_change_is_drawn_and_nothing_old_stays() -> None:
             await pilot.pause()
             kept = picture(app)
             assert await as_drawn_anew(pilot, app) == kept
-            digits = rows_of(app, left)[1][2:-2].strip()
-            assert digits == big_digits(left.number)[0].strip()
+            first = rows_of(app, left)[1][2:-2].strip()
+            words = left.state.replace("\x1b", "")
+            assert first == (words if change is gone else big_digits(left.number)[0].strip())
             assert left.has_class(change.motion.value)
         assert left.number == "-0.001"
 
 
-async def test_faults_are_words_without_control_codes() -> None:
+async def test_faults_are_whole_sentences_without_control_codes() -> None:
     app = Panels()
-    async with app.run_test(size=(160, 24)) as pilot:
+    async with app.run_test(size=SIZE) as pilot:
         left, _ = app.panels
-        left.show(live(Fault(FaultKind.NO_ANSWER, "", "[red]E1 \x1b[2J gone"), Motion.FAULT))
+        words = "[red]E1 \x1b[2J the indicator reads in inch, mm is expected: change its unit and"
+        left.show(live(Fault(FaultKind.NO_ANSWER, "", f"{words} look again"), Motion.FAULT))
         await pilot.pause()
         assert left.number == "------"
-        row = rows_of(app, left)[4]
-        assert "! FAULT  [red]E1 [2J gone" in row
-        assert "\x1b" not in row
+        rows = rows_of(app, left)[1:-1]
+        assert {len(row) for row in rows} == {40}, "nothing reaches beyond the border"
+        said = " ".join(" ".join(row[2:-2] for row in rows).split())
+        assert said == f"! FAULT {words} look again.".replace("\x1b", "")
 
 
 async def test_another_theme_and_another_size_leave_nothing_kept() -> None:

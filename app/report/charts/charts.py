@@ -92,7 +92,7 @@ def measured_and_predicted(solution: Solution) -> Chart:
     found, rows = solution.differences, list(solution.differences.published_rows)
     names = [found.names[k] for k in rows]
     measured, residual = found.value_mm[rows], solution.left_mm[rows]
-    return _differences(names, "measured", measured.tolist(), "left", residual.tolist())
+    return _differences(names, "measured", measured.tolist(), "residual", residual.tolist())
 
 
 def before_and_after(before: Solution, after: Solution) -> Chart:

@@ -105,7 +105,7 @@ def _of_noise(solved: SessionSolution) -> Iterator[str]:
         )
     if noise.cycle_drift_mm is not None:
         yield (
-            "NOTE: the readings wander from cycle to cycle by "
+            "NOTE: the readings drift from cycle to cycle by "
             f"{uncertain(noise.cycle_drift_mm)} mm r.m.s. That is not counted as noise, but what "
             "wanders within a cycle goes into the differences. Is the machine warm, is the stand "
             "firm? glidecal diagnose looks for drift."

@@ -128,18 +128,34 @@ def gap_text(found: Diagnosis) -> str:
     before, after, noise_mm = found.gap_before, found.gap_after, found.noise_mm
     said = (
         f"Gap {before.rms_mm:.4f} mm r.m.s. beyond the scatter of repeats (noise of a reading "
-        f"{noise_mm:.4f} mm), {before.degrees_of_freedom} degrees of freedom, chance "
-        f"{chance(before.p_value)}."
+        f"{noise_mm:.4f} mm), {before.degrees_of_freedom} degrees of freedom; it "
+        f"{by_chance(before.p_value)}."
     )
     if after != before:
         added = "what was named" if found.effects else "the best guess"
-        said += f"\nWith {added}: {after.rms_mm:.4f} mm, chance {chance(after.p_value)}."
+        said += f"\nWith {added}: {after.rms_mm:.4f} mm; that {by_chance(after.p_value)}."
     return said
 
 
-def chance(p_value: float) -> str:
-    """A p-value in words."""
-    return f"{p_value:.2f}" if p_value >= 0.01 else f"{p_value:.0e}" if p_value > 1e-99 else "none"
+RAREST = 1_000_000
+
+
+def by_chance(p_value: float) -> str:
+    """A p-value in a sentence."""
+    if p_value > 0.5:
+        often = "most"
+    elif p_value * RAREST < 1.0:
+        often = f"fewer than 1 of {RAREST:,}"
+    else:
+        often = f"1 of {float(f'{1.0 / p_value:.2g}'):,.10g}"
+    return f"would happen by chance in {often} sessions"
+
+
+def p_words(p_value: float) -> str:
+    """A p-value in a table."""
+    if p_value >= 0.01:
+        return f"{p_value:.2f}"
+    return f"{p_value:.0e}" if p_value > 1e-99 else "< 1e-99"
 
 
 def effects_text(findings: tuple[Finding, ...]) -> str:
@@ -203,10 +219,10 @@ def held_out_words(gap: HeldOutGap) -> str:
 
 def shares_text(shares: tuple[Share, ...]) -> str:
     """The parts of the readings where the gap lies."""
-    table = new_table("part", "share", "", "chance", left=1)
+    table = new_table("part", "share", "", "p-value", left=1)
     for share in shares[:SHOWN_SHARES]:
         bar = "█" * round(20 * min(share.share, 1.0))
-        table.add_row(part_words(share), f"{share.share:.0%}", bar, chance(share.p_value))
+        table.add_row(part_words(share), f"{share.share:.0%}", bar, p_words(share.p_value))
     return table_text(table)
 
 

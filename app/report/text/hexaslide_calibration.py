@@ -166,7 +166,7 @@ def _inner(said: CalibrationReport, factor: float | None) -> list[str]:
 def _left(said: CalibrationReport) -> str:
     residuals = said.residuals
     heading = "chain" if said.procedure is Kind.POSE_INVERSE else "measured"
-    table = new_table(heading, "left, r.m.s.", "unit", "share")
+    table = new_table(heading, "residual r.m.s.", "unit", "share")
     for row in residuals.by_component:
         table.add_row(row.component, f"{row.rms:.4g}", row.unit, f"{100.0 * row.share:.0f} %")
     worst = sorted(residuals.by_posture, key=lambda one: -one.share)[:MOST_POSTURES]

@@ -103,7 +103,7 @@ def _size_table(solution: Solution) -> str:
 
 def _difference_table(solution: Solution) -> str:
     """The (up to) twelve differences with what the model predicts."""
-    table = new_table("difference", "measured, mm", "u, mm", "predicted, mm", "left, mm")
+    table = new_table("difference", "measured, mm", "u, mm", "predicted, mm", "residual, mm")
     measured = solution.differences
     for k in measured.published_rows:
         table.add_row(
@@ -118,7 +118,7 @@ def _difference_table(solution: Solution) -> str:
 
 def _subset_table(solved: SessionSolution) -> str:
     """What each set of parameters would leave, and its expected error at the tool."""
-    table = new_table("set of parameters", "left, r.m.s.", "tool, mm", "")
+    table = new_table("set of parameters", "residual r.m.s.", "tool, mm", "")
     for subset in SUBSETS:
         residual, expected = "left out", ""
         if subset in solved.choice.solutions:
@@ -226,8 +226,8 @@ Y             copy the text to the clipboard
 H, F10        home, quit
 
 U is the expanded uncertainty (95 %) of a parameter, from the noise of
-the readings alone. Left is what the model does not explain: where it is
-much larger than the noise, something is missing from the model."""
+the readings alone. The residual is what the model does not explain: where
+it is much larger than the noise, something is missing from the model."""
 
 NEXT = (
     "Next: E exports the joint offsets. Enter them in the controller, then V measures again "
@@ -294,7 +294,7 @@ WRONG = {
 def verification_text(found: Verification) -> str:
     """The decision first, then what was expected and found, then what to do."""
     before, after = found.compared.before, found.compared.after
-    table = new_table("joint offset", "before, mm", "left, mm", "± U (95 %), mm", "")
+    table = new_table("joint offset", "before, mm", "remaining, mm", "± U (95 %), mm", "")
     for one in found.offsets:
         decimals = decimals_for(one.expanded_mm, 4)
         shown = (signed(one.before_mm, decimals), signed(one.found_mm, decimals))

@@ -309,5 +309,5 @@ def slept_text(seconds: float) -> str:
     """The computer was suspended while the session was open."""
     return (
         f"The computer slept for {max(1, round(seconds / 60.0))} min; the session is on hold. "
-        "Was the stand touched? Then M. P goes on."
+        "If the stand was touched press M. Press P to measure again."
     )

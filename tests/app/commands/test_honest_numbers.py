@@ -305,7 +305,7 @@ def test_drift_is_said_although_it_is_no_noise(tmp_path: Path) -> None:
     assert found["noise"]["standard_deviation_mm"] == pytest.approx(0.002, rel=0.5)
     assert found["noise"]["wander_mm"] == pytest.approx(0.03, rel=0.1)
     said = " ".join(solved(tmp_path, table, "--subset", "both").out.split())
-    assert f"wander from cycle to cycle by {found['noise']['wander_mm']:.3f} mm r.m.s." in said
+    assert f"drift from cycle to cycle by {found['noise']['wander_mm']:.3f} mm r.m.s." in said
 
 
 def test_hundreds_of_suspects_are_counted_not_listed(tmp_path: Path) -> None:

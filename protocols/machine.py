@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from datetime import date
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
@@ -64,6 +65,7 @@ class Instrument(Document):
 
     ``axes`` are the directions it may measure along, preferred ones first. ``channel`` belongs to
     interfaces with several inputs, ``pattern`` and ``request`` to the profile ``ascii-line``.
+    ``serial_number``, ``certificate`` and its date say which one it is and who calibrated it.
     """
 
     profile: Name
@@ -75,6 +77,9 @@ class Instrument(Document):
     repeatability_mm: FigureMm | None = None
     pattern: str | None = None
     request: str | None = None
+    serial_number: Name | None = None
+    certificate: Name | None = None
+    certificate_date: date | None = None
 
 
 class Drive(Document):

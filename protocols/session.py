@@ -11,6 +11,7 @@ from protocols.events import (
     Continued,
     Event,
     Mounted,
+    Noted,
     Opened,
     Reading,
     Restored,
@@ -27,7 +28,8 @@ class Session:
     """State of a session after its events.
 
     ``readings`` are those that count, in the order taken; ``superseded`` maps the numbers of the
-    others to the reason, ``skipped`` the numbers of the steps that are left out.
+    others to the reason, ``skipped`` the numbers of the steps that are left out; ``notes`` are the
+    remarks made on the way.
     """
 
     opened: Opened
@@ -37,6 +39,7 @@ class Session:
     all_readings: tuple[Reading, ...]
     mountings: tuple[Mounted, ...]
     stand_untouched: bool
+    notes: tuple[str, ...] = ()
 
     def steps(self) -> tuple[Step, ...]:
         """The steps of the session's procedure; none for an imported table."""
@@ -94,6 +97,7 @@ def fold(events: Iterable[Event]) -> Session:
     superseded: dict[int, str] = {}
     skipped: dict[int, str] = {}
     mountings: list[Mounted] = []
+    notes: list[str] = []
     stand_untouched = True
     for event in events:
         if isinstance(event, Opened):
@@ -112,6 +116,8 @@ def fold(events: Iterable[Event]) -> Session:
             stand_untouched = True
         elif isinstance(event, Continued):
             stand_untouched = False
+        elif isinstance(event, Noted):
+            notes.append(event.text)
     assert opened is not None
     counting = tuple(r for r in readings if r.reading not in superseded)
     return Session(
@@ -122,6 +128,7 @@ def fold(events: Iterable[Event]) -> Session:
         tuple(readings),
         tuple(mountings),
         stand_untouched,
+        tuple(notes),
     )
 
 

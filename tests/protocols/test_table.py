@@ -11,7 +11,7 @@ from zipfile import ZIP_DEFLATED, ZipFile
 
 import openpyxl
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calib.errors import RecordError, UsageError
@@ -267,6 +267,7 @@ CELLS = st.one_of(
 )
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(NUMBERS_AS_TYPED, NUMBERS_AS_TYPED), min_size=1, max_size=8))
 def test_points_commas_and_workbooks_say_the_same(
     tmp_path_factory: pytest.TempPathFactory, pairs: list[tuple[str, str]]
@@ -286,6 +287,7 @@ def test_points_commas_and_workbooks_say_the_same(
     assert point == comma == cells
 
 
+@settings(deadline=None)
 @given(st.lists(st.lists(CELLS, max_size=6), max_size=5))
 def test_any_cells_give_readings_or_a_record_error(
     tmp_path_factory: pytest.TempPathFactory, rows: list[list[object]]
@@ -299,6 +301,7 @@ def test_any_cells_give_readings_or_a_record_error(
     assert all(abs(r.value_mm) < 1e9 for r in readings)
 
 
+@settings(deadline=None)
 @given(st.lists(st.integers(0, 5000), max_size=6), st.binary(max_size=6))
 def test_a_spoilt_workbook_is_refused_in_a_sentence(
     tmp_path_factory: pytest.TempPathFactory, places: list[int], other: bytes

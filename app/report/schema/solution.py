@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import date, datetime
 from typing import Annotated, Literal
 
 from app.evaluating.accuracy import Judgement
@@ -160,11 +161,32 @@ class FittedSize(Report):
     coverage_factor: float
 
 
+class UsedIndicator(Report):
+    """Which indicator it was, as the machine file says."""
+
+    profile: str
+    serial_number: str | None
+    certificate: str | None
+    certificate_date: date | None
+
+
+class MeasuredSession(Report):
+    """Who measured when and with what; ``notes`` are the remarks made on the way."""
+
+    origin: str = at("opened.origin")
+    begun: datetime = at("opened.at")
+    operator: str = at("opened.operator")
+    temperature_c: float | None = at("opened.temperature_c")
+    indicators: tuple[UsedIndicator, ...] = at("opened.instruments")
+    notes: tuple[str, ...]
+
+
 class SolutionReport(Report):
     """``solve --json``: `SessionSolution`; what was asked beyond it is there only then."""
 
     schema_id: Literal["glidecal.solution/1"] = schema("glidecal.solution/1")
     sessions: tuple[str, ...] = at("solved.names")
+    measured: tuple[MeasuredSession, ...] = at("solved.sessions", "in the order of the sessions")
     method: Method = at("solved.solution.method")
     weights: Weights = at("solved.solution.weights")
     subset: Subset = at("solved.solution.subset")

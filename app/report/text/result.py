@@ -14,6 +14,8 @@ from app.report.text.tables import decimals_for, new_table, signed, table_text, 
 from calib.identify.accuracy import ToolError
 from calib.identify.solution import SUBSETS, Solution
 from calib.noise.reading import Noise
+from protocols.machine import Instrument
+from protocols.session import Session
 
 if TYPE_CHECKING:  # asked for by option only, and heavy
     from app.evaluating.accuracy import Judgement
@@ -37,12 +39,32 @@ def solution_text(solved: SessionSolution) -> str:
         _subset_table(solved),
         wrapped(_noise_words(solution)),
     ]
+    parts.append(wrapped("\n".join(map(_measured_words, solved.names, solved.sessions))))
     remarks = [remark for session in solved.sessions for remark in session.opened.remarks]
     for session in solved.sessions:
+        remarks += dict.fromkeys(session.notes)
         if count := len(session.skipped):
             reasons = "; ".join(dict.fromkeys(session.skipped.values()))
             remarks.append(f"{count} step{'s' if count > 1 else ''} left out: {reasons}")
     return "\n\n".join([*parts, *(wrapped(f"Remark: {remark}") for remark in remarks)])
+
+
+def _measured_words(name: str, session: Session) -> str:
+    """When a session was measured, by whom, how warm, and with which indicators."""
+    opened = session.opened
+    words = [f"{name}: {opened.origin} {opened.at:%Y-%m-%d %H:%M %Z}"]
+    words += [f"by {opened.operator}"] if opened.operator else []
+    words += [] if opened.temperature_c is None else [f"at {opened.temperature_c:g} °C"]
+    indicators = dict.fromkeys(map(_indicator_words, opened.instruments))
+    return f"{' '.join(words)}; {', '.join(indicators) or 'indicators not named'}."
+
+
+def _indicator_words(one: Instrument) -> str:
+    known = [f"no. {one.serial_number}"] if one.serial_number else []
+    of = f"of {one.certificate_date}" if one.certificate_date else ""
+    certificate = " ".join(filter(None, [one.certificate, of]))
+    known += [f"certificate {certificate}"] if certificate else []
+    return f"{one.profile} ({', '.join(known)})" if known else one.profile
 
 
 def _method_words(solution: Solution) -> str:
@@ -118,7 +140,7 @@ def _difference_table(solution: Solution) -> str:
 
 def _subset_table(solved: SessionSolution) -> str:
     """What each set of parameters would leave, and its expected error at the tool."""
-    table = new_table("set of parameters", "residual r.m.s.", "tool, mm", "")
+    table = new_table("set of parameters", "residual r.m.s., mm", "tool, mm", "")
     for subset in SUBSETS:
         residual, expected = "left out", ""
         if subset in solved.choice.solutions:

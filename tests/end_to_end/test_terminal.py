@@ -83,6 +83,30 @@ def test_demo_is_driven_by_keys_and_paused_with_ctrl_c(terminal: Terminal, tmp_p
     terminal.wait_for("STATUS 0")
 
 
+def test_a_person_is_asked_before_a_file_is_replaced(
+    terminal: Terminal, tmp_path: Path, samples: Path
+) -> None:
+    mine = tmp_path / "out.json"
+    mine.write_text("mine", encoding="utf-8")
+    session = str(samples / "simulated_sweep.jsonl")
+    for answer, status in (("n", 130), ("y", 0)):
+        terminal.start("export", session, "--format", "json", "-o", mine.name)
+        terminal.wait_for("out.json is there already. Replace? [y/N]:")
+        assert mine.read_text(encoding="utf-8") == "mine"
+        terminal.press(answer, "Enter")
+        terminal.wait_for(f"STATUS {status}")
+        assert (mine.read_text(encoding="utf-8") == "mine") == (answer == "n")
+        terminal.stop()
+
+
+def test_long_work_tells_that_it_is_under_way_and_stops(terminal: Terminal) -> None:
+    terminal.start(*["postures", "hexaslide", "--procedure", "pose-forward", "--count", "30"])
+    terminal.wait_for("Looking for postures, Ctrl-C stops")
+    terminal.press("C-c")
+    terminal.wait_for("STATUS 130")
+    assert "Traceback" not in terminal.screen()
+
+
 def test_home(terminal: Terminal) -> None:
     terminal.start()
     shown = terminal.wait_for("Demonstration on a simulated machine")

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.main import get_command
 
-from tests.app.cli import glidecal, refused
+from app.cli import cli
+from protocols.events import Noted, Opened, Reading
+from protocols.journal import write_whole
+from protocols.record import read_record
+from tests.app.cli import glidecal, refused, run_here
 
 EXPERIMENT_2 = "experiment_2_twelve.jsonl"
 
@@ -226,6 +233,100 @@ def test_ports_lists_profiles_and_needs_no_port() -> None:
     assert {"mitutoyo-01a", "sylvac", "ascii-line"} <= set(names)
     assert all(p["verified"] and p["source"] for p in document["profiles"])
     assert "Indicator profiles" in glidecal("ports").out
+
+
+def verbs(command: object, *above: str) -> Iterator[tuple[str, ...]]:
+    yield above
+    for name, below in getattr(command, "commands", {}).items():
+        yield from verbs(below, *above, name)
+
+
+VERBS = list(verbs(get_command(cli)))
+
+
+@pytest.mark.parametrize("verb", VERBS, ids=" ".join)
+def test_help_fits_80_columns_in_whole_sentences(
+    verb: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    _, said, _ = run_here(*verb, "--help")
+    usage, *lines = said.splitlines()
+    assert usage.startswith("Usage: ")
+    assert all(len(line) <= 80 for line in lines)
+    assert not any(line.endswith("...") for line in lines)
+
+
+def test_the_list_of_verbs_has_a_line_for_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    _, said, _ = run_here("--help")
+    assert len(said.splitlines()) <= 32
+    for name, *deeper in VERBS[1:]:
+        (line,) = (line for line in said.splitlines() if line.split()[:1] == [name])
+        assert line.endswith((".", "?"))
+        assert not deeper or name == "indicator"
+
+
+MINE = """
+schema = "glidecal.machine/1"
+[[indicator]]
+profile = "mitutoyo-01a"
+port = "simulated"
+axes = "yx"
+serial_number = "4711"
+certificate = "K-123"
+certificate_date = 2026-01-15
+[[indicator]]
+profile = "sylvac"
+port = "simulated"
+axes = "zxy"
+"""
+
+
+def test_who_measured_when_how_warm_and_with_what_stands_with_the_result(tmp_path: Path) -> None:
+    machine, session = tmp_path / "m.toml", tmp_path / "s.jsonl"
+    machine.write_text(MINE, encoding="utf-8")
+    asked = ("--machine", machine, "--operator", "M. Muster", "--temperature", "21.5")
+    assert glidecal("run", "--headless", *asked, "-o", session).status == 0
+    events = read_record(session).events
+    assert isinstance(events[0], Opened)
+    noted = tmp_path / "noted.jsonl"
+    readings = [event for event in events if isinstance(event, Reading)]
+    write_whole(noted, events[0], [*readings, Noted(text="window open"), Noted(text="window open")])
+    begun = events[0].at
+    told = " ".join(glidecal("solve", noted).out.split())
+    assert (
+        f"noted.jsonl: simulated {begun:%Y-%m-%d %H:%M} UTC by M. Muster at 21.5 °C; "
+        "mitutoyo-01a (no. 4711, certificate K-123 of 2026-01-15), sylvac. Remark: window open"
+    ) in told
+    assert told.count("window open") == 1
+    (found,) = solve(noted)["measured"]
+    assert datetime.fromisoformat(found.pop("begun")) == begun
+    unknown = {"serial_number": None, "certificate": None, "certificate_date": None}
+    assert found == {
+        "origin": "simulated",
+        "operator": "M. Muster",
+        "temperature_c": 21.5,
+        "indicators": [
+            {
+                "profile": "mitutoyo-01a",
+                "serial_number": "4711",
+                "certificate": "K-123",
+                "certificate_date": "2026-01-15",
+            },
+            {"profile": "sylvac", **unknown},
+        ],
+        "notes": ["window open", "window open"],
+    }
+
+
+@pytest.mark.parametrize("wrong", ['"yesterday"', "2026", "2026-13-01"])
+def test_a_certificate_has_a_date(tmp_path: Path, wrong: str) -> None:
+    machine = tmp_path / "m.toml"
+    machine.write_text(MINE.replace("2026-01-15", wrong), encoding="utf-8")
+    asked = ("run", "--headless", "--machine", machine, "-o", tmp_path / "s.jsonl")
+    said = refused(3, *asked)
+    assert f"machine file {machine}" in said
+    assert "certificate_date" in said or "TOML" in said or "line 9" in said
 
 
 def test_version() -> None:

@@ -12,9 +12,17 @@ from pathlib import Path
 import pytest
 
 from app.measuring.indicators import check_indicators, parse_indicator
+from app.measuring.simulated import rehearsed
 from calib.errors import UsageError
+from calib.observations import conditions
+from calib.tripod.geometry import Geometry
+from calib.tripod.simulation import hidden_machine
+from drivers.line import IndicatorLine
+from drivers.profile import Reading
+from drivers.profiles import profile_named
+from drivers.twins import Trouble
 from protocols.machine import Instrument
-from protocols.procedure import axes_on_leg
+from protocols.procedure import axes_on_leg, load_procedure
 from tests.app.cli import glidecal, refused
 
 
@@ -102,7 +110,72 @@ def test_unknown_names_list_what_exists() -> None:
     assert "sylvac" in refused(4, "indicator", "read", "COM9", "--profile", "sylvak")
     assert "silence" in refused(2, "simulate-indicator", "sylvac", "--fault", "madness")
     assert "µm" in refused(2, "indicator", "read", "COM9", "--unit", "cubit")
-    assert "over-range" in glidecal("simulate-indicator", "sylvac", "--fault", "list").out
+    listed = glidecal("simulate-indicator", "sylvac", "--fault", "list").out.splitlines()
+    named = dict(line.split(maxsplit=1) for line in listed)
+    assert named["over-range"] == "answers ERR3, over range"
+    assert set(Trouble) < set(named), "each with its explanation"
+
+
+def test_enter_goes_on_and_a_number_goes_there() -> None:
+    steps = load_procedure("zero-max-min", Geometry()).steps(Geometry())
+    typed = ("", "nonsense", "30", "", "1", "99999", "0")
+    visited = [step.number for step in rehearsed(steps, typed)]
+    assert visited == [1, 2, 3, 30, 30, 1, 30, 1]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
+def test_a_rehearsal_goes_where_the_machine_would() -> None:
+    """Both indicators follow the steps of the hidden machine, and come back."""
+    command = [sys.executable, "-m", "app", "simulate-indicator", "sylvac", "--seed", "7"]
+    command += ["--protocol", "zero-max-min", "--seconds", "100"]
+    levels = [0.0, 0.0, 60.0, 60.0, -100.0, -100.0]
+    expected = hidden_machine(Geometry(), 7).readings(conditions([0] * 6, [1, 2] * 3, levels))
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, text=True, stdin=pipe, stdout=pipe, stderr=pipe) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stderr is not None
+        ports = [process.stdout.readline().strip() for _ in range(2)]
+        told = process.stderr.readline()
+        assert told == (
+            "Measure with: glidecal run --protocol zero-max-min "
+            f"--indicator sylvac:{ports[0]} --indicator sylvac:{ports[1]}\n"
+        )
+        lines = [IndicatorLine(profile_named("sylvac"), port) for port in ports]
+        for line in lines:
+            line.start()
+        found: list[list[float]] = []
+        for typed, step in (("", 1), ("\n", 2), ("3\n", 3), ("1\n", 1)):
+            process.stdin.write(typed)
+            process.stdin.flush()
+            while f"step {step}:" not in process.stderr.readline():
+                pass
+            found.append([_at_rest(line) for line in lines])
+        for line in lines:
+            line.close()
+        process.terminate()
+    zero, highest, lowest, again = found
+    for axis in range(2):
+        assert again[axis] == pytest.approx(zero[axis], abs=0.02)
+        for values, row in ((highest, 2), (lowest, 4)):
+            moved_mm = expected[row + axis] - expected[axis]
+            assert values[axis] - zero[axis] == pytest.approx(moved_mm, abs=0.02)
+
+
+def _at_rest(line: IndicatorLine) -> float:
+    """The value when it has not changed in ten readings."""
+    values: list[float] = []
+    while len(values) < 10 or len(set(values[-10:])) > 1:
+        outcome = line.ask().result(timeout=10.0)
+        if isinstance(outcome, Reading):
+            values.append(outcome.value_mm)
+    return values[-1]
+
+
+@pytest.mark.parametrize("other", [("--fault", "slow"), ("--tcp", "0"), ("--channel", "2")])
+def test_a_rehearsal_is_of_two_sound_indicators(other: tuple[str, str]) -> None:
+    command = ("simulate-indicator", "sylvac", "--protocol", "zero-max-min", *other)
+    assert "--fault, --tcp or --channel" in refused(2, *command)
 
 
 def test_indicators_of_the_machine_file(tmp_path: Path) -> None:

@@ -179,10 +179,9 @@ class FilesThere(UsageError):
     """Files that stand where others are to be written: only a person may give them up."""
 
     def __init__(self, there: Sequence[Path]) -> None:
-        several = len(there) > 1
-        names = ", ".join(path.name for path in there) if several else str(there[0])
-        folder = f" in {there[0].parent}" if several else ""
-        self.words = f"{names} {'are' if several else 'is'} there already{folder}"
+        first, *others = there
+        names = [str(first), *(p.name if p.parent == first.parent else str(p) for p in others)]
+        self.words = f"{', '.join(names)} {'are' if others else 'is'} there already"
         super().__init__(self.words, next_step="Give another name, or --force to replace")
 
 

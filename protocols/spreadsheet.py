@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -71,13 +71,8 @@ def _openpyxl(thing: str) -> Any:  # noqa: ANN401 (a module)
 
 
 def _texts(row: Iterable[object]) -> list[str]:
-    texts = list(_of_cells(row))
-    while texts and not texts[-1]:
-        texts.pop()
-    return texts
-
-
-def _of_cells(row: Iterable[object]) -> Iterator[str]:
-    for cell in row:
-        # 15 digits are what a spreadsheet shows of a number, and no rounding of binary ones
-        yield f"{cell:.15g}" if isinstance(cell, float) else "" if cell is None else str(cell)
+    """The cells, numbers as a spreadsheet shows them; without the empty ones at the end."""
+    cells = [f"{cell:.15g}" if isinstance(cell, float) else cell for cell in row]
+    while cells and cells[-1] is None:
+        cells.pop()
+    return ["" if cell is None else str(cell) for cell in cells]

@@ -305,7 +305,7 @@ def _check_mounts(rows: list[Row], readings: tuple[Reading, ...]) -> None:
             )
 
 
-def template(procedure: Procedure, geometry: Geometry, path: Path) -> str | bytes:
+def empty_table(procedure: Procedure, geometry: Geometry, path: Path) -> str | bytes:
     """A table with a row for each reading of a procedure, its value left to be filled in."""
     rows: list[Sequence[str | float]]
     if procedure.plate is not None:

@@ -51,10 +51,7 @@ def diagnose(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """What is missing in the model, and where it shows.
-
-    Where simulation and measurement disagree, the missing effect, the gap before and after.
-    """
+    """What is missing in the model, and where it shows. The gap before and after."""
     from app.evaluating import adoption
     from app.evaluating.diagnosis import diagnose_files
     from app.report.schema.diagnosis import DiagnosisReport
@@ -103,10 +100,7 @@ def model(
     why: Annotated[str, typer.Option(help="The reason, for the history.")] = "",
     as_json: AsJson = False,
 ) -> None:
-    """Parameters, effects and history of a model.
-
-    Effects can be removed again.
-    """
+    """Parameters, effects and history of a model. Effects can be removed again."""
     from app.evaluating.adoption import remove as take_out
     from app.report.text.model import model_text
     from protocols.model_file import read_model_file

@@ -7,13 +7,15 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing
-from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from app.machines.options import AsJson, Channel, Machine, Seed, figure, number, say
 from calib.errors import IndicatorError, UsageError
+
+if TYPE_CHECKING:  # heavy: imported where used
+    from app.measuring.opening import Plan
 
 indicator_verbs = typer.Typer(help="One indicator outside any session.", no_args_is_help=True)
 
@@ -127,6 +129,7 @@ def simulate_indicator(
     It swings; with --protocol there are two, at a simulated machine that goes from step to step
     when Enter is pressed here: to rehearse a session on real ports.
     """
+    from app.measuring.demo import rehearsal_plan
     from app.measuring.indicators import swinging
     from drivers.profile import Spindle
     from drivers.profiles import profile_named
@@ -145,7 +148,8 @@ def simulate_indicator(
     if protocol is not None:
         if fault is not None or tcp is not None or channel != 1:
             raise UsageError("--protocol", "--fault, --tcp or --channel, too", "one or the others")
-        _rehearse(profile, protocol, machine, seed, resolution, seconds)
+        plan = rehearsal_plan(profile, protocol, machine, seed, resolution)
+        _rehearse(f"--protocol {protocol}" + f" --machine {machine}" * bool(machine), plan, seconds)
         return
     transport = default_transport() if tcp is None else "tcp"
     twin = twin_of(known, Spindle(swinging(), resolution, channel), fault)
@@ -161,33 +165,16 @@ def _wait(seconds: float | None) -> None:
         time.sleep(0.1)
 
 
-def _rehearse(
-    profile: str,
-    protocol: str,
-    machine: str | None,
-    seed: int,
-    resolution_mm: float,
-    seconds: float | None,
-) -> None:
-    from app.measuring.demo import DEMO_MOTION_S
-    from app.measuring.indicators import simulated_indicators
-    from app.measuring.opening import Plan, refuse_plate, simulated_bench
-    from app.measuring.simulated import BenchSettings, rehearsed
+def _rehearse(asked: str, plan: Plan, seconds: float | None) -> None:
+    """Move a simulated machine through its procedure, as is typed here."""
+    from app.measuring.opening import simulated_bench
+    from app.measuring.simulated import rehearsed
     from app.report.text.session import rehearsal_text, rehearsed_text
-    from protocols.machine import load_machine
-    from protocols.procedure import load_procedure
 
-    known = load_machine(machine)
-    procedure = load_procedure(protocol, known.geometry())
-    refuse_plate(procedure)
-    settings = BenchSettings(resolution_mm, motion_s=DEMO_MOTION_S)
-    instruments = simulated_indicators([profile])
-    plan = Plan(Path("rehearsal"), known, procedure, instruments, seed=seed, bench=settings)
-    steps = procedure.steps(known.geometry(), plan.axes)
+    steps = plan.procedure.steps(plan.machine.geometry(), plan.axes)
     with closing(simulated_bench(plan)) as bench:
         typer.echo("\n".join(bench.rig.ports))
-        options = f"--protocol {protocol}" + (f" --machine {machine}" if machine else "")
-        say(rehearsal_text(options, plan, bench.rig.ports))
+        say(rehearsal_text(asked, plan, bench.rig.ports))
 
         def follow() -> None:
             for step in rehearsed(steps, _typed()):

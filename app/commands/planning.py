@@ -36,10 +36,7 @@ def identifiability(
     as_json: AsJson = False,
     **own: Any,  # noqa: ANN401 (what the machines add)
 ) -> None:
-    """Which parameters a procedure can and cannot see.
-
-    And what would help.
-    """
+    """Which parameters a procedure can and cannot see. And what would help."""
     family = family_of(machine)
     given = options_of(context, family, f"the machine {machine}", own)
     answer = family.identifiability(Question(machine, procedure or "", machine_file), given)
@@ -108,10 +105,7 @@ def plan(
     as_json: AsJson = False,
     **own: Any,  # noqa: ANN401 (as above)
 ) -> None:
-    """The set-up that lowers the tool error most.
-
-    The one added set-up that lowers the expected tool error most per minute.
-    """
+    """The set-up that lowers the tool error most. Per minute, of those to be added."""
     family, propose = family_that_plans(machine)
     given = options_of(context, family, f"the machine {machine}", own)
     answer = propose(machine, [*(sessions or ()), *(session or ())], given, say)

@@ -7,7 +7,7 @@ import select
 import sys
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -27,9 +27,6 @@ from app.machines.options import (
 from app.machines.registry import LOOKS
 from app.report.streams import need_terminal
 from calib.errors import GlidecalError, UsageError
-
-if TYPE_CHECKING:  # heavy: imported where used
-    from protocols.machine import Machine as MachineFile
 
 DEFAULT_PORT = 8765
 
@@ -51,19 +48,21 @@ def import_table(
     protocol: Protocol = None,
     force: Force = False,
 ) -> None:
-    """A session from a table of readings.
-
-    With --template the table itself, to be filled in.
-    """
+    """A session from a table of readings. With --template the table, to be filled in."""
     from app.version import program
     from protocols.events import Opened
+    from protocols.files import write_files
     from protocols.journal import write_whole
     from protocols.machine import Instrument, load_machine
-    from protocols.table import read_table, within_limits
+    from protocols.procedure import load_procedure
+    from protocols.table import empty_table, read_table, within_limits
 
     known = load_machine(machine)
     if template:
-        _write_template(table, known, protocol, force=force)
+        asked = load_procedure(protocol or known.usual_procedure, known.geometry())
+        empty = empty_table(asked, known.geometry(), table)
+        write_files(table, {"": empty}, replace=may_replace(force, table))
+        say(f"{asked.name} to be filled in, column value_mm: {table}")
         return
     if output is None or protocol is not None:
         found = "none" if output is None else "--protocol without --template"
@@ -92,19 +91,6 @@ def import_table(
     if len({reading.posture_mm for reading in readings}) < 2:
         say("glidecal: only one posture in this table; it cannot be solved alone")
     say(f"{len(readings)} readings written to {output}")
-
-
-def _write_template(
-    table: Path, machine: MachineFile, protocol: str | None, *, force: bool
-) -> None:
-    from protocols.files import write_files
-    from protocols.procedure import load_procedure
-    from protocols.table import template
-
-    procedure = load_procedure(protocol or machine.usual_procedure, machine.geometry())
-    may = may_replace(force, table)
-    write_files(table, {"": template(procedure, machine.geometry(), table)}, replace=may)
-    say(f"{procedure.name} to be filled in, column value_mm: {table}")
 
 
 def validate(sessions: Sessions) -> None:
@@ -147,10 +133,7 @@ def replay(
     as_json: AsJson = False,
     served: Annotated[bool, typer.Option("--served", hidden=True)] = False,
 ) -> None:
-    """A recorded session again on the screen.
-
-    With --headless its readings and averages.
-    """
+    """A recorded session again on the screen. With --headless its readings and averages."""
     if not headless and not as_json:
         if served:  # a page of glidecal serve: no terminal, and only to look at
             threading.Thread(target=_end_with_the_server, daemon=True).start()
@@ -190,10 +173,7 @@ def serve(
         int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.", min=0, max=65535)
     ] = DEFAULT_PORT,
 ) -> None:
-    """Recorded sessions in a browser, to look at only.
-
-    Of this computer alone. Ctrl-C ends it.
-    """
+    """Recorded sessions in a browser, to look at only. Ctrl-C ends it."""
     from protocols.record import read_record
 
     for path in sessions:

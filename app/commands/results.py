@@ -35,10 +35,7 @@ def solve(
     as_json: AsJson = False,
     **own: Any,  # noqa: ANN401 (what the machines add)
 ) -> None:
-    """Parameters with uncertainties from sessions.
-
-    Also averages, differences, residuals, and what is not seen.
-    """
+    """Parameters with uncertainties from sessions. Also differences and residuals."""
     family = family_of_files(machine, sessions)
     given = options_of(context, family, family.measured, own, lambda other: other.measured)
     typer.echo(family.solve(sessions, given, say).shown(as_json=as_json))
@@ -49,10 +46,7 @@ def compare(
     after: Annotated[Path, argument("Session after.")],
     as_json: AsJson = False,
 ) -> None:
-    """The differences before and after a calibration.
-
-    That is, before and after the offsets were entered in the controller.
-    """
+    """The differences before and after a calibration. After: with the offsets entered."""
     from app.evaluating.comparison import compare_files
 
     found = compare_files(before, after)
@@ -76,10 +70,7 @@ def verify(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Were the offsets entered, and is the tool good now?
-
-    Against its tolerance.
-    """
+    """Were the offsets entered, is the tool in tolerance?"""
     from app.evaluating.verification import verify_files
 
     found = verify_files(before, after, tolerance)
@@ -120,10 +111,7 @@ def export(
     ] = False,
     force: Force = False,
 ) -> None:
-    """Offsets for the controller, as files.
-
-    For linuxcnc a folder of includes and tables.
-    """
+    """Offsets for the controller, as files. For linuxcnc a folder of includes and tables."""
     from app.exports import FORMATS
     from app.exports.linuxcnc_ini import read_controller
     from app.report.offsets import offsets_from_file

@@ -65,10 +65,7 @@ def run(
         bool, typer.Option("--dry-run", help="Show every step; open and write nothing.")
     ] = False,
 ) -> None:
-    """The guided session on real indicators.
-
-    With --simulated on a simulated machine.
-    """
+    """The guided session on real indicators. With --simulated on a simulated machine."""
     from app.measuring.indicators import choose_indicators, some_indicators
     from app.measuring.opening import (
         SIMULATED_INTERVAL_S,
@@ -147,10 +144,7 @@ def demo(
         "demo-sessions"
     ),
 ) -> None:
-    """A whole calibration on a simulated machine.
-
-    Measure, identify, export, measure again and compare.
-    """
+    """A whole calibration on a simulated machine. It is measured again after the export."""
     from app.measuring.demo import DEMO_MOTION_S, demo_plan, with_hidden_effect
     from app.measuring.indicators import DEFAULT_PROFILE
     from app.measuring.opening import SIMULATED_INTERVAL_S, writable_folder
@@ -221,10 +215,7 @@ def simulate(
     force: Force = False,
     **own: Any,  # noqa: ANN401 (what the machines add)
 ) -> None:
-    """A session of a simulated machine.
-
-    The nominal one, or that of a model file.
-    """
+    """A session of a simulated machine. The nominal one, or that of a model file."""
     name = machine or USUAL_MACHINE
     family = family_of(name)
     given = options_of(context, family, f"the machine {name}", own)

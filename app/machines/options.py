@@ -102,19 +102,13 @@ def working(words: str) -> Iterator[None]:
         yield
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TimeElapsedColumn
 
     from calib.clusters import on_part
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    columns = ("{task.description}", BarColumn(), TimeElapsedColumn())
     # a bar needs the terminal's own codes, and shows no text of a file
-    with Progress(
-        *columns,
-        console=Console(file=sys.__stderr__),
-        transient=True,
-        redirect_stdout=False,
-        redirect_stderr=False,
-    ) as bar:
+    with Progress(*columns, console=Console(file=sys.__stderr__), transient=True) as bar:
         task = bar.add_task(f"{words}, Ctrl-C stops", total=None)
         token = on_part.set(lambda done, parts: bar.update(task, completed=done, total=parts))
         try:

@@ -11,7 +11,7 @@ from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import SessionSolution
 from app.measuring.hidden_effect import hidden_effect
 from app.measuring.indicators import DEFAULT_PROFILE, simulated_indicators
-from app.measuring.opening import Plan, session_name
+from app.measuring.opening import Plan, refuse_plate, session_name
 from app.measuring.session import GuidedSession, TakenStep
 from app.measuring.simulated import BenchSettings, planned_readings
 from calib.errors import IndicatorError
@@ -44,6 +44,18 @@ def demo_plan(
         seed=seed,
         bench=bench,
     )
+
+
+def rehearsal_plan(
+    profile: str, protocol: str, machine: str | None, seed: int, resolution_mm: float
+) -> Plan:
+    """Two indicators on a machine that goes where it is sent; no record. Raises as `demo_plan`."""
+    known = load_machine(machine)
+    procedure = load_procedure(protocol, known.geometry())
+    refuse_plate(procedure)
+    bench = BenchSettings(resolution_mm, motion_s=DEMO_MOTION_S)
+    instruments = simulated_indicators([profile])
+    return Plan(Path("rehearsal"), known, procedure, instruments, seed=seed, bench=bench)
 
 
 def with_hidden_effect(plan: Plan, effect: str) -> Plan:

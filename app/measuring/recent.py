@@ -89,13 +89,8 @@ def _state(record: Record) -> Recent:
     if not steps:
         return Recent(record.path, f"{readings}, cut", verifies=verifies)
     where = f"interrupted at step {following.number} of {len(steps)}" if following else "not closed"
-    return Recent(
-        record.path,
-        f"{readings}, {where}",
-        interrupted=True,
-        empty=not session.all_readings,
-        verifies=verifies,
-    )
+    state, empty = f"{readings}, {where}", not session.all_readings
+    return Recent(record.path, state, interrupted=True, empty=empty, verifies=verifies)
 
 
 def follow_up(session: Recent, among: list[Recent]) -> Recent | None:

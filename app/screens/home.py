@@ -53,7 +53,7 @@ class HomeScreen(Screen[None]):
 
     def compose(self) -> ComposeResult:
         yield Title()
-        yield Static("What do you want to do? Arrow keys and Enter.", markup=False, id="question")
+        yield Static(texts.HOME_QUESTION, markup=False, id="question")
         yield OptionList(id="choices", markup=False)
         yield Footer()
 
@@ -189,8 +189,13 @@ class HomeScreen(Screen[None]):
 
     def _start(self, job: Callable[[], Callable[[], object]]) -> None:
         """Compute apart from the screen; the job gives back what is to be shown."""
-        self._working = True
+        self._set_working(True)
         self._run_job(job)
+
+    def _set_working(self, working: bool) -> None:
+        self._working = working
+        said = texts.COMPUTING if working else texts.HOME_QUESTION
+        self.query_one("#question", Static).update(said)
 
     @work(thread=True)
     def _run_job(self, job: Callable[[], Callable[[], object]]) -> None:
@@ -201,7 +206,7 @@ class HomeScreen(Screen[None]):
         self.app.call_from_thread(self._finish_job, show)
 
     def _finish_job(self, show: Callable[[], object]) -> None:
-        self._working = False
+        self._set_working(False)
         show()
 
     def _show_result(self, path: Path) -> Callable[[], object]:

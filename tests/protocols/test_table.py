@@ -20,7 +20,7 @@ from protocols.events import Reading
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure
 from protocols.spreadsheet import MOST_UNPACKED_BYTES
-from protocols.table import read_table, template
+from protocols.table import empty_table, read_table
 
 HEADER = "leg,axis,displacement_mm,value_mm"
 GOOD = f"{HEADER}\nx,y,0,0.10\nx,y,60,0.25\n"
@@ -225,7 +225,7 @@ def test_a_template_that_was_filled_in_holds_every_reading(
     known = load_machine(machine)
     geometry, path = known.geometry(), tmp_path / f"t{suffix}"
     procedure = load_procedure(known.usual_procedure, geometry)
-    empty = template(procedure, geometry, path)
+    empty = empty_table(procedure, geometry, path)
     path.write_bytes(empty.encode() if isinstance(empty, str) else empty)
     with pytest.raises(RecordError, match="line 2, column value_mm: found ''"):
         read_table(path, geometry)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import date, datetime
+from datetime import datetime
 from typing import Annotated, Literal
 
 from app.evaluating.accuracy import Judgement
@@ -26,6 +26,7 @@ from app.report.schema.document import (
 from calib.identify.accuracy import Decision, ToolError
 from calib.identify.solution import Method, Solution, Subset, Weights
 from calib.noise.reading import NoiseSource, Repeated
+from protocols.machine import Instrument
 
 
 @dataclass(frozen=True)
@@ -161,15 +162,6 @@ class FittedSize(Report):
     coverage_factor: float
 
 
-class UsedIndicator(Report):
-    """Which indicator it was, as the machine file says."""
-
-    profile: str
-    serial_number: str | None
-    certificate: str | None
-    certificate_date: date | None
-
-
 class MeasuredSession(Report):
     """Who measured when and with what; ``notes`` are the remarks made on the way."""
 
@@ -177,7 +169,7 @@ class MeasuredSession(Report):
     begun: datetime = at("opened.at")
     operator: str = at("opened.operator")
     temperature_c: float | None = at("opened.temperature_c")
-    indicators: tuple[UsedIndicator, ...] = at("opened.instruments")
+    indicators: tuple[Instrument, ...] = at("opened.instruments")
     notes: tuple[str, ...]
 
 

@@ -137,18 +137,14 @@ def gap_text(found: Diagnosis) -> str:
     return said
 
 
-RAREST = 1_000_000
+RAREST = 1e-6
 
 
 def by_chance(p_value: float) -> str:
     """A p-value in a sentence."""
-    if p_value > 0.5:
-        often = "most"
-    elif p_value * RAREST < 1.0:
-        often = f"fewer than 1 of {RAREST:,}"
-    else:
-        often = f"1 of {float(f'{1.0 / p_value:.2g}'):,.10g}"
-    return f"would happen by chance in {often} sessions"
+    often = f"1 of {float(f'{1.0 / max(p_value, RAREST):.2g}'):,.10g}"
+    said = "most" if p_value > 0.5 else often if p_value > RAREST else f"fewer than {often}"
+    return f"would happen by chance in {said} sessions"
 
 
 def p_words(p_value: float) -> str:

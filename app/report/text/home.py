@@ -25,6 +25,9 @@ Sessions of this folder and of demo-sessions stand below, newest
 first. Enter on one of them offers what can be done with it.
 Ctrl+P opens the command palette: theme, keys, screenshot."""
 
+HOME_QUESTION = "What do you want to do? Arrow keys and Enter."
+COMPUTING = "Computing … F10 leaves."
+
 HOME_CHOICES = (
     ("new", "New session on real indicators"),
     ("demo", "Demonstration on a simulated machine"),

@@ -129,5 +129,5 @@ def test_a_folder_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     assert not (tmp_path / "a").exists()
     write_files(tmp_path, {"a": "new", "b": b"new"}, replace=True)
     assert (tmp_path / "b").read_bytes() == b"new"
-    with pytest.raises(FilesThere, match=r"^a, b are there already in "):
+    with pytest.raises(FilesThere, match=r"/a, b are there already\. Give"):
         write_files(tmp_path, {"a": "newer", "b": "newer"})

@@ -179,7 +179,7 @@ async def test_a_computer_that_slept_holds_the_session(tmp_path: Path) -> None:
         screen._looked_at -= 720.0
         await until(pilot, "hold", lambda: screen.held)
         assert "slept for 12 min" in on(screen, "#said")
-        assert "P goes on" in on(screen, "#said")
+        assert "Press P to measure again" in on(screen, "#said")
         assert notes(screen) == ["the computer slept for 720 s"]
 
 

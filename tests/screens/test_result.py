@@ -143,7 +143,7 @@ async def test_names_points_and_zero_line_at_80_columns(
         await until(pilot, "a plot", lambda: len(drawn(interface, "#plot")) > 15)
         lines = drawn(interface, "#plot")
         assert lines[0].strip() == "Differences, mm"
-        assert lines[-1].strip() == "x measured   o left"
+        assert lines[-1].strip() == "x measured   o residual"
         assert lines[-2].split() == NAMES
         points = "".join(lines[2:-3])
         assert (points.count("x"), points.count("o")) == (12, 12)

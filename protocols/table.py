@@ -74,6 +74,7 @@ class Row:
     def with_point(self, column: str) -> str:
         """A finite number as it is written, with a decimal point."""
         text = self.fields[column]
+        # beside decimal commas a point is one of thousands: no number with it is taken
         plain = text if self.mark == "." else text.replace(".", " ").replace(",", ".", 1)
         if not NUMBER.fullmatch(plain):
             word = "point" if self.mark == "." else "comma, as in other rows"

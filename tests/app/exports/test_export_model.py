@@ -182,5 +182,5 @@ def test_what_the_joints_hold_already_is_not_entered_twice(samples: Path, tmp_pa
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
     later = tmp_path / "later.jsonl"
     assert glidecal("simulate", "--seed", "3", "-o", later).status == 0
-    assert glidecal(*("export", later, *asked[2:])).status == 0
+    assert glidecal(*("export", later, *asked[2:]), "--force").status == 0
     assert "joints that hold the offsets" in refused(2, *asked)

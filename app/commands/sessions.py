@@ -181,7 +181,7 @@ def run_headless(plan: Plan, say: Callable[[str], None]) -> tuple[SessionSolutio
 
     before = _measured(plan, say)
     folder = plan.path.with_suffix("")
-    for path in export_offsets(before, plan.path, folder):
+    for path in export_offsets(before, plan.path, folder)[0]:
         say(f"exported: {path}")
     after = _measured(verification_plan(plan, before), say)
     if not after.solution.rms_before_mm < before.solution.rms_before_mm:

@@ -13,6 +13,7 @@ from app.exports import linuxcnc
 from app.report.offsets import Offsets, offsets_from_solved
 from app.report.schema.document import to_json
 from app.report.schema.solution import OffsetsReport
+from calib.errors import UsageError
 from protocols.files import Written, write_files
 from protocols.model_file import model_file
 from protocols.table import csv_text
@@ -68,8 +69,18 @@ FILE_NAMES = {"json": "offsets.json", "csv": "offsets.csv", "model": "model.json
 
 def export_offsets(
     solved: SessionSolution, session: Path, folder: Path, *, replace: bool = False
-) -> list[Path]:
-    """Offsets of a session's solution in every format, into a folder. Raises as `write_files`."""
+) -> tuple[list[Path], str]:
+    """Offsets of a session's solution in every format, into a folder. Raises as `write_files`.
+
+    The second result is why files for LinuxCNC are not among them, where effects stand against it.
+    """
     offsets = offsets_from_solved(solved, [session])
     files = {file: FORMATS[name](offsets)[""] for name, file in FILE_NAMES.items()}
-    return write_files(folder, {**files, **linuxcnc.joint_includes(offsets)}, replace=replace)
+    refused = ""
+    try:
+        files |= linuxcnc.joint_includes(offsets)
+    except UsageError as problem:
+        if not offsets.model.effects:
+            raise
+        refused = str(problem)
+    return write_files(folder, files, replace=replace), refused

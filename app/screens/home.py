@@ -224,11 +224,11 @@ class HomeScreen(Screen[None]):
         folder = path.with_suffix("")
         solved = solve_for_controller(path)
         try:
-            written = export_offsets(solved, path, folder, replace=replace)
+            written, refused = export_offsets(solved, path, folder, replace=replace)
         except FilesThere as problem:
             again = partial(self._start, partial(self._export, path, replace=True))
             return partial(self.app.ask_to_replace, problem, again)
-        said = exported_text(folder, written, solved)
+        said = exported_text(folder, written, solved, refused)
         return partial(self.app.notify, said, timeout=10, markup=False)
 
     def _show_comparison(self, before: Path, after: Path) -> Callable[[], object]:

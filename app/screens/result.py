@@ -124,8 +124,8 @@ class ResultScreen(PagedScreen):
         folder = self.path.with_suffix("")
         try:
             offsets = self._joint_offsets()
-            written = export_offsets(offsets, self.path, folder, replace=replace)
-            said = texts.exported_text(folder, written, offsets)
+            written, refused = export_offsets(offsets, self.path, folder, replace=replace)
+            said = texts.exported_text(folder, written, offsets, refused)
         except FilesThere as problem:
             again = partial(self._export, replace=True)
             self.app.call_from_thread(self.app.ask_to_replace, problem, again)

@@ -189,6 +189,29 @@ async def test_a_mistake_is_put_right_in_a_new_session_and_its_result_shown(tmp_
         await pilot.press("f10")
 
 
+async def test_the_result_with_an_adopted_model_is_exported(tmp_path: Path) -> None:
+    session = write_session(tmp_path / "play.jsonl", "two-station", 6, "backlash:y", 0.05)
+    interface = Glidecal(DiagnoseScreen([session]))
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        screen = await diagnosed(pilot, interface)
+        for keys in ("a", "1", "enter"):
+            await pilot.press(keys)
+            await pilot.pause()
+        await until(pilot, "again", lambda: screen.model is not None and not screen.looking)
+        await pilot.press("r")
+        await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
+        assert "backlash y: play" in text(interface, "#text")
+        await pilot.press("e")
+        await until(pilot, "exported", lambda: "No files for LinuxCNC" in said(interface))
+        assert "--ini with the controller's INI file" in said(interface)
+        await pilot.press("f10")
+    written = sorted(path.name for path in (tmp_path / "play").iterdir())
+    assert written == ["model.json", "offsets.csv", "offsets.json"]
+    (entry,) = read_model_file(tmp_path / "play" / "model.json").effects
+    assert entry.id == "backlash"
+    assert entry.parameters["play"].value == pytest.approx(0.05, abs=0.003)
+
+
 async def test_where_nothing_may_be_written(doubtful: Path) -> None:
     interface = Glidecal(DiagnoseScreen([doubtful]), read_only=True)
     async with interface.run_test(size=SIZE, notifications=True) as pilot:

@@ -273,10 +273,14 @@ def result_text(
     return first + solution_text(solved)
 
 
-def exported_text(folder: Path, paths: Sequence[Path], solved: SessionSolution) -> str:
-    """What was written where, and what could not be known."""
+def exported_text(
+    folder: Path, paths: Sequence[Path], solved: SessionSolution, refused: str
+) -> str:
+    """What was written where, what was not, and what could not be known."""
     said = f"Written to {folder}: {', '.join(path.name for path in paths)}"
-    if solved.sessions[0].opened.machine.home_offset_mm is None:
+    if refused:
+        said += f". No files for LinuxCNC (any there are older): {refused}"
+    elif solved.sessions[0].opened.machine.home_offset_mm is None:
         said += ". WARNING: " + UNKNOWN_HOME_OFFSET
     return said
 

@@ -1,0 +1,135 @@
+"""Readings that are not what they say: taken without a move, swapped, of another leg or unit.
+
+A few sessions always run; GLIDECAL_FUZZ=1 takes 10,000 steps and 500 mistakes of each kind.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from protocols.events import Event, Mounted, Opened, Reading
+from protocols.expectation import Expected, expected
+from protocols.machine import Instrument, Machine
+from protocols.procedure import default_mount, load_procedure
+from protocols.session import fold
+from tests.app.measuring.simulated_operator import SCATTER_MM, Table, Tally, hidden, session, table
+
+FULL = "GLIDECAL_FUZZ" in os.environ
+SESSIONS = 170 if FULL else 5
+MISTAKEN = 200
+
+pytestmark = pytest.mark.timeout(3600)
+
+
+@pytest.mark.parametrize("automatic", [False, True])
+def test_no_take_without_a_move_where_one_is_to_be_seen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, automatic: bool
+) -> None:
+    monkeypatch.setattr("protocols.files.os.fsync", lambda _: None)
+    tally = Tally()
+    for seed in range(SESSIONS):
+        with session(tmp_path, seed, monkeypatch, tally) as operator:
+            operator.measure(automatic=automatic)
+    print(automatic, asdict(tally))
+    assert tally.stored == 0
+    assert tally.forgotten > tally.steps / 6
+    assert tally.asked + tally.refused <= 0.005 * tally.honest
+
+
+MISTAKES = ("swapped", "wrong leg", "inch", "sign")
+
+
+def wrong(mistake: str, right: tuple[float, float], displacement_mm: float) -> tuple[float, float]:
+    """Changes since Zero that the indicators of a leg show instead of these, mm.
+
+    On a wrong leg the first of them stands along the way that the tool goes: half of it.
+    """
+    first, second = right
+    return {
+        "swapped": (second, first),
+        "wrong leg": (0.5 * displacement_mm + first, second),
+        "inch": (first / 25.4, second / 25.4),
+        "sign": (-first, second),
+    }[mistake]
+
+
+def test_mistakes_of_the_set_up_are_found_before_the_second_reading_of_a_leg() -> None:
+    """Where the prediction, given the legs before, differs by more than five of its deviations."""
+    found, differing, honest, asked = (dict.fromkeys(MISTAKES, 0) for _ in range(4))
+    for seed in count():
+        truth = table(hidden(np.random.default_rng(seed), 2.0, 0.1))
+        for due, right in second_readings(truth, seed):
+            before = [one.before.value_mm for one in due]
+            asked["sign"] += beyond(due, before, right)
+            honest["sign"] += 1
+            for mistake in MISTAKES:
+                shown = wrong(mistake, right, 60.0)
+                differs = any(
+                    abs(s - r) > 5.0 * one.deviation_mm
+                    for s, r, one in zip(shown, right, due, strict=True)
+                )
+                differing[mistake] += differs
+                found[mistake] += differs and beyond(due, before, shown)
+        if min(differing.values()) >= MISTAKEN:
+            break
+    print(differing, found, honest, asked, seed)
+    assert all(found[mistake] >= 0.99 * differing[mistake] for mistake in MISTAKES)
+    assert asked["sign"] <= 0.005 * honest["sign"]
+
+
+def beyond(due: Sequence[Expected], before: Sequence[float], change: Sequence[float]) -> bool:
+    return any(
+        one.is_beyond(at + by) for one, at, by in zip(due, before, change, strict=True)
+    )
+
+
+def second_readings(
+    truth: Table, seed: int
+) -> Iterator[tuple[tuple[Expected, ...], tuple[float, float]]]:
+    """What is expected of the second reading of each leg, and what the machine shows there."""
+    chance = np.random.default_rng([seed, 1])
+    machine = Machine()
+    events: list[Event] = [
+        Opened(
+            program="test",
+            origin="measured",
+            machine=machine,
+            procedure=load_procedure("zero-max-min", machine.geometry()),
+            instruments=(Instrument(profile="a"), Instrument(profile="b")),
+        )
+    ]
+    place, zero_mm, number = None, {"": 0.0}, 0
+    for step in fold(events).steps():
+        if step.place != place:
+            mounts = {axis: default_mount(step.leg, axis, step.station) for axis in step.axes}
+            events.append(Mounted(leg=step.leg, station=step.station, mounts=mounts))
+            zero_mm = {axis: float(chance.normal(0, 0.5)) for axis in step.axes}
+        elif step.cycle == 1 and step.displacement_mm == 60.0:
+            y, z = (
+                truth[step.leg, axis, 60.0] - truth[step.leg, axis, 0.0] for axis in step.axes
+            )
+            yield expected(fold(events), step, 20.0 * step.number), (y, z)
+        place = step.place
+        for axis in step.axes:
+            number += 1
+            value = truth[step.leg, axis, step.displacement_mm] + zero_mm[axis]
+            events.append(
+                Reading(
+                    reading=number,
+                    step=step.number,
+                    leg=step.leg,
+                    axis=axis,
+                    displacement_mm=step.displacement_mm,
+                    value_mm=value + chance.normal(0, SCATTER_MM),
+                    text="",
+                    mount=mounts[axis],
+                    time_s=20.0 * step.number,
+                )
+            )

@@ -26,6 +26,7 @@ from protocols.expectation import Movement
 from protocols.journal import Journal
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Step, leg_number, load_procedure
+from protocols.record import read_record
 from protocols.session_clock import SessionClock
 from tests.blind.forward import Hidden, Rows, readings
 
@@ -121,7 +122,9 @@ class Bench:
         since_s = self.now_s - began_s
         swing = math.exp(-since_s / decay_s) * math.cos(40.0 * since_s)
         value += size_mm * swing * (1.0 if number else 0.6)
-        digits = round(value / self.digit_mm) + int(self.chance.integers(0, self.flicker[number] + 1))
+        digits = round(value / self.digit_mm) + int(
+            self.chance.integers(0, self.flicker[number] + 1)
+        )
         return Reading(f"{digits}", digits * self.digit_mm, self.digit_mm, unit_assumed=True)
 
 
@@ -150,7 +153,8 @@ class Tally:
     steps: int = 0
     forgotten: int = 0  # takes without a move where one was to be seen
     stored: int = 0  # those of them that count without a question
-    unseen: int = 0  # takes without a move where none was to be seen
+    on_his_word: int = 0  # takes without a move where none was to be seen, and none was asked
+    noted: int = 0  # remarks on takes whose move nothing showed
     honest: int = 0
     asked: int = 0  # honest takes that were questioned
     refused: int = 0  # honest ones that the automatic did not take, though a move was to be seen
@@ -158,7 +162,7 @@ class Tally:
 
 
 class Operator:
-    """Measures one whole session; every third step without a move at first."""
+    """Measures one whole session by hand, forgetting to move now and then, or automatically."""
 
     def __init__(self, bench: Bench, guided: GuidedSession, tally: Tally) -> None:
         self.bench, self.guided, self.tally = bench, guided, tally
@@ -224,7 +228,7 @@ class Operator:
             self.until_stable()
             seen = self.visible(step)
             doubt = self.take().doubt
-            self.tally.unseen += not seen
+            self.tally.on_his_word += not seen and doubt is None
             self.tally.forgotten += seen
             self.tally.stored += seen and doubt is None
             if doubt is None:
@@ -270,13 +274,12 @@ class Operator:
                 return
         self.tally.refused += seen
         self.tally.left_to_key += not seen
+        self.tally.on_his_word += not seen
         self.honest_take()
 
 
 @contextmanager
-def session(
-    folder: Path, seed: int, patch: pytest.MonkeyPatch, tally: Tally
-) -> Iterator[Operator]:
+def session(folder: Path, seed: int, patch: pytest.MonkeyPatch, tally: Tally) -> Iterator[Operator]:
     """One session on a machine of its own; every fifth was calibrated before."""
     chance = np.random.default_rng(seed)
     calibrated = seed % 5 == 4
@@ -303,3 +306,5 @@ def session(
     with GuidedSession(journal, gauges, None, lambda: None, clock) as guided:
         yield Operator(bench, guided, tally)
         guided.finish()
+    events = read_record(guided.path).events
+    tally.noted += sum(e.event == "noted" and "operator's word" in e.text for e in events)

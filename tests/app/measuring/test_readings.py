@@ -6,8 +6,8 @@ A few sessions always run; GLIDECAL_FUZZ=1 takes 10,000 steps and 500 mistakes o
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 from itertools import count
 from pathlib import Path
 
@@ -17,13 +17,13 @@ import pytest
 from protocols.events import Event, Mounted, Opened, Reading
 from protocols.expectation import Expected, expected
 from protocols.machine import Instrument, Machine
-from protocols.procedure import default_mount, load_procedure
+from protocols.procedure import Leg, default_mount, load_procedure
 from protocols.session import fold
 from tests.app.measuring.simulated_operator import SCATTER_MM, Table, Tally, hidden, session, table
 
 FULL = "GLIDECAL_FUZZ" in os.environ
-SESSIONS = 170 if FULL else 5
-MISTAKEN = 200
+SESSIONS = 334 if FULL else 5
+MISTAKES = 500 if FULL else 60
 
 pytestmark = pytest.mark.timeout(3600)
 
@@ -32,21 +32,20 @@ pytestmark = pytest.mark.timeout(3600)
 def test_no_take_without_a_move_where_one_is_to_be_seen(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, automatic: bool
 ) -> None:
+    """Flicker of 0 to 3 digits, 1 µm/s of drift, bumps; every fifth machine was calibrated."""
     monkeypatch.setattr("protocols.files.os.fsync", lambda _: None)
     tally = Tally()
     for seed in range(SESSIONS):
         with session(tmp_path, seed, monkeypatch, tally) as operator:
             operator.measure(automatic=automatic)
-    print(automatic, asdict(tally))
+    print(tally)
     assert tally.stored == 0
-    assert tally.forgotten > tally.steps / 6
+    assert tally.forgotten > tally.steps / 5
+    assert tally.noted >= tally.on_his_word > 0
     assert tally.asked + tally.refused <= 0.005 * tally.honest
 
 
-MISTAKES = ("swapped", "wrong leg", "inch", "sign")
-
-
-def wrong(mistake: str, right: tuple[float, float], displacement_mm: float) -> tuple[float, float]:
+def wrong(right: tuple[float, float], displacement_mm: float) -> dict[str, tuple[float, float]]:
     """Changes since Zero that the indicators of a leg show instead of these, mm.
 
     On a wrong leg the first of them stands along the way that the tool goes: half of it.
@@ -57,37 +56,33 @@ def wrong(mistake: str, right: tuple[float, float], displacement_mm: float) -> t
         "wrong leg": (0.5 * displacement_mm + first, second),
         "inch": (first / 25.4, second / 25.4),
         "sign": (-first, second),
-    }[mistake]
+    }
 
 
 def test_mistakes_of_the_set_up_are_found_before_the_second_reading_of_a_leg() -> None:
-    """Where the prediction, given the legs before, differs by more than five of its deviations."""
-    found, differing, honest, asked = (dict.fromkeys(MISTAKES, 0) for _ in range(4))
+    """Where they differ from the truth by more than five deviations of the prediction."""
+    found, differing = Counter[str](), Counter[str]()
+    honest = asked = 0
     for seed in count():
         truth = table(hidden(np.random.default_rng(seed), 2.0, 0.1))
         for due, right in second_readings(truth, seed):
-            before = [one.before.value_mm for one in due]
-            asked["sign"] += beyond(due, before, right)
-            honest["sign"] += 1
-            for mistake in MISTAKES:
-                shown = wrong(mistake, right, 60.0)
-                differs = any(
-                    abs(s - r) > 5.0 * one.deviation_mm
-                    for s, r, one in zip(shown, right, due, strict=True)
-                )
-                differing[mistake] += differs
-                found[mistake] += differs and beyond(due, before, shown)
-        if min(differing.values()) >= MISTAKEN:
+            honest, asked = honest + 1, asked + beyond(due, right)
+            for mistake, shown in wrong(right, 60.0).items():
+                pairs = zip(shown, right, due, strict=True)
+                if any(abs(s - r) > 5.0 * one.deviation_mm for s, r, one in pairs):
+                    differing[mistake] += 1
+                    found[mistake] += beyond(due, shown)
+        if len(differing) == 4 and min(differing.values()) >= MISTAKES:
             break
-    print(differing, found, honest, asked, seed)
-    assert all(found[mistake] >= 0.99 * differing[mistake] for mistake in MISTAKES)
-    assert asked["sign"] <= 0.005 * honest["sign"]
+    print(f"found {found} of {differing}; of {honest} honest ones {asked} were asked")
+    assert all(found[mistake] >= 0.98 * differing[mistake] for mistake in differing)
+    assert not FULL or all(found[mistake] >= 0.99 * differing[mistake] for mistake in differing)
+    assert asked <= 0.005 * honest
 
 
-def beyond(due: Sequence[Expected], before: Sequence[float], change: Sequence[float]) -> bool:
-    return any(
-        one.is_beyond(at + by) for one, at, by in zip(due, before, change, strict=True)
-    )
+def beyond(due: Sequence[Expected], change_mm: Sequence[float]) -> bool:
+    pairs = zip(due, change_mm, strict=True)
+    return any(one.is_beyond(one.before.value_mm + change) for one, change in pairs)
 
 
 def second_readings(
@@ -105,16 +100,16 @@ def second_readings(
             instruments=(Instrument(profile="a"), Instrument(profile="b")),
         )
     ]
-    place, zero_mm, number = None, {"": 0.0}, 0
+    place, number = None, 0
+    mounts: dict[Leg, str] = {}
+    zero_mm: dict[Leg, float] = {}
     for step in fold(events).steps():
         if step.place != place:
             mounts = {axis: default_mount(step.leg, axis, step.station) for axis in step.axes}
             events.append(Mounted(leg=step.leg, station=step.station, mounts=mounts))
             zero_mm = {axis: float(chance.normal(0, 0.5)) for axis in step.axes}
         elif step.cycle == 1 and step.displacement_mm == 60.0:
-            y, z = (
-                truth[step.leg, axis, 60.0] - truth[step.leg, axis, 0.0] for axis in step.axes
-            )
+            y, z = (truth[step.leg, axis, 60.0] - truth[step.leg, axis, 0.0] for axis in step.axes)
             yield expected(fold(events), step, 20.0 * step.number), (y, z)
         place = step.place
         for axis in step.axes:

@@ -26,7 +26,7 @@ REACH = 3.0
 LEAST_NOISE_MM = 1e-4
 """Less is arithmetic."""
 
-HIDDEN = 0.05
+HIDDEN = 0.2
 """A change is to be seen where it stays within the band of rest less often than this."""
 
 

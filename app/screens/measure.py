@@ -258,6 +258,7 @@ class MeasureScreen(Corrections):
     def _answered(self, answer: str, taken: TakenStep) -> None:
         """What the operator says to readings in question; only "keep" lets them count."""
         reason = texts.answer_reason(answer, taken)
+        self.say(texts.answered_text(answer, taken.step))
         if answer == "keep":
             if self.write(lambda: self.guided.keep(taken, reason)):
                 self._go_on(taken.step)
@@ -265,7 +266,6 @@ class MeasureScreen(Corrections):
         self.write(lambda: self.guided.note(f"step {taken.step.number}: {reason}"))
         if answer == "stand":
             self.write(self.guided.remount)
-        self.say(texts.answered_text(answer, taken.step))
         if answer == "approach":
             self.proceed()
         else:

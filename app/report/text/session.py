@@ -179,7 +179,7 @@ def leg_table_text(rows: Sequence[LegRow], geometry: Geometry) -> str:
     """
     levels = list(dict.fromkeys(level for row in rows for level in row.minus_zero_mm))
     heading = f"{'minus Zero':<11}" + "".join(f"{posture_name(v, geometry):>8}" for v in levels)
-    marked = "  * questioned" if any(row.kept_mm for row in rows) else ""
+    marked = " *kept" if any(row.kept_mm for row in rows) else ""
     lines = [heading + f"{'back at Zero':>13}" + marked]
     for row in rows:
         cells = "".join(
@@ -271,13 +271,11 @@ def answer_reason(answer: str, taken: TakenStep) -> str:
 
 
 def answered_text(answer: str, step: Step) -> str:
-    """What comes next, after readings that were not kept."""
-    then = {
-        "read": "take it again",
-        "approach": "leave the posture, come back to it, and take it again",
-        "stand": "a new set-up; take it again, with a zero of its own",
-    }.get(answer, "it is still the next: take it again")
-    return f"Not kept, step {step.number}: {then}."
+    """What comes next after the answer."""
+    if answer == "keep":
+        return f"Step {step.number} is kept; the table marks it."
+    then = {"approach": "leave the posture, come back, and ", "stand": "with a zero of its own, "}
+    return f"Not kept. Step {step.number} is still the next: {then.get(answer, '')}take it again."
 
 
 def automatic_waits_text(moved: Movement, step: Step, session: Session) -> str:

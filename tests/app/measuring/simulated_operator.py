@@ -153,7 +153,7 @@ class Tally:
     steps: int = 0
     forgotten: int = 0  # takes without a move where one was to be seen
     stored: int = 0  # those of them that count without a question
-    on_his_word: int = 0  # takes without a move where none was to be seen, and none was asked
+    on_his_word: int = 0  # takes by the key, not asked, where no move was to be seen
     noted: int = 0  # remarks on takes whose move nothing showed
     honest: int = 0
     asked: int = 0  # honest takes that were questioned
@@ -240,13 +240,15 @@ class Operator:
         self.wait(float(self.chance.uniform(1.2, 10.0)))
         self.honest_take()
 
-    def honest_take(self) -> None:
+    def honest_take(self) -> bool:
+        """Whether it was taken without a question; else it is kept."""
         taken = self.take()
         self.tally.honest += 1
         self.taken_s = self.bench.now_s
         if taken.doubt:
             self.tally.asked += 1
             self.guided.keep(taken, "it is right")
+        return taken.doubt is None
 
     def looked(self, step: Step) -> bool:
         """What the screen does in automatic mode, after each news."""
@@ -274,8 +276,7 @@ class Operator:
                 return
         self.tally.refused += seen
         self.tally.left_to_key += not seen
-        self.tally.on_his_word += not seen
-        self.honest_take()
+        self.tally.on_his_word += self.honest_take() and not seen
 
 
 @contextmanager

@@ -20,7 +20,7 @@ MOST = 200
 """So many of the latest readings tell what to expect: the last four legs of the longest procedure
 that comes with the program."""
 
-REACH = 3.0
+REACH = 2.8
 """A reading further from its prediction than so many standard deviations is questioned."""
 
 LEAST_NOISE_MM = 1e-4

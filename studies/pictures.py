@@ -29,7 +29,7 @@ from app.screens.dialogs import ChoiceDialog
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.interface import Interface
 from app.screens.leg_review import LegReviewScreen
-from app.screens.measure import MeasureScreen
+from app.screens.measure import HELD_KEY_S, MeasureScreen
 from app.screens.result import ResultScreen
 from app.screens.session_view import GaugeDisplay
 from app.screens.start import Glidecal
@@ -104,6 +104,7 @@ async def take_wrong(pilot: Pilot[str], screen: MeasureScreen) -> None:
     await save(pilot, "question")
     await pilot.press("1")
     await until_on(pilot, MeasureScreen)
+    await pilot.pause(HELD_KEY_S)  # a key held down counts once
 
 
 async def measure(pilot: Pilot[str], interface: Interface, *, photographed: bool) -> None:

@@ -44,10 +44,8 @@ def leg_rows(session: Session, step: Step) -> list[LegRow]:
             for cycle in sorted({r.cycle for r in members}):
                 row = _row(axis, cycle, members)
                 if row is not None:
-                    kept = {
-                        r.reading for r in members if r.cycle == cycle
-                    } & session.restored.keys()
-                    at_mm = frozenset(r.displacement_mm for r in members if r.reading in kept)
+                    again = [r for r in members if r.reading in session.restored]
+                    at_mm = frozenset(r.displacement_mm for r in again if r.cycle == cycle)
                     rows.append(replace(row, kept_mm=at_mm))
     return rows
 

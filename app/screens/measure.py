@@ -169,7 +169,7 @@ class MeasureScreen(Corrections):
         states = self._draw_live()
         self._tell_lost_and_found(states)
         pressed = [gauge.button_pressed() for gauge in self.guided.gauges]
-        if self.asking or self.held:
+        if self.asking or self.held or self.busy:
             return
         if any(pressed):
             self.action_take()

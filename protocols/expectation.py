@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from math import prod
 
 import numpy as np
 
@@ -128,7 +127,7 @@ def movement(
         return Movement.SEEN
     drift_mm = DRIFT_MM_S * max(0.0, time_s - (due[0].before.time_s or 0.0))
     bands = [rest_mm + drift_mm for rest_mm in rests_mm]
-    hidden = prod(one.chance_within(band) for one, band in zip(due, bands, strict=True))
+    hidden = math.prod(one.chance_within(band) for one, band in zip(due, bands, strict=True))
     changes = (abs(v - one.before.value_mm) for v, one in zip(values_mm, due, strict=True))
     if any(change > band for change, band in zip(changes, bands, strict=True)):
         return Movement.SEEN if hidden < 0.5 else Movement.UNKNOWN

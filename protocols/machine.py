@@ -121,7 +121,8 @@ class Machine(Document):
     ``load`` is the weight that the tool has now, in units of its usual one: another in a session
     with a mass hung on it; ``screw_lead_mm`` is the travel of a carriage for one turn of its
     screw, if it is known; ``mdi`` tells whether its controller is given tool or joint coordinates
-    by hand; ``indicator`` are the indicators that are used with it.
+    by hand; ``fastest_feed_mm_min`` is how fast it moves at most: a reading taken sooner than a
+    step's way needs at that is questioned; ``indicator`` are the indicators that are used with it.
     """
 
     schema_id: Literal["glidecal.machine/1"] = Field(alias="schema", default="glidecal.machine/1")
@@ -140,6 +141,7 @@ class Machine(Document):
     load: Annotated[float, Field(ge=0.001, le=1000.0)] = 1.0
     screw_lead_mm: Annotated[float, Field(ge=0.001, le=1000.0)] | None = None
     mdi: Literal["tool", "joint"] = "tool"
+    fastest_feed_mm_min: Annotated[float, Field(ge=1.0, le=1e6)] = 6000.0
     indicator: tuple[Instrument, ...] = ()
     drive: tuple[Drive, Drive, Drive] | None = None
     workspace_mm: tuple[Triple, Triple] | None = None

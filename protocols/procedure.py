@@ -98,7 +98,7 @@ class Procedure(Document):
 
     With ``order = "free"`` the levels after Zero may be shuffled in each cycle; ``random_seed``
     does it. Readings are stable when they stay within ``tolerance_mm`` for ``window_s``; a reading
-    further than ``repeat_limit_mm`` from earlier repeats of its posture is questioned. With
+    nearer than ``repeat_limit_mm`` to what is expected of it is never questioned. With
     ``plate`` the tool itself is read at positions; then there are no legs, stations and levels.
     """
 

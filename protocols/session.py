@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -28,13 +28,14 @@ class Session:
     """State of a session after its events.
 
     ``readings`` are those that count, in the order taken; ``superseded`` maps the numbers of the
-    others to the reason, ``skipped`` the numbers of the steps that are left out; ``notes`` are the
-    remarks made on the way.
+    others to the reason, ``restored`` the numbers of those that count again, ``skipped`` the
+    numbers of the steps that are left out; ``notes`` are the remarks made on the way.
     """
 
     opened: Opened
     readings: tuple[Reading, ...]
     superseded: dict[int, str]
+    restored: dict[int, str]
     skipped: dict[int, str]
     all_readings: tuple[Reading, ...]
     mountings: tuple[Mounted, ...]
@@ -95,6 +96,7 @@ def fold(events: Iterable[Event]) -> Session:
     opened: Opened | None = None
     readings: list[Reading] = []
     superseded: dict[int, str] = {}
+    restored: dict[int, str] = {}
     skipped: dict[int, str] = {}
     mountings: list[Mounted] = []
     notes: list[str] = []
@@ -106,10 +108,12 @@ def fold(events: Iterable[Event]) -> Session:
             readings.append(event)
         elif isinstance(event, Superseded):
             superseded |= dict.fromkeys(event.readings, event.reason)
+            restored = _without(restored, event.readings)
         elif isinstance(event, Skipped):
             skipped |= dict.fromkeys(event.steps, event.reason)
         elif isinstance(event, Restored):
             superseded = _without(superseded, event.readings)
+            restored |= dict.fromkeys(event.readings, event.reason)
             skipped = _without(skipped, event.steps)
         elif isinstance(event, Mounted):
             mountings.append(event)
@@ -124,6 +128,7 @@ def fold(events: Iterable[Event]) -> Session:
         opened,
         counting,
         superseded,
+        restored,
         skipped,
         tuple(readings),
         tuple(mountings),
@@ -134,42 +139,3 @@ def fold(events: Iterable[Event]) -> Session:
 
 def _without(reasons: dict[int, str], numbers: tuple[int, ...]) -> dict[int, str]:
     return {number: reason for number, reason in reasons.items() if number not in numbers}
-
-
-@dataclass(frozen=True)
-class Disagreement:
-    """A reading further than the procedure allows from the mean of the earlier repeats, mm."""
-
-    reading: Reading
-    earlier_mean_mm: float
-    earlier_count: int
-    limit_mm: float
-
-    @property
-    def difference_mm(self) -> float:
-        """The reading minus the mean of the earlier ones."""
-        return self.reading.value_mm - self.earlier_mean_mm
-
-
-def disagreements(session: Session, taken: Sequence[Reading]) -> tuple[Disagreement, ...]:
-    """Which of the readings just taken are to be questioned.
-
-    Compared are raw values of one mounting in one posture, so a stand that slipped shows too.
-    """
-    procedure = session.opened.procedure
-    if procedure is None:
-        return ()
-    found = []
-    for reading in taken:
-        place = (reading.mount, reading.displacement_mm)
-        earlier = [
-            r.value_mm
-            for r in session.readings
-            if (r.mount, r.displacement_mm) == place and r.reading < reading.reading
-        ]
-        if earlier:
-            mean = sum(earlier) / len(earlier)
-            one = Disagreement(reading, mean, len(earlier), procedure.repeat_limit_mm)
-            if abs(one.difference_mm) > one.limit_mm:
-                found.append(one)
-    return tuple(found)

@@ -29,7 +29,7 @@ from app.screens.dialogs import ChoiceDialog
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.interface import Interface
 from app.screens.leg_review import LegReviewScreen
-from app.screens.measure import MeasureScreen
+from app.screens.measure import HELD_KEY_S, MeasureScreen
 from app.screens.result import ResultScreen
 from app.screens.session_view import GaugeDisplay
 from app.screens.start import Glidecal
@@ -86,7 +86,7 @@ async def take(pilot: Pilot[str], screen: MeasureScreen, number: int) -> None:
     await until(pilot, partial(has_done, screen, number))
 
 
-async def take_wrong(pilot: Pilot[str], screen: MeasureScreen, number: int) -> None:
+async def take_wrong(pilot: Pilot[str], screen: MeasureScreen) -> None:
     """A reading that does not agree with its repeats, questioned; then it is taken again."""
     ask = Gauge.ask
 
@@ -98,11 +98,13 @@ async def take_wrong(pilot: Pilot[str], screen: MeasureScreen, number: int) -> N
         return given
 
     with patch.object(Gauge, "ask", wrong):
-        await take(pilot, screen, number)
-    await until_on(pilot, ChoiceDialog)
+        await until(pilot, screen.ready_by_hand)
+        await pilot.press("space")
+        await until_on(pilot, ChoiceDialog)
     await save(pilot, "question")
     await pilot.press("1")
     await until_on(pilot, MeasureScreen)
+    await pilot.pause(HELD_KEY_S)  # a key held down counts once
 
 
 async def measure(pilot: Pilot[str], interface: Interface, *, photographed: bool) -> None:
@@ -115,7 +117,7 @@ async def measure(pilot: Pilot[str], interface: Interface, *, photographed: bool
     reviewed = False
     for step in screen.guided.steps:
         if photographed and step.number == QUESTIONED:
-            await take_wrong(pilot, screen, step.number)
+            await take_wrong(pilot, screen)
         await take(pilot, screen, step.number)
         if photographed and step.number == MIDDLE_OF_LEG:
             await photograph_measuring(pilot, screen)

@@ -99,7 +99,7 @@ def verification_plan(plan: Plan, before: SessionSolution) -> Plan:
 def measure_all(
     guided: GuidedSession, progress: Callable[[TakenStep], None] = lambda _: None
 ) -> None:
-    """Take every step of a simulated session unattended and close the record.
+    """Take every step of a simulated session unattended, keep all, and close the record.
 
     Raises IndicatorError where an indicator gives no value.
     """
@@ -107,6 +107,8 @@ def measure_all(
     while (taken := guided.take()) is not None:
         if taken.faults:
             raise IndicatorError("simulated indicator", taken.faults[0].words, "a reading")
+        if taken.doubt:
+            guided.keep(taken, "unattended: kept")
         progress(taken)
         guided.go()
     guided.finish()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import deque
@@ -74,7 +75,7 @@ class Gauge:
         self._tolerance_mm = self._still_mm = tolerance_mm
         self._lock = threading.Lock()
         self._slot = 0.0
-        self._span: tuple[float, float] | None = None
+        self._flicker_mm = self._digit_mm = 0.0
         self._heard: deque[tuple[float, Outcome]] = deque(maxlen=HISTORY)
         self._latest: Outcome | None = None
         self._pressed = self._rests = False
@@ -101,9 +102,8 @@ class Gauge:
         with self._lock:
             changes = not self._rests or outcome != self._latest
             if isinstance(outcome, Reading):
+                self._digit_mm = outcome.resolution_mm
                 self._still_mm = max(self._tolerance_mm, ONE_DIGIT * outcome.resolution_mm)
-                low, high = self._span or (outcome.value_mm, outcome.value_mm)
-                self._span = min(low, outcome.value_mm), max(high, outcome.value_mm)
             if self._heard and now - self._slot < SPACING_S:
                 self._heard[-1] = (now, outcome)
             else:
@@ -127,13 +127,15 @@ class Gauge:
         """Forget what was stable and what was pressed: the machine is about to move."""
         with self._lock:
             self._heard.clear()
-            self._span, self._rests = None, False
-            self._pressed = False
+            self._pressed = self._rests = False
 
-    def has_moved(self) -> bool:
-        """Whether the reading moved since the last `restart_window`."""
-        span = self._span
-        return span is not None and span[1] - span[0] > self._still_mm
+    @property
+    def rest_mm(self) -> float:
+        """How far two readings may differ while nothing moves.
+
+        A digit, and twice the most that a stable window showed: a window is short.
+        """
+        return self._digit_mm + 2.0 * self._flicker_mm
 
     def live(self) -> Live:
         """The state now; safe from any thread."""
@@ -158,8 +160,11 @@ class Gauge:
         within = takewhile(lambda entry: now - entry[0] <= self._window_s, reversed(heard))
         recent = [o.value_mm for _, o in within if isinstance(o, Reading)]
         covered = now - heard[0][0] >= self._window_s
-        still = len(recent) >= 2 and max(recent) - min(recent) <= self._still_mm
-        return Motion.STABLE if covered and still else Motion.MOVING
+        span_mm = max(recent) - min(recent) if len(recent) >= 2 else math.inf
+        if not (covered and span_mm <= self._still_mm):
+            return Motion.MOVING
+        self._flicker_mm = max(self._flicker_mm, span_mm)
+        return Motion.STABLE
 
     def ask(self) -> Future[Outcome]:
         """A fresh reading, taken after this call."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from app.evaluating.solution import indicator_figures
 from calib.noise.reading import visits
@@ -16,12 +16,16 @@ from protocols.session import Session
 
 @dataclass(frozen=True)
 class LegRow:
-    """One axis in one cycle: displacement → reading minus Zero, and the return to Zero, in mm."""
+    """One axis in one cycle: displacement → reading minus Zero, and the return to Zero, in mm.
+
+    ``kept_mm`` are the displacements where a reading counts that was questioned or superseded.
+    """
 
     axis: str
     cycle: int
     minus_zero_mm: dict[float, float]
     back_at_zero_mm: float | None
+    kept_mm: frozenset[float] = frozenset()
 
 
 def leg_rows(session: Session, step: Step) -> list[LegRow]:
@@ -40,7 +44,9 @@ def leg_rows(session: Session, step: Step) -> list[LegRow]:
             for cycle in sorted({r.cycle for r in members}):
                 row = _row(axis, cycle, members)
                 if row is not None:
-                    rows.append(row)
+                    again = [r for r in members if r.reading in session.restored]
+                    at_mm = frozenset(r.displacement_mm for r in again if r.cycle == cycle)
+                    rows.append(replace(row, kept_mm=at_mm))
     return rows
 
 

@@ -98,7 +98,7 @@ class Indicators:
     """Indicators that answer, and how to move the machine where that can be done."""
 
     gauges: tuple[Gauge, ...]
-    go: Callable[[Step], None] = lambda _: None  # the operator moves a real machine
+    go: Callable[[Step], None] | None = None  # the operator moves a real machine
     close_bench: Callable[[], None] = lambda: None
 
     def close(self) -> None:

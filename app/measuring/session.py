@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 
 from app.measuring.gauges import Gauge
@@ -20,23 +21,33 @@ from protocols.events import (
     Skipped,
     Superseded,
 )
+from protocols.expectation import Expected, Movement, expected, movement
 from protocols.journal import Journal
 from protocols.procedure import Leg, Step, default_mount
-from protocols.session import Disagreement, Session, disagreements, fold
+from protocols.session import Session, fold
 from protocols.session_clock import SessionClock
+
+
+class Doubt(StrEnum):
+    """Why a reading is questioned."""
+
+    UNCHANGED = "unchanged"
+    TOO_SOON = "taken too soon"
+    BEYOND = "further off than expected"
 
 
 @dataclass(frozen=True)
 class TakenStep:
     """What came of one take: the readings on the disk, or the faults that prevented it.
 
-    ``questioned`` are those of the readings that disagree with earlier repeats.
+    With a ``doubt`` the readings do not count until they are kept; ``due`` is what was expected.
     """
 
     step: Step
     readings: tuple[Reading, ...]
     faults: tuple[Fault, ...]
-    questioned: tuple[Disagreement, ...] = ()
+    due: tuple[Expected, ...] = ()
+    doubt: Doubt | None = None
 
 
 LONGEST_MM = 1000.0
@@ -53,8 +64,9 @@ def _plausible(outcome: Outcome) -> Outcome:
 class GuidedSession:
     """One session being measured.
 
-    ``go`` is called with each step before it is measured; a simulated machine moves then, with a
-    real one it does nothing and the operator moves the machine. ``on_close`` frees the ports.
+    ``go`` is called with each step before it is measured and moves a simulated machine; None where
+    the operator moves the machine, so that only the readings tell of it. ``on_close`` frees the
+    ports.
     ``clock`` gives ``time_s`` of the readings; by default it goes on from the record.
     """
 
@@ -62,7 +74,7 @@ class GuidedSession:
         self,
         journal: Journal,
         gauges: Sequence[Gauge],
-        go: Callable[[Step], None],
+        go: Callable[[Step], None] | None,
         on_close: Callable[[], None],
         clock: SessionClock | None = None,
     ) -> None:
@@ -76,6 +88,8 @@ class GuidedSession:
         self._lock = threading.RLock()
         self._clock = clock or SessionClock(journal.events)
         self._untold_jump_s = 0.0
+        self._digits_mm: dict[int, float] = {}
+        self._due: tuple[Session, tuple[Expected, ...]] | None = None
 
     @property
     def path(self) -> Path:
@@ -97,7 +111,8 @@ class GuidedSession:
         if step is not None:
             for gauge in self.gauges:
                 gauge.restart_window()
-            self._go(step)
+            if self._go is not None:
+                self._go(step)
 
     def take(self) -> TakenStep | None:
         """Read every indicator of the present step and write the readings to the disk.
@@ -131,7 +146,10 @@ class GuidedSession:
     def _take(self, step: Step) -> TakenStep:
         self._mark_jump()
         asked = [gauge.ask() for gauge in self.gauges[: len(step.axes)]]
-        outcomes = [_plausible(one.result()) for one in asked]
+        outcomes = [
+            self._same_digits(number, axis, _plausible(one.result()))
+            for number, (axis, one) in enumerate(zip(step.axes, asked, strict=True))
+        ]
         faults = tuple(outcome for outcome in outcomes if isinstance(outcome, Fault))
         if faults:
             failed = [
@@ -143,8 +161,76 @@ class GuidedSession:
             return TakenStep(step, (), faults)
         mounts, mounted = self._mounting(step)
         readings = self._readings(step, outcomes, mounts)
-        self._append([*mounted, *self._supersede_leftovers(step), *readings])
-        return TakenStep(step, readings, (), disagreements(self.session, readings))
+        time_s = readings[0].time_s or 0.0
+        due = expected(self.session, step, time_s)
+        doubt, remarks = self._examine(step, readings, due, time_s)
+        if doubt:
+            numbers = tuple(r.reading for r in readings)
+            remarks = [Superseded(readings=numbers, reason=f"questioned: {doubt}")]
+        self._append([*mounted, *self._supersede_leftovers(step), *readings, *remarks])
+        self.moved()  # what is due next is worked out in this thread, not in that of the pictures
+        return TakenStep(step, readings, (), due, doubt)
+
+    def _examine(
+        self, step: Step, readings: Sequence[Reading], due: Sequence[Expected], time_s: float
+    ) -> tuple[Doubt | None, list[Line]]:
+        """What is questionable about readings, and what to note of those that are not."""
+        values_mm = [r.value_mm for r in readings]
+        if self._go is None and due:
+            rests_mm = [gauge.rest_mm for gauge in self.gauges]
+            moved = movement(step, due, values_mm, rests_mm, time_s)
+            if moved is Movement.UNCHANGED:
+                return Doubt.UNCHANGED, []
+            if moved is Movement.UNKNOWN and time_s < self._arrival_s(step, due[0].before):
+                return Doubt.TOO_SOON, []
+        else:
+            moved = Movement.SEEN
+        if any(one.is_beyond(value) for one, value in zip(due, values_mm, strict=False)):
+            return Doubt.BEYOND, []
+        said = f"step {step.number}: the readings cannot tell a move here; the operator's word"
+        return None, [Noted(text=said)] if moved is Movement.UNKNOWN else []
+
+    def _arrival_s(self, step: Step, before: Reading) -> float:
+        """When the machine can be there at the earliest, in time of the session."""
+        way_mm = abs(step.displacement_mm - before.displacement_mm)
+        fastest_mm_s = self.session.opened.machine.fastest_feed_mm_min / 60.0
+        return (before.time_s or 0.0) + way_mm / fastest_mm_s
+
+    def _same_digits(self, number: int, axis: str, outcome: Outcome) -> Outcome:
+        """A fault where the last digit means something else than before: another unit?"""
+        if not isinstance(outcome, IndicatorReading):
+            return outcome
+        before_mm = self._digits_mm.setdefault(number, outcome.resolution_mm)
+        if outcome.resolution_mm == before_mm:
+            return outcome
+        gauge = self.gauges[number]
+        words = (
+            f"indicator {number + 1} along {axis.upper()} ({gauge.port}) now shows steps of "
+            f"{outcome.resolution_mm:.6g} mm, before {before_mm:.6g}: inch for mm? Set it back, or "
+            "leave with F10 and continue the session with it as it is"
+        )
+        return Fault(FaultKind.WRONG_UNIT, outcome.text, words)
+
+    def moved(self) -> Movement:
+        """Whether the indicators tell, as they stand now, that the machine moved to this step."""
+        step = self.step()
+        if self._go is not None or step is None:
+            return Movement.SEEN
+        time_s = self._clock.time_s()
+        if self._due is None or self._due[0] is not self.session:
+            self._due = self.session, expected(self.session, step, time_s)
+        shown = [gauge.live().outcome for gauge in self.gauges[: len(step.axes)]]
+        values_mm = [one.value_mm for one in shown if isinstance(one, IndicatorReading)]
+        if len(values_mm) < len(shown):
+            return Movement.UNKNOWN
+        rests_mm = [gauge.rest_mm for gauge in self.gauges]
+        return movement(step, self._due[1], values_mm, rests_mm, time_s)
+
+    def keep(self, taken: TakenStep, reason: str) -> None:
+        """Questioned readings count after all."""
+        with self._lock:
+            numbers = tuple(r.reading for r in taken.readings)
+            self._append([Restored(readings=numbers, reason=reason)])
 
     def undo(self, reason: str = "repeated by the operator") -> Step | None:
         """Supersede the readings of the last step taken; it becomes the present step again."""

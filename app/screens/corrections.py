@@ -88,10 +88,11 @@ class Corrections(Screen[None]):
         if any(r.step == step for r in session.readings) or step in session.skipped:
             gone = len(self.guided.steps_repeated_with(step))
             brought = "brought back" if step in session.skipped else "measured again"
-            question = f"Why is step {step} {brought}?"
+            question = f"Why is step {step} {brought}? With a reason, Enter makes it the next step."
             if gone > 1:
                 question += f" Its stand is gone: {gone} steps are measured, to share one zero."
-            self.ask(TextDialog(question, "reason"), lambda why: self._repeat(step, why))
+            dialog = TextDialog(question, "reason", without=self._as_before())
+            self.ask(dialog, lambda why: self._repeat(step, why))
         elif self.write(lambda: self.guided.restore(step, "taken back by the operator")):
             counts = step in self.guided.session.done()
             self.say(
@@ -101,8 +102,15 @@ class Corrections(Screen[None]):
             )
             self.proceed()
 
+    def _as_before(self) -> str:
+        step = self.guided.step()
+        then = f"step {step.number} stays the next" if step else "the session is done"
+        return f"nothing changes, {then}."
+
     def _repeat(self, number: int, reason: str | None) -> None:
-        if reason and self.write(lambda: self.guided.repeat(number, reason)):
+        if not reason:
+            self.say(self._as_before().capitalize())
+        elif self.write(lambda: self.guided.repeat(number, reason)):
             self.say(f"Step {number} is measured again: {reason}")
             self.proceed()
 
@@ -121,12 +129,14 @@ class Corrections(Screen[None]):
 
     def _skip_why(self, numbers: Sequence[int]) -> None:
         self.ask(
-            TextDialog("Why? The reason stays in the record.", "reason"),
+            TextDialog("Why? The reason stays in the record.", "reason", without=self._as_before()),
             lambda why: self._skip(numbers, why),
         )
 
     def _skip(self, numbers: Sequence[int], reason: str | None) -> None:
-        if reason and self.write(lambda: self.guided.skip(numbers, reason)):
+        if not reason:
+            self.say(self._as_before().capitalize())
+        elif self.write(lambda: self.guided.skip(numbers, reason)):
             self.say(f"Skipped: {reason}. Key B brings a skipped step back.")
             self.proceed()
 

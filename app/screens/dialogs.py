@@ -15,23 +15,30 @@ from app.screens.fast_keys import Dialog
 
 
 class TextDialog(Dialog[str]):
-    """One line of text: a note, a reason."""
+    """One line of text: a note, a reason.
+
+    ``without`` says what happens where there is none: then Enter gives nothing back by itself.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [("escape", "dismiss('')", "Cancel")]
 
-    def __init__(self, question: str, hint: str, proposed: str = "") -> None:
+    def __init__(self, question: str, hint: str, proposed: str = "", without: str = "") -> None:
         super().__init__()
         self._question = question
         self._hint = hint
         self._proposed = proposed
+        self._without = without
 
     def compose(self) -> ComposeResult:
+        ends = f"Escape: {self._without}" if self._without else "Enter keeps it, Escape leaves."
         with Vertical(classes="dialog"):
-            yield Static(f"{self._question} Enter keeps it, Escape leaves.", markup=False)
+            yield Static(f"{self._question} {ends}", markup=False)
             yield Input(self._proposed, placeholder=self._hint)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        self.dismiss(event.value.strip())
+        text = event.value.strip()
+        if text or not self._without:
+            self.dismiss(text)
 
 
 class ChoiceDialog(Dialog[str]):
@@ -46,9 +53,14 @@ class ChoiceDialog(Dialog[str]):
     ]
 
     def __init__(
-        self, question: str, choices: Sequence[tuple[str, str]], highlighted: int = 0
+        self,
+        question: str,
+        choices: Sequence[tuple[str, str]],
+        highlighted: int = 0,
+        leaving: str = "Escape leaves.",
     ) -> None:
         super().__init__()
+        self._leaving = leaving
         self._question = question
         self._choices = tuple(choices)
         self._highlighted = highlighted
@@ -57,7 +69,7 @@ class ChoiceDialog(Dialog[str]):
         with Vertical(classes="dialog"):
             yield Static(self._question, markup=False)
             yield OptionList(*(Option(words) for _, words in self._choices), markup=False)
-            yield Static("Arrow keys and Enter, or the number. Escape leaves.", markup=False)
+            yield Static(f"Arrow keys and Enter, or the number. {self._leaving}", markup=False)
 
     def on_mount(self) -> None:
         options = self.query_one(OptionList)

@@ -27,6 +27,7 @@ from app.screens.leg_review import LegReviewScreen
 from app.screens.session_view import SessionView
 from calib.errors import GlidecalError, sentence
 from drivers.profile import Fault, Reading
+from protocols.expectation import Movement
 from protocols.procedure import Step
 from protocols.session_clock import steady_s
 
@@ -78,6 +79,7 @@ class MeasureScreen(Corrections):
         self.view = SessionView(len(guided.gauges))
         self.held = self._narrow = False
         self._lost: set[int] = set()
+        self._waits: tuple[int, Movement] | None = None
         self._pressed_at = self._anyway_until = self._moved_at = self._shown_at = 0.0
         self._looked_at = steady_s()
 
@@ -167,12 +169,12 @@ class MeasureScreen(Corrections):
         states = self._draw_live()
         self._tell_lost_and_found(states)
         pressed = [gauge.button_pressed() for gauge in self.guided.gauges]
-        if self.asking or self.held:
+        if self.asking or self.held or self.busy:
             return
         if any(pressed):
             self.action_take()
-        elif self.automatic and self._ready(states):
-            self._begin_take()
+        elif self.automatic and all(live.motion is Motion.STABLE for live in states):
+            self._take_if_moved()
 
     def _tell_lost_and_found(self, states: Sequence[Live]) -> None:
         """One line when an indicator goes and when it comes back."""
@@ -186,10 +188,14 @@ class MeasureScreen(Corrections):
                 self._lost.remove(number)
                 self.say(f"Indicator {number + 1} answers again; go on with this step.")
 
-    def _ready(self, states: Sequence[Live]) -> bool:
-        """All stand still; with a real machine something must have moved before."""
-        moved = self.plan.simulated or any(gauge.has_moved() for gauge in self.guided.gauges)
-        return moved and all(live.motion is Motion.STABLE for live in states)
+    def _take_if_moved(self) -> None:
+        """Take what stands still where it tells of a move; else say once why not."""
+        step, moved = self.guided.step(), self.guided.moved()
+        if moved is Movement.SEEN or step is None:
+            self._begin_take()
+        elif (step.number, moved) != self._waits:
+            self._waits = step.number, moved
+            self.say(texts.automatic_waits_text(moved, step, self.guided.session))
 
     def action_take(self) -> None:
         """Read the indicators for the present step; twice to take readings that still move."""
@@ -237,28 +243,32 @@ class MeasureScreen(Corrections):
         self.app.bell()
         self.app.clear_notifications()
         self.say(texts.taken_text(taken))
-        if taken.questioned:
+        if taken.doubt:
+            self.automatic = False
             self._show_step()
-            self.ask(
-                ChoiceDialog(texts.question_text(taken), texts.QUESTION_CHOICES),
-                lambda answer: self._answered(answer or "keep", taken),
+            dialog = ChoiceDialog(
+                texts.question_text(taken, self.guided.session),
+                texts.question_choices(taken.doubt),
+                leaving="Escape: not kept.",
             )
+            self.ask(dialog, lambda answer: self._answered(answer or "", taken))
         else:
             self._go_on(taken.step)
 
     def _answered(self, answer: str, taken: TakenStep) -> None:
-        """What the operator says to a reading that disagrees with earlier ones."""
-        reason = texts.repeat_reason(answer, taken)
+        """What the operator says to readings in question; only "keep" lets them count."""
+        reason = texts.answer_reason(answer, taken)
+        self.say(texts.answered_text(answer, taken.step))
         if answer == "keep":
-            self.write(lambda: self.guided.note(f"step {taken.step.number}: {reason}"))
-            self._go_on(taken.step)
+            if self.write(lambda: self.guided.keep(taken, reason)):
+                self._go_on(taken.step)
             return
-        self.write(lambda: self.guided.repeat(taken.step.number, reason))
+        self.write(lambda: self.guided.note(f"step {taken.step.number}: {reason}"))
+        if answer == "stand":
+            self.write(self.guided.remount)
         if answer == "approach":
-            self.say("Leave the posture, come back to it, and take it again.")
             self.proceed()
         else:
-            self.say("Superseded, kept in the record. Take again, without moving.")
             self._show_step()
 
     def _go_on(self, step: Step) -> None:
@@ -286,7 +296,7 @@ class MeasureScreen(Corrections):
 
     def action_automatic(self) -> None:
         """Take by itself whenever all indicators stand still."""
-        self.automatic = not self.automatic
+        self.automatic, self._waits = not self.automatic, None
         self._show_step()
 
     def action_hold(self) -> None:

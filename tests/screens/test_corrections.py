@@ -64,21 +64,17 @@ async def take_something_else(
 
 
 @pytest.mark.parametrize(
-    ("key", "superseded", "done", "said"),
+    ("key", "said"),
     [
-        ("1", 2, {1, 2, 3}, "without moving"),
-        ("2", 2, {1, 2, 3}, "Leave the posture"),
-        ("3", 0, {1, 2, 3, 4}, "step 4"),
-        ("escape", 0, {1, 2, 3, 4}, "step 4"),
+        ("1", "Not kept. Step 4 is still the next: take it again."),
+        ("2", "leave the posture"),
+        ("3", "with a zero of its own"),
+        ("4", "Step 4 is kept"),
+        ("escape", "Not kept. Step 4 is still the next: take it again."),
     ],
 )
 async def test_a_reading_that_disagrees_is_questioned(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    key: str,
-    superseded: int,
-    done: set[int],
-    said: str,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, key: str, said: str
 ) -> None:
     async with measuring(tmp_path) as (pilot, interface, screen):
         for _ in range(3):
@@ -86,21 +82,27 @@ async def test_a_reading_that_disagrees_is_questioned(
         await take_something_else(pilot, screen, monkeypatch, 0.2)
         await until(pilot, "a question", lambda: isinstance(interface.screen, ChoiceDialog))
         question = str(interface.screen.query(Static).first().content)
-        assert "Step 4 does not agree" in question
-        assert "limit 0.05 mm" in question
-        assert screen.guided.session.done() == {1, 2, 3, 4}, "on the disk before it is asked"
+        assert "Step 4, leg X ZERO" in question
+        assert "± 0.050 mm is expected" in question
+        assert len(screen.guided.session.all_readings) == 8, "on the disk before it is asked"
+        assert "cycle 2 of 3" in on(screen, "#step"), "the step in question"
         await pilot.press(key)
         await until(pilot, "an answer", lambda: interface.screen is screen)
         session = screen.guided.session
-        assert session.done() == done
-        assert len(session.superseded) == superseded
+        kept = key == "4"
+        assert session.done() == ({1, 2, 3, 4} if kept else {1, 2, 3})
+        assert set(session.superseded) == (set() if kept else {7, 8})
+        assert ("LEG X   MAX" if kept else "LEG X   ZERO") in on(screen, "#step")
+        assert len(session.mountings) == (2 if key == "3" else 1)
         assert said in on(screen, "#said")
-        if superseded:
-            assert all("from earlier repeats" in why for why in session.superseded.values())
+        if kept:
+            assert all(why.endswith("mm from expected: kept") for why in session.restored.values())
         else:
-            assert any("kept" in note for note in notes(screen))
+            assert any("mm from expected" in note for note in notes(screen))
         await take(pilot, screen)
-        assert max(screen.guided.session.done()) == max(done) + 1
+        assert max(screen.guided.session.done()) == 4 + kept
+        assert ("Y  cycle 2* " in on(screen, "#table")) == kept
+        assert ("*kept" in on(screen, "#table")) == kept
 
 
 async def test_an_earlier_step_is_repeated_and_taken_back(tmp_path: Path) -> None:
@@ -262,12 +264,20 @@ async def test_a_skipped_step_brought_back_from_another_leg_brings_its_zero(tmp_
         assert set(screen.guided.session.skipped) == set(range(3, 11))
 
 
-async def test_an_empty_reason_changes_nothing(tmp_path: Path) -> None:
+async def test_an_empty_reason_is_not_taken_and_escape_says_what_is_next(tmp_path: Path) -> None:
     async with measuring(tmp_path) as (pilot, interface, screen):
         await take(pilot, screen)
-        await pilot.press("b", "1")
-        await until(pilot, "a reason", lambda: isinstance(interface.screen, TextDialog))
-        assert interface.screen.query_one(Input).value == ""
-        await pilot.press("enter")
-        await until(pilot, "back", lambda: interface.screen is screen)
+        for keys, question in ((("b", "1"), "Why is step 1"), (("s", "1"), "Why?")):
+            await pilot.press(*keys)
+            await until(pilot, "a reason", lambda: isinstance(interface.screen, TextDialog))
+            said = str(interface.screen.query_one(Static).content)
+            assert question in said
+            assert "Escape: nothing changes, step 2 stays the next." in said
+            assert interface.screen.query_one(Input).value == ""
+            await pilot.press("enter", "space", "enter")
+            await pilot.pause()
+            assert interface.screen.query_one(Input), "still asked"
+            await pilot.press("escape")
+            await until(pilot, "back", lambda: interface.screen is screen)
+            assert "Nothing changes, step 2 stays the next." in on(screen, "#said")
         assert screen.guided.session.done() == {1}

@@ -22,8 +22,9 @@ from textual.widgets import Input, OptionList, Static, TabbedContent
 from app.evaluating.solution import solve_files
 from app.machines.registry import LOOKS
 from app.measuring.demo import demo_plan
+from app.measuring.session import Doubt
 from app.measuring.simulated import BenchSettings
-from app.report.text.session import QUESTION_CHOICES
+from app.report.text.session import question_choices
 from app.screens.dialogs import ChoiceDialog, TextDialog
 from app.screens.home import HomeScreen
 from app.screens.interface import Interface
@@ -184,8 +185,8 @@ async def test_note(samples: Path, tmp_path: Path) -> None:
 async def test_choice(samples: Path, tmp_path: Path) -> None:
     interface = still(result_screen(samples / "experiment_2_twelve.jsonl"))
     async with interface.run_test(size=NARROW) as pilot:
-        question = "Step 4 does not agree with earlier repeats of its posture:\nalong [Y] +0.2 mm"
-        interface.push_screen(ChoiceDialog(question, QUESTION_CHOICES))
+        question = "Step 4, leg X ZERO:\nalong [Y] +0.2 mm where +0.0 ± 0.05 mm is expected"
+        interface.push_screen(ChoiceDialog(question, question_choices(Doubt.BEYOND)))
         await until(pilot, "choices", lambda: bool(interface.screen.query(OptionList)))
         assert isinstance(interface.screen, ChoiceDialog)
         assert interface.screen.query_one(OptionList).highlighted == 0

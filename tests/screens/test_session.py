@@ -207,12 +207,22 @@ async def test_automatic_on_a_real_machine_waits_for_a_movement(tmp_path: Path) 
         async with interface.run_test(size=SIZE) as pilot:
             screen = await to_measuring(pilot, interface)
             await pilot.press("a")
-            await pilot.pause(1.0)
+            await until(pilot, "why", lambda: "waits for Space" in text(interface, "#said"))
             assert screen.guided.session.done() == frozenset()
+            await take(pilot, screen)
+            await until(pilot, "why", lambda: "waits for a move to MAX" in text(interface, "#said"))
             position[0] = 0.9
-            await until(pilot, "one step", lambda: screen.guided.session.done() == {1})
-            await pilot.pause(1.0)
-            assert screen.guided.session.done() == {1}
+            await until(pilot, "one step", lambda: screen.guided.session.done() == {1, 2})
+            await until(pilot, "why", lambda: "waits for a move to MIN" in text(interface, "#said"))
+            await press_for(
+                pilot, screen, "a question", lambda: isinstance(interface.screen, ChoiceDialog)
+            )
+            asked = "did the machine move?"
+            await until(pilot, "words", lambda: asked in text(interface, "ChoiceDialog Static"))
+            await pilot.press("1")
+            await until(pilot, "back", lambda: interface.screen is screen)
+            assert screen.guided.session.done() == {1, 2}
+            assert not screen.automatic
             await pilot.press("f10")
 
 

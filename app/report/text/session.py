@@ -7,14 +7,15 @@ from collections.abc import Sequence
 from app.measuring.indicators import profile_of
 from app.measuring.leg_review import LegReview, LegRow
 from app.measuring.opening import Plan
-from app.measuring.session import TakenStep
+from app.measuring.session import Doubt, TakenStep
 from app.report.schema.readings import ReplayReport
-from app.report.text.tables import new_table, signed, table_text, wrapped
+from app.report.text.tables import new_table, signed, table_text, uncertain, wrapped
 from calib.observations import LEG_NAMES, conditions
 from calib.tripod.geometry import Geometry
 from calib.tripod.kinematics import inverse
 from calib.tripod.pipeline import command
 from drivers.profile import Verified
+from protocols.expectation import Movement
 from protocols.machine import Machine
 from protocols.procedure import Procedure, Step, leg_number, posture_name
 from protocols.session import Session
@@ -25,7 +26,8 @@ U             measure the last step again; old readings stay in the
               record, superseded
 B             an earlier step: measure it again, or take that back
 S             leave this step or the rest of the leg out, with a reason
-A             automatic: take whenever all indicators stand still
+A             automatic: take whenever the indicators show a move and stand
+              still again; it says where only the key can tell
 P             hold: nothing is taken until P again
 M             the stand was moved: later readings get a new zero
 N             write a note into the record
@@ -144,7 +146,8 @@ def progress_text(session: Session, steps: Sequence[Step], mode: str) -> str:
 def taken_text(taken: TakenStep) -> str:
     """What was written to the disk."""
     shown = ", ".join(f"{r.axis.upper()} {signed(r.value_mm, 4)} mm" for r in taken.readings)
-    return f"Taken and on the disk, step {taken.step.number}: {shown}"
+    state = "On the disk and questioned" if taken.doubt else "Taken and on the disk"
+    return f"{state}, step {taken.step.number}: {shown}"
 
 
 def step_text(step: Step, session: Session) -> str:
@@ -176,17 +179,19 @@ def leg_table_text(rows: Sequence[LegRow], geometry: Geometry) -> str:
     """
     levels = list(dict.fromkeys(level for row in rows for level in row.minus_zero_mm))
     heading = f"{'minus Zero':<11}" + "".join(f"{posture_name(v, geometry):>8}" for v in levels)
-    lines = [heading + f"{'back at Zero':>13}"]
+    marked = " *kept" if any(row.kept_mm for row in rows) else ""
+    lines = [heading + f"{'back at Zero':>13}" + marked]
     for row in rows:
-        cells = "".join(_cell(row.minus_zero_mm.get(level), 8) for level in levels)
-        lines.append(
-            f"{row.axis.upper()}  cycle {row.cycle:<2}" + cells + _cell(row.back_at_zero_mm, 13)
+        cells = "".join(
+            _cell(row.minus_zero_mm.get(level), 8, kept=level in row.kept_mm) for level in levels
         )
+        label = f"{row.axis.upper()}  cycle {row.cycle}" + "*" * (0.0 in row.kept_mm)
+        lines.append(f"{label:<11}" + cells + _cell(row.back_at_zero_mm, 13))
     return "\n".join(lines)
 
 
-def _cell(value: float | None, width: int) -> str:
-    return f"{'' if value is None else signed(value):>{width}}"
+def _cell(value: float | None, width: int, *, kept: bool = False) -> str:
+    return f"{'' if value is None else signed(value) + '*' * kept:>{width}}"
 
 
 def _at(displacement_mm: float, position_mm: Sequence[float] | None) -> str:
@@ -211,33 +216,74 @@ def replay_text(report: ReplayReport) -> str:
     return "\n\n".join([title, *remarks, table_text(readings), "Averages", table_text(averages)])
 
 
-def question_text(taken: TakenStep) -> str:
-    """Why a reading is questioned."""
-    lines = [f"Step {taken.step.number} does not agree with earlier repeats of its posture:"]
-    for one in taken.questioned:
-        lines.append(
-            f"along {one.reading.axis.upper()} {signed(one.reading.value_mm, 4)} mm, "
-            f"{signed(one.difference_mm, 4)} mm from the mean of {one.earlier_count} "
-            f"(limit {one.limit_mm:g} mm)."
-        )
-    return "\n".join(lines)
+def question_text(taken: TakenStep, session: Session) -> str:
+    """Why readings are questioned: what was read, what was expected."""
+    geometry = session.opened.machine.geometry()
+    before = posture_name(taken.due[0].before.displacement_mm, geometry)
+    posture = taken.step.posture(geometry)
+    lines = [f"Step {taken.step.number}, leg {taken.step.leg.upper()} {posture}:"]
+    for reading, due in zip(taken.readings, taken.due, strict=True):
+        line = f"along {reading.axis.upper()} {signed(reading.value_mm, 4)} mm"
+        if taken.doubt is not Doubt.BEYOND:
+            line += f", {signed(reading.value_mm - due.before.value_mm, 4)} mm since {before}"
+        elif due.is_beyond(reading.value_mm):
+            line += f" where {signed(due.mean_mm)} ± {uncertain(due.limit_mm)} mm is expected"
+        lines.append(line)
+    asked = {
+        Doubt.UNCHANGED: f"Unchanged since {before}: did the machine move?",
+        Doubt.TOO_SOON: f"So soon after {before} the machine cannot be there: did it move?",
+        Doubt.BEYOND: "Other leg, other unit, other direction? Or did the stand move?",
+    }
+    return "\n".join([*lines, asked[taken.doubt or Doubt.BEYOND]])
 
 
 MOVED_QUESTION = "Was the stand moved or touched? If so, readings get a new zero from here on."
 MOVED_CHOICES = (("no", "1  No: go on as before"), ("moved", "2  Yes: a new zero"))
 
-QUESTION_CHOICES = (
-    ("read", "1  Read again here, without moving"),
-    ("approach", "2  Leave the posture, come back, and measure it again"),
-    ("keep", "3  Keep the reading as it is"),
-)
+
+def question_choices(doubt: Doubt) -> tuple[tuple[str, str], ...]:
+    """What can be done about questioned readings."""
+    first, last = "Read again here, without moving", "Keep the reading as it is"
+    if doubt is not Doubt.BEYOND:
+        first, last = "No. It moves now; then take again", "Yes, it moved: keep the reading"
+    return (
+        ("read", f"1  {first}"),
+        ("approach", "2  Leave the posture, come back, and measure it again"),
+        ("stand", "3  The stand moved: a new set-up from here, with a zero of its own"),
+        ("keep", f"4  {last}"),
+    )
 
 
-def repeat_reason(answer: str, taken: TakenStep) -> str:
-    """The reason that goes into the record with the answer to a question."""
-    worst = max(taken.questioned, key=lambda one: abs(one.difference_mm))
-    how = {"read": "read again in place", "approach": "approached again", "keep": "kept"}[answer]
-    return f"{signed(worst.difference_mm, 4)} mm from earlier repeats: {how}"
+ANSWERED = {
+    "": "no answer, not kept",
+    "read": "read again in place",
+    "approach": "approached again",
+    "stand": "the stand moved",
+    "keep": "kept",
+}
+
+
+def answer_reason(answer: str, taken: TakenStep) -> str:
+    """What goes into the record with the answer to a question."""
+    pairs = zip(taken.readings, taken.due, strict=True)
+    worst_mm = max((r.value_mm - due.mean_mm for r, due in pairs), key=abs)
+    return f"{taken.doubt}, {signed(worst_mm, 4)} mm from expected: {ANSWERED[answer]}"
+
+
+def answered_text(answer: str, step: Step) -> str:
+    """What comes next after the answer."""
+    if answer == "keep":
+        return f"Step {step.number} is kept; the table marks it."
+    then = {"approach": "leave the posture, come back, and ", "stand": "with a zero of its own, "}
+    return f"Not kept. Step {step.number} is still the next: {then.get(answer, '')}take it again."
+
+
+def automatic_waits_text(moved: Movement, step: Step, session: Session) -> str:
+    """Why the automatic takes nothing though all stand still."""
+    posture = step.posture(session.opened.machine.geometry())
+    if moved is Movement.UNCHANGED:
+        return f"Automatic waits for a move to {posture}: unchanged. If it did move, Space."
+    return f"Automatic waits for Space or the button: no reading tells a move to {posture}."
 
 
 def point_text(step: Step, session: Session) -> str:

@@ -117,6 +117,19 @@ def test_only_the_window_tells_stable_from_moving(told: Told) -> None:
     assert told.motion() is Motion.STABLE
 
 
+def test_the_band_of_rest_is_a_digit_and_twice_the_flicker_at_rest(told: Told) -> None:
+    told.hear(*[reading(0.5)] * 10)
+    assert told.motion() is Motion.STABLE
+    assert told.gauge.rest_mm == pytest.approx(0.001)
+    told.hear(reading(0.9), reading(0.3))
+    assert told.motion() is Motion.MOVING
+    assert told.gauge.rest_mm == pytest.approx(0.001), "a move is no flicker"
+    told.hear(*[reading(0.3), reading(0.302)] * 5)
+    assert told.motion() is Motion.STABLE
+    told.gauge.restart_window()
+    assert told.gauge.rest_mm == pytest.approx(0.001 + 2 * 0.002)
+
+
 def test_the_trend_holds_the_latest_readings(told: Told) -> None:
     told.hear(*(reading(float(k)) for k in range(50)))
     assert told.gauge.live().trend_mm == tuple(float(k) for k in range(50 - TREND, 50))

@@ -4,20 +4,29 @@ from __future__ import annotations
 
 import re
 import threading
-from contextlib import ExitStack
-from dataclasses import replace
-from datetime import timedelta
+from collections.abc import Iterator
+from concurrent.futures import Future
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
 
 from app.measuring.demo import demo_plan, measure_all
-from app.measuring.opening import Plan, start_session
-from app.measuring.session import GuidedSession
+from app.measuring.gauges import Gauge
+from app.measuring.opening import Plan, opened_event, start_session
+from app.measuring.session import Doubt, GuidedSession
 from app.measuring.simulated import BenchSettings
+from drivers.profile import Asked, FaultKind, Outcome, Reading
+from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
+from protocols.expectation import Movement
+from protocols.journal import Journal
+from protocols.machine import Machine
 from protocols.procedure import Procedure
 from protocols.record import read_record
 from protocols.session import fold
+from protocols.session_clock import SessionClock
 
 NOTES = 40
 
@@ -33,6 +42,7 @@ def test_notes_while_readings_are_taken(tmp_path: Path) -> None:
         writers = [threading.Thread(target=write) for _ in range(2)]
         for writer in writers:
             writer.start()
+        guided.go()
         while guided.take() is not None:
             guided.go()
         for writer in writers:
@@ -263,21 +273,118 @@ def test_an_interrupted_step_is_measured_again_as_a_whole(tmp_path: Path) -> Non
         assert guided.session.superseded == {3: "step was interrupted"}
 
 
-def test_a_reading_that_disagrees_is_questioned_and_kept(tmp_path: Path) -> None:
+def test_a_reading_that_disagrees_is_questioned_and_counts_when_it_is_kept(tmp_path: Path) -> None:
     """A limit finer than the scatter of the simulated machine questions something."""
-    plan = quick(tmp_path, cycles=3, repeat_limit_mm=1e-6)
+    plan = quick(tmp_path, cycles=3, repeat_limit_mm=1e-3)
     questioned = []
     with start_session(plan) as guided:
-        for _ in range(10):
+        for number in range(1, 11):
             guided.go()
             taken = guided.take()
             assert taken is not None
-            questioned += [(taken.step.number, d.earlier_count) for d in taken.questioned]
-            assert all(d.reading in taken.readings for d in taken.questioned)
+            assert taken.step.number == number
+            if taken.doubt:
+                questioned.append(number)
+                assert taken.doubt is Doubt.BEYOND
+                assert guided.step() == taken.step
+                guided.keep(taken, "right")
         assert len(guided.session.readings) == 20
+        assert len(guided.session.restored) == 2 * len(questioned)
     assert questioned
-    assert min(number for number, _ in questioned) >= 4
-    assert max(count for _, count in questioned) == 3
+    assert min(questioned) >= 4
+
+
+class Still(Gauge):
+    """Shows what it is told."""
+
+    def __init__(self, value_mm: float) -> None:
+        super().__init__(MITUTOYO_01A, "port", Asked(), window_s=0.1, tolerance_mm=0.004)
+        self.shown = Reading(f"{value_mm}", value_mm, 0.001, unit_assumed=True)
+
+    def ask(self) -> Future[Outcome]:
+        given = Future[Outcome]()
+        given.set_result(self.shown)
+        return given
+
+    def show(self, value_mm: float, resolution_mm: float = 0.001) -> None:
+        self.shown = Reading(f"{value_mm}", value_mm, resolution_mm, unit_assumed=True)
+
+
+@dataclass
+class Time:
+    now_s: float = 0.0
+
+    def wall(self) -> datetime:
+        return datetime.fromtimestamp(self.now_s, UTC)
+
+
+@contextmanager
+def by_hand(folder: Path, machine: Machine) -> Iterator[tuple[GuidedSession, list[Still], Time]]:
+    """A real machine, its indicators at 0, and a clock to set."""
+    plan = replace(quick(folder), machine=machine)
+    journal = Journal.create(plan.path, opened_event(plan))
+    time = Time()
+    clock = SessionClock(journal.events, lambda: time.now_s, time.wall)
+    gauges = [Still(0.0), Still(0.0)]
+    with GuidedSession(journal, gauges, None, lambda: None, clock) as guided:
+        yield guided, gauges, time
+
+
+def doubt(guided: GuidedSession) -> Doubt | None:
+    taken = guided.take()
+    assert taken is not None
+    return taken.doubt
+
+
+def test_three_presses_without_moving_store_one_reading(tmp_path: Path) -> None:
+    with by_hand(tmp_path, Machine()) as (guided, gauges, time):
+        for press in (None, Doubt.UNCHANGED, Doubt.UNCHANGED):
+            assert doubt(guided) is press
+            time.now_s += 5.0
+        assert guided.session.done() == {1}
+        gauges[0].show(0.3)
+        assert doubt(guided) is None
+        assert guided.session.done() == {1, 2}
+
+
+def test_where_readings_tell_nothing_a_press_too_soon_is_asked(tmp_path: Path) -> None:
+    """60 mm at 1200 mm/min take 3 s."""
+    machine = Machine(entered_offsets_mm=(0.1, 0.0, 0.0), fastest_feed_mm_min=1200.0)
+    with by_hand(tmp_path, machine) as (guided, _, time):
+        assert doubt(guided) is None
+        time.now_s += 2.9
+        assert doubt(guided) is Doubt.TOO_SOON
+        time.now_s += 0.2
+        assert doubt(guided) is None
+        assert guided.moved() is Movement.UNKNOWN, "so that automatic waits"
+    notes = [e.text for e in read_record(guided.path).events if e.event == "noted"]
+    assert notes == ["step 2: the readings cannot tell a move here; the operator's word"]
+
+
+def test_a_first_reading_beyond_the_tolerances_is_asked(tmp_path: Path) -> None:
+    with by_hand(tmp_path, Machine()) as (guided, gauges, time):
+        assert doubt(guided) is None
+        time.now_s += 20.0
+        gauges[0].show(4.0)
+        assert doubt(guided) is Doubt.BEYOND
+        assert guided.session.done() == {1}
+
+
+def test_other_decimals_in_mid_session_are_a_fault_with_a_name(tmp_path: Path) -> None:
+    with by_hand(tmp_path, Machine()) as (guided, gauges, time):
+        assert doubt(guided) is None
+        time.now_s += 20.0
+        gauges[0].show(0.3)
+        gauges[1].show(0.01234, 0.00001)
+        taken = guided.take()
+        assert taken is not None
+        (fault,) = taken.faults
+        assert fault.kind is FaultKind.WRONG_UNIT
+        for words in ("indicator 2 along Z (port)", "1e-05 mm", "before 0.001", "inch"):
+            assert words in fault.words
+        assert guided.session.done() == {1}
+        gauges[1].show(0.3)
+        assert doubt(guided) is None
 
 
 def test_the_time_of_readings_does_not_follow_the_wall_clock(

@@ -1,0 +1,134 @@
+"""What the indicators should show in the next step, and whether they tell of a move."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from calib.observations import conditions
+from calib.tripod.prediction import DRIFT_MM_S, predict
+from protocols.events import Reading
+from protocols.procedure import Step, leg_number
+from protocols.session import Session
+
+MOST = 200
+"""So many of the latest readings tell what to expect: the last four legs of the longest procedure
+that comes with the program."""
+
+REACH = 2.8
+"""A reading further from its prediction than so many standard deviations is questioned."""
+
+LEAST_NOISE_MM = 1e-4
+"""Less is arithmetic."""
+
+HIDDEN = 0.2
+"""A change is to be seen where it stays within the band of rest less often than this."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What one indicator should show in a step: mean and standard deviation, mm.
+
+    Further off than ``limit_mm`` is questioned. ``before`` is the last reading of the mounting.
+    A machine that was ``calibrated`` need not show a change at all.
+    """
+
+    before: Reading
+    mean_mm: float
+    deviation_mm: float
+    limit_mm: float
+    calibrated: bool
+
+    def is_beyond(self, value_mm: float) -> bool:
+        """Whether this is further off than tolerances and noise allow."""
+        return abs(value_mm - self.mean_mm) > self.limit_mm
+
+    def chance_within(self, rest_mm: float) -> float:
+        """How probable a reading within so much of the one before is."""
+        if self.calibrated:
+            return 1.0
+        ends = (self.before.value_mm - rest_mm, self.before.value_mm + rest_mm)
+        low, high = ((e - self.mean_mm) / (self.deviation_mm * math.sqrt(2.0)) for e in ends)
+        return 0.5 * (math.erf(high) - math.erf(low))
+
+
+class Movement(StrEnum):
+    """What readings tell of a move between two steps."""
+
+    SEEN = "seen"  # a change came, or none was asked for
+    UNCHANGED = "unchanged"  # a change was to be seen, and none came
+    UNKNOWN = "unknown"  # no change was to be seen: the readings prove nothing
+
+
+def expected(session: Session, step: Step, time_s: float) -> tuple[Expected, ...]:
+    """What each indicator should show in a step at this time; none before the mounting's first.
+
+    A reading that was kept though it was questioned weighs little: one outlier must not make every
+    later one questionable.
+    """
+    procedure, machine = session.opened.procedure, session.opened.machine
+    if procedure is None or session.needs_new_zero(step):
+        return ()
+    known = session.readings[-MOST:]
+    last = {r.mount: r for r in known}
+    number = {mount: k for k, mount in enumerate(last)}
+    mounts = [session.mountings[-1].mounts[axis] for axis in step.axes]
+    if not last.keys() >= set(mounts):
+        return ()
+    taken = conditions(
+        [leg_number(r.leg) for r in known] + [leg_number(step.leg)] * len(mounts),
+        [leg_number(r.axis) for r in known] + [leg_number(axis) for axis in step.axes],
+        [r.displacement_mm for r in known] + [step.displacement_mm] * len(mounts),
+        station=[r.station for r in known] + [step.station] * len(mounts),
+        mount=[number[name] for name in (*(r.mount for r in known), *mounts)],
+    )
+    times_s = [r.time_s or 0.0 for r in known] + [time_s] * len(mounts)
+    limit_mm = procedure.repeat_limit_mm
+    noise_mm = max(LEAST_NOISE_MM, min(procedure.tolerance_mm, limit_mm / (2.0 * REACH)))
+    noises_mm = [limit_mm if r.reading in session.restored else noise_mm for r in known]
+    means, deviations = predict(
+        machine.geometry(),
+        machine.tolerances_mm(),
+        replace(taken, time_s=np.array(times_s)),
+        np.array([r.value_mm for r in known]),
+        np.array(noises_mm + [noise_mm] * len(mounts)),
+    )
+    calibrated = session.opened.verifies is not None or any(machine.entered_offsets_mm)
+    return tuple(
+        Expected(
+            before=last[mount],
+            mean_mm=float(mean),
+            deviation_mm=float(deviation),
+            limit_mm=max(limit_mm, REACH * float(deviation)),
+            calibrated=calibrated,
+        )
+        for mount, mean, deviation in zip(mounts, means, deviations, strict=True)
+    )
+
+
+def movement(
+    step: Step,
+    due: Sequence[Expected],
+    values_mm: Sequence[float],
+    rests_mm: Sequence[float],
+    time_s: float,
+) -> Movement:
+    """Whether readings of a step tell that the machine moved there.
+
+    ``rests_mm`` is how far each indicator's readings differ while nothing moves; drift comes to it.
+    """
+    if not due:
+        return Movement.UNKNOWN
+    if due[0].before.displacement_mm == step.displacement_mm:
+        return Movement.SEEN
+    drift_mm = DRIFT_MM_S * max(0.0, time_s - (due[0].before.time_s or 0.0))
+    bands = [rest_mm + drift_mm for rest_mm in rests_mm]
+    hidden = math.prod(one.chance_within(band) for one, band in zip(due, bands, strict=True))
+    changes = (abs(v - one.before.value_mm) for v, one in zip(values_mm, due, strict=True))
+    if any(change > band for change, band in zip(changes, bands, strict=True)):
+        return Movement.SEEN if hidden < 0.5 else Movement.UNKNOWN
+    return Movement.UNCHANGED if hidden < HIDDEN else Movement.UNKNOWN

@@ -1,0 +1,173 @@
+"""What the next reading should be, and readings that are further off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+
+from protocols.events import Event, Mounted, Opened, Reading, Restored, Superseded
+from protocols.expectation import Expected, Movement, expected, movement
+from protocols.machine import Instrument, Machine
+from protocols.procedure import Procedure, Step
+from protocols.session import fold
+
+LIMIT_MM = 0.05
+AT_S = 100.0
+Raw = tuple[str, float, float]
+"""Mounting, displacement and value, mm."""
+
+
+def opened(machine: Machine | None = None, limit_mm: float = LIMIT_MM) -> Opened:
+    procedure = Procedure(
+        schema="glidecal.procedure/1",
+        name="p",
+        title="p",
+        cycles=9,
+        levels=("zero", "max", "min"),
+        repeat_limit_mm=limit_mm,
+    )
+    return Opened(
+        program="test",
+        origin="measured",
+        machine=machine or Machine(),
+        procedure=procedure,
+        instruments=(Instrument(profile="a"), Instrument(profile="a")),
+    )
+
+
+def reading(number: int, raw: Raw) -> Reading:
+    mount, displacement_mm, value_mm = raw
+    return Reading(
+        reading=number,
+        leg="x",
+        axis="z" if mount.startswith("xz") else "y",
+        displacement_mm=displacement_mm,
+        value_mm=value_mm,
+        text=str(value_mm),
+        mount=mount,
+        time_s=AT_S,
+    )
+
+
+def due(
+    raw: Sequence[Raw],
+    displacement_mm: float,
+    *,
+    then: Sequence[Event] = (),
+    machine: Machine | None = None,
+    limit_mm: float = LIMIT_MM,
+) -> tuple[Expected, ...]:
+    """What is expected next along y (and z, where it was read) after these readings at Zero."""
+    axes = tuple(axis for axis in "yz" if any(mount.startswith(f"x{axis}") for mount, _, _ in raw))
+    mounts = {axis: next(m for m, _, _ in raw[::-1] if m[1] == axis) for axis in axes}
+    readings = [reading(k, one) for k, one in enumerate(raw, start=1)]
+    mounted = Mounted.model_validate({"leg": "x", "station": 0.5, "mounts": mounts})
+    session = fold([opened(machine, limit_mm), mounted, *readings, *then])
+    step = Step(99, "x", displacement_mm, 9, 0.5, axes)  # type: ignore[arg-type]
+    return expected(session, step, AT_S)
+
+
+CALM = [("xy", 60.0, 0.30), ("xy", 0.0, 0.0), ("xy", 60.0, 0.32), ("xy", 60.0, 0.34)]
+
+
+def test_nothing_is_expected_of_the_first_reading_of_a_mounting() -> None:
+    session = fold([opened(), Mounted(leg="x", station=0.5, mounts={"y": "xy", "z": "xz"})])
+    assert expected(session, session.steps()[0], AT_S) == ()
+
+
+def test_a_repeat_is_expected_at_the_mean_of_the_earlier_ones() -> None:
+    (one,) = due(CALM, 60.0)
+    assert one.mean_mm == pytest.approx(0.32, abs=0.001)
+    assert one.limit_mm == LIMIT_MM
+    assert one.is_beyond(0.50)
+    assert one.is_beyond(0.20)
+    assert not one.is_beyond(0.36)
+
+
+def test_the_first_visit_is_expected_within_the_tolerances_of_the_parts() -> None:
+    """sqrt(a² + b²) of 2 mm and sqrt(c² + b²) of 0.1 mm, a, b, c of papers/000, (11); 0.1 √2 mm."""
+    (one,) = due([("xy", 0.0, 5.0)], 60.0)
+    assert one.mean_mm == pytest.approx(5.0, abs=1e-6)
+    assert one.deviation_mm == pytest.approx((0.4737**2 + 0.0263**2 + 0.02) ** 0.5, abs=0.003)
+    small = Machine(offset_tolerance_mm=0.02, length_tolerance_mm=0.01)
+    (well_made,) = due([("xy", 0.0, 5.0)], 60.0, machine=small)
+    assert well_made.deviation_mm < 0.01
+
+
+def test_the_limit_of_a_repeat_is_the_procedures() -> None:
+    assert due([("xy", 0.0, 0.0)], 0.0, limit_mm=0.02)[0].limit_mm == 0.02
+
+
+def test_a_leg_tells_what_to_expect_of_the_next_one() -> None:
+    """With offsets 1, 2, 0 mm leg x reads 0.330 along y at Max and leg y 0.523 along x."""
+    x, y = 0.1934, 0.1367
+    read = {60.0: y * 1.0 + x * 2.0, -100.0: -0.0605 * 1.0 - 0.3223 * 2.0}
+    raw = [("xy", at, value) for at, value in ((0.0, 0.0), *read.items())]
+    zero = reading(4, ("yx", 0.0, 1.0)).model_copy(update={"leg": "y", "axis": "x"})
+    mounted = Mounted(leg="y", station=0.5, mounts={"x": "yx"})
+    readings = [reading(k, one) for k, one in enumerate(raw, start=1)]
+    session = fold([opened(), *readings, mounted, zero])
+    (one,) = expected(session, Step(99, "y", 60.0, 1, 0.5, ("x",)), AT_S)
+    assert one.deviation_mm < 0.25
+    assert one.mean_mm == pytest.approx(1.0 + x * 1.0 + y * 2.0, abs=0.25)
+
+
+def test_another_mounting_has_a_zero_of_its_own() -> None:
+    (one,) = due([("xy", 0.0, 0.1), ("xy#2", 0.0, 0.9)], 0.0)
+    assert one.mean_mm == pytest.approx(0.9, abs=0.001)
+
+
+def test_a_kept_outlier_does_not_make_the_next_one_questionable() -> None:
+    superseded = Superseded(readings=(5,), reason="questioned")
+    kept = Restored(readings=(5,), reason="kept")
+    raw = [*CALM, ("xy", 60.0, 0.9)]
+    assert due(raw, 60.0, then=[superseded])[0].mean_mm == pytest.approx(0.32, abs=0.001)
+    (one,) = due(raw, 60.0, then=[superseded, kept])
+    assert one.mean_mm == pytest.approx(0.32, abs=0.01)
+    assert one.before.reading == 5
+
+
+def test_no_machine_drifts_back_in_a_question() -> None:
+    """A drift that showed in the Zeros is expected to go on."""
+    readings = [
+        reading(k, ("xy", at, value)).model_copy(update={"time_s": 20.0 * k})
+        for k, (at, value) in enumerate([(0.0, 0.0), (60.0, 0.32), (0.0, 0.04)], start=1)
+    ]
+    mounted = Mounted(leg="x", station=0.5, mounts={"y": "xy"})
+    session = fold([opened(), mounted, *readings])
+    (one,) = expected(session, Step(99, "x", 60.0, 1, 0.5, ("y",)), 80.0)
+    assert one.mean_mm == pytest.approx(0.36, abs=0.01)
+
+
+def to(displacement_mm: float) -> Step:
+    return Step(99, "x", displacement_mm, 9, 0.5, ("y", "z"))
+
+
+KNOWN = [("xy", 60.0, 0.30), ("xz", 60.0, 0.0), ("xy", 0.0, 0.0), ("xz", 0.0, 0.0)]
+
+
+@pytest.mark.parametrize(
+    ("at_mm", "shown", "after_s", "told"),
+    [
+        (60.0, (0.30, 0.0), 5.0, Movement.SEEN),
+        (60.0, (0.002, 0.001), 5.0, Movement.UNCHANGED),
+        (60.0, (0.02, 0.0), 30.0, Movement.UNCHANGED),  # a drift
+        (60.0, (0.0, 0.02), 5.0, Movement.SEEN),  # is questioned for being beyond
+        (0.0, (0.0, 0.0), 5.0, Movement.SEEN),  # read again in place
+        (60.0, (0.0, 0.0), 600.0, Movement.UNKNOWN),  # a drift may hide it
+    ],
+)
+def test_what_readings_tell_of_a_move(
+    at_mm: float, shown: tuple[float, float], after_s: float, told: Movement
+) -> None:
+    rests_mm = (0.004, 0.004)
+    assert movement(to(at_mm), due(KNOWN, at_mm), shown, rests_mm, AT_S + after_s) is told
+
+
+def test_on_a_calibrated_machine_readings_prove_nothing() -> None:
+    entered = Machine(entered_offsets_mm=(0.1, 0.0, 0.0))
+    still = due(KNOWN, 60.0, machine=entered)
+    assert movement(to(60.0), still, (0.0, 0.0), (0.004, 0.004), AT_S) is Movement.UNKNOWN
+    unmoving = due([(mount, at, 0.0) for mount, at, _ in KNOWN], 60.0)
+    assert movement(to(60.0), unmoving, (0.0, 0.0), (0.004, 0.004), AT_S) is Movement.UNKNOWN

@@ -9,7 +9,6 @@ from typing import Literal
 from app.evaluating.comparison import Comparison, compare_files
 from calib.errors import UsageError
 from calib.identify.accuracy import Decision, ToolError, decide
-from calib.identify.solution import LACK_OF_FIT_LEVEL
 
 Entered = Literal["as expected", "not entered", "wrong sign", "something else"]
 
@@ -60,8 +59,7 @@ class Verification:
     @property
     def something_missing(self) -> bool:
         """Whether the model leaves more than noise of the second session."""
-        fit = self.compared.after.solution.lack_of_fit
-        return fit is not None and fit.p_value < LACK_OF_FIT_LEVEL
+        return self.compared.after.solution.lacks_fit
 
 
 def verify_files(before: Path, after: Path, tolerance_mm: float | None = None) -> Verification:

@@ -14,7 +14,7 @@ from app.report.schema.solution import Offset
 from app.report.text.caveats import caveats
 from app.version import VERSION
 from calib.errors import RecordError
-from calib.identify.solution import LACK_OF_FIT_LEVEL, Method, Subset
+from calib.identify.solution import Method, Subset
 from calib.printable import printable
 from calib.tripod.controller import Controller
 from calib.tripod.geometry import PARAMETER_NAMES
@@ -93,7 +93,6 @@ def offsets_from_solved(solved: SessionSolution, paths: Sequence[Path]) -> Offse
     """Offsets of a solution of these session files. Raises RecordError."""
     solution = solved.solution
     machine = solved.sessions[0].opened.machine
-    fit = solution.lack_of_fit
     remarks = []
     if solution.subset != solved.choice.recommended:
         remarks.append(
@@ -119,7 +118,7 @@ def offsets_from_solved(solved: SessionSolution, paths: Sequence[Path]) -> Offse
         ambiguous=solved.ambiguous,
         remarks=tuple(remarks),
         cautions=tuple(map(one_line, caveats(solved))),
-        lacks_fit=fit is not None and fit.p_value < LACK_OF_FIT_LEVEL,
+        lacks_fit=solution.lacks_fit,
     )
 
 

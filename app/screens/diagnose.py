@@ -23,7 +23,7 @@ from app.report.text import diagnosis as texts
 from app.report.text.result import ONLY_SHOWN, copied_text
 from app.screens.dialogs import ChoiceDialog, TextDialog
 from app.screens.interface import Interface
-from app.screens.pages import PagedScreen
+from app.screens.pages import PagedScreen, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError
 from protocols.files import unused_path
@@ -120,7 +120,7 @@ class DiagnoseScreen(PagedScreen):
         adopted = ""
         if self.model is not None and self._gap_before_mm is not None:
             adopted = texts.ADOPTED.format(self.model.name, self._gap_before_mm, now)
-        self._page_text("verdict").update(texts.verdict_text(found, adopted))
+        self._page_text("verdict").update(signalled(texts.verdict_text(found, adopted)))
         self._page_text("where").update(texts.where_text(found))
         self._page_text("candidates").update(texts.ranking_text(found))
         self._page_text(CHANGE).update(texts.change_text(found))

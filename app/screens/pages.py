@@ -2,9 +2,29 @@
 
 from __future__ import annotations
 
+import re
+
 from textual.containers import VerticalScroll
+from textual.content import Content
 from textual.screen import Screen
 from textual.widgets import TabbedContent, Tabs
+
+SIGNALS = {
+    "Next:": "bold $text-accent",
+    "WARNING:": "bold $text-warning",
+    "AGREES.": "bold $text-success",
+    "EXPLAINED.": "bold $text-success",
+    "UNEXPLAINED.": "bold $text-error",
+}
+"""Words at the beginning of a line that stand out; a colour never stands for a word."""
+
+
+def signalled(text: str) -> Content:
+    """The text with its signal words in their colours."""
+    found = Content(text)
+    for word in re.finditer(rf"^({'|'.join(map(re.escape, SIGNALS))})", text, re.MULTILINE):
+        found = found.stylize(SIGNALS[word[0]], *word.span())
+    return found
 
 
 class PagedScreen(Screen[None]):

@@ -22,7 +22,7 @@ from app.report.charts.charts import before_and_after, measured_and_predicted
 from app.report.text import result as texts
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
-from app.screens.pages import PagedScreen
+from app.screens.pages import PagedScreen, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError
 from calib.identify.solution import Subset
@@ -90,7 +90,7 @@ class ResultScreen(PagedScreen):
 
     def _show(self) -> None:
         text = texts.result_text(self.solved, self.before, measured_here=self.plan is not None)
-        self.query_one("#text", Static).update(text)
+        self.query_one("#text", Static).update(signalled(text))
         chart = measured_and_predicted(self.solved.solution)
         for name in ("#beside", "#plot"):
             self.query_one(name, ChartPlot).show(chart)

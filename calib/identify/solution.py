@@ -84,6 +84,11 @@ class Solution:
     sizes: tuple[FittedSize, ...] = ()
 
     @property
+    def lacks_fit(self) -> bool:
+        """Whether the model leaves more than noise: something is missing from it."""
+        return self.lack_of_fit is not None and self.lack_of_fit.p_value < LACK_OF_FIT_LEVEL
+
+    @property
     def coverage_factor(self) -> float:
         """The largest of the coverage factors."""
         return float(self.coverage_factors.max())

@@ -117,7 +117,7 @@ async def test_keys_turn_the_pages(published: tuple[SessionSolution, Path]) -> N
     solved, path = published
     interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE) as pilot:
-        await until(pilot, "text", lambda: text(interface, "#text") == solution_text(solved))
+        await until(pilot, "text", lambda: text(interface, "#text").endswith(solution_text(solved)))
         pages = []
         for key in ("right", "right", "left", "tab", "shift+tab"):
             await pilot.press(key)
@@ -226,7 +226,7 @@ async def test_sets_of_parameters(published: tuple[SessionSolution, Path]) -> No
             )
         await pilot.press("1")
         await pilot.pause()
-        assert text(interface, "#text") == solution_text(solved)
+        assert text(interface, "#text").endswith(solution_text(solved))
 
 
 async def test_a_set_that_is_not_seen_is_refused(
@@ -370,8 +370,8 @@ async def test_copy_says_how_much(
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("y")
         await until(pilot, "words", lambda: bool(said))
-    assert interface.clipboard == solution_text(solved)
-    assert said[0].startswith(f"{len(solution_text(solved).splitlines())} lines copied")
+    assert interface.clipboard.endswith(solution_text(solved))
+    assert said[0].startswith(f"{len(interface.clipboard.splitlines())} lines copied")
     assert "set-clipboard on" in said[0]
 
 
@@ -415,7 +415,7 @@ async def test_a_result_without_verification_has_no_such_page(
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
         assert not interface.screen.query("#tab-comparison")
-        assert text(interface, "#text").startswith("Next: E exports the joint offsets.")
+        assert text(interface, "#text").startswith("Next: D looks for what is missing")
         await pilot.press("v")
         await until(pilot, "check", lambda: isinstance(interface.screen, CheckScreen))
         await until(pilot, "open", lambda: interface.indicators is not None)

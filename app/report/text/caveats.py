@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from app.evaluating.solution import NoisyChannel, SessionSolution, indicator_figures
 from app.report.text.tables import decimals_for, signed, uncertain
 from calib.design.identifiability import Direction
-from calib.identify.solution import LACK_OF_FIT_LEVEL, Subset
+from calib.identify.solution import Subset
 from calib.noise.reading import LEAST_NOISE_MM
 from calib.observations import LEG_NAMES
 from protocols.events import Reading
@@ -53,7 +53,7 @@ def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
     """What the model leaves, sets that the readings do not determine, values of no use."""
     solution, refused = solved.solution, solved.choice.refused
     fit = solution.lack_of_fit
-    if fit and fit.p_value < LACK_OF_FIT_LEVEL:
+    if fit and solution.lacks_fit:
         larger = float(solution.enlarged_expanded_mm.max())
         yield (
             f"WARNING: what the model leaves is {math.sqrt(fit.statistic):.1f} times the noise: "

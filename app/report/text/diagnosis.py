@@ -97,12 +97,23 @@ def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
     return _joined(
         wrapped(f"{found.verdict.upper()}. {found.sentence}"),
         wrapped(adopted),
+        wrapped(_next(diagnosed)),
         effects_text(found.effects),
         wrapped(gap_text(found)),
         *_support(found, " Key N."),
         detectable_text(found),
         *_remarks((*diagnosed.warnings, *found.remarks)),
     )
+
+
+def _next(diagnosed: SessionDiagnosis) -> str:
+    """What to do with such a verdict."""
+    found = diagnosed.diagnosis
+    if mistakes_of(diagnosed):
+        return "Next: A writes the session once more with its mistakes put right, and looks again."
+    if found.verdict == "explained":
+        return "Next: A adopts it. Then R shows the result with it."
+    return "Next: R shows the result." if found.verdict == "agrees" else ""
 
 
 def _joined(*parts: str) -> str:

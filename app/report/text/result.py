@@ -255,6 +255,10 @@ NEXT = (
     "Next: E exports the joint offsets. Enter them in the controller, then V measures again "
     "and compares."
 )
+LOOK_FIRST = (
+    "Next: D looks for what is missing from the model. Until that is found, offsets that E exports "
+    "carry its error."
+)
 ONLY_SHOWN = "This program only shows: nothing is written and nothing is measured."
 NO_PLAN = (
     "This session cannot be measured again from here: it is a table, or its ports are those of "
@@ -268,6 +272,8 @@ def result_text(
     """The text of the result; what to do next, or what the verification says, stands first."""
     if before is not None:
         first = comparison_sentence(before.solution, solved.solution) + "\n\n"
+    elif solved.solution.lacks_fit:
+        first = LOOK_FIRST + "\n\n"
     else:
         first = NEXT + "\n\n" if measured_here else ""
     return first + solution_text(solved)

@@ -13,7 +13,7 @@ from calib.diagnosis.model_selection import MOST_EFFECTS, ModelSelection, Outcom
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.results import Named, Verdict
 from calib.diagnosis.selection import ALIKE, contained, log_bayes_factor
-from calib.linalg import NEW_DIRECTION, incidence, rank_of, squares_in, union
+from calib.linalg import NEW_DIRECTION, incidence, rank_of, squares_in
 from calib.observations import numbered
 from calib.ties import descending
 from calib.tripod.effects.candidates import Candidate
@@ -110,11 +110,13 @@ class Attribution:
         others = self._others(member)
         blocks, y = self.selection.given(others)
         block = blocks[member]
-        known = [self.problem.nuisance, *(self.selection.blocks[k] for k in others)]
-        free = 1.0 - (union(known) ** 2).sum(axis=1)
+        whitening = self.problem.whitening
+        known = whitening.held_back(self.selection.search.basis(others))
+        free = whitening.seen_alone - (known**2).sum(axis=1)
         rows = np.flatnonzero(free > SEEN)
-        own = block[rows] / np.sqrt(free[rows])[:, None]
-        rest = block.T @ y - own * (y[rows] / np.sqrt(free[rows]))[:, None]
+        own = whitening.held_back(block)[rows] / np.sqrt(free[rows])[:, None]
+        off = whitening.held_back(y)[rows] / np.sqrt(free[rows])
+        rest = block.T @ y - own * off[:, None]
         open_share = np.maximum(1.0 - (own**2).sum(axis=1), SEEN)
         remains = (rest**2).sum(axis=1) + (own * rest).sum(axis=1) ** 2 / open_share
         return float(remains.min(initial=np.inf)) - float(block.shape[1])

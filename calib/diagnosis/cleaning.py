@@ -126,7 +126,7 @@ class _Catalogue:
         """All candidates of the catalogue that show in this session."""
         problem = Problem.of([fitted_session])
         every = [one for one in hypotheses_of(problem, effects) if one.kind != Kind.BLUNDER]
-        freedom = len(problem.y) - problem.nuisance.shape[1]
+        freedom = len(problem.y) - problem.whitening.free.shape[1]
         return cls(problem, ModelSelection.of(problem, every), freedom)
 
     def width(self, explained: float, block: FloatArray) -> float:

@@ -196,7 +196,11 @@ class _Report:
                 continue
             parameters, effects = self.selection.values((member,))[member]
             after = self.selection.gap((member,)).rms_mm
-            other = on_other_sessions(self.others, effects) if self.others and effects else None
+            other = (
+                on_other_sessions(self.problem, self.others, effects)
+                if self.others and effects
+                else None
+            )
             found[one.id, one.where] = Contender(
                 one.id,
                 one.where,
@@ -225,7 +229,7 @@ class _Report:
 
     def _held_out(self, placed: tuple[EffectInstance, ...]) -> HeldOutGap | None:
         if self.held_out:
-            return on_other_sessions(self.others, placed)
+            return on_other_sessions(self.problem, self.others, placed)
         if not self.members:
             return None
         # among what could have been kept in place of one of the members

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,7 +13,7 @@ from calib.diagnosis.attribution import DOUBT, Attribution
 from calib.diagnosis.cleaning import clean
 from calib.diagnosis.discrepancy import discrepancy
 from calib.diagnosis.gap import left_out_postures, locate, on_other_sessions, residuals, where_words
-from calib.diagnosis.hypotheses import causes_of, hypotheses_of, log_priors
+from calib.diagnosis.hypotheses import LONE, causes_of, hypotheses_of, log_priors
 from calib.diagnosis.model_selection import LEVEL, ModelSelection, Outcome
 from calib.diagnosis.next_measurement import propose
 from calib.diagnosis.outliers import belongs_elsewhere
@@ -29,13 +29,16 @@ from calib.diagnosis.results import (
 )
 from calib.diagnosis.selection import LEAST_LOG, heaviest_first
 from calib.errors import NotIdentifiable
-from calib.observations import FloatArray
+from calib.observations import LEG_NAMES, FloatArray
 from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import Effect, EffectInstance, Kind
 
 MOST_SELECTIONS = 3
 WORTH_ANOTHER = 9.0
 """Noise variances that effects do beyond their derivatives before they are looked at again."""
+
+FAR_OFF = 5.0
+"""Tolerances beyond which a joint offset is more likely a mistake in what was entered."""
 
 MOST_CONTENDERS = 20
 WITH_NAMES: tuple[Verdict, ...] = ("explained", "ambiguous", "partly-explained")
@@ -134,7 +137,7 @@ class _Report:
             next_measurement=propose(verdict, self.attribution),
             smallest_detectable=self._smallest_detectable(),
             residuals=residuals(self.first, self._after(named)),
-            remarks=(*self._remarks(effect), *self._half_seen()),
+            remarks=(*self._remarks(effect), *self._half_seen(), *self._far_offsets()),
             left_over=effect,
         )
 
@@ -179,7 +182,7 @@ class _Report:
         """A lone wild reading may be one under a wrong label."""
         row = int(one.columns[:, 0].argmax())
         observed = self.problem.fitted_sessions[0].observed
-        if one.kind != Kind.BLUNDER or row >= len(observed):
+        if one.id != LONE or row >= len(observed):
             return one.id, one.title
         belongs = belongs_elsewhere(observed, row)
         if belongs is None:
@@ -241,7 +244,9 @@ class _Report:
     def _remarks(self, effect: ModelDiscrepancy | None) -> list[str]:
         """What else a person must know."""
         said = []
-        if self.problem.noise_df <= 0.0:
+        if not self.problem.structure_df:
+            said.append("offsets and zeros may do all that these postures show: measure others too")
+        elif self.problem.noise_df <= 0.0:
             said.append("no repeats and no stated noise: nothing can be judged against chance")
         if self.verdict == "unexplained":
             said.append(
@@ -262,6 +267,17 @@ class _Report:
             for one, rank in seen
             if rank < len(one.parameters)
         ]
+
+    def _far_offsets(self) -> Iterator[str]:
+        """Joint offsets that nobody would have left: they count as found, but are told."""
+        for one in self.first.fitted_sessions:
+            off_mm = np.subtract(one.model.parameters_mm, one.case.model.parameters_mm)
+            for leg, off, allowed in zip(LEG_NAMES, off_mm, one.case.tolerance_mm, strict=False):
+                if abs(off) > FAR_OFF * allowed:
+                    yield (
+                        f"the joint offset of {leg} comes out {off:+.1f} mm off, the machine file"
+                        f" allows {allowed:g} mm: look how it was entered"
+                    )
 
     def _smallest_detectable(self) -> tuple[Detectable, ...]:
         """Size of each single-parameter effect that would have been found nine times of ten."""

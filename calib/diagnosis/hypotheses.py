@@ -35,7 +35,10 @@ MOST_LOSS = 200.0
 """What a candidate's own size may cost; a model's sizes together cost without limit."""
 
 ALL = "all"
+LENGTHS = "leg_length"
+LONE = "wild_reading"
 SHIFT = EffectParameter("shift", "mm", 1.0)
+LENGTH = EffectParameter("length", "mm", 0.1)
 
 ALIAS_NOISE_MM = 0.002
 """Noise beside which effects are compared."""
@@ -45,10 +48,24 @@ TOLERANCE_MM = (2.0, 2.0, 2.0, 0.1, 0.1, 0.1)
 
 
 def hypotheses_of(problem: Problem, effects: Sequence[Effect]) -> list[Candidate]:
-    """Every candidate that the sessions can show, stacked over them, and lone wild readings."""
+    """Every candidate that the sessions can show, stacked over them; mistakes that remain."""
     sessions = [(one.model, one.observed) for one in problem.fitted_sessions]
     lone = _lone_readings(problem) if problem.has_repeats() else []
-    return [*candidates_together(sessions, effects), *lone]
+    return [*candidates_together(sessions, effects), *lone, *_other_bars(problem)]
+
+
+def _other_bars(problem: Problem) -> list[Candidate]:
+    """Each session but the first measured with bars of other lengths."""
+    sessions = problem.fitted_sessions
+    of_row = np.repeat(np.arange(len(sessions)), [len(one.observed) for one in sessions])
+    title = "the bars are not those of the first session: diagnose the sessions one at a time"
+    found = []
+    for k, one in enumerate(sessions[1:], start=1):
+        columns = np.zeros((len(of_row), 3))
+        columns[of_row == k] = one.base[:, 3:] / one.case.tolerance_mm[3:]
+        what = "other_bars", title, Kind.BLUNDER, f"session {k + 1}", "one"
+        found.append(Candidate(*what, (LENGTH,) * 3, columns))
+    return found
 
 
 def _lone_readings(problem: Problem) -> list[Candidate]:
@@ -67,14 +84,18 @@ def _lone_readings(problem: Problem) -> list[Candidate]:
             off = squares_in(problem.block(columns), problem.y) > WILD_DISTANCE**2
             if off and np.count_nonzero(posture == posture[row]) == 1:
                 title = f"the {word} reading of this mounting is wild"
-                what = "wild_reading", title, Kind.BLUNDER, where, "one"
+                what = LONE, title, Kind.BLUNDER, where, "one"
                 found.append(Candidate(*what, (SHIFT,), columns))
     return found
 
 
 def causes_of(candidate: Candidate) -> int:
-    """How many things are wrong at once: axes, bars, indicators with values of their own."""
-    if candidate.arrangement != "each" or candidate.kind == Kind.ENVIRONMENT:
+    """How many things are wrong at once: axes, bars, indicators with values of their own.
+
+    Lengths beyond their tolerance are one: who made one bar so made the others.
+    """
+    together = candidate.kind == Kind.ENVIRONMENT or candidate.id == LENGTHS
+    if candidate.arrangement != "each" or together:
         return 1
     if candidate.kind == Kind.INDICATOR:
         return len(candidate.shares)

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from calib.diagnosis.hypotheses import causes_of
+from calib.diagnosis.hypotheses import LENGTHS, causes_of, is_known
 from calib.diagnosis.model_selection import MOST_EFFECTS, ModelSelection, Outcome
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.results import Named, Verdict
-from calib.diagnosis.selection import ALIKE, contained, log_bayes_factor
+from calib.diagnosis.selection import ALIKE, contained, heaviest_first, log_bayes_factor
 from calib.linalg import NEW_DIRECTION, incidence, rank_of, squares_in
 from calib.observations import numbered
 from calib.ties import descending
@@ -62,6 +62,28 @@ class Attribution:
         """All that might have been kept."""
         return self.selection.candidates
 
+    def without_nameless(self) -> Attribution:
+        """A power of travel that was kept is no name.
+
+        The best of the set that has names only takes its place; else what it explains is left.
+        """
+        kept = self.outcome.kept
+        if kept is None or not self._nameless(kept.members):
+            return self
+        named = [one for one in self.outcome.models if not self._nameless(one.members)]
+        if named:
+            kept = heaviest_first(named)[0]
+        else:
+            nameless = self._nameless(kept.members)
+            members = tuple(k for k in kept.members if k not in nameless)
+            explained = squares_in(self.selection.search.basis(members), self.problem.y)
+            kept = replace(kept, members=members, explained=explained) if members else None
+        adequate = self.selection.leaves_no_gap(kept.members if kept else ())
+        return replace(self, outcome=replace(self.outcome, kept=kept, adequate=adequate))
+
+    def _nameless(self, members: Iterable[int]) -> list[int]:
+        return [k for k in members if self.candidates[k].kind == Kind.EMPIRICAL]
+
     def verdict(self, *, mistakes_found: bool) -> Verdict:
         """One of the six words."""
         problem, outcome = self.problem, self.outcome
@@ -84,13 +106,17 @@ class Attribution:
 
     def _doubts(self) -> Iterator[str]:
         members = self.outcome.members
-        effects = [k for k in members if self.candidates[k].kind != Kind.BLUNDER]
+        effects = [k for k in members if is_known(self.candidates[k])]
         if any(self.evidence(k) < LEAST_EVIDENCE for k in members):
             yield "the evidence is weak"
         if any(self.without_any_one(k) < LEAST_EVIDENCE for k in effects):
             yield "the evidence hangs on a single reading"
         if not self._room():
             yield "these postures leave no room to see something unknown"
+        if any(map(self._nameless, self._as_good.values())):
+            yield "a power of a carriage's travel that has no name does as well"
+        if len(members) > 1 and any(self.candidates[k].id == LENGTHS for k in members):
+            yield "bars of their tolerance would speak against it: measure their lengths"
         if self._is_series():
             yield "so many terms together fit nearly any shape"
         if self.selection.far_together(members) > FAR_TOGETHER:
@@ -126,7 +152,7 @@ class Attribution:
         inside = [
             self.problem.structure.T @ block
             for one, block in zip(self.candidates, self.selection.blocks, strict=True)
-            if one.kind != Kind.BLUNDER
+            if is_known(one)
         ]
         rank = rank_of(np.hstack(inside), NEW_DIRECTION, 1.0) if inside else 0
         return self.problem.structure_df - rank >= ROOM
@@ -150,23 +176,31 @@ class Attribution:
     @cached_property
     def rivals(self) -> dict[int, tuple[Named, ...]]:
         """For each member the names that fit as well in its place."""
-        return {member: self._rivals_of(member) for member in self.outcome.members}
+        return {
+            member: tuple(
+                name
+                for name in dict.fromkeys(self.named(k) for k in found)
+                if name not in (self.named(member), *map(self.named, self._nameless(found)))
+            )
+            for member, found in self._as_good.items()
+        }
 
-    def _rivals_of(self, member: int) -> tuple[Named, ...]:
+    @cached_property
+    def _as_good(self) -> dict[int, list[int]]:
+        return {member: self._as_good_as(member) for member in self.outcome.members}
+
+    def _as_good_as(self, member: int) -> list[int]:
         """From the 95 % set, and look-alikes."""
         members = self.outcome.members
         own, several = self._causes(members), causes_of(self.candidates[member]) > 1
-        found = []
+        found: list[int] = []
         for model in self.outcome.models:
             causes = self._causes(model.members)
             as_simple = causes == own or (causes < own and several)
             if member not in model.members and as_simple:
                 others = (k for k in model.members if k not in members)
                 found += [k for k in others if not self._same_on_other_places(member, k)]
-        found += self._look_alikes(member)
-        names = dict.fromkeys(self.named(k) for k in found)
-        names.pop(self.named(member), None)
-        return tuple(names)
+        return found + self._look_alikes(member)
 
     def _causes(self, members: Sequence[int]) -> int:
         return sum(causes_of(self.candidates[k]) for k in members)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.diagnosis.gross_errors import ODDS, GrossError, Suspicion, find_shift, suspicions
-from calib.diagnosis.hypotheses import hypotheses_of
+from calib.diagnosis.hypotheses import hypotheses_of, is_known
 from calib.diagnosis.model_selection import ModelSelection
 from calib.diagnosis.outliers import set_outliers_right
 from calib.diagnosis.problem import Case, FittedSession, Problem
@@ -125,7 +125,7 @@ class _Catalogue:
     def of(cls, fitted_session: FittedSession, effects: Sequence[Effect]) -> _Catalogue:
         """All candidates of the catalogue that show in this session."""
         problem = Problem.of([fitted_session])
-        every = [one for one in hypotheses_of(problem, effects) if one.kind != Kind.BLUNDER]
+        every = [one for one in hypotheses_of(problem, effects) if is_known(one)]
         freedom = len(problem.y) - problem.whitening.free.shape[1]
         return cls(problem, ModelSelection.of(problem, every), freedom)
 

@@ -13,7 +13,13 @@ from calib.diagnosis.attribution import DOUBT, Attribution
 from calib.diagnosis.cleaning import clean
 from calib.diagnosis.discrepancy import discrepancy
 from calib.diagnosis.gap import left_out_postures, locate, on_other_sessions, residuals, where_words
-from calib.diagnosis.hypotheses import LONE, causes_of, hypotheses_of, log_priors
+from calib.diagnosis.hypotheses import (
+    LONE,
+    causes_of,
+    hypotheses_of,
+    is_known,
+    log_priors,
+)
 from calib.diagnosis.model_selection import LEVEL, ModelSelection, Outcome
 from calib.diagnosis.next_measurement import propose
 from calib.diagnosis.outliers import belongs_elsewhere
@@ -61,7 +67,7 @@ def diagnose(
     usable = [case.with_readings(one.observed) for case, one in zip(cases, cleaned, strict=True)]
     first = Problem.of([case.fitted() for case in usable])
     selection = ModelSelection.of(first, hypotheses_of(first, effects))
-    attribution = Attribution(*_followed_far_enough(selection))
+    attribution = Attribution(*_followed_far_enough(selection)).without_nameless()
     doubted = attribution.repeats_explain_as_much()
     if doubted:
         outcome = replace(attribution.outcome, kept=None)
@@ -195,7 +201,7 @@ class _Report:
         for model in heaviest_first(self.outcome.singles):
             (member,) = model.members
             one = self.candidates[member]
-            if (one.id, one.where) in found:
+            if (one.id, one.where) in found or one.kind == Kind.EMPIRICAL:
                 continue
             parameters, effects = self.selection.values((member,))[member]
             after = self.selection.gap((member,)).rms_mm
@@ -237,7 +243,7 @@ class _Report:
             return None
         # among what could have been kept in place of one of the members
         most = max(causes_of(self.candidates[k]) for k in self.members)
-        effects = [one for one in self.candidates if one.kind != Kind.BLUNDER]
+        effects = [one for one in self.candidates if is_known(one)]
         columns = [one.columns for one in effects if causes_of(one) <= most]
         return left_out_postures(self.problem, columns, len(self.members))
 
@@ -285,7 +291,7 @@ class _Report:
         count = max(len(self.candidates), 2)
         threshold = math.sqrt(2.0 * math.log(count / LEVEL)) + FOUND_9_OF_10
         for one, block in zip(self.candidates, self.selection.blocks, strict=True):
-            if len(one.parameters) != 1 or one.kind == Kind.BLUNDER:
+            if len(one.parameters) != 1 or not is_known(one):
                 continue
             column = self.problem.root_weight * one.columns[:, 0]
             slope = float(np.linalg.norm(block.T @ column))

@@ -26,7 +26,8 @@ from calib.observations import (
 )
 from calib.tripod.effects.candidates import Candidate, candidates, candidates_together, invisible
 from calib.tripod.effects.effect import Effect, EffectParameter, Kind
-from calib.tripod.pipeline import Model
+from calib.tripod.effects.empirical import BASES, Empirical
+from calib.tripod.pipeline import Model, Stage
 
 FAR = 30.0
 """A parameter so many times its unremarkable size costs as much as one standard deviation."""
@@ -48,10 +49,20 @@ TOLERANCE_MM = (2.0, 2.0, 2.0, 0.1, 0.1, 0.1)
 
 
 def hypotheses_of(problem: Problem, effects: Sequence[Effect]) -> list[Candidate]:
-    """Every candidate that the sessions can show, stacked over them; mistakes that remain."""
+    """Every candidate that the sessions can show, stacked over them; mistakes that remain.
+
+    Powers of one carriage's travel run beside them: what they do as well is not claimed by name.
+    """
     sessions = [(one.model, one.observed) for one in problem.fitted_sessions]
     lone = _lone_readings(problem) if problem.has_repeats() else []
-    return [*candidates_together(sessions, effects), *lone, *_other_bars(problem)]
+    powers = [Empirical((name,)) for name in BASES if BASES[name].stage == Stage.ACTUATOR]
+    nameless = [one for one in candidates_together(sessions, powers) if one.arrangement == "one"]
+    return [*candidates_together(sessions, effects), *nameless, *lone, *_other_bars(problem)]
+
+
+def is_known(candidate: Candidate) -> bool:
+    """Whether it is an effect with a name; no mistake, no power of travel."""
+    return candidate.kind not in (Kind.BLUNDER, Kind.EMPIRICAL)
 
 
 def _other_bars(problem: Problem) -> list[Candidate]:
@@ -138,12 +149,14 @@ def log_choices(candidates: Sequence[Candidate]) -> FloatArray:
 def implausible(problem: Problem, candidates: Sequence[Candidate]) -> float:
     """What candidates lose for the sizes that they would need together, in log weight.
 
-    A normal prior on each parameter, thirty times the unremarkable size wide: a fit that needs more
-    pays, and directions that hardly show are not inflated.
+    A normal prior on each parameter, thirty times the unremarkable size wide and cut off at its
+    limit: a fit that needs more pays, and directions that hardly show are not inflated.
     """
     white = problem.free(np.hstack([one.columns * (FAR * unremarkable(one)) for one in candidates]))
     free = problem.y - white @ np.linalg.lstsq(white, problem.y, rcond=BLIND)[0]
-    value = prior_constrained(white, problem.y)
+    most = np.concatenate([[p.limit for p in one.parameters] for one in candidates])
+    most = most / (FAR * np.concatenate([unremarkable(one) for one in candidates]))
+    value = np.clip(prior_constrained(white, problem.y), -most, most)
     residual = problem.y - white @ value
     loss = 0.5 * (float(residual @ residual) - float(free @ free) + float(value @ value))
     return float(max(loss, 0.0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -67,22 +67,19 @@ class Attribution:
 
         The best of the set that has names only takes its place; else what it explains is left.
         """
+        nameless = {k for k, one in enumerate(self.candidates) if one.kind == Kind.EMPIRICAL}
         kept = self.outcome.kept
-        if kept is None or not self._nameless(kept.members):
+        if kept is None or nameless.isdisjoint(kept.members):
             return self
-        named = [one for one in self.outcome.models if not self._nameless(one.members)]
+        named = [one for one in self.outcome.models if nameless.isdisjoint(one.members)]
         if named:
             kept = heaviest_first(named)[0]
         else:
-            nameless = self._nameless(kept.members)
             members = tuple(k for k in kept.members if k not in nameless)
             explained = squares_in(self.selection.search.basis(members), self.problem.y)
             kept = replace(kept, members=members, explained=explained) if members else None
         adequate = self.selection.leaves_no_gap(kept.members if kept else ())
         return replace(self, outcome=replace(self.outcome, kept=kept, adequate=adequate))
-
-    def _nameless(self, members: Iterable[int]) -> list[int]:
-        return [k for k in members if self.candidates[k].kind == Kind.EMPIRICAL]
 
     def verdict(self, *, mistakes_found: bool) -> Verdict:
         """One of the six words."""
@@ -113,8 +110,6 @@ class Attribution:
             yield "the evidence hangs on a single reading"
         if not self._room():
             yield "these postures leave no room to see something unknown"
-        if any(map(self._nameless, self._as_good.values())):
-            yield "a power of a carriage's travel that has no name does as well"
         if len(members) > 1 and any(self.candidates[k].id == LENGTHS for k in members):
             yield "bars of their tolerance would speak against it: measure their lengths"
         if self._is_series():
@@ -176,31 +171,23 @@ class Attribution:
     @cached_property
     def rivals(self) -> dict[int, tuple[Named, ...]]:
         """For each member the names that fit as well in its place."""
-        return {
-            member: tuple(
-                name
-                for name in dict.fromkeys(self.named(k) for k in found)
-                if name not in (self.named(member), *map(self.named, self._nameless(found)))
-            )
-            for member, found in self._as_good.items()
-        }
+        return {member: self._rivals_of(member) for member in self.outcome.members}
 
-    @cached_property
-    def _as_good(self) -> dict[int, list[int]]:
-        return {member: self._as_good_as(member) for member in self.outcome.members}
-
-    def _as_good_as(self, member: int) -> list[int]:
+    def _rivals_of(self, member: int) -> tuple[Named, ...]:
         """From the 95 % set, and look-alikes."""
         members = self.outcome.members
         own, several = self._causes(members), causes_of(self.candidates[member]) > 1
-        found: list[int] = []
+        found = []
         for model in self.outcome.models:
             causes = self._causes(model.members)
             as_simple = causes == own or (causes < own and several)
             if member not in model.members and as_simple:
                 others = (k for k in model.members if k not in members)
                 found += [k for k in others if not self._same_on_other_places(member, k)]
-        return found + self._look_alikes(member)
+        found += self._look_alikes(member)
+        names = dict.fromkeys(self.named(k) for k in found)
+        names.pop(self.named(member), None)
+        return tuple(names)
 
     def _causes(self, members: Sequence[int]) -> int:
         return sum(causes_of(self.candidates[k]) for k in members)

@@ -314,7 +314,8 @@ def sentence(verdict: Verdict, findings: Sequence[Finding], where: str, doubt: s
     ``where`` tells where something is left, ``doubt`` why names without rivals are not claimed.
     """
     names = " and ".join(f"{f.title} ({f.where})" for f in findings)
-    rivals = sorted({r.id for f in findings for r in f.indistinguishable_from})
+    others = {r.id for f in findings for r in f.indistinguishable_from}
+    rivals = sorted("a law without a name" if o == Kind.EMPIRICAL else o for o in others)
     if len(rivals) > MOST_RIVALS:
         rivals = [*rivals[: MOST_RIVALS - 1], f"{len(rivals) - MOST_RIVALS + 1} others"]
     return {

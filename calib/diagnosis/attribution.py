@@ -27,7 +27,8 @@ SEEN = NEW_DIRECTION**2
 """A reading that the fit follows anyway tells nothing."""
 
 ROOM = 4
-"""Degrees of freedom that the whole catalogue must leave, or an unknown effect could not show."""
+"""Degrees of freedom below which an unknown effect could not show: of a session where nothing was
+found, and those that the whole catalogue must leave where something was."""
 
 MOST_NAMES = 2
 """More different names at once are not claimed."""
@@ -84,7 +85,7 @@ class Attribution:
     def verdict(self, *, mistakes_found: bool) -> Verdict:
         """One of the six words."""
         problem, outcome = self.problem, self.outcome
-        least = LEAST_FREEDOM if outcome.kept else 1
+        least = LEAST_FREEDOM if outcome.kept else ROOM
         if problem.structure_df < least or problem.noise_df <= 0.0:
             return "cannot-tell"
         if outcome.kept:

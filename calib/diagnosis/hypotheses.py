@@ -32,6 +32,9 @@ from calib.tripod.pipeline import Model, Stage
 FAR = 30.0
 """A parameter so many times its unremarkable size costs as much as one standard deviation."""
 
+SURE = 2.0
+"""Standard uncertainties by which a size must be beyond its limit."""
+
 MOST_LOSS = 200.0
 """What a candidate's own size may cost; a model's sizes together cost without limit."""
 
@@ -154,8 +157,10 @@ def implausible(problem: Problem, candidates: Sequence[Candidate]) -> float:
     """
     white = problem.free(np.hstack([one.columns * (FAR * unremarkable(one)) for one in candidates]))
     free = problem.y - white @ np.linalg.lstsq(white, problem.y, rcond=BLIND)[0]
-    most = np.concatenate([[p.limit for p in one.parameters] for one in candidates])
-    most = most / (FAR * np.concatenate([unremarkable(one) for one in candidates]))
+    size = FAR * np.concatenate([unremarkable(one) for one in candidates])
+    most = np.concatenate([[p.limit for p in one.parameters] for one in candidates]) / size
+    unsure = np.linalg.inv(white.T @ white + np.eye(len(size))).diagonal()
+    most = most + SURE * np.sqrt(unsure)
     value = np.clip(prior_constrained(white, problem.y), -most, most)
     residual = problem.y - white @ value
     loss = 0.5 * (float(residual @ residual) - float(free @ free) + float(value @ value))

@@ -54,7 +54,7 @@ def bowed_session(folder: Path) -> Path:
 
 def doubtful_session(folder: Path) -> Path:
     """A wrong scale that weight on a soft bar would look like."""
-    return write_session(folder / "doubt.jsonl", "zero-max-min", 4, "actuator_scale:y", 1.6)
+    return write_session(folder / "doubt.jsonl", "zero-max-min", 4, "actuator_scale:y", 1.1)
 
 
 def nameless_session(folder: Path) -> Path:

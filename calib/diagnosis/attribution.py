@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from calib.diagnosis.hypotheses import causes_of
+from calib.diagnosis.hypotheses import LENGTHS, causes_of, is_known
 from calib.diagnosis.model_selection import MOST_EFFECTS, ModelSelection, Outcome
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.results import Named, Verdict
-from calib.diagnosis.selection import ALIKE, contained, log_bayes_factor
-from calib.linalg import NEW_DIRECTION, incidence, rank_of, squares_in, union
+from calib.diagnosis.selection import ALIKE, contained, heaviest_first, log_bayes_factor
+from calib.linalg import NEW_DIRECTION, incidence, rank_of, squares_in
 from calib.observations import numbered
 from calib.ties import descending
 from calib.tripod.effects.candidates import Candidate
@@ -27,7 +27,8 @@ SEEN = NEW_DIRECTION**2
 """A reading that the fit follows anyway tells nothing."""
 
 ROOM = 4
-"""Degrees of freedom that the whole catalogue must leave, or an unknown effect could not show."""
+"""Degrees of freedom below which an unknown effect could not show: of a session where nothing was
+found, and those that the whole catalogue must leave where something was."""
 
 MOST_NAMES = 2
 """More different names at once are not claimed."""
@@ -62,10 +63,29 @@ class Attribution:
         """All that might have been kept."""
         return self.selection.candidates
 
+    def without_nameless(self) -> Attribution:
+        """A power of travel that was kept is no name.
+
+        The best of the set that has names only takes its place; else what it explains is left.
+        """
+        nameless = {k for k, one in enumerate(self.candidates) if one.kind == Kind.EMPIRICAL}
+        kept = self.outcome.kept
+        if kept is None or nameless.isdisjoint(kept.members):
+            return self
+        named = [one for one in self.outcome.models if nameless.isdisjoint(one.members)]
+        if named:
+            kept = heaviest_first(named)[0]
+        else:
+            members = tuple(k for k in kept.members if k not in nameless)
+            explained = squares_in(self.selection.search.basis(members), self.problem.y)
+            kept = replace(kept, members=members, explained=explained) if members else None
+        adequate = self.selection.leaves_no_gap(kept.members if kept else ())
+        return replace(self, outcome=replace(self.outcome, kept=kept, adequate=adequate))
+
     def verdict(self, *, mistakes_found: bool) -> Verdict:
         """One of the six words."""
         problem, outcome = self.problem, self.outcome
-        least = LEAST_FREEDOM if outcome.kept else 1
+        least = LEAST_FREEDOM if outcome.kept else ROOM
         if problem.structure_df < least or problem.noise_df <= 0.0:
             return "cannot-tell"
         if outcome.kept:
@@ -84,13 +104,15 @@ class Attribution:
 
     def _doubts(self) -> Iterator[str]:
         members = self.outcome.members
-        effects = [k for k in members if self.candidates[k].kind != Kind.BLUNDER]
+        effects = [k for k in members if is_known(self.candidates[k])]
         if any(self.evidence(k) < LEAST_EVIDENCE for k in members):
             yield "the evidence is weak"
         if any(self.without_any_one(k) < LEAST_EVIDENCE for k in effects):
             yield "the evidence hangs on a single reading"
         if not self._room():
             yield "these postures leave no room to see something unknown"
+        if len(members) > 1 and any(self.candidates[k].id == LENGTHS for k in members):
+            yield "bars of their tolerance would speak against it: measure their lengths"
         if self._is_series():
             yield "so many terms together fit nearly any shape"
         if self.selection.far_together(members) > FAR_TOGETHER:
@@ -110,11 +132,13 @@ class Attribution:
         others = self._others(member)
         blocks, y = self.selection.given(others)
         block = blocks[member]
-        known = [self.problem.nuisance, *(self.selection.blocks[k] for k in others)]
-        free = 1.0 - (union(known) ** 2).sum(axis=1)
+        whitening = self.problem.whitening
+        known = whitening.held_back(self.selection.search.basis(others))
+        free = whitening.seen_alone - (known**2).sum(axis=1)
         rows = np.flatnonzero(free > SEEN)
-        own = block[rows] / np.sqrt(free[rows])[:, None]
-        rest = block.T @ y - own * (y[rows] / np.sqrt(free[rows]))[:, None]
+        own = whitening.held_back(block)[rows] / np.sqrt(free[rows])[:, None]
+        off = whitening.held_back(y)[rows] / np.sqrt(free[rows])
+        rest = block.T @ y - own * off[:, None]
         open_share = np.maximum(1.0 - (own**2).sum(axis=1), SEEN)
         remains = (rest**2).sum(axis=1) + (own * rest).sum(axis=1) ** 2 / open_share
         return float(remains.min(initial=np.inf)) - float(block.shape[1])
@@ -124,7 +148,7 @@ class Attribution:
         inside = [
             self.problem.structure.T @ block
             for one, block in zip(self.candidates, self.selection.blocks, strict=True)
-            if one.kind != Kind.BLUNDER
+            if is_known(one)
         ]
         rank = rank_of(np.hstack(inside), NEW_DIRECTION, 1.0) if inside else 0
         return self.problem.structure_df - rank >= ROOM

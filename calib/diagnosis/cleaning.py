@@ -10,22 +10,21 @@ taken from the residuals and the scatter of repeats (Student's likelihood).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib.diagnosis.gross_errors import ODDS, GrossError, Suspicion, find_shift, suspicions
-from calib.diagnosis.hypotheses import hypotheses_of
+from calib.diagnosis.hypotheses import hypotheses_of, is_known
 from calib.diagnosis.model_selection import ModelSelection
 from calib.diagnosis.outliers import set_outliers_right
 from calib.diagnosis.problem import Case, FittedSession, Problem
 from calib.diagnosis.results import CleanedReadings, Finding, Named
-from calib.diagnosis.selection import LOG_UNIT
+from calib.diagnosis.selection import Search, Spread, WeighedModel, heaviest_first
 from calib.errors import NotIdentifiable
-from calib.linalg import squares_in, union, without
-from calib.observations import FloatArray, Observations
-from calib.ties import descending
+from calib.linalg import without
+from calib.observations import Observations
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import Effect, Kind
@@ -38,14 +37,8 @@ DOUBTFUL_ODDS = 10.0
 """Odds of a mistake that is named together with what does almost as well."""
 
 MOST_EFFECTS = 3
-BEAM = 4
 CLOSED = 0.001
 """With a mistake that is not clear, and effects, no gap of smaller chance may be left."""
-
-WEIGHED = 8
-"""Of the effects that promise most, so many are weighed by the size they need."""
-
-LEAST_GAIN = 1e-6
 
 
 def clean(
@@ -115,98 +108,43 @@ def _fitted(case: Case) -> FittedSession | None:
 
 @dataclass(frozen=True, eq=False)
 class _Catalogue:
-    """Every effect that may act beside a mistake, as orthonormal blocks ``(n, r)``."""
+    """Every effect that may act beside a mistake, and how likely sets of them make the readings."""
 
     problem: Problem
-    shown: ModelSelection
-    freedom: int
+    candidates: Sequence[Candidate]
+    search: Search
 
     @classmethod
     def of(cls, fitted_session: FittedSession, effects: Sequence[Effect]) -> _Catalogue:
         """All candidates of the catalogue that show in this session."""
         problem = Problem.of([fitted_session])
-        every = [one for one in hypotheses_of(problem, effects) if one.kind != Kind.BLUNDER]
-        freedom = len(problem.y) - problem.nuisance.shape[1]
-        return cls(problem, ModelSelection.of(problem, every), freedom)
+        every = [one for one in hypotheses_of(problem, effects) if is_known(one)]
+        shown = ModelSelection.of(problem, every)
+        freedom = len(problem.y) - problem.whitening.free.shape[1]
+        spread = Spread(float(problem.y @ problem.y), float(freedom))
+        search = Search(problem.y, shown.blocks, spread, shown.log_priors)
+        return cls(problem, shown.candidates, search)
 
-    def width(self, explained: float, block: FloatArray) -> float:
-        """What a prior as wide as the effect found costs (unit information, fitted)."""
-        rank = max(block.shape[1], 1)
-        return float(0.5 * block.shape[1] * math.log(max(explained / rank, 1.0)))
+    def log_evidence(self, model: WeighedModel) -> float:
+        """Log likelihood of the readings, noise unknown, less what the effects cost."""
+        spread = self.search.spread
+        return model.log_weight - 0.5 * spread.freedom * math.log(spread.total)
 
-    def weighed(self, members: tuple[int, ...], upon: _Account | None = None) -> _Account:
-        """These effects; ``upon`` is the account of all but the last, if there is one."""
-        y = self.problem.y
-        if not members:
-            return _Account((), np.zeros((len(y), 0)), 0.0, -0.5 * self.freedom * math.log(y @ y))
-        before = upon or self.weighed(members[:-1])
-        basis = union([before.basis, self.shown.blocks[members[-1]]])
-        more = basis[:, before.basis.shape[1] :]
-        width = self.width(squares_in(more, y), more)
-        log_prior = before.log_prior + width + float(self.shown.log_priors[members[-1]])
-        residual = without(basis, y)
-        weight = -0.5 * self.freedom * math.log(residual @ residual) - log_prior
-        return _Account(tuple(sorted(members)), basis, log_prior, weight)
+    def best(self, most: int) -> WeighedModel:
+        """The best set of so many effects or fewer."""
+        each = [1] * len(self.candidates)
+        sizes = self.search.by_causes(self.search.singles(), each, most)
+        return heaviest_first([self.search.weighed(()), *(m for size in sizes for m in size)])[0]
 
-    def larger(self, one: _Account) -> list[_Account]:
-        """One effect more than this account; only the most promising."""
-        residual = without(one.basis, self.problem.y)
-        total = float(residual @ residual)
-        promise = []
-        for block in self.shown.blocks:
-            explained = squares_in(block, residual)
-            rest = max(total - explained, 1e-9 * total)
-            gain = 0.5 * self.freedom * math.log(total / rest)
-            promise.append(gain - self.width(explained, block))
-        others = (k for k in range(len(promise)) if k not in one.members)
-        order = descending(others, promise.__getitem__)[:WEIGHED]
-        return [self.weighed((*one.members, k), one) for k in order]
-
-    def best(self, most: int) -> _Account:
-        """The best account with so many effects or fewer; a few of the best are followed up."""
-        best = self.weighed(())
-        beam = [best]
-        for _ in range(most):
-            found = {a.members: a for one in beam for a in self.larger(one)}
-            beam = _heaviest_first(found.values())[:BEAM]
-            if not beam:
-                break
-            best = _heaviest_first([best, beam[0]])[0]
-        return self.exchanged(best)
-
-    def exchanged(self, best: _Account) -> _Account:
-        """One effect after the other left out or replaced, as long as that is better."""
-        while True:
-            fewer = [self.weighed(tuple(k for k in best.members if k != m)) for m in best.members]
-            others = [a for one in fewer for a in (one, *self.larger(one))]
-            better = _heaviest_first([best, *others])[0]
-            if better.log_weight <= best.log_weight + LEAST_GAIN:
-                return best
-            best = better
-
-    def near(self, there: _Catalogue, account: _Account) -> _Account:
-        """The effects of an account in other readings, or better ones near them."""
-        known = {_key(one): k for k, one in enumerate(self.shown.candidates)}
-        keys = [_key(there.shown.candidates[k]) for k in account.members]
-        return self.exchanged(self.weighed(tuple(known[key] for key in keys if key in known)))
+    def alike(self, there: _Catalogue, model: WeighedModel) -> WeighedModel:
+        """The effects that were found in other readings in these."""
+        known = {_key(one): k for k, one in enumerate(self.candidates)}
+        keys = [_key(there.candidates[k]) for k in model.members]
+        return self.search.weighed(tuple(known[key] for key in keys if key in known))
 
 
 def _key(one: Candidate) -> tuple[str, str, int]:
     return one.id, one.where, one.columns.shape[1]
-
-
-@dataclass(frozen=True, eq=False)
-class _Account:
-    """Some effects and how well they account for the readings: log likelihood less log prior."""
-
-    members: tuple[int, ...]
-    basis: FloatArray
-    log_prior: float
-    log_weight: float
-
-
-def _heaviest_first(accounts: Iterable[_Account]) -> list[_Account]:
-    return descending(accounts, lambda one: one.log_weight, LOG_UNIT)
 
 
 def _needed_given_effects(
@@ -225,20 +163,20 @@ def _needed_given_effects(
     explained = alone.best(MOST_EFFECTS)
     for one, fitted_session in sorted(suspected, key=lambda each: not each[0].clear):
         corrected = _Catalogue.of(fitted_session, effects)
-        account = corrected.best(MOST_EFFECTS if one.clear else MOST_EFFECTS - 1)
+        beside = corrected.best(MOST_EFFECTS if one.clear else MOST_EFFECTS - 1)
         # what was found beside a mistake must be tried without it, too
-        explained = _heaviest_first([explained, alone.near(corrected, account)])[0]
-        likelier = account.log_weight - explained.log_weight - one.log_tried
-        if likelier > math.log(ODDS) and (one.clear or _closes(corrected.problem, account)):
+        explained = heaviest_first([explained, alone.alike(corrected, beside)])[0]
+        likelier = corrected.log_evidence(beside) - alone.log_evidence(explained) - one.log_tried
+        if likelier > math.log(ODDS) and (one.clear or _closes(corrected, beside)):
             return one.error
         if one.clear and likelier > math.log(DOUBTFUL_ODDS):
-            named = [alone.shown.candidates[k] for k in explained.members]
+            named = [alone.candidates[k] for k in explained.members]
             return replace(one.error, or_else=tuple(Named(each.id, each.where) for each in named))
     return None
 
 
-def _closes(problem: Problem, account: _Account) -> bool:
+def _closes(corrected: _Catalogue, beside: WeighedModel) -> bool:
     """Whether no gap is left beyond chance."""
-    df = problem.structure_df - account.basis.shape[1]
-    gap = problem.gap(without(account.basis, problem.y))
-    return df > 0 and problem.gap_p_value(gap, df) > CLOSED
+    problem, basis = corrected.problem, corrected.search.basis(beside.members)
+    df = problem.structure_df - basis.shape[1]
+    return df > 0 and problem.gap_p_value(problem.gap(without(basis, problem.y)), df) > CLOSED

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,7 +13,13 @@ from calib.diagnosis.attribution import DOUBT, Attribution
 from calib.diagnosis.cleaning import clean
 from calib.diagnosis.discrepancy import discrepancy
 from calib.diagnosis.gap import left_out_postures, locate, on_other_sessions, residuals, where_words
-from calib.diagnosis.hypotheses import causes_of, hypotheses_of, log_priors
+from calib.diagnosis.hypotheses import (
+    LONE,
+    causes_of,
+    hypotheses_of,
+    is_known,
+    log_priors,
+)
 from calib.diagnosis.model_selection import LEVEL, ModelSelection, Outcome
 from calib.diagnosis.next_measurement import propose
 from calib.diagnosis.outliers import belongs_elsewhere
@@ -29,13 +35,16 @@ from calib.diagnosis.results import (
 )
 from calib.diagnosis.selection import LEAST_LOG, heaviest_first
 from calib.errors import NotIdentifiable
-from calib.observations import FloatArray
+from calib.observations import LEG_NAMES, FloatArray
 from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import Effect, EffectInstance, Kind
 
 MOST_SELECTIONS = 3
 WORTH_ANOTHER = 9.0
 """Noise variances that effects do beyond their derivatives before they are looked at again."""
+
+FAR_OFF = 5.0
+"""Tolerances beyond which a joint offset is more likely a mistake in what was entered."""
 
 MOST_CONTENDERS = 20
 WITH_NAMES: tuple[Verdict, ...] = ("explained", "ambiguous", "partly-explained")
@@ -58,7 +67,7 @@ def diagnose(
     usable = [case.with_readings(one.observed) for case, one in zip(cases, cleaned, strict=True)]
     first = Problem.of([case.fitted() for case in usable])
     selection = ModelSelection.of(first, hypotheses_of(first, effects))
-    attribution = Attribution(*_followed_far_enough(selection))
+    attribution = Attribution(*_followed_far_enough(selection)).without_nameless()
     doubted = attribution.repeats_explain_as_much()
     if doubted:
         outcome = replace(attribution.outcome, kept=None)
@@ -134,7 +143,7 @@ class _Report:
             next_measurement=propose(verdict, self.attribution),
             smallest_detectable=self._smallest_detectable(),
             residuals=residuals(self.first, self._after(named)),
-            remarks=(*self._remarks(effect), *self._half_seen()),
+            remarks=(*self._remarks(effect), *self._half_seen(), *self._far_offsets()),
             left_over=effect,
         )
 
@@ -179,7 +188,7 @@ class _Report:
         """A lone wild reading may be one under a wrong label."""
         row = int(one.columns[:, 0].argmax())
         observed = self.problem.fitted_sessions[0].observed
-        if one.kind != Kind.BLUNDER or row >= len(observed):
+        if one.id != LONE or row >= len(observed):
             return one.id, one.title
         belongs = belongs_elsewhere(observed, row)
         if belongs is None:
@@ -192,11 +201,15 @@ class _Report:
         for model in heaviest_first(self.outcome.singles):
             (member,) = model.members
             one = self.candidates[member]
-            if (one.id, one.where) in found:
+            if (one.id, one.where) in found or one.kind == Kind.EMPIRICAL:
                 continue
             parameters, effects = self.selection.values((member,))[member]
             after = self.selection.gap((member,)).rms_mm
-            other = on_other_sessions(self.others, effects) if self.others and effects else None
+            other = (
+                on_other_sessions(self.problem, self.others, effects)
+                if self.others and effects
+                else None
+            )
             found[one.id, one.where] = Contender(
                 one.id,
                 one.where,
@@ -225,19 +238,21 @@ class _Report:
 
     def _held_out(self, placed: tuple[EffectInstance, ...]) -> HeldOutGap | None:
         if self.held_out:
-            return on_other_sessions(self.others, placed)
+            return on_other_sessions(self.problem, self.others, placed)
         if not self.members:
             return None
         # among what could have been kept in place of one of the members
         most = max(causes_of(self.candidates[k]) for k in self.members)
-        effects = [one for one in self.candidates if one.kind != Kind.BLUNDER]
+        effects = [one for one in self.candidates if is_known(one)]
         columns = [one.columns for one in effects if causes_of(one) <= most]
         return left_out_postures(self.problem, columns, len(self.members))
 
     def _remarks(self, effect: ModelDiscrepancy | None) -> list[str]:
         """What else a person must know."""
         said = []
-        if self.problem.noise_df <= 0.0:
+        if not self.problem.structure_df:
+            said.append("offsets and zeros may do all that these postures show: measure others too")
+        elif self.problem.noise_df <= 0.0:
             said.append("no repeats and no stated noise: nothing can be judged against chance")
         if self.verdict == "unexplained":
             said.append(
@@ -259,13 +274,24 @@ class _Report:
             if rank < len(one.parameters)
         ]
 
+    def _far_offsets(self) -> Iterator[str]:
+        """Joint offsets that nobody would have left: they count as found, but are told."""
+        for one in self.first.fitted_sessions:
+            off_mm = np.subtract(one.model.parameters_mm, one.case.model.parameters_mm)
+            for leg, off, allowed in zip(LEG_NAMES, off_mm, one.case.tolerance_mm, strict=False):
+                if abs(off) > FAR_OFF * allowed:
+                    yield (
+                        f"the joint offset of {leg} comes out {off:+.1f} mm off, the machine file"
+                        f" allows {allowed:g} mm: look how it was entered"
+                    )
+
     def _smallest_detectable(self) -> tuple[Detectable, ...]:
         """Size of each single-parameter effect that would have been found nine times of ten."""
         found: dict[str, Detectable] = {}
         count = max(len(self.candidates), 2)
         threshold = math.sqrt(2.0 * math.log(count / LEVEL)) + FOUND_9_OF_10
         for one, block in zip(self.candidates, self.selection.blocks, strict=True):
-            if len(one.parameters) != 1 or one.kind == Kind.BLUNDER:
+            if len(one.parameters) != 1 or not is_known(one):
                 continue
             column = self.problem.root_weight * one.columns[:, 0]
             slope = float(np.linalg.norm(block.T @ column))
@@ -288,7 +314,8 @@ def sentence(verdict: Verdict, findings: Sequence[Finding], where: str, doubt: s
     ``where`` tells where something is left, ``doubt`` why names without rivals are not claimed.
     """
     names = " and ".join(f"{f.title} ({f.where})" for f in findings)
-    rivals = sorted({r.id for f in findings for r in f.indistinguishable_from})
+    others = {r.id for f in findings for r in f.indistinguishable_from}
+    rivals = sorted("a law without a name" if o == Kind.EMPIRICAL else o for o in others)
     if len(rivals) > MOST_RIVALS:
         rivals = [*rivals[: MOST_RIVALS - 1], f"{len(rivals) - MOST_RIVALS + 1} others"]
     return {

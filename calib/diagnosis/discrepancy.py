@@ -172,7 +172,7 @@ def _described(
     best, problem = unnamed_effects[0], selection.problem
     finding = _finding(rest, best, p)
     if others:
-        held = on_other_sessions(others, (*named, *finding.effects))
+        held = on_other_sessions(problem, others, (*named, *finding.effects))
     else:
         known = [selection.candidates[k].columns for k in members]
         columns = [

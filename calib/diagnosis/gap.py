@@ -8,21 +8,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.diagnosis.problem import FittedSession, Problem
+from calib.diagnosis.problem import FittedSession, Problem, Whitening
 from calib.diagnosis.results import Cell, HeldOutGap, Residuals, Share
 from calib.diagnosis.selection import KNOWN, Search, Spread, heaviest_first
 from calib.errors import NotIdentifiable
-from calib.linalg import (
-    DEPENDENT,
-    EXACT_BLIND,
-    basis_of,
-    incidence,
-    lengths,
-    new_directions,
-    onto,
-    squares_in,
-    without,
-)
+from calib.linalg import EXACT_BLIND, incidence, lengths, onto, squares_in
 from calib.observations import (
     LEG_NAMES,
     TOOL,
@@ -51,7 +41,7 @@ def locate(problem: Problem) -> tuple[Share, ...]:
         if not mask.any():
             continue
         inside = float((explained[mask] ** 2).sum())
-        taken = (problem.nuisance[mask] ** 2).sum()
+        taken = (problem.whitening.free[mask] ** 2).sum()
         freedom = float((problem.structure[mask] ** 2).sum() - taken)
         chance = problem.gap_p_value(inside, max(round(freedom), 1))
         shares.append(Share(leg, axis, pattern, inside / total if total else 0.0, chance))
@@ -114,8 +104,8 @@ def where_words(shares: tuple[Share, ...], level: float) -> str:
 
 def residuals(problem: Problem, after: FloatArray | None) -> Residuals:
     """Means of each cell; ``after`` ``(n,)`` is the whitened residual with effects adopted."""
-    before_mm = problem.y / problem.root_weight
-    after_mm = None if after is None else after / problem.root_weight
+    before_mm = problem.mm(problem.y)
+    after_mm = None if after is None else problem.mm(after)
     names = ("leg", "axis", "station", "displacement_mm", "approach")
     columns = [*map(problem.conditions, names), *problem.conditions("position_mm").T]
     keys = [column.astype(np.float64).round(4) for column in columns]
@@ -160,13 +150,13 @@ def left_out_postures(
     choose in each fold. Zeros come from the rest of each mounting, base parameters are held by
     their tolerances. ``groups`` are other rows to leave out together. None where nothing can be.
     """
-    nuisance = problem.nuisance_columns()
+    base = np.hstack([problem.zeros, problem.offsets, problem.bars])
     white = [problem.root_weight[:, None] * c for c in columns]
     squares, used = [0.0, 0.0], 0
     for rows in groups or _groups(problem):
         train = np.setdiff1d(np.arange(len(problem.y)), rows)
-        chosen = _chosen(problem, white, nuisance, train, size)
-        designs = nuisance, np.hstack([nuisance, *(white[k] for k in chosen)])
+        chosen = _chosen(problem, white, train, size)
+        designs = base, np.hstack([base, *(white[k] for k in chosen)])
         for k, design in enumerate(designs):
             value = _prior_constrained(problem, design, train)
             missed = (problem.residual[rows] - design[rows] @ value) / problem.root_weight[rows]
@@ -197,17 +187,17 @@ def _groups(problem: Problem) -> Iterator[IntArray]:
 def _chosen(
     problem: Problem,
     white: Sequence[FloatArray],
-    nuisance: FloatArray,
     train: IntArray,
     size: int,
 ) -> tuple[int, ...]:
     """The best model of this size on these rows alone."""
-    basis = basis_of(nuisance[train], DEPENDENT)
-    rest = without(basis, problem.residual[train])
+    base = problem.zeros, problem.offsets, problem.bars
+    whitening = Whitening.of(*(columns[train] for columns in base))
+    rest = whitening(problem.residual[train])
     spread = KNOWN
     if math.isfinite(problem.noise_df):
-        spread = Spread(float(rest @ rest), float(len(train) - basis.shape[1]))
-    blocks = [new_directions(basis, column[train] / lengths(column)) for column in white]
+        spread = Spread(float(rest @ rest), float(len(train) - whitening.free.shape[1]))
+    blocks = [whitening.block(column[train]) for column in white]
     search = Search(rest, blocks, spread, np.zeros(len(blocks)))
     larger = search.singles()
     members: tuple[int, ...] = ()
@@ -222,32 +212,27 @@ def _prior_constrained(problem: Problem, design: FloatArray, train: IntArray) ->
 
     Not to the fit without effects, which a missing effect has pulled away.
     """
-    hold, middle = np.zeros(design.shape[1]), np.zeros(design.shape[1])
-    start = 0
-    for one in problem.fitted_sessions:
-        start += one.observed.mount_count
-        here = slice(start, start + len(one.case.tolerance_mm))
-        hold[here] = 1.0 / one.case.tolerance_mm
-        middle[here] = np.subtract(one.case.model.parameters_mm, one.model.parameters_mm)
-        start = here.stop
-    rows = np.vstack([design[train], np.diag(hold)[hold > 0.0]])
-    right = np.concatenate([problem.residual[train], (hold * middle)[hold > 0.0]])
+    first = problem.zeros.shape[1]
+    held = np.eye(design.shape[1])[first : first + problem.offsets.shape[1] + 3]
+    rows = np.vstack([design[train], held])
+    right = np.concatenate([problem.residual[train], np.zeros(len(held))])
     size = lengths(rows)
     found = np.linalg.lstsq(rows / size, right, rcond=EXACT_BLIND)[0]
     return np.asarray(found / size)
 
 
 def on_other_sessions(
-    others: Sequence[FittedSession], effects: tuple[EffectInstance, ...]
+    problem: Problem, others: Sequence[FittedSession], effects: tuple[EffectInstance, ...]
 ) -> HeldOutGap | None:
-    """The gap on sessions that were not used at all: effects as they were found, base anew.
+    """The gap on sessions that were not used at all: effects and lengths as they were found.
 
-    Every session has its own base parameters and zeros, so only the effects are tested. None where
-    the effects put the machine out of its own reach.
+    Every session has its own offsets and zeros. None where the effects put the machine out of its
+    own reach.
     """
-    before = Problem.of(others)
+    before = Problem.of(others, problem.bars_seen())
     try:
-        after = before.adopting(effects)
+        found = problem.adopting(effects)
+        after = Problem.of([one.adopting(effects) for one in others], found.bars_seen())
     except NotIdentifiable:
         return None
     noise_mm = before.noise_mm * math.sqrt(max(before.structure_df, 1) / len(before.y))

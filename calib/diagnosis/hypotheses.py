@@ -26,16 +26,23 @@ from calib.observations import (
 )
 from calib.tripod.effects.candidates import Candidate, candidates, candidates_together, invisible
 from calib.tripod.effects.effect import Effect, EffectParameter, Kind
-from calib.tripod.pipeline import Model
+from calib.tripod.effects.empirical import BASES, Empirical
+from calib.tripod.pipeline import Model, Stage
 
 FAR = 30.0
 """A parameter so many times its unremarkable size costs as much as one standard deviation."""
+
+SURE = 2.0
+"""Standard uncertainties by which a size must be beyond its limit."""
 
 MOST_LOSS = 200.0
 """What a candidate's own size may cost; a model's sizes together cost without limit."""
 
 ALL = "all"
+LENGTHS = "leg_length"
+LONE = "wild_reading"
 SHIFT = EffectParameter("shift", "mm", 1.0)
+LENGTH = EffectParameter("length", "mm", 0.1)
 
 ALIAS_NOISE_MM = 0.002
 """Noise beside which effects are compared."""
@@ -45,10 +52,34 @@ TOLERANCE_MM = (2.0, 2.0, 2.0, 0.1, 0.1, 0.1)
 
 
 def hypotheses_of(problem: Problem, effects: Sequence[Effect]) -> list[Candidate]:
-    """Every candidate that the sessions can show, stacked over them, and lone wild readings."""
+    """Every candidate that the sessions can show, stacked over them; mistakes that remain.
+
+    Powers of one carriage's travel run beside them: what they do as well is not claimed by name.
+    """
     sessions = [(one.model, one.observed) for one in problem.fitted_sessions]
     lone = _lone_readings(problem) if problem.has_repeats() else []
-    return [*candidates_together(sessions, effects), *lone]
+    powers = [Empirical((name,)) for name in BASES if BASES[name].stage == Stage.ACTUATOR]
+    nameless = [one for one in candidates_together(sessions, powers) if one.arrangement == "one"]
+    return [*candidates_together(sessions, effects), *nameless, *lone, *_other_bars(problem)]
+
+
+def is_known(candidate: Candidate) -> bool:
+    """Whether it is an effect with a name; no mistake, no power of travel."""
+    return candidate.kind not in (Kind.BLUNDER, Kind.EMPIRICAL)
+
+
+def _other_bars(problem: Problem) -> list[Candidate]:
+    """Each session but the first measured with bars of other lengths."""
+    sessions = problem.fitted_sessions
+    of_row = np.repeat(np.arange(len(sessions)), [len(one.observed) for one in sessions])
+    title = "the bars are not those of the first session: diagnose the sessions one at a time"
+    found = []
+    for k, one in enumerate(sessions[1:], start=1):
+        columns = np.zeros((len(of_row), 3))
+        columns[of_row == k] = one.base[:, 3:] / one.case.tolerance_mm[3:]
+        what = "other_bars", title, Kind.BLUNDER, f"session {k + 1}", "one"
+        found.append(Candidate(*what, (LENGTH,) * 3, columns))
+    return found
 
 
 def _lone_readings(problem: Problem) -> list[Candidate]:
@@ -67,14 +98,18 @@ def _lone_readings(problem: Problem) -> list[Candidate]:
             off = squares_in(problem.block(columns), problem.y) > WILD_DISTANCE**2
             if off and np.count_nonzero(posture == posture[row]) == 1:
                 title = f"the {word} reading of this mounting is wild"
-                what = "wild_reading", title, Kind.BLUNDER, where, "one"
+                what = LONE, title, Kind.BLUNDER, where, "one"
                 found.append(Candidate(*what, (SHIFT,), columns))
     return found
 
 
 def causes_of(candidate: Candidate) -> int:
-    """How many things are wrong at once: axes, bars, indicators with values of their own."""
-    if candidate.arrangement != "each" or candidate.kind == Kind.ENVIRONMENT:
+    """How many things are wrong at once: axes, bars, indicators with values of their own.
+
+    Lengths beyond their tolerance are one: who made one bar so made the others.
+    """
+    together = candidate.kind == Kind.ENVIRONMENT or candidate.id == LENGTHS
+    if candidate.arrangement != "each" or together:
         return 1
     if candidate.kind == Kind.INDICATOR:
         return len(candidate.shares)
@@ -117,12 +152,16 @@ def log_choices(candidates: Sequence[Candidate]) -> FloatArray:
 def implausible(problem: Problem, candidates: Sequence[Candidate]) -> float:
     """What candidates lose for the sizes that they would need together, in log weight.
 
-    A normal prior on each parameter, thirty times the unremarkable size wide: a fit that needs more
-    pays, and directions that hardly show are not inflated.
+    A normal prior on each parameter, thirty times the unremarkable size wide and cut off at its
+    limit: a fit that needs more pays, and directions that hardly show are not inflated.
     """
     white = problem.free(np.hstack([one.columns * (FAR * unremarkable(one)) for one in candidates]))
     free = problem.y - white @ np.linalg.lstsq(white, problem.y, rcond=BLIND)[0]
-    value = prior_constrained(white, problem.y)
+    size = FAR * np.concatenate([unremarkable(one) for one in candidates])
+    most = np.concatenate([[p.limit for p in one.parameters] for one in candidates]) / size
+    unsure = np.linalg.inv(white.T @ white + np.eye(len(size))).diagonal()
+    most = most + SURE * np.sqrt(unsure)
+    value = np.clip(prior_constrained(white, problem.y), -most, most)
     residual = problem.y - white @ value
     loss = 0.5 * (float(residual @ residual) - float(free @ free) + float(value @ value))
     return float(max(loss, 0.0))

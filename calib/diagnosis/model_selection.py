@@ -15,6 +15,7 @@ from calib.diagnosis.hypotheses import (
     FAR,
     causes_of,
     implausible,
+    is_known,
     log_priors,
     prior_constrained,
     unremarkable,
@@ -22,8 +23,10 @@ from calib.diagnosis.hypotheses import (
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.results import Gap, Value
 from calib.diagnosis.selection import (
+    ALIKE,
     Search,
     WeighedModel,
+    contained,
     credible_set,
     foremost,
     global_p_value,
@@ -35,7 +38,7 @@ from calib.errors import NotIdentifiable
 from calib.linalg import NEW_DIRECTION, new_directions, onto, rank_of, squares_in, without
 from calib.observations import FloatArray
 from calib.tripod.effects.candidates import Candidate
-from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.effects.effect import EffectInstance, Kind
 
 LEVEL = 0.01
 """Chance of a gap or an agreement called wrongly."""
@@ -97,9 +100,22 @@ class ModelSelection:
 
     @classmethod
     def of(cls, problem: Problem, candidates: Sequence[Candidate]) -> ModelSelection:
-        """Among those candidates that show at all."""
+        """Of candidates that show at all; a power that a named effect imitates is left out."""
         blocks = [problem.block(one.columns) for one in candidates]
-        shown = [k for k, block in enumerate(blocks) if block.shape[1]]
+        known = [
+            block
+            for one, block in zip(candidates, blocks, strict=True)
+            if is_known(one) and causes_of(one) == 1
+        ]
+        shown = [
+            k
+            for k, block in enumerate(blocks)
+            if block.shape[1]
+            and not (
+                candidates[k].kind == Kind.EMPIRICAL
+                and any(contained(block, other) > ALIKE for other in known)
+            )
+        ]
         some = [candidates[k] for k in shown]
         return cls(problem, some, [blocks[k] for k in shown], log_priors(problem, some))
 

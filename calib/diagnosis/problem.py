@@ -1,6 +1,8 @@
 """Sessions and candidates as one whitened linear problem.
 
-Every reading is divided by its noise; base parameters and zeros of each session are projected out.
+Every reading is divided by its noise. Zeros and joint offsets of each session are projected out:
+offsets are what a calibration is for, however far they are off. Leg lengths, which all sessions
+share, are random effects as large as their tolerance: what they may do counts as noise, no more.
 What remains of a candidate effect is an orthonormal block; what remains of the readings is a
 vector whose squares are chi-squared where nothing is missing.
 """
@@ -42,10 +44,14 @@ from calib.observations import FloatArray, IntArray, Observations, numbered
 from calib.stats import variance_ratio_p_value
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.movements import with_first_movements
-from calib.tripod.pipeline import Model, derivatives
+from calib.tripod.pipeline import Model
 
 VISIBLE = 1e-6
 """Least size of a candidate's column, in noise units for an unremarkable parameter."""
+
+SHOWS = 1.0
+"""Offsets are free in directions in which a tolerance of them makes more than this of the noise;
+in others they cannot matter, and may not absorb what they would need metres for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +82,9 @@ class Case:
 class FittedSession:
     """One session ready for diagnosis: its visits, its noise, and the model fitted to it.
 
-    ``residual_mm`` ``(n,)`` is measured minus predicted without zeros, ``weight`` ``(n,)`` in
-    1/mm², ``base`` ``(n, 6)`` the derivatives by the base parameters.
+    ``residual_mm`` ``(n,)`` is measured minus predicted without zeros by the parameters of
+    ``case.model``, linear in them at the fitted ``model``; ``weight`` ``(n,)`` in 1/mm², ``base``
+    ``(n, 6)`` the derivatives by the base parameters, mm per tolerance.
     """
 
     case: Case
@@ -93,8 +100,10 @@ class FittedSession:
         observed = case.observed
         fit = prior_fit(case.model, observed, weight, case.tolerance_mm)
         model = case.model.with_parameters(fit.parameters_mm)
-        base = derivatives(model.geometry, fit.parameters_mm, observed, model.effects)
-        return cls(case, noise, weight, model, observed.value_mm - model.readings(observed), base)
+        off = (fit.parameters_mm - case.model.parameters_mm) / case.tolerance_mm
+        base = fit.design * case.tolerance_mm
+        residual_mm = observed.value_mm - model.readings(observed) + base @ off
+        return cls(case, noise, weight, model, residual_mm, base)
 
     @property
     def observed(self) -> Observations:
@@ -105,12 +114,6 @@ class FittedSession:
         """The same readings with more effects in the model. Raises NotIdentifiable."""
         model = self.case.model.with_effects((*self.case.model.effects, *effects))
         return self.of(replace(self.case, model=model), self.noise, self.weight)
-
-    @property
-    def nuisance_columns(self) -> FloatArray:
-        """Zeros and base columns ``(n, q)``, whitened; the base comes last."""
-        columns = np.hstack([incidence(self.observed.mount), self.base])
-        return np.asarray(np.sqrt(self.weight)[:, None] * columns)
 
     @property
     def structure(self) -> FloatArray:
@@ -126,32 +129,92 @@ class FittedSession:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
-    """Several fitted sessions side by side: they share effects, not base parameters and zeros.
+class Bars:
+    """Mean ``(3,)`` and a root ``(3, 3)`` of the covariance of leg lengths, in tolerances."""
 
-    ``residual`` ``(n,)`` is what the fits leave, ``y`` ``(n,)`` the same without base parameters
-    and zeros; they and everything else are whitened. ``nuisance`` ``(n, q)`` is an orthonormal
-    basis of base parameters and zeros; ``structure`` ``(n, e)`` of all that is not scatter of
-    repeats (cells and cycles of each mounting). ``noise_df`` belongs to the noise the whitening
-    used, 0 where none is known.
+    mean: FloatArray
+    root: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """What zeros and base parameters may do, taken away from readings divided by their noise.
+
+    ``free`` ``(n, q)`` is an orthonormal basis of what zeros and offsets do, ``held`` ``(n, h)``
+    of what lengths do beside it, and ``kept`` ``(h,)`` the noise there over noise and lengths of
+    their tolerance together: I + B P Bᵀ to the power -1/2.
+    """
+
+    free: FloatArray
+    held: FloatArray
+    kept: FloatArray
+
+    @classmethod
+    def of(cls, zeros: FloatArray, offsets: FloatArray, held: FloatArray) -> Whitening:
+        """From whitened columns, those of base parameters per tolerance."""
+        seen = zeros[:, zeros.any(axis=0)]
+        seen = seen / lengths(seen)
+        free = np.hstack([seen, basis_of(without(seen, offsets), SHOWS, 1.0)])
+        basis, size, _ = np.linalg.svd(without(free, held), full_matrices=False)
+        return cls(free, basis, 1.0 / np.hypot(1.0, size))
+
+    def held_back(self, rows: FloatArray, kept: FloatArray | None = None) -> FloatArray:
+        """Rows ``(n,)`` or ``(n, k)`` with less of what lengths do, ``kept`` of it."""
+        share = (self.kept if kept is None else kept) - 1.0
+        return np.asarray(rows + self.held @ (share * (self.held.T @ rows).T).T)
+
+    def __call__(self, rows: FloatArray) -> FloatArray:
+        """Rows ``(n,)`` or ``(n, k)`` as they count."""
+        return self.held_back(without(self.free, rows))
+
+    @property
+    def seen_alone(self) -> FloatArray:
+        """Square ``(n,)`` of what is left of each single row."""
+        taken = (1.0 - self.kept**2) * self.held**2
+        return np.asarray(1.0 - (self.free**2).sum(axis=1) - taken.sum(axis=1))
+
+    def block(self, columns: FloatArray) -> FloatArray:
+        """Orthonormal basis ``(n, r)`` of what is left of columns ``(n, k)``."""
+        size = lengths(columns)
+        shown = columns[:, size > VISIBLE] / size[size > VISIBLE]
+        return basis_of(self.held_back(new_directions(self.free, shown)), DEPENDENT)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Several fitted sessions side by side: they share effects and lengths, not offsets and zeros.
+
+    ``residual`` ``(n,)`` is what the parameters of the machine file leave, ``y`` ``(n,)`` the same
+    whitened. ``zeros`` ``(n, m)``, ``offsets`` ``(n, 3 s)`` and ``bars`` ``(n, 3)`` are the columns
+    of the base, those of parameters per tolerance; like everything else they are divided by the
+    noise. ``structure`` ``(n, e)`` is a basis of all that is not scatter of repeats (cells and
+    cycles of each mounting). ``noise_df`` belongs to the noise that was divided by, 0 where none is
+    known.
     """
 
     fitted_sessions: tuple[FittedSession, ...]
     residual: FloatArray
     y: FloatArray
     root_weight: FloatArray
-    nuisance: FloatArray
+    zeros: FloatArray
+    offsets: FloatArray
+    bars: FloatArray
+    whitening: Whitening
     structure: FloatArray
     noise_df: float
     mount: IntArray
 
     @classmethod
-    def of(cls, fitted_sessions: Sequence[FittedSession]) -> Problem:
-        """Stack the sessions."""
+    def of(cls, fitted_sessions: Sequence[FittedSession], known: Bars | None = None) -> Problem:
+        """Stack the sessions; ``known`` is what others tell of the lengths."""
         root = np.sqrt(np.concatenate([one.weight for one in fitted_sessions]))
         residual = root * np.concatenate([one.residual_mm for one in fitted_sessions])
-        columns = [one.nuisance_columns for one in fitted_sessions]
-        nuisance = block_diag(*(basis_of(c / lengths(c), DEPENDENT) for c in columns))
+        zeros = root[:, None] * block_diag(*(incidence(o.observed.mount) for o in fitted_sessions))
+        offsets = root[:, None] * block_diag(*(one.base[:, :3] for one in fitted_sessions))
+        bars = root[:, None] * np.vstack([one.base[:, 3:] for one in fitted_sessions])
+        if known:
+            residual, bars = residual - bars @ known.mean, bars @ known.root
+        whitening = Whitening.of(zeros, offsets, bars)
         freedom = [one.noise.degrees_of_freedom if one.noise else 0.0 for one in fitted_sessions]
         mounts, count = [], 0
         for one in fitted_sessions:
@@ -160,9 +223,12 @@ class Problem:
         return cls(
             tuple(fitted_sessions),
             residual,
-            without(nuisance, residual),
+            whitening(residual),
             root,
-            nuisance,
+            zeros,
+            offsets,
+            bars,
+            whitening,
             block_diag(*(one.structure for one in fitted_sessions)),
             float(sum(freedom)) if all(freedom) else 0.0,
             np.concatenate(mounts),
@@ -174,21 +240,26 @@ class Problem:
 
     def as_if_linear(self, y: FloatArray) -> Problem:
         """The same with residuals ``(n,)`` as a machine without curvature would leave them."""
-        return replace(self, y=y, residual=self.residual + y - self.y)
+        more = self.whitening.held_back(y - self.y, 1.0 / self.whitening.kept)
+        return replace(self, y=y, residual=self.residual + more)
 
     def block(self, columns_mm: FloatArray) -> FloatArray:
-        """Orthonormal basis ``(n, r)`` of columns ``(n, k)`` in mm, nuisance projected out."""
-        white = self.root_weight[:, None] * columns_mm
-        size = lengths(white)
-        return new_directions(self.nuisance, white[:, size > VISIBLE] / size[size > VISIBLE])
+        """Orthonormal basis ``(n, r)`` of columns ``(n, k)`` in mm, whitened."""
+        return self.whitening.block(self.root_weight[:, None] * columns_mm)
 
     def free(self, columns_mm: FloatArray) -> FloatArray:
-        """Columns ``(n,)`` or ``(n, k)`` in mm, whitened, nuisance projected out."""
-        return without(self.nuisance, (self.root_weight * columns_mm.T).T)
+        """Columns ``(n,)`` or ``(n, k)`` in mm, whitened."""
+        return self.whitening((self.root_weight * columns_mm.T).T)
 
-    def nuisance_columns(self) -> FloatArray:
-        """Zeros and base columns of every session, whitened ``(n, q)``; its base comes last."""
-        return np.asarray(block_diag(*(one.nuisance_columns for one in self.fitted_sessions)))
+    def mm(self, y: FloatArray) -> FloatArray:
+        """What is left of readings ``(n,)``, mm, the lengths fitted within their tolerance."""
+        return np.asarray(self.whitening.held_back(y) / self.root_weight)
+
+    def bars_seen(self) -> Bars:
+        """What these sessions tell of the lengths that they share, in tolerances."""
+        free = without(self.whitening.free, self.bars)
+        covariance = np.linalg.inv(free.T @ free + np.eye(free.shape[1]))
+        return Bars(covariance @ (free.T @ self.residual), np.linalg.cholesky(covariance))
 
     def conditions(self, name: str) -> NDArray[Any]:
         """One array of the conditions of all sessions ``(n,)``."""
@@ -196,8 +267,8 @@ class Problem:
 
     @property
     def structure_df(self) -> int:
-        """Directions that are no scatter of repeats, less base parameters and zeros."""
-        return int(max(self.structure.shape[1] - self.nuisance.shape[1], 0))
+        """Directions that are no scatter of repeats, less offsets and zeros."""
+        return int(max(self.structure.shape[1] - self.whitening.free.shape[1], 0))
 
     @property
     def noise_mm(self) -> float:
@@ -237,7 +308,7 @@ class Problem:
     def gap_rms_mm(self, residual: FloatArray | None = None) -> float:
         """The same of ``y`` or another residual ``(n,)`` as r.m.s. over the readings, mm."""
         inside = onto(self.structure, self.y if residual is None else residual)
-        return math.sqrt(float(((inside / self.root_weight) ** 2).mean()))
+        return math.sqrt(float((self.mm(inside) ** 2).mean()))
 
     def gap_p_value(self, gap: float, df: int) -> float:
         """Chance of a gap at least this large from noise alone; 1 where nothing is free."""

@@ -131,10 +131,12 @@ class Search:
 
     def singles(self) -> list[WeighedModel]:
         """Every candidate alone."""
-        return [
-            self._weighed((k,), squares_in(block, self.y), block.shape[1])
-            for k, block in enumerate(self.blocks)
-        ]
+        return [self.weighed((k,)) for k in range(len(self.blocks))]
+
+    def weighed(self, members: tuple[int, ...]) -> WeighedModel:
+        """These candidates together."""
+        basis = self.blocks[members[0]] if len(members) == 1 else self.basis(members)
+        return self._weighed(members, squares_in(basis, self.y), basis.shape[1])
 
     def larger(self, base: Sequence[int]) -> list[WeighedModel]:
         """These candidates with every other one, all at once."""

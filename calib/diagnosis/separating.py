@@ -136,11 +136,13 @@ class Judge:
         for k, (span, one) in enumerate(zip(self._spans, self._all, strict=True)):
             self._values[span, k] = one.values
         rows = [self._columns(one.model, one.observed) for one in problem.fitted_sessions]
-        old = problem.root_weight[:, None] * np.vstack(rows)
-        rest = without(problem.nuisance, old)
+        old = np.hstack([problem.root_weight[:, None] * np.vstack(rows), problem.bars])
+        rest = without(problem.whitening.free, old)
+        self._tolerance_mm = problem.fitted_sessions[-1].case.tolerance_mm
         self._noise_mm = problem.noise_mm
-        self._raw = (old**2).sum(axis=0)
-        self._old = rest.T @ rest
+        self._raw = (old**2).sum(axis=0)[: ends[-1]]
+        held = np.diag(np.arange(len(rest.T)) >= ends[-1])  # the lengths, by their tolerance
+        self._old = rest.T @ rest + held
 
     def separations(self, model: Model, options: Sequence[Added]) -> FloatArray:
         """How far each pair of names is apart ``(options, names, names)``, noise variances.
@@ -154,14 +156,17 @@ class Judge:
                 for one in options
             ]
         )
-        width = len(self._raw)
+        width = len(self._old)
         across, base = whole[:, :width, width:], whole[:, width:, width:]
         scale = np.sqrt(np.maximum(np.einsum("okk->ok", base), TINY))
         across, base = across / scale[:, None], base / (scale[:, :, None] * scale[:, None])
         inside = np.linalg.pinv(base, rcond=BASE_SQUARES, hermitian=True)
         added = whole[:, :width, :width] - across @ inside @ np.swapaxes(across, 1, 2)
-        size = np.sqrt(np.maximum(self._raw + np.einsum("okk->ok", whole)[:, :width], TINY))
-        left = self._left((self._old + added) / (size[:, :, None] * size[:, None]), size)
+        both, count = self._old + added, len(self._raw)
+        bars = np.linalg.solve(both[:, count:, count:], both[:, count:, :count])
+        left = both[:, :count, :count] - both[:, :count, count:] @ bars
+        size = np.sqrt(np.maximum(self._raw + np.einsum("okk->ok", whole)[:, :count], TINY))
+        left = self._left(left / (size[:, :, None] * size[:, None]), size)
         found = np.zeros((len(options), self._names, self._names))
         for a, b in combinations(range(self._names), 2):
             some = left[:, self._mine[a]][:, :, self._mine[b]].min(axis=(1, 2))
@@ -194,10 +199,11 @@ class Judge:
         return np.hstack(columns)
 
     def _parts(self, model: Model, options: Sequence[Added]) -> dict[Place, FloatArray]:
-        """Products of what is sought and base columns, zeros projected out, at every place."""
+        """Products of what is sought, lengths and offsets, zeros projected out, at every place."""
         keys = list(dict.fromkeys((s, one.levels_mm) for one in options for s in one.stations))
         taken = added_conditions(keys)
         base = derivatives(model.geometry, model.parameters_mm, taken, model.effects)
+        base = (base * self._tolerance_mm)[:, [3, 4, 5, 0, 1, 2]]  # lengths are those of before
         columns = np.hstack([self._columns(model, taken), base]) / self._noise_mm
         columns = without_means(taken.mount, np.ones(len(taken)), columns)
         legs = [(*key, leg) for key in keys for leg in LEG_NAMES]  # of two mountings each

@@ -30,8 +30,8 @@ GAUGE = {"gauge_gain": "gain", "gauge_tilt": "tilt"}
 # Larger than this no workshop would have it: another place or other amounts are drawn.
 LARGEST = {
     "lean": 0.02,
-    "tilt": 0.2,
-    "gain": 0.3,
+    "tilt": 0.15,
+    "gain": 0.2,
     "scale": 0.02,
     "taper": 0.02,
     "sag": 3.0,

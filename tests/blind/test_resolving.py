@@ -66,16 +66,15 @@ def test_the_same_machine_with_offsets_entered_and_a_load() -> None:
 @pytest.mark.parametrize(
     ("procedure", "effect", "load", "shifted"),
     [
-        ("zero-max-min", "backlash", 1.0, False),
+        ("zero-max-min", "actuator_cyclic", 1.0, False),
         ("two-station", "gauge_tilt", 1.0, True),
-        ("zero-max-min", "gravity_sag", 2.0, False),
+        ("zero-max-min", "actuator_scale", 2.0, False),
     ],
 )
 def test_each_sort_of_proposal_resolves(
     tmp_path: Path, procedure: str, effect: str, load: float, shifted: bool
 ) -> None:
-    strength = 2.0 if effect == "gravity_sag" else 1.0
-    trial = Follower.of(case(procedure, effect, strength), SEED, tmp_path).trial(1)
+    trial = Follower.of(case(procedure, effect, 1.0), SEED, tmp_path).trial(1)
     asked = trial.first["next_measurement"]
     assert trial.first["verdict"] == "ambiguous"
     assert asked["before"]["load"] == load

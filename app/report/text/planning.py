@@ -173,7 +173,7 @@ def alias_text(found: AliasMap) -> str:
     lines = [
         wrapped(
             f"{len(found.effects)} effects and places; {len(by_effect)} of them can be imitated by "
-            "another effect, base parameters and zeros free:"
+            "another effect, offsets and zeros free, lengths within their tolerance:"
         )
     ]
     lines += [

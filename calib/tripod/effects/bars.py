@@ -25,6 +25,37 @@ from calib.tripod.pipeline import Flow, Stage
 
 
 @dataclass(frozen=True)
+class LegLength:
+    """A bar is longer than the machine file says, by more than its tolerance allows."""
+
+    id: str = "leg_length"
+    title: str = "a bar is not as long as the machine file says, beyond its tolerance"
+    kind: Kind = Kind.MACHINE
+    stage: Stage = Stage.TOOL
+    parameters: tuple[EffectParameter, ...] = (EffectParameter("length", "mm", 0.1),)
+    invariances: tuple[str, ...] = (
+        "same for both directions of approach",
+        "constant in time",
+        "does not change with the load",
+    )
+    controller: str = "bar {place}: the kinematics of export --format linuxcnc-kins"
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Every bar."""
+        return LEG_NAMES if len(taken) else ()
+
+    def change(
+        self,
+        stage_input: NDArray[Any],
+        flow: Flow,  # noqa: ARG002 (every effect is given it)
+        place: str,
+        values: Sequence[Any],
+    ) -> NDArray[Any]:
+        """The bar is longer by the value."""
+        return np.asarray(stage_input + values[0] * unit(LEG_NAMES.index(place)))
+
+
+@dataclass(frozen=True)
 class GravitySag:
     """Bars are axial springs that carry the tool; positive: a pressed bar gets shorter."""
 

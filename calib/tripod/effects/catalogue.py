@@ -17,7 +17,7 @@ from calib.tripod.effects.axes import (
     Straightness,
     with_directions,
 )
-from calib.tripod.effects.bars import GravitySag, LegBow, LegTaper
+from calib.tripod.effects.bars import GravitySag, LegBow, LegLength, LegTaper
 from calib.tripod.effects.effect import Effect
 from calib.tripod.effects.environment import DriftWithTemperature, DriftWithTime
 from calib.tripod.effects.gauges import GaugeGain, GaugeTilt, PlateTilt
@@ -30,6 +30,7 @@ CATALOGUE: tuple[Effect, ...] = (
     ActuatorScale(),
     *(ActuatorCyclic(lead_mm) for lead_mm in STANDARD_LEADS_MM),
     Backlash(),
+    LegLength(),
     GravitySag(),
     LegTaper(),
     LegBow(),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,11 +29,15 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True)
 class EffectParameter:
-    """One parameter: name, unit, and a size in that unit that nobody would remark on."""
+    """One parameter: name, unit, a size in that unit that nobody would remark on.
+
+    ``limit`` is a size that nobody can overlook.
+    """
 
     name: str
     unit: str
     tolerance: float
+    limit: float = math.inf
 
 
 class Effect(Protocol):

@@ -1,7 +1,7 @@
 """A law without a name: how readings depend on displacement, approach, time, temperature.
 
-It stands in models for what nobody could name. It never runs beside the catalogue, so nothing is
-ever called by it.
+It stands in models for what nobody could name. Powers of travel run beside the catalogue,
+but nothing is ever called by it.
 """
 
 from __future__ import annotations

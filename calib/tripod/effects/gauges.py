@@ -34,7 +34,7 @@ class GaugeGain:
     title: str = "an indicator shows too much or too little in proportion"
     kind: Kind = Kind.INDICATOR
     stage: Stage = Stage.READING
-    parameters: tuple[EffectParameter, ...] = (EffectParameter("gain", "%", 0.5),)
+    parameters: tuple[EffectParameter, ...] = (EffectParameter("gain", "%", 0.5, 20.0),)
     invariances: tuple[str, ...] = (
         "same for both directions of approach",
         "constant in time",
@@ -61,7 +61,7 @@ class GaugeTilt:
     title: str = "an indicator is mounted askew and takes up motion across its axis"
     kind: Kind = Kind.INDICATOR
     stage: Stage = Stage.TOUCH
-    parameters: tuple[EffectParameter, ...] = (EffectParameter("tilt", "mrad", 10.0),)
+    parameters: tuple[EffectParameter, ...] = (EffectParameter("tilt", "mrad", 10.0, 150.0),)
     invariances: tuple[str, ...] = (
         "same for both directions of approach",
         "in proportion to what the other indicator of the leg shows",
@@ -99,8 +99,8 @@ class PlateTilt:
     kind: Kind = Kind.INDICATOR
     stage: Stage = Stage.TOUCH
     parameters: tuple[EffectParameter, ...] = (
-        EffectParameter("tilt_first", "mrad", 10.0),
-        EffectParameter("tilt_second", "mrad", 10.0),
+        EffectParameter("tilt_first", "mrad", 10.0, 150.0),
+        EffectParameter("tilt_second", "mrad", 10.0, 150.0),
     )
     invariances: tuple[str, ...] = (
         "same for both directions of approach",

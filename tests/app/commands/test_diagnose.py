@@ -107,42 +107,51 @@ def test_published_experiments_claim_no_single_name(samples: Path) -> None:
         "--held-out",
         samples / "experiment_3_twelve.jsonl",
     )
-    assert found["verdict"] == "cannot-tell"
+    assert found["verdict"] == "unexplained"
     assert found["effects"] == []
-    assert found["gap_before"]["degrees_of_freedom"] == 6
+    assert found["gap_before"]["degrees_of_freedom"] == 9
     held = [c["held_out_gap_rms_mm"] for c in found["candidates"]]
     assert any(value is not None for value in held)
 
 
-def test_no_gap_is_not_said_to_shrink(samples: Path) -> None:
-    """Six differences are met exactly by six parameters, held out or not."""
-    held = samples / "experiment_3_six.jsonl"
-    run = glidecal("diagnose", samples / "experiment_2_six.jsonl", "--held-out", held)
-    text = " ".join(run.out.split())
-    assert "0.0000 → 0.0000 mm, noise 0.0034 mm. There is no gap that could shrink." in text
+def test_what_table_1_leaves_in_experiment_2_it_leaves_in_3(samples: Path) -> None:
+    """Whatever its name is: bars of their tolerance cannot do it, and it is there again."""
+    found = diagnosed(
+        samples / "experiment_2_six.jsonl", "--held-out", samples / "experiment_3_six.jsonl"
+    )
+    assert found["verdict"] == "cannot-tell"
+    assert found["gap_before"]["degrees_of_freedom"] == 3
+    held = found["held_out_gap"]
+    assert held["before_rms_mm"] > 0.09
+    assert held["after_rms_mm"] < 0.02
 
 
 def test_several_sessions_keep_their_own_offsets(samples: Path) -> None:
     found = diagnosed(samples / "experiment_2_twelve.jsonl", samples / "experiment_3_twelve.jsonl")
-    assert found["gap_before"]["degrees_of_freedom"] == 12
+    assert found["gap_before"]["degrees_of_freedom"] == 18
 
 
-def test_one_leg_and_one_posture(tmp_path: Path, samples: Path) -> None:
+def part_of_experiment_2(folder: Path, samples: Path, column: str, value: str) -> Path:
+    """One leg or one posture of it."""
     with (samples / "tables" / "experiment_2_twelve.csv").open(encoding="utf-8") as table:
         rows = list(csv.DictReader(table))
-    for name, kept in (
-        ("leg", [r for r in rows if r["leg"] == "x"]),
-        ("posture", [r for r in rows if float(r["displacement_mm"]) == 0.0]),
-    ):
-        path = tmp_path / f"{name}.csv"
-        with path.open("w", encoding="utf-8", newline="") as out:
-            writer = csv.DictWriter(out, rows[0].keys())
-            writer.writeheader()
-            writer.writerows(kept)
-        session = tmp_path / f"{name}.jsonl"
-        figures = ("--resolution", "0.01", "--repeatability", "0.02")
-        assert glidecal("import", path, "-o", session, *figures).status == 0
-        assert diagnosed(session)["verdict"] == "cannot-tell"
+    path = folder / f"{column}.csv"
+    with path.open("w", encoding="utf-8", newline="") as out:
+        writer = csv.DictWriter(out, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(row for row in rows if row[column] == value)
+    session = path.with_suffix(".jsonl")
+    figures = ("--resolution", "0.01", "--repeatability", "0.02")
+    assert glidecal("import", path, "-o", session, *figures).status == 0
+    return session
+
+
+@pytest.mark.parametrize(("column", "value"), [("leg", "x"), ("displacement_mm", "0")])
+def test_one_leg_and_one_posture(tmp_path: Path, samples: Path, column: str, value: str) -> None:
+    found = diagnosed(part_of_experiment_2(tmp_path, samples, column, value))
+    assert found["verdict"] == "cannot-tell"
+    if column != "leg":
+        assert any("measure others too" in said for said in found["remarks"])
 
 
 def nameless(folder: Path) -> tuple[Path, Path]:
@@ -197,7 +206,7 @@ def test_beside_names_the_law_is_asked_for(tmp_path: Path) -> None:
 
 
 def test_sessions_with_another_load_on_the_tool(tmp_path: Path) -> None:
-    """A sag doubles with the load, a scale does not: together they tell."""
+    """A sag doubles with the load: a session with twice the load counts four times."""
     off = {"d_rho_x": 1.2, "d_rho_y": -0.9, "d_rho_z": 0.6, "d_L_x": 0.03}
     sag = {"shortening": {"value": 0.4, "unit": "mm"}}
     truth = {
@@ -209,20 +218,17 @@ def test_sessions_with_another_load_on_the_tool(tmp_path: Path) -> None:
         model = tmp_path / f"load_{load:g}.json"
         model.write_text(json.dumps(truth | {"machine": {"load": load}}), encoding="utf-8")
         sessions.append(simulated(tmp_path, model.stem, "--model", str(model), seed=int(load)))
-    alone = diagnosed(sessions[0])
-    assert alone["verdict"] == "ambiguous"
-    asked = alone["next_measurement"]
-    assert asked["before"] == {"add_to_entered_offsets_mm": [0.0, 0.0, 0.0], "load": 2.0}
-    assert {"id": "gravity_sag", "where": "all"} in asked["between"]
-    both = diagnosed(*sessions)
-    assert [(one["id"], one["where"]) for one in both["effects"]] == [("gravity_sag", "all")]
-    assert both["verdict"] == "explained"
-    (value,) = both["effects"][0]["parameters"]
+    alone, both = diagnosed(sessions[0]), diagnosed(*sessions)
+    for found in (alone, both):
+        assert [(one["id"], one["where"]) for one in found["effects"]] == [("gravity_sag", "all")]
+        assert found["verdict"] == "explained"
+    (little,), (value,) = alone["effects"][0]["parameters"], both["effects"][0]["parameters"]
     assert value["value"] == pytest.approx(0.4, abs=4.0 * value["standard_uncertainty"])
+    assert value["standard_uncertainty"] < 0.6 * little["standard_uncertainty"]
 
 
 def test_too_few_places_ask_for_a_procedure_of_the_program(tmp_path: Path, samples: Path) -> None:
-    session = samples / "experiment_2_six.jsonl"
+    session = part_of_experiment_2(tmp_path, samples, "displacement_mm", "0")
     asked = diagnosed(session)["next_measurement"]
     assert asked["protocol"] == "two-station"
     assert asked["between"] == []
@@ -233,9 +239,9 @@ def test_too_few_places_ask_for_a_procedure_of_the_program(tmp_path: Path, sampl
 
 
 def test_a_best_guess_is_not_called_named(samples: Path) -> None:
-    run = glidecal("diagnose", samples / "experiment_2_twelve.jsonl")
+    run = glidecal("diagnose", samples / "experiment_3_twelve.jsonl")
     assert run.out.startswith("CANNOT-TELL.")
-    assert "With the best guess: 0.0084 mm" in run.out
+    assert "With the best guess: 0.0089 mm" in run.out
     assert "named" not in run.out
     assert "best guess" in run.out.split("Candidates, best first")[1]
 

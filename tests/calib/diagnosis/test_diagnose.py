@@ -146,7 +146,7 @@ def test_a_near_alias_is_a_rival_of_a_small_effect_and_none_of_a_large_one() -> 
 def test_two_effects_do_not_pass_for_one_in_every_place() -> None:
     """Six tapers can imitate nearly every pair of effects on the bars."""
     pair = (
-        EffectInstance(LAWS["gauge_gain"], "yx", (2.0,)),
+        EffectInstance(LAWS["gauge_gain"], "yx", (3.0,)),
         EffectInstance(LAWS["axis_squareness"], "xy", (0.7,)),
     )
     found = diagnose([case(SWEEP, *pair, seed=1)], CATALOGUE)

@@ -146,3 +146,12 @@ def test_laws_that_are_none() -> None:
     assert mixed is not None
     assert mixed.bases == ("line_at_100mm", "per_hour")
     assert {BASES[name].stage for name in mixed.bases} == {Stage.READING}
+
+
+@pytest.mark.parametrize("leg", ["x", "y"])
+def test_a_cube_of_travel_goes_by_no_name(leg: str) -> None:
+    """On a sweep a bowed bar does nearly the same."""
+    found = diagnose([case(SWEEP, cube(400.0, leg), seed=3)], CATALOGUE)
+    assert found.verdict == "unexplained"
+    assert found.effects == ()
+    assert f"with the cube of travel of carriage {leg.upper()}" in law_of(found).effect.title

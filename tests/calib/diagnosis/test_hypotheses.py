@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
-from calib.diagnosis.hypotheses import causes_of, hypotheses_of, log_choices
+from calib.diagnosis.hypotheses import causes_of, hypotheses_of, implausible, log_choices
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import Candidate
 from tests.calib.diagnosis.diagnosed_sessions import TWO_STATION, problem
@@ -26,9 +27,10 @@ def test_an_effect_then_one_part_or_all_then_which() -> None:
     effects = len({e.id for e in entries})
     assert cost["gravity_sag", "all"] == pytest.approx(math.log(effects * 2))
     assert cost["gravity_sag", "x"] == pytest.approx(math.log(effects * 2 * 3))
-    # Three scales that are alike cannot be seen, so only one drive can have a wrong one.
-    assert cost["actuator_scale", "z"] == pytest.approx(math.log(effects * 3))
-    assert cost["actuator_scale", "x,y,z"] == pytest.approx(3 * math.log(effects * 3))
+    # Three scales that are alike are another size of machine, which the bars do not have.
+    assert cost["actuator_scale", "all"] == pytest.approx(math.log(effects * 2))
+    assert cost["actuator_scale", "z"] == pytest.approx(math.log(effects * 2 * 3))
+    assert cost["actuator_scale", "x,y,z"] == pytest.approx(3 * math.log(effects * 2 * 3))
     # Screws of several leads are one effect.
     assert cost["actuator_cyclic", "x"] == cost["backlash", "x"]
 
@@ -44,3 +46,19 @@ def test_the_effects_share_their_chances_evenly() -> None:
             if e.id == name and causes_of(e) == 1
         }
         assert sum(chances.values()) == pytest.approx(1.0 / len(effects))
+
+
+@pytest.mark.parametrize(
+    ("name", "usual", "beyond"), [("gauge_tilt", 100.0, 300.0), ("gauge_gain", 15.0, 60.0)]
+)
+def test_sizes_that_nobody_overlooks_are_not_believed(
+    name: str, usual: float, beyond: float
+) -> None:
+    made = problem(TWO_STATION, 0)
+    one = next(e for e in hypotheses_of(made, CATALOGUE) if (e.id, e.where) == (name, "xy"))
+    cost = [
+        implausible(replace(made, y=made.y + made.free(size * one.columns[:, 0])), [one])
+        for size in (usual, beyond)
+    ]
+    assert cost[0] < 1.0
+    assert cost[1] > 1000.0

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from calib.diagnosis.next_measurement import ENOUGH, GOAL, best_addition, options
 from calib.diagnosis.problem import Case, Problem
@@ -55,18 +56,24 @@ def stacked(made: Problem, model: Model, taken: Conditions, one: Candidate) -> F
 
 
 def left(made: Problem, added: Added, true: Explanation, other: Explanation) -> float:
-    """What the other leaves of the true one: least squares over both sessions, all columns free."""
+    """What the other leaves of the true one: least squares over both sessions.
+
+    All columns are free but the lengths: both sessions share them, held by their tolerance.
+    """
     model = added.preparation.model(made.fitted_sessions[0].model)
     taken = added_conditions([(added.stations[0], added.levels_mm)])
     taken = taken.take([k for k in range(len(taken)) if "xyz"[taken.leg[k]] in added.legs])
     signal = stacked(made, model, taken, true.candidate) @ true.values
     base = derivatives(model.geometry, model.parameters_mm, taken, model.effects)
     zeros = np.eye(taken.mount_count)[taken.mount]
-    old = made.nuisance_columns()
-    nuisance = np.zeros((len(signal), old.shape[1] + base.shape[1] + zeros.shape[1]))
-    nuisance[: len(old), : old.shape[1]] = old
-    nuisance[len(old) :, old.shape[1] :] = np.hstack([base, zeros])
-    design = np.hstack([nuisance, stacked(made, model, taken, other.candidate)])
+    session, new_base = made.fitted_sessions[0], base / made.noise_mm
+    old_zeros = np.eye(session.observed.mount_count)[session.observed.mount]
+    bars = np.vstack([made.root_weight[:, None] * session.base[:, 3:] / 0.1, new_base[:, 3:]])
+    free = block_diag(np.hstack([old_zeros, session.base[:, :3]]), np.hstack([zeros, base[:, :3]]))
+    design = np.hstack([free, bars, stacked(made, model, taken, other.candidate)])
+    held = np.zeros((3, design.shape[1]))
+    held[:, free.shape[1] : free.shape[1] + 3] = 10.0 * np.eye(3)
+    design, signal = np.vstack([design, held]), np.append(signal, np.zeros(3))
     size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     rest = signal - design / size @ np.linalg.lstsq(design / size, signal, rcond=1e-9)[0]
     return float(rest @ rest)
@@ -130,8 +137,8 @@ def test_play_and_a_scale_need_no_change_of_the_machine() -> None:
 def test_weight_is_told_from_a_scale_by_weight() -> None:
     made = problem()
     names = [
-        [explanation(made, "gravity_sag", "y", 0.85)],
-        [explanation(made, "actuator_scale", "y", -2.7)],
+        [explanation(made, "gravity_sag", "y", 0.5)],
+        [explanation(made, "actuator_scale", "y", -1.6)],
     ]
     as_it_stands, _ = best_addition(made, names, np.ones(2))
     loaded, apart = best_addition(made, names, np.ones(2), load_tells=True)

@@ -96,7 +96,7 @@ def at(leg: int, axis: int, *displacements: float, approach: float = 1.0) -> Con
 
 def test_the_catalogue_holds_the_ids_of_the_contract() -> None:
     contract = """axis_squareness axis_offset straightness actuator_scale actuator_cyclic backlash
-        gravity_sag thermal_drift leg_taper leg_bow gauge_gain gauge_tilt"""
+        leg_length gravity_sag thermal_drift leg_taper leg_bow gauge_gain gauge_tilt"""
     assert set(contract.split()) == {known.id for known in CATALOGUE}
     for known in CATALOGUE:
         assert known.title

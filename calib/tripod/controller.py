@@ -16,7 +16,7 @@ import numpy as np
 
 from calib.errors import ImpossibleRequest
 from calib.observations import LEG_NAMES, FloatArray
-from calib.tripod.effects.bars import GravitySag
+from calib.tripod.effects.bars import GravitySag, LegLength
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.kinematics import inverse
 from calib.tripod.pipeline import Model, Stage, StageEffect
@@ -167,8 +167,8 @@ def kinematics_of(model: Model) -> Kinematics:
         direction=direction,
         bend_per_mm=np.where(np.abs(found[:, 2]) < 1e-15, 0.0, found[:, 2]),
         zero_mm=geometry.zero_mm,
-        length_mm=geometry.lengths + np.array(model.parameters_mm[3:]),
-        sag_mm=_sag_mm(model),
+        length_mm=geometry.lengths + np.array(model.parameters_mm[3:]) + _sum_mm(model, LegLength),
+        sag_mm=geometry.load * _sum_mm(model, GravitySag),
         misfit_mm=misfit,
     )
 
@@ -182,7 +182,7 @@ def not_told(model: Model, *, kinematics: bool) -> Model:
 
     def left(effect: StageEffect) -> bool:
         if effect.stage == Stage.TOOL:
-            return not (kinematics and _is_sag(effect))
+            return not (kinematics and _of_bar(effect, GravitySag, LegLength))
         return effect.stage == Stage.FOOT and not kinematics
 
     lengths = np.zeros(3) if kinematics else model.parameters_mm[3:]
@@ -218,14 +218,14 @@ def _added_mm(
     return np.asarray(added)
 
 
-def _sag_mm(model: Model) -> FloatArray:
-    """What each bar gets shorter under the whole weight ``(3,)``."""
+def _sum_mm(model: Model, kind: type) -> FloatArray:
+    """The values of an effect of each bar ``(3,)``."""
     found = np.zeros(3)
     for effect in model.effects:
-        if _is_sag(effect):
+        if _of_bar(effect, kind):
             found[LEG_NAMES.index(effect.place)] += float(np.real(effect.values[0]))
-    return found * model.geometry.load
+    return found
 
 
-def _is_sag(effect: StageEffect) -> TypeGuard[EffectInstance]:
-    return isinstance(effect, EffectInstance) and isinstance(effect.effect, GravitySag)
+def _of_bar(effect: StageEffect, *kinds: type) -> TypeGuard[EffectInstance]:
+    return isinstance(effect, EffectInstance) and isinstance(effect.effect, kinds)

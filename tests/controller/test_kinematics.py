@@ -12,7 +12,7 @@ import pytest
 from app.exports.linuxcnc import pins
 from calib.observations import FloatArray, tool_conditions
 from calib.tripod.effects.axes import AxisOffset, AxisSquareness, Straightness
-from calib.tripod.effects.bars import GravitySag
+from calib.tripod.effects.bars import GravitySag, LegLength
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, posture
@@ -29,6 +29,7 @@ def orthoglide() -> Model:
         EffectInstance(AxisOffset(), "xz", (0.2,)),
         EffectInstance(AxisOffset(), "zy", (-0.15,)),
         EffectInstance(Straightness(), "yx", (0.05,)),
+        EffectInstance(LegLength(), "y", (0.4,)),
         EffectInstance(GravitySag(), "x", (0.02,)),
         EffectInstance(GravitySag(), "z", (0.03,)),
     )

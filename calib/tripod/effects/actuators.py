@@ -103,7 +103,7 @@ class Backlash:
     title: str = "a carriage has play: it stays back when it comes from the other side"
     kind: Kind = Kind.MACHINE
     stage: Stage = Stage.ACTUATOR
-    parameters: tuple[EffectParameter, ...] = (EffectParameter("play", "mm", 0.01),)
+    parameters: tuple[EffectParameter, ...] = (EffectParameter("play", "mm", 0.01, least=0.0),)
     invariances: tuple[str, ...] = (
         "constant in time",
         "depends on the direction of approach only, not on travel",

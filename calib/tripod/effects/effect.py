@@ -31,13 +31,14 @@ class Kind(StrEnum):
 class EffectParameter:
     """One parameter: name, unit, a size in that unit that nobody would remark on.
 
-    ``limit`` is a size that nobody can overlook.
+    ``limit`` is a size that nobody can overlook, ``least`` the smallest value that has a meaning.
     """
 
     name: str
     unit: str
     tolerance: float
     limit: float = math.inf
+    least: float = -math.inf
 
 
 class Effect(Protocol):
@@ -137,6 +138,8 @@ def _remedy(alike: Sequence[EffectInstance]) -> str:
         "along": ", ".join(dict.fromkeys(place[-1] for place in places)),
     }
     for parameter, value in zip(effect.parameters, alike[0].values, strict=True):
+        if value.real < parameter.least:
+            return f"nothing to enter: no machine has {value.real:+.4g} {parameter.unit} of this"
         words[parameter.name] = f"{value.real:+.4g} {parameter.unit}"
     return re.sub(r"\{(\w+)\}", lambda found: words.get(found[1], found[0]), effect.controller)
 

@@ -439,6 +439,9 @@ def test_remedies_tell_what_to_enter_and_at_which_joints() -> None:
         "joint x, z: BACKLASH = +0.06 mm",
         "joint y: BACKLASH = +0.02 mm",
     )
+    assert remedies([EffectInstance(Backlash(), "y", (-0.02,))]) == (
+        "nothing to enter: no machine has -0.02 mm of this",
+    )
     (said,) = remedies([EffectInstance(AxisOffset(), "zy", (-0.12,))])
     assert said.startswith("axis z: the kinematics of export --format linuxcnc-kins")
     assert said.endswith("or shim it by -0.12 mm against y")

@@ -342,7 +342,7 @@ def test_the_way_reaches_every_posture_from_its_side(seed: int) -> None:
         (float(generator.choice(inner)), int(generator.choice([-1, 1])))
         for _ in range(int(generator.integers(1, 9)))
     ]
-    walked = [0.0, *visiting_order(visits, geometry)]
+    walked = [0.0, *visiting_order(visits, (-100.0, 60.0))]
     made = [
         (level, 1 if level > before else -1)
         for before, level in pairwise(walked)

@@ -231,7 +231,7 @@ class Procedure(Document):
         Records are not asked: what was measured stays readable. With the ``path`` of its file the
         error names the line.
         """
-        if self.plate is not None:
+        if self.plate is not None or not geometry.orthogonal:  # nor are legs read there
             return
         levels = [0.0, *(_displacement(level, geometry) for level in self.levels)]
         visits = list(product(self.stations, self.legs, levels))

@@ -88,8 +88,7 @@ def import_table(
     outside = sum(not within_limits(reading, known.geometry()) for reading in readings)
     if outside:
         say(f"glidecal: {outside} readings lie outside the joint limits of the machine file")
-    off_bar = off_bar_words(readings, known.geometry())
-    if off_bar:
+    if off_bar := off_bar_words(readings, known.geometry()):
         say(f"glidecal: {off_bar}")
     if len({reading.posture_mm for reading in readings}) < 2:
         say("glidecal: only one posture in this table; it cannot be solved alone")

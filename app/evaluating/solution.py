@@ -122,8 +122,7 @@ def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
                 f"{path.name}: time_s goes back at reading {back.reading}: the clock was set. Its "
                 "times are not used, so drift with time cannot be told."
             )
-        off_bar = off_bar_words(session.readings, session.opened.machine.geometry())
-        if off_bar:
+        if off_bar := off_bar_words(session.readings, session.opened.machine.geometry()):
             warnings.append(f"{path.name}: {off_bar}. They are used as if the bar went on there.")
     return sessions, warnings
 

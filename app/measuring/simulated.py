@@ -20,7 +20,7 @@ from drivers.twin_port import Transport
 from protocols.events import Opened, Reading
 from protocols.machine import Instrument, Machine
 from protocols.observations import to_observations
-from protocols.procedure import Leg, Procedure, Step, default_mount, leg_number
+from protocols.procedure import Leg, Procedure, Step, Touched, default_mount, leg_number
 from protocols.session import fold
 
 
@@ -172,24 +172,22 @@ def _blank_readings(
 
 def short_travels(
     procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]
-) -> list[tuple[Instrument, Step, Leg, float]]:
-    """Indicators whose travel may not do; a step, the axis and the travel in mm that needs most."""
+) -> list[tuple[Instrument, float, str]]:
+    """Indicators whose travel may not do, with the most that is needed in mm, and where."""
     if procedure.plate is not None or all(one.travel_mm is None for one in instruments):
         return []
-    geometry = machine.geometry()
-    visits: dict[Step, list[float]] = {}
-    first: dict[object, Step] = {}
-    for step in procedure.steps(geometry, [one.axes for one in instruments]):
-        visits.setdefault(first.setdefault(step.place, step), []).append(step.displacement_mm)
-    found = []
+    levels: dict[tuple[Touched, float, tuple[Leg, ...]], list[float]] = {}
+    for step in procedure.steps(machine.geometry(), [one.axes for one in instruments]):
+        levels.setdefault(step.place, []).append(step.displacement_mm)
+    known, found = (machine.geometry(), machine.tolerances_mm()), []
     for k, instrument in enumerate(instruments):
         needed = []
-        for step, levels in visits.items():
-            place = leg_number(step.leg), leg_number(step.axes[k]), step.station
-            moved_mm = excursion_mm(geometry, machine.tolerances_mm(), *place, levels)
-            needed.append((instrument, step, step.axes[k], moved_mm))
-        worst = max(needed, key=lambda one: one[-1])
-        if instrument.travel_mm is not None and worst[-1] > instrument.travel_mm:
+        for (leg, station, axes), of_it in levels.items():
+            place = leg_number(leg), leg_number(axes[k]), station
+            where = f"along {axes[k].upper()} of leg {leg.upper()}, station {station:g}"
+            needed.append((instrument, excursion_mm(*known, *place, of_it), where))
+        worst = max(needed, key=lambda one: one[1])
+        if instrument.travel_mm is not None and worst[1] > instrument.travel_mm:
             found.append(worst)
     return found
 

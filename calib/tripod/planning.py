@@ -264,8 +264,5 @@ class TripodPool:
 
 def _two_levels(levels: list[float], ends_mm: tuple[float, float]) -> list[float]:
     """A mounting tells nothing from one displacement: Zero is read, too."""
-    return (
-        levels
-        if len(set(levels)) > 1
-        else [*levels, 0.0 if levels[0] else ends_mm[1] or ends_mm[0]]
-    )
+    second = 0.0 if levels[0] else ends_mm[1] or ends_mm[0]
+    return levels if len(set(levels)) > 1 else [*levels, second]

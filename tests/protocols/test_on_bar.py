@@ -258,8 +258,8 @@ def test_a_short_indicator_is_named(axis: Leg, travel_mm: float, short: bool) ->
     one = Instrument(profile="a", axes=axis + "xz", travel_mm=travel_mm)
     found = short_travels(procedure, machine, (one, Instrument(profile="b")))
     assert len(found) == short
-    for instrument, step, named, needed_mm in found:
-        assert (instrument, step.leg, named) == (one, "x", axis)
+    for instrument, needed_mm, where in found:
+        assert (instrument, where) == (one, "along Y of leg X, station 0.5")
         # independent: many machines with errors of these tolerances, 95 % of them need less
         taken = conditions([0] * 3, [1] * 3, [0.0, 60.0, -100.0])
         slopes = derivatives(Geometry(), np.zeros(6), taken)

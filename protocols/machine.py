@@ -67,10 +67,9 @@ def _each_once(joints: tuple[str, str, str]) -> tuple[str, str, str]:
 class Instrument(Document):
     """One indicator: profile and port, what it measures, and the maker's figures in mm.
 
-    ``travel_mm`` is how far its spindle goes, if that is known.
-
     ``axes`` are the directions it may measure along, preferred ones first. ``channel`` belongs to
-    interfaces with several inputs, ``pattern`` and ``request`` to the profile ``ascii-line``.
+    interfaces with several inputs, ``pattern`` and ``request`` to the profile ``ascii-line``;
+    ``travel_mm`` is how far the spindle goes, None where nobody said it.
     ``serial_number``, ``certificate`` and its date say which one it is and who calibrated it.
     """
 

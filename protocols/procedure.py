@@ -350,13 +350,9 @@ def off_bar(
     found = []
     for k in np.flatnonzero(~geometry.on_bar(leg, station, displacement)):
         low, high = geometry.usable_bar[leg[k]]
-        at, posture = touched[k], posture_name(float(displacement[k]), geometry)
-        if not low <= station[k] <= high:
-            at, posture = station[k], "ZERO"
-        words = (
-            f"station {station[k]:g} of leg {names[k]} touched at {at:.3f} of the bar in posture "
-        )
-        found.append((int(k), f"{words}{posture}; usable is {low:g} … {high:g}"))
+        posture = posture_name(float(displacement[k]), geometry)
+        words = f"station {station[k]:g} of leg {names[k]} touched at {touched[k]:.3f} of the bar"
+        found.append((int(k), f"{words} in posture {posture}; usable is {low:g} … {high:g}"))
     return found
 
 

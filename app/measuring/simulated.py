@@ -176,16 +176,18 @@ def short_travels(
     """Indicators whose travel may not do, with the most that is needed in mm, and where."""
     if procedure.plate is not None or all(one.travel_mm is None for one in instruments):
         return []
+    geometry = machine.geometry()
     levels: dict[tuple[Touched, float, tuple[Leg, ...]], list[float]] = {}
-    for step in procedure.steps(machine.geometry(), [one.axes for one in instruments]):
+    for step in procedure.steps(geometry, [one.axes for one in instruments]):
         levels.setdefault(step.place, []).append(step.displacement_mm)
-    known, found = (machine.geometry(), machine.tolerances_mm()), []
+    found = []
     for k, instrument in enumerate(instruments):
         needed = []
         for (leg, station, axes), of_it in levels.items():
-            place = leg_number(leg), leg_number(axes[k]), station
+            read = leg_number(leg), leg_number(axes[k])
+            moved_mm = excursion_mm(geometry, machine.tolerances_mm(), read, station, of_it)
             where = f"along {axes[k].upper()} of leg {leg.upper()}, station {station:g}"
-            needed.append((instrument, excursion_mm(*known, *place, of_it), where))
+            needed.append((instrument, moved_mm, where))
         worst = max(needed, key=lambda one: one[1])
         if instrument.travel_mm is not None and worst[1] > instrument.travel_mm:
             found.append(worst)

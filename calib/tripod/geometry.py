@@ -258,17 +258,15 @@ class Geometry:
     def on_bar(
         self, leg: IntArray, station: FloatArray, displacement_mm: FloatArray
     ) -> NDArray[np.bool_]:
-        """Whether the usable part of the bar is touched ``(n,)``, there and on the way from Zero.
+        """Whether the usable part of the bar is touched ``(n,)``; between two such postures it is.
 
-        At Zero the indicator is mounted; every way in one set-up is a part of these (papers/000,
-        section 4.1: "for all intermediate postures").
+        At Zero, displacement 0, the indicator is mounted (papers/000, section 4.1).
         """
         low, high = np.array(self.usable_bar)[leg].T
         there = self.touched(leg, station, displacement_mm)
-        nearest, farthest = np.minimum(station, there), np.maximum(station, there)
-        return np.asarray((nearest >= low - UNIT) & (farthest <= high + UNIT))
+        return np.asarray((there >= low - UNIT) & (there <= high + UNIT))
 
-    def span_mm(self, leg: int, station: float) -> tuple[float, float]:
+    def span_mm(self, leg: int, station: float) -> Pair:
         """Lowest and highest displacement where joint limits and the bar allow a set-up.
 
         They do not enclose 0 where the station itself is not on the usable part.

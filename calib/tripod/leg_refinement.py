@@ -131,10 +131,6 @@ class _Moves:
         return np.vstack([levels, np.round(stations, STATION_DECIMALS)])
 
 
-LEAST_WAY = 1e-3
-"""Share of a cell that stays where a bar ends: rounding undoes what moves in it."""
-
-
 def _keep_on_bars(
     geometry: Geometry,
     postures: LegPool,
@@ -157,7 +153,7 @@ def _keep_on_bars(
         by_both = by_station + sign * (displacement - level_cells[level, 1 - end]) / covered
         room, room_at_zero = (sign * (edge - at) - rounding for at in (touched, station))
         shares = room / np.maximum(by_both, TINY), room_at_zero / np.maximum(by_station, TINY)
-        share = np.clip(np.minimum(*shares), LEAST_WAY, 1.0)
+        share = np.clip(np.minimum(*shares), 1e-3, 1.0)  # of a cell; rounding undoes so little
         for number, cells, side, grid in (
             (level, level_cells, 1 - end, displacement),
             (stand, station_cells, end, station),

@@ -17,7 +17,7 @@ from calib.linalg import without_means
 from calib.noise.reading import Noise, reading_weights, visits
 from calib.observations import LEG_NAMES, TOUCHED_NAMES, FloatArray, IntArray, Observations
 from calib.ties import largest
-from calib.tripod.geometry import TOLERANCE_MM, Geometry
+from calib.tripod.geometry import TOLERANCE_MM, Geometry, Pair
 from calib.tripod.leg_refinement import move_off_grid
 from calib.tripod.pipeline import derivatives
 from calib.tripod.pool import (
@@ -262,7 +262,7 @@ class TripodPool:
         return np.flatnonzero(np.isin(self.pool.place, kept))
 
 
-def _two_levels(levels: list[float], ends_mm: tuple[float, float]) -> list[float]:
+def _two_levels(levels: list[float], ends_mm: Pair) -> list[float]:
     """A mounting tells nothing from one displacement: Zero is read, too."""
     second = 0.0 if levels[0] else ends_mm[1] or ends_mm[0]
     return levels if len(set(levels)) > 1 else [*levels, second]

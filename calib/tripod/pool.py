@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from calib.errors import ImpossibleRequest
 from calib.observations import Conditions, FloatArray, IntArray, conditions
-from calib.tripod.geometry import PARAMETER_NAMES, Geometry
+from calib.tripod.geometry import PARAMETER_NAMES, Geometry, Pair
 from calib.tripod.pipeline import derivatives
 
 STATIONS = (0.2, 0.35, 0.5, 0.65, 0.8)
@@ -151,7 +151,7 @@ def leg_pool(
     )
 
 
-def turning_mm(geometry: Geometry, leg: int, station: float) -> tuple[float, float]:
+def turning_mm(geometry: Geometry, leg: int, station: float) -> Pair:
     """Lowest and highest displacement of a set-up that can be dialled."""
     low, high = geometry.span_mm(leg, station)
     steps = 10.0**DIAL_DECIMALS
@@ -206,9 +206,7 @@ def information_with_zeros(
     return np.asarray((rows.T * weight) @ rows)
 
 
-def visiting_order(
-    visits: Sequence[tuple[float, int]], ends_mm: tuple[float, float]
-) -> list[float]:
+def visiting_order(visits: Sequence[tuple[float, int]], ends_mm: Pair) -> list[float]:
     """Displacements of one mounting such that each visit comes from its own side.
 
     ``visits`` are displacement and side, repeats allowed; the tool starts at Zero. Where the way
@@ -240,7 +238,7 @@ def _chained(passes: list[list[tuple[float, int]]], *, up_first: bool) -> list[t
     return chain
 
 
-def _walk(chain: list[tuple[float, int]], ends_mm: tuple[float, float]) -> list[float]:
+def _walk(chain: list[tuple[float, int]], ends_mm: Pair) -> list[float]:
     position, walked = 0.0, []
     for level, side in chain:
         if (level - position) * side <= 0.0:

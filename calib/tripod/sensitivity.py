@@ -27,16 +27,16 @@ WAY_POINTS = 17
 def excursion_mm(
     geometry: Geometry,
     tolerance_mm: FloatArray,
-    leg: int,
-    axis: int,
+    read: tuple[int, int],
     station: float,
     levels_mm: Sequence[float],
 ) -> float:
     """How far a spindle moves in one set-up, from Zero over all levels and the way between them.
 
-    Two standard deviations of the largest difference, for base parameters that are off by
-    ``tolerance_mm`` ``(6,)``; readings of the nominal machine are alike in every posture.
+    ``read`` are the leg and the axis. Two standard deviations of the largest difference, where
+    base parameters are off by ``tolerance_mm`` ``(6,)``; nominally readings never change.
     """
+    leg, axis = read
     way = np.append(np.linspace(min(levels_mm), max(levels_mm), WAY_POINTS), 0.0)
     count = len(way)
     taken = conditions([leg] * count, [axis] * count, way.tolist(), station=station)

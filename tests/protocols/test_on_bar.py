@@ -141,7 +141,8 @@ def test_the_fraction_is_linear_and_that_of_plain_geometry(
         assert there == pytest.approx(exact, abs=1e-9)
         low, high = geometry.span_mm(leg, station)
         inside = low <= min(level, 0.0) <= max(level, 0.0) <= high
-        on = geometry.on_bar(np.array([leg]), np.array([station]), np.array([level]))[0]
+        both = np.array([0.0, level])
+        on = geometry.on_bar(np.array([leg] * 2), np.array([station] * 2), both).all()
         reached = machine.travel_min_mm <= level <= machine.travel_max_mm
         assert inside == (on and reached)
 

@@ -84,8 +84,9 @@ def travel_text(procedure: Procedure, machine: Machine, instruments: Sequence[In
     """A paragraph for each indicator whose travel may not be enough."""
     return "".join(
         wrapped(
-            f"Travel: {one.profile} moves up to {needed_mm:.1f} mm {where}, on a machine within its "
-            f"tolerances; it has {one.travel_mm:g} mm. Take one with more, or smaller displacements."
+            f"Travel: {one.profile} moves up to {needed_mm:.1f} mm {where}, on a machine within "
+            f"its tolerances; it has {one.travel_mm:g} mm. Take one with more travel, or smaller "
+            "displacements."
         )
         + "\n\n"
         for one, needed_mm, where in short_travels(procedure, machine, instruments)

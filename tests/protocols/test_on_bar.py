@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from app.measuring.simulated import planned_readings, short_travels
+from app.evaluating.solution import load_sessions, solve_sessions
+from app.measuring.indicators import simulated_indicators
+from app.measuring.opening import Indicators, begin, plan_to_repeat
+from app.measuring.simulated import planned_readings, short_travels, simulated_session
 from app.planning.tripod import stated_noise
 from calib.diagnosis.next_measurement import options
 from calib.diagnosis.separating import Preparation
@@ -22,11 +27,16 @@ from calib.tripod.optimum import optimum_postures
 from calib.tripod.pipeline import Model, derivatives
 from calib.tripod.planning import TripodPlanning
 from calib.tripod.pool import leg_pool
+from protocols.journal import write_whole
 from protocols.machine import Drive, Instrument, Machine
 from protocols.procedure import Leg, Procedure, load_procedure
+from tests.app.cli import refused
 
 RAW = 0.002
 """Of a bar: by so much a raw machine and a way straight in joint coordinates leave the interval."""
+
+EDGE_MM = 0.001
+"""A touched point is judged to a millionth of the bar."""
 
 NOISE = stated_noise(Machine(), 0.02)[0]
 
@@ -140,11 +150,16 @@ def test_the_fraction_is_linear_and_that_of_plain_geometry(
         exact = plain.touched(leg, station, plain.joints(level * plain.along[leg]))
         assert there == pytest.approx(exact, abs=1e-9)
         low, high = geometry.span_mm(leg, station)
-        inside = low <= min(level, 0.0) <= max(level, 0.0) <= high
         both = np.array([0.0, level])
         on = geometry.on_bar(np.array([leg] * 2), np.array([station] * 2), both).all()
         reached = machine.travel_min_mm <= level <= machine.travel_max_mm
-        assert inside == (on and reached)
+        lowest, highest = min(level, 0.0), max(level, 0.0)
+        if low <= lowest and highest <= high:
+            assert on
+            assert reached
+        if on and reached:
+            assert low - EDGE_MM <= lowest
+            assert highest <= high + EDGE_MM
 
 
 @FEW
@@ -267,3 +282,50 @@ def test_a_short_indicator_is_named(axis: Leg, travel_mm: float, short: bool) ->
         drawn = np.random.default_rng(1).normal(size=(20_000, 6)) * machine.tolerances_mm()
         spans = np.ptp(drawn @ slopes.T, axis=1)
         assert needed_mm == pytest.approx(float(np.quantile(spans, 0.95)), rel=0.15)
+
+
+OFF = """schema = "glidecal.procedure/1"
+name = "off"
+title = "t"
+cycles = 2
+stations = [0.5,
+    0.8]
+levels = ["zero", "max", "min"]
+"""
+
+
+@pytest.mark.parametrize(
+    "verb", [("run", "--dry-run"), ("run", "--simulated", "--headless"), ("simulate",)]
+)
+def test_a_station_that_a_posture_does_not_reach_is_named(
+    tmp_path: Path, verb: tuple[str, ...]
+) -> None:
+    path = tmp_path / "off.toml"
+    path.write_text(OFF, encoding="utf-8")
+    said = refused(3, *verb, "--protocol", path, "-o", tmp_path / "s.jsonl")
+    assert "off.toml, line 6, stations: found station 0.8 of leg x touched at 1.122" in said
+    assert "in posture MIN; usable is 0.05 … 0.95. Allowed:" in said
+    assert not (tmp_path / "s.jsonl").exists()
+
+
+def test_an_older_record_with_such_points_is_solved_and_not_repeated(tmp_path: Path) -> None:
+    free, path = Machine(usable_bar=(0.0, 1.0)), tmp_path / "old.jsonl"
+    fields = {"stations": (0.5, 0.65), "levels": ("zero", "max", "min")}
+    procedure = Procedure.model_validate(MINE.model_dump(by_alias=True) | fields)
+    opened, readings = simulated_session(
+        procedure, free, Model(), seed=1, scatter_mm=0.002, resolution_mm=0.001
+    )
+    older = {"machine": Machine(), "instruments": simulated_indicators()}
+    write_whole(path, opened.model_copy(update=older), list(readings))
+    sessions, warnings = load_sessions([path])
+    assert len(sessions[0].readings) == len(readings)
+    assert warnings == [
+        "old.jsonl: readings off the bars: 6, the first at station 0.65 of leg x touched at 0.972 "
+        "of the bar in posture MIN; usable is 0.05 … 0.95. They are used as if the bar went on "
+        "there."
+    ]
+    assert solve_sessions(["old"], sessions).reading_count == len(readings)
+    again = plan_to_repeat(path)
+    assert again is not None
+    with pytest.raises(RecordError, match=r"station 0\.65 of leg x touched at 0\.972"):
+        begin(replace(again, path=tmp_path / "new.jsonl"), Indicators(()))

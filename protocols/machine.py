@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from calib.errors import CalibrationError, RecordError, UsageError
 from calib.observations import FloatArray
-from calib.tripod.geometry import Geometry
+from calib.tripod.geometry import USABLE_BAR, Geometry
 from protocols.documents import (
     ZERO,
     Document,
@@ -51,6 +51,10 @@ Direction = Annotated[Triple, AfterValidator(_somewhere)]
 """Of any length but 0."""
 
 
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+Part = tuple[Fraction, Fraction]
+"""Of a bar: two fractions of it from the tool end."""
+
 Joint = Annotated[str, Field(pattern="^-?[xyz]$")]
 
 
@@ -64,7 +68,8 @@ class Instrument(Document):
     """One indicator: profile and port, what it measures, and the maker's figures in mm.
 
     ``axes`` are the directions it may measure along, preferred ones first. ``channel`` belongs to
-    interfaces with several inputs, ``pattern`` and ``request`` to the profile ``ascii-line``.
+    interfaces with several inputs, ``pattern`` and ``request`` to the profile ``ascii-line``;
+    ``travel_mm`` is how far the spindle goes, None where nobody said it.
     ``serial_number``, ``certificate`` and its date say which one it is and who calibrated it.
     """
 
@@ -74,6 +79,7 @@ class Instrument(Document):
     unit: Literal["mm", "inch", "µm"] = "mm"
     channel: Annotated[int, Field(ge=1, le=99)] = 1
     resolution_mm: FigureMm | None = None
+    travel_mm: FigureMm | None = None
     repeatability_mm: FigureMm | None = None
     pattern: str | None = None
     request: str | None = None
@@ -87,13 +93,14 @@ class Drive(Document):
 
     The line of the carriage's joint starts at ``origin_mm``, where its coordinate is 0, and runs
     along ``direction``, of any length; the carriage is ahead of the platform. ``platform_mm`` is
-    where the bar is held, from the tool; ``leg_length_mm`` is this bar's own length.
+    where the bar is held, from the tool; ``leg_length_mm`` and ``usable_bar`` are this bar's own.
     """
 
     origin_mm: Triple
     direction: Direction
     platform_mm: Triple = ZERO
     leg_length_mm: Length | None = None
+    usable_bar: Part | None = None
 
 
 ORTHOGLIDE_DRIVES = (
@@ -108,8 +115,10 @@ class Machine(Document):
 
     Without ``drive`` it is an Orthoglide along the coordinates. ``workspace_mm`` is the box that
     errors of the tool are judged over, lowest and highest corner from Zero; with ``set_at_zero``
-    they count from the tool's place at Zero. ``procedure`` is taken where none is named;
-    ``tool_tolerance_mm`` is what the tool may be off by, r.m.s., for ``glidecal verify``.
+    they count from the tool's place at Zero. ``usable_bar`` are the fractions of every bar, from
+    the tool end, between which joints and stand leave room for an indicator. ``procedure`` is taken
+    where none is named; ``tool_tolerance_mm`` is what the tool may be off by, r.m.s., for
+    ``glidecal verify``.
 
     ``home_offset_mm`` are the controller's present HOME_OFFSET values, of the joints that move x, y
     and z, needed to write new ones; ``joints`` names the drive that joint 0, 1 and 2 moves, ``-x``
@@ -132,6 +141,7 @@ class Machine(Document):
     travel_min_mm: LengthMm = -100.0
     parallelogram_width_mm: Length = 80.0
     tool_radius_mm: Length = 31.0
+    usable_bar: Part = USABLE_BAR
     home_offset_mm: Triple | None = None
     joints: Annotated[tuple[Joint, Joint, Joint], AfterValidator(_each_once)] | None = None
     entered_offsets_mm: Triple = ZERO
@@ -170,6 +180,7 @@ class Machine(Document):
         """The nominal geometry for the mathematics."""
         x, y, z = self.drive or ORTHOGLIDE_DRIVES
         lengths = [one.leg_length_mm or self.leg_length_mm for one in (x, y, z)]
+        usable = [one.usable_bar or self.usable_bar for one in (x, y, z)]
         return Geometry(
             leg_length_mm=(lengths[0], lengths[1], lengths[2]),
             travel_max_mm=self.travel_max_mm,
@@ -188,6 +199,7 @@ class Machine(Document):
             platform_mm=(x.platform_mm, y.platform_mm, z.platform_mm),
             workspace_mm=self.workspace_mm,
             set_at_zero=self.set_at_zero or False,
+            usable_bar=(usable[0], usable[1], usable[2]),
         )
 
 

@@ -8,10 +8,11 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from calib.errors import RecordError, UnreachablePosture, UsageError
@@ -224,6 +225,29 @@ class Procedure(Document):
         next_step = f"Change the {what}, or the limits in the machine file."
         raise RecordError(f"{where}, {what}", found, allowed, next_step)
 
+    def check_bars(self, geometry: Geometry, path: Path | None = None) -> None:
+        """Raises RecordError for the first touched point off the usable part of its bar.
+
+        Records are not asked: what was measured stays readable. With the ``path`` of its file the
+        error names the line.
+        """
+        if self.plate is not None or not geometry.orthogonal:  # nor are legs read there
+            return
+        levels = [0.0, *(_displacement(level, geometry) for level in self.levels)]
+        visits = list(product(self.stations, self.legs, levels))
+        for number, words in off_bar([(leg, at, mm) for at, leg, mm in visits], geometry)[:1]:
+            where = f"procedure {self.name}"
+            if path is not None:
+                key = ("stations", number // (len(self.legs) * len(levels)))
+                line = line_of(read_text(path, WHAT), key)
+                where = f"procedure file {path}" + (f", line {line}" if line else "")
+            raise RecordError(
+                f"{where}, stations",
+                words,
+                "points on the usable part of the bar at every level, and at Zero",
+                "Change the station or the levels, or usable_bar in the machine file.",
+            )
+
     def read_in_place(self, geometry: Geometry) -> int:
         """How many steps repeat a posture without leaving it; they show the indicator only."""
         steps = self.steps(geometry)
@@ -311,6 +335,27 @@ def leg_number(name: str) -> int:
     return TOOL if name == "tool" else LEG_NAMES.index(name)
 
 
+def off_bar(
+    visits: Sequence[tuple[str, float, float]], geometry: Geometry
+) -> list[tuple[int, str]]:
+    """Number and words of each visit that touches its leg off the usable part of the bar.
+
+    A visit is a leg, the station at Zero and the displacement in mm.
+    """
+    if not visits:
+        return []
+    names, station, displacement = (np.array(column) for column in zip(*visits, strict=True))
+    leg = np.array([leg_number(name) for name in names], dtype=np.intp)
+    touched = geometry.touched(leg, station, displacement)
+    found = []
+    for k in np.flatnonzero(~geometry.on_bar(leg, station, displacement)):
+        low, high = geometry.usable_bar[leg[k]]
+        posture = posture_name(float(displacement[k]), geometry)
+        words = f"station {station[k]:g} of leg {names[k]} touched at {touched[k]:.3f} of the bar"
+        found.append((int(k), f"{words} in posture {posture}; usable is {low:g} … {high:g}"))
+    return found
+
+
 def may_stand(geometry: Geometry, position_mm: Triple) -> bool:
     """Whether bars and joint limits allow a tool position from Zero."""
     try:
@@ -338,7 +383,7 @@ def leg_procedure_names() -> tuple[str, ...]:
 
 
 def load_procedure(name: str, geometry: Geometry) -> Procedure:
-    """A procedure by name, or from a TOML file by path, checked against the joint limits.
+    """A procedure by name, or from a TOML file by path, checked against joint limits and bars.
 
     Raises UsageError for an unknown name and RecordError for a file that cannot be used.
     """
@@ -373,6 +418,7 @@ def shuffled(procedure: Procedure, seed: int) -> Procedure:
 def _read_procedure(path: Path, geometry: Geometry) -> Procedure:
     procedure = read_toml(path, Procedure, WHAT)
     procedure.check_limits(geometry, path)
+    procedure.check_bars(geometry, path)
     return procedure
 
 

@@ -19,7 +19,7 @@ from calib.tripod.geometry import Geometry
 from protocols import spreadsheet
 from protocols.documents import describe, read_text
 from protocols.events import Reading
-from protocols.procedure import Leg, Procedure, default_mount, may_stand
+from protocols.procedure import Leg, Procedure, default_mount, may_stand, off_bar
 
 REQUIRED = ("leg", "axis", "displacement_mm", "value_mm")
 OPTIONAL = ("cycle", "time_s", "mount", "station", "temperature_c", "averaged", "seq")
@@ -126,6 +126,13 @@ def within_limits(reading: Reading, geometry: Geometry) -> bool:
     if reading.position_mm is not None:
         return may_stand(geometry, reading.position_mm)
     return geometry.travel_min_mm <= reading.displacement_mm <= geometry.travel_max_mm
+
+
+def off_bar_words(readings: Sequence[Reading], geometry: Geometry) -> str:
+    """How many readings touch a leg off the usable part of its bar; empty where none does."""
+    visits = [(r.leg, r.station, r.displacement_mm) for r in readings if r.leg != "tool"]
+    found = off_bar(visits, geometry)
+    return f"readings off the bars: {len(found)}, the first at {found[0][1]}" if found else ""
 
 
 def _rows(path: Path) -> tuple[list[Row], tuple[str, ...]]:

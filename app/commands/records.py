@@ -55,7 +55,7 @@ def import_table(
     from protocols.journal import write_whole
     from protocols.machine import Instrument, load_machine
     from protocols.procedure import load_procedure
-    from protocols.table import empty_table, read_table, within_limits
+    from protocols.table import empty_table, off_bar_words, read_table, within_limits
 
     known = load_machine(machine)
     if template:
@@ -88,6 +88,8 @@ def import_table(
     outside = sum(not within_limits(reading, known.geometry()) for reading in readings)
     if outside:
         say(f"glidecal: {outside} readings lie outside the joint limits of the machine file")
+    if off_bar := off_bar_words(readings, known.geometry()):
+        say(f"glidecal: {off_bar}")
     if len({reading.posture_mm for reading in readings}) < 2:
         say("glidecal: only one posture in this table; it cannot be solved alone")
     say(f"{len(readings)} readings written to {output}")

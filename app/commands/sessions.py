@@ -101,7 +101,7 @@ def run(
         interval_s=SIMULATED_INTERVAL_S,
     )
     if dry_run:
-        typer.echo(dry_run_text(plan.procedure, plan.machine, plan.axes))
+        typer.echo(dry_run_text(plan.procedure, plan.machine, plan.instruments))
     else:
         _measure(plan, headless=headless)
 

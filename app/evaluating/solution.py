@@ -25,6 +25,7 @@ from protocols.events import Reading
 from protocols.observations import to_observations
 from protocols.record import Record, read_record
 from protocols.session import Session, fold
+from protocols.table import off_bar_words
 
 if TYPE_CHECKING:  # asked for by option only
     from calib.identify.fit import Size
@@ -103,7 +104,7 @@ class Suspect:
 
 
 def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
-    """Sessions, and warnings about records without a proper end or with times that go back.
+    """Sessions, and warnings: no proper end, times that go back, points off the bars.
 
     Raises RecordError.
     """
@@ -121,6 +122,8 @@ def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
                 f"{path.name}: time_s goes back at reading {back.reading}: the clock was set. Its "
                 "times are not used, so drift with time cannot be told."
             )
+        if off_bar := off_bar_words(session.readings, session.opened.machine.geometry()):
+            warnings.append(f"{path.name}: {off_bar}. They are used as if the bar went on there.")
     return sessions, warnings
 
 

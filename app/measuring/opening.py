@@ -163,6 +163,7 @@ def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
         journal = Journal.resume(plan.path, program())
     else:
         plan.procedure.steps(plan.machine.geometry(), plan.axes)
+        plan.procedure.check_bars(plan.machine.geometry())
         journal = Journal.create(plan.path, opened_event(plan))
     return GuidedSession(journal, indicators.gauges, indicators.go, indicators.close)
 

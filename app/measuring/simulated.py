@@ -12,6 +12,7 @@ from app.version import program
 from calib.errors import RecordError
 from calib.observations import Observations, conditions
 from calib.tripod.pipeline import Model, StageEffect, measure
+from calib.tripod.sensitivity import excursion_mm
 from calib.tripod.simulation import SimulatedMachine
 from drivers.profile import LARGEST_MM, Profile
 from drivers.rig import SimulatedRig
@@ -19,7 +20,7 @@ from drivers.twin_port import Transport
 from protocols.events import Opened, Reading
 from protocols.machine import Instrument, Machine
 from protocols.observations import to_observations
-from protocols.procedure import Procedure, Step, default_mount, leg_number
+from protocols.procedure import Leg, Procedure, Step, Touched, default_mount, leg_number
 from protocols.session import fold
 
 
@@ -107,8 +108,9 @@ def simulated_session(
     """First line and readings of a session that the simulation measured.
 
     The record names the seed but not the model: nothing in it tells what is to be found. Raises
-    RecordError for readings beyond what any indicator shows.
+    RecordError for points off the bars and for readings beyond what any indicator shows.
     """
+    procedure.check_bars(machine.geometry())
     opened = Opened(
         program=program(),
         origin="simulated",
@@ -166,6 +168,30 @@ def _blank_readings(
         )
         for number, (step, axis) in enumerate(visits, start=1)
     )
+
+
+def short_travels(
+    procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]
+) -> list[tuple[Instrument, float, str]]:
+    """Indicators whose travel may not do, with the most that is needed in mm, and where."""
+    if procedure.plate is not None or all(one.travel_mm is None for one in instruments):
+        return []
+    geometry = machine.geometry()
+    levels: dict[tuple[Touched, float, tuple[Leg, ...]], list[float]] = {}
+    for step in procedure.steps(geometry, [one.axes for one in instruments]):
+        levels.setdefault(step.place, []).append(step.displacement_mm)
+    found = []
+    for k, instrument in enumerate(instruments):
+        needed = []
+        for (leg, station, axes), of_it in levels.items():
+            read = leg_number(leg), leg_number(axes[k])
+            moved_mm = excursion_mm(geometry, machine.tolerances_mm(), read, station, of_it)
+            where = f"along {axes[k].upper()} of leg {leg.upper()}, station {station:g}"
+            needed.append((instrument, moved_mm, where))
+        worst = max(needed, key=lambda one: one[1])
+        if instrument.travel_mm is not None and worst[1] > instrument.travel_mm:
+            found.append(worst)
+    return found
 
 
 def planned_readings(procedure: Procedure, machine: Machine) -> Observations:

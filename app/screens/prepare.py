@@ -88,7 +88,7 @@ class PrepareScreen(Screen[None]):
         said = []
         try:
             machine = self._machine()
-            axes = self._axes(machine)
+            axes = [instrument.axes for instrument in self._some(machine)]
             said.append(procedure_sentence(self._procedure(machine), machine.geometry(), axes))
             self._plan()
         except GlidecalError as problem:
@@ -103,7 +103,7 @@ class PrepareScreen(Screen[None]):
         """Every step, before anything is opened."""
         with self.app.complaining():
             machine = self._machine()
-            text = dry_run_text(self._procedure(machine), machine, self._axes(machine))
+            text = dry_run_text(self._procedure(machine), machine, self._some(machine))
             self.app.push_screen(DryRunScreen(text))
 
     def _value(self, name: str) -> str:
@@ -127,10 +127,9 @@ class PrepareScreen(Screen[None]):
             check_indicators(instruments)
         return instruments
 
-    def _axes(self, machine: Machine) -> tuple[str, ...]:
-        """Axes of the indicators; without any, those of two."""
-        named = self._instruments(machine) or some_indicators(DEFAULT_PROFILE, needed=False)
-        return tuple(instrument.axes for instrument in named)
+    def _some(self, machine: Machine) -> tuple[Instrument, ...]:
+        """The indicators; without any, two."""
+        return self._instruments(machine) or some_indicators(DEFAULT_PROFILE, needed=False)
 
     def _plan(self) -> Plan:
         machine = self._machine()

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -81,6 +82,9 @@ class _Pairing:
         named = self._attribution.named(self._member)
         variants = [self._variants(name) for name in (named, *self._likeliest())]
         variants = [each for each in variants if each]
+        geometry = self._attribution.problem.fitted_sessions[-1].model.geometry
+        if next(options(geometry, Preparation()), None) is None:
+            return None
         if len(variants) < 2 or named != self._attribution.named(variants[0][0]):
             return None
         tried = (*self._given, *(k for each in variants for k in each))
@@ -202,7 +206,8 @@ def best_addition(
         for preparation in preparations:
             model = preparation.model(problem.fitted_sessions[-1].model)
             some = list(options(model.geometry, preparation))
-            found += zip(some, judge.separations(model, some), strict=True)
+            if some:
+                found += zip(some, judge.separations(model, some), strict=True)
         scores = [_score(separations, weights) for _, separations in found]
         if max(scores) >= (1.0 - 1e-9) * _score(GOAL * np.ones((len(names),) * 2), weights):
             break
@@ -228,13 +233,13 @@ def _score(separations: FloatArray, weights: FloatArray) -> float:
 
 
 def options(geometry: Geometry, preparation: Preparation) -> Iterator[Added]:
-    """Every measurement that is considered with this preparation."""
+    """Every measurement that is considered with this preparation, as far as bars are usable."""
     clear_mm = max(abs(change) for change in preparation.entered_mm)
-    high, low = geometry.travel_max_mm - clear_mm, geometry.travel_min_mm + clear_mm
-    for parts in LEVEL_SETS:
-        levels = tuple(float(round(high * p if p > 0.0 else -low * p)) for p in parts)
-        for stations in STATION_SETS:
-            for leg in LEG_NAMES:
-                yield Added((leg,), stations, levels, preparation)
-            if len(stations) == 1:
-                yield Added(LEG_NAMES, stations, levels, preparation)
+    for parts, stations in product(LEVEL_SETS, STATION_SETS):
+        for legs in [(leg,) for leg in LEG_NAMES] + [LEG_NAMES] * (len(stations) == 1):
+            places = product(map(LEG_NAMES.index, legs), stations)
+            lows, highs = zip(*(geometry.span_mm(*place) for place in places), strict=True)
+            low, high = math.ceil(max(lows) + clear_mm), math.floor(min(highs) - clear_mm)
+            if low < 0 < high:
+                levels = tuple(float(round(high * p if p > 0.0 else -low * p)) for p in parts)
+                yield Added(legs, stations, levels, preparation)

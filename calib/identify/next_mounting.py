@@ -15,7 +15,7 @@ from calib.noise.reading import IndicatorFigures, Noise, reading_noise, reading_
 from calib.observations import LEG_NAMES, FloatArray, Observations
 from calib.ties import descending, largest
 from calib.tripod.pipeline import Model, derivatives
-from calib.tripod.pool import FREE, PARAMETERS, LegPool, leg_pool, levels_mm
+from calib.tripod.pool import FREE, PARAMETERS, LegPool, leg_pool
 from calib.tripod.sensitivity import sensitivity_of_readings, tool_metric
 
 SECONDS_PER_STEP = 20.0
@@ -122,7 +122,7 @@ def _judged(
     best: dict[tuple[int, float], Proposal] = {}
     for size in (2, 3):
         minutes = minutes_per_mounting + size * SECONDS_PER_STEP / 60.0
-        for leg, station, some, rows in _mountings(model, pool, size):
+        for leg, station, some, rows in _mountings(pool, size):
             after = covariances_after(
                 covariance, rows / noise_mm, np.ones(rows.shape[1]), list(FREE)
             )
@@ -147,18 +147,19 @@ def _gain(proposal: Proposal) -> float:
 
 
 def _mountings(
-    model: Model, pool: LegPool, size: int
+    pool: LegPool, size: int
 ) -> list[tuple[int, float, list[tuple[float, ...]], FloatArray]]:
     """Sets of displacements at each place with rows ``(b, 2 size, 6)``, own zeros fitted."""
-    geometry = model.geometry
-    sets = list(combinations(levels_mm(geometry), size))
-    if size == 3:  # a third one between the joint limits
-        ends = (geometry.travel_min_mm, geometry.travel_max_mm)
-        sets = [one for one in sets if (one[0], one[-1]) == ends]
     found = []
     for number, (leg, station) in enumerate(pool.places):
         members = np.flatnonzero(pool.place == number)
         row = {float(pool.displacement_mm[k]): int(k) for k in members}
+        levels = sorted(row)
+        sets = list(combinations(levels, size))
+        if size == 3:  # a third one between the ends
+            sets = [one for one in sets if (one[0], one[-1]) == (levels[0], levels[-1])]
+        if not sets:
+            continue
         index = np.array([[row[level] for level in one] for one in sets])
         rows = pool.rows[index][:, :, :, :PARAMETERS]
         centred = rows - rows.mean(axis=1, keepdims=True)

@@ -13,9 +13,10 @@ from functools import cached_property
 from itertools import permutations, product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.errors import CalibrationError
-from calib.observations import LEG_NAMES, FloatArray
+from calib.observations import LEG_NAMES, FloatArray, IntArray
 
 PARAMETER_NAMES = ("d_rho_x", "d_rho_y", "d_rho_z", "d_L_x", "d_L_y", "d_L_z")
 """The base parameters: joint offsets, then leg length errors; both in mm."""
@@ -32,6 +33,10 @@ LEAST_SLOPE = 0.02
 UNIT = 1e-6
 """By so much the square of a direction given to `Geometry` may differ from 1."""
 
+USABLE_BAR = (0.05, 0.95)
+"""Fractions of a bar, from the tool end, that an indicator may touch: clear of joints and stand."""
+
+Pair = tuple[float, float]
 Triple = tuple[float, float, float]
 Three = tuple[Triple, Triple, Triple]
 
@@ -52,7 +57,8 @@ class Geometry:
     tool are judged over; None: between the limits along each coordinate. With ``set_at_zero``
     these errors count from the tool's place at Zero, which is set by hand. ``gravity`` is the unit
     vector of the pull of weight, ``screw_lead_mm`` the travel of a carriage for one turn, None if
-    not known. ``load`` is the weight carried now, in units of the usual one.
+    not known. ``load`` is the weight carried now, in units of the usual one. ``usable_bar`` are the
+    fractions of each bar, from the tool end, between which an indicator may touch it.
 
     Raises CalibrationError for a machine that cannot stand at Zero or is singular there.
     """
@@ -70,6 +76,7 @@ class Geometry:
     platform_mm: Three = NOWHERE
     workspace_mm: tuple[Triple, Triple] | None = None
     set_at_zero: bool = False
+    usable_bar: tuple[Pair, Pair, Pair] = (USABLE_BAR,) * 3
 
     def __post_init__(self) -> None:
         for name in ("parallelogram_width_mm", "tool_radius_mm"):
@@ -78,6 +85,13 @@ class Geometry:
         for length in self.leg_length_mm:
             if not length > 0:
                 raise CalibrationError("leg_length_mm", f"{length:g}", "a positive length in mm")
+        for name, (low, high) in zip(LEG_NAMES, self.usable_bar, strict=True):
+            if not 0.0 <= low < high <= 1.0:
+                raise CalibrationError(
+                    f"usable_bar of bar {name}",
+                    f"{low:g} … {high:g}, no part of it",
+                    "fractions from the tool end, 0 ≤ first < second ≤ 1",
+                )
         self._check_limits()
         self._check_zero()
         self._check_workspace()
@@ -228,6 +242,43 @@ class Geometry:
         ray = tool_mm[..., None, :] - self.anchors
         along = (ray * self.directions).sum(axis=-1)
         return np.asarray(self.lengths**2 - ((ray * ray).sum(axis=-1) - along * along))
+
+    def touched(
+        self, leg: IntArray, station: FloatArray, displacement_mm: FloatArray
+    ) -> FloatArray:
+        """Fraction ``(n,)`` of each bar, from the tool end, under an indicator that stands still.
+
+        ``station`` is that at Zero. Along its own drive the tool takes a bar along without turning
+        it, so the bar slides past by the displacement: the fraction is linear in it, and between
+        two postures lies between theirs. Joint offsets and bars that are off change it by their
+        squares over those of the bar's length, and in the ratio of the lengths.
+        """
+        return np.asarray(station - displacement_mm / self.covered_mm[leg])
+
+    def on_bar(
+        self, leg: IntArray, station: FloatArray, displacement_mm: FloatArray
+    ) -> NDArray[np.bool_]:
+        """Whether the usable part of the bar is touched ``(n,)``; between two such postures it is.
+
+        At Zero, displacement 0, the indicator is mounted (papers/000, section 4.1).
+        """
+        low, high = np.array(self.usable_bar)[leg].T
+        there = self.touched(leg, station, displacement_mm)
+        return np.asarray((there >= low - UNIT) & (there <= high + UNIT))
+
+    def span_mm(self, leg: int, station: float) -> Pair:
+        """Lowest and highest displacement where joint limits and the bar allow a set-up.
+
+        They do not enclose 0 where the station itself is not on the usable part.
+        """
+        low, high = self.usable_bar[leg]
+        lowest, highest = self.covered_mm[leg] * (station - np.array([high, low]))
+        return max(float(lowest), self.travel_min_mm), min(float(highest), self.travel_max_mm)
+
+    @cached_property
+    def covered_mm(self) -> FloatArray:
+        """What each bar covers along its drive at Zero, and moving along it ``(3,)``, mm."""
+        return np.sqrt(self.reach_mm2(np.zeros(3)))
 
     def within_limits(self, carriage_mm: FloatArray) -> bool:
         """Whether joint coordinates ``(..., 3)`` keep the joint limits."""

@@ -13,12 +13,10 @@ import numpy as np
 
 from calib.design.criteria import Aim
 from calib.design.refinement import Pull, judged, refine
+from calib.linalg import TINY
 from calib.observations import FloatArray, IntArray
 from calib.tripod.geometry import Geometry
-from calib.tripod.pool import LegPool
-
-DIAL_DECIMALS = 1
-"""Displacements are commanded in steps of 0.1 mm."""
+from calib.tripod.pool import DIAL_DECIMALS, LegPool
 
 STATION_DECIMALS = 2
 """A touched point is set to a hundredth of the leg: 3 mm on the prototype."""
@@ -45,7 +43,7 @@ class MovedPostures:
 def move_off_grid(
     geometry: Geometry, grid: LegPool, chosen: Sequence[int] | IntArray, noise_mm: float, aim: Aim
 ) -> MovedPostures:
-    """Improve the chosen postures of the grid; never worse than there, joint limits kept.
+    """Improve the chosen postures of the grid; never worse than there, joint limits and bars kept.
 
     Repeats stay repeats, and legs that are treated alike stay so. Raises NotIdentifiable where
     the chosen ones do not see all wanted parameters.
@@ -63,6 +61,7 @@ def move_off_grid(
     value = judged(rounded.rows / noise_mm, aim)
     better = value > grid_value if aim.criterion.larger_is_better else value < grid_value
     better &= _different(rounded) == _different(postures)  # a short travel has few tenths
+    better &= bool(geometry.on_bar(rounded.leg, rounded.station, rounded.displacement_mm).all())
     return MovedPostures(*((rounded, value) if better else (postures, grid_value)), grid_value)
 
 
@@ -94,6 +93,7 @@ class _Moves:
         levels, stations = postures.displacement_mm[visit_first], postures.station[stand_first]
         level_cells = _cells(np.unique(grid.displacement_mm), levels, DIAL_DECIMALS)
         station_cells = _cells(np.unique(grid.station), stations, STATION_DECIMALS)
+        _keep_on_bars(geometry, postures, level, stand, level_cells, station_cells)
         cells = np.vstack([level_cells, station_cells])
         return _Moves(
             geometry=geometry,
@@ -129,6 +129,39 @@ class _Moves:
         for limit in (self.geometry.travel_min_mm, self.geometry.travel_max_mm):
             levels[np.abs(exact - limit) < 0.5 * 10.0**-DIAL_DECIMALS] = limit
         return np.vstack([levels, np.round(stations, STATION_DECIMALS)])
+
+
+def _keep_on_bars(
+    geometry: Geometry,
+    postures: LegPool,
+    level: IntArray,
+    stand: IntArray,
+    level_cells: FloatArray,
+    station_cells: FloatArray,
+) -> None:
+    """Shrink cells ``(k, 2)`` until their worst corners touch usable parts, rounded as well.
+
+    A touched point goes towards the foot as the station rises and the displacement falls.
+    """
+    station, displacement = postures.station, postures.displacement_mm
+    touched = geometry.touched(postures.leg, station, displacement)
+    covered = geometry.covered_mm[postures.leg]
+    rounding = 0.5 * 10.0**-STATION_DECIMALS + 0.5 * 10.0**-DIAL_DECIMALS / covered
+    for end, sign in ((0, -1.0), (1, 1.0)):
+        edge = np.array(geometry.usable_bar)[postures.leg, end]
+        by_station = sign * (station_cells[stand, end] - station)
+        by_both = by_station + sign * (displacement - level_cells[level, 1 - end]) / covered
+        room, room_at_zero = (sign * (edge - at) - rounding for at in (touched, station))
+        shares = room / np.maximum(by_both, TINY), room_at_zero / np.maximum(by_station, TINY)
+        share = np.clip(np.minimum(*shares), 1e-3, 1.0)  # of a cell; rounding undoes so little
+        for number, cells, side, grid in (
+            (level, level_cells, 1 - end, displacement),
+            (stand, station_cells, end, station),
+        ):
+            least, middle = np.ones(len(cells)), np.empty(len(cells))
+            np.minimum.at(least, number, share)
+            middle[number] = grid
+            cells[:, side] = middle + least * (cells[:, side] - middle)
 
 
 def _numbered(keys: Sequence[Hashable]) -> tuple[IntArray, list[int]]:

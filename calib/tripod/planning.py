@@ -17,7 +17,7 @@ from calib.linalg import without_means
 from calib.noise.reading import Noise, reading_weights, visits
 from calib.observations import LEG_NAMES, TOUCHED_NAMES, FloatArray, IntArray, Observations
 from calib.ties import largest
-from calib.tripod.geometry import TOLERANCE_MM, Geometry
+from calib.tripod.geometry import TOLERANCE_MM, Geometry, Pair
 from calib.tripod.leg_refinement import move_off_grid
 from calib.tripod.pipeline import derivatives
 from calib.tripod.pool import (
@@ -27,6 +27,7 @@ from calib.tripod.pool import (
     LegPool,
     information_with_zeros,
     leg_pool,
+    turning_mm,
     visiting_order,
 )
 from calib.tripod.sensitivity import sensitivity_of_readings, tool_metric
@@ -181,11 +182,8 @@ class TripodPool:
             return []
         found = []
         for station in np.unique(self.pool.station):
-            members = [
-                np.flatnonzero((self.pool.leg == leg) & (self.pool.station == station))
-                for leg in legs
-            ]
-            if len({len(some) for some in members}) == 1 and each <= len(members[0]):
+            members = self._visits_of_all(legs, station)
+            if each <= len(members[0]):
                 together = np.stack(members, axis=1)
                 merged = Candidates(rows[together].reshape(len(together), -1, rows.shape[2]))
                 try:
@@ -196,6 +194,14 @@ class TripodPool:
                     replace(best, chosen=tuple(together[list(best.chosen)].ravel().tolist()))
                 )
         return found
+
+    def _visits_of_all(self, legs: IntArray, station: float) -> list[IntArray]:
+        """Candidates at a station ``(k,)`` for each leg, of displacements that all legs allow."""
+        visits = list(zip(self.pool.displacement_mm, self.pool.approach, strict=True))
+        places = [(self.pool.leg == leg) & (self.pool.station == station) for leg in legs]
+        of_legs = [np.flatnonzero(place) for place in places]
+        common = set.intersection(*({visits[k] for k in one} for one in of_legs))
+        return [np.array([k for k in one if visits[k] in common], np.intp) for one in of_legs]
 
     def coordinates(self, chosen: Sequence[int]) -> tuple[Coordinates, ...]:
         """Leg by leg, station by station, rising displacements."""
@@ -235,8 +241,9 @@ class TripodPool:
             visit = float(self.pool.displacement_mm[k]), int(self.pool.approach[k])
             grouped.setdefault(self.pool.places[self.pool.place[k]], []).append(visit)
         return {
-            place: _two_levels(visiting_order(some, self.geometry), self.geometry)
+            place: _two_levels(visiting_order(some, ends), ends)
             for place, some in grouped.items()
+            for ends in [turning_mm(self.geometry, *place)]
         }
 
     def minutes(self, chosen: Sequence[int]) -> float:
@@ -255,8 +262,7 @@ class TripodPool:
         return np.flatnonzero(np.isin(self.pool.place, kept))
 
 
-def _two_levels(levels: list[float], geometry: Geometry) -> list[float]:
+def _two_levels(levels: list[float], ends_mm: Pair) -> list[float]:
     """A mounting tells nothing from one displacement: Zero is read, too."""
-    return (
-        levels if len(set(levels)) > 1 else [*levels, 0.0 if levels[0] else geometry.travel_max_mm]
-    )
+    second = 0.0 if levels[0] else ends_mm[1] or ends_mm[0]
+    return levels if len(set(levels)) > 1 else [*levels, second]

@@ -7,6 +7,7 @@ and two indicators on that leg, at one station, are read along both other axes. 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -14,12 +15,16 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
+from calib.errors import ImpossibleRequest
 from calib.observations import Conditions, FloatArray, IntArray, conditions
-from calib.tripod.geometry import PARAMETER_NAMES, Geometry
+from calib.tripod.geometry import PARAMETER_NAMES, Geometry, Pair
 from calib.tripod.pipeline import derivatives
 
 STATIONS = (0.2, 0.35, 0.5, 0.65, 0.8)
 """Touched points at Zero, as fractions of the leg from the tool end, that a stand reaches."""
+
+DIAL_DECIMALS = 1
+"""Displacements are commanded in steps of 0.1 mm."""
 
 LEVEL_COUNT = 17
 """Displacements between the joint limits: steps of 10 mm on the prototype."""
@@ -33,7 +38,8 @@ class LegPool:
     """Candidates ``(n,)`` and their rows ``(n, 2, 6 + n_zeros)``, mm per mm.
 
     ``place`` numbers the pairs (leg, station) in ``places``; ``approach`` is the sign of the
-    carriage's last movement. A displacement on a joint limit is reached from one side only.
+    carriage's last movement. A displacement on a joint limit, or where the bar's usable part ends,
+    is reached from one side only.
     """
 
     leg: IntArray
@@ -105,24 +111,31 @@ def levels_mm(geometry: Geometry) -> tuple[float, ...]:
 def leg_pool(
     geometry: Geometry,
     *,
-    legs: Sequence[int] = (0, 1, 2),
     stations: Sequence[float] = STATIONS,
-    displacements_mm: Sequence[float] | None = None,
     parameters_mm: ArrayLike = (0.0,) * PARAMETERS,
     both_ways: bool = True,
 ) -> LegPool:
-    """All candidates; ``both_ways`` counts each side of approach as one.
+    """All candidates on usable parts of the bars; ``both_ways`` counts each side of approach.
 
     Without backlash in the model both sides tell the same; they are different visits all the same.
+    Raises ImpossibleRequest where no station allows any displacement.
     """
-    levels = levels_mm(geometry) if displacements_mm is None else displacements_mm
-    places = tuple((leg, float(station)) for leg in legs for station in stations)
+    places = tuple((leg, float(station)) for leg in range(3) for station in stations)
+    ends = [turning_mm(geometry, *place) for place in places]
     steps = [
         (number, level, side)
-        for number, level in product(range(len(places)), levels)
+        for (number, (low, high)), level in product(enumerate(ends), levels_mm(geometry))
         for side in ((1, -1) if both_ways else (1,))
-        if not both_ways or _can_come_from(geometry, level, side)
+        if low <= min(level, 0.0) <= max(level, 0.0) <= high
+        and not (both_ways and level == (low if side > 0 else high))
     ]
+    if not any(level for _, level, _ in steps):
+        raise ImpossibleRequest(
+            "touched points of the bars",
+            f"no displacement at any of the stations {', '.join(f'{s:g}' for s in stations)}",
+            "a usable part of the bars that an indicator stays on",
+            "Widen usable_bar in the machine file.",
+        )
     place = np.array([number for number, _, _ in steps], dtype=np.intp)
     displacement = np.array([level for _, level, _ in steps])
     leg = np.array([places[number][0] for number in place], dtype=np.intp)
@@ -138,9 +151,14 @@ def leg_pool(
     )
 
 
-def _can_come_from(geometry: Geometry, level: float, side: int) -> bool:
-    limit = geometry.travel_min_mm if side > 0 else geometry.travel_max_mm
-    return level != limit
+def turning_mm(geometry: Geometry, leg: int, station: float) -> Pair:
+    """Lowest and highest displacement of a set-up that can be dialled."""
+    low, high = geometry.span_mm(leg, station)
+    steps = 10.0**DIAL_DECIMALS
+    return (
+        low if low == geometry.travel_min_mm else math.ceil(low * steps) / steps,
+        high if high == geometry.travel_max_mm else math.floor(high * steps) / steps,
+    )
 
 
 def _rows(
@@ -188,14 +206,14 @@ def information_with_zeros(
     return np.asarray((rows.T * weight) @ rows)
 
 
-def visiting_order(visits: Sequence[tuple[float, int]], geometry: Geometry) -> list[float]:
+def visiting_order(visits: Sequence[tuple[float, int]], ends_mm: Pair) -> list[float]:
     """Displacements of one mounting such that each visit comes from its own side.
 
     ``visits`` are displacement and side, repeats allowed; the tool starts at Zero. Where the way
-    must turn first, the joint limit there is visited in between and read as well.
+    must turn first, the end of the way, `turning_mm`, is visited in between and read as well.
     """
     passes = _passes(visits)
-    orders = [_walk(_chained(passes, up_first=up), geometry) for up in (True, False)]
+    orders = [_walk(_chained(passes, up_first=up), ends_mm) for up in (True, False)]
     return min(orders, key=len)
 
 
@@ -220,11 +238,11 @@ def _chained(passes: list[list[tuple[float, int]]], *, up_first: bool) -> list[t
     return chain
 
 
-def _walk(chain: list[tuple[float, int]], geometry: Geometry) -> list[float]:
+def _walk(chain: list[tuple[float, int]], ends_mm: Pair) -> list[float]:
     position, walked = 0.0, []
     for level, side in chain:
         if (level - position) * side <= 0.0:
-            position = geometry.travel_min_mm if side > 0 else geometry.travel_max_mm
+            position = ends_mm[0] if side > 0 else ends_mm[1]
             walked.append(position)
         walked.append(level)
         position = level

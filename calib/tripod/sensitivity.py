@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from calib.design.identifiability import Sensitivity
 from calib.linalg import without_means
-from calib.observations import FloatArray, Observations
+from calib.observations import FloatArray, Observations, conditions
 from calib.tripod.geometry import PARAMETER_NAMES, TOLERANCE_MM, Geometry
+from calib.tripod.pipeline import derivatives
 from calib.tripod.workspace import workspace_jacobian
 
 
@@ -15,6 +18,30 @@ def tool_metric(geometry: Geometry) -> FloatArray:
     """Mean square movement of the tool over the workspace ``(6, 6)``, mm² per mm²."""
     jacobian = workspace_jacobian(geometry)
     return np.asarray(np.einsum("pij,pik->jk", jacobian, jacobian) / len(jacobian))
+
+
+WAY_POINTS = 17
+"""Of the way that an indicator follows between the ends of its displacements."""
+
+
+def excursion_mm(
+    geometry: Geometry,
+    tolerance_mm: FloatArray,
+    read: tuple[int, int],
+    station: float,
+    levels_mm: Sequence[float],
+) -> float:
+    """How far a spindle moves in one set-up, from Zero over all levels and the way between them.
+
+    ``read`` are the leg and the axis. Two standard deviations of the largest difference, where
+    base parameters are off by ``tolerance_mm`` ``(6,)``; nominally readings never change.
+    """
+    leg, axis = read
+    way = np.append(np.linspace(min(levels_mm), max(levels_mm), WAY_POINTS), 0.0)
+    count = len(way)
+    taken = conditions([leg] * count, [axis] * count, way.tolist(), station=station)
+    moved = derivatives(geometry, np.zeros(len(PARAMETER_NAMES)), taken) * tolerance_mm
+    return 2.0 * float(np.linalg.norm(moved[:, None] - moved, axis=-1).max())
 
 
 def sensitivity_of_readings(

@@ -8,6 +8,7 @@ from app.measuring.indicators import profile_of
 from app.measuring.leg_review import LegReview, LegRow
 from app.measuring.opening import Plan
 from app.measuring.session import Doubt, TakenStep
+from app.measuring.simulated import short_travels
 from app.report.schema.readings import ReplayReport
 from app.report.text.tables import new_table, signed, table_text, uncertain, wrapped
 from calib.observations import LEG_NAMES, conditions
@@ -16,7 +17,7 @@ from calib.tripod.kinematics import inverse
 from calib.tripod.pipeline import command
 from drivers.profile import Verified
 from protocols.expectation import Movement
-from protocols.machine import Machine
+from protocols.machine import Instrument, Machine
 from protocols.procedure import Procedure, Step, leg_number, posture_name
 from protocols.session import Session
 
@@ -79,15 +80,29 @@ def procedure_sentence(procedure: Procedure, geometry: Geometry, axes: Sequence[
     )
 
 
-def dry_run_text(procedure: Procedure, machine: Machine, axes: Sequence[str]) -> str:
+def travel_text(procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]) -> str:
+    """A paragraph for each indicator whose travel may not be enough."""
+    return "".join(
+        wrapped(
+            f"Travel: {one.profile} moves up to {needed_mm:.1f} mm {where}, on a machine within "
+            f"its tolerances; it has {one.travel_mm:g} mm. Take one with more travel, or smaller "
+            "displacements."
+        )
+        + "\n\n"
+        for one, needed_mm, where in short_travels(procedure, machine, instruments)
+    )
+
+
+def dry_run_text(procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]) -> str:
     """Every step of a procedure with the line to type at the controller."""
-    geometry = machine.geometry()
+    geometry, axes = machine.geometry(), [instrument.axes for instrument in instruments]
     table = new_table("step", "leg", "posture", "cycle", "station", "axes", "controller", left=7)
     for step in procedure.steps(geometry, axes):
         place = (str(step.number), step.leg, step.posture(geometry), str(step.cycle))
         table.add_row(*place, f"{step.station:g}", " ".join(step.axes), _mdi_line(step, machine))
     sentence = wrapped(procedure_sentence(procedure, geometry, axes))
-    return f"{sentence}\n\n{table_text(table)}"
+    travel = travel_text(procedure, machine, instruments)
+    return f"{sentence}\n\n{travel}{table_text(table)}"
 
 
 def rehearsal_text(options: str, plan: Plan, ports: Sequence[str]) -> str:
@@ -121,6 +136,7 @@ def check_text(plan: Plan) -> str:
     if unverified:
         check += f"\nUNVERIFIED profile: {', '.join(unverified)}. Compare with the display first."
     sentence = procedure_sentence(plan.procedure, plan.machine.geometry(), plan.axes)
+    check = travel_text(plan.procedure, plan.machine, plan.instruments) + check
     begin = "Enter continues the session" if plan.continued else "Enter begins the session"
     if plan.continued:
         begin += "; after a break the indicators get a new zero"

@@ -13,6 +13,9 @@ import pytest
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 """As the program does, before numpy is imported: small matrices are slower on several cores."""
 
+os.environ.setdefault("TEXTUAL_ANIMATIONS", "none")
+"""Nobody watches; and whoever leaves while a line glides is waited for until it has glided."""
+
 ROOT = Path(__file__).parent.parent
 SAMPLES = ROOT / "sample_sessions"
 PATIENCE_S = 2.0

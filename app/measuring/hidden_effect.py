@@ -47,7 +47,7 @@ def hidden_effect(
 def _not_seen(effect: str, taken: Conditions) -> UsageError:
     return UsageError(
         f"effect {effect}",
-        "nothing to see of it with this procedure",
+        "nothing to see of it beside offsets and lengths with this procedure",
         "a procedure that shows it",
-        "" if TOOL in taken.leg else "Try --protocol two-station.",
+        "Give --size." if TOOL in taken.leg else "Try --protocol two-station, or give --size.",
     )

@@ -28,6 +28,7 @@ from protocols.session import fold
 from tests.app.cli import glidecal, refused
 
 IDS = tuple(dict.fromkeys(effect.id for effect in CATALOGUE))
+LENGTH = "leg_length"  # lengths are always fitted: it takes a size to show beyond its tolerance
 MACHINE = load_machine(None)
 NOISE_MM = 0.002
 
@@ -44,7 +45,7 @@ def measured(plan: Plan) -> Observations:
     return to_observations([fold(read_record(plan.path).events)])
 
 
-@pytest.mark.parametrize("wanted", IDS)
+@pytest.mark.parametrize("wanted", [one for one in IDS if one != LENGTH])
 @pytest.mark.parametrize("protocol", ["zero-max-min", "two-station"])
 def test_every_effect_shows_and_nothing_else_imitates_it(wanted: str, protocol: str) -> None:
     """What offsets, lengths and zeros leave of it stands far above the noise; no monster."""
@@ -65,6 +66,14 @@ def test_every_effect_shows_and_nothing_else_imitates_it(wanted: str, protocol: 
         for one in effects:
             most = 60.01 * tolerance[one.effect.parameters]
             assert all(0.0 < abs(value) <= most for value in one.values)
+
+
+def test_a_length_is_hidden_by_its_size_alone(tmp_path: Path) -> None:
+    asked = ("simulate", "--effect", f"{LENGTH}:x", "-o", tmp_path / "s.jsonl")
+    assert "ive --size" in refused(2, *asked)
+    assert glidecal(*asked, "--protocol", "two-station", "--size", "2").status == 0
+    said = glidecal("diagnose", tmp_path / "s.jsonl").out
+    assert LENGTH in said
 
 
 def test_the_same_seed_hides_the_same_effect(tmp_path: Path) -> None:

@@ -36,13 +36,16 @@ def controller() -> list[str]:
 def _loops(folder: Path) -> list[str]:
     plain = Loop(Machine(OFFSETS), folder / "offsets")
     rows = [_row("offsets 0.8, −1.3, 0.45 mm", plain, ("--format", "linuxcnc"), plain.session)]
-    for name, scale in (("play 60 µm, cyclic 10 µm", 0.0), ("the same, scale 0.5 mm/m", 5e-4)):
-        figures = {"play": 0.06, "cyclic": 0.01, "scale": scale}
-        loop = Loop(Machine(OFFSETS, joint=figures), folder / f"scale{scale}")
+    scaled = {"": (), ", scale 0.5 mm/m of one drive": (2,), ", the same of all three": (0, 1, 2)}
+    for number, (name, drives) in enumerate(scaled.items()):
+        one = {k: {"scale": 5e-4} for k in drives}
+        machine = Machine(OFFSETS, joint={"play": 0.06, "cyclic": 0.01}, one=one)
+        loop = Loop(machine, folder / f"scale{number}")
         model = loop.session.with_name("found.json")
         loop.do("diagnose", loop.session, "--adopt", model)
         alone = loop.after_mm("offsets", loop.session, "--format", "linuxcnc")
-        row = _row(f"offsets, {name}", loop, ("--format", "linuxcnc"), model)
+        how = ("--format", "linuxcnc", "--ambiguous")
+        row = _row(f"offsets, play 60 µm, cyclic 10 µm{name}", loop, how, model)
         rows.append(row.format(f"offsets alone | {alone:.4f}"))
     lean, shift = np.zeros((3, 3)), np.zeros((3, 3))
     lean[0, 1] = lean[1, 0] = 1e-3

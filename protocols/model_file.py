@@ -51,7 +51,7 @@ class ParameterEntry(Document):
 
 class Provenance(Document):
     """Which sessions an effect was found in: names, digests, when the last of them began (and when
-    the effect was found), and the verdict.
+    the effect was found), and the verdict on it.
     """
 
     sessions: tuple[Name, ...]

@@ -67,12 +67,15 @@ def adopt(
         found=datetime.now(UTC),
         verdict=diagnosed.diagnosis.verdict,
     )
+    doubted = [one for one in chosen if isinstance(one, Finding) and one.indistinguishable_from]
     for one in chosen:
+        sure = source.verdict == "ambiguous" and doubted and one not in doubted
+        found_as = source.model_copy(update={"verdict": "explained"}) if sure else source
         why = diagnosed.diagnosis.sentence
         if isinstance(one, Finding) and one.id == EMPIRICAL:
             why = f"a law without a name: {one.title}"
         values = {v.name: (v.value, v.standard_uncertainty) for v in one.parameters}
-        model = with_effect(model, effect_entry(one.where, one.effects, values, source), why)
+        model = with_effect(model, effect_entry(one.where, one.effects, values, found_as), why)
     model = _fitted(model, diagnosed)
     write_files(target, {"": model.text()}, replace=replace or target == known)
     return model

@@ -171,6 +171,9 @@ class MeasureScreen(Corrections):
         pressed = [gauge.button_pressed() for gauge in self.guided.gauges]
         if self.asking or self.held or self.busy:
             return
+        if self._anyway_until and self.ready_by_hand():
+            self._anyway_until = 0.0
+            self.say("The readings stand still now: Space takes them.")
         if any(pressed):
             self.action_take()
         elif self.automatic and all(live.motion is Motion.STABLE for live in states):

@@ -30,6 +30,17 @@ def test_play_and_screw_error_that_diagnose_names(tmp_path: Path) -> None:
     assert loop.after_mm("found", model, "--format", "linuxcnc") < 0.006
 
 
+def test_a_scale_of_one_drive_beside_them(tmp_path: Path) -> None:
+    """That of all drives alike is a larger machine: readings of legs hardly show it."""
+    machine = Machine(OFFSETS, joint={"play": 0.06, "cyclic": 0.01}, one={2: {"scale": 5e-4}})
+    loop = Loop(machine, tmp_path)
+    model = tmp_path / "found.json"
+    loop.do("diagnose", loop.session, "--adopt", model)
+    assert loop.after_mm("offsets", loop.session, "--format", "linuxcnc") > 0.03
+    asked = ("--format", "linuxcnc", "--ambiguous")  # a law without a name would do as well
+    assert loop.after_mm("found", model, *asked) < 0.006
+
+
 def test_lengths_and_axes_through_own_kinematics(tmp_path: Path) -> None:
     lean, shift = np.zeros((3, 3)), np.zeros((3, 3))
     lean[0, 1] = lean[1, 0] = 1e-3  # x and y lean together by 2 mrad

@@ -159,7 +159,8 @@ async def test_keys_of_the_present_screen(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("animations", [True, False])
-async def test_animations(animations: bool) -> None:
+async def test_animations(animations: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("textual.constants.TEXTUAL_ANIMATIONS", "full")
     interface = Glidecal(HomeScreen(), settings=Settings(animations=animations))
     assert (interface.animation_level == "none") is not animations
 

@@ -63,6 +63,10 @@ def diagnose(
         return
     if not sessions:
         raise UsageError("diagnose", "no session", "at least one, or --aliases --procedure NAME")
+    if correct:  # before long work
+        from protocols.journal import check_new
+
+        check_new(correct)
     may = may_replace(force, adopt if adopt != model else None, next_procedure)
     with working("Diagnosing"):
         found = diagnose_files(sessions, model=model, held_out=held_out or [])

@@ -57,12 +57,12 @@ class SessionSolution:
     suspects: tuple[Suspect, ...]
     noisy: tuple[NoisyChannel, ...]
     isolated: tuple[IsolatedReadings, ...]
-    ambiguous: tuple[str, ...] = ()
+    ambiguous: tuple[str, ...]
 
     def with_subset(self, subset: Subset) -> SessionSolution:
         """Another set of the same choice; nothing is fitted again. Raises NotIdentifiable."""
-        solved = _solved(self.names, self.sessions, self.observed, self.choice, subset)
-        return replace(solved, ambiguous=self.ambiguous)
+        known = self.names, self.sessions, self.observed, self.choice
+        return _solved(*known, subset, self.ambiguous)
 
     @property
     def reading_count(self) -> int:
@@ -161,12 +161,12 @@ def solve_sessions(
         tolerance_mm=machine.tolerances_mm(),
         sizes=sizes,
     )
-    solved = _solved(names, sessions, observed, choice, subset or choice.recommended)
-    if model is None:
-        return solved
-    from protocols.model_file import ambiguous_effects
+    ambiguous: tuple[str, ...] = ()
+    if model is not None:
+        from protocols.model_file import ambiguous_effects
 
-    return replace(solved, ambiguous=ambiguous_effects(model))
+        ambiguous = ambiguous_effects(model)
+    return _solved(names, sessions, observed, choice, subset or choice.recommended, ambiguous)
 
 
 def _of(model: ModelFile, machine: Machine, method: Method) -> tuple[Model, tuple[Size, ...]]:
@@ -192,6 +192,7 @@ def _solved(
     observed: Observations,
     choice: SubsetChoice,
     subset: Subset,
+    ambiguous: tuple[str, ...],
 ) -> SessionSolution:
     """One set of a choice, with what its readings tell, as the sessions know them."""
     if subset not in choice.solutions:
@@ -220,6 +221,7 @@ def _solved(
             IsolatedReadings(known[rows[0]][0], tuple(known[row][1] for row in rows))
             for rows in single_posture_rows(observed)
         ),
+        ambiguous=ambiguous,
     )
 
 

@@ -10,7 +10,6 @@ import numpy as np
 from calib.design.criteria import covariances_after, inverse
 from calib.errors import NotIdentifiable
 from calib.identify.identify import identify
-from calib.identify.solution import LACK_OF_FIT_LEVEL
 from calib.noise.reading import IndicatorFigures, Noise, reading_noise, reading_weights, visits
 from calib.observations import LEG_NAMES, FloatArray, Observations
 from calib.ties import descending, largest
@@ -101,8 +100,7 @@ def _noise_of(
         )
     except NotIdentifiable:  # nothing to compare with the noise
         return noise, words
-    fit = fitted.lack_of_fit
-    if fit is None or fit.p_value >= LACK_OF_FIT_LEVEL:
+    if not fitted.lacks_fit:
         return noise, words
     words += f", times {fitted.spread**0.5:.3g} because the model leaves so much: "
     words += "run glidecal diagnose first"

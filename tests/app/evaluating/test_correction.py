@@ -91,3 +91,11 @@ def test_nothing_is_corrected_that_was_not_named(samples: Path, tmp_path: Path) 
         2, "diagnose", session, "--correct", new
     )
     assert not new.exists()
+
+
+def test_a_session_that_is_there_is_never_replaced(samples: Path, tmp_path: Path) -> None:
+    there = tmp_path / "there.jsonl"
+    there.write_bytes((samples / "experiment_1_six.jsonl").read_bytes())
+    asked = ("diagnose", samples / "experiment_2_twelve.jsonl", "--adopt", tmp_path / "m.json")
+    assert "exists already" in refused(3, *asked, "--correct", there)
+    assert [path.name for path in tmp_path.iterdir()] == ["there.jsonl"]

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands import diagnose, indicators, planning, records, results, sessions
+from app.commands import diagnose, indicators, planning, results, sessions
 from app.exit_codes import Exit, exit_code
 from app.machines.registry import LOOKS
 from app.report.streams import guard_standard_streams
@@ -64,9 +64,9 @@ def settings() -> None:
 
 cli.command("demo")(sessions.demo)
 cli.command("run")(sessions.run)
-cli.command("import")(records.import_table)
-cli.command("replay")(records.replay)
-cli.command("serve")(records.serve)
+cli.command("import")(sessions.import_table)
+cli.command("replay")(sessions.replay)
+cli.command("serve")(sessions.serve)
 cli.command("solve")(results.solve)
 cli.command("diagnose")(diagnose.diagnose)
 cli.command("model")(diagnose.model)
@@ -77,7 +77,8 @@ cli.command("plan")(planning.plan)
 cli.command("identifiability")(planning.identifiability)
 cli.command("postures")(planning.postures)
 cli.command("export")(results.export)
-cli.command("validate")(records.validate)
+cli.command("report")(results.report)
+cli.command("validate")(sessions.validate)
 cli.command("ports")(indicators.ports)
 cli.command("settings")(settings)
 cli.add_typer(indicators.indicator_verbs, name="indicator")

@@ -58,6 +58,13 @@ def settings_path() -> Path:
     return user_config_path("glidecal", appauthor=False) / "settings.toml"
 
 
+def data_path() -> Path:
+    """What the program remembers by itself; it need not exist."""
+    from platformdirs import user_data_path
+
+    return user_data_path("glidecal", appauthor=False) / "indicators.json"
+
+
 def read_settings(path: Path) -> Settings:
     """The settings of a file; the defaults where there is none. Raises RecordError."""
     return read_toml(path, Settings, WHAT) if path.exists() else Settings()

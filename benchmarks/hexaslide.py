@@ -20,10 +20,10 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize
 
+from calib.arrays import FloatArray
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.planning import best_postures, rows_seen
 from calib.hexaslide.procedures import Kind, Procedure
-from calib.observations import FloatArray
 from protocols.hexaslide_machine import load_hexaslide
 
 COUNTS = {

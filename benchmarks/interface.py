@@ -22,15 +22,14 @@ from pathlib import Path
 
 from textual.pilot import Pilot
 
-from app.measuring.demo import demo_plan
 from app.measuring.gauges import Gauge
 from app.measuring.indicators import profile_of
-from app.measuring.opening import Indicators, Plan, begin
+from app.measuring.opening import Indicators, Plan, begin, demo_plan
 from app.measuring.simulated import BenchSettings
 from app.screens.interface import Interface
-from app.screens.leg_review import LegReviewScreen
 from app.screens.measure import IDLE_S, MeasureScreen
 from app.screens.result import ResultScreen
+from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
 from benchmarks.picture_delays import TICK_S, Blocked, Delays, Terminal, listening
 from drivers.profile import Asked, Spindle

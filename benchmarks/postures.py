@@ -22,8 +22,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from calib.arrays import FloatArray
 from calib.design.exchange import Candidates, choose
-from calib.observations import FloatArray
 
 POOL, COUNT, PARAMETERS = 1000, 12, 6
 POOLS = 7

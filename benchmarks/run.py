@@ -25,10 +25,9 @@ from benchmarks.interface import interface
 from benchmarks.page import Table, tables_of, with_tables, with_versions
 from benchmarks.pictures import write_pictures
 from benchmarks.postures import postures
+from calib.arrays import FloatArray
 from calib.identify.identify import identify
-from calib.observations import FloatArray
-from calib.tripod.geometry import Geometry
-from calib.tripod.kinematics import direct, inverse
+from calib.tripod.geometry import Geometry, direct, inverse
 from calib.tripod.pipeline import Model
 from drivers.line import IndicatorLine
 from drivers.port import open_port

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.observations import FloatArray
+from calib.arrays import FloatArray
 
 Evaluate = Callable[[FloatArray, NDArray[np.intp]], tuple[FloatArray, FloatArray]]
 """Values ``(k, b)`` and the numbers ``(b,)`` of their problems → residuals, ``(n, b)``, measured

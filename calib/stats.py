@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy.special import chdtrc, fdtrc, ndtri, stdtr, stdtrit
 
-from calib.observations import FloatArray
+from calib.arrays import FloatArray
 
 COVERAGE = 0.95
 

@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from calib.errors import IndicatorError
+from drivers.exchange import Exchange
 from drivers.line import IndicatorLine
-from drivers.profile import Asked, Fault, FaultKind, Outcome, Profile, Reading, Unit, Verified
+from drivers.port import carries_settings
+from drivers.profile import (
+    Asked,
+    Fault,
+    FaultKind,
+    Outcome,
+    Profile,
+    Reading,
+    Unit,
+    Verified,
+    not_understood,
+)
 
 USB_DEVICES = Path("/sys/bus/usb/devices")
 KEYBOARD_TOOLS = {("0fe7", "4001"): "Mitutoyo USB input tool"}
 ATTEMPTS = 3
 LONGEST_MM = 100.0
+LISTEN_S = 3.0
+"""An Arduino starts anew when its port is opened, which takes it 2 s."""
 
 NEXT_STEPS = {
     FaultKind.NO_ANSWER: "Switch the indicator on, check cable, battery and profile.",
@@ -53,14 +67,187 @@ def examine(
     try:
         line.start()
     except IndicatorError as problem:
-        found = f"port {port}: {problem.found or problem.reason}"
-        return [*findings, Finding(False, found, problem.next_step or str(problem.allowed))]
+        return [*findings, refused(port, problem)]
     findings.append(Finding(True, f"port {port} opens"))
     try:
         outcomes = [line.ask().result() for _ in range(ATTEMPTS)]
     finally:
         line.close()
     return findings + list(_of_outcomes(profile, asked, outcomes, others))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A profile that was asked in its own way and answered, twice alike.
+
+    ``outcome`` is a reading, or a value in another unit or of another channel than asked for.
+    """
+
+    profile: Profile
+    outcome: Outcome
+
+
+@dataclass(frozen=True)
+class Trials:
+    """What came of trying profiles: those that fit, and what was heard instead of a value."""
+
+    fits: tuple[Fit, ...]
+    heard: tuple[tuple[Profile, Fault], ...]
+    count: int
+
+
+Group = tuple[Profile, ...]
+"""Profiles that are asked alike, over the same settings of the line."""
+
+VALUE_KINDS = (FaultKind.WRONG_UNIT, FaultKind.WRONG_CHANNEL)
+"""Faults whose line is a whole value of the profile all the same."""
+
+
+def try_profiles(
+    profiles: Iterable[Profile],
+    port: str,
+    asked: Asked,
+    *,
+    progress: Callable[[int, int, Group], object] = lambda *_: None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Trials:
+    """Ask one port as each profile does. Raises IndicatorError where it cannot be opened.
+
+    This writes to the port. After a value only profiles that could have sent it are tried, so that
+    all that cannot be told apart are found and a device that was found hears little more.
+    """
+    waiting = _groups(profiles, port, asked)
+    count, done = len(waiting), 0
+    fits: list[Fit] = []
+    heard: list[tuple[Profile, Fault]] = []
+    while waiting and not stopped():
+        group, done = waiting.pop(0), done + 1
+        progress(done, count, group)
+        outcome = _tried(group, port, asked, stopped)
+        found = [Fit(profile, said) for profile, said in _read(group, outcome.text, asked)]
+        if found and _is_value(outcome):
+            fits += found
+            left = ([p for p, _ in _read(one, outcome.text, asked)] for one in waiting)
+            waiting = [tuple(one) for one in left if one]
+            count = done + len(waiting)
+        elif isinstance(outcome, Fault) and outcome.kind is not FaultKind.NO_ANSWER:
+            heard.append((group[0], outcome))
+    return Trials(tuple(fits), tuple(heard), done)
+
+
+def _groups(profiles: Iterable[Profile], port: str, asked: Asked) -> list[Group]:
+    """In the order of trying: first who only listens, then who asks for most profiles, quickly.
+
+    A request without a line end comes last: what stays of it in a device spoils the next one.
+    """
+    alike: dict[tuple[object, ...], list[Profile]] = {}
+    for profile in profiles:
+        request = profile.request(asked) if profile.request else None
+        settings = profile.line if carries_settings(port) else None
+        alike.setdefault((request, settings), []).append(profile)
+
+    def order(group: Group) -> tuple[float, ...]:
+        request = group[0].request(asked) if group[0].request else b"\r"
+        ended = request.endswith((b"\r", b"\n"))
+        return (group[0].request is not None, not ended, -len(group), group[0].timeout_s)
+
+    return sorted(map(tuple, alike.values()), key=order)
+
+
+def _tried(group: Group, port: str, asked: Asked, stopped: Callable[[], bool]) -> Outcome:
+    """What a group's question brings, asked again where it was no value.
+
+    The first question may end what others left in the device, and be lost with it. A value must
+    come twice alike: noise that looks like one does not.
+    """
+    listens = group[0].request is None
+    patience_s = max(profile.timeout_s for profile in group)
+    if listens and carries_settings(port):
+        patience_s = LISTEN_S
+
+    def parse(text: str, wanted: Asked) -> Outcome | None:
+        return min((one.parse(text, wanted) for one in group), key=_rank)
+
+    together = replace(group[0], timeout_s=patience_s, parse=parse)
+    before = FaultKind.NO_ANSWER if listens else None
+    for _ in range(ATTEMPTS):
+        exchange = Exchange(together, port, asked, together.interval_s, stopped=stopped)
+        exchange.open()
+        try:
+            outcome = exchange.taken()
+        finally:
+            exchange.hang_up()
+        if isinstance(outcome, Reading) or outcome.kind is before:
+            return outcome
+        before = outcome.kind
+    return not_understood(outcome.text)  # never the same twice
+
+
+def _rank(outcome: Outcome | None) -> int:
+    if isinstance(outcome, Reading):
+        return 0
+    if outcome is None:  # an echo or an identification
+        return 2
+    ranks = {FaultKind.NOT_UNDERSTOOD: 4, **dict.fromkeys(VALUE_KINDS, 1)}
+    return ranks.get(outcome.kind, 3)
+
+
+def _is_value(outcome: Outcome | None) -> bool:
+    return isinstance(outcome, Reading) or (outcome is not None and outcome.kind in VALUE_KINDS)
+
+
+def _read(group: Sequence[Profile], text: str, asked: Asked) -> list[tuple[Profile, Outcome]]:
+    """The profiles of a group that read a value in a line."""
+    said = ((profile, profile.parse(text, asked)) for profile in group)
+    return [(profile, outcome) for profile, outcome in said if outcome and _is_value(outcome)]
+
+
+def refused(port: str, problem: IndicatorError) -> Finding:
+    """A port that does not open."""
+    found = f"port {port}: {problem.found or problem.reason}"
+    return Finding(False, found, problem.next_step or str(problem.allowed))
+
+
+def examine_by_trial(
+    port: str,
+    asked: Asked,
+    profiles: Iterable[Profile],
+    progress: Callable[[int, int, Group], object],
+) -> list[Finding]:
+    """Which profiles fit the indicator on a port, found by `try_profiles`."""
+    try:
+        trials = try_profiles(profiles, port, asked, progress=progress)
+    except IndicatorError as problem:
+        return [*keyboard_tools(), refused(port, problem)]
+    return [*keyboard_tools(), Finding(True, f"port {port} opens"), *findings_of(trials)]
+
+
+def findings_of(trials: Trials) -> list[Finding]:
+    """The profiles that fit, or why none does."""
+    findings = [] if trials.fits else list(_of_silence(trials.heard))
+    readings = [fit.outcome for fit in trials.fits if isinstance(fit.outcome, Reading)]
+    if readings:
+        findings += _of_reading(readings[0])
+    for profile, outcome in ((fit.profile, fit.outcome) for fit in trials.fits):
+        fits = f"{profile.name} fits: {profile.title} ({profile.verified})"
+        if isinstance(outcome, Fault):
+            next_step = NEXT_STEPS[outcome.kind]
+            findings.append(Finding(False, f"{fits}, but {outcome.words}", next_step))
+        else:
+            findings.append(Finding(True, fits))
+    if len(trials.fits) > 1:
+        words = "these answer alike, only their names tell them apart: take that of your indicator"
+        findings.append(Finding(True, words))
+    return findings
+
+
+def _of_silence(heard: Sequence[tuple[Profile, Fault]]) -> Iterable[Finding]:
+    for profile, fault in heard:
+        said = f"asked as {profile.name}: {fault.kind}, {fault.text!r:.60}"
+        yield Finding(False, said, fault.words)
+    found = "none of its answers is a value" if heard else "nothing came"
+    next_step = "Check power, cable and plug. What is set at the device itself (speed, pattern)"
+    yield Finding(False, f"no profile fits: {found}", f"{next_step} needs --profile.")
 
 
 def _trust(profile: Profile) -> Finding:

@@ -69,9 +69,14 @@ def check_port(port: str) -> None:
 
 def _as_the_port_allows(line: LineSettings, port: str) -> LineSettings:
     """Pseudo-terminals carry eight bits without parity and refuse anything else later on."""
-    if port.startswith(PSEUDO_TERMINALS):
+    if not carries_settings(port) and "://" not in port:
         return LineSettings(line.baud, dtr=line.dtr, rts=line.rts, dtr_pulse_s=line.dtr_pulse_s)
     return line
+
+
+def carries_settings(port: str) -> bool:
+    """Whether speed and parity mean anything there."""
+    return not port.startswith((*PSEUDO_TERMINALS, "socket:"))
 
 
 def ask_by_pulse(port: serial.Serial, line: LineSettings, wait: Callable[[float], object]) -> None:
@@ -107,7 +112,7 @@ def cannot_open(port: str, problem: Exception) -> IndicatorError:
         "PermissionError": ("no permission or in use", "Close other programs that use the port"),
         "exclusively lock": ("in use by another program", "Close the other program"),
         "busy": ("in use by another program", "Close the other program"),
-        "refused": ("nobody listens there", "Start the device or the simulator first"),
+        "refused": ("no device answers at this address", "Start the device or the simulator first"),
     }
     found = (why for sign, why in reasons.items() if sign in said)
     reason, next_step = next(found, (said, "glidecal ports lists what is there"))

@@ -15,6 +15,9 @@ from drivers.twins import twin_of
 FAST_STREAM_S = 0.01
 """Pace of streaming devices in compressed time."""
 
+PUSH_MM, PUSH_S = 1.0, 0.8
+"""How far a hand pushes a spindle in, and how long."""
+
 
 class SimulatedRig:
     """Indicators whose spindles glide to wherever the machine is sent.
@@ -38,6 +41,7 @@ class SimulatedRig:
         self._start_mm = [0.0] * len(profiles)
         self._goal_mm = [0.0] * len(profiles)
         self._departed = -math.inf
+        self._pushed = [-math.inf] * len(profiles)
         self._ports = [
             TwinPort(
                 twin_of(profile, Spindle(self._spindle(k), resolution_mm)),
@@ -59,6 +63,11 @@ class SimulatedRig:
             self._start_mm, self._goal_mm = now, list(goal_mm)
             self._departed = time.monotonic()
 
+    def push(self, index: int) -> None:
+        """Push one spindle in and let it go, as a hand does; it reads larger meanwhile."""
+        with self._lock:
+            self._pushed[index] = time.monotonic()
+
     def close(self) -> None:
         """Unplug every indicator."""
         for port in self._ports:
@@ -73,7 +82,8 @@ class SimulatedRig:
     def _spindle(self, index: int) -> Callable[[], float]:
         def position_mm() -> float:
             with self._lock:
-                return self._position(index)
+                pushed = time.monotonic() - self._pushed[index] < PUSH_S
+                return self._position(index) + PUSH_MM * pushed
 
         return position_mm
 

@@ -62,7 +62,7 @@ class Trouble(StrEnum):
 WORDS = {
     Trouble.SILENCE: "no answer at all: switched off, or the cable is out",
     Trouble.SPLIT: "half an answer, without its end",
-    Trouble.NOISE: "stray bytes before each answer",
+    Trouble.NOISE: "wrong bytes before each answer",
     Trouble.ECHO: "each request comes back before its answer",
     Trouble.DROP_OUTS: "every third answer is missing",
     Trouble.SLOW: "each answer comes 0.4 s late",

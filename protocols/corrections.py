@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from calib.arrays import LEG_NAMES, TOUCHED_NAMES, FloatArray, Observations
 from calib.diagnosis.results import CleanedReadings
-from calib.observations import LEG_NAMES, TOUCHED_NAMES, FloatArray, Observations
-from protocols.events import Reading
 from protocols.observations import to_observations
-from protocols.session import Session
+from protocols.session import Reading, Session
 
 SAME_MM = 1e-9
 AS_READ = "as_read"

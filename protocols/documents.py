@@ -6,6 +6,7 @@ import json
 import re
 import tomllib
 from collections.abc import Iterator, Sequence
+from datetime import date
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -17,6 +18,12 @@ from protocols.files import open_to_read, reason_of
 
 Name = Annotated[str, AfterValidator(printable)]
 """One line: line breaks and other hidden characters are shown, nothing is obeyed."""
+
+MOST_LETTERS = 200
+Words = Annotated[str, Field(max_length=MOST_LETTERS), AfterValidator(printable)]
+"""A line that a person types into a form."""
+
+Day = Annotated[date, Field(ge=date(1950, 1, 1), le=date(2100, 1, 1))]
 
 LengthMm = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
 Triple = tuple[LengthMm, LengthMm, LengthMm]
@@ -105,7 +112,7 @@ def read_bytes(path: Path, what: str, most_bytes: int = MOST_BYTES) -> bytes:
 
 def unreadable(thing: str, problem: OSError) -> RecordError:
     """The error for a file that the system does not give."""
-    next_step = "Name a file that is there and that you may read"
+    next_step = "Name a file that exists and that you may read"
     return RecordError(thing, next_step=next_step, reason=reason_of(problem))
 
 

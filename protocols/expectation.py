@@ -9,11 +9,11 @@ from enum import StrEnum
 
 import numpy as np
 
-from calib.observations import conditions
+from calib.arrays import conditions
 from calib.tripod.prediction import DRIFT_MM_S, predict
-from protocols.events import Reading
+from protocols.documents import ZERO
 from protocols.procedure import Step, leg_number
-from protocols.session import Session
+from protocols.session import Reading, Session
 
 MOST = 200
 """So many of the latest readings tell what to expect: the last four legs of the longest procedure
@@ -85,6 +85,8 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[Expected, ...
         [r.displacement_mm for r in known] + [step.displacement_mm] * len(mounts),
         station=[r.station for r in known] + [step.station] * len(mounts),
         mount=[number[name] for name in (*(r.mount for r in known), *mounts)],
+        position_mm=[r.position_mm or ZERO for r in known]
+        + [step.position_mm or ZERO] * len(mounts),
     )
     times_s = [r.time_s or 0.0 for r in known] + [time_s] * len(mounts)
     limit_mm = procedure.repeat_limit_mm
@@ -123,7 +125,7 @@ def movement(
     """
     if not due:
         return Movement.UNKNOWN
-    if due[0].before.displacement_mm == step.displacement_mm:
+    if due[0].before.posture_mm == step.posture_mm:
         return Movement.SEEN
     drift_mm = DRIFT_MM_S * max(0.0, time_s - (due[0].before.time_s or 0.0))
     bands = [rest_mm + drift_mm for rest_mm in rests_mm]

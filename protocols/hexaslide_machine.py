@@ -18,8 +18,8 @@ from calib.hexaslide.geometry import (
     ConstraintLink,
     Geometry,
     HexaSlide,
+    inverse,
 )
-from calib.hexaslide.kinematics import inverse
 from protocols.documents import Document, Name, read_toml
 
 Coordinate = Annotated[float, Field(ge=-1000.0, le=1000.0)]

@@ -17,11 +17,11 @@ from typing import Annotated, Literal, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from calib.arrays import FloatArray
 from calib.errors import CalibrationError, RecordError
 from calib.hexaslide.geometry import ConstraintLink, Geometry, Numbers
 from calib.hexaslide.procedures import Kind, Procedure
 from calib.hexaslide.residuals import Readings, measured_names
-from calib.observations import FloatArray
 from protocols.documents import Document, Name, describe, read_text
 from protocols.hexaslide_machine import Chain, HexaSlideMachine, LinkEnds, Point
 

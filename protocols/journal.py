@@ -15,8 +15,8 @@ from pydantic_core import PydanticSerializationError
 from calib.errors import RecordError
 from protocols import files
 from protocols.documents import unreadable
-from protocols.events import EVENT, FIRST_DIGEST, Closed, Continued, Event, Line, Opened
 from protocols.record import check_record, check_size, count_readings, digest_of
+from protocols.session import EVENT, FIRST_DIGEST, Closed, Continued, Event, Line, Opened
 
 TAIL_BYTES = 4096
 """So much of the end of the file is looked at before it grows."""

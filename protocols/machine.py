@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from datetime import date
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
@@ -11,17 +10,19 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from calib.arrays import FloatArray
 from calib.errors import CalibrationError, RecordError, UsageError
-from calib.observations import FloatArray
 from calib.tripod.geometry import USABLE_BAR, Geometry
 from protocols.documents import (
     ZERO,
+    Day,
     Document,
     FigureMm,
     LengthMm,
     Name,
     Tolerance,
     Triple,
+    Words,
     read_text,
     read_toml,
 )
@@ -69,7 +70,8 @@ class Instrument(Document):
 
     ``axes`` are the directions it may measure along, preferred ones first. ``channel`` belongs to
     interfaces with several inputs, ``pattern`` and ``request`` to the profile ``ascii-line``;
-    ``travel_mm`` is how far the spindle goes, None where nobody said it.
+    ``travel_mm`` is how far the spindle goes, None where nobody said it. ``pushed_in`` tells what a
+    reading becomes when its spindle is pushed in, None where nobody said or tried it.
     ``serial_number``, ``certificate`` and its date say which one it is and who calibrated it.
     """
 
@@ -80,12 +82,13 @@ class Instrument(Document):
     channel: Annotated[int, Field(ge=1, le=99)] = 1
     resolution_mm: FigureMm | None = None
     travel_mm: FigureMm | None = None
+    pushed_in: Literal["larger", "smaller"] | None = None
     repeatability_mm: FigureMm | None = None
     pattern: str | None = None
     request: str | None = None
-    serial_number: Name | None = None
-    certificate: Name | None = None
-    certificate_date: date | None = None
+    serial_number: Words | None = None
+    certificate: Words | None = None
+    certificate_date: Day | None = None
 
 
 class Drive(Document):
@@ -121,8 +124,9 @@ class Machine(Document):
     ``glidecal verify``.
 
     ``home_offset_mm`` are the controller's present HOME_OFFSET values, of the joints that move x, y
-    and z, needed to write new ones; ``joints`` names the drive that joint 0, 1 and 2 moves, ``-x``
-    where the joint counts against it;
+    and z, needed to write new ones; ``position_endstop_mm``, in its place, heights of the tool over
+    Zero at which their switches trip, as firmware of printers has them; ``joints`` names the drive
+    that joint 0, 1 and 2 moves, ``-x`` where the joint counts against it;
     ``entered_offsets_mm`` are joint offsets already entered when the session is measured;
     ``offset_tolerance_mm`` and ``length_tolerance_mm`` are standard deviations of how far joint
     offsets and leg lengths of such machines are off, before anything is measured;
@@ -143,6 +147,7 @@ class Machine(Document):
     tool_radius_mm: Length = 31.0
     usable_bar: Part = USABLE_BAR
     home_offset_mm: Triple | None = None
+    position_endstop_mm: Triple | None = None
     joints: Annotated[tuple[Joint, Joint, Joint], AfterValidator(_each_once)] | None = None
     entered_offsets_mm: Triple = ZERO
     offset_tolerance_mm: Tolerance = 2.0
@@ -165,7 +170,20 @@ class Machine(Document):
             self.geometry()
         except CalibrationError as problem:
             raise ValueError(str(problem)) from problem
+        if self.home_offset_mm and self.position_endstop_mm:
+            raise ValueError("home_offset_mm and position_endstop_mm: the same switches; state one")
         return self
+
+    def home_at_mm(self) -> Triple | None:
+        """Joint coordinates of the home switches of drives x, y, z as the file states them."""
+        return self.home_offset_mm or self.tripped_at_mm(self.position_endstop_mm)
+
+    def tripped_at_mm(self, endstop_mm: Triple | None) -> Triple | None:
+        """Joint coordinates where the tool over the middle is at these heights, mm."""
+        if endstop_mm is None:
+            return None
+        x, y, z = (np.array(endstop_mm) + self.geometry().zero_mm).tolist()
+        return x, y, z
 
     def tolerances_mm(self) -> FloatArray:
         """Tolerance of each base parameter ``(6,)``, in their order."""

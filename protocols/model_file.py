@@ -10,12 +10,13 @@ from typing import Annotated, Literal
 
 from pydantic import AwareDatetime, Field, ValidationError
 
+from calib.arrays import TOOL, conditions
 from calib.errors import RecordError, UsageError
 from calib.identify.fit import Size
-from calib.identify.solution import Solution
-from calib.observations import TOOL, conditions
+from calib.identify.identify import Solution
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.catalogue import effects_of
+from calib.tripod.effects.actuators import cyclic_of
+from calib.tripod.effects.catalogue import BESIDE_CATALOGUE, effects_of
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.empirical import BASES, EMPIRICAL, empirical_effect
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
@@ -146,7 +147,7 @@ def _effect_of(
     """The variant of the effect that has these parameters."""
     if entry.id == EMPIRICAL:
         return _unnamed_effect(entry, thing)
-    known = (*effects_of(effects, geometry), *effects)
+    known = (*effects_of((*effects, *BESIDE_CATALOGUE), geometry), *effects)
     variants = [effect for effect in known if effect.id == entry.id]
     if not variants:
         raise RecordError(
@@ -157,6 +158,9 @@ def _effect_of(
         )
     named = {parameter.of or name for name, parameter in entry.parameters.items()}
     fitting = [effect for effect in variants if named == {p.name for p in effect.parameters}]
+    searched = cyclic_of(named)
+    if not fitting and searched and searched.id == entry.id:
+        return searched
     if not fitting:
         allowed = [" and ".join(p.name for p in effect.parameters) for effect in variants]
         raise RecordError(

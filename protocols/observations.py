@@ -7,12 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from calib.arrays import FloatArray, Observations
 from calib.errors import NotIdentifiable, RecordError, UsageError
-from calib.observations import FloatArray, Observations
 from calib.tripod.movements import carriage_movement
-from protocols.events import Reading
 from protocols.procedure import leg_number
-from protocols.session import Session
+from protocols.session import Reading, Session
 
 
 def to_observations(sessions: Sequence[Session]) -> Observations:
@@ -56,9 +55,18 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
         indicator=np.array([used[name] for name in indicators], dtype=np.intp),
         position_mm=np.array([r.position_mm or (0.0, 0.0, 0.0) for r in readings]),
         movement=np.concatenate(movement),
+        along_mm=np.array([_along_mm(r, sessions[0]) for r in readings]),
         value_mm=np.array([r.value_mm for r in readings]),
         averaged=np.array([float(r.averaged) for r in readings]),
     )
+
+
+def _along_mm(reading: Reading, session: Session) -> float:
+    """Where a leg is touched over a plane, from the tool at Zero; NaN elsewhere."""
+    if not reading.over_plane:
+        return np.nan
+    covered = session.opened.machine.geometry().covered_mm[leg_number(reading.leg)]
+    return float(reading.displacement_mm + reading.station * covered)
 
 
 def _times_s(session: Session) -> list[float]:

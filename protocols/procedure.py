@@ -8,17 +8,16 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
-from itertools import pairwise, product
+from itertools import chain, pairwise, product
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Protocol, TypeVar
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
+from calib.arrays import LEG_NAMES, TOOL
 from calib.errors import RecordError, UnreachablePosture, UsageError
-from calib.observations import LEG_NAMES, TOOL
-from calib.tripod.geometry import Geometry
-from calib.tripod.kinematics import inverse
+from calib.tripod.geometry import Geometry, inverse
 from protocols.documents import (
     ZERO,
     Document,
@@ -44,6 +43,34 @@ MOST_STEPS = 20_000
 ALL_AXES: tuple[Leg, ...] = ("x", "y", "z")
 BOTH = ("xyz", "xyz")
 """Two indicators that may measure along any axis."""
+
+
+SLIDING = -1.0
+"""Station of a mounting that has several, on a reference plane."""
+
+
+class Plane(Document):
+    """Readings of legs over a reference plane on which the stand slides (papers/000, fig. 4a).
+
+    In each posture of ``levels`` every leg across an axis of ``axes`` is read along that axis at
+    all ``stations``, which are fractions of the bar in that posture.
+    """
+
+    axes: Annotated[tuple[Leg, ...], Field(min_length=1)] = ("z",)
+    stations: Annotated[
+        tuple[Annotated[float, Field(gt=0.0, lt=1.0)], ...], Field(min_length=2)
+    ] = (0.1, 0.9)
+    levels: Annotated[tuple[Level, ...], Field(min_length=1)] = ("zero", "max", "min")
+
+    @model_validator(mode="after")
+    def _differ(self) -> Plane:
+        if len({0.0 if level == "zero" else level for level in self.levels}) < 2:
+            raise ValueError(
+                "levels: one posture only; two at least: in one the plane's tilt looks like a leg's"
+            )
+        if len(set(self.stations)) < len(self.stations) or len(set(self.axes)) < len(self.axes):
+            raise ValueError("axes and stations: one of them twice; each may be named once")
+        return self
 
 
 class Plate(Document):
@@ -94,6 +121,17 @@ class Plate(Document):
         return x, y, z
 
 
+class WithAxes(Protocol):
+    """An indicator, as far as a procedure knows it."""
+
+    @property
+    def axes(self) -> str:
+        """The directions it may measure along."""
+
+
+OneWithAxes = TypeVar("OneWithAxes", bound=WithAxes)
+
+
 class Procedure(Document):
     """What is measured, in which order. Levels and stations are visited in the order given.
 
@@ -114,6 +152,7 @@ class Procedure(Document):
     cycles: Annotated[int, Field(ge=1, le=100)]
     levels: tuple[Level, ...] = ()
     plate: Plate | None = None
+    plane: Plane | None = None
     return_to_zero: bool = True
     seconds_per_step: Annotated[float, Field(gt=0.0, le=3600.0)] = 20.0
     order: Literal["fixed", "free"] = "fixed"
@@ -127,11 +166,18 @@ class Procedure(Document):
         levels = [0.0 if level == "zero" else level for level in self.levels]
         if self.plate is not None and levels:
             raise ValueError("levels and plate: legs are read at levels, the tool at a plate; one")
-        if self.plate is None and len(set(levels)) < 2:
+        if self.plate is not None and self.plane is not None:
+            raise ValueError("plane and plate: the tool is read at a plate, legs over a plane; one")
+        from_zero = bool(levels) or self.plane is None
+        if self.plate is None and from_zero and len(set(levels)) < 2:
             raise ValueError("levels: one posture only; at least two different ones are needed")
         steps = len(self.legs) * len(self.stations) * self.cycles * len(self.levels)
         if self.plate is not None:
             steps = self.cycles * len(self.plate.places_mm())
+        if self.plane is not None:
+            over = self.plane
+            each = len(self.legs) * len(over.axes) * len(over.stations) * len(over.levels)
+            steps += self.cycles * each
         if steps > MOST_STEPS:
             raise ValueError(f"{steps} steps; up to {MOST_STEPS} can be measured")
         if len(set(self.legs)) < len(self.legs) or len(set(self.stations)) < len(self.stations):
@@ -159,7 +205,19 @@ class Procedure(Document):
             )
         self.check_limits(geometry)
         visits = self._of_tool(self.plate) if self.plate else self._of_legs(geometry, axes)
+        if self.plane is not None:
+            from_zero = visits if self.levels else ()
+            visits = chain(from_zero, self._over_plane(self.plane, geometry))
         return tuple(Step(number, *visit) for number, visit in enumerate(visits, start=1))
+
+    def indicators_at_plate(self, instruments: Sequence[OneWithAxes]) -> tuple[OneWithAxes, ...]:
+        """The one of these that reads the tool. Raises UsageError where none may."""
+        axis = self.plate.axis if self.plate else ""
+        fitting = tuple(one for one in instruments if axis in one.axes)[:1]
+        if not fitting:
+            shown = " and ".join(f"@{one.axes}" for one in instruments) or "none"
+            raise UsageError(f"indicator of {self.name}", shown, f"one along {axis}, at the tool")
+        return fitting
 
     def _of_tool(self, plate: Plate) -> Iterator[Visit]:
         for cycle in range(1, self.cycles + 1):
@@ -169,28 +227,41 @@ class Procedure(Document):
             if self.return_to_zero and places[0] != ZERO:
                 places.insert(0, ZERO)
             for place in places:
-                yield "tool", 0.0, cycle, 0.0, (plate.axis,), place
+                yield "tool", 0.0, cycle, 0.0, (plate.axis,), place, False
         if self.return_to_zero:
-            yield "tool", 0.0, self.cycles, 0.0, (plate.axis,), ZERO
+            yield "tool", 0.0, self.cycles, 0.0, (plate.axis,), ZERO, False
 
     def _of_legs(self, geometry: Geometry, axes: Sequence[str]) -> Iterator[Visit]:
         for station in self.stations:
             for leg in self.legs:
                 for together in axes_on_leg(leg, axes):
                     for cycle in range(1, self.cycles + 1):
-                        for displacement in self._cycle(geometry, leg, station, cycle):
-                            yield leg, displacement, cycle, station, together, None
+                        seed = f"{leg}/{station}/{cycle}"
+                        for displacement in self._cycle(geometry, self.levels, seed):
+                            yield leg, displacement, cycle, station, together, None, False
                     if self.return_to_zero:
-                        yield leg, 0.0, self.cycles, station, together, None
+                        yield leg, 0.0, self.cycles, station, together, None, False
 
-    def _cycle(self, geometry: Geometry, leg: Leg, station: float, cycle: int) -> list[float]:
+    def _over_plane(self, plane: Plane, geometry: Geometry) -> Iterator[Visit]:
+        for axis, leg in product(plane.axes, self.legs):
+            if leg == axis:
+                continue
+            for cycle in range(1, self.cycles + 1):
+                for at in self._cycle(geometry, plane.levels, f"{leg}/over {axis}/{cycle}"):
+                    for station in plane.stations:
+                        yield leg, at, cycle, station, (axis,), None, True
+            if self.return_to_zero:
+                for station in plane.stations:
+                    yield leg, 0.0, self.cycles, station, (axis,), None, True
+
+    def _cycle(self, geometry: Geometry, told: Sequence[Level], seed: str) -> list[float]:
         """Displacements of one cycle: Zero first where it is checked, shuffled where asked for."""
-        levels = [_displacement(level, geometry) for level in self.levels]
+        levels = [_displacement(level, geometry) for level in told]
         if self.random_seed is not None:
             zeros = [level for level in levels if level == 0.0]
             others = [level for level in levels if level != 0.0]
             # seeded by text: the same order in every version of Python, for both axes of a leg
-            random.Random(f"{self.random_seed}/{leg}/{station}/{cycle}").shuffle(others)
+            random.Random(f"{self.random_seed}/{seed}").shuffle(others)
             levels = zeros + others
         if self.return_to_zero and levels[0] != 0.0:
             levels.insert(0, 0.0)
@@ -210,11 +281,17 @@ class Procedure(Document):
             wrong = [(("plate",), position_words(place)) for place in outside]
         else:
             what = "level"
-            displacements = enumerate(_displacement(level, geometry) for level in self.levels)
+            keys: list[tuple[tuple[str | int, ...], Level]] = [
+                *((("levels", k), level) for k, level in enumerate(self.levels)),
+                *(
+                    (("plane", "levels", k), level)
+                    for k, level in enumerate(self.plane.levels if self.plane else ())
+                ),
+            ]
             wrong = [
-                (("levels", k), f"{displacement:g} mm")
-                for k, displacement in displacements
-                if not low <= displacement <= high
+                (key, f"{_displacement(level, geometry):g} mm")
+                for key, level in keys
+                if not low <= _displacement(level, geometry) <= high
             ]
         if not wrong:
             return
@@ -235,10 +312,16 @@ class Procedure(Document):
             return
         levels = [0.0, *(_displacement(level, geometry) for level in self.levels)]
         visits = list(product(self.stations, self.legs, levels))
-        for number, words in off_bar([(leg, at, mm) for at, leg, mm in visits], geometry)[:1]:
+        touched = [(leg, at, mm) for at, leg, mm in visits] if self.levels else []
+        count = len(touched)
+        if self.plane is not None:  # set anew in each posture, so as at Zero
+            touched += [(leg, at, 0.0) for at, leg in product(self.plane.stations, self.legs)]
+        for number, words in off_bar(touched, geometry)[:1]:
             where = f"procedure {self.name}"
             if path is not None:
-                key = ("stations", number // (len(self.legs) * len(levels)))
+                key: tuple[str | int, ...] = ("stations", number // (len(self.legs) * len(levels)))
+                if number >= count:
+                    key = ("plane", "stations", (number - count) // len(self.legs))
                 line = line_of(read_text(path, WHAT), key)
                 where = f"procedure file {path}" + (f", line {line}" if line else "")
             raise RecordError(
@@ -252,7 +335,8 @@ class Procedure(Document):
         """How many steps repeat a posture without leaving it; they show the indicator only."""
         steps = self.steps(geometry)
         return sum(
-            before.place == after.place and before.posture_mm == after.posture_mm
+            (before.place, before.station, before.posture_mm)
+            == (after.place, after.station, after.posture_mm)
             for before, after in pairwise(steps)
         )
 
@@ -261,13 +345,16 @@ class Procedure(Document):
         return len(self.steps(geometry, axes)) * self.seconds_per_step
 
 
-Visit = tuple[Touched, float, int, float, tuple[Leg, ...], Triple | None]
+Visit = tuple[Touched, float, int, float, tuple[Leg, ...], Triple | None, bool]
 """A step but for its number."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """One posture in which one or two indicators are read on one leg, or one at the tool."""
+    """One posture in which one or two indicators are read on one leg, or one at the tool.
+
+    With ``over_plane`` the stand slides on a reference plane to the station, in this posture.
+    """
 
     number: int
     leg: Touched
@@ -276,6 +363,7 @@ class Step:
     station: float
     axes: tuple[Leg, ...]
     position_mm: Triple | None = None
+    over_plane: bool = False
 
     @property
     def posture_mm(self) -> tuple[float, Triple | None]:
@@ -283,15 +371,31 @@ class Step:
         return self.displacement_mm, self.position_mm
 
     @property
+    def touched(self) -> str:
+        """``leg X``, or ``tool``."""
+        return self.leg if self.leg == "tool" else f"leg {self.leg.upper()}"
+
+    @property
+    def at_zero(self) -> bool:
+        """Whether this is the Zero posture."""
+        return self.displacement_mm == 0.0 and self.position_mm in (None, ZERO)
+
+    @property
     def place(self) -> tuple[Touched, float, tuple[Leg, ...]]:
-        """Where the stand must be; a new place is a new mounting."""
-        return self.leg, self.station, self.axes
+        """Where the stand must be; a new place is a new mounting. On a plane it slides."""
+        return self.leg, SLIDING if self.over_plane else self.station, self.axes
 
     def posture(self, geometry: Geometry) -> str:
         """ZERO, MAX, MIN or the displacement in mm; of the tool its position."""
-        if self.position_mm is not None:
-            return "ZERO" if self.position_mm == ZERO else position_words(self.position_mm)
-        return posture_name(self.displacement_mm, geometry)
+        return posture_words(self.posture_mm, geometry)
+
+
+def posture_words(posture_mm: tuple[float, Triple | None], geometry: Geometry) -> str:
+    """ZERO, MAX, MIN or the displacement in mm; of the tool its position."""
+    displacement_mm, position_mm = posture_mm
+    if position_mm is not None:
+        return "ZERO" if position_mm == ZERO else position_words(position_mm)
+    return posture_name(displacement_mm, geometry)
 
 
 def axes_on_leg(leg: Leg, axes: Sequence[str]) -> list[tuple[Leg, ...]]:
@@ -325,6 +429,8 @@ def posture_name(displacement_mm: float, geometry: Geometry) -> str:
 
 def default_mount(leg: str, axis: str, station: float) -> str:
     """Name of a mounting: leg and axis, and the station where it is not the middle."""
+    if station == SLIDING:
+        return f"{leg}{axis}-plane"
     if leg == "tool":
         return f"tool-{axis}"
     return f"{leg}{axis}" if station == 0.5 else f"{leg}{axis}@{station:g}"
@@ -376,10 +482,12 @@ def procedure_names() -> tuple[str, ...]:
 
 
 def leg_procedure_names() -> tuple[str, ...]:
-    """Those of them that read legs: a guided session can measure them."""
+    """Those of them that read legs from Zero: a guided session can measure them."""
     folder = resources.files("protocols") / "procedures"
     texts = {name: (folder / f"{name}.toml").read_text("utf-8") for name in procedure_names()}
-    return tuple(name for name, text in texts.items() if "plate" not in tomllib.loads(text))
+    return tuple(
+        n for n, text in texts.items() if not {"plate", "plane"} & set(tomllib.loads(text))
+    )
 
 
 def load_procedure(name: str, geometry: Geometry) -> Procedure:

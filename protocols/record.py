@@ -19,7 +19,9 @@ from pydantic import ValidationError
 
 from calib.errors import RecordError
 from protocols.documents import describe, unreadable
-from protocols.events import (
+from protocols.files import open_to_read
+from protocols.procedure import Step
+from protocols.session import (
     EVENT,
     FIRST_DIGEST,
     SCHEMA,
@@ -30,8 +32,6 @@ from protocols.events import (
     Restored,
     Superseded,
 )
-from protocols.files import open_to_read
-from protocols.procedure import Step
 
 MOST_BYTES = 64_000_000
 """More than 80 000 readings."""
@@ -199,7 +199,7 @@ class _Meaning:
                 raise RecordError(thing, found, allowed)
             if event.reading != self._readings:
                 raise RecordError(thing, f"reading {event.reading}", f"reading {self._readings}")
-            place = (event.leg, event.axis, event.station)
+            place = event.set_up
             if self._places.setdefault(event.mount, place) != place:
                 raise RecordError(thing, f"mounting {event.mount} in a second place", "one place")
         elif isinstance(event, Superseded):

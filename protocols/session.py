@@ -1,24 +1,242 @@
-"""The events of a session folded into its state: what counts, what is done, what is next."""
+"""The typed events of a session, one line of the record each, and the state they fold into:
+what counts, what is done, what is next.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from itertools import pairwise
+from typing import Annotated, Literal
 
-from protocols.events import (
-    Continued,
-    Event,
-    Mounted,
-    Noted,
-    Opened,
-    Reading,
-    Restored,
-    Skipped,
-    Superseded,
+from pydantic import AfterValidator, AwareDatetime, Field, TypeAdapter, model_validator
+
+from calib.errors import GlidecalError
+from protocols.documents import (
+    Celsius,
+    Count,
+    Document,
+    FigureMm,
+    LengthMm,
+    Name,
+    Seconds,
+    Seed,
+    Triple,
 )
-from protocols.procedure import Step
+from protocols.machine import Instrument, Machine
+from protocols.procedure import SLIDING, Leg, Procedure, Step, Touched, position_words
+
+SCHEMA = "glidecal.session/1"
+FIRST_DIGEST = "0" * 64
+
+
+class Line(Document):
+    """What every line carries: its number, the digest of the line before it, the wall clock.
+
+    ``seal`` is the digest of this line with an empty seal: no later line vouches for the last one.
+    Lines of older programs have none, but for the closing one.
+    """
+
+    line: int = 0
+    previous: str = FIRST_DIGEST
+    at: AwareDatetime = Field(default_factory=lambda: datetime.now(UTC))
+    seal: str = ""
+
+
+def _beside(name: str) -> str:
+    if name in {"", ".", ".."} or any(mark in name for mark in "/\\\0"):
+        raise ValueError("the name of a session in the same folder, without a path")
+    return name
+
+
+FileName = Annotated[Name, AfterValidator(_beside)]
+
+
+class Opened(Line):
+    """First line: the schema and everything known before measuring.
+
+    ``seed`` is set for simulated machines only, so that an interrupted simulation can go on;
+    ``computer`` tells the computers apart on which ports were named;
+    ``verifies`` names the session whose offsets were entered before this one.
+    """
+
+    event: Literal["opened"] = "opened"
+    schema_id: Literal["glidecal.session/1"] = Field(alias="schema", default="glidecal.session/1")
+    program: Name
+    origin: Literal["measured", "simulated", "imported"]
+    machine: Machine
+    procedure: Procedure | None = None
+    instruments: Annotated[tuple[Instrument, ...], Field(max_length=2)] = ()
+    seed: Seed | None = None
+    operator: Name = ""
+    temperature_c: Celsius | None = None
+    verifies: FileName | None = None
+    computer: Name | None = None
+    remarks: tuple[Name, ...] = ()
+
+    @model_validator(mode="after")
+    def _measurable(self) -> Opened:
+        try:
+            self.steps()
+        except GlidecalError as problem:
+            raise ValueError(str(problem)) from problem
+        return self
+
+    def steps(self) -> tuple[Step, ...]:
+        """The steps of the procedure on these instruments; none for an imported table."""
+        if self.procedure is None or not self.instruments:
+            return ()
+        axes = tuple(instrument.axes for instrument in self.instruments)
+        return self.procedure.steps(self.machine.geometry(), axes)
+
+
+class Mounted(Line):
+    """The stand was set up: from here on these mountings have a new zero."""
+
+    event: Literal["mounted"] = "mounted"
+    leg: Touched
+    station: Annotated[float, Field(ge=0.0, le=1.0)]
+    mounts: dict[Leg, Name]
+
+
+class Reading(Line):
+    """One value of one indicator, with the text that the device or the table gave.
+
+    ``time_s`` counts from the beginning of the session by a clock that nobody sets.
+    A reading of the tool stands at ``position_mm`` from Zero, its displacement and station are 0;
+    where the tool came to it along the axis, ``lift_mm`` is from how far. With ``over_plane`` the
+    stand slid on a reference plane to the station, in this posture.
+    """
+
+    event: Literal["reading"] = "reading"
+    reading: Annotated[int, Field(ge=1)]
+    step: Count | None = None
+    leg: Touched
+    axis: Leg
+    displacement_mm: LengthMm
+    position_mm: Triple | None = None
+    lift_mm: Annotated[float, Field(ge=0.0, le=1000.0)] | None = None
+    value_mm: LengthMm
+    text: str
+    cycle: Count = 1
+    mount: Name
+    station: Annotated[float, Field(ge=0.0, le=1.0)] = 0.5
+    time_s: Seconds | None = None
+    temperature_c: Celsius | None = None
+    averaged: Count = 1
+    resolution_mm: FigureMm | None = None
+    unit_assumed: bool = False
+    over_plane: bool | None = None
+    extra: dict[Name, Name] = Field(default_factory=dict)
+
+    @property
+    def posture_mm(self) -> tuple[float, Triple | None]:
+        """What the controller was told."""
+        return self.displacement_mm, self.position_mm
+
+    @property
+    def set_up(self) -> tuple[str, str, float]:
+        """Where the stand is: leg, axis and station; on a plane it slides."""
+        return self.leg, self.axis, SLIDING if self.over_plane else self.station
+
+    @property
+    def place_words(self) -> str:
+        """``leg X at +60 mm``, or ``the tool at (0, 30, 0) mm``."""
+        if self.position_mm is not None:
+            return f"the tool at {position_words(self.position_mm)}"
+        return f"leg {self.leg.upper()} at {self.displacement_mm:+g} mm"
+
+    @model_validator(mode="after")
+    def _across_the_leg(self) -> Reading:
+        if self.axis == self.leg:
+            raise ValueError(f"axis {self.axis} lies along the leg")
+        if (self.leg == "tool") != (self.position_mm is not None):
+            raise ValueError("position_mm: a reading of the tool has one, one of a leg has none")
+        if self.over_plane and self.leg == "tool":
+            raise ValueError("over_plane: a leg is read over a plane, not the tool")
+        return self
+
+
+class Superseded(Line):
+    """Earlier readings that no longer count, and why. They stay in the record."""
+
+    event: Literal["superseded"] = "superseded"
+    readings: tuple[int, ...]
+    reason: Name
+
+
+class Skipped(Line):
+    """Steps that are left out, and why."""
+
+    event: Literal["skipped"] = "skipped"
+    steps: tuple[int, ...]
+    reason: Name
+
+
+class Restored(Line):
+    """Taken back: these readings count again, these steps are to be measured after all."""
+
+    event: Literal["restored"] = "restored"
+    readings: tuple[int, ...] = ()
+    steps: tuple[int, ...] = ()
+    reason: Name
+
+
+class Faulted(Line):
+    """An indicator gave a fault instead of a value."""
+
+    event: Literal["faulted"] = "faulted"
+    step: Count | None = None
+    axis: Leg
+    kind: Name
+    text: str
+
+
+class Noted(Line):
+    """A remark of the operator."""
+
+    event: Literal["noted"] = "noted"
+    text: Name
+
+
+class Continued(Line):
+    """The session goes on after an interruption; bytes of a torn last line were set aside.
+
+    ``paused_s`` is the time since the line before, known by the wall clock only: ``time_s`` of the
+    readings goes on by so much, or by nothing where the clock was set back.
+    """
+
+    event: Literal["continued"] = "continued"
+    program: Name
+    torn_bytes: int = 0
+    paused_s: float | None = None
+
+
+class Closed(Line):
+    """Last line: how many readings the session holds, superseded ones included."""
+
+    event: Literal["closed"] = "closed"
+    readings: int
+    complete: bool
+
+
+Event = Annotated[
+    Opened
+    | Mounted
+    | Reading
+    | Superseded
+    | Skipped
+    | Restored
+    | Faulted
+    | Noted
+    | Continued
+    | Closed,
+    Field(discriminator="event"),
+]
+EVENT: TypeAdapter[Event] = TypeAdapter(Event)
+
 
 DECIMALS = re.compile(r"\d*\.(\d+)$", re.ASCII)
 

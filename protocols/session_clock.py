@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from itertools import pairwise
 
-from protocols.events import Event, Reading
+from protocols.session import Event, Reading
 
 JUMP_S = 2.0
 """The wall clock follows a time server by less than this between two looks; more was set."""

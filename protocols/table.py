@@ -18,16 +18,20 @@ from calib.printable import printable
 from calib.tripod.geometry import Geometry
 from protocols import spreadsheet
 from protocols.documents import describe, read_text
-from protocols.events import Reading
-from protocols.procedure import Leg, Procedure, default_mount, may_stand, off_bar
+from protocols.procedure import SLIDING, Leg, Procedure, default_mount, may_stand, off_bar
+from protocols.session import Reading
 
 REQUIRED = ("leg", "axis", "displacement_mm", "value_mm")
-OPTIONAL = ("cycle", "time_s", "mount", "station", "temperature_c", "averaged", "seq")
+OPTIONAL = ("cycle", "time_s", "mount", "station", "temperature_c", "averaged", "seq", "plane")
 
 POSITION = ("x_mm", "y_mm", "z_mm")
 OF_TOOL = (*POSITION, "value_mm")
 """Columns of a table of readings of the tool, as against a plate."""
-OPTIONAL_OF_TOOL = ("axis", "lift_mm", *(name for name in OPTIONAL if name != "station"))
+OPTIONAL_OF_TOOL = (
+    "axis",
+    "lift_mm",
+    *(name for name in OPTIONAL if name not in ("station", "plane")),
+)
 
 NUMBERS = (
     *("displacement_mm", "value_mm", "time_s", "station", "temperature_c", "lift_mm"),
@@ -130,7 +134,8 @@ def within_limits(reading: Reading, geometry: Geometry) -> bool:
 
 def off_bar_words(readings: Sequence[Reading], geometry: Geometry) -> str:
     """How many readings touch a leg off the usable part of its bar; empty where none does."""
-    visits = [(r.leg, r.station, r.displacement_mm) for r in readings if r.leg != "tool"]
+    of_legs = [r for r in readings if r.leg != "tool"]
+    visits = [(r.leg, r.station, 0.0 if r.over_plane else r.displacement_mm) for r in of_legs]
     found = off_bar(visits, geometry)
     return f"readings off the bars: {len(found)}, the first at {found[0][1]}" if found else ""
 
@@ -258,13 +263,18 @@ def _leg_reading(row: Row, number: int, unknown: tuple[str, ...], geometry: Geom
     station = row.optional("station", row.number, 0.5)
     if not 0.0 <= station <= 1.0:
         raise row.fault("station", "a fraction of the leg, 0 … 1")
+    over_plane = row.optional("plane", lambda name: row.whole(name, 0), 0)
+    if over_plane > 1:
+        raise row.fault("plane", "1 where the stand slides on a reference plane, else 0")
     return Reading(
         reading=number,
         leg=leg,
         axis=axis,
         displacement_mm=displacement,
-        mount=row.fields.get("mount") or default_mount(leg, axis, station),
+        mount=row.fields.get("mount")
+        or default_mount(leg, axis, SLIDING if over_plane else station),
         station=station,
+        over_plane=True if over_plane else None,
         **_of_any(row, unknown),
     )
 
@@ -303,13 +313,12 @@ def _check_mounts(rows: list[Row], readings: tuple[Reading, ...]) -> None:
     """One mounting is one stand in one place: same leg, axis and station throughout."""
     places: dict[str, tuple[str, str, float]] = {}
     for row, reading in zip(rows, readings, strict=True):
-        here = (reading.leg, reading.axis, reading.station)
+        here = reading.set_up
         if places.setdefault(reading.mount, here) != here:
             leg, axis, station = places[reading.mount]
+            where = "over a plane" if station == SLIDING else f"station {station:g}"
             raise row.fault(
-                "mount",
-                f"a new name: {reading.mount!r} already is leg {leg}, axis {axis}, "
-                f"station {station:g}",
+                "mount", f"a new name: {reading.mount!r} already is leg {leg}, axis {axis}, {where}"
             )
 
 
@@ -322,9 +331,11 @@ def empty_table(procedure: Procedure, geometry: Geometry, path: Path) -> str | b
         for step in procedure.steps(geometry):
             rows.append((step.cycle, *(step.position_mm or ()), step.axes[0], lift_mm, ""))
     else:
-        rows = [("cycle", "leg", "axis", "station", "displacement_mm", "value_mm")]
+        over = ("plane",) if procedure.plane else ()
+        rows = [("cycle", "leg", "axis", "station", "displacement_mm", *over, "value_mm")]
         for step in procedure.steps(geometry):
-            place = (step.station, step.displacement_mm, "")
+            slides = (int(step.over_plane),) if over else ()
+            place = (step.station, step.displacement_mm, *slides, "")
             rows += [(step.cycle, step.leg, axis, *place) for axis in step.axes]
     if path.suffix.lower() == spreadsheet.SUFFIX:
         return spreadsheet.workbook(rows, f"table {path}")

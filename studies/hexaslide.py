@@ -16,11 +16,19 @@ import numpy as np
 
 from app.planning.hexaslide import Request, hexaslide_planning
 from app.report.text.hexaslide_screen import postures_table
+from calib.arrays import FloatArray
 from calib.errors import GlidecalError
-from calib.hexaslide.planning import BestPostures, best_postures, sensitivity
+from calib.hexaslide.planning import (
+    KINDS,
+    PUBLISHED_SETS,
+    BestPostures,
+    HexaSlideSeen,
+    best_postures,
+    conditions_by_units,
+    look_at,
+    sensitivity,
+)
 from calib.hexaslide.procedures import Kind
-from calib.hexaslide.seen import KINDS, PUBLISHED_SETS, HexaSlideSeen, conditions_by_units, look_at
-from calib.observations import FloatArray
 from protocols.hexaslide_machine import load_hexaslide
 from studies import THREADS, tables
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import re
 import tempfile
 import time
@@ -17,27 +18,26 @@ from unittest.mock import patch
 from textual.pilot import Pilot
 from textual.screen import Screen
 
-from app.machines.family import Simulation
+from app.machines.options import Simulation
 from app.machines.tripod import SimulateOptions, simulate
-from app.measuring.demo import demo_plan
 from app.measuring.gauges import Gauge
+from app.measuring.opening import demo_plan
 from app.measuring.simulated import BenchSettings
 from app.planning.hexaslide import Request
 from app.screens.check import CheckScreen
 from app.screens.diagnose import DiagnoseScreen
-from app.screens.dialogs import ChoiceDialog
 from app.screens.hexaslide import HexaSlideScreen
-from app.screens.interface import Interface
-from app.screens.leg_review import LegReviewScreen
+from app.screens.interface import ChoiceDialog, Interface
 from app.screens.measure import HELD_KEY_S, MeasureScreen
 from app.screens.result import ResultScreen
-from app.screens.session_view import GaugeDisplay
+from app.screens.session_view import GaugeDisplay, LegReviewScreen
 from app.screens.start import Glidecal
 from drivers.profile import Outcome, Reading
 
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
 NARROW, WIDE = (80, 24), (120, 40)
 PATIENCE_S = 20.0
+PRESSES_S = (4.0, 4.0)
 MIDDLE_OF_LEG = 8
 QUESTIONED = 4
 """The first step whose posture was measured before."""
@@ -55,9 +55,11 @@ async def save(pilot: Pilot[str], name: str) -> None:
     (PICTURES / f"{name}.svg").write_text(svg, encoding="utf-8", newline="\n")
 
 
-async def until(pilot: Pilot[str], condition: Callable[[], bool]) -> None:
+async def until(
+    pilot: Pilot[str], condition: Callable[[], bool], patience_s: float = PATIENCE_S
+) -> None:
     """Wait for the program, not for ever."""
-    deadline = time.monotonic() + PATIENCE_S
+    deadline = time.monotonic() + patience_s
     while not condition():
         if time.monotonic() > deadline:
             raise TimeoutError(condition)
@@ -80,10 +82,13 @@ def has_done(screen: MeasureScreen, number: int) -> bool:
 
 
 async def take(pilot: Pilot[str], screen: MeasureScreen, number: int) -> None:
-    """One step by hand."""
-    await until(pilot, screen.ready_by_hand)
-    await pilot.press("space")
-    await until(pilot, partial(has_done, screen, number))
+    """One step by hand; where readings moved again as it was pressed, once more."""
+    for patience_s in (*PRESSES_S, PATIENCE_S):
+        await until(pilot, screen.ready_by_hand)
+        await pilot.press("space")
+        with contextlib.suppress(TimeoutError):
+            return await until(pilot, partial(has_done, screen, number), patience_s)
+    raise TimeoutError(number)
 
 
 async def take_wrong(pilot: Pilot[str], screen: MeasureScreen) -> None:

@@ -16,11 +16,17 @@ import numpy as np
 
 from app.planning.hexaslide import Request, hexaslide_planning
 from app.report.text.hexaslide_screen import lost_words
+from calib.arrays import FloatArray
 from calib.design.identifiability import classical_qr
 from calib.design.refinement import ON_BOUND
+from calib.hexaslide.planning import (
+    PUBLISHED_SETS,
+    HexaSlideSeen,
+    conditions_at,
+    differenced,
+    look_at,
+)
 from calib.hexaslide.procedures import Kind
-from calib.hexaslide.seen import PUBLISHED_SETS, HexaSlideSeen, conditions_at, differenced, look_at
-from calib.observations import FloatArray
 
 if TYPE_CHECKING:
     from studies.hexaslide import Studied

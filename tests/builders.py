@@ -6,14 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.observations import Conditions, FloatArray, Observations, conditions, observe
+from calib.arrays import Conditions, FloatArray, Observations, conditions, observe
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
-from protocols.events import Opened, Reading
 from protocols.machine import Instrument, Machine
 from protocols.observations import to_observations
 from protocols.procedure import default_mount, load_procedure
-from protocols.session import fold
+from protocols.session import Opened, Reading, fold
 
 ZERO_MAX_MIN = (0.0, 60.0, -100.0)
 

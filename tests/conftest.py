@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -16,9 +17,21 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("TEXTUAL_ANIMATIONS", "none")
 """Nobody watches; and whoever leaves while a line glides is waited for until it has glided."""
 
+os.environ["XDG_DATA_HOME"] = tempfile.mkdtemp(prefix="glidecal-tests-")
+"""What the program remembers of a user is none of a test's business."""
+
 ROOT = Path(__file__).parent.parent
 SAMPLES = ROOT / "sample_sessions"
 PATIENCE_S = 2.0
+
+
+@pytest.fixture(autouse=True)
+def _nothing_remembered(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """No test finds what another one made the program remember, such as its indicators."""
+    before = os.environ["XDG_DATA_HOME"]
+    os.environ["XDG_DATA_HOME"] = str(tmp_path_factory.mktemp("data"))
+    yield
+    os.environ["XDG_DATA_HOME"] = before
 
 
 @pytest.fixture(autouse=True)

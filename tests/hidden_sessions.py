@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from app.measuring.hidden_effect import hidden_effect
-from app.measuring.simulated import planned_readings, simulated_session
+from app.measuring.simulated import hidden_effect, planned_readings, simulated_session
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.effects.empirical import Empirical

@@ -6,7 +6,11 @@ import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from protocols.events import (
+from protocols.journal import Journal
+from protocols.machine import Instrument, Machine
+from protocols.procedure import Leg, load_procedure
+from protocols.record import digest_of
+from protocols.session import (
     FIRST_DIGEST,
     Continued,
     Event,
@@ -18,10 +22,6 @@ from protocols.events import (
     Skipped,
     Superseded,
 )
-from protocols.journal import Journal
-from protocols.machine import Instrument, Machine
-from protocols.procedure import Leg, load_procedure
-from protocols.record import digest_of
 
 BEGIN = datetime(2026, 3, 1, 8, 0, tzinfo=UTC)
 NOTE = "the stand slipped [red]here[/]"

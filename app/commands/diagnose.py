@@ -28,11 +28,11 @@ def diagnose(
     candidate: Annotated[
         str | None,
         typer.Option(
-            help="Adopt this candidate, ID or ID:WHERE, instead; empirical: the unnamed law."
+            help="Adopt this candidate, ID or ID:WHERE, instead; empirical: the unnamed effect."
         ),
     ] = None,
     correct: Annotated[
-        Path | None, file("Write the session once more with mistakes that were named put right.")
+        Path | None, file("Write the session once more with mistakes that were named corrected.")
     ] = None,
     held_out: Annotated[list[Path] | None, file("Session for the gap alone; repeat.")] = None,
     next_procedure: Annotated[
@@ -52,7 +52,7 @@ def diagnose(
     as_json: AsJson = False,
 ) -> None:
     """What is missing in the model, and where it shows. The gap before and after."""
-    from app.evaluating import adoption
+    from app.evaluating import diagnosis as evaluated
     from app.evaluating.diagnosis import diagnose_files
     from app.report.schema.diagnosis import DiagnosisReport
     from app.report.schema.document import to_json
@@ -73,22 +73,22 @@ def diagnose(
     for warning in found.warnings:
         say(f"glidecal: {warning}")
     if next_procedure:
-        adoption.write_procedure(found, next_procedure, replace=may)
+        evaluated.write_procedure(found, next_procedure, replace=may)
         say(f"next measurement: glidecal run --protocol {next_procedure}")
     if adopt:
-        adoption.adopt(found, sessions, adopt, known=model, candidate=candidate, replace=may)
+        evaluated.adopt(found, sessions, adopt, known=model, candidate=candidate, replace=may)
         say(f"model written: {adopt}")
-        if adoption.left_behind(found, candidate):
-            say("there is an unnamed law, too: --candidate empirical")
+        if evaluated.left_behind(found, candidate):
+            say("there is an unnamed effect too: --candidate empirical")
     if correct:
-        adoption.correct(found, sessions[0], correct)
+        evaluated.correct(found, sessions[0], correct)
         say(f"corrected session written: {correct}")
     typer.echo(to_json(DiagnosisReport.of(found=found)) if as_json else diagnosis_text(found))
 
 
 def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> None:
     from app.evaluating.own_effects import known_effects
-    from app.planning.aliases import alias_map
+    from app.planning.next_measurement import alias_map
     from app.report.schema.diagnosis import AliasReport
     from app.report.schema.document import to_json
     from app.report.text.planning import alias_text
@@ -105,7 +105,7 @@ def model(
     as_json: AsJson = False,
 ) -> None:
     """Parameters, effects and history of a model. Effects can be removed again."""
-    from app.evaluating.adoption import remove as take_out
+    from app.evaluating.diagnosis import remove as take_out
     from app.report.text.model import model_text
     from protocols.model_file import read_model_file
 

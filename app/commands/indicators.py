@@ -16,6 +16,7 @@ from calib.errors import IndicatorError, UsageError
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.measuring.opening import Plan
+    from drivers.rig import SimulatedRig
 
 indicator_verbs = typer.Typer(help="One indicator outside any session.", no_args_is_help=True)
 
@@ -67,19 +68,31 @@ def read(
 @indicator_verbs.command("doctor")
 def doctor(
     port: PortName,
-    profile: ProfileName = "mitutoyo-01a",
+    profile: Annotated[
+        str | None,
+        typer.Option(help="Indicator profile.", show_default="every profile is tried on the port"),
+    ] = None,
     unit: Unit = "mm",
     channel: Channel = 1,
 ) -> None:
-    """Everything that can be wrong, each with the next thing to do."""
+    """Everything that can be wrong, each with the next thing to do.
+
+    Without --profile every profile is tried: the port gets the request of one after the other.
+    """
     from app.exit_codes import Exit
     from app.measuring.indicators import asked_for
-    from app.report.text.indicator import findings_text
-    from drivers.doctor import examine
+    from app.report.text.indicator import findings_text, trial_text
+    from drivers.doctor import examine, examine_by_trial
     from drivers.profiles import PROFILES, profile_named
 
-    known = profile_named(profile)
-    findings = examine(known, port, asked_for(unit, channel), PROFILES.values())
+    asked = asked_for(unit, channel)
+    if profile is None:
+        say(f"Trying profiles on {port}, up to a minute. Ctrl-C stops.")
+        findings = examine_by_trial(
+            port, asked, PROFILES.values(), lambda *trial: say(trial_text(*trial))
+        )
+    else:
+        findings = examine(profile_named(profile), port, asked, PROFILES.values())
     typer.echo(findings_text(findings))
     raise typer.Exit(Exit.DONE if all(f.well for f in findings) else Exit.INDICATOR)
 
@@ -129,8 +142,8 @@ def simulate_indicator(
     It swings; with --protocol there are two, at a simulated machine that goes from step to step
     when Enter is pressed here: to rehearse a session on real ports.
     """
-    from app.measuring.demo import rehearsal_plan
     from app.measuring.indicators import swinging
+    from app.measuring.opening import rehearsal_plan
     from drivers.profile import Spindle
     from drivers.profiles import profile_named
     from drivers.twin_port import TwinPort, default_transport
@@ -177,12 +190,22 @@ def _rehearse(asked: str, plan: Plan, seconds: float | None) -> None:
         say(rehearsal_text(asked, plan, bench.rig.ports))
 
         def follow() -> None:
-            for step in rehearsed(steps, _typed()):
+            for step in rehearsed(steps, _pushing(bench.rig, _typed())):
                 bench.go(step)
                 say(rehearsed_text(step, plan))
 
         threading.Thread(target=follow, daemon=True).start()
         _wait(seconds)
+
+
+def _pushing(rig: SimulatedRig, typed: Iterator[str]) -> Iterator[str]:
+    """Lines that are no order to push a spindle."""
+    spindles = {f"p{k}": k - 1 for k in range(1, len(rig.ports) + 1)}
+    for line in typed:
+        if line in spindles:
+            rig.push(spindles[line])
+        else:
+            yield line
 
 
 def _typed() -> Iterator[str]:

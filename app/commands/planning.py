@@ -7,8 +7,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from app.machines.family import OnScreen, Question, Search
-from app.machines.options import AsJson, Force, Machine, file, say
+from app.machines.options import AsJson, Force, Machine, OnScreen, Question, Search, file, say
 from app.machines.registry import (
     CRITERIA,
     LISTED,

@@ -16,10 +16,12 @@ from app.machines.options import (
     Sessions,
     SubsetName,
     argument,
+    extra,
     file,
     may_replace,
     number,
     say,
+    working,
 )
 from app.machines.registry import NAMES, family_of_files, options_of, with_options_of_machines
 from calib.errors import UsageError
@@ -71,7 +73,7 @@ def verify(
     as_json: AsJson = False,
 ) -> None:
     """Were the offsets entered, is the tool in tolerance?"""
-    from app.evaluating.verification import verify_files
+    from app.evaluating.comparison import verify_files
 
     found = verify_files(before, after, tolerance)
     if as_json:
@@ -89,12 +91,30 @@ def export(
     source: Annotated[Path, typer.Argument(help="Session or model file.", show_default=False)],
     output: Output,
     format_name: Annotated[
-        Literal["json", "csv", "model", "linuxcnc", "linuxcnc-kins"],
-        typer.Option("--format", help="What to write."),
+        Literal[
+            "json",
+            "csv",
+            "model",
+            "linuxcnc",
+            "linuxcnc-kins",
+            "lineardeltakins",
+            "klipper",
+            "reprapfirmware",
+        ],
+        typer.Option(
+            "--format",
+            metavar="NAME",
+            help="json, csv, model, linuxcnc, linuxcnc-kins, lineardeltakins, klipper, "
+            "reprapfirmware.",
+        ),
     ],
     subset: Annotated[
-        SubsetName, typer.Option(help="Parameters to identify from a session.")
-    ] = "joint-offsets",
+        SubsetName | None,
+        typer.Option(
+            help="Parameters to identify from a session; default joint-offsets; of a plate "
+            "with-tolerances."
+        ),
+    ] = None,
     method: Method = "exact",
     model: Annotated[
         Path | None, file("Of a session: fit the sizes of this model's effects, too.")
@@ -102,6 +122,13 @@ def export(
     home_offset: Annotated[
         str | None,
         typer.Option(help="Present HOME_OFFSET of the joints of x,y,z in mm: '1.5,0,-2'."),
+    ] = None,
+    endstops: Annotated[
+        str | None,
+        typer.Option(
+            help="Present position_endstop of towers x,y,z in mm (Klipper); H + M666 "
+            "(RepRapFirmware)."
+        ),
     ] = None,
     ini: Annotated[
         Path | None, typer.Option(help="LinuxCNC INI file: what the joints hold now.")
@@ -119,13 +146,17 @@ def export(
     from calib.tripod.controller import Controller
     from protocols.files import targets_of, write_files
 
-    if home_offset is not None and ini:
-        raise UsageError("--home-offset and --ini", "both", "one of them")
+    if sum(one is not None for one in (home_offset, endstops, ini)) > 1:
+        raise UsageError("--home-offset, --endstops and --ini", "more than one", "one of them")
+    if ini and format_name in ("klipper", "reprapfirmware"):
+        raise UsageError("--ini", f"--format {format_name}", "a LinuxCNC format, or --endstops")
     offsets = offsets_from_file(source, subset, method, model)
-    if home_offset is not None:
-        offsets = replace(
-            offsets, controller=Controller.homed_at(_triple(home_offset), offsets.machine.joints)
-        )
+    machine = offsets.machine
+    home = _triple("--home-offset", home_offset)
+    if home is None:
+        home = machine.tripped_at_mm(_triple("--endstops", endstops))
+    if home is not None:
+        offsets = replace(offsets, controller=Controller.homed_at(home, machine.joints))
     if ini:
         offsets = replace(offsets, controller=read_controller(ini))
     if ambiguous:
@@ -140,13 +171,42 @@ def export(
         say(f"written: {path}")
 
 
-def _triple(text: str) -> tuple[float, float, float]:
+def report(
+    sessions: Sessions,
+    output: Output,
+    model: Annotated[Path | None, file("Model with effects; their sizes are fitted, too.")] = None,
+    after: Annotated[Path | None, file("Session with the offsets entered.")] = None,
+    tolerance: Annotated[
+        float | None,
+        number("What the tool may be off, mm r.m.s.; default: the machine file's."),
+    ] = None,
+    force: Force = False,
+) -> None:
+    """The calibration report to sign, as .html or .pdf."""
+    if output.suffix not in (".html", ".pdf"):
+        raise UsageError("--output", f"{output}", "a path that ends with .html or .pdf")
+    may = may_replace(force, output)
+    with extra("report"):
+        from app.report.pages.page import write_page
+        from app.report.pages.report import report_of
+    from protocols.files import write_files
+
+    with working("Writing the report"):
+        found = report_of(sessions, model=model, after=after, tolerance_mm=tolerance)
+        written = write_page(found, output)
+    for path in write_files(output, written, replace=may):
+        say(f"written: {path}")
+
+
+def _triple(option: str, text: str | None) -> tuple[float, float, float] | None:
     from app.exports.linuxcnc_ini import LARGEST_MM
     from protocols.table import NUMBER
 
+    if text is None:
+        return None
     parts = text.split(",")
     if len(parts) == 3 and all(NUMBER.fullmatch(part.strip()) for part in parts):
         x, y, z = (float(part) for part in parts)
         if max(abs(x), abs(y), abs(z)) <= LARGEST_MM:
             return x, y, z
-    raise UsageError("--home-offset", repr(text), "three numbers in mm: '1.5,0,-2'")
+    raise UsageError(option, repr(text), "three numbers in mm: '1.5,0,-2'")

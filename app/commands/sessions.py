@@ -2,28 +2,38 @@
 
 from __future__ import annotations
 
+import os
+import select
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from app.machines.family import Simulation
+from app.exit_codes import Exit, exit_code
 from app.machines.options import (
+    AsJson,
     Force,
     Machine,
     Output,
     Protocol,
     Seed,
+    Sessions,
+    Simulation,
+    argument,
+    extra,
+    figure,
     file,
     machine_option,
+    may_replace,
     number,
     say,
 )
 from app.machines.registry import LISTED, LOOKS, family_of, options_of, with_options_of_machines
 from app.report.streams import need_terminal
-from calib.errors import CalibrationError, UsageError
+from calib.errors import CalibrationError, GlidecalError, UsageError
 from protocols.machine_files import USUAL_MACHINE
 
 if TYPE_CHECKING:  # heavy: imported where used
@@ -31,6 +41,7 @@ if TYPE_CHECKING:  # heavy: imported where used
 
     from app.evaluating.solution import SessionSolution
     from app.measuring.opening import Plan
+
 
 HIDDEN = "The machine has more than offsets. To look for what is missing: glidecal diagnose {}"
 
@@ -52,6 +63,7 @@ def run(
     output: Annotated[Path | None, file("Session file.", "--output", "-o")] = None,
     operator: Annotated[str, typer.Option(help="Name for the record.")] = "",
     temperature: Annotated[float | None, number("Machine temperature, °C.", -50.0, 100.0)] = None,
+    note: Annotated[str, typer.Option(help="Remark for the record, shown with the result.")] = "",
     seed: Seed = 1,
     random_order: Annotated[
         int | None,
@@ -66,12 +78,12 @@ def run(
     ] = False,
 ) -> None:
     """The guided session on real indicators. With --simulated on a simulated machine."""
-    from app.measuring.indicators import choose_indicators, some_indicators
+    from app.measuring.indicators import check_indicators, choose_indicators, some_indicators
     from app.measuring.opening import (
         SIMULATED_INTERVAL_S,
         Plan,
         plan_to_continue,
-        refuse_plate,
+        refuse_plane,
         session_name,
     )
     from app.report.text.session import dry_run_text
@@ -87,7 +99,7 @@ def run(
         return
     procedure = load_procedure(protocol or known.usual_procedure, known.geometry())
     if not dry_run:
-        refuse_plate(procedure)
+        refuse_plane(procedure)
     if random_order is not None:
         procedure = shuffled(procedure, random_order)
     plan = Plan(
@@ -97,9 +109,11 @@ def run(
         instruments=chosen or some_indicators(profile, needed=not dry_run),
         operator=operator,
         temperature_c=temperature,
+        note=note,
         seed=seed,
         interval_s=SIMULATED_INTERVAL_S,
     )
+    check_indicators(plan.instruments, legs=procedure.plate is None)
     if dry_run:
         typer.echo(dry_run_text(plan.procedure, plan.machine, plan.instruments))
     else:
@@ -108,8 +122,7 @@ def run(
 
 def _measure(plan: Plan, *, headless: bool) -> None:
     """On the screen, or unattended for a simulated machine."""
-    from app.measuring.demo import measure_all
-    from app.measuring.opening import start_session
+    from app.measuring.opening import measure_all, start_session
     from protocols.journal import check_new
 
     if not plan.continued:
@@ -133,6 +146,7 @@ def demo(
     ] = False,
     seed: Seed = 1,
     protocol: Protocol = None,
+    machine: Machine = None,
     profile: Annotated[
         list[str] | None, typer.Option(help="Profile of the simulated indicators; once or twice.")
     ] = None,
@@ -145,18 +159,22 @@ def demo(
     ),
 ) -> None:
     """A whole calibration on a simulated machine. It is measured again after the export."""
-    from app.measuring.demo import DEMO_MOTION_S, demo_plan, with_hidden_effect
     from app.measuring.indicators import DEFAULT_PROFILE
-    from app.measuring.opening import SIMULATED_INTERVAL_S, writable_folder
+    from app.measuring.opening import (
+        DEMO_MOTION_S,
+        SIMULATED_INTERVAL_S,
+        demo_plan,
+        with_hidden_effect,
+        writable_folder,
+    )
     from app.measuring.simulated import BenchSettings
     from app.report.text.result import comparison_text, solution_text
-    from protocols.machine import USUAL_PROCEDURE
 
     unattended = headless or not (sys.stdin.isatty() and sys.stdout.isatty())
     bench = BenchSettings() if unattended else BenchSettings(motion_s=DEMO_MOTION_S)
     interval_s = 0.0 if unattended else SIMULATED_INTERVAL_S
     plan = replace(
-        demo_plan(folder, protocol or USUAL_PROCEDURE, seed, bench, profile or [DEFAULT_PROFILE]),
+        demo_plan(folder, protocol, seed, bench, profile or [DEFAULT_PROFILE], machine),
         interval_s=interval_s,
     )
     if effect is not None:
@@ -177,7 +195,7 @@ def demo(
 def run_headless(plan: Plan, say: Callable[[str], None]) -> tuple[SessionSolution, SessionSolution]:
     """Measure, identify, export, measure again; the two solutions to compare."""
     from app.exports import export_offsets
-    from app.measuring.demo import verification_plan
+    from app.measuring.opening import verification_plan
 
     before = _measured(plan, say)
     folder = plan.path.with_suffix("")
@@ -196,8 +214,7 @@ def run_headless(plan: Plan, say: Callable[[str], None]) -> tuple[SessionSolutio
 
 def _measured(plan: Plan, say: Callable[[str], None]) -> SessionSolution:
     from app.evaluating.solution import solve_for_controller
-    from app.measuring.demo import measure_all
-    from app.measuring.opening import start_session
+    from app.measuring.opening import measure_all, start_session
 
     with start_session(plan) as guided:
         total = len(guided.steps)
@@ -220,3 +237,162 @@ def simulate(
     family = family_of(name)
     given = options_of(context, family, f"the machine {name}", own)
     family.simulate(Simulation(output, machine, seed, force), given, say)
+
+
+DEFAULT_PORT = 8765
+
+
+def import_table(
+    table: Annotated[Path, argument("Table of readings (.csv or .xlsx).")],
+    output: Annotated[Path | None, file("Session to write.", "--output", "-o")] = None,
+    machine: Machine = None,
+    resolution: Annotated[float | None, figure("Resolution of the indicators, mm.")] = None,
+    repeatability: Annotated[
+        float | None, figure("Repeatability of the indicators (standard deviation), mm.")
+    ] = None,
+    remark: Annotated[
+        list[str] | None, typer.Option(help="A remark for the record; may be repeated.")
+    ] = None,
+    template: Annotated[
+        bool, typer.Option("--template", help="Write TABLE, a row a reading, without values.")
+    ] = False,
+    protocol: Protocol = None,
+    force: Force = False,
+) -> None:
+    """A session from a table of readings. With --template the table, to be filled in."""
+    from app.version import program
+    from protocols.files import write_files
+    from protocols.journal import write_whole
+    from protocols.machine import Instrument, load_machine
+    from protocols.procedure import load_procedure
+    from protocols.session import Opened
+    from protocols.table import empty_table, off_bar_words, read_table, within_limits
+
+    known = load_machine(machine)
+    if template:
+        asked = load_procedure(protocol or known.usual_procedure, known.geometry())
+        empty = empty_table(asked, known.geometry(), table)
+        write_files(table, {"": empty}, replace=may_replace(force, table))
+        say(f"{asked.name} to be filled in, column value_mm: {table}")
+        return
+    if output is None or protocol is not None:
+        found = "none" if output is None else "--protocol without --template"
+        raise UsageError("--output", found, "-o SESSION, or --template to write an empty table")
+    readings, unknown = read_table(table, known.geometry())
+    opened = Opened(
+        program=program(),
+        origin="imported",
+        machine=known,
+        instruments=(
+            Instrument(
+                profile="table",
+                port=table.name,
+                resolution_mm=resolution,
+                repeatability_mm=repeatability,
+            ),
+        ),
+        remarks=tuple(remark or ()),
+    )
+    write_whole(output, opened, list(readings))
+    if unknown:
+        say(f"glidecal: columns kept but not used: {', '.join(unknown)}")
+    outside = sum(not within_limits(reading, known.geometry()) for reading in readings)
+    if outside:
+        say(f"glidecal: {outside} readings lie outside the joint limits of the machine file")
+    if off_bar := off_bar_words(readings, known.geometry()):
+        say(f"glidecal: {off_bar}")
+    if len({reading.posture_mm for reading in readings}) < 2:
+        say("glidecal: only one posture in this table; it cannot be solved alone")
+    say(f"{len(readings)} readings written to {output}")
+
+
+def validate(sessions: Sessions) -> None:
+    """Are records complete, unbroken and unaltered?
+
+    Names the first broken line. What it proves holds against accidents and careless edits: the
+    digests have no key.
+    """
+    from app.evaluating.solution import end_warning
+    from app.measuring.value_check import check_values
+    from protocols.record import read_record
+    from protocols.session import fold
+
+    status = Exit.DONE
+    for path in sessions:
+        try:
+            record = read_record(path)
+            check_values(record)
+        except GlidecalError as problem:
+            say(f"glidecal: {problem}")
+            status = exit_code(problem)
+            continue
+        if record.end != "closed":
+            say(f"glidecal: {end_warning(record)} Continue it with: glidecal run --continue {path}")
+            status = Exit.RECORD
+            continue
+        session = fold(record.events)
+        typer.echo(
+            f"{path}: unbroken and closed, {len(record.events)} lines, "
+            f"{len(session.all_readings)} readings, {len(session.superseded)} superseded"
+        )
+    raise typer.Exit(status)
+
+
+def replay(
+    session: Sessions,
+    headless: Annotated[
+        bool, typer.Option("--headless", help="Print readings and averages, open no screen.")
+    ] = False,
+    as_json: AsJson = False,
+    served: Annotated[bool, typer.Option("--served", hidden=True)] = False,
+) -> None:
+    """A recorded session again on the screen. With --headless its readings and averages."""
+    if not headless and not as_json:
+        if served:  # a page of glidecal serve: no terminal, and only to look at
+            threading.Thread(target=_end_with_the_server, daemon=True).start()
+        else:
+            need_terminal("replay", "--headless")
+        from app.screens.start import open_replay
+
+        raise typer.Exit(open_replay(session, LOOKS, read_only=served))
+    from app.evaluating.solution import end_warning
+    from app.report.schema.document import to_json
+    from app.report.schema.readings import ReplayReport
+    from app.report.text.session import replay_text
+    from protocols.record import read_record
+    from protocols.session import fold
+
+    if len(session) > 1:
+        raise UsageError("replay without a screen", f"{len(session)} sessions", "one session")
+    record = read_record(session[0])
+    if record.end != "closed":
+        say(f"glidecal: {end_warning(record)}")
+    report = ReplayReport.of(name=session[0].name, session=fold(record.events), end=record.end)
+    typer.echo(to_json(report) if as_json else replay_text(report))
+
+
+def _end_with_the_server() -> None:
+    """A server that was killed says nothing, but its end of the pipe is gone."""
+    if hasattr(select, "poll"):  # not on Windows
+        pipe = select.poll()
+        pipe.register(sys.stdin.fileno(), 0)
+        pipe.poll()
+        os._exit(Exit.INTERRUPTED)  # nothing is open that could be lost
+
+
+def serve(
+    sessions: Sessions,
+    port: Annotated[
+        int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.", min=0, max=65535)
+    ] = DEFAULT_PORT,
+) -> None:
+    """Recorded sessions in a browser, to look at only. Ctrl-C ends it."""
+    from protocols.record import read_record
+
+    for path in sessions:
+        read_record(path)
+    with extra("serve"):
+        from app.screens.serving import Pages, listen
+    pages = Pages(sessions, listen(port))
+    say(pages.announcement())
+    pages.serve()

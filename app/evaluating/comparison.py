@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 from app.evaluating.solution import SessionSolution, end_warning, solve_sessions
-from calib.errors import CalibrationError, RecordError
+from calib.errors import CalibrationError, RecordError, UsageError
+from calib.identify.accuracy import Decision, ToolError, decide
 from protocols.record import Record, read_record
 from protocols.session import fold
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """The joint-offset solutions of two sessions, and what a reader must know to trust them."""
+    """The solutions of two sessions for the controller, and what a reader must know of them."""
 
     before: SessionSolution
     after: SessionSolution
@@ -21,7 +23,7 @@ class Comparison:
 
 
 def compare_files(before: Path, after: Path) -> Comparison:
-    """Solve both sessions for the joint offsets and lay them side by side.
+    """Solve both sessions for the controller and lay them side by side.
 
     Raises RecordError for files that cannot be used or are the same session, CalibrationError for
     sessions with nothing in common.
@@ -40,7 +42,7 @@ def compare_files(before: Path, after: Path) -> Comparison:
             "two sessions of one machine",
         )
     first, second = (
-        solve_sessions([record.path.name], [fold(record.events)], subset="joint-offsets")
+        solve_sessions([record.path.name], [fold(record.events)]).for_controller()
         for record in (earlier, later)
     )
     measured, again = _differences(first), _differences(second)
@@ -82,3 +84,82 @@ def partner_of(path: Path, verifies: str | None) -> Path | None:
     """The session that another one verifies, where its file is still beside it."""
     beside = path.with_name(Path(verifies).name) if verifies else None
     return beside if beside is not None and beside.is_file() else None
+
+
+Entered = Literal["as expected", "not entered", "wrong sign", "something else"]
+
+LESS_COMMON = "Joint offsets are compared less what all three share: a plate does not show that."
+
+
+@dataclass(frozen=True)
+class LeftOffset:
+    """A joint offset before, and what is left; 0 within ``expanded_mm`` (95 %) is expected."""
+
+    name: str
+    before_mm: float
+    found_mm: float
+    expanded_mm: float
+
+    @property
+    def entered(self) -> Entered:
+        """What must have happened to the value at the controller."""
+        guesses: tuple[tuple[float, Entered], ...] = (
+            (0.0, "as expected"),
+            (self.before_mm, "not entered"),
+            (2.0 * self.before_mm, "wrong sign"),
+        )
+        near = (word for value, word in guesses if abs(self.found_mm - value) <= self.expanded_mm)
+        return next(near, "something else")
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """Two sessions, the second with the offsets of the first entered.
+
+    ``decision`` is None where no tolerance is known.
+    """
+
+    compared: Comparison
+    offsets: tuple[LeftOffset, ...]
+    tolerance_mm: float | None
+    decision: Decision | None
+
+    @property
+    def expected(self) -> ToolError:
+        """What the first session promised of the tool with its offsets entered."""
+        return self.compared.before.tool_after
+
+    @property
+    def found(self) -> ToolError:
+        """What the second session says of the tool."""
+        return self.compared.after.tool_before
+
+    @property
+    def something_missing(self) -> bool:
+        """Whether the model leaves more than noise of the second session."""
+        return self.compared.after.solution.lacks_fit
+
+
+def verify_files(before: Path, after: Path, tolerance_mm: float | None = None) -> Verification:
+    """Judge the second session by the first; the tolerance is that of its machine if not given.
+
+    Raises as `compare_files`, and UsageError for a tolerance that is no positive length.
+    """
+    if tolerance_mm is not None and not tolerance_mm > 0.0:
+        raise UsageError("--tolerance", f"{tolerance_mm:g} mm", "a positive length in mm")
+    compared = compare_files(before, after)
+    first, second = compared.before.solution, compared.after.solution
+    if compared.after.sessions[0].opened.machine.set_at_zero:
+        first, second = first.without_common(), second.without_common()
+        compared = replace(compared, remarks=(*compared.remarks, LESS_COMMON))
+    tolerance = tolerance_mm or compared.after.sessions[0].opened.machine.tool_tolerance_mm
+    spread = (first.enlarged_expanded_mm**2 + second.enlarged_expanded_mm**2) ** 0.5
+    columns = zip(first.names, first.values_mm, second.values_mm, spread, strict=True)
+    offsets = tuple(
+        LeftOffset(name, float(was), float(now), float(half)) for name, was, now, half in columns
+    )
+    left, decision = compared.after, None
+    if tolerance:
+        bound_mm = left.bound_before.bound_mm
+        decision = decide(left.tool_before, bound_mm, tolerance, left.tool_factor)
+    return Verification(compared, offsets, tolerance, decision)

@@ -4,19 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 from app.evaluating.own_effects import known_effects
-from app.evaluating.solution import indicator_figures, load_sessions
+from app.evaluating.solution import indicator_figures, load_sessions, solve_sessions
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.problem import Case
-from calib.diagnosis.results import Diagnosis
-from calib.errors import NotIdentifiable, UsageError
-from calib.tripod.effects.effect import Effect
-from calib.tripod.pipeline import Model
-from protocols.model_file import ambiguity, ambiguous_effects, read_model_file, to_model
+from calib.diagnosis.results import Contender, Diagnosis, Finding
+from calib.errors import NotIdentifiable, RecordError, UsageError
+from calib.identify.identify import Subset
+from calib.tripod.effects.effect import Effect, Kind
+from calib.tripod.effects.empirical import EMPIRICAL
+from calib.tripod.pipeline import Model, no_effects_over_plane
+from protocols.corrections import corrected_readings
+from protocols.files import write_files
+from protocols.journal import write_whole
+from protocols.model_file import (
+    ModelFile,
+    Provenance,
+    ambiguity,
+    ambiguous_effects,
+    effect_entry,
+    model_file,
+    read_model_file,
+    to_model,
+    with_effect,
+    with_solution,
+    without_effect,
+)
 from protocols.observations import to_observations
-from protocols.session import Session
+from protocols.record import read_record
+from protocols.session import Closed, Line, Opened, Reading, Session, Superseded
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,15 +86,17 @@ def diagnose_files(
 
 def cases(sessions: Sequence[Session], model: Model) -> list[Case]:
     """What is to be diagnosed of these sessions, each with the load that its tool carried."""
-    return [
-        Case(
-            replace(model, geometry=replace(model.geometry, load=session.opened.machine.load)),
-            to_observations([session]),
-            indicator_figures([session]),
-            session.opened.machine.tolerances_mm(),
-        )
-        for session in sessions
-    ]
+    found = []
+    for session in sessions:
+        observed = to_observations([session])
+        if observed.over_plane.any():
+            raise no_effects_over_plane()
+        machine = session.opened.machine
+        geometry = replace(model.geometry, load=machine.load)
+        figures = indicator_figures([session])
+        case = Case(replace(model, geometry=geometry), observed, figures, machine.tolerances_mm())
+        found.append(case)
+    return found
 
 
 def _check(
@@ -104,3 +125,170 @@ def _check(
             "sessions of one machine; entered offsets and load may differ",
             "Diagnose them one at a time.",
         )
+
+
+MOST_OFFERED = 8
+SETS: tuple[Subset, ...] = ("joint-offsets", "with-tolerances")
+
+
+def left_behind(diagnosed: SessionDiagnosis, candidate: str | None) -> bool:
+    """Whether adopting this leaves an unnamed effect that could be adopted, too."""
+    found = diagnosed.diagnosis
+    named = any(one.effects for one in found.effects)
+    return candidate is None and named and found.left_over is not None
+
+
+def adopt(
+    diagnosed: SessionDiagnosis,
+    paths: Sequence[Path],
+    target: Path,
+    *,
+    known: Path | None = None,
+    candidate: str | None = None,
+    replace: bool = False,
+) -> ModelFile:
+    """Write a model with the named effects added, or with one candidate (``id`` or ``id:where``).
+
+    ``empirical`` as candidate adds what was named and the unnamed effect of the residuals, or that
+    alone where it explains all; where nothing was named it is added without asking for it. Gross
+    errors are mistakes of the data and are never adopted. The known model itself goes on with its
+    history, another file is kept unless ``replace``. Raises UsageError where there is nothing to
+    adopt, FilesThere, and RecordError where the file cannot be written.
+    """
+    chosen = _chosen(diagnosed, candidate)
+    machine = diagnosed.sessions[0].opened.machine
+    model = read_model_file(known) if known else model_file(diagnosed.model, machine)
+    source = Provenance(
+        sessions=diagnosed.names,
+        digests=tuple(read_record(path).digest for path in paths),
+        measured=max(one.opened.at for one in diagnosed.sessions),
+        found=datetime.now(UTC),
+        verdict=diagnosed.diagnosis.verdict,
+    )
+    doubted = [one for one in chosen if isinstance(one, Finding) and one.indistinguishable_from]
+    for one in chosen:
+        sure = source.verdict == "ambiguous" and doubted and one not in doubted
+        found_as = source.model_copy(update={"verdict": "explained"}) if sure else source
+        why = diagnosed.diagnosis.sentence
+        if isinstance(one, Finding) and one.id == EMPIRICAL:
+            why = f"an unnamed effect: {one.title}"
+        values = {v.name: (v.value, v.standard_uncertainty) for v in one.parameters}
+        model = with_effect(model, effect_entry(one.where, one.effects, values, found_as), why)
+    model = _fitted(model, diagnosed)
+    write_files(target, {"": model.text()}, replace=replace or target == known)
+    return model
+
+
+def _fitted(model: ModelFile, diagnosed: SessionDiagnosis) -> ModelFile:
+    """The model with joint offsets and sizes fitted together to the sessions.
+
+    With all parameters held by tolerances where the offsets alone are not determined. Where
+    sessions had different offsets entered there are none to state: what nobody fitted is not 0.
+    """
+    sessions = diagnosed.sessions
+    if len({one.opened.machine.entered_offsets_mm for one in sessions}) == 1:
+        for subset in SETS:
+            try:
+                solved = solve_sessions(diagnosed.names, sessions, subset=subset, model=model)
+            except NotIdentifiable:
+                continue
+            return with_solution(model, solved.solution)
+    stated = {name: mm for name, mm in model.parameters_mm.items() if mm}
+    return model.model_copy(update={"parameters_mm": stated})
+
+
+def mistakes_of(diagnosed: SessionDiagnosis) -> list[Finding]:
+    """The gross errors that were named, in the order found."""
+    return [one for one in diagnosed.diagnosis.effects if one.kind == Kind.BLUNDER]
+
+
+def correct(diagnosed: SessionDiagnosis, source: Path, target: Path) -> None:
+    """Write the record ``source`` once more with what was named put right, and say why in it.
+
+    A stand that moved gives a new mounting from there on; a reading that belongs nowhere is
+    superseded. Raises UsageError where there is nothing to correct, or not one session, and
+    RecordError where the session is not finished or the file exists.
+    """
+    mistakes = mistakes_of(diagnosed)
+    if len(diagnosed.sessions) != 1:
+        found = f"{len(diagnosed.sessions)} sessions"
+        raise UsageError("--correct", found, "one session", "Correct them one at a time.")
+    if not mistakes:
+        verdict = (
+            f"no mistake in the readings was named; the verdict is '{diagnosed.diagnosis.verdict}'"
+        )
+        raise UsageError("--correct", verdict, "a diagnosis that names one")
+    record = read_record(source)
+    if record.end != "closed":
+        raise RecordError(
+            f"session {source}",
+            "not finished",
+            "a closed record",
+            "Finish it first: glidecal run --continue.",
+        )
+    session, cleaned = diagnosed.sessions[0], diagnosed.diagnosis.cleaned[0]
+    why = "; ".join(f"{one.title} ({one.where})" for one in mistakes)
+    made = f"Corrected from {source.name}, digest {record.digest}: {why}."
+    changed = {one.reading: one for one in corrected_readings(session, cleaned)}
+    events: list[Line] = [
+        changed.get(one.reading, one) if isinstance(one, Reading) else one
+        for one in record.events
+        if not isinstance(one, Opened | Closed)
+    ]
+    kept = set(cleaned.rows.tolist())
+    gone = tuple(one.reading for row, one in enumerate(session.readings) if row not in kept)
+    if gone:
+        events.append(Superseded(readings=gone, reason=why))
+    opened = record.opened
+    remarks = (*opened.remarks, made)
+    write_whole(target, opened.model_copy(update={"remarks": remarks}), events)
+
+
+def remove(path: Path, effect: str, why: str) -> ModelFile:
+    """Take an effect (``id`` or ``id:where``) out of a model; the history keeps it."""
+    name, _, where = effect.partition(":")
+    model = without_effect(read_model_file(path), name, where or None, why)
+    write_files(path, {"": model.text()}, replace=True)
+    return model
+
+
+def _chosen(diagnosed: SessionDiagnosis, candidate: str | None) -> list[Finding | Contender]:
+    found = diagnosed.diagnosis
+    named: list[Finding | Contender] = [e for e in found.effects if e.effects]
+    unnamed: list[Finding | Contender] = [found.left_over.effect] if found.left_over else []
+    if candidate is None:
+        if not named and not unnamed:
+            raise UsageError(
+                "--adopt",
+                f"the verdict '{found.verdict}' names no effect",
+                "a named effect, or one of the candidates by --candidate ID:WHERE",
+            )
+        return named or unnamed
+    name, _, where = candidate.partition(":")
+    if name == EMPIRICAL and unnamed and where in ("", unnamed[0].where):
+        return unnamed if found.left_over and found.left_over.whole else [*named, *unnamed]
+    fitting = [
+        one
+        for one in found.candidates
+        if one.id == name and where in ("", one.where) and one.effects
+    ]
+    if not fitting:
+        offered = [*unnamed, *found.candidates[:MOST_OFFERED]]
+        shown = ", ".join(f"{one.id}:{one.where}" for one in offered)
+        raise UsageError("--candidate", repr(candidate), shown or "no candidate at all")
+    return [fitting[0]]
+
+
+def write_procedure(diagnosed: SessionDiagnosis, path: Path, *, replace: bool = False) -> None:
+    """The proposed measurement as a procedure file. Raises UsageError where there is none."""
+    proposed = diagnosed.diagnosis.next_measurement
+    if proposed is None or not proposed.protocol.startswith("schema"):
+        if proposed is None:
+            raise UsageError("--next", "nothing that stayed ambiguous", "an ambiguous diagnosis")
+        raise UsageError(
+            "--next",
+            f"'{proposed.protocol}', a procedure that comes with the program",
+            "a proposal that needs a file",
+            f"Measure it with: glidecal run --protocol {proposed.protocol}",
+        )
+    write_files(path, {"": proposed.protocol}, replace=replace)

@@ -12,6 +12,7 @@ from typing import TypeVar, cast
 
 from calib.errors import GlidecalError, RecordError
 from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.catalogue import BESIDE_CATALOGUE
 from calib.tripod.effects.contract import fault_of
 from calib.tripod.effects.effect import Effect
 from protocols.documents import MOST_WRITTEN_BYTES, read_text
@@ -39,7 +40,7 @@ def known_effects() -> tuple[Effect, ...]:
             if fault:
                 raise _broken(source, fault)
             effect = cast(Effect, one)
-            if effect.id in {known.id for known in effects}:
+            if effect.id in {known.id for known in (*effects, *BESIDE_CATALOGUE)}:
                 raise _broken(source, f"the id '{effect.id}'", "an id that is not taken")
             effects.append(effect)
     return tuple(effects)

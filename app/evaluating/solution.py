@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from calib.arrays import Observations
 from calib.errors import NotIdentifiable, RecordError, UsageError
-from calib.identify.accuracy import ToolError
-from calib.identify.solution import Method, Solution, Subset, Weights
-from calib.identify.subset_choice import SubsetChoice, choose_subset
+from calib.identify.accuracy import Decision, ToolError, ToolMap, decide, tool_map
+from calib.identify.identify import Method, Solution, Subset, Weights
+from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identify
+from calib.identify.subset_choice import SubsetChoice, choose_subset, left_after
 from calib.noise.reading import (
     IndicatorFigures,
     NoisyIndicator,
@@ -18,17 +21,16 @@ from calib.noise.reading import (
     single_posture_rows,
     visit_starts,
 )
-from calib.observations import Observations
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
-from protocols.events import Reading
 from protocols.observations import to_observations
 from protocols.record import Record, read_record
-from protocols.session import Session, fold
+from protocols.session import Reading, Session, fold
 from protocols.table import off_bar_words
 
 if TYPE_CHECKING:  # asked for by option only
     from calib.identify.fit import Size
+    from calib.identify.tool_bound import ToolBound
     from protocols.machine import Machine
     from protocols.model_file import ModelFile
 
@@ -39,10 +41,11 @@ class SessionSolution:
 
     ``tool_before`` is the tool's error with what the controller holds now, ``tool_after`` what
     is expected with the solution entered, each with its standard uncertainty, for which
-    ``tool_factor`` is the coverage factor (95 %). ``visit_count`` counts readings without a
-    movement between them as one. ``suspects`` do not fit their own repeats,
-    ``isolated`` readings have no other posture to compare with. ``ambiguous`` are effects of the
-    model that stand for a set of which any would do.
+    ``tool_factor`` is the coverage factor (95 %): of the six parameters alone, as the bounds are
+    not. ``visits`` are the readings, of those without a movement between them the first, each with
+    its session. ``suspects`` do not fit their own repeats, ``isolated`` readings have no other
+    posture to compare with. ``ambiguous`` are effects of the model that stand for a set of which
+    any would do.
     """
 
     names: tuple[str, ...]
@@ -53,16 +56,52 @@ class SessionSolution:
     tool_before: ToolError
     tool_after: ToolError
     tool_factor: float
-    visit_count: int
     suspects: tuple[Suspect, ...]
     noisy: tuple[NoisyChannel, ...]
     isolated: tuple[IsolatedReadings, ...]
     ambiguous: tuple[str, ...]
+    visits: tuple[tuple[str, Reading], ...]
+
+    @cached_property
+    def bound_before(self) -> ToolBound:
+        """What the tool is off by at most with what the controller holds now."""
+        return self.choice.tool_bound(None)
+
+    @cached_property
+    def bound_after(self) -> ToolBound:
+        """The same with the solution entered."""
+        return self.choice.tool_bound(self.solution.subset)
+
+    @property
+    def bound_of_noise_mm(self) -> float:
+        """What of it is noise of the readings; tolerances may know better than weak readings."""
+        noise_mm = self.choice.tool_noise_mm(self.solution.subset)
+        return min(noise_mm, self.bound_after.parameters_mm)
 
     def with_subset(self, subset: Subset) -> SessionSolution:
         """Another set of the same choice; nothing is fitted again. Raises NotIdentifiable."""
         known = self.names, self.sessions, self.observed, self.choice
         return _solved(*known, subset, self.ambiguous)
+
+    def for_controller(self) -> SessionSolution:
+        """Joint offsets alone; as the tolerances hold them where a plate cannot show them alone.
+
+        Raises NotIdentifiable.
+        """
+        at_zero = self.sessions[0].opened.machine.set_at_zero
+        alone = "joint-offsets" not in self.choice.refused
+        return self.with_subset("joint-offsets" if alone or not at_zero else "with-tolerances")
+
+    @property
+    def visit_count(self) -> int:
+        """How many readings there are, those without a movement between them counted as one."""
+        return len(self.visits)
+
+    @property
+    def residuals(self) -> list[tuple[str, Reading, float]]:
+        """What the model leaves of each visit, mm, with its session and first reading."""
+        left = self.solution.residual_mm.tolist()
+        return [(*visit, mm) for visit, mm in zip(self.visits, left, strict=True)]
 
     @property
     def reading_count(self) -> int:
@@ -210,7 +249,6 @@ def _solved(
         tool_before=choice.error_before(subset, nominal),
         tool_after=choice.tool_after[subset],
         tool_factor=choice.tool_factor(subset),
-        visit_count=len(starts),
         suspects=tuple(
             Suspect(*known[starts[wild.row]], wild.studentised) for wild in solution.noise.wild
         ),
@@ -222,6 +260,7 @@ def _solved(
             for rows in single_posture_rows(observed)
         ),
         ambiguous=ambiguous,
+        visits=tuple(known[row] for row in starts),
     )
 
 
@@ -270,7 +309,65 @@ def solve_files(
     return solved, warnings
 
 
-def solve_for_controller(path: Path) -> SessionSolution:
-    """The solution whose offsets go into the controller: joint offsets, exact fit."""
-    solved, _ = solve_files([path], subset="joint-offsets")
+def solve_recorded(path: Path) -> SessionSolution:
+    """The solution of one session as every verb and screen shows it: the recommended set."""
+    solved, _ = solve_files([path])
     return solved
+
+
+def solve_for_controller(path: Path) -> SessionSolution:
+    """The solution whose offsets go into the controller, exact fit."""
+    return solve_files([path])[0].for_controller()
+
+
+PLANES = ((0, 1), (1, 2), (0, 2))
+POINTS = 5
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The bound at the tool against a tolerance, before and after; fail with a guard band."""
+
+    tolerance_mm: float
+    before: Decision
+    after: Decision
+
+
+def judge(solved: SessionSolution, tolerance_mm: float) -> Judgement:
+    """Pass, fail or undecided, now and with the solution entered (ISO 14253-1).
+
+    Raises UsageError for a tolerance that is no positive length.
+    """
+    if not tolerance_mm > 0.0:
+        raise UsageError("--tolerance", f"{tolerance_mm:g} mm", "a positive length in mm")
+    factor = solved.tool_factor
+    return Judgement(
+        tolerance_mm,
+        decide(solved.tool_before, solved.bound_before.bound_mm, tolerance_mm, factor),
+        decide(solved.tool_after, solved.bound_after.bound_mm, tolerance_mm, factor),
+    )
+
+
+def maps(solved: SessionSolution) -> tuple[ToolMap, ...]:
+    """Expected error of the tool with the solution entered, on the three planes through Zero."""
+    geometry = solved.solution.model.geometry
+    bias, covariance = left_after(solved.choice.solutions, solved.solution.subset)
+    return tuple(tool_map(geometry, bias, covariance, plane, POINTS) for plane in PLANES)
+
+
+def monte_carlo(solved: SessionSolution, sessions: int, seed: int) -> MonteCarlo:
+    """Sessions like this one on machines like this one, identified as this one was.
+
+    All indicators scatter alike there; with a coarse display the machines differ by some steps. A
+    stated noise is simulated as stated. Raises UsageError where the noise is what the fit left, and
+    for the set held by tolerances.
+    """
+    solution = solved.solution
+    if solution.noise.source == "residuals" or solution.subset == "with-tolerances":
+        raise UsageError(
+            "--monte-carlo",
+            f"noise from {solution.noise.source}, set {solution.subset}",
+            "a session with repeats or a stated indicator, and one of the plain sets",
+        )
+    campaign = Campaign.like(solution, solved.observed, indicator_figures(solved.sessions))
+    return simulate_and_identify(campaign, sessions, seed)

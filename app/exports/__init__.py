@@ -1,4 +1,4 @@
-"""Offsets for controllers: as JSON, as CSV, as a model, and for LinuxCNC.
+"""Offsets for controllers: as JSON, as CSV, as a model, for LinuxCNC and firmware of printers.
 
 May import `app.report` and what that may import.
 """
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from app.evaluating.solution import SessionSolution
-from app.exports import linuxcnc
+from app.exports import klipper, lineardeltakins, linuxcnc, reprapfirmware
 from app.report.offsets import Offsets, offsets_from_solved
 from app.report.schema.document import to_json
 from app.report.schema.solution import OffsetsReport
@@ -61,6 +61,9 @@ FORMATS = {
     "model": as_model,
     "linuxcnc": linuxcnc.joint_includes,
     "linuxcnc-kins": linuxcnc.with_kinematics,
+    "lineardeltakins": lineardeltakins.joints_and_pins,
+    "klipper": klipper.printer_cfg,
+    "reprapfirmware": reprapfirmware.config_g,
 }
 """Each takes offsets and gives the texts of the files to write, by name ('' is the path itself)."""
 
@@ -72,15 +75,20 @@ def export_offsets(
 ) -> tuple[list[Path], str]:
     """Offsets of a session's solution in every format, into a folder. Raises as `write_files`.
 
+    Where the machine file has heights of switches, as firmware of printers does, in its formats.
     The second result is why files for LinuxCNC are not among them, where effects stand against it.
     """
     offsets = offsets_from_solved(solved, [session])
     files = {file: FORMATS[name](offsets)[""] for name, file in FILE_NAMES.items()}
+    if offsets.machine.position_endstop_mm:
+        files["klipper.cfg"] = klipper.printer_cfg(offsets)[""]
+        files["reprapfirmware.g"] = reprapfirmware.config_g(offsets)[""]
+        return write_files(folder, files, replace=replace), ""
     refused = ""
     try:
         files |= linuxcnc.joint_includes(offsets)
     except UsageError as problem:
-        if not offsets.model.effects:
+        if not (offsets.model.effects or offsets.lengths_mm):
             raise
         refused = str(problem)
     return write_files(folder, files, replace=replace), refused

@@ -16,8 +16,8 @@ from textwrap import wrap
 from app.report.offsets import Offsets, one_line
 from app.report.schema.solution import Offset
 from app.report.text.tables import WIDTH, uncertain
+from calib.arrays import LEG_NAMES
 from calib.errors import ImpossibleRequest, UsageError
-from calib.observations import LEG_NAMES
 from calib.tripod.controller import (
     INTERPOLATION_MM,
     NOTHING_MM,
@@ -130,7 +130,7 @@ def joint_includes(offsets: Offsets) -> Written:
             "joint offsets alone: HOME_OFFSET cannot hold a length",
             "Export with --subset joint-offsets, or use --format linuxcnc-kins.",
         )
-    return _includes(offsets, kinematics=False)
+    return joint_files(offsets, kinematics=False)
 
 
 def with_kinematics(offsets: Offsets) -> Written:
@@ -140,13 +140,17 @@ def with_kinematics(offsets: Offsets) -> Written:
     """
     unit = offsets.controller.mm_per_unit if offsets.controller else 1.0
     source = resources.files("app.exports").joinpath(f"{MODULE}.comp").read_text(encoding="utf-8")
-    said = [line for text in _origin(offsets) for line in _lines(text)]
+    said = [line for text in origin(offsets) for line in short_lines(text)]
     hal = "".join(f"# {line}\n" for line in said) + pins(offsets.model, unit, _joints(offsets))
     own = {f"{MODULE}.comp": source, "calib.hal": hal}
-    return {**_includes(offsets, kinematics=True), **own}
+    return {**joint_files(offsets, kinematics=True), **own}
 
 
-def _includes(offsets: Offsets, *, kinematics: bool) -> Written:
+def joint_files(offsets: Offsets, *, kinematics: bool) -> Written:
+    """Include and table of each joint, for what the model says along the drives.
+
+    With ``kinematics`` the rest of it stands in a file beside them. Raises as `joint_includes`.
+    """
     x, y, z = offsets.joint_offsets_mm  # all are stated
     controller, written = offsets.controller, {}
     _refuse_what_is_not_known(offsets)
@@ -159,10 +163,10 @@ def _includes(offsets: Offsets, *, kinematics: bool) -> Written:
             joint_entries(offsets.model, drive, held, way) if held else JointEntries(way * offset)
         )
         unit = controller.mm_per_unit if controller else 1.0
-        said = [*_origin(offsets, joint, drive), *_of_joint(offsets, drive, way, held, entries)]
+        said = [*origin(offsets, joint, drive), *_of_joint(offsets, drive, way, held, entries)]
         said += [*left, *offsets.cautions]
         put = f"put '#INCLUDE calib_joint{joint}.inc' directly under [JOINT_{joint}]"
-        lines = [f"# {line}" for text in said for line in _lines(text)]
+        lines = [f"# {line}" for text in said for line in short_lines(text)]
         lines.append(f"# {put}; LINEAR_UNITS = {UNITS.get(unit) or f'{1.0 / unit:g}'}")
         if held:
             lines.append(
@@ -178,7 +182,8 @@ def _includes(offsets: Offsets, *, kinematics: bool) -> Written:
     return written
 
 
-def _refuse_what_is_not_known(offsets: Offsets) -> None:
+def refuse_what_is_ambiguous(offsets: Offsets) -> None:
+    """Raises UsageError for a model with effects that stand for others, too."""
     if offsets.ambiguous:
         raise UsageError(
             "export of a model",
@@ -186,6 +191,10 @@ def _refuse_what_is_not_known(offsets: Offsets) -> None:
             "effects that the readings tell from others",
             "Measure what glidecal diagnose --next proposes, or give --ambiguous.",
         )
+
+
+def _refuse_what_is_not_known(offsets: Offsets) -> None:
+    refuse_what_is_ambiguous(offsets)
     controller = offsets.controller
     entered = controller.entered if controller else None
     if (
@@ -222,7 +231,8 @@ def _joints(offsets: Offsets) -> tuple[tuple[int, int], ...]:
     return tuple((n := drives.index(leg), -1 if named[n][0] == "-" else 1) for leg in LEG_NAMES)
 
 
-def _origin(offsets: Offsets, joint: int | None = None, drive: int = 0) -> list[str]:
+def origin(offsets: Offsets, joint: int | None = None, drive: int = 0) -> list[str]:
+    """Machine, session, when it was measured, digest, version."""
     of = "" if joint is None else f"joint {joint} ({LEG_NAMES[drive]}) of "
     made = f", {one_line(offsets.made)}" if offsets.made else ""
     return [
@@ -245,10 +255,13 @@ def _of_joint(
         )
     else:
         yield f"old HOME_OFFSET {held.home_offset_mm:.6f} mm + {name} {offset:+.6f} mm"
-        more = entries.home_change_mm - offset
+        fitted = way * offsets.model.parameters_mm[drive]
+        if abs(fitted - offset) > NOTHING_MM:
+            yield f"and {fitted - offset:+.6f} mm that goes with the kinematics in calib.hal"
+        more = entries.home_change_mm - fitted
         if abs(more) > NOTHING_MM:
             yield f"and {more:+.6f} mm that homing meets at the switch"
-    yield from _known(name, offsets.parameters[name], lacks_fit=offsets.lacks_fit)
+    yield from known_lines(name, offsets.parameters[name], lacks_fit=offsets.lacks_fit)
 
 
 def _left(model: Model, *, kinematics: bool) -> Iterator[str]:
@@ -266,23 +279,33 @@ def _left(model: Model, *, kinematics: bool) -> Iterator[str]:
         yield f"the kinematics follow the drives within {misfit_mm:.4f} mm only"
 
 
-def _known(name: str, one: Offset, *, lacks_fit: bool) -> list[str]:
+def known_lines(name: str, one: Offset, *, lacks_fit: bool) -> list[str]:
     """The figures of the result: the larger one first where it warns of what the model leaves."""
     if one.standard_uncertainty is None or one.expanded_uncertainty is None:
         return []
     known = f"±{uncertain(one.expanded_uncertainty, 4)} mm"
     noise = f"u = {uncertain(one.standard_uncertainty, 4)} mm"
+    wider = one.expanded_with_tolerances or 0.0
+    parts = (
+        [
+            f"with what was not fitted off within its tolerance {name} is known to ±"
+            f"{uncertain(wider, 4)} mm (95 %)"
+        ]
+        if wider > one.expanded_uncertainty
+        else []
+    )
     if lacks_fit and one.expanded_with_lack_of_fit is not None:
         larger = f"±{uncertain(one.expanded_with_lack_of_fit)} mm"
         return [
-            f"{name} is known to {larger} (95 %, what the model leaves counted as noise); with "
-            f"reading noise only {known}, {noise}"
+            f"{name} is known to {larger} (95 %, residual counted as noise); with "
+            f"reading noise only {known}, {noise}",
+            *parts,
         ]
-    return [f"{name} is known to {known} (95 %), {noise}"]
+    return [f"{name} is known to {known} (95 %), {noise}", *parts]
 
 
-def _lines(text: str) -> list[str]:
-    """Short lines: the controller refuses long ones."""
+def short_lines(text: str) -> list[str]:
+    """The text in short lines: controllers refuse long ones."""
     return wrap(one_line(text), WIDTH, break_on_hyphens=False)
 
 

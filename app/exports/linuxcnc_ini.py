@@ -15,8 +15,8 @@ from datetime import datetime
 from pathlib import Path
 
 from app.report.offsets import MINUTE
+from calib.arrays import LEG_NAMES
 from calib.errors import RecordError
-from calib.observations import LEG_NAMES
 from calib.tripod.controller import Controller, ControllerJoint
 from protocols.documents import read_text
 from protocols.table import NUMBER

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.machines.family import (
+from app.machines.options import (
     Answer,
     Family,
     OnScreen,
@@ -17,8 +17,13 @@ from app.machines.family import (
     Say,
     Search,
     Simulation,
+    file,
+    may_replace,
+    may_write,
+    number,
+    parts,
+    working,
 )
-from app.machines.options import file, may_replace, may_write, number, parts, working
 from app.screens.look import Look
 from calib.errors import UsageError
 
@@ -72,7 +77,7 @@ def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer | On
     from app.report.schema.hexaslide import HexaSlideIdentifiabilityReport
     from app.report.streams import need_terminal
     from app.report.text.hexaslide import seen_text
-    from calib.hexaslide.seen import look_at
+    from calib.hexaslide.planning import look_at
 
     request = Request(
         asked.procedure or "pose-forward",
@@ -108,9 +113,9 @@ def _screen(request: Request | None = None) -> HexaSlideScreen:
 
 LOOK = Look(
     name="hexaslide",
-    choice="Hexa Slide: what a procedure sees, the best postures",
+    choice="Hexa Slide: what a procedure can identify, the best postures",
     words="""\
-Hexa Slide     another machine: what can be seen of it, drawn, and where
+Hexa Slide     another machine: what can be identified, drawn, and where
                to measure; no readings are needed""",
     screen=_screen,
 )

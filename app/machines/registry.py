@@ -11,7 +11,7 @@ from typing import Any, TypeVar, get_type_hints
 import typer
 
 from app.machines import hexaslide, tripod
-from app.machines.family import Family, Plan
+from app.machines.options import Family, Plan
 from calib.errors import UsageError
 
 FAMILIES = (tripod.FAMILY, hexaslide.FAMILY)

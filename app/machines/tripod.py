@@ -9,13 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from app.machines.family import Answer, Family, Question, Say, Search, Simulation
 from app.machines.options import (
     RESOLUTION_MM,
     SCATTER_MM,
+    Answer,
+    Family,
     Method,
     Protocol,
+    Question,
+    Say,
+    Search,
     Seed,
+    Simulation,
     SubsetName,
     figure,
     file,
@@ -126,8 +131,7 @@ class SimulateOptions:
 def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
     """A session of the nominal machine, or of that of a model file."""
     from app.evaluating.own_effects import known_effects
-    from app.measuring.hidden_effect import hidden_effect
-    from app.measuring.simulated import planned_readings, simulated_session
+    from app.measuring.simulated import hidden_effect, planned_readings, simulated_session
     from calib.errors import UsageError
     from calib.tripod.pipeline import Model
     from protocols.journal import write_whole
@@ -207,12 +211,12 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
         say(f"glidecal: {warning}")
     judged = mapped = simulated = None
     if own.tolerance is not None or own.show_map:
-        from app.evaluating.accuracy import judge, maps
+        from app.evaluating.solution import judge, maps
 
         judged = None if own.tolerance is None else judge(solved, own.tolerance)
         mapped = maps(solved) if own.show_map else None
     if own.monte_carlo:
-        from app.evaluating.accuracy import monte_carlo
+        from app.evaluating.solution import monte_carlo
 
         with working("Simulating sessions"):
             simulated = monte_carlo(solved, own.monte_carlo, own.seed)

@@ -16,8 +16,8 @@ from drivers.line import IndicatorLine
 from drivers.profile import Asked, Fault, Outcome, Profile, Reading
 
 HISTORY = 120
-TREND = 22
-"""So many of the latest outcomes make the trend."""
+SLOT_S, SLOTS = 0.25, 80
+"""The strip chart covers so many moments of this length: 20 s."""
 
 STALE_S = 1.0
 READINGS_IN_WINDOW = 2.5
@@ -42,13 +42,25 @@ class Motion(StrEnum):
 
 
 @dataclass(frozen=True)
+class Trace:
+    """The last 20 s of one indicator.
+
+    ``moments`` are slots of time, oldest first: how many ago, least and largest reading in mm.
+    Readings that stay in a band like ``band_mm`` (lower and upper edge) count as at rest.
+    """
+
+    moments: tuple[tuple[int, float, float], ...] = ()
+    band_mm: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
 class Live:
-    """One indicator now: last outcome, its age, the state word and the recent values in mm."""
+    """One indicator now: last outcome, its age, the state word and its recent readings."""
 
     outcome: Outcome | None
     age_s: float
     motion: Motion
-    trend_mm: tuple[float, ...]
+    trace: Trace = Trace()
 
 
 class Gauge:
@@ -77,6 +89,8 @@ class Gauge:
         self._slot = 0.0
         self._flicker_mm = self._digit_mm = 0.0
         self._heard: deque[tuple[float, Outcome]] = deque(maxlen=HISTORY)
+        self._moments: deque[tuple[int, float, float]] = deque(maxlen=SLOTS)
+        self._traced: tuple[int, Trace] = (-1, Trace())
         self._latest: Outcome | None = None
         self._pressed = self._rests = False
         self.on_news: Callable[[], None] = lambda: None
@@ -104,6 +118,7 @@ class Gauge:
             if isinstance(outcome, Reading):
                 self._digit_mm = outcome.resolution_mm
                 self._still_mm = max(self._tolerance_mm, ONE_DIGIT * outcome.resolution_mm)
+                self._remember(int(now / SLOT_S), outcome.value_mm)
             if self._heard and now - self._slot < SPACING_S:
                 self._heard[-1] = (now, outcome)
             else:
@@ -112,6 +127,13 @@ class Gauge:
             self._latest = outcome
         if changes:
             self.on_news()
+
+    def _remember(self, slot: int, value_mm: float) -> None:
+        """A reading for the strip chart."""
+        low = high = value_mm
+        if self._moments and self._moments[-1][0] == slot:
+            _, low, high = self._moments.pop()
+        self._moments.append((slot, min(low, value_mm), max(high, value_mm)))
 
     def press(self, _: Outcome) -> None:
         """Somebody pressed the DATA button. Called by the line, which knows what is a press."""
@@ -140,16 +162,31 @@ class Gauge:
     def live(self) -> Live:
         """The state now; safe from any thread."""
         with self._lock:
-            heard = tuple(self._heard)
+            heard, moments = tuple(self._heard), self._moments.copy()
         now = time.monotonic()
+        slot = int(now / SLOT_S)
+        if slot != self._traced[0]:  # a picture of it is wanted more seldom than this
+            self._traced = slot, self._trace(moments, slot)
+        trace = self._traced[1]
         if not heard:
             age_s = now - self._slot if self._latest else 0.0
-            return Live(self._latest, age_s, Motion.WAITING, ())
+            return Live(self._latest, age_s, Motion.WAITING, trace)
         at, outcome = heard[-1]
-        trend = tuple(o.value_mm for _, o in heard[-TREND:] if isinstance(o, Reading))
         motion = self._motion(heard, now)
         self._rests = motion in (Motion.STABLE, Motion.FAULT)
-        return Live(outcome, now - at, motion, trend)
+        return Live(outcome, now - at, motion, trace)
+
+    def _trace(self, moments: Sequence[tuple[int, float, float]], slot: int) -> Trace:
+        """What of the last 20 s there is, the band of rest about the latest window."""
+        shown = tuple((slot - at, low, high) for at, low, high in moments if slot - at < SLOTS)
+        within = [m for m in shown if m[0] * SLOT_S <= self._window_s] or shown[-1:]
+        if not within:
+            return Trace()
+        low, high = min(m[1] for m in within), max(m[2] for m in within)
+        if high - low > self._still_mm:  # it moves: about the latest reading
+            low, high = within[-1][1:]
+        middle = (low + high) / 2.0
+        return Trace(shown, (middle - self._still_mm / 2.0, middle + self._still_mm / 2.0))
 
     def _motion(self, heard: Sequence[tuple[float, Outcome]], now: float) -> Motion:
         at, outcome = heard[-1]

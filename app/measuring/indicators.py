@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import json
 import math
 import platform
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Annotated
 
-from calib.errors import GlidecalError, UsageError
+from pydantic import Field, ValidationError
+
+from app.settings import data_path
+from calib.errors import GlidecalError, RecordError, UsageError
 from drivers.port import check_port
 from drivers.profile import Asked, Profile, Unit
 from drivers.profiles import profile_named
 from drivers.profiles.ascii_line import ascii_line
+from protocols.documents import Document, Name, describe, read_text
+from protocols.files import write_files
 from protocols.machine import Instrument, Machine
 from protocols.procedure import ALL_AXES, axes_on_leg
 
@@ -45,10 +52,99 @@ def parse_indicator(text: str) -> Instrument:
     return Instrument(profile=found["profile"], port=found["port"], axes=axes or "xyz")
 
 
-def check_indicators(instruments: Sequence[Instrument]) -> None:
+def indicator_words(number: int, instrument: Instrument) -> str:
+    """An indicator, counted from 0, by number, profile and port."""
+    return f"indicator {number + 1} ({instrument.profile}, {instrument.port})"
+
+
+FORM_ALLOWED = {
+    "channel": "a whole number, 1 … 99",
+    "serial_number": "at most 200 letters",
+    "certificate": "at most 200 letters",
+    "certificate_date": "a date as 2026-01-31, from 1950 to 2100, or nothing",
+}
+
+
+def form_of(known: Instrument) -> dict[str, object]:
+    """The values of an indicator as a form holds them."""
+    return known.model_dump(mode="json", exclude_none=True)
+
+
+def indicator_of(form: Mapping[str, object]) -> Instrument:
+    """The indicator that a form holds; empty texts count as nothing.
+
+    Raises UsageError naming the field, IndicatorError for a port that is none.
+    """
+    given = {name: value for name, value in form.items() if value not in ("", None)}
+    if not given.get("port"):
+        raise UsageError("port", "none", "a serial port, socket://HOST:PORT or rfc2217://HOST:PORT")
+    if str(given.get("channel", "")).isdecimal():
+        given["channel"] = int(str(given["channel"]))
+    try:
+        known = Instrument.model_validate_json(json.dumps(given))
+    except ValidationError as problem:
+        name = str(problem.errors()[0]["loc"][0])
+        allowed = FORM_ALLOWED.get(name, describe(problem))
+        raise UsageError(name.replace("_", " "), repr(given.get(name))[:60], allowed) from problem
+    check_port(known.port)
+    return known
+
+
+def port_is_gone(port: str) -> bool:
+    """Whether a serial port of this name is not here now; nothing is opened to find out."""
+    if port == SIMULATED or "://" in port:
+        return False
+    return not Path(port).exists() and port not in dict(serial_ports())
+
+
+def serial_ports() -> list[tuple[str, str]]:
+    """The serial ports of this computer and what the system says of each; nothing is opened."""
+    from serial.tools import list_ports
+
+    return [(one.device, one.description or "") for one in sorted(list_ports.comports())]
+
+
+class LastUsed(Document):
+    """The indicators that were used last with each machine, by its name."""
+
+    machines: dict[Name, Annotated[tuple[Instrument, ...], Field(max_length=2)]] = Field(
+        default_factory=dict
+    )
+
+
+def last_used(machine: str) -> tuple[Instrument, ...]:
+    """The indicators that were used last with this machine; none where nothing is known.
+
+    They are a proposal for a person to look at. Raises RecordError.
+    """
+    return _last_used().machines.get(machine, ())
+
+
+def remember(machine: str, instruments: Sequence[Instrument]) -> None:
+    """Keep what is used for `last_used`. Raises RecordError."""
+    known = _last_used()
+    updated = LastUsed(machines=known.machines | {machine: tuple(instruments)})
+    if updated != known:
+        write_files(data_path(), {"": updated.model_dump_json(indent=1)}, replace=True)
+
+
+def _last_used() -> LastUsed:
+    path = data_path()
+    if not path.exists():
+        return LastUsed()
+    try:
+        return LastUsed.model_validate_json(read_text(path, "indicators used last"))
+    except ValidationError as problem:
+        thing, next_step = f"indicators used last, {path}", "Remove the file; it is written anew"
+        raise RecordError(
+            thing, describe(problem), "what the program wrote", next_step
+        ) from problem
+
+
+def check_indicators(instruments: Sequence[Instrument], *, legs: bool = True) -> None:
     """Everything that is wrong with the choice, in one message, before any port is opened.
 
-    Raises UsageError.
+    Axes must fit ``legs`` where these are read. Raises UsageError.
     """
     faults: list[str] = []
     for instrument in instruments:
@@ -62,7 +158,7 @@ def check_indicators(instruments: Sequence[Instrument]) -> None:
     faults += [f"port {port} twice" for port in dict.fromkeys(ports) if ports.count(port) > 1]
     if not 1 <= len(instruments) <= 2:
         faults.append(f"{len(instruments)} indicators")
-    else:
+    elif legs:
         faults += _misfits(instruments)
     if faults:
         raise UsageError(
@@ -130,7 +226,7 @@ def choose_indicators(
         return simulated_indicators([profile])
     instruments = tuple(chosen) or from_file(machine.indicator, "the machine file")
     if instruments:
-        check_indicators(instruments)
+        check_indicators(instruments, legs=False)  # that depends on the procedure
     return instruments
 
 

@@ -1,24 +1,26 @@
-"""The readings of one leg as differences to the Zero of their own cycle, while measuring."""
+"""The readings of a leg, or of the tool, minus the Zero of their own cycle, while measuring."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from app.evaluating.solution import indicator_figures
 from calib.noise.reading import visits
 from calib.noise.repeats import Repeats
 from calib.tripod.differences import differences
-from protocols.events import Reading
+from protocols.documents import ZERO, Triple
 from protocols.observations import to_observations
 from protocols.procedure import Step
-from protocols.session import Session
+from protocols.session import Reading, Session
 
 
 @dataclass(frozen=True)
 class LegRow:
     """One axis in one cycle: displacement → reading minus Zero, and the return to Zero, in mm.
 
-    ``kept_mm`` are the displacements where a reading counts that was questioned or superseded.
+    For the tool numbers of its `positions` are in the place of displacements. ``kept_mm`` are those
+    where a reading counts that was questioned or superseded.
     """
 
     axis: str
@@ -28,46 +30,50 @@ class LegRow:
     kept_mm: frozenset[float] = frozenset()
 
 
-def leg_rows(session: Session, step: Step) -> list[LegRow]:
-    """Rows for the leg and station of a step; each mounting has zeros of its own.
+def positions(session: Session) -> list[Triple]:
+    """Positions of the tool in the order of the procedure, or of the table; Zero is number 0."""
+    visited = [step.position_mm for step in session.steps()]
+    visited += [reading.position_mm for reading in session.all_readings]
+    return list(dict.fromkeys([ZERO, *(place for place in visited if place is not None)]))
 
-    None for the tool, whose positions have no one displacement.
-    """
+
+def leg_rows(session: Session, step: Step) -> list[LegRow]:
+    """Rows for the leg and station of a step; each mounting has zeros of its own."""
     rows: list[LegRow] = []
-    if step.leg == "tool":
-        return rows
+    numbers = {place: float(k) for k, place in enumerate(positions(session))}
+
+    def level(r: Reading) -> float:
+        return r.displacement_mm if r.position_mm is None else numbers[r.position_mm]
+
     for axis in step.axes:
         place = (step.leg, axis, step.station)
         here = [r for r in session.readings if (r.leg, r.axis, r.station) == place]
         for mount in dict.fromkeys(r.mount for r in here):
             members = [r for r in here if r.mount == mount]
             for cycle in sorted({r.cycle for r in members}):
-                row = _row(axis, cycle, members)
+                row = _row(axis, cycle, members, level)
                 if row is not None:
                     again = [r for r in members if r.reading in session.restored]
-                    at_mm = frozenset(r.displacement_mm for r in again if r.cycle == cycle)
+                    at_mm = frozenset(level(r) for r in again if r.cycle == cycle)
                     rows.append(replace(row, kept_mm=at_mm))
     return rows
 
 
-def _row(axis: str, cycle: int, members: list[Reading]) -> LegRow | None:
-    start = next(
-        (k for k, r in enumerate(members) if r.cycle == cycle and r.displacement_mm == 0.0), None
-    )
+def _row(
+    axis: str, cycle: int, members: list[Reading], level: Callable[[Reading], float]
+) -> LegRow | None:
+    start = next((k for k, r in enumerate(members) if r.cycle == cycle and level(r) == 0.0), None)
     if start is None:
         return None
     zero = members[start].value_mm
+    levels = {level(r) for r in members if r.cycle == cycle} - {0.0}
     differences: dict[float, float] = {}
     for r in members[start + 1 :]:
-        if r.displacement_mm != 0.0:
-            differences[r.displacement_mm] = r.value_mm - zero
-        elif r.cycle != cycle or len(differences) == _levels(members, cycle):
+        if level(r) != 0.0:
+            differences[level(r)] = r.value_mm - zero
+        elif r.cycle != cycle or len(differences) == len(levels):
             return LegRow(axis, cycle, differences, r.value_mm - zero)
     return LegRow(axis, cycle, differences, None) if differences or start == 0 else None
-
-
-def _levels(members: list[Reading], cycle: int) -> int:
-    return len({r.displacement_mm for r in members if r.cycle == cycle} - {0.0})
 
 
 @dataclass(frozen=True)

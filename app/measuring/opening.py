@@ -2,35 +2,40 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 
+from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import SessionSolution, solve_for_controller
 from app.measuring.gauges import Gauge
 from app.measuring.indicators import (
+    DEFAULT_PROFILE,
     SIMULATED,
     asked_of,
     check_indicators,
     from_file,
     profile_of,
+    remember,
+    simulated_indicators,
     this_computer,
 )
-from app.measuring.session import GuidedSession
-from app.measuring.simulated import BenchSettings, SimulatedBench
+from app.measuring.session import GuidedSession, TakenStep
+from app.measuring.simulated import BenchSettings, SimulatedBench, hidden_effect, planned_readings
 from app.version import program
-from calib.errors import GlidecalError, RecordError, UsageError
+from calib.errors import GlidecalError, IndicatorError, RecordError, UsageError
 from calib.tripod.simulation import hidden_machine
 from drivers.twin_port import Transport, default_transport
-from protocols.events import Opened
 from protocols.files import reason_of, unused_path
 from protocols.journal import Journal
-from protocols.machine import Instrument, Machine
-from protocols.procedure import Procedure, Step
+from protocols.machine import Instrument, Machine, load_machine
+from protocols.procedure import Procedure, Step, load_procedure
 from protocols.record import read_record
+from protocols.session import Opened, fold
 
 SIMULATED_INTERVAL_S = 0.05
 """Simulated indicators may be asked faster than real ones; with 0 time is compressed."""
@@ -53,6 +58,7 @@ class Plan:
     instruments: tuple[Instrument, ...]
     operator: str = ""
     temperature_c: float | None = None
+    note: str = ""
     seed: int = 1
     before: SessionSolution | None = None
     verifies: str | None = None
@@ -61,6 +67,12 @@ class Plan:
     transport: Transport = field(default_factory=default_transport)
     interval_s: float = SIMULATED_INTERVAL_S
     window_s: float | None = None
+
+    def __post_init__(self) -> None:
+        """Against a plate one indicator reads, the first that may along its axis."""
+        if self.procedure.plate is not None:
+            read = self.procedure.indicators_at_plate(self.instruments)
+            object.__setattr__(self, "instruments", read)
 
     @property
     def simulated(self) -> bool:
@@ -110,8 +122,8 @@ class Indicators:
 
 def open_indicators(plan: Plan) -> Indicators:
     """Open every port, all or none. Raises UsageError before, IndicatorError at a port."""
-    refuse_plate(plan.procedure)
-    check_indicators(plan.instruments)
+    refuse_plane(plan.procedure)
+    check_indicators(plan.instruments, legs=plan.procedure.plate is None)
     profiles = [profile_of(instrument) for instrument in plan.instruments]
     ports = tuple(instrument.port for instrument in plan.instruments)
     with ExitStack() as undo:
@@ -143,16 +155,26 @@ def simulated_bench(plan: Plan) -> SimulatedBench:
     """The simulated machine of a plan, with its indicators switched on."""
     truth = hidden_machine(plan.machine.geometry(), plan.seed, plan.machine.entered_offsets_mm)
     profiles = [profile_of(instrument) for instrument in plan.instruments]
-    return SimulatedBench(truth, plan.seed, plan.path.name, profiles, plan.transport, plan.bench)
+    plate = plan.procedure.plate
+    lift_mm = plate.lift_mm if plate else 0.0
+    known = (truth, plan.seed, plan.path.name, profiles, plan.transport, plan.bench)
+    return SimulatedBench(*known, lift_mm)
 
 
-def refuse_plate(procedure: Procedure) -> None:
+def first_step(plan: Plan) -> Step | None:
+    """The step that is measured first. Raises RecordError or UsageError."""
+    if plan.continued:
+        return fold(read_record(plan.path).events).next_step()
+    return plan.procedure.steps(plan.machine.geometry(), plan.axes)[0]
+
+
+def refuse_plane(procedure: Procedure) -> None:
     """Raises UsageError for a procedure that no guided session can measure yet."""
-    if procedure.plate is not None:
+    if procedure.plane is not None:
         raise UsageError(
             f"guided session with {procedure.name}",
-            "readings of the tool against a plate",
-            "procedures that read legs",
+            "readings of legs over a plane",
+            "procedures without [plane]",
             "Measure by the list of --dry-run and read the table in with glidecal import.",
         )
 
@@ -165,7 +187,13 @@ def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
         plan.procedure.steps(plan.machine.geometry(), plan.axes)
         plan.procedure.check_bars(plan.machine.geometry())
         journal = Journal.create(plan.path, opened_event(plan))
-    return GuidedSession(journal, indicators.gauges, indicators.go, indicators.close)
+    guided = GuidedSession(journal, indicators.gauges, indicators.go, indicators.close)
+    if plan.note and not plan.continued:
+        guided.note(plan.note)
+    if not plan.simulated:
+        with suppress(RecordError):  # a proposal for the next time: no session fails for it
+            remember(plan.machine.name, plan.instruments)
+    return guided
 
 
 def start_session(plan: Plan) -> GuidedSession:
@@ -268,3 +296,109 @@ def writable_folder(folder: Path) -> Path:
             reason=reason_of(problem),
         ) from problem
     return folder
+
+
+DEMO_MOTION_S = 0.6
+COMPRESSED_STEP_S = 0.01
+WATCHED_STEP_S = 3.0
+"""About how long a step of the demonstration takes, unattended and on the screen."""
+
+
+def demo_plan(
+    folder: Path,
+    protocol: str | None,
+    seed: int,
+    bench: BenchSettings,
+    profiles: Sequence[str] = (DEFAULT_PROFILE,),
+    machine_name: str | None = None,
+) -> Plan:
+    """A session on a machine whose errors are hidden behind the seed.
+
+    Without a protocol the machine's own. Raises UsageError and RecordError.
+    """
+    machine = load_machine(machine_name)
+    procedure = load_procedure(protocol or machine.usual_procedure, machine.geometry())
+    refuse_plane(procedure)
+    return Plan(
+        path=session_name(folder, "demo"),
+        machine=machine,
+        procedure=procedure,
+        instruments=simulated_indicators(profiles),
+        operator="demo",
+        seed=seed,
+        bench=bench,
+    )
+
+
+def rehearsal_plan(
+    profile: str, protocol: str, machine: str | None, seed: int, resolution_mm: float
+) -> Plan:
+    """Indicators on a machine that goes where it is sent; no record. Raises as `demo_plan`."""
+    known = load_machine(machine)
+    procedure = load_procedure(protocol, known.geometry())
+    bench = BenchSettings(resolution_mm, motion_s=DEMO_MOTION_S)
+    instruments = simulated_indicators([profile])
+    return Plan(Path("rehearsal"), known, procedure, instruments, seed=seed, bench=bench)
+
+
+def with_hidden_effect(plan: Plan, effect: str) -> Plan:
+    """The plan with an effect in its machine that the record does not tell.
+
+    ``effect`` is an id, or id:where. Raises UsageError for one that is not known or that the
+    procedure cannot see.
+    """
+    truth = hidden_machine(plan.machine.geometry(), plan.seed)
+    step_s = WATCHED_STEP_S if plan.bench.motion_s else COMPRESSED_STEP_S
+    effects = hidden_effect(
+        effect,
+        truth,
+        planned_readings(plan.procedure, plan.machine),
+        effects=known_effects(),
+        seed=plan.seed,
+        noise_mm=math.hypot(plan.bench.scatter_mm, plan.bench.resolution_mm),
+    )
+    clock_rate = plan.procedure.seconds_per_step / step_s
+    return replace(plan, bench=replace(plan.bench, effects=effects, clock_rate=clock_rate))
+
+
+def verification_plan(plan: Plan, before: SessionSolution) -> Plan:
+    """The same procedure after the offsets were entered in the controller."""
+    found = before.joint_offsets_mm
+    entered = [old + new for old, new in zip(plan.machine.entered_offsets_mm, found, strict=True)]
+    held = plan.machine.home_at_mm()
+    home = held and [old + new for old, new in zip(held, found, strict=True)]
+    machine: Machine = plan.machine.model_copy(
+        update={
+            "entered_offsets_mm": tuple(entered),
+            "home_offset_mm": tuple(home) if home else None,
+            "position_endstop_mm": None,
+        }
+    )
+    path = unused_path(plan.path.with_name(plan.path.stem + "_verify.jsonl"))
+    return replace(
+        plan,
+        path=path,
+        machine=machine,
+        before=before,
+        verifies=plan.path.name,
+        note="",
+        continued=False,
+    )
+
+
+def measure_all(
+    guided: GuidedSession, progress: Callable[[TakenStep], None] = lambda _: None
+) -> None:
+    """Take every step of a simulated session unattended, keep all, and close the record.
+
+    Raises IndicatorError where an indicator gives no value.
+    """
+    guided.go()
+    while (taken := guided.take()) is not None:
+        if taken.faults:
+            raise IndicatorError("simulated indicator", taken.faults[0].words, "a reading")
+        if taken.doubt:
+            guided.keep(taken, "unattended: kept")
+        progress(taken)
+        guided.go()
+    guided.finish()

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.errors import GlidecalError
-from protocols.events import Closed, Reading
 from protocols.record import END_BYTES, Record, read_ends, read_record
-from protocols.session import fold
+from protocols.session import Closed, Reading, fold
 
 MOST = 12
 

@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
 from app.measuring.gauges import Gauge
 from drivers.profile import Fault, FaultKind, Outcome
 from drivers.profile import Reading as IndicatorReading
-from protocols.events import (
+from protocols.expectation import Expected, Movement, expected, movement
+from protocols.journal import Journal
+from protocols.procedure import Leg, Step, default_mount
+from protocols.session import (
     Faulted,
     Line,
     Mounted,
     Noted,
     Reading,
     Restored,
+    Session,
     Skipped,
     Superseded,
+    fold,
 )
-from protocols.expectation import Expected, Movement, expected, movement
-from protocols.journal import Journal
-from protocols.procedure import Leg, Step, default_mount
-from protocols.session import Session, fold
 from protocols.session_clock import SessionClock
 
 
@@ -105,6 +107,11 @@ class GuidedSession:
         """The step to measure now; None when the procedure is done."""
         return self.session.next_step()
 
+    def name_of(self, number: int) -> str:
+        """Words for an indicator, counted from 0: its number, profile and port."""
+        gauge = self.gauges[number]
+        return f"indicator {number + 1} ({gauge.profile.name}, {gauge.port})"
+
     def go(self) -> None:
         """Tell the machine, where it can be told, to move to the present step."""
         step = self.step()
@@ -150,7 +157,11 @@ class GuidedSession:
             self._same_digits(number, axis, _plausible(one.result()))
             for number, (axis, one) in enumerate(zip(step.axes, asked, strict=True))
         ]
-        faults = tuple(outcome for outcome in outcomes if isinstance(outcome, Fault))
+        faults = tuple(
+            replace(outcome, words=f"{self.name_of(number)}: {outcome.words}")
+            for number, outcome in enumerate(outcomes)
+            if isinstance(outcome, Fault)
+        )
         if faults:
             failed = [
                 Faulted(step=step.number, axis=axis, kind=outcome.kind, text=outcome.text)
@@ -187,12 +198,14 @@ class GuidedSession:
             moved = Movement.SEEN
         if any(one.is_beyond(value) for one, value in zip(due, values_mm, strict=False)):
             return Doubt.BEYOND, []
-        said = f"step {step.number}: the readings cannot tell a move here; the operator's word"
+        said = f"step {step.number}: no reading can show a move here; the operator's word"
         return None, [Noted(text=said)] if moved is Movement.UNKNOWN else []
 
     def _arrival_s(self, step: Step, before: Reading) -> float:
         """When the machine can be there at the earliest, in time of the session."""
         way_mm = abs(step.displacement_mm - before.displacement_mm)
+        if step.position_mm and before.position_mm:
+            way_mm = math.dist(step.position_mm, before.position_mm)
         fastest_mm_s = self.session.opened.machine.fastest_feed_mm_min / 60.0
         return (before.time_s or 0.0) + way_mm / fastest_mm_s
 
@@ -203,10 +216,9 @@ class GuidedSession:
         before_mm = self._digits_mm.setdefault(number, outcome.resolution_mm)
         if outcome.resolution_mm == before_mm:
             return outcome
-        gauge = self.gauges[number]
         words = (
-            f"indicator {number + 1} along {axis.upper()} ({gauge.port}) now shows steps of "
-            f"{outcome.resolution_mm:.6g} mm, before {before_mm:.6g}: inch for mm? Set it back, or "
+            f"along {axis.upper()} it now shows steps of {outcome.resolution_mm:.6g} mm, before "
+            f"{before_mm:.6g}: inch for mm? Set it back, or "
             "leave with F10 and continue the session with it as it is"
         )
         return Fault(FaultKind.WRONG_UNIT, outcome.text, words)
@@ -275,7 +287,7 @@ class GuidedSession:
         alone = frozenset((step.number,))
         settled = self.session.done() | self.session.skipped.keys()
         there = [s for s in self.steps if s.place == step.place]
-        zeros = [s for s in there if s.displacement_mm == 0.0]
+        zeros = [s for s in there if s.at_zero]
         coming = any(s.number not in settled for s in zeros)
         if coming or not self.session.needs_new_zero(step):
             return alone
@@ -407,6 +419,7 @@ class GuidedSession:
         self, step: Step, outcomes: Sequence[Outcome], mounts: dict[Leg, str]
     ) -> tuple[Reading, ...]:
         opened = self.session.opened
+        plate = opened.procedure.plate if opened.procedure else None
         time_s = round(self._clock.time_s(), 3)
         first = len(self.session.all_readings) + 1
         return tuple(
@@ -416,6 +429,8 @@ class GuidedSession:
                 leg=step.leg,
                 axis=axis,
                 displacement_mm=step.displacement_mm,
+                position_mm=step.position_mm,
+                lift_mm=plate.lift_mm or None if plate else None,
                 value_mm=outcome.value_mm,
                 text=outcome.text,
                 cycle=step.cycle,

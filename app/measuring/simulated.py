@@ -9,19 +9,64 @@ from dataclasses import dataclass
 
 from app.measuring.indicators import SIMULATED
 from app.version import program
-from calib.errors import RecordError
-from calib.observations import Observations, conditions
+from calib.arrays import TOOL, Conditions, Observations, conditions
+from calib.errors import RecordError, UsageError
+from calib.tripod.effects.candidates import candidates
+from calib.tripod.effects.catalogue import BESIDE_CATALOGUE
+from calib.tripod.effects.effect import Effect, EffectInstance
+from calib.tripod.effects.hidden import hidden_among
 from calib.tripod.pipeline import Model, StageEffect, measure
 from calib.tripod.sensitivity import excursion_mm
 from calib.tripod.simulation import SimulatedMachine
 from drivers.profile import LARGEST_MM, Profile
 from drivers.rig import SimulatedRig
 from drivers.twin_port import Transport
-from protocols.events import Opened, Reading
 from protocols.machine import Instrument, Machine
 from protocols.observations import to_observations
 from protocols.procedure import Leg, Procedure, Step, Touched, default_mount, leg_number
-from protocols.session import fold
+from protocols.session import Opened, Reading, fold
+
+
+def hidden_effect(
+    wanted: str,
+    truth: Model,
+    taken: Conditions,
+    *,
+    effects: Sequence[Effect],
+    seed: int,
+    noise_mm: float,
+    size: float | None = None,
+) -> tuple[EffectInstance, ...]:
+    """The effect ``wanted`` (id, or id:where) for the machine ``truth``; see `hidden_among`.
+
+    Raises UsageError where it is not known, or these readings cannot show it.
+    """
+    effect_id, _, where = wanted.partition(":")
+    effects = (*effects, *BESIDE_CATALOGUE)
+    if effect_id not in {effect.id for effect in effects}:
+        raise UsageError("effect", repr(effect_id), ", ".join(dict.fromkeys(x.id for x in effects)))
+    of_it = [
+        c for c in candidates(truth, taken, effects) if c.id == effect_id and "," not in c.where
+    ]
+    if not of_it:
+        raise _not_seen(effect_id, taken)
+    here = [c for c in of_it if where in ("", c.where)]
+    if not here:
+        places = ", ".join(dict.fromkeys(c.where for c in of_it))
+        raise UsageError(f"place of effect {effect_id}", repr(where), places)
+    found = hidden_among(here, truth, taken, seed=seed, noise_mm=noise_mm, size=size)
+    if not found:
+        raise _not_seen(wanted, taken)
+    return found
+
+
+def _not_seen(effect: str, taken: Conditions) -> UsageError:
+    return UsageError(
+        f"effect {effect}",
+        "nothing to see of it beside offsets and lengths with this procedure",
+        "a procedure that shows it",
+        "Give --size." if TOOL in taken.leg else "Try --protocol two-station, or give --size.",
+    )
 
 
 @dataclass(frozen=True)
@@ -54,9 +99,10 @@ class SimulatedBench:
         profiles: list[Profile],
         transport: Transport,
         settings: BenchSettings,
+        lift_mm: float = 0.0,
     ) -> None:
         truth = truth.with_effects((*truth.effects, *settings.effects))
-        self._machine = SimulatedMachine(truth, seed, run_name, settings.scatter_mm)
+        self._machine = SimulatedMachine(truth, seed, run_name, settings.scatter_mm, lift_mm)
         self._clock_rate, self._start_s = settings.clock_rate, time.monotonic()
         self.rig = SimulatedRig(
             profiles,
@@ -73,6 +119,7 @@ class SimulatedBench:
             [leg_number(axis) for axis in step.axes],
             [step.displacement_mm] * len(step.axes),
             station=step.station,
+            position_mm=step.position_mm,
         )
         mounts = [default_mount(step.leg, axis, step.station) for axis in step.axes]
         time_s = (time.monotonic() - self._start_s) * self._clock_rate
@@ -117,7 +164,7 @@ def simulated_session(
         machine=machine,
         procedure=procedure,
         instruments=(Instrument(profile=SIMULATED, resolution_mm=resolution_mm or None),)
-        * (1 if procedure.plate else 2),
+        * (2 if procedure.levels else 1),
         seed=seed,
     )
     blank = _blank_readings(procedure, machine, resolution_mm)
@@ -161,8 +208,9 @@ def _blank_readings(
             value_mm=0.0,
             text="0",
             cycle=step.cycle,
-            mount=default_mount(step.leg, axis, step.station),
+            mount=default_mount(step.leg, axis, step.place[1]),
             station=step.station,
+            over_plane=step.over_plane or None,
             time_s=step.number * procedure.seconds_per_step,
             resolution_mm=resolution_mm or None,
         )
@@ -174,12 +222,13 @@ def short_travels(
     procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]
 ) -> list[tuple[Instrument, float, str]]:
     """Indicators whose travel may not do, with the most that is needed in mm, and where."""
-    if procedure.plate is not None or all(one.travel_mm is None for one in instruments):
+    if not procedure.levels or all(one.travel_mm is None for one in instruments):
         return []
     geometry = machine.geometry()
     levels: dict[tuple[Touched, float, tuple[Leg, ...]], list[float]] = {}
     for step in procedure.steps(geometry, [one.axes for one in instruments]):
-        levels.setdefault(step.place, []).append(step.displacement_mm)
+        if not step.over_plane:  # set anew in each posture
+            levels.setdefault(step.place, []).append(step.displacement_mm)
     found = []
     for k, instrument in enumerate(instruments):
         needed = []

@@ -10,10 +10,9 @@ from app.measuring.indicators import SIMULATED, asked_of, profile_of
 from calib.errors import GlidecalError, RecordError
 from drivers.profile import Asked, Profile
 from drivers.profile import Reading as IndicatorReading
-from protocols.events import Continued, Event, Reading
 from protocols.machine import Instrument
 from protocols.record import Record
-from protocols.session import fold
+from protocols.session import Continued, Event, Reading, fold
 
 Parser = Callable[[str], float | None]
 

@@ -6,16 +6,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.version import program
+from calib.arrays import FloatArray
 from calib.design.criteria import Criterion
 from calib.errors import CalibrationError, RecordError, UsageError
 from calib.hexaslide.checked import Checked, checked_calibration
 from calib.hexaslide.geometry import COORDINATES, HexaSlide
-from calib.hexaslide.planning import BestPostures, best_postures, judged_postures
+from calib.hexaslide.planning import BestPostures, HexaSlidePlanning, best_postures, judged_postures
 from calib.hexaslide.procedures import Kind, Procedure
 from calib.hexaslide.residuals import measured_names
-from calib.hexaslide.seen import HexaSlidePlanning
 from calib.hexaslide.simulation import simulate
-from calib.observations import FloatArray
 from protocols.files import write_files
 from protocols.hexaslide_machine import HexaSlideMachine, load_hexaslide
 from protocols.hexaslide_postures import (

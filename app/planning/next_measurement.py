@@ -8,31 +8,34 @@ from pathlib import Path
 
 from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import indicator_figures, load_sessions
+from app.measuring.simulated import simulated_session
 from app.planning.tripod import stated_noise
+from calib.diagnosis.hypotheses import alias_map as compare
+from calib.diagnosis.results import AliasMap
 from calib.errors import UsageError
-from calib.identify.next_mounting import Proposal, next_mountings
+from calib.identify.next_mounting import NextMountings, Proposal, next_mountings
+from calib.tripod.effects.effect import Effect
 from calib.tripod.pipeline import Model
 from protocols.machine import Machine, load_machine
 from protocols.model_file import read_model
 from protocols.observations import to_observations
-from protocols.session import Session
+from protocols.procedure import load_procedure
+from protocols.session import Session, fold
 
 
 @dataclass(frozen=True)
 class NextMeasurement:
-    """The best proposal first; ``tool_before_mm`` without any of them."""
+    """What is worth measuring after these sessions."""
 
     sessions: tuple[str, ...]
     machine: str
-    tool_before_mm: float
-    noise_words: str
-    proposals: tuple[Proposal, ...]
+    found: NextMountings
     warnings: tuple[str, ...]
 
     @property
     def best(self) -> Proposal:
         """The measurement that is proposed."""
-        return self.proposals[0]
+        return self.found.proposals[0]
 
 
 def next_measurement(
@@ -61,9 +64,7 @@ def next_measurement(
     return NextMeasurement(
         sessions=tuple(path.name for path in sessions),
         machine=machine.name,
-        tool_before_mm=found.tool_before_mm,
-        noise_words=found.noise_words,
-        proposals=found.proposals,
+        found=found,
         warnings=tuple(warnings),
     )
 
@@ -96,3 +97,27 @@ def _machine_and_model(
             "glidecal identifiability tells what a procedure of your own would see.",
         )
     return machine, model or Model(machine.geometry())
+
+
+TYPICAL_MM = (1.0, -0.8, 0.6, 0.03, -0.02, 0.01)
+"""Some machine that is not perfect: effects that scale readings need readings to scale."""
+
+
+def alias_map(
+    procedure: str | None, effects: Sequence[Effect], machine_name: str | None = None
+) -> AliasMap:
+    """What this procedure cannot tell apart on a machine; None: the usual ones.
+
+    Raises UsageError, RecordError.
+    """
+    machine = load_machine(machine_name)
+    model = Model(machine.geometry(), TYPICAL_MM)
+    opened, readings = simulated_session(
+        load_procedure(procedure or machine.usual_procedure, machine.geometry()),
+        machine,
+        model,
+        seed=1,
+        scatter_mm=0.0,
+        resolution_mm=0.0,
+    )
+    return compare(model, to_observations([fold([opened, *readings])]), effects)

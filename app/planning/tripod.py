@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from app.measuring.simulated import planned_readings
+from calib.arrays import LEG_NAMES
 from calib.errors import UsageError
 from calib.noise.reading import IndicatorFigures, Noise
-from calib.observations import LEG_NAMES
 from calib.tripod.planning import Orders, TripodPlanning
 from protocols.files import Written
 from protocols.machine import Machine, load_machine
@@ -60,7 +60,7 @@ def tripod_planning(
         geometry=geometry,
         procedure=procedure.name,
         planned=planned_readings(procedure, machine),
-        of_tool=procedure.plate is not None,
+        of_tool=not procedure.levels,
         stations=procedure.stations,
         step_count=len(steps),
         mounting_count=len({step.place for step in steps}),

@@ -11,10 +11,10 @@ from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import SessionSolution, solve_files
 from app.report.schema.document import rows
 from app.report.schema.solution import Offset
-from app.report.text.caveats import caveats
+from app.report.text.caveats import bound_words, caveats
 from app.version import VERSION
 from calib.errors import RecordError
-from calib.identify.solution import Method, Subset
+from calib.identify.identify import Method, Subset
 from calib.printable import printable
 from calib.tripod.controller import Controller
 from calib.tripod.geometry import PARAMETER_NAMES
@@ -44,12 +44,12 @@ NOT_KNOWN = "NOTE: the values are of a model file: it does not hold how well the
 class Offsets:
     """Parameters in mm with their uncertainties (none where the source has none).
 
-    ``cautions`` are what stands below the first lines of the result, and that a session is
-    unfinished, one line each; with ``lacks_fit`` its warning counts what the model leaves as
-    noise. ``model`` holds the parameters, and effects fitted with them. ``controller`` is what the
-    controller holds now, None where nobody stated it; ``measured`` is when the last session began,
-    None where the source does not tell;
-    ``ambiguous`` are effects that these readings could not tell from others.
+    ``cautions`` are the bound at the tool, what stands below the first lines of the result, and
+    that a session is unfinished, one line each; with ``lacks_fit`` its warning counts what the
+    model leaves as noise. ``model`` holds the parameters, and effects fitted with them.
+    ``controller`` is what the controller holds now, None where nobody stated it; ``measured`` is
+    when the last session began, None where the source does not tell; ``ambiguous`` are effects that
+    these readings could not tell from others.
     """
 
     source: str
@@ -110,6 +110,7 @@ def offsets_from_solved(solved: SessionSolution, paths: Sequence[Path]) -> Offse
             solution.expanded_mm,
             solution.coverage_factors,
             solution.enlarged_expanded_mm,
+            solution.expanded_with_tolerances_mm,
         ),
         model=solution.model,
         controller=_stated(machine),
@@ -117,18 +118,15 @@ def offsets_from_solved(solved: SessionSolution, paths: Sequence[Path]) -> Offse
         digests=tuple(read_record(path).digest for path in paths),
         ambiguous=solved.ambiguous,
         remarks=tuple(remarks),
-        cautions=tuple(map(one_line, caveats(solved))),
+        cautions=(one_line(bound_words(solved)), *map(one_line, caveats(solved))),
         lacks_fit=solution.lacks_fit,
     )
 
 
 def _stated(machine: Machine) -> Controller | None:
     """What the machine file says that the controller holds."""
-    return (
-        Controller.homed_at(machine.home_offset_mm, machine.joints)
-        if machine.home_offset_mm
-        else None
-    )
+    home = machine.home_at_mm()
+    return Controller.homed_at(home, machine.joints) if home else None
 
 
 def one_line(text: str) -> str:
@@ -137,17 +135,20 @@ def one_line(text: str) -> str:
 
 
 def offsets_from_file(
-    path: Path, subset: Subset, method: Method, model: Path | None = None
+    path: Path, subset: Subset | None, method: Method, model: Path | None = None
 ) -> Offsets:
     """Offsets of a session or a model file; an unfinished session is a caution, too.
 
-    With a model the sizes of its effects are fitted to the session, too.
+    With a model the sizes of its effects are fitted to the session, too; without a subset that
+    for the controller is taken.
 
     Raises RecordError where the file is neither, NotIdentifiable where it gives no result.
     """
     if is_model(path):
         return _offsets_from_model(path)
     solved, warnings = solve_files([path], subset=subset, method=method, model=model)
+    if subset is None:
+        solved = solved.for_controller()
     offsets = offsets_from_solved(solved, [path])
     return replace(offsets, cautions=(*map(one_line, warnings), *offsets.cautions))
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
-from rich.markup import escape
 from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -13,13 +13,15 @@ from textual.screen import Screen
 from textual.widgets import Footer, Static
 
 from app.exit_codes import exit_code
-from app.measuring.opening import Indicators, Plan, begin, open_indicators
+from app.measuring.opening import Indicators, Plan, begin, first_step, open_indicators
+from app.measuring.trial import Finding, Trial
 from app.report.text.home import CHECK_HELP
-from app.report.text.session import check_text
+from app.report.text.session import check_text, trial_text
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
 from app.screens.session_view import GaugeDisplay
 from calib.errors import GlidecalError
+from protocols.procedure import Step
 
 REFRESH_S = 0.1
 OPENING = "Opening the indicators …"
@@ -33,6 +35,7 @@ class CheckScreen(Screen[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "begin", "Begin", id="check.begin"),
         Binding("f5", "begin", "Begin", show=False, id="check.begin-too"),
+        Binding("x", "exchange", "Exchange the ports", id="check.exchange"),
         Binding("r", "retry", "Try again", id="check.retry"),
         Binding("escape", "back", "Back", id="check.back"),
         Binding("f10", "app.quit", "Quit", id="check.quit"),
@@ -42,13 +45,16 @@ class CheckScreen(Screen[None]):
         super().__init__()
         self._plan = plan
         self._problem: GlidecalError | None = None
+        self._trial: Trial | None = None
+        self._first: Step | None = None
 
     def compose(self) -> ComposeResult:
         yield Title()
         yield Static(OPENING, id="words", markup=False)
+        yield Static("", id="trial", markup=False)
         with Horizontal(id="gauges"):
-            for number in range(len(self._plan.axes)):
-                yield GaugeDisplay(f"indicator {number + 1}", f"gauge{number}")
+            for number, instrument in enumerate(self._plan.instruments):
+                yield GaugeDisplay(number, instrument)
         yield Footer()
 
     def on_mount(self) -> None:
@@ -77,21 +83,48 @@ class CheckScreen(Screen[None]):
         self.app.indicators = indicators
         self.refresh_bindings()
         self.query_one("#words", Static).update(check_text(self._plan))
-        for display, gauge in zip(self.query(GaugeDisplay), indicators.gauges, strict=True):
-            display.border_title = escape(gauge.port)
+        if not self._plan.simulated:  # no hand can push those spindles
+            with self.app.complaining():
+                self._first = first_step(self._plan)
+                self._trial = Trial(self._plan.instruments)
+        self._show_trial()
         self.set_interval(REFRESH_S, self._show_live)
 
     def _show_live(self) -> None:
-        if self.app.indicators is not None:
-            for display, gauge in zip(
-                self.query(GaugeDisplay), self.app.indicators.gauges, strict=True
+        if self.app.indicators is None:
+            return
+        states = [gauge.live() for gauge in self.app.indicators.gauges]
+        for display, live in zip(self.query(GaugeDisplay), states, strict=True):
+            display.show(live)
+        if self._trial and self._trial.look(states):
+            self.app.bell()
+            self._show_trial()
+
+    def _show_trial(self) -> None:
+        trial, step = self._trial, self._first
+        if trial and step:
+            self.query_one("#trial", Static).update(trial_text(trial, step))
+        self.refresh_bindings()
+
+    def action_exchange(self) -> None:
+        """The spindle that moved is the one that was asked for: its port belongs there."""
+        if self._trial and self._trial.finding is Finding.OTHER:
+            self._trial.exchange()
+            opened = self.app.indicators
+            if opened:
+                self.app.indicators = replace(opened, gauges=opened.gauges[::-1])
+            for display, known in zip(
+                self.query(GaugeDisplay), self._trial.instruments, strict=True
             ):
-                display.show(gauge.live())
+                display.name_it(known)
+            self._show_trial()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Begin is offered once the indicators are open, another try where they did not open."""
         if action == "retry":
             return self._problem is not None
+        if action == "exchange":
+            return self._trial is not None and self._trial.finding is Finding.OTHER
         return action != "begin" or self.app.indicators is not None
 
     def action_retry(self) -> None:
@@ -106,9 +139,14 @@ class CheckScreen(Screen[None]):
         if self.app.indicators is None:
             return
         with self.app.complaining():
-            guided = begin(self._plan, self.app.indicators)
+            plan, trial = self._plan, self._trial
+            if trial:
+                plan = replace(plan, instruments=trial.known())
+            guided = begin(plan, self.app.indicators)
             self.app.indicators, self.app.guided = None, guided
-            self.app.go_to(self.app.measuring(guided, self._plan))
+            self.app.go_to(self.app.measuring(guided, plan))
+            if trial:
+                guided.note(trial.remark())
 
     async def action_back(self) -> None:
         indicators, self.app.indicators = self.app.indicators, None

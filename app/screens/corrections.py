@@ -9,9 +9,14 @@ from typing import TypeVar
 from textual.screen import ModalScreen, Screen
 
 from app.measuring.session import GuidedSession
-from app.report.text.session import MOVED_CHOICES, MOVED_QUESTION, point_text
-from app.screens.dialogs import ChoiceDialog, TextDialog
-from app.screens.interface import Interface
+from app.report.text.session import (
+    LEAVE_CHOICES,
+    LEAVE_QUESTION,
+    MOVED_CHOICES,
+    MOVED_QUESTION,
+    point_text,
+)
+from app.screens.interface import ChoiceDialog, Interface, TextDialog
 from calib.errors import GlidecalError
 
 Answer = TypeVar("Answer")
@@ -77,7 +82,7 @@ class Corrections(Screen[None]):
         if self.busy or not points:
             return
         choices = [(str(step.number), point_text(step, session)) for step in points]
-        question = "Which step? The present one stays where it is until you say what to do."
+        question = "Which step? Nothing changes until you say what to do with it."
         self.ask(ChoiceDialog(question, choices, len(choices) - 1), self._chosen)
 
     def _chosen(self, number: str | None) -> None:
@@ -93,12 +98,12 @@ class Corrections(Screen[None]):
                 question += f" Its stand is gone: {gone} steps are measured, to share one zero."
             dialog = TextDialog(question, "reason", without=self._as_before())
             self.ask(dialog, lambda why: self._repeat(step, why))
-        elif self.write(lambda: self.guided.restore(step, "taken back by the operator")):
+        elif self.write(lambda: self.guided.restore(step, "restored by the operator")):
             counts = step in self.guided.session.done()
             self.say(
-                f"Step {step}: its readings count again."
+                f"The readings of step {step} are used again."
                 if counts
-                else f"Step {step} cannot be taken back: the stand was moved since."
+                else f"Step {step} cannot be restored: the stand was moved after it."
             )
             self.proceed()
 
@@ -123,7 +128,7 @@ class Corrections(Screen[None]):
         if len(rest) > 1:
             choices.append(("rest", f"2  The rest of leg {step.leg.upper()}: {len(rest)} steps"))
         self.ask(
-            ChoiceDialog("What is left out?", choices),
+            ChoiceDialog("What do you want to skip?", choices),
             lambda what: self._skip_why([step.number] if what == "one" else rest) if what else None,
         )
 
@@ -147,8 +152,18 @@ class Corrections(Screen[None]):
 
     def _remount(self, answer: str | None) -> None:
         if answer == "moved" and self.write(self.guided.remount):
-            self.say("New mounting: readings from here on have a zero of their own")
+            self.say("New set-up: readings from here on have a new zero")
             self.proceed()
+
+    def action_leave(self) -> None:
+        """Back to the home screen, with the session paused. Asks first."""
+        self.automatic = False
+        if not self.busy:
+            self.ask(ChoiceDialog(LEAVE_QUESTION, LEAVE_CHOICES), self._leave)
+
+    def _leave(self, answer: str | None) -> None:
+        if answer == "home":
+            self.app.run_worker(self.app.pause_session())
 
     def action_note(self) -> None:
         self.ask(TextDialog("Note for the record.", "what happened"), self._noted)

@@ -14,15 +14,19 @@ from textual.containers import Vertical, VerticalScroll
 from textual.widgets import Footer, Static, TabbedContent, TabPane
 from textual.worker import get_current_worker
 
-from app.evaluating.adoption import adopt, correct, write_procedure
-from app.evaluating.diagnosis import SessionDiagnosis, diagnose_files
+from app.evaluating.diagnosis import (
+    SessionDiagnosis,
+    adopt,
+    correct,
+    diagnose_files,
+    write_procedure,
+)
 from app.evaluating.solution import SessionSolution, solve_files
 from app.measuring.opening import Plan, plan_to_repeat
 from app.report.charts.charts import residuals_before_and_after
 from app.report.text import diagnosis as texts
 from app.report.text.result import ONLY_SHOWN, copied_text
-from app.screens.dialogs import ChoiceDialog, TextDialog
-from app.screens.interface import Interface
+from app.screens.interface import ChoiceDialog, Interface, TextDialog
 from app.screens.pages import PagedScreen, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError

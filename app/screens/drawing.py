@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import BindingType
+from textual.containers import Vertical
+from textual.widgets import Static
+
 from app.report.charts.charts import Chart, tick_labels
 from app.report.charts.drawings import Drawing, Look, ticks_within
+from app.report.charts.tripod import drawn_set_up
+from app.report.text.session import set_up_text
+from app.screens.fast_keys import Dialog
 from app.screens.plot import COLOURS, MARKERS, ChartPlot
+from protocols.machine import Instrument
+from protocols.procedure import Step
+from protocols.session import Session
 
-LINES = {Look.THIN: "braille", Look.THICK: "hd"}
+LINES = {Look.THIN: "braille", Look.THICK: "hd", Look.BEADED: "•"}
 DOTS = {Look.DOTTED: "·", Look.MARKED: ":"}
 STROKE_COLOURS = {
     Look.DOTTED: "foreground",
     Look.MARKED: "text-secondary",
     Look.THIN: "text-primary",
     Look.THICK: "text-accent",
+    Look.BEADED: "text-warning",
 }
 
 LABEL_CELLS = 7
@@ -20,6 +35,31 @@ LABEL_CELLS = 7
 
 LABELLED_ROWS = 3
 """So many rows for one number beside the drawing."""
+
+
+class SetUpScreen(Dialog[None]):
+    """Where the indicators of a step stand: words and picture, as large as the terminal."""
+
+    HELP = "Thick: the bar that is touched, x: where. Dots: each spindle, up to its body."
+    BINDINGS: ClassVar[list[BindingType]] = [
+        ("escape", "dismiss(None)", "Back"),
+        ("w", "dismiss(None)", "Back"),
+        ("enter", "dismiss(None)", "Back"),
+        ("space", "dismiss(None)", "Back"),
+    ]
+
+    def __init__(
+        self, session: Session, step: Step, instruments: Sequence[Instrument | None]
+    ) -> None:
+        super().__init__()
+        self._words = set_up_text(session, step, instruments)
+        self._drawing = drawn_set_up(session, step, instruments)
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="wide-dialog"):
+            yield Static(self._words, markup=False)
+            yield DrawingPlot(self._drawing)
+            yield Static("Escape, Space or W goes back.", markup=False)
 
 
 class DrawingPlot(ChartPlot):
@@ -47,6 +87,11 @@ class DrawingPlot(ChartPlot):
         across, upwards = chart.limits(columns, self._rows)
         plot.xlim(*across)
         plot.ylim(*upwards)
+        if not chart.scaled:
+            plot.frame(False)
+            plot.xticks([])
+            plot.yticks([])
+            return
         ticks = ticks_within(across, max(2, columns // LABEL_CELLS))
         plot.xticks(list(ticks), tick_labels(ticks) if ticks else [])
         ticks = ticks_within(upwards, max(2, self._rows // LABELLED_ROWS))

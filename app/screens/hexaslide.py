@@ -35,14 +35,19 @@ from app.report.text.hexaslide_screen import (
     search_text,
     sees_text,
 )
-from app.screens.dialogs import TextDialog
 from app.screens.drawing import DrawingPlot
-from app.screens.interface import Interface
+from app.screens.interface import Interface, TextDialog
 from app.screens.pages import PagedScreen
 from calib.errors import GlidecalError
-from calib.hexaslide.planning import Found, find_postures
+from calib.hexaslide.planning import (
+    KINDS,
+    Found,
+    HexaSlideSeen,
+    conditions_at,
+    find_postures,
+    look_at,
+)
 from calib.hexaslide.procedures import Kind
-from calib.hexaslide.seen import KINDS, HexaSlideSeen, conditions_at, look_at
 
 STARTS = 8
 WIDE = 110

@@ -17,24 +17,27 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from rich.cells import cell_len
 from rich.segment import Segment
 from textual.actions import ActionParseResult
-from textual.app import App, SystemCommand
+from textual.app import App, ComposeResult, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.color import Color
 from textual.command import CommandPalette
+from textual.containers import Vertical, VerticalScroll
 from textual.dom import DOMNode
 from textual.events import Event, InputEvent
 from textual.filter import LineFilter
 from textual.screen import Screen
 from textual.theme import ThemeProvider
 from textual.widget import Widget
+from textual.widgets import Input, OptionList, Static
+from textual.widgets.option_list import Option
 
 from app.exit_codes import Exit
 from app.measuring.opening import Indicators, Plan
 from app.measuring.session import GuidedSession
 from app.report.text.home import REPLACE_CHOICES, WORDS_OF_LOOKS, key_list_text
-from app.screens.dialogs import ChoiceDialog, HelpDialog
-from app.screens.fast_keys import Palette, ready
+from app.screens.fast_keys import Dialog, Palette, ready
 from app.screens.look import Look
+from app.screens.pages import legible, signalled
 from app.settings import Settings, save_theme, settings_path
 from calib.errors import GlidecalError
 from calib.printable import HIDDEN
@@ -43,6 +46,98 @@ from protocols.files import FilesThere, unused_path
 if TYPE_CHECKING:
     from app.evaluating.comparison import Comparison
     from app.evaluating.solution import SessionSolution
+
+
+class TextDialog(Dialog[str]):
+    """One line of text: a note, a reason.
+
+    ``without`` says what happens where there is none: then Enter gives nothing back by itself.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [("escape", "dismiss('')", "Cancel")]
+
+    def __init__(self, question: str, hint: str, proposed: str = "", without: str = "") -> None:
+        super().__init__()
+        self._question = question
+        self._hint = hint
+        self._proposed = proposed
+        self._without = without
+
+    def compose(self) -> ComposeResult:
+        ends = f"Escape: {self._without}" if self._without else "Enter accepts, Escape cancels."
+        with Vertical(classes="dialog"):
+            yield Static(f"{self._question} {ends}", markup=False)
+            yield Input(self._proposed, placeholder=self._hint)
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        text = event.value.strip()
+        if text or not self._without:
+            self.dismiss(text)
+        else:
+            self.app.bell()
+            event.input.placeholder = f"{self._hint}: none yet, write one, or Escape"
+
+
+class ChoiceDialog(Dialog[str]):
+    """One of several answers, by arrow keys and Enter, by its number, or none by Escape.
+
+    ``choices`` are pairs of an answer and the words that stand for it.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        ("escape", "dismiss('')", "Cancel"),
+        *((str(number), f"pick({number})", "") for number in range(1, 10)),
+    ]
+
+    def __init__(
+        self,
+        question: str,
+        choices: Sequence[tuple[str, str]],
+        highlighted: int = 0,
+        leaving: str = "Escape cancels.",
+    ) -> None:
+        super().__init__()
+        self._leaving = leaving
+        self._question = question
+        self._choices = tuple(choices)
+        self._highlighted = highlighted
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="dialog"):
+            yield Static(self._question, markup=False)
+            yield OptionList(*(Option(words) for _, words in self._choices), markup=False)
+            yield Static(f"Arrow keys and Enter, or the number. {self._leaving}", markup=False)
+
+    def on_mount(self) -> None:
+        options = self.query_one(OptionList)
+        options.highlighted = self._highlighted if self._choices else None
+        options.focus()
+
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        self.dismiss(self._choices[event.option_index][0])
+
+    def action_pick(self, number: int) -> None:
+        if number <= len(self._choices):
+            self.dismiss(self._choices[number - 1][0])
+
+
+class HelpDialog(Dialog[None]):
+    """Words about the present screen and the panel that has the focus."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        ("escape", "dismiss(None)", "Close"),
+        ("f1", "dismiss(None)", "Close"),
+        ("enter", "dismiss(None)", "Close"),
+    ]
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self._text = text
+
+    def compose(self) -> ComposeResult:
+        with VerticalScroll(classes="dialog"):
+            yield Static(signalled(f"{self._text}\n\nEscape closes."))
+
 
 PALETTE = (
     ("Theme", "Choose the colours; kept in the settings"),
@@ -53,6 +148,9 @@ PALETTE = (
 )
 WIDE = 110
 """Columns from which text and plot stand side by side."""
+
+TALL = 30
+"""Rows from which panels have room for more than their digits."""
 
 NO_HELP = "The keys of this screen stand in its last line."
 SIGNALS = ("SIGTERM", "SIGHUP")
@@ -103,6 +201,7 @@ class Interface(App[str]):
     ) -> None:
         super().__init__()
         self.HORIZONTAL_BREAKPOINTS = [(WIDE, "wide")]  # a class of every screen so wide
+        self.VERTICAL_BREAKPOINTS = [(TALL, "tall")]
         self._first = first
         self.read_only = read_only
         self.looks = looks
@@ -146,6 +245,11 @@ class Interface(App[str]):
     def search_themes(self) -> None:
         """The themes, in a palette of our own."""
         self.push_screen(Palette(providers=[ThemeProvider], placeholder="Search for themes…"))
+
+    def get_css_variables(self) -> dict[str, str]:
+        """Those of the theme, with colours of words that can be read in light themes, too."""
+        self.theme_variables = (found := super().get_css_variables()) | legible(found)
+        return self.theme_variables
 
     def get_line_filters(self) -> Sequence[LineFilter]:
         return [*super().get_line_filters(), PRINTABLE_ROWS]
@@ -232,6 +336,12 @@ class Interface(App[str]):
         self.notify("Finishing …", markup=False)
         said = await self._leave()
         self.exit(said, return_code=self._status)
+
+    async def pause_session(self) -> None:
+        """Home; the open session can be continued."""
+        said = await self._leave()
+        self.go_to(self.home())
+        self.notify(said, timeout=10, markup=False)
 
     async def action_interrupt(self) -> None:
         """Ctrl-C: as quit, with the exit status of an interruption."""

@@ -16,15 +16,14 @@ from textual.events import Resize
 from textual.geometry import Size
 from textual.widgets import Footer
 
-from app.evaluating.solution import solve_for_controller
+from app.evaluating.solution import solve_recorded
 from app.measuring.gauges import Live, Motion
 from app.measuring.opening import Plan
 from app.measuring.session import GuidedSession, TakenStep
 from app.report.text import session as texts
 from app.screens.corrections import Corrections
-from app.screens.dialogs import ChoiceDialog
-from app.screens.leg_review import LegReviewScreen
-from app.screens.session_view import SessionView
+from app.screens.interface import ChoiceDialog
+from app.screens.session_view import LegReviewScreen, SessionView
 from calib.errors import GlidecalError, sentence
 from drivers.profile import Fault, Reading
 from protocols.expectation import Movement
@@ -67,16 +66,18 @@ class MeasureScreen(Corrections):
         Binding("s", "skip", "Skip", id="measure.skip"),
         Binding("a", "automatic", "Auto", id="measure.automatic"),
         Binding("p", "hold", "Hold", id="measure.hold"),
-        Binding("m", "remount", "Mount", id="measure.remount"),
+        Binding("m", "remount", "Moved", id="measure.remount"),
         Binding("n", "note", "Note", id="measure.note"),
+        Binding("w", "where", "Where", id="measure.where"),
         Binding("g", "plot", "Plot", show=False, id="measure.plot"),
+        Binding("escape", "leave", "Home", show=False, id="measure.home"),
         Binding("f10", "app.quit", "Leave", id="measure.leave"),
     ]
 
     def __init__(self, guided: GuidedSession, plan: Plan) -> None:
         super().__init__(guided)
         self.plan = plan
-        self.view = SessionView(len(guided.gauges))
+        self.view = SessionView(plan.instruments)
         self.held = self._narrow = False
         self._lost: set[int] = set()
         self._waits: tuple[int, Movement] | None = None
@@ -135,7 +136,9 @@ class MeasureScreen(Corrections):
         self._show_step()
         narrow = event.size.width < LEAST_SIZE.width or event.size.height < LEAST_SIZE.height
         if narrow:
-            self.say(f"This screen needs {LEAST_SIZE.width} × {LEAST_SIZE.height} characters.")
+            self.say(
+                f"WARNING: this screen needs {LEAST_SIZE.width} × {LEAST_SIZE.height} characters."
+            )
         elif self._narrow:
             self.say("")
         self._narrow = narrow
@@ -173,7 +176,7 @@ class MeasureScreen(Corrections):
             return
         if self._anyway_until and self.ready_by_hand():
             self._anyway_until = 0.0
-            self.say("The readings stand still now: Space takes them.")
+            self.say("The readings are stable now: Space takes them.")
         if any(pressed):
             self.action_take()
         elif self.automatic and all(live.motion is Motion.STABLE for live in states):
@@ -186,10 +189,12 @@ class MeasureScreen(Corrections):
             if lost and number not in self._lost:
                 self._lost.add(number)
                 words = live.outcome.words if isinstance(live.outcome, Fault) else ""
-                self.say(f"Indicator {number + 1}: {sentence(words)} The session waits.")
+                name = self.guided.name_of(number)
+                self.say(f"FAULT: {name}: {sentence(words)} The session waits.")
             elif isinstance(live.outcome, Reading) and number in self._lost:
                 self._lost.remove(number)
-                self.say(f"Indicator {number + 1} answers again; go on with this step.")
+                name = self.guided.name_of(number).capitalize()
+                self.say(f"{name} answers again. Continue with this step.")
 
     def _take_if_moved(self) -> None:
         """Take what stands still where it tells of a move; else say once why not."""
@@ -207,7 +212,7 @@ class MeasureScreen(Corrections):
         if held or self.busy:
             return
         if self.held:
-            self.say("On hold: nothing is taken. Press P to measure again.")
+            self.say("WAIT: on hold, nothing is taken. Press P to continue.")
             return
         if self.guided.step() is None:
             self._begin_finish()
@@ -215,7 +220,7 @@ class MeasureScreen(Corrections):
             self._begin_take()
         else:
             self._anyway_until = now + ANYWAY_S
-            self.say("The readings still move. Wait, or press Space again to take them anyway.")
+            self.say("WAIT: the readings move. Press Space again to take them anyway.")
 
     def ready_by_hand(self) -> bool:
         """Whether a single press takes: nothing moves, or there is a fault to be shown."""
@@ -304,8 +309,8 @@ class MeasureScreen(Corrections):
 
     def action_hold(self) -> None:
         """Nothing is taken until the same key again."""
-        self._set_hold(not self.held, "on hold" if not self.held else "goes on")
-        self.say("On hold. Press P to measure again." if self.held else "No longer on hold.")
+        self._set_hold(not self.held, "on hold" if not self.held else "continued")
+        self.say("On hold. Press P to continue." if self.held else "The session continues.")
 
     def _set_hold(self, held: bool, note: str) -> None:
         if self.write(lambda: self.guided.note(note)):
@@ -313,8 +318,14 @@ class MeasureScreen(Corrections):
             self._show_step()
 
     def action_plot(self) -> None:
-        """The plot instead of the table, where there is no room for both."""
-        self.view.toggle_plot()
+        """The next page: the plot, larger strip charts, the table."""
+        self.view.turn_page()
+
+    def action_where(self) -> None:
+        """The set-up of this step as a picture, with words."""
+        picture = self.view.where(self.guided.session, self.guided.step())
+        if picture:
+            self.ask(picture, lambda _: None)
 
     def _begin_finish(self) -> None:
         if not self.busy:
@@ -326,7 +337,7 @@ class MeasureScreen(Corrections):
     def _finish(self) -> None:
         try:
             self.guided.finish()
-            solved = solve_for_controller(self.guided.path)
+            solved = solve_recorded(self.guided.path)
         except GlidecalError as problem:
             said = f"Every reading is on the disk, but: {problem} Space tries again, F10 leaves."
             self.app.call_from_thread(self.refused, said)

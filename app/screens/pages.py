@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 
+from textual.color import Color
 from textual.containers import VerticalScroll
 from textual.content import Content
 from textual.screen import Screen
 from textual.widgets import TabbedContent, Tabs
 
+GOOD, CAUTION, FAULT = (f"bold $text-{name}" for name in ("success", "warning", "error"))
 SIGNALS = {
-    "Next:": "bold $text-accent",
-    "WARNING:": "bold $text-warning",
-    "AGREES.": "bold $text-success",
-    "EXPLAINED.": "bold $text-success",
-    "UNEXPLAINED.": "bold $text-error",
+    "Next:": "bold $text-primary",
+    **dict.fromkeys(("AGREES.", "EXPLAINED.", "PASS:", "Taken"), GOOD),
+    **dict.fromkeys(("WARNING:", "AMBIGUOUS.", "PARTLY-EXPLAINED.", "CANNOT-TELL."), CAUTION),
+    **dict.fromkeys(("LEFT OUT:", "WEAK:", "SUSPECT:", "LOST:", "UNDECIDED:", "WAIT:"), CAUTION),
+    **dict.fromkeys(("UNEXPLAINED.", "FAIL:", "Not taken:", "FAULT:"), FAULT),
 }
 """Words at the beginning of a line that stand out; a colour never stands for a word."""
+
+COLOURS_OF_WORDS = tuple(
+    f"text-{name}" for name in ("success", "warning", "error", "primary", "secondary", "accent")
+)
+LEGIBLE = 4.5
+"""Least contrast of a signal word with its ground (WCAG 2.1, 1.4.3)."""
 
 
 def signalled(text: str) -> Content:
@@ -24,6 +33,32 @@ def signalled(text: str) -> Content:
     found = Content(text)
     for word in re.finditer(rf"^({'|'.join(map(re.escape, SIGNALS))})", text, re.MULTILINE):
         found = found.stylize(SIGNALS[word[0]], *word.span())
+    return found
+
+
+def contrast(one: Color, other: Color) -> float:
+    """Contrast of two colours, 1 to 21 (WCAG 2.1)."""
+    darker, lighter = sorted((_luminance(one), _luminance(other)))
+    return (lighter + 0.05) / (darker + 0.05)
+
+
+def _luminance(colour: Color) -> float:
+    linear = (
+        v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in colour.normalized
+    )
+    return sum(map(float.__mul__, (0.2126, 0.7152, 0.0722), linear))
+
+
+def legible(variables: Mapping[str, str]) -> dict[str, str]:
+    """Colours of words and points, nearer to that of text where a theme has them too pale."""
+    text, *grounds = (Color.parse(variables[v]) for v in ("foreground", "background", "surface"))
+    found = {}
+    for name in COLOURS_OF_WORDS:
+        theirs = Color.parse(variables[name])
+        nearer = (theirs.blend(text, tenth / 10.0, 1.0) for tenth in range(11))
+        clear = (c for c in nearer if min(contrast(c, ground) for ground in grounds) >= LEGIBLE)
+        if theirs.ansi is None:  # else the terminal chooses
+            found[name] = next(clear, text).hex
     return found
 
 

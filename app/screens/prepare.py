@@ -3,76 +3,304 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Mapping
+from itertools import permutations
 from pathlib import Path
+from threading import Event
 from typing import ClassVar
 
+from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, VerticalScroll
 from textual.content import Content
 from textual.screen import Screen
+from textual.widget import Widget
 from textual.widgets import Footer, Input, Label, Select, Static
 
 from app.measuring.indicators import (
     DEFAULT_PROFILE,
+    asked_of,
     check_indicators,
+    form_of,
     from_file,
-    parse_indicator,
+    indicator_of,
+    last_used,
+    port_is_gone,
+    serial_ports,
     some_indicators,
 )
 from app.measuring.opening import Plan, session_name
-from app.report.text.home import FIELD_HELP, PREPARE_HELP
+from app.report.text import home as texts
+from app.report.text.indicator import findings_text, trial_text
 from app.report.text.session import dry_run_text, procedure_sentence
-from app.screens.fast_keys import Title
+from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import Interface
-from calib.errors import GlidecalError, UsageError
+from calib.errors import GlidecalError, IndicatorError, UsageError
+from drivers.doctor import Finding, Trials, findings_of, refused, try_profiles
+from drivers.profile import Asked, Unit, Verified
+from drivers.profiles import PROFILES
+from protocols.documents import MOST_LETTERS
 from protocols.machine import Instrument, Machine, load_machine
 from protocols.procedure import Procedure, leg_procedure_names, load_procedure, shuffled
 from protocols.table import NUMBER
 
+Form = dict[str, object]
+"""The values of an indicator by their names in the record, texts as typed; empty: none."""
+
+AXES = ("xyz", *("".join(one) for n in (1, 2) for one in permutations("xyz", n)))
+USUAL: Form = {"axes": "xyz", "unit": Unit.MM.value}
+OF_ITS_OWN = ("pattern", "request", "resolution_mm", "repeatability_mm", "travel_mm")
+"""What a file says of its indicator, and nothing of another one chosen in its place."""
+
+
+class IndicatorScreen(LeftOnce[Form]):
+    """A form that keeps what was typed however it is left; no port is opened unasked."""
+
+    app: Interface
+    HELP = texts.INDICATOR_HELP
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("f3", "try_profiles", "Try profiles on this port", id="indicator.try"),
+        Binding("f5", "leave", "Done", id="indicator.done"),
+        Binding("escape", "leave", "Back", id="indicator.back"),
+        Binding("f10", "app.quit", "Quit", id="indicator.quit"),
+    ]
+
+    def __init__(self, which: str, form: Mapping[str, object], answered: dict[str, str]) -> None:
+        super().__init__()
+        self._which = which
+        self._form: Form = dict(form)
+        self._answered = answered  # which profiles fit at a port, as long as the program runs
+        self._stop: Event | None = None
+
+    def compose(self) -> ComposeResult:
+        known = USUAL | self._form
+        along = dict.fromkeys([*AXES, str(known["axes"])])
+        here = [(texts.port_label(*one, self._answered), one[0]) for one in serial_ports()]
+        profiles = texts.profile_rows(PROFILES.values())
+        yield Title()
+        with VerticalScroll(id="form"):
+            yield Static(self._which, id="which", markup=False)
+            yield from row("Ports here", choice("here", here, prompt=texts.ports_here(len(here))))
+            yield from self._input("port")
+            chosen = known.get("profile")
+            yield from row("Profile", choice("profile", profiles, chosen, texts.PROFILE_PROMPT))
+            rows = [(texts.axes_words(one), one) for one in along]
+            yield from row("Measures along", choice("axes", rows, known["axes"]))
+            units = [(one.value, one.value) for one in Unit]
+            yield from row("Unit of the display", choice("unit", units, known["unit"]))
+            for name in ("channel", "serial_number", "certificate", "certificate_date"):
+                yield from self._input(name)
+            yield Static(texts.TRY_HINT, id="summary", markup=False)
+        yield Footer()
+
+    def _input(self, name: str) -> ComposeResult:
+        label, hint = texts.INDICATOR_FIELDS[name]
+        typed = Input(str(self._form.get(name, "")), hint, id=name, compact=True)
+        typed.max_length = MOST_LETTERS
+        yield from row(label, typed)
+
+    def on_mount(self) -> None:
+        first = "#here" if serial_ports() and not self._form.get("port") else "#port"
+        self.query_one(first).focus()
+
+    def on_unmount(self) -> None:
+        if self._stop is not None:
+            self._stop.set()
+
+    def on_select_changed(self, event: Select.Changed) -> None:
+        name, value = str(event.select.id), event.value
+        if not isinstance(value, str):
+            return
+        if name == "here":
+            self.query_one("#port", Input).value = value
+            return
+        if value == self._form.get(name, USUAL.get(name)):
+            return
+        if name == "profile":
+            self._form = {k: v for k, v in self._form.items() if k not in OF_ITS_OWN}
+        self._form[name] = value
+        self._say_what_is_wrong()
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        name, value = str(event.input.id), event.value.strip()
+        if value != str(self._form.get(name, "")):
+            self._form[name] = value
+            self._say_what_is_wrong()
+
+    def on_input_submitted(self) -> None:
+        self.focus_next()
+
+    def _read(self) -> Form:
+        """What stands in the form now: a key may come before the news of what was typed."""
+        for typed in self.query(Input):
+            if typed.value.strip() != str(self._form.get(str(typed.id), "")):
+                self._form[str(typed.id)] = typed.value.strip()
+        return self._form
+
+    def _say_what_is_wrong(self) -> None:
+        """Of what was typed; what is still to be typed is not wrong."""
+        if self._stop is not None:
+            return
+        port, said = str(self._form.get("port", "")), ""
+        try:
+            if port and self._form.get("profile"):
+                indicator_of(self._form)
+            said = texts.PORT_GONE.format(port) if port and port_is_gone(port) else ""
+        except GlidecalError as problem:
+            said = str(problem)
+        self._say(said or texts.TRY_HINT)
+
+    def _say(self, text: str) -> None:
+        self.query_one("#summary", Static).update(text)
+
+    def action_leave(self) -> None:
+        """Stop trying, or go back with what stands here."""
+        if self._stop is not None:
+            self._stop.set()
+        else:
+            self.dismiss({name: value for name, value in self._read().items() if value != ""})
+
+    def action_try_profiles(self) -> None:
+        """Ask the port as each profile does: the operator says that an indicator is there."""
+        if self._stop is not None:
+            return
+        with self.app.complaining():
+            asking = {name: self._read().get(name) for name in ("port", "channel", "unit")}
+            known = indicator_of({"profile": DEFAULT_PROFILE, **asking})  # any: not asked for
+            self._stop = Event()
+            self._try(known.port, asked_of(known))
+
+    @work(thread=True)
+    def _try(self, port: str, asked: Asked) -> None:
+        stop = self._stop or Event()
+
+        def tell(*trial: object) -> None:
+            self.app.call_from_thread(self._say, f"{texts.TRYING}\n{trial_text(*trial)}")  # type: ignore[arg-type]
+
+        try:
+            found: Trials | IndicatorError = try_profiles(
+                PROFILES.values(), port, asked, progress=tell, stopped=stop.is_set
+            )
+        except IndicatorError as problem:
+            found = problem
+        self.app.call_from_thread(self._tried, port, found)
+
+    def _tried(self, port: str, found: Trials | IndicatorError) -> None:
+        if self not in self.app.screen_stack:
+            return
+        stopped, self._stop = self._stop is not None and self._stop.is_set(), None
+        if isinstance(found, IndicatorError):
+            findings: Iterable[Finding] = [refused(port, found)]
+        else:
+            findings = findings_of(found)
+            self._propose(port, found)
+        none = isinstance(found, Trials) and not found.fits
+        self._say(texts.STOPPED if stopped and none else findings_text(findings))
+
+    def _propose(self, port: str, found: Trials) -> None:
+        """Put the profiles that fit first; take one that somebody verified, unless one is taken."""
+        fitting = [fit.profile for fit in found.fits]
+        if not fitting:
+            return
+        self._answered[port] = ", ".join(profile.name for profile in fitting)
+        best = min(fitting, key=lambda profile: profile.verified is Verified.UNVERIFIED).name
+        chosen = self._form.get("profile")
+        others = [profile for profile in PROFILES.values() if profile not in fitting]
+        profiles = self.query_one("#profile", Select)
+        rows = [*texts.profile_rows(fitting, "fits: "), *texts.profile_rows(others)]
+        taken = str(chosen) if chosen in [one.name for one in fitting] else best
+        if taken != chosen:
+            self._form = {k: v for k, v in self._form.items() if k not in OF_ITS_OWN}
+            self._form["profile"] = taken
+        profiles.set_options((Content(words), name) for words, name in rows)
+        profiles.value = taken
+
+
+def row(label: str, widget: Widget) -> ComposeResult:
+    """One line of a form."""
+    with Horizontal(classes="field"):
+        yield Label(label, markup=False)
+        yield widget
+
+
+def choice(
+    name: str, rows: Iterable[tuple[str, str]], value: object = None, prompt: str = ""
+) -> Select[str]:
+    """A list to choose from; without a value nothing is chosen."""
+    options = [(Content(words), one) for words, one in rows]
+    chosen = next((one for _, one in options if one == value), Select.NULL)
+    return Select(
+        options,
+        prompt=prompt,
+        allow_blank=bool(prompt),
+        value=chosen,
+        id=name,
+        compact=True,
+    )
+
+
 FIELDS = (
-    ("indicator1", "First indicator", "mitutoyo-01a:COM5, sylvac:/dev/ttyUSB0@yx"),
-    ("indicator2", "Second indicator", "empty: one indicator, each leg is measured twice"),
-    ("machine", "Machine file", "empty: the prototype of the papers"),
+    ("machine", "Machine", "name or file; empty: the papers' prototype"),
     ("operator", "Operator", ""),
     ("temperature", "Temperature, °C", ""),
+    ("note", "Note", "stands below the result"),
     ("random", "Random order seed", "empty: the order as written"),
 )
+INDICATORS = ("indicator1", "indicator2")
 SEED = re.compile(r"\d{1,9}", re.ASCII)
 
 
+class IndicatorField(Static, can_focus=True):
+    """The line of one indicator; its form opens on Enter or a click."""
+
+    def on_click(self) -> None:
+        self.focus()
+        if isinstance(self.screen, PrepareScreen):
+            self.screen.action_choose()
+
+
 class PrepareScreen(Screen[None]):
-    """A form; F5 goes on to the instrument check."""
+    """A form; F5 goes on to the instrument check. What was typed stays, however it is left."""
 
     app: Interface
-    HELP = PREPARE_HELP
+    HELP = texts.PREPARE_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("enter", "choose", "Choose", id="prepare.choose"),
+        Binding("delete", "clear", "None", id="prepare.clear"),
         Binding("f5", "check", "Check the indicators", id="prepare.check"),
         Binding("f2", "dry_run", "Dry run", id="prepare.dry-run"),
         Binding("escape", "app.pop_screen", "Back", id="prepare.back"),
         Binding("f10", "app.quit", "Quit", id="prepare.quit"),
     ]
 
+    def __init__(self) -> None:
+        super().__init__()
+        self._forms: list[Form] = [{}, {}]
+        self._source = ""
+        self._proposed_for: Machine | None = None
+        self._answered: dict[str, str] = {}
+
     def compose(self) -> ComposeResult:
+        names = [(name, name) for name in leg_procedure_names()]
         yield Title()
         with VerticalScroll(id="form"):
-            with Horizontal(classes="field"):
-                yield Label("Procedure", markup=False)
-                names = [(name, name) for name in leg_procedure_names()]
-                yield Select(
-                    names, value="zero-max-min", allow_blank=False, id="procedure", compact=True
-                )
+            yield from row("Procedure", choice("procedure", names, "zero-max-min"))
+            for name, words in zip(INDICATORS, texts.WHICH_INDICATOR, strict=True):
+                yield from row(words, IndicatorField(id=name, markup=False))
             for name, label, hint in FIELDS:
-                with Horizontal(classes="field"):
-                    yield Label(label, markup=False)
-                    yield Input(placeholder=hint, id=name, compact=True)
+                typed = Input(placeholder=hint, id=name, compact=True, max_length=MOST_LETTERS)
+                yield from row(label, typed)
             yield Static("", id="summary", markup=False)
         yield Footer()
 
     def on_mount(self) -> None:
-        for name, words in FIELD_HELP.items():
+        for name, words in texts.FIELD_HELP.items():
             self.query_one(f"#{name}").tooltip = Content(words)
-        self.query_one("#indicator1", Input).focus()
+        self.query_one("#indicator1").focus()
+
+    def on_screen_resume(self) -> None:
+        """Ports may have come or gone on while another screen was open."""
         self._summarise()
 
     def on_select_changed(self) -> None:
@@ -88,12 +316,57 @@ class PrepareScreen(Screen[None]):
         said = []
         try:
             machine = self._machine()
-            axes = [instrument.axes for instrument in self._some(machine)]
+            self._propose(machine)
+            axes = [instrument.axes for instrument in self._some()]
             said.append(procedure_sentence(self._procedure(machine), machine.geometry(), axes))
-            self._plan()
+            if any(self._forms):
+                self._plan()
+            else:
+                said.append(texts.CHOOSE_INDICATOR)
         except GlidecalError as problem:
             said.append(str(problem))
         self.query_one("#summary", Static).update("\n".join(said))
+        for k, (name, form) in enumerate(zip(INDICATORS, self._forms, strict=True)):
+            gone = port_is_gone(str(form.get("port", "")))
+            words = texts.form_words(form, self._source, gone=gone)
+            line = words if form else texts.NO_INDICATOR[k]
+            self.query_one(f"#{name}", IndicatorField).update(line)
+
+    def _propose(self, machine: Machine) -> None:
+        """The indicators of the machine file, else those used last, until others are chosen."""
+        if machine == self._proposed_for or (any(self._forms) and not self._source):
+            return
+        self._forms, self._source = [{}, {}], ""
+        known, source = from_file(machine.indicator, "the machine file"), "file"
+        self._proposed_for = machine
+        if not known:
+            with self.app.complaining():
+                known, source = last_used(machine.name), "last"
+        if known:
+            self._forms, self._source = [*map(form_of, known), {}][:2], source
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Enter and Delete are for the lines of the indicators."""
+        return action not in ("choose", "clear") or isinstance(self.focused, IndicatorField)
+
+    def action_choose(self) -> None:
+        """The form of the indicator whose line has the focus."""
+        if isinstance(self.focused, IndicatorField):
+            which = INDICATORS.index(str(self.focused.id))
+            screen = IndicatorScreen(
+                texts.WHICH_INDICATOR[which], self._forms[which], self._answered
+            )
+            self.app.push_screen(screen, lambda form: self._chosen(which, form or {}))
+
+    def action_clear(self) -> None:
+        """No indicator on this line."""
+        if isinstance(self.focused, IndicatorField):
+            self._chosen(INDICATORS.index(str(self.focused.id)), {})
+
+    def _chosen(self, which: int, form: Form) -> None:
+        if form != self._forms[which]:
+            self._forms[which], self._source = form, ""
+        self._summarise()
 
     def action_check(self) -> None:
         with self.app.complaining():
@@ -103,15 +376,15 @@ class PrepareScreen(Screen[None]):
         """Every step, before anything is opened."""
         with self.app.complaining():
             machine = self._machine()
-            text = dry_run_text(self._procedure(machine), machine, self._some(machine))
+            text = dry_run_text(self._procedure(machine), machine, self._some())
             self.app.push_screen(DryRunScreen(text))
 
     def _value(self, name: str) -> str:
         return self.query_one(f"#{name}", Input).value.strip()
 
     def _machine(self) -> Machine:
-        path = self._value("machine")
-        return load_machine(Path(path).expanduser() if path else None)
+        typed = self._value("machine")
+        return load_machine(str(Path(typed).expanduser()) if typed else None)
 
     def _procedure(self, machine: Machine) -> Procedure:
         name = str(self.query_one("#procedure", Select).value)
@@ -119,26 +392,22 @@ class PrepareScreen(Screen[None]):
         seed = _seed(self._value("random"))
         return procedure if seed is None else shuffled(procedure, seed)
 
-    def _instruments(self, machine: Machine) -> tuple[Instrument, ...]:
-        named = [value for value in map(self._value, ("indicator1", "indicator2")) if value]
-        instruments = tuple(map(parse_indicator, named))
-        instruments = instruments or from_file(machine.indicator, "the machine file")
+    def _instruments(self) -> tuple[Instrument, ...]:
+        instruments = tuple(indicator_of(form) for form in self._forms if form)
         if instruments:
             check_indicators(instruments)
         return instruments
 
-    def _some(self, machine: Machine) -> tuple[Instrument, ...]:
+    def _some(self) -> tuple[Instrument, ...]:
         """The indicators; without any, two."""
-        return self._instruments(machine) or some_indicators(DEFAULT_PROFILE, needed=False)
+        return self._instruments() or some_indicators(DEFAULT_PROFILE, needed=False)
 
     def _plan(self) -> Plan:
         machine = self._machine()
         procedure = self._procedure(machine)
-        instruments = self._instruments(machine)
+        instruments = self._instruments()
         if not instruments:
-            raise UsageError(
-                "indicators", "none", "PROFILE:PORT", "Without any, choose the demonstration"
-            )
+            raise UsageError("indicators", "none", "one or two", texts.CHOOSE_INDICATOR)
         return Plan(
             path=session_name(Path(), procedure.name),
             machine=machine,
@@ -146,6 +415,7 @@ class PrepareScreen(Screen[None]):
             instruments=instruments,
             operator=self._value("operator"),
             temperature_c=_temperature(self._value("temperature")),
+            note=self._value("note"),
         )
 
 
@@ -178,9 +448,10 @@ class DryRunScreen(Screen[None]):
 def _temperature(text: str) -> float | None:
     if not text:
         return None
-    if not NUMBER.fullmatch(text) or not -50.0 <= float(text) <= 100.0:
-        raise UsageError("temperature", repr(text), "−50 … 100 °C with a decimal point, or nothing")
-    return float(text)
+    plain = text.replace(",", ".")
+    if not NUMBER.fullmatch(plain) or not -50.0 <= float(plain) <= 100.0:
+        raise UsageError("temperature", repr(text), "−50 … 100 °C, or nothing")
+    return float(plain)
 
 
 def _seed(text: str) -> int | None:

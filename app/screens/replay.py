@@ -16,32 +16,12 @@ from textual.widgets import Footer, Log
 from app.evaluating.solution import SessionSolution, solve_files
 from app.measuring.playback import Playback
 from app.report.text import replay as texts
-from app.screens.dialogs import TextDialog
-from app.screens.interface import Interface
-from app.screens.result import ResultScreen
+from app.screens.interface import Interface, TextDialog
 from app.screens.session_view import SessionView
 from calib.errors import GlidecalError
 from protocols.record import read_record
 
 TICK_S = 0.1
-
-
-class ReplayedResult(ResultScreen):
-    """The result over a replay: there is a way back to it, and from a served page no other one."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "back", "Back", id="replay.result-back")
-    ]
-
-    def action_back(self) -> None:
-        self.app.pop_screen()
-
-    def action_home(self) -> None:
-        """Home offers other files and real indicators: not to somebody who only looks."""
-        if self.app.read_only:
-            self.action_back()
-        else:
-            super().action_home()
 
 
 class ReplayScreen(Screen[None]):
@@ -64,6 +44,7 @@ class ReplayScreen(Screen[None]):
         Binding("t", "list", "Taken", id="replay.list"),
         Binding("pageup", "page(-1)", "List up", show=False, id="replay.list-up"),
         Binding("pagedown", "page(1)", "List down", show=False, id="replay.list-down"),
+        Binding("w", "where", "Where", show=False, id="replay.where"),
         Binding("g", "plot", "Plot", show=False, id="replay.plot"),
         Binding("r", "result", "Result", id="replay.result"),
         Binding("y", "copy", "Copy", show=False, id="replay.copy"),
@@ -80,7 +61,8 @@ class ReplayScreen(Screen[None]):
         self._solving = False
 
     def compose(self) -> ComposeResult:
-        yield SessionView(self.playback.gauge_count)
+        known = self.playback.session.opened.instruments
+        yield SessionView((*known, None, None)[: self.playback.gauge_count])
         listing = Log(id="taken", auto_scroll=True)
         listing.can_focus = False  # the arrow keys are the replay's
         yield listing
@@ -190,8 +172,14 @@ class ReplayScreen(Screen[None]):
             listing.scroll_page_down(animate=False)
 
     def action_plot(self) -> None:
-        """The plot instead of the table, where there is no room for both."""
-        self.view.toggle_plot()
+        """The next page: the plot, larger strip charts, the table."""
+        self.view.turn_page()
+
+    def action_where(self) -> None:
+        """The set-up of this step as a picture, with words."""
+        picture = self.view.where(self.playback.shown, self.playback.now)
+        if picture:
+            self.app.push_screen(picture)
 
     def action_copy(self) -> None:
         lines = texts.reading_lines(self.playback.session)
@@ -226,4 +214,4 @@ class ReplayScreen(Screen[None]):
         if isinstance(found, str):
             self.view.say(texts.UNSOLVED.format(found))
         elif self.is_current:
-            self.app.push_screen(ReplayedResult(found, None, self.path))
+            self.app.push_screen(self.app.result(found, None, self.path))

@@ -16,8 +16,7 @@ from textual.widgets import Footer, Static, TabbedContent, TabPane
 from app.evaluating.comparison import Comparison
 from app.evaluating.solution import SessionSolution
 from app.exports import export_offsets
-from app.measuring.demo import verification_plan
-from app.measuring.opening import Plan
+from app.measuring.opening import Plan, verification_plan
 from app.report.charts.charts import before_and_after, measured_and_predicted
 from app.report.text import result as texts
 from app.screens.fast_keys import Title
@@ -25,7 +24,7 @@ from app.screens.interface import Interface
 from app.screens.pages import PagedScreen, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError
-from calib.identify.solution import Subset
+from calib.identify.identify import Subset
 from protocols.files import FilesThere
 
 CHOICES: dict[str, Subset] = {
@@ -49,13 +48,14 @@ class ResultScreen(PagedScreen):
         Binding("v", "refuse_verify", show=False),
         Binding("1", "choose('1')", "Offsets", id="result.offsets"),
         Binding("2", "choose('2')", "Lengths", id="result.lengths"),
-        Binding("3", "choose('3')", "Both", id="result.both"),
+        Binding("3", "choose('3')", "Both", show=False, id="result.both"),
         Binding("4", "choose('4')", "Tolerances", show=False, id="result.tolerances"),
         Binding("tab,right", "turn_to(1)", "Next", show=False, id="result.next"),
         Binding("shift+tab,left", "turn_to(-1)", "Previous", show=False, id="result.previous"),
         Binding("d", "diagnose", "Diagnose", id="result.diagnose"),
         Binding("y", "copy", "Copy", show=False, id="result.copy"),
-        Binding("h", "home", "Home", id="result.home"),
+        Binding("h", "home", "Home", show=False, id="result.home"),
+        Binding("escape", "back", "Back", id="result.back"),
         Binding("f10", "app.quit", "Quit", id="result.quit"),
     ]
 
@@ -65,6 +65,7 @@ class ResultScreen(PagedScreen):
         self.plan = plan
         self.path = path
         self.before = plan.before if plan else None
+        self.caution = ""
 
     def compose(self) -> ComposeResult:
         with TabbedContent(initial=COMPARISON if self.before else RESULT):
@@ -89,7 +90,13 @@ class ResultScreen(PagedScreen):
         self._show()
 
     def _show(self) -> None:
-        text = texts.result_text(self.solved, self.before, measured_here=self.plan is not None)
+        text = texts.result_text(
+            self.solved,
+            self.before,
+            exports=not self.app.read_only,
+            measures=self.plan is not None,
+            caution=self.caution,
+        )
         self.query_one("#text", Static).update(signalled(text))
         chart = measured_and_predicted(self.solved.solution)
         for name in ("#beside", "#plot"):
@@ -97,7 +104,7 @@ class ResultScreen(PagedScreen):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Nothing is offered that this program will not do; its key says why."""
-        if action == "export":
+        if action in ("export", "home"):
             return not self.app.read_only
         if action == "verify":
             return not self.app.read_only and self.plan is not None
@@ -125,14 +132,21 @@ class ResultScreen(PagedScreen):
         try:
             offsets = self._joint_offsets()
             written, refused = export_offsets(offsets, self.path, folder, replace=replace)
-            said = texts.exported_text(folder, written, offsets, refused)
+            said = texts.exported_text(folder, written)
+            caution = texts.export_caution(offsets, refused)
         except FilesThere as problem:
             again = partial(self._export, replace=True)
             self.app.call_from_thread(self.app.ask_to_replace, problem, again)
         except GlidecalError as problem:
             self.app.call_from_thread(self.app.complain, problem)
         else:
-            self.app.call_from_thread(self.app.notify, said, timeout=10, markup=False)
+            self.app.call_from_thread(self._exported, said, caution)
+
+    def _exported(self, said: str, caution: str) -> None:
+        """What was written is said in passing, what to beware of stays on the page."""
+        self.app.notify(said, timeout=10, markup=False)
+        self.caution = caution
+        self._show()
 
     def _joint_offsets(self) -> SessionSolution:
         return self.solved.with_subset("joint-offsets")
@@ -154,8 +168,17 @@ class ResultScreen(PagedScreen):
         self.app.copy_to_clipboard(text)
         self.app.notify(texts.copied_text(text), timeout=8, markup=False)
 
+    def action_back(self) -> None:
+        """To the screen below, or home; from a served page nowhere else."""
+        if len(self.app.screen_stack) > 2:
+            self.app.pop_screen()
+        else:
+            self.action_home()
+
     def action_home(self) -> None:
-        self.app.go_to(self.app.home())
+        """Home offers other files and real indicators: not to somebody who only looks."""
+        if not self.app.read_only:
+            self.app.go_to(self.app.home())
 
 
 class CompareScreen(Screen[None]):

@@ -5,31 +5,37 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from functools import lru_cache, partial
-from itertools import pairwise
 from typing import ClassVar
 
 from rich.segment import Segment
 from rich.style import Style
 from textual.app import ComposeResult
-from textual.containers import Horizontal, Vertical
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
 from textual.geometry import Region
 from textual.renderables.digits import Digits
-from textual.renderables.sparkline import Sparkline
 from textual.selection import Selection
 from textual.strip import Strip
 from textual.widget import Widget
 from textual.widgets import Static
 
-from app.measuring.gauges import Live, Motion
-from app.measuring.leg_review import leg_rows
+from app.measuring.gauges import Live, Motion, Trace
+from app.measuring.leg_review import review_leg
 from app.report.charts.charts import readings_by_posture
-from app.report.text.session import leg_table_text, step_text
+from app.report.charts.strips import strip_rows
+from app.report.charts.tripod import drawn_set_up
+from app.report.text.session import REVIEW_HELP, review_text, so_far_text, step_in_list, step_text
 from app.report.text.tables import signed
+from app.screens.drawing import DrawingPlot, SetUpScreen
+from app.screens.fast_keys import Dialog
+from app.screens.interface import WIDE
+from app.screens.pages import signalled
 from app.screens.plot import ChartPlot
-from calib.errors import sentence
+from calib.errors import GlidecalError, sentence
 from calib.tripod.geometry import Geometry
 from drivers.profile import Fault, Reading
+from protocols.machine import Instrument
 from protocols.procedure import Step
 from protocols.session import Session
 
@@ -42,11 +48,11 @@ MARKS = {
 }
 NO_NUMBER = "------"
 DIGIT_ROWS = 3
-STATE_ROW, TREND_ROW = 3, 4
-"""Rows within the border."""
+STATE_ROW, STRIP_ROW = 3, 4
+"""Rows within the border; the strip chart has all from its own on."""
 
-TREND_S = 0.5
-"""The trend is drawn at most so often: drawing it costs more than the digits."""
+STRIP_S = 1.0
+"""The strip chart is drawn at most so often: drawing it costs more than the digits."""
 
 OLD_S = 1.0
 """A value is shown with its age from here on."""
@@ -68,20 +74,35 @@ def decimals_of(resolution_mm: float) -> int:
 
 
 class GaugeDisplay(Widget):
-    """One indicator: big digits, unit, a word for its state, age, trend.
+    """One indicator: big digits, unit, a word for its state, age, strip chart.
 
     One widget draws it all: widgets within it would cost more than the drawing.
     """
 
-    COMPONENT_CLASSES: ClassVar[set[str]] = {"gauge--highest", "gauge--lowest"}
+    COMPONENT_CLASSES: ClassVar[set[str]] = {"gauge--strip"}
 
-    def __init__(self, title: str, gauge_id: str) -> None:
-        super().__init__(id=gauge_id, classes="gauge")
-        self.border_title = title
+    def __init__(self, number: int, instrument: Instrument | None) -> None:
+        super().__init__(id=f"gauge{number}", classes="gauge")
+        self._index = number
+        self.name_it(instrument)
         self.number, self.state = NO_NUMBER, ""
-        self.trend_mm: tuple[float, ...] = ()
+        self.strip: tuple[str, ...] = ()
         self._motion: Motion | None = None
-        self._trend_at = 0.0
+        self._strip_at = 0.0
+
+    def name_it(self, instrument: Instrument | None, axis: str = "") -> None:
+        """Number, profile and port of the indicator, and along which axis it measures now.
+
+        A table of readings does not tell which indicator it was.
+        """
+        along = f"along {axis.upper()}, mm" if axis else ""
+        name = f"{self._index + 1} {instrument.profile}" if instrument else ""
+        self.border_title = Content(f"{name} {along}".strip())
+        self._port, self._assumed = instrument.port if instrument else "", False
+        self.border_subtitle = Content(self._port)
+
+    def on_resize(self) -> None:
+        self._strip_at = 0.0
 
     def show(self, live: Live) -> None:
         """Show what the indicator tells now; only rows that changed are drawn again."""
@@ -97,12 +118,13 @@ class GaugeDisplay(Widget):
         if live.motion is not self._motion:
             self._motion = live.motion
             self.set_classes(f"gauge {live.motion.value}")
-        trend_mm = live.trend_mm
-        if trend_mm != self.trend_mm and time.monotonic() - self._trend_at > TREND_S:
-            self._draw_trend(trend_mm)
+        if time.monotonic() - self._strip_at > STRIP_S:
+            self._draw_strip(live.trace)
         assumed = isinstance(live.outcome, Reading) and live.outcome.unit_assumed
-        if assumed != bool(self.border_subtitle):
-            self.border_subtitle = "mm assumed" if assumed else ""
+        if assumed != self._assumed:
+            self._assumed = assumed
+            words = [self._port, "mm assumed"] if assumed else [self._port]
+            self.border_subtitle = Content(", ".join(filter(None, words)))
 
     def render_line(self, y: int) -> Strip:
         """One row; the look of border and ground comes from the style sheet."""
@@ -116,35 +138,22 @@ class GaugeDisplay(Widget):
             return Strip([Segment((" " * left + row).ljust(width), ground)])
         if y == STATE_ROW:
             return Strip([Segment(self._state_rows()[0], ground)])
-        return self._trend_strip(ground) if y == TREND_ROW else Strip([])
+        chart = self.strip[y - STRIP_ROW :][:1]
+        return Strip(Segment(row, self.get_component_rich_style("gauge--strip")) for row in chart)
 
     def get_selection(self, selection: Selection) -> tuple[str, str] | None:
         """The number, for the clipboard."""
         return self.number, "\n"
 
-    def _draw_trend(self, trend_mm: tuple[float, ...]) -> None:
-        self.trend_mm, self._trend_at = trend_mm, time.monotonic()
-        self._draw_rows(TREND_ROW, 1)
+    def _draw_strip(self, trace: Trace) -> None:
+        rows = strip_rows(trace, self.size.width, max(0, self.size.height - STRIP_ROW))
+        self._strip_at = time.monotonic()
+        if rows != self.strip:
+            self.strip = rows
+            self._draw_rows(STRIP_ROW, len(rows))
 
     def _draw_rows(self, first: int, rows: int) -> None:
         self.refresh(Region(0, first, self.size.width, rows))
-
-    def _trend_strip(self, ground: Style) -> Strip:
-        _, behind = self.background_colors
-        lowest, highest = (
-            (behind + self.get_component_styles(name).color).rich_color
-            for name in ("gauge--lowest", "gauge--highest")
-        )
-        width = self.size.width
-        bars = min(width, len(self.trend_mm)) or 1
-        line = Sparkline(self.trend_mm, width=bars, min_color=lowest, max_color=highest)
-        drawn = list(self.app.console.render(line))
-        ends = [-(-bar * width // bars) for bar in range(bars + 1)]
-        cells = [end - start for start, end in pairwise(ends)]
-        return Strip(
-            Segment(bar.text * count, ground + bar.style)
-            for bar, count in zip(drawn, cells, strict=True)
-        )
 
     def _state_rows(self) -> list[str]:
         """The state in rows, cut between words; never control codes."""
@@ -164,50 +173,51 @@ class GaugeDisplay(Widget):
 
 
 class StepList(Static):
-    """The steps around the present one: + done, - skipped, > now."""
+    """The steps around the present one, as many as fit: + done, - skipped, > now."""
 
     def __init__(self) -> None:
         super().__init__(id="steps", markup=False)
         self.border_title = "steps"
+        self._lines: list[str] = []
+        self._at = 0
 
     def show(
         self, steps: Sequence[Step], now: Step | None, session: Session, geometry: Geometry
     ) -> None:
-        """List the steps so that the present one stays in view."""
-        done = session.done()
-        height = max(self.content_size.height, 5)
-        at = (now.number if now else len(steps)) - 1
-        first = max(0, min(at - height // 2, len(steps) - height))
-        lines = []
-        for step in steps[first : first + height]:
+        """List the steps."""
+        done, self._lines = session.done(), []
+        for step in steps:
             mark = "+" if step.number in done else "-" if step.number in session.skipped else " "
             mark = ">" if now and step.number == now.number else mark
-            posture = step.posture(geometry)
-            lines.append(f"{mark} {step.number:>3} {step.leg.upper()} {posture} {step.cycle}")
-        self.update("\n".join(lines), layout=False)
+            self._lines.append(f"{mark} {step.number:>3} {step_in_list(step, geometry)}")
+        self._at = (now.number if now else len(steps)) - 1
+        self.on_resize()
+
+    def on_resize(self) -> None:
+        """The present step stays in view."""
+        height = max(self.content_size.height, 5)
+        first = max(0, min(self._at - height // 2, len(self._lines) - height))
+        self.update("\n".join(self._lines[first : first + height]), layout=False)
 
 
 class SessionView(Vertical):
     """The same picture whether a session is measured or replayed."""
 
-    def __init__(self, gauge_count: int) -> None:
+    def __init__(self, instruments: Sequence[Instrument | None]) -> None:
         super().__init__()
-        self._displays = tuple(
-            GaugeDisplay(f"indicator {number + 1}", f"gauge{number}")
-            for number in range(gauge_count)
-        )
+        self._instruments = tuple(instruments)
+        self._displays = tuple(GaugeDisplay(k, one) for k, one in enumerate(self._instruments))
 
     def compose(self) -> ComposeResult:
         yield Static("", id="progress", markup=False)
-        with Horizontal(id="upper"):
-            yield Static("", id="step", markup=False)
-            yield StepList()
+        yield Static("", id="step", markup=False)
+        yield StepList()
         with Horizontal(id="gauges"):
             yield from self._displays
         yield Static("", id="said", markup=False)
         with Horizontal(id="lower"):
             yield Static("", id="table", markup=False)
-            yield ChartPlot(plot_id="chart")
+            yield DrawingPlot(plot_id="chart")
 
     def show_progress(self, text: str) -> None:
         """The line at the top."""
@@ -220,27 +230,92 @@ class SessionView(Vertical):
         if step is None:
             return
         self.query_one("#step", Static).update(step_text(step, session), layout=False)
-        table = leg_table_text(leg_rows(session, step), geometry)
-        self.query_one("#table", Static).update(table, layout=False)
+        self.query_one("#table", Static).update(so_far_text(session, steps, step), layout=False)
         self.set_timer(CHART_S, partial(self._show_chart, session, step))
-        for display, axis in zip(self._displays, step.axes, strict=False):
-            display.border_title = f"along {axis.upper()}, mm"
+        for display, known, axis in zip(self._displays, self._instruments, step.axes, strict=False):
+            display.name_it(known, axis)
 
     def _show_chart(self, session: Session, step: Step) -> None:
-        self.query_one(ChartPlot).show(readings_by_posture(session, step))
+        """The readings of the leg; the picture of the set-up while there are none to show."""
+        chart = readings_by_posture(session, step)
+        self.query_one(DrawingPlot).show(
+            chart if chart.series else drawn_set_up(session, step, self._instruments) or chart
+        )
 
     def show_live(self, states: Sequence[Live]) -> None:
         """What the indicators tell now."""
         for display, live in zip(self._displays, states, strict=True):
             display.show(live)
 
+    def where(self, session: Session, step: Step | None) -> SetUpScreen | None:
+        """The set-up of a step as a picture with words; None where no leg is read."""
+        if step is None or step.leg == "tool":
+            return None
+        return SetUpScreen(session, step, self._instruments)
+
     def say(self, text: str) -> None:
         """What happened last, in one line; only a longer text moves what stands below it."""
         said = self.query_one("#said", Static)
         room = said.content_size.width
         grows = max(len(text), len(str(said.content))) > room or "\n" in text
-        said.update(text, layout=grows)
+        said.update(signalled(text), layout=grows)
 
-    def toggle_plot(self) -> None:
-        """Show the plot in the place of the table, or the table again (narrow terminals)."""
+    def turn_page(self) -> None:
+        """Below the panels the table, then the plot, then larger strip charts in their place.
+
+        Where plot and table stand side by side they are one page.
+        """
+        if self.has_class("stripped"):
+            self.remove_class("stripped")
+        elif self.has_class("plotted") or self.screen.has_class("wide"):
+            self.set_class(True, "stripped").remove_class("plotted")
+        else:
+            self.add_class("plotted")
+
+
+UNATTENDED_S = 1.0
+"""How long an unattended demonstration shows the review."""
+
+
+class LegReviewScreen(Dialog[bool]):
+    """Look, then go on to the next leg; dismissed with whether the session shall be on hold."""
+
+    HELP = REVIEW_HELP
+    BINDINGS: ClassVar[list[BindingType]] = [
+        ("space,enter,escape", "dismiss(False)", "Continue"),
+        Binding("p", "dismiss(True)", "Hold", id="measure.hold"),
+        Binding("g", "plot", "Plot", id="measure.plot"),
+    ]
+
+    def __init__(self, session: Session, step: Step, *, unattended: bool = False) -> None:
+        super().__init__()
+        self._session = session
+        self._step = step
+        self._unattended = unattended
+
+    def compose(self) -> ComposeResult:
+        try:
+            text = review_text(review_leg(self._session, self._step))
+        except GlidecalError as problem:
+            text = str(problem)
+        with Horizontal(classes="wide-dialog"):
+            with VerticalScroll(id="review"):
+                yield Static(text, id="review-text", markup=False)
+            yield ChartPlot(plot_id="review-chart")
+
+    def on_mount(self) -> None:
+        self.query_one("#review").focus()
+        self.set_class(self.app.size.width >= WIDE, "wide")  # before the first picture, not after
+        self.call_after_refresh(self._draw_chart)  # a chart takes long; the words come first
+        if self._unattended:
+            self.set_timer(UNATTENDED_S, self._go_on)
+
+    def _draw_chart(self) -> None:
+        self.query_one(ChartPlot).show(readings_by_posture(self._session, self._step))
+
+    def action_plot(self) -> None:
+        """The plot in the place of the text, where there is no room for both."""
         self.toggle_class("plotted")
+
+    def _go_on(self) -> None:
+        self.dismiss(False)  # not awaited: it is this screen's own handler

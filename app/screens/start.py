@@ -12,12 +12,11 @@ from textual.screen import Screen
 from app.measuring.opening import Plan
 from app.report.streams import need_terminal
 from app.screens.check import CheckScreen
-from app.screens.home import HomeScreen
+from app.screens.home import HomeScreen, ReplayChoiceScreen
 from app.screens.interface import Interface
 from app.screens.keys import settings_for_screens
 from app.screens.look import Look
 from app.screens.measure import MeasureScreen
-from app.screens.pick import ReplayChoiceScreen
 from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.settings import settings_path
@@ -32,11 +31,17 @@ if TYPE_CHECKING:
 class Glidecal(Interface):
     """The interface with every screen. What is slow to load waits until it is asked for."""
 
+    _form: PrepareScreen | None = None
+
     def home(self) -> Screen[None]:
         return HomeScreen()
 
     def preparation(self) -> Screen[None]:
-        return PrepareScreen()
+        """The form that was left, as it was left."""
+        if self._form is None or self._form in self.screen_stack:  # there a session began with it
+            self._form = PrepareScreen()
+            self.install_screen(self._form, f"form {id(self._form)}")
+        return self._form
 
     def check(self, plan: Plan) -> Screen[None]:
         return CheckScreen(plan)

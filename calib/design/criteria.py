@@ -28,9 +28,8 @@ from enum import StrEnum
 
 import numpy as np
 
+from calib.arrays import BLIND, BLIND_IN_SQUARES, FloatArray
 from calib.errors import CalibrationError, NotIdentifiable
-from calib.linalg import BLIND, BLIND_IN_SQUARES
-from calib.observations import FloatArray
 
 RIDGE = 1e-9
 """Information, relative to the best single candidate, that stands in where there is none."""
@@ -159,8 +158,8 @@ def _refuse_unidentifiable(information: FloatArray) -> None:
     if seen < count:
         raise NotIdentifiable(
             "a set of measurements",
-            f"{seen} of {count} combinations of the parameters seen",
-            "all of them seen",
+            f"{seen} of {count} combinations of the parameters identifiable",
+            "all of them",
             "Measure more postures, or others.",
         )
 

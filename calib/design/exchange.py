@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.arrays import FloatArray, IntArray, descending, largest
 from calib.clusters import in_parallel
 from calib.design.criteria import (
     RIDGE,
@@ -27,8 +28,6 @@ from calib.design.criteria import (
     values_of,
 )
 from calib.errors import CalibrationError, NotIdentifiable
-from calib.observations import FloatArray, IntArray
-from calib.ties import descending, largest
 
 LEAST_GAIN = 1e-9
 """Relative improvement below which a swap is rounding."""

@@ -15,10 +15,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.arrays import BLIND, FloatArray, largest, named_inside, names_outside, svd_of_all
 from calib.errors import NotIdentifiable
-from calib.linalg import BLIND, named_inside, names_outside, svd_of_all
-from calib.observations import FloatArray
-from calib.ties import largest
 
 UNSEEN = 1.0
 """Standard uncertainty, in tolerances, from which on a combination is not seen."""
@@ -60,6 +58,7 @@ class Sensitivity:
     ``motions`` are combinations with a name of their own, such as a turned frame. ``blind`` is the
     relative singular value below which nothing is seen; exact derivatives allow a smaller one.
     With ``whole_shares`` combinations keep their small shares, which then are told in the name.
+    A standard uncertainty above ``unseen``, in tolerances, is no sight of a combination.
     """
 
     names: tuple[str, ...]
@@ -71,6 +70,7 @@ class Sensitivity:
     noise_known: bool = True
     blind: float = BLIND
     whole_shares: bool = False
+    unseen: float = UNSEEN
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ def analyse(sensitivity: Sensitivity) -> Identifiability:
     scaled = sensitivity.jacobian * sensitivity.tolerance
     _, singular, turned = svd_of_all(scaled)
     uncertainty = _uncertainties(singular, sensitivity)
-    unseen = uncertainty > UNSEEN
+    unseen = (uncertainty > sensitivity.unseen) | np.isinf(uncertainty)
     best = float(uncertainty.min())
     weak = ~unseen & ((uncertainty > WEAK_RATIO * best) | (uncertainty > WEAK))
     covariance = _covariance(uncertainty, turned, sensitivity.tolerance, ~unseen)
@@ -233,8 +233,8 @@ def refuse_unseen(found: Identifiability, what: str) -> None:
     if found.unseen:
         blind = "; ".join(direction.combination for direction in found.unseen)
         raise NotIdentifiable(
-            f"the set '{what}' is not determined by these readings",
-            f"{len(found.unseen)} of {len(found.names)} combinations not seen: {blind}",
+            f"the set '{what}' cannot be identified from these readings",
+            f"{len(found.unseen)} of {len(found.names)} combinations not identifiable: {blind}",
             "every combination known better than its tolerance",
             "Choose a smaller set with --subset, or measure Zero, Max and Min on all three legs.",
         )

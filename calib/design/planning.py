@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from calib.arrays import FloatArray
 from calib.design.identifiability import (
     ClassicalQr,
     Identifiability,
@@ -18,7 +19,6 @@ from calib.design.identifiability import (
     analyse,
     classical_qr,
 )
-from calib.observations import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import BLIND, ROUNDING, FloatArray, svd_of_all
 from calib.design.criteria import Aim, Criterion, value_of, values_of
 from calib.errors import CalibrationError
-from calib.linalg import BLIND, ROUNDING, svd_of_all
-from calib.observations import FloatArray
 
 Pull = Callable[[FloatArray], FloatArray]
 """From a number's derivatives by the rows ``(p, r, k)`` to those by coordinates ``(p, d)``."""

@@ -8,42 +8,21 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.arrays import NEW_DIRECTION, descending, squares_in
 from calib.diagnosis.hypotheses import LENGTHS, causes_of, is_known
-from calib.diagnosis.model_selection import MOST_EFFECTS, ModelSelection, Outcome
+from calib.diagnosis.model_selection import ModelSelection, Outcome
+from calib.diagnosis.policy import POLICY
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.results import Named, Verdict
-from calib.diagnosis.selection import ALIKE, contained, heaviest_first, log_bayes_factor
-from calib.linalg import NEW_DIRECTION, incidence, rank_of, squares_in
-from calib.observations import numbered
-from calib.ties import descending
+from calib.diagnosis.selection import contained, heaviest_first
 from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import Kind
 
-LEAST_EVIDENCE = 25.0
-"""No single name below this non-centrality (explained squares less their freedom)."""
-
-LEAST_FREEDOM = 10
 SEEN = NEW_DIRECTION**2
 """A reading that the fit follows anyway tells nothing."""
 
-ROOM = 4
-"""Degrees of freedom below which an unknown effect could not show: of a session where nothing was
-found, and those that the whole catalogue must leave where something was."""
-
 MOST_NAMES = 2
 """More different names at once are not claimed."""
-
-FAR_TOGETHER = 10.0
-"""Log weight that members may lose for sizes that only each other's sizes call for."""
-
-CANNOT_TELL = 9.0
-"""Noise variances that a rival must leave more than the name kept. Two that are apart by D change
-places by this much, D being normal with variance 4 D, at most once in 700 times."""
-
-DOUBT = (
-    "repeats read without driving away would explain as much as any name: drive away before each, "
-    "or take the gap for real and measure more"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +64,7 @@ class Attribution:
     def verdict(self, *, mistakes_found: bool) -> Verdict:
         """One of the six words."""
         problem, outcome = self.problem, self.outcome
-        least = LEAST_FREEDOM if outcome.kept else ROOM
+        least = POLICY.least_freedom if outcome.kept else POLICY.room
         if problem.structure_df < least or problem.noise_df <= 0.0:
             return "cannot-tell"
         if outcome.kept:
@@ -103,20 +82,21 @@ class Attribution:
         return next(self._doubts(), "") if self.outcome.members else ""
 
     def _doubts(self) -> Iterator[str]:
-        members = self.outcome.members
+        kept, members = self.outcome.kept, self.outcome.members
         effects = [k for k in members if is_known(self.candidates[k])]
-        if any(self.evidence(k) < LEAST_EVIDENCE for k in members):
+        if any(self.evidence(k) < POLICY.decisive for k in members):
             yield "the evidence is weak"
-        if any(self.without_any_one(k) < LEAST_EVIDENCE for k in effects):
-            yield "the evidence hangs on a single reading"
-        if not self._room():
-            yield "these postures leave no room to see something unknown"
+        if any(self.without_any_one(k) < POLICY.decisive for k in effects):
+            yield "the evidence depends on a single reading"
+        own = self.selection.own_errors("level")
+        if kept and effects and kept.log_weight < own + POLICY.beyond:
+            yield "an unknown error at each posture would explain nearly as much"
         if len(members) > 1 and any(self.candidates[k].id == LENGTHS for k in members):
-            yield "bars of their tolerance would speak against it: measure their lengths"
+            yield "it contradicts the tolerance of the bars: measure their lengths"
         if self._is_series():
             yield "so many terms together fit nearly any shape"
-        if self.selection.far_together(members) > FAR_TOGETHER:
-            yield "no workshop has such sizes, which cancel each other"
+        if self.selection.far_together(members) > POLICY.beyond:
+            yield "such sizes are not plausible and cancel each other"
 
     def evidence(self, member: int) -> float:
         """Non-centrality of one member given the others."""
@@ -143,16 +123,6 @@ class Attribution:
         remains = (rest**2).sum(axis=1) + (own * rest).sum(axis=1) ** 2 / open_share
         return float(remains.min(initial=np.inf)) - float(block.shape[1])
 
-    def _room(self) -> bool:
-        """Whether the catalogue leaves room for an effect that is not in it to show."""
-        inside = [
-            self.problem.structure.T @ block
-            for one, block in zip(self.candidates, self.selection.blocks, strict=True)
-            if is_known(one)
-        ]
-        rank = rank_of(np.hstack(inside), NEW_DIRECTION, 1.0) if inside else 0
-        return self.problem.structure_df - rank >= ROOM
-
     def _is_series(self) -> bool:
         """Whether the members look like the terms of a series, which fits any shape.
 
@@ -162,7 +132,7 @@ class Attribution:
         named = [(one.id, one.where) for one in members]
         names = {name for name, _ in named}
         causes = sum(map(causes_of, members))
-        many = len(names) > MOST_NAMES or (len(names) > 1 and causes > MOST_EFFECTS)
+        many = len(names) > MOST_NAMES or (len(names) > 1 and causes > POLICY.most_causes)
         return many or len(set(named)) < len(named)
 
     def named(self, k: int) -> Named:
@@ -199,7 +169,7 @@ class Attribution:
         if first.id != second.id:
             return False
         one, two = self.selection.blocks[member], self.selection.blocks[other]
-        nested = max(contained(one, two), contained(two, one)) > ALIKE
+        nested = max(contained(one, two), contained(two, one)) > POLICY.alike
         return nested or first.where == second.where
 
     def _look_alikes(self, member: int) -> list[int]:
@@ -214,7 +184,7 @@ class Attribution:
             for k, block in enumerate(self.selection.blocks)
             if k not in members
             and block.shape[1] <= own.shape[1]
-            and self._left_more(member, k) < CANNOT_TELL
+            and self._left_more(member, k) < POLICY.told_apart
             and not self._same_on_other_places(member, k)
         ]
 
@@ -228,16 +198,3 @@ class Attribution:
     def by_evidence(self) -> tuple[int, ...]:
         """Members of the model, the strongest first."""
         return tuple(descending(self.outcome.members, self.evidence))
-
-    def repeats_explain_as_much(self) -> bool:
-        """Whether the names are weak and postures that vary by themselves do no worse."""
-        kept, problem = self.outcome.kept, self.problem
-        if kept is None or not problem.has_repeats() or not problem.noise_df > 0.0:
-            return False
-        if kept.log_weight >= 0.5 * LEAST_EVIDENCE:  # as log likelihood
-            return False
-        own = incidence(numbered(problem.mount, problem.conditions("cell")))  # of each posture
-        block = problem.block(own)
-        explained = squares_in(block, problem.y)
-        evidence = log_bayes_factor(explained, block.shape[1], problem.spread)
-        return evidence > max(kept.log_weight, 0.0)

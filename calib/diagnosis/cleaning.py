@@ -15,28 +15,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.diagnosis.gross_errors import ODDS, GrossError, Suspicion, find_shift, suspicions
+from calib.arrays import Observations, without
+from calib.diagnosis.gross_errors import GrossError, Suspicion, find_shift, suspicions
 from calib.diagnosis.hypotheses import hypotheses_of, is_known
 from calib.diagnosis.model_selection import ModelSelection
 from calib.diagnosis.outliers import set_outliers_right
+from calib.diagnosis.policy import POLICY
 from calib.diagnosis.problem import Case, FittedSession, Problem
 from calib.diagnosis.results import CleanedReadings, Finding, Named
 from calib.diagnosis.selection import Search, Spread, WeighedModel, heaviest_first
 from calib.errors import NotIdentifiable
-from calib.linalg import without
-from calib.observations import Observations
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import Effect, Kind
 
-MOST_MISTAKES = 3
-LEAST_ROWS_BEYOND = 8
-"""Readings beyond zeros and base parameters that a mistake must be seen against."""
-
-DOUBTFUL_ODDS = 10.0
-"""Odds of a mistake that is named together with what does almost as well."""
-
-MOST_EFFECTS = 3
 CLOSED = 0.001
 """With a mistake that is not clear, and effects, no gap of smaller chance may be left."""
 
@@ -73,11 +65,11 @@ def _errors_of(case: Case, effects: Sequence[Effect]) -> list[GrossError]:
     """One after the other, each in the data that the one before left."""
     found: list[GrossError] = []
     observed = case.observed
-    while len(found) < MOST_MISTAKES and (shift := find_shift(observed)) is not None:
+    while len(found) < POLICY.most_causes and (shift := find_shift(observed)) is not None:
         found.append(shift)
         observed = shift.corrected
     spare = len(observed) - observed.mount_count - len(case.tolerance_mm)
-    for _ in range(MOST_MISTAKES if spare >= LEAST_ROWS_BEYOND else 0):
+    for _ in range(POLICY.most_causes if spare >= POLICY.least_freedom else 0):
         error = _error_in(case.with_readings(observed), effects)
         if error is None:
             break
@@ -160,16 +152,16 @@ def _needed_given_effects(
     alone = _Catalogue.of(before, effects)
     if not alone.problem.has_repeats() or alone.problem.structure_df < 1:
         return next((one.error for one, _ in suspected if one.clear), None)
-    explained = alone.best(MOST_EFFECTS)
+    explained = alone.best(POLICY.most_causes)
     for one, fitted_session in sorted(suspected, key=lambda each: not each[0].clear):
         corrected = _Catalogue.of(fitted_session, effects)
-        beside = corrected.best(MOST_EFFECTS if one.clear else MOST_EFFECTS - 1)
+        beside = corrected.best(POLICY.most_causes if one.clear else POLICY.most_causes - 1)
         # what was found beside a mistake must be tried without it, too
         explained = heaviest_first([explained, alone.alike(corrected, beside)])[0]
         likelier = corrected.log_evidence(beside) - alone.log_evidence(explained) - one.log_tried
-        if likelier > math.log(ODDS) and (one.clear or _closes(corrected, beside)):
+        if likelier > math.log(POLICY.odds) and (one.clear or _closes(corrected, beside)):
             return one.error
-        if one.clear and likelier > math.log(DOUBTFUL_ODDS):
+        if one.clear and likelier > math.log(POLICY.doubtful_odds):
             named = [alone.candidates[k] for k in explained.members]
             return replace(one.error, or_else=tuple(Named(each.id, each.where) for each in named))
     return None

@@ -9,7 +9,8 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.diagnosis.attribution import DOUBT, Attribution
+from calib.arrays import LEG_NAMES, FloatArray
+from calib.diagnosis.attribution import Attribution
 from calib.diagnosis.cleaning import clean
 from calib.diagnosis.discrepancy import discrepancy
 from calib.diagnosis.gap import left_out_postures, locate, on_other_sessions, residuals, where_words
@@ -20,9 +21,11 @@ from calib.diagnosis.hypotheses import (
     is_known,
     log_priors,
 )
-from calib.diagnosis.model_selection import LEVEL, ModelSelection, Outcome
+from calib.diagnosis.model_selection import ModelSelection, Outcome
 from calib.diagnosis.next_measurement import propose
 from calib.diagnosis.outliers import belongs_elsewhere
+from calib.diagnosis.pattern import repeats_words, shared_pattern
+from calib.diagnosis.policy import POLICY
 from calib.diagnosis.problem import Case, FittedSession, Problem
 from calib.diagnosis.results import (
     Contender,
@@ -33,15 +36,11 @@ from calib.diagnosis.results import (
     ModelDiscrepancy,
     Verdict,
 )
+from calib.diagnosis.screws import other_leads_mm
 from calib.diagnosis.selection import LEAST_LOG, heaviest_first
 from calib.errors import NotIdentifiable
-from calib.observations import LEG_NAMES, FloatArray
 from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import Effect, EffectInstance, Kind
-
-MOST_SELECTIONS = 3
-WORTH_ANOTHER = 9.0
-"""Noise variances that effects do beyond their derivatives before they are looked at again."""
 
 FAR_OFF = 5.0
 """Tolerances beyond which a joint offset is more likely a mistake in what was entered."""
@@ -49,7 +48,11 @@ FAR_OFF = 5.0
 MOST_CONTENDERS = 20
 WITH_NAMES: tuple[Verdict, ...] = ("explained", "ambiguous", "partly-explained")
 WITH_RESIDUALS: tuple[Verdict, ...] = ("partly-explained", "unexplained")
-NO_LAW = "what is left follows no simple law of displacement, approach, time or temperature"
+NO_LAW = "the rest follows no simple pattern of displacement, approach, time or temperature"
+DOUBT = (
+    "repeats that did not leave their posture would explain as much as any effect: leave the "
+    "posture before each repeat, or measure more"
+)
 MOST_RIVALS = 5
 FOUND_9_OF_10 = 1.28
 """Standard normal quantile of 90 %."""
@@ -68,11 +71,7 @@ def diagnose(
     first = Problem.of([case.fitted() for case in usable])
     selection = ModelSelection.of(first, hypotheses_of(first, effects))
     attribution = Attribution(*_followed_far_enough(selection)).without_nameless()
-    doubted = attribution.repeats_explain_as_much()
-    if doubted:
-        outcome = replace(attribution.outcome, kept=None)
-        attribution = replace(attribution, outcome=outcome)
-    found = _Report(first, attribution, mistakes, held_out, doubted=doubted).make()
+    found = _Report(first, attribution, mistakes, held_out).make()
     return replace(found, cleaned=tuple(cleaned))
 
 
@@ -82,12 +81,12 @@ def _followed_far_enough(selection: ModelSelection) -> tuple[ModelSelection, Out
     What they do beyond would be named as something else.
     """
     outcome = selection.run()
-    for _ in range(MOST_SELECTIONS - 1):
+    for _ in range(POLICY.most_causes - 1):
         if outcome.kept is None:
             break
         problem = selection.problem
         y = selection.refined(outcome.members)[1]
-        if float(((y - problem.y) ** 2).sum()) < WORTH_ANOTHER:
+        if float(((y - problem.y) ** 2).sum()) < POLICY.told_apart:
             break
         straight = problem.as_if_linear(y)
         priors = log_priors(straight, selection.candidates)
@@ -107,7 +106,6 @@ class _Report:
     attribution: Attribution
     mistakes: Sequence[Finding]
     held_out: Sequence[Case]
-    doubted: bool
 
     def __post_init__(self) -> None:
         self.selection = self.attribution.selection
@@ -123,14 +121,18 @@ class _Report:
         told = bool(self.held_out) or verdict != "cannot-tell"
         named = [f for f in findings if f.kind == Kind.BLUNDER or verdict in WITH_NAMES]
         placed = tuple(one for finding in findings for one in finding.effects)
+        pattern = shared_pattern([*self.first.fitted_sessions, *self.others])
         effect, where = None, ""
         if verdict in WITH_RESIDUALS:
             effect = discrepancy(self.selection, self.members, placed, self.others)
             left = replace(self.problem, y=self.selection.residual(self.members))
-            where = where_words(locate(left), LEVEL)
+            where = where_words(locate(left), POLICY.agreement_level)
         return Diagnosis(
             verdict=verdict,
-            sentence=sentence(verdict, findings, where, self.attribution.doubt),
+            sentence=sentence(verdict, findings, where, self.attribution.doubt)
+            + (
+                repeats_words(pattern) if pattern and verdict not in ("explained", "agrees") else ""
+            ),
             noise_mm=self.problem.noise_mm,
             noise_df=self.problem.noise_df,
             noise_source=noise.source if noise else "residuals",
@@ -143,8 +145,14 @@ class _Report:
             next_measurement=propose(verdict, self.attribution),
             smallest_detectable=self._smallest_detectable(),
             residuals=residuals(self.first, self._after(named)),
-            remarks=(*self._remarks(effect), *self._half_seen(), *self._far_offsets()),
+            remarks=(
+                *self._remarks(effect),
+                *self._half_seen(),
+                *self._leads(),
+                *self._far_offsets(),
+            ),
             left_over=effect,
+            pattern=pattern,
         )
 
     @cached_property
@@ -185,7 +193,7 @@ class _Report:
         return found
 
     def _label(self, one: Candidate) -> tuple[str, str]:
-        """A lone wild reading may be one under a wrong label."""
+        """A lone outlier may be one under a wrong label."""
         row = int(one.columns[:, 0].argmax())
         observed = self.problem.fitted_sessions[0].observed
         if one.id != LONE or row >= len(observed):
@@ -234,7 +242,7 @@ class _Report:
             return "fits about as well"
         if not self.selection.leaves_no_gap((member,)):
             return "leaves a gap"
-        return "another one explains it with more weight"
+        return "another effect explains it better"
 
     def _held_out(self, placed: tuple[EffectInstance, ...]) -> HeldOutGap | None:
         if self.held_out:
@@ -251,7 +259,9 @@ class _Report:
         """What else a person must know."""
         said = []
         if not self.problem.structure_df:
-            said.append("offsets and zeros may do all that these postures show: measure others too")
+            said.append(
+                "offsets and zeros can explain all that these postures show: measure others too"
+            )
         elif self.problem.noise_df <= 0.0:
             said.append("no repeats and no stated noise: nothing can be judged against chance")
         if self.verdict == "unexplained":
@@ -260,7 +270,7 @@ class _Report:
             )
         if self.verdict in WITH_RESIDUALS and not effect:
             said.append(NO_LAW)
-        if self.doubted:
+        if self.outcome.doubted:
             said.append(DOUBT)
         return said
 
@@ -273,6 +283,19 @@ class _Report:
             for one, rank in seen
             if rank < len(one.parameters)
         ]
+
+    def _leads(self) -> Iterator[str]:
+        """Screws of which the readings do not tell the lead."""
+        values = self.selection.refined(self.members)[0] if self.members else {}
+        for member in self.members:
+            others = self.selection.search.basis(tuple(k for k in self.members if k != member))
+            leads = other_leads_mm(self.problem, others, values[member][1])
+            if leads:
+                said = ", ".join(f"{lead:g}" for lead in leads)
+                yield (
+                    f"{self.candidates[member].id} ({self.candidates[member].where}): leads of"
+                    f" {said} mm fit as well; write the screw's lead into the machine file"
+                )
 
     def _far_offsets(self) -> Iterator[str]:
         """Joint offsets that nobody would have left: they count as found, but are told."""
@@ -289,7 +312,7 @@ class _Report:
         """Size of each single-parameter effect that would have been found nine times of ten."""
         found: dict[str, Detectable] = {}
         count = max(len(self.candidates), 2)
-        threshold = math.sqrt(2.0 * math.log(count / LEVEL)) + FOUND_9_OF_10
+        threshold = math.sqrt(2.0 * math.log(count / POLICY.agreement_level)) + FOUND_9_OF_10
         for one, block in zip(self.candidates, self.selection.blocks, strict=True):
             if len(one.parameters) != 1 or not is_known(one):
                 continue
@@ -315,16 +338,20 @@ def sentence(verdict: Verdict, findings: Sequence[Finding], where: str, doubt: s
     """
     names = " and ".join(f"{f.title} ({f.where})" for f in findings)
     others = {r.id for f in findings for r in f.indistinguishable_from}
-    rivals = sorted("a law without a name" if o == Kind.EMPIRICAL else o for o in others)
+    rivals = sorted("an unnamed effect" if o == Kind.EMPIRICAL else o for o in others)
     if len(rivals) > MOST_RIVALS:
         rivals = [*rivals[: MOST_RIVALS - 1], f"{len(rivals) - MOST_RIVALS + 1} others"]
     return {
         "agrees": "The model explains the readings within their noise; nothing is missing.",
         "explained": f"What was missing is: {names}.",
         "ambiguous": f"Something is missing: {names}"
-        + (f", or else {', '.join(rivals)}; these data cannot tell." if rivals else f"; {doubt}."),
-        "partly-explained": f"Part of what is missing: {names}; more is left, {where}.",
-        "unexplained": f"Something real is missing, {where}, and no known effect explains it.",
-        "cannot-tell": "The readings are too few to tell what is missing"
+        + (
+            f", or instead {', '.join(rivals)}. These readings cannot decide."
+            if rivals
+            else f"; {doubt}."
+        ),
+        "partly-explained": f"Part of what is missing: {names}. The rest: {where}.",
+        "unexplained": f"Something is missing, {where}. No known effect explains it.",
+        "cannot-tell": "The readings are too few to say what is missing"
         + (f"; best guess: {names}." if names else "."),
     }[verdict]

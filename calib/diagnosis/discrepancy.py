@@ -1,7 +1,7 @@
 """What is left without a name, as an unnamed law: what it depends on, where, and how much.
 
 Every place (a mounting, a leg with both indicators, all of them) with up to three bases is fitted
-to what the named effects leave; the best by BIC over the cells is kept if it is more than chance
+to what the named effects leave; the one of most evidence is kept if it is more than chance
 among all that were tried (Bonferroni, F against what it leaves itself). The law is a description:
 its uncertainty is inflated by what it leaves.
 """
@@ -15,28 +15,21 @@ from itertools import combinations
 
 import numpy as np
 
+from calib.arrays import LEG_NAMES, NEW_DIRECTION, FloatArray, IntArray, descending, lengths
 from calib.diagnosis.gap import left_out_postures, on_other_sessions
-from calib.diagnosis.model_selection import LEVEL as GAP_LEVEL
 from calib.diagnosis.model_selection import ModelSelection
+from calib.diagnosis.policy import POLICY
 from calib.diagnosis.problem import FittedSession, Problem
 from calib.diagnosis.results import Finding, HeldOutGap, ModelDiscrepancy, Value
-from calib.diagnosis.selection import LOG_UNIT
-from calib.linalg import NEW_DIRECTION, lengths
-from calib.observations import LEG_NAMES, FloatArray, IntArray
+from calib.diagnosis.selection import LOG_UNIT, Spread, evidence
 from calib.stats import variance_ratio_p_value
-from calib.ties import descending
 from calib.tripod.effects.candidates import stacked_columns
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.effects.empirical import BASES, Empirical, empirical_words
 from calib.tripod.pipeline import Stage
 
-MOST_BASES = 3
-LEVEL = 0.005
 NOT_WITH = 0.05
 """Chance above which something is said not to matter."""
-
-LEAST_LEFT = 4
-"""Degrees of freedom that a law must leave."""
 
 HELD_OUT_AMONG = 30
 OTHER_CAUSES = ("up_less_down", "per_hour", "per_kelvin")
@@ -68,6 +61,7 @@ class _Rest:
         self.y = selection.residual(members)
         gap = selection.gap(members)
         self.gap, self.freedom = gap.chi_square, gap.degrees_of_freedom
+        self.spread = Spread(self.gap, float(self.freedom))  # what the law leaves is noise, too
         sessions = [(one.model, one.observed) for one in problem.fitted_sessions]
         stacked = stacked_columns(sessions, [Empirical((name,)) for name in BASES])
         self.terms: dict[tuple[str, str], int] = {}
@@ -90,16 +84,12 @@ class _Rest:
         parts = (axes[:, seen].T @ self._across[some]) ** 2 / size[seen]
         return min(float(parts.sum()), self.gap), int(seen.sum())
 
-    def left(self, explained: float) -> float:
-        """The gap that is left, never nothing."""
-        return max(self.gap - explained, 1e-12 * self.gap)
-
     def p_value(self, unnamed: _Unnamed, before: float = 0.0, taken: int = 0) -> float:
         """Of so much more explained than ``before``, against what is left then."""
         rank, free = unnamed.rank - taken, self.freedom - unnamed.rank
         if rank <= 0 or free < 1:
             return 1.0
-        ratio = (unnamed.explained - before) / rank / (self.left(unnamed.explained) / free)
+        ratio = (unnamed.explained - before) / rank / (self.spread.left(unnamed.explained) / free)
         return variance_ratio_p_value(max(ratio, 0.0), rank, free)
 
     def unnamed_effects(self) -> Iterator[_Unnamed]:
@@ -108,20 +98,15 @@ class _Rest:
             names = [name for name in BASES if BASES[name].stage == stage]
             places = list(dict.fromkeys(place for place, name in self.terms if name in names))
             wheres = list(_wheres(places))
-            for count in range(1, MOST_BASES + 1):
+            for count in range(1, POLICY.most_causes + 1):
                 for bases in combinations(names, count):
                     for where, here in wheres:
                         wanted = [(place, name) for place in here for name in bases]
                         if all(each in self.terms for each in wanted):
                             terms = tuple(self.terms[each] for each in wanted)
                             unnamed = _Unnamed(where, here, bases, terms, *self.explained(terms))
-                            if unnamed.rank and self.freedom - unnamed.rank >= LEAST_LEFT:
+                            if unnamed.rank and self.freedom - unnamed.rank >= POLICY.room:
                                 yield unnamed
-
-    def criterion(self, unnamed: _Unnamed) -> float:
-        """BIC over the cells."""
-        freedom, left = self.freedom, self.left(unnamed.explained)
-        return freedom * math.log(left) + unnamed.rank * math.log(freedom)
 
 
 def _wheres(places: Sequence[str]) -> Iterator[tuple[str, tuple[str, ...]]]:
@@ -160,14 +145,14 @@ def _described(
     """The law that the residuals follow beside named effects, and whether it closes the gap."""
     rest = _Rest(selection, members)
     unnamed_effects = descending(
-        rest.unnamed_effects(), lambda unnamed: -rest.criterion(unnamed), LOG_UNIT
+        rest.unnamed_effects(), lambda one: evidence(one.explained, one.rank, rest.spread), LOG_UNIT
     )
     p = (
         min(rest.p_value(unnamed_effects[0]) * len(unnamed_effects), 1.0)
         if unnamed_effects
         else 1.0
     )
-    if p > LEVEL:
+    if p > POLICY.naming_level:
         return None, False
     best, problem = unnamed_effects[0], selection.problem
     finding = _finding(rest, best, p)
@@ -181,7 +166,7 @@ def _described(
         ]
         held = _held_out(problem, columns)
     after = problem.gap_p_value(rest.gap - best.explained, rest.freedom - best.rank)
-    return ModelDiscrepancy(finding, held), after > GAP_LEVEL
+    return ModelDiscrepancy(finding, held), after > POLICY.agreement_level
 
 
 def _held_out(problem: Problem, columns: Sequence[FloatArray]) -> HeldOutGap | None:
@@ -193,7 +178,7 @@ def _held_out(problem: Problem, columns: Sequence[FloatArray]) -> HeldOutGap | N
         np.flatnonzero((keys == place).all(axis=1)) for place in places if any(place[1:])
     ]
     found = left_out_postures(problem, columns, 1, groups)
-    how = "one displacement of one leg left out at a time, the law chosen anew each time"
+    how = "one displacement of one leg left out at a time, the pattern chosen again each time"
     return replace(found, how=how) if found else None
 
 
@@ -203,7 +188,9 @@ def _finding(rest: _Rest, unnamed: _Unnamed, p: float) -> Finding:
     free, size = rest.free[:, terms], rest.size[terms]
     inverse = np.linalg.pinv(free, rcond=NEW_DIRECTION)
     scaled = inverse @ rest.y
-    inflated = math.sqrt(max(rest.left(unnamed.explained) / (rest.freedom - unnamed.rank), 1.0))
+    inflated = math.sqrt(
+        max(rest.spread.left(unnamed.explained) / (rest.freedom - unnamed.rank), 1.0)
+    )
     values = scaled / size
     spread = inflated * np.sqrt((inverse**2).sum(axis=1)) / size
     effect, width = Empirical(unnamed.bases), len(unnamed.bases)

@@ -8,21 +8,25 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.diagnosis.problem import FittedSession, Problem, Whitening
-from calib.diagnosis.results import Cell, HeldOutGap, Residuals, Share
-from calib.diagnosis.selection import KNOWN, Search, Spread, heaviest_first
-from calib.errors import NotIdentifiable
-from calib.linalg import EXACT_BLIND, incidence, lengths, onto, squares_in
-from calib.observations import (
+from calib.arrays import (
+    EXACT_BLIND,
     LEG_NAMES,
     TOOL,
     TOUCHED_NAMES,
     FloatArray,
     IntArray,
+    descending,
+    incidence,
+    lengths,
     numbered,
+    onto,
     rows_of,
+    squares_in,
 )
-from calib.ties import descending
+from calib.diagnosis.problem import FittedSession, Problem, Whitening
+from calib.diagnosis.results import Cell, HeldOutGap, Residuals, Share
+from calib.diagnosis.selection import KNOWN, Search, Spread, heaviest_first
+from calib.errors import NotIdentifiable
 from calib.tripod.effects.effect import EffectInstance
 
 
@@ -91,14 +95,16 @@ def where_words(shares: tuple[Share, ...], level: float) -> str:
     patterns = [s for s in significant if not s.leg and not s.axis]
     legs = [s for s in significant if s.pattern == "leg"]
     if not significant:
-        return "nowhere in particular"
+        return "no place stands out"
     parts = []
     if legs:
         some = "leg " + " and ".join(s.leg for s in legs)
         parts.append(f"on {some if len(legs) < 3 else 'all legs'}")
     if patterns:
         strongest = descending(patterns, lambda s: s.share)[0]
-        parts.append(f"mostly with {strongest.pattern} ({strongest.share:.0%})")
+        how = strongest.pattern
+        how = how if how.startswith(("odd", "even", "in ", "with")) else f"with the {how}"
+        parts.append(f"{strongest.share:.0%} of it {how}")
     return ", ".join(parts) or f"most on {significant[0].leg}{significant[0].axis}"
 
 
@@ -165,7 +171,7 @@ def left_out_postures(
     if not used:
         return None
     return HeldOutGap(
-        "one side of one leg left out at a time, the choice made anew each time",
+        "one side of one leg left out at a time, the choice made again each time",
         math.sqrt(squares[0] / used),
         math.sqrt(squares[1] / used),
         problem.noise_mm,

@@ -18,26 +18,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.diagnosis.results import Named
-from calib.diagnosis.selection import LOG_UNIT
-from calib.identify.fit import without_zeros
-from calib.linalg import DEPENDENT, NEW_DIRECTION, basis_of, incidence, lengths, onto, without
-from calib.noise.repeats import Repeats
-from calib.observations import (
+from calib.arrays import (
+    DEPENDENT,
     LEG_NAMES,
+    NEW_DIRECTION,
     TOUCHED_LETTERS,
     FloatArray,
     IntArray,
     Observations,
+    basis_of,
+    descending,
+    incidence,
+    lengths,
     numbered,
+    onto,
     rows_of,
+    without,
+    without_zeros,
 )
-from calib.ties import descending
+from calib.diagnosis.policy import POLICY
+from calib.diagnosis.results import Named
+from calib.diagnosis.selection import LOG_UNIT
+from calib.noise.repeats import Repeats
 from calib.tripod.differences import reading_matrix
 from calib.tripod.pipeline import Model
-
-CLEAR = 60.0
-"""The square sum must fall by so many noise variances for a shift."""
 
 BETTER = 0.5
 """A shift must leave less than this share of what drift or one outlier leaves."""
@@ -47,20 +51,17 @@ LEAST_RATIO = 4.0
 """The disagreement (square sum) must shrink by so much."""
 
 CHANGES = (
-    ("gauge_sign", "counted the wrong way", -1.0),
-    ("unit_mixup", "inches taken for mm", INCH_MM),
-    ("unit_mixup", "mm for inches", 1 / INCH_MM),
+    ("gauge_sign", "sign reversed", -1.0),
+    ("unit_mixup", "inch recorded as mm", INCH_MM),
+    ("unit_mixup", "mm recorded as inch", 1 / INCH_MM),
 )
 """Mistakes of an indicator: name, words, and the factor that sets its readings right."""
 
 SLOPE_FACTOR = 2.0
 """The slope of measured on predicted may be off by this: nothing else comes near these slopes."""
 
-ODDS = 100.0
 KEEP_SCALE = ("gauge_sign", "gauge_swap")
 """Mistakes that leave the scatter of readings as it is, so that likelihoods compare."""
-
-MOST_SUSPECTED = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +130,7 @@ def _clear_step(observed: Observations, rows: IntArray, noise: float) -> _Step |
     """By repeats of one approach; where they cannot tell, by all readings of a posture."""
     for basis in (cell_basis, posture_basis):
         step = _best_step(observed, rows, basis(observed, rows), noise)
-        if step is None or step.gain < CLEAR * noise:
+        if step is None or step.gain < POLICY.shift_variances * noise:
             return None
         if step.clear:
             return step
@@ -225,12 +226,12 @@ def suspicions(
         gain = 0.5 * len(observed) * math.log(before / after) + log_scale
         shrinks = before * math.exp(2.0 * log_scale / len(observed)) / after
         clear = shrinks > LEAST_RATIO and fit.slope_fits(error, slope)
-        if gain > log_tried + math.log(ODDS):
+        if gain > log_tried + math.log(POLICY.odds):
             found.append((gain, Suspicion(error, clear, log_tried)))
     ordered = [one for _, one in descending(found, lambda each: each[0], LOG_UNIT)]
     if ordered and ordered[0].proven:
         return (ordered[0],)
-    return tuple(one for one in ordered if one.error.id in KEEP_SCALE)[:MOST_SUSPECTED]
+    return tuple(one for one in ordered if one.error.id in KEEP_SCALE)[: POLICY.most_causes]
 
 
 def _hypotheses(observed: Observations) -> Iterator[tuple[GrossError, float, float]]:
@@ -324,7 +325,7 @@ class _BaseFit:
         predicted = (self._centred(self._nominal) + self._design @ x)[error.rows]
         measured = self._centred(observed.value_mm)[error.rows]
         size = float(predicted @ predicted)
-        if size < 25.0 * self._floor:
+        if size < POLICY.decisive * self._floor:
             return False
         found = float(predicted @ measured) / size
         return 1.0 / SLOPE_FACTOR <= found / slope <= SLOPE_FACTOR

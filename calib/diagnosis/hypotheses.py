@@ -10,27 +10,27 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.diagnosis.outliers import WILD_DISTANCE
-from calib.diagnosis.problem import Case, Problem
-from calib.diagnosis.results import AliasMap, Imitation
-from calib.diagnosis.selection import ALIKE, contained
-from calib.linalg import BLIND, squares_in, without
-from calib.noise.reading import IndicatorFigures
-from calib.observations import (
+from calib.arrays import (
+    BLIND,
     LEG_NAMES,
     TOUCHED_LETTERS,
     FloatArray,
     Observations,
     numbered,
     rows_of,
+    squares_in,
+    without,
 )
+from calib.diagnosis.policy import POLICY
+from calib.diagnosis.problem import Case, Problem
+from calib.diagnosis.results import AliasMap, Imitation
+from calib.diagnosis.screws import with_searched_leads
+from calib.diagnosis.selection import contained
+from calib.noise.reading import IndicatorFigures
 from calib.tripod.effects.candidates import Candidate, candidates, candidates_together, invisible
 from calib.tripod.effects.effect import Effect, EffectParameter, Kind
 from calib.tripod.effects.empirical import BASES, Empirical
 from calib.tripod.pipeline import Model, Stage
-
-FAR = 30.0
-"""A parameter so many times its unremarkable size costs as much as one standard deviation."""
 
 SURE = 2.0
 """Standard uncertainties by which a size must be beyond its limit."""
@@ -60,7 +60,8 @@ def hypotheses_of(problem: Problem, effects: Sequence[Effect]) -> list[Candidate
     lone = _lone_readings(problem) if problem.has_repeats() else []
     powers = [Empirical((name,)) for name in BASES if BASES[name].stage == Stage.ACTUATOR]
     nameless = [one for one in candidates_together(sessions, powers) if one.arrangement == "one"]
-    return [*candidates_together(sessions, effects), *nameless, *lone, *_other_bars(problem)]
+    laws = with_searched_leads(problem, effects)
+    return [*candidates_together(sessions, laws), *nameless, *lone, *_other_bars(problem)]
 
 
 def is_known(candidate: Candidate) -> bool:
@@ -95,9 +96,9 @@ def _lone_readings(problem: Problem) -> list[Candidate]:
         for row, word in ((rows[0], "first"), (rows[-1], "last")):
             columns = np.zeros((len(problem.y), 1))
             columns[row, 0] = 1.0
-            off = squares_in(problem.block(columns), problem.y) > WILD_DISTANCE**2
+            off = squares_in(problem.block(columns), problem.y) > POLICY.wild_sd**2
             if off and np.count_nonzero(posture == posture[row]) == 1:
-                title = f"the {word} reading of this mounting is wild"
+                title = f"the {word} reading of this set-up is an outlier"
                 what = LONE, title, Kind.BLUNDER, where, "one"
                 found.append(Candidate(*what, (SHIFT,), columns))
     return found
@@ -155,9 +156,11 @@ def implausible(problem: Problem, candidates: Sequence[Candidate]) -> float:
     A normal prior on each parameter, thirty times the unremarkable size wide and cut off at its
     limit: a fit that needs more pays, and directions that hardly show are not inflated.
     """
-    white = problem.free(np.hstack([one.columns * (FAR * unremarkable(one)) for one in candidates]))
+    white = problem.free(
+        np.hstack([one.columns * (POLICY.far * unremarkable(one)) for one in candidates])
+    )
     free = problem.y - white @ np.linalg.lstsq(white, problem.y, rcond=BLIND)[0]
-    size = FAR * np.concatenate([unremarkable(one) for one in candidates])
+    size = POLICY.far * np.concatenate([unremarkable(one) for one in candidates])
     most = np.concatenate([[p.limit for p in one.parameters] for one in candidates]) / size
     unsure = np.linalg.inv(white.T @ white + np.eye(len(size))).diagonal()
     most = most + SURE * np.sqrt(unsure)
@@ -189,7 +192,7 @@ def alias_map(model: Model, taken: Observations, effects: Sequence[Effect]) -> A
             if first.id == second.id or not blocks[i].shape[1]:
                 continue
             share = contained(blocks[i], blocks[j])
-            if share > ALIKE:
+            if share > POLICY.alike:
                 column = problem.free(first.columns @ unremarkable(first))
                 rest = float((without(blocks[j], column) ** 2).sum())
                 pair = (first.id, first.where), (second.id, second.where)

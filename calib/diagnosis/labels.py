@@ -14,15 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.observations import TOUCHED_NAMES, FloatArray, Observations
+from calib.arrays import TOUCHED_NAMES, FloatArray, Observations
+from calib.diagnosis.policy import POLICY
 
 REACH = 1.5
 """An outlier may lie anywhere, up to so many times as far from its place as it does."""
-
-EVEN = 10.0
-"""So much likelier is a wrong label where changing it makes an uneven session even, and so much
-less likely where that makes an even one uneven. One table of ten may be uneven by itself, and one
-wrong label of ten (the machine sent to another posture) leaves it even."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +81,7 @@ def odds_of_label(far: float, fit: float, labels: int, evened: float) -> float:
     or -1, see there. The tails of honest readings are Student's, 4 degrees of freedom.
     """
     there = 0.375 * math.pow(1.0 + fit**2 / 4.0, -2.5)
-    return 2.0 * REACH * far * there / labels * math.pow(EVEN, evened)
+    return 2.0 * REACH * far * there / labels * math.pow(POLICY.doubtful_odds, evened)
 
 
 def evened(before: Observations, after: Observations) -> float:

@@ -11,8 +11,18 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.arrays import (
+    NEW_DIRECTION,
+    FloatArray,
+    incidence,
+    new_directions,
+    numbered,
+    onto,
+    rank_of,
+    squares_in,
+    without,
+)
 from calib.diagnosis.hypotheses import (
-    FAR,
     causes_of,
     implausible,
     is_known,
@@ -20,14 +30,16 @@ from calib.diagnosis.hypotheses import (
     prior_constrained,
     unremarkable,
 )
+from calib.diagnosis.policy import POLICY
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.results import Gap, Value
 from calib.diagnosis.selection import (
-    ALIKE,
     Search,
+    Spread,
     WeighedModel,
     contained,
     credible_set,
+    evidence,
     foremost,
     global_p_value,
     heaviest_first,
@@ -35,25 +47,12 @@ from calib.diagnosis.selection import (
     scores,
 )
 from calib.errors import NotIdentifiable
-from calib.linalg import NEW_DIRECTION, new_directions, onto, rank_of, squares_in, without
-from calib.observations import FloatArray
 from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import EffectInstance, Kind
 
-LEVEL = 0.01
-"""Chance of a gap or an agreement called wrongly."""
-
-NAMING_LEVEL = 0.005
-"""Chance of a name on data with nothing missing; half of the level, for noise is never quite
-normal."""
-MOST_EFFECTS = 3
 MOST_LOOKED_AT = 100
 """Models of one size whose sizes are judged together, at most."""
 
-OUT_OF_REACH = 10.0
-"""Log weight behind the best from where a model counts for nothing."""
-
-SECOND_LOOK = 3
 CORRECTIONS = 2
 
 Sizes = dict[int, tuple[tuple[Value, ...], tuple[EffectInstance, ...]]]
@@ -66,7 +65,7 @@ class Outcome:
 
     ``models`` is the 95 % set around it; ``step_p`` the global p-value of each effect kept;
     ``local_log_p`` ``(J,)`` the log p-value of each candidate alone; ``adequate`` tells whether the
-    residual agrees with the noise.
+    residual agrees with the noise. Where ``doubted``, repeats that are none explain as much.
     """
 
     kept: WeighedModel | None
@@ -75,6 +74,7 @@ class Outcome:
     step_p: tuple[float, ...]
     local_log_p: FloatArray
     adequate: bool
+    doubted: bool
 
     @property
     def members(self) -> tuple[int, ...]:
@@ -95,7 +95,6 @@ class ModelSelection:
     log_priors: FloatArray
 
     def __post_init__(self) -> None:
-        self._nulls: dict[tuple[tuple[int, ...], bool], FloatArray] = {}
         self._refined: dict[tuple[int, ...], tuple[Sizes, FloatArray]] = {}
 
     @classmethod
@@ -113,7 +112,7 @@ class ModelSelection:
             if block.shape[1]
             and not (
                 candidates[k].kind == Kind.EMPIRICAL
-                and any(contained(block, other) > ALIKE for other in known)
+                and any(contained(block, other) > POLICY.alike for other in known)
             )
         ]
         some = [candidates[k] for k in shown]
@@ -127,30 +126,32 @@ class ModelSelection:
     def run(self) -> Outcome:
         """Name what can be named."""
         singles = self.search.singles()
-        by_cells = self.problem.noise_df <= 0.0
-        first_p, local = self.step((), by_cells=by_cells)
+        first_p, local = self.step(())
         chosen: WeighedModel | None = None
         models: list[WeighedModel] = []
-        steps = [first_p]
-        if first_p <= NAMING_LEVEL:
-            chosen, weighed = self._grow(singles, steps, by_cells=by_cells)
+        steps, doubted = [first_p], False
+        if first_p <= POLICY.naming_level:
+            chosen, weighed = self._grow(singles, steps)
             models = credible_set(weighed)
-            if not by_cells and not self.leaves_no_gap(chosen.members):
-                chosen, models, steps = self._only_what_stands_out(singles, chosen, weighed)
+            own = self.own_errors("cell") if self.problem.has_repeats() else -np.inf
+            doubted = chosen.log_weight < own
+            if doubted or not self.leaves_no_gap(chosen.members):
+                chosen, models = self._beside_own_errors()
         adequate = self.leaves_no_gap(chosen.members if chosen else ())
-        return Outcome(chosen, tuple(models), tuple(singles), tuple(steps), local, adequate)
+        found = tuple(models), tuple(singles), tuple(steps)
+        return Outcome(chosen, *found, local, adequate, doubted and not chosen)
 
     def _grow(
-        self, singles: Sequence[WeighedModel], steps: list[float], *, by_cells: bool
+        self, singles: Sequence[WeighedModel], steps: list[float]
     ) -> tuple[WeighedModel, list[WeighedModel]]:
         """The smallest number of causes whose best model leaves nothing that stands out."""
         causes = [causes_of(one) for one in self.candidates]
-        sizes = self.search.by_causes(singles, causes, MOST_EFFECTS)
+        sizes = self.search.by_causes(singles, causes, POLICY.most_causes)
         everything = self._paid(next(sizes))
         best = foremost(everything or singles)
         for larger in sizes:
-            p, _ = self.step(best.members, by_cells=by_cells)
-            enough = p > NAMING_LEVEL and (by_cells or self.leaves_no_gap(best.members))
+            p, _ = self.step(best.members)
+            enough = p > POLICY.naming_level and self.leaves_no_gap(best.members)
             if enough or not larger:
                 break
             larger = self._paid(larger)
@@ -164,7 +165,7 @@ class ModelSelection:
         found: list[WeighedModel] = []
         for model in heaviest_first(models)[:MOST_LOOKED_AT]:
             best = max((m.log_weight for m in found), default=-np.inf)
-            if model.log_weight < best - OUT_OF_REACH:
+            if model.log_weight < best - POLICY.beyond:
                 break
             weight = model.log_weight - self.far_together(model.members)
             found.append(replace(model, log_weight=weight))
@@ -178,43 +179,41 @@ class ModelSelection:
         alone = sum(implausible(self.problem, [one]) for one in candidates)
         return max(implausible(self.problem, candidates) - alone, 0.0)
 
-    def _only_what_stands_out(
-        self,
-        singles: Sequence[WeighedModel],
-        best: WeighedModel,
-        weighed: Sequence[WeighedModel],
-    ) -> tuple[WeighedModel | None, list[WeighedModel], list[float]]:
-        """Where a gap remains the noise of repeats proves nothing: judge by what the cells leave.
+    def own_errors(self, of: str) -> float:
+        """Log weight of an error of its own at each posture (``level``) or ``cell``, and no name.
+
+        It explains any shape: what does not do much better has no claim to a name.
+        """
+        if self.problem.noise_df <= 0.0:
+            return -np.inf
+        own = incidence(numbered(self.problem.mount, self.problem.conditions(of)))
+        block = self.problem.block(own)
+        return evidence(squares_in(block, self.problem.y), block.shape[1], self.problem.spread)
+
+    def _beside_own_errors(self) -> tuple[WeighedModel | None, list[WeighedModel]]:
+        """What stands out where postures err by themselves, by an amount that only the gap tells.
 
         Errors that stay with a posture would otherwise be named after whatever resembles them.
-        One is added after the other; a heavier model of the whole search goes before, if all of
-        it stands out.
         """
-        kept: WeighedModel | None = None
-        steps: list[float] = []
-        for _ in best.members:
-            members = kept.members if kept else ()
-            p, _ = self.step(members, by_cells=True)
-            if p > NAMING_LEVEL:
-                break
-            kept = heaviest_first(self._paid(self.search.larger(members)))[0]
-            steps.append(p)
-        for model in heaviest_first(weighed)[:SECOND_LOOK]:
-            if kept and heaviest_first([kept, model])[0] is kept:
-                break
-            others = [tuple(k for k in model.members if k != m) for m in model.members]
-            apart = sorted(self.step(each, by_cells=True)[0] for each in others)
-            if apart[-1] <= NAMING_LEVEL:
-                return model, [model], apart
-        if kept is None:
-            return None, [], steps
-        rivals = singles if len(kept.members) == 1 else [kept]
-        return kept, credible_set(rivals), steps
+        problem = self.problem
+        spread = Spread(problem.gap(problem.y), float(problem.structure_df))
+        search = replace(self.search, y=onto(problem.structure, problem.y), spread=spread)
+        singles = search.singles()
+        causes = [causes_of(one) for one in self.candidates]
+        sizes = search.by_causes(singles, causes, POLICY.most_causes)
+        models = {model.members: model for some in (singles, *sizes) for model in some}
+        weighed = self._paid([*models.values()])
+        if not weighed or foremost(weighed).log_weight < 0.5 * POLICY.decisive:
+            return None, []
+        return self.search.weighed(foremost(weighed).members), credible_set(weighed)
 
-    def step(self, kept: tuple[int, ...], *, by_cells: bool) -> tuple[float, FloatArray]:
-        """Global p-value of the best further candidate, and the local log p of each ``(J,)``."""
+    def step(self, kept: tuple[int, ...]) -> tuple[float, FloatArray]:
+        """Global p-value of the best further candidate, and the local log p of each ``(J,)``.
+
+        Without any noise known they are judged by what each of them leaves.
+        """
         blocks, y = self.given(kept)
-        noise_df = None if by_cells else self.problem.noise_df
+        noise_df = self.problem.noise_df or None
         df = self._structure_df(kept)
         present = [k for k, block in enumerate(blocks) if block.shape[1]]
         shown = [blocks[k] for k in present]
@@ -223,15 +222,12 @@ class ModelSelection:
             return 1.0, local
         squares = np.array([squares_in(b, y) for b in shown])[:, None]
         total = np.array([self.problem.gap(y)])
-        if by_cells:
+        if noise_df is None:
             squares = np.minimum(squares, total)
         ranks = [block.shape[1] for block in shown]
         local[present] = scores(squares, ranks, noise_df, df, total)[:, 0]
-        key = kept, by_cells
-        if key not in self._nulls:  # a step is asked for several times, its draws take longest
-            deviation = self.problem.unevenness()
-            self._nulls[key] = null_scores(shown, noise_df, df, deviation)
-        return global_p_value(float(local.min()), self._nulls[key]), local
+        null = null_scores(shown, noise_df, df, self.problem.unevenness())
+        return global_p_value(float(local.min()), null), local
 
     def given(self, kept: tuple[int, ...]) -> tuple[list[FloatArray], FloatArray]:
         """The blocks and the vector with the kept candidates projected out."""
@@ -253,7 +249,7 @@ class ModelSelection:
 
     def leaves_no_gap(self, kept: tuple[int, ...]) -> bool:
         """Whether the residual agrees with the noise."""
-        return self.gap(kept).p_value > LEVEL
+        return self.gap(kept).p_value > POLICY.agreement_level
 
     def residual(self, kept: tuple[int, ...]) -> FloatArray:
         """What a model leaves ``(n,)``, whitened."""
@@ -292,7 +288,7 @@ class ModelSelection:
     def values(self, members: tuple[int, ...], y: FloatArray | None = None) -> Sizes:
         """Parameters of these candidates fitted together, base parameters and zeros free."""
         candidates = [self.candidates[k] for k in members]
-        size = FAR * np.concatenate([unremarkable(one) for one in candidates])
+        size = POLICY.far * np.concatenate([unremarkable(one) for one in candidates])
         free = self.problem.free(np.hstack([one.columns for one in candidates]) * size)
         value = prior_constrained(free, self.problem.y if y is None else y) * size
         spread = np.sqrt(np.linalg.inv(free.T @ free + np.eye(len(size))).diagonal()) * size

@@ -9,13 +9,13 @@ from itertools import combinations, product
 
 import numpy as np
 
+from calib.arrays import LEG_NAMES, TOOL, FloatArray, descending
 from calib.diagnosis.attribution import Attribution
+from calib.diagnosis.policy import POLICY
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.results import Named, NextMeasurement, Verdict
 from calib.diagnosis.selection import LOG_UNIT
 from calib.diagnosis.separating import Added, Explanation, Judge, Name, Preparation
-from calib.observations import LEG_NAMES, TOOL, FloatArray
-from calib.ties import descending
 from calib.tripod.geometry import Geometry
 
 REPEATS_FIRST = NextMeasurement(
@@ -25,22 +25,18 @@ REPEATS_FIRST = NextMeasurement(
     0.0,
 )
 MORE_PLACES = NextMeasurement(
-    "more displacements and a second touching point, so that more is left to judge with",
+    "more displacements and a second touching point, for more degrees of freedom",
     "two-station",
     0.0,
 )
 
 MORE_POSITIONS = NextMeasurement(
-    "more positions against the plate and a second height, so that more is left to judge with",
+    "more positions against the plate and a second height, for more degrees of freedom",
     "plate-rings",
     0.0,
 )
 
 MOST_NAMES = 6
-MOST_VARIANTS = 3
-LIKELY = 4.0
-"""Log weight that a variant of a name may lose to its best one and still count."""
-
 LEAST_SHARE = 0.1
 """Weight that the least likely name still has beside the best one."""
 
@@ -114,8 +110,12 @@ class _Pairing:
         ]
         found = descending(found, self._weight.__getitem__, LOG_UNIT)
         best = self._weight[found[0]] if found else 0.0
-        near = [k for k in found if k == self._member or self._weight[k] > best - LIKELY]
-        return sorted(near, key=lambda k: k != self._member)[:MOST_VARIANTS]
+        near = [
+            k
+            for k in found
+            if k == self._member or self._weight[k] > best - 0.5 * POLICY.told_apart
+        ]
+        return sorted(near, key=lambda k: k != self._member)[: POLICY.most_causes]
 
     def _explanation(self, k: int, given: tuple[int, ...]) -> Explanation:
         """A candidate with the values that it has given the effects that are kept."""
@@ -128,13 +128,13 @@ def _proposal(added: Added, names: Sequence[Named], apart: FloatArray) -> NextMe
     most = float(apart[0, 1:].max())
     if most < SHOWS:
         return None
-    bar = ENOUGH if most >= ENOUGH else SHOWS
+    bar = POLICY.decisive if most >= POLICY.decisive else SHOWS
     told = [0]
     for k in range(1, len(names)):
         if all(apart[k, other] >= bar for other in told):
             told.append(k)
     words = [f"{names[k].id} ({names[k].where})" for k in told]
-    verb = "decides" if bar == ENOUGH else "helps to decide"
+    verb = "decides" if bar == POLICY.decisive else "helps to decide"
     return NextMeasurement(
         f"{added.words}; it {verb} between {', '.join(words[:-1])} and {words[-1]}",
         _procedure_text(added),
@@ -176,8 +176,6 @@ joint limits by as much."""
 LOAD = 2.0
 """The tool with a mass as heavy as itself."""
 
-ENOUGH = 25.0
-"""Expected separation in noise variances that settles a pair."""
 GOAL = 60.0
 """What is aimed at: values are known by estimate only, and noise takes its part."""
 NEARLY = 0.97

@@ -12,6 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import (
+    DEPENDENT,
+    FloatArray,
+    IntArray,
+    Observations,
+    basis_of,
+    descending,
+    largest,
+    ranks,
+    without,
+)
 from calib.diagnosis.gross_errors import (
     GrossError,
     cell_basis,
@@ -26,44 +37,19 @@ from calib.diagnosis.labels import (
     odds_of_label,
     relabelled,
 )
+from calib.diagnosis.policy import POLICY
 from calib.diagnosis.results import Named
-from calib.linalg import DEPENDENT, basis_of, without
-from calib.observations import FloatArray, IntArray, Observations
-from calib.ties import descending, largest, ranks
 
-WILD_DISTANCE = 17.0
-"""In standard deviations of a reading; far beyond what heavy tails of honest readings reach."""
-
-MISLABELLED_DISTANCE = 13.0
-"""The same where the reading fits another place: two coincidences, so less is enough."""
-
-SAME_VALUE = (4.0, 6.0)
-"""A reading belongs to a place when it is within so many standard deviations of it: the second
-where it is ``NEARER`` times as far off where it is written down. Tails may be heavy."""
-
-NEARER = 12.0
-
-CERTAIN = 10.0
-"""Odds of a wrong label against an accident beyond which it is named alone; turned round, below
-which it is not named."""
+SAME_VALUE = 4.0
+"""A reading that no repeat judges may belong where it is within so many standard deviations."""
 
 LEAST_SHARE = 0.15
 """A reading that its own cell follows more closely cannot be judged by it."""
 
-ALIKE = 25.0
-"""Noise variances by which one explanation must be better than another to be told from it."""
-
 SUSPECT = 0.7
 MOST_SUSPECTS = 6
 MOST_OUTLIERS = 4
-LEAST_FREE = 4.0
 LEAST_VARIANCE_MM2 = 1e-8
-
-UNEQUAL = 9.0
-"""No mounting without mistakes has more than so many times the middle variance of all."""
-
-LEAST_FREE_OF_MOUNTING = 1.5
-LEAST_MOUNTINGS = 3
 
 Basis = Callable[[Observations, IntArray], FloatArray]
 
@@ -82,11 +68,6 @@ class _Judged:
     fit: FloatArray
     residual_mm2: float
     variance_mm2: float
-
-    def holds(self, row: int, far: float) -> bool:
-        """Whether a reading ``far`` off elsewhere is among its own here."""
-        most = float(np.clip(far / NEARER, *SAME_VALUE))
-        return bool(0.0 < self.fit[row] < most)
 
     @classmethod
     def of(cls, observed: Observations, least_mm2: float) -> _Judged:
@@ -107,7 +88,7 @@ class _Judged:
         left, share = _scatter(observed, basis)
         own = np.where(share > LEAST_SHARE, left / np.maximum(share, LEAST_SHARE), 0.0)
         free = float(share.sum())
-        if free <= LEAST_FREE:
+        if free <= POLICY.room:
             nothing = np.zeros(len(observed))
             return cls(nothing, nothing, float(left.sum()), least_mm2)
         pooled = np.maximum((left.sum() - own) / (free - 1.0), least_mm2)
@@ -115,16 +96,11 @@ class _Judged:
         squares, frees = np.bincount(mount, left), np.bincount(mount, share)
         mine = squares[mount] - own
         near = mine / np.maximum(frees[mount] - 1.0, 1.0)
-        judging = frees > LEAST_FREE_OF_MOUNTING
-        if np.count_nonzero(judging) >= LEAST_MOUNTINGS:
-            # a mistake in one mounting, however large, must not hide one in another
-            most = UNEQUAL * np.median(squares[judging] / frees[judging]) * frees
-            limited = np.minimum(squares, most)
-            others = limited.sum() - limited[mount]
-            variance = (others + np.minimum(mine, most[mount])) / (free - 1.0)
-            variance = np.maximum(np.maximum(variance, near), least_mm2)
-            known = observed.approach_known  # else it may be off by a play
-            pooled = np.where(known, np.minimum(pooled, variance), pooled)
+        # a mistake in one mounting, however large, must not hide one in another: the middle counts
+        judging = frees > 0.5 * frees.max()
+        middle = np.median(squares[judging] / frees[judging])
+        known = observed.approach_known  # else it may be off by a play
+        pooled = np.where(known, np.maximum(np.maximum(middle, near), least_mm2), pooled)
         distance = np.sqrt(own / pooled / np.maximum(share, LEAST_SHARE))
         fit = np.sqrt(own / np.maximum(pooled, near))
         return cls(distance, fit, float(left.sum()), float(pooled.min()))
@@ -161,7 +137,7 @@ def set_outliers_right(observed: Observations, step_mm: float = 0.0) -> list[Gro
 def _worst(observed: Observations, least_mm2: float) -> GrossError | None:
     judged = _Judged.of(observed, least_mm2)
     worst = float(judged.distance.max(initial=0.0))
-    if worst < MISLABELLED_DISTANCE:
+    if worst < POLICY.mislabelled_sd:
         return None
     order = np.argsort(ranks(judged.distance), kind="stable")
     suspects = order[observed.mount[order] == observed.mount[order[0]]][:MOST_SUSPECTS]
@@ -169,11 +145,13 @@ def _worst(observed: Observations, least_mm2: float) -> GrossError | None:
     wild = _wild(observed, suspects, least_mm2)
     places = _likeliest(observed, wild.rows, judged.distance, least_mm2)
     odds = places[0].odds if places else 0.0
-    if odds >= CERTAIN:
+    if odds >= POLICY.doubtful_odds:
         return _mislabelled(observed, places)
-    if worst < WILD_DISTANCE and odds < 1.0:
+    if worst < POLICY.wild_sd and odds < 1.0:
         return None
-    return _mislabelled_or_wild(observed, places, wild) if odds > 1.0 / CERTAIN else wild
+    return (
+        _mislabelled_or_wild(observed, places, wild) if odds > 1.0 / POLICY.doubtful_odds else wild
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,24 +175,25 @@ def _likeliest(
 
     Then others of its row that nearly are.
     """
-    far = float(distance[suspects].max())
     fits = []
     for row in suspects.tolist():
         chances = labels_within_reach(observed, row) * len(suspects)
         for label in nearer_labels(observed, row):
             moved = relabelled(observed, row, label)
             judged = _Judged.of(moved, least_mm2)
-            if judged.holds(row, far):
+            if judged.fit[row] > 0.0:  # else it is alone there
                 even = evened(observed, moved)
                 odds = odds_of_label(float(distance[row]), float(judged.fit[row]), chances, even)
                 fits.append(_Fit(row, label.words, moved, judged, odds))
     if not fits:
         return []
     first = min((one.judged for one in fits), key=lambda one: one.residual_mm2)
-    bar = first.residual_mm2 + ALIKE * first.variance_mm2
+    bar = first.residual_mm2 + POLICY.decisive * first.variance_mm2
     alike = [one for one in fits if one.judged.residual_mm2 <= bar]
     best, *others = descending(alike, lambda one: one.odds)
-    near = [one for one in others if one.row == best.row and one.odds * CERTAIN > best.odds]
+    near = [
+        one for one in others if one.row == best.row and one.odds * POLICY.doubtful_odds > best.odds
+    ]
     return [best, *near]
 
 
@@ -250,7 +229,7 @@ def belongs_elsewhere(observed: Observations, row: int) -> str | None:
     """The posture of the same mounting, or the other leg, whose repeats this reading fits."""
     for label in nearer_labels(observed, row):
         moved = relabelled(observed, row, label)
-        if _Judged.of(moved, LEAST_VARIANCE_MM2).holds(row, WILD_DISTANCE):
+        if 0.0 < _Judged.of(moved, LEAST_VARIANCE_MM2).fit[row] < SAME_VALUE:
             return label.words
     return None
 
@@ -260,7 +239,7 @@ def _wild(observed: Observations, suspects: IntArray, least_mm2: float) -> Gross
     each = [_Judged.of(_without(observed, [row]), least_mm2) for row in suspects.tolist()]
     left = np.array([one.residual_mm2 for one in each])
     best = each[largest(-left, least_mm2)]
-    rows = suspects[left <= best.residual_mm2 + ALIKE * best.variance_mm2]
+    rows = suspects[left <= best.residual_mm2 + POLICY.decisive * best.variance_mm2]
     title, at_the_end = _wild_in_words(observed, rows)
     title = f"{title}; {_unused(rows)}" if len(rows) > 1 else title
     where = place_of(observed, rows)
@@ -272,10 +251,10 @@ def _wild_in_words(observed: Observations, rows: IntArray) -> tuple[str, bool]:
     """The title, and whether a shift of the stand would leave the very same readings."""
     if len(rows) > 1:
         postures = " or ".join(_posture(observed, row) for row in sorted(rows.tolist()))
-        return f"one reading is wild, {postures}", False
+        return f"one reading is an outlier, {postures}", False
     row = int(rows[0])
     mounted = np.flatnonzero(observed.mount == observed.mount[row])
-    title = f"one wild reading {_posture(observed, row)}"
+    title = f"one outlier {_posture(observed, row)}"
     if row == mounted[0]:
         return f"{title}, or the stand moved after it", True
     if row == mounted[-1]:

@@ -19,18 +19,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from calib.diagnosis.selection import KNOWN, Spread
-from calib.identify.fit import prior_fit, without_zeros
-from calib.linalg import (
+from calib.arrays import (
     DEPENDENT,
+    FloatArray,
+    IntArray,
+    Observations,
     basis_of,
     incidence,
     lengths,
     new_directions,
+    numbered,
     onto,
     squares_in,
     without,
+    without_zeros,
 )
+from calib.diagnosis.selection import KNOWN, Spread
+from calib.identify.fit import prior_fit
 from calib.noise.reading import (
     BORROWED,
     IndicatorFigures,
@@ -40,7 +45,6 @@ from calib.noise.reading import (
     reading_weights,
     visits,
 )
-from calib.observations import FloatArray, IntArray, Observations, numbered
 from calib.stats import variance_ratio_p_value
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.movements import with_first_movements

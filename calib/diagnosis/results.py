@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from calib.observations import IntArray, Observations
+from calib.arrays import IntArray, Observations
 from calib.tripod.effects.effect import EffectInstance
 
 Verdict = Literal[
@@ -195,6 +195,41 @@ class CleanedReadings:
 
 
 @dataclass(frozen=True)
+class PatternPair:
+    """What is left of session ``second`` without the pattern of ``first``, made ``scale`` as large.
+
+    Sessions by their numbers from 0, held-out ones after the others. R.m.s. of the means of common
+    postures, ``noise_rms_mm`` what noise alone would leave; ``p_value`` that it leaves the rest.
+    """
+
+    first: int
+    second: int
+    cosine: float
+    scale: float
+    before_rms_mm: float
+    after_rms_mm: float
+    noise_rms_mm: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class SharedPattern:
+    """How alike what is left of several sessions is, in so many free ``directions``.
+
+    ``common_share`` of the patterns, made equally long, is one direction; the p-values are its
+    chance with random directions, and with set-ups that change places.
+    """
+
+    sessions: tuple[int, ...]
+    directions: int
+    common_share: float
+    p_value_directions: float
+    p_value_permutations: float
+    reproducible: bool
+    pairs: tuple[PatternPair, ...]
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """The whole answer. ``sentence`` is the verdict for a machinist.
 
@@ -217,6 +252,7 @@ class Diagnosis:
     residuals: Residuals
     remarks: tuple[str, ...] = ()
     left_over: ModelDiscrepancy | None = None
+    pattern: SharedPattern | None = None
     cleaned: tuple[CleanedReadings, ...] = field(default=(), repr=False)
 
 

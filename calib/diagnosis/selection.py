@@ -19,17 +19,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
-from calib.linalg import DEPENDENT, NEW_DIRECTION, squares_in, union
-from calib.observations import FloatArray
-from calib.ties import descending
+from calib.arrays import DEPENDENT, NEW_DIRECTION, FloatArray, descending, squares_in, union
+from calib.diagnosis.policy import POLICY
 
-SET_SHARE = 0.95
 PAIRS_AMONG = 24
 TRIPLES_AMONG = 10
 LEAST_LEFT = 1e-9
-ALIKE = 0.98
-"""Directions that two blocks share from which on they are one effect for these readings."""
-
 LEAST_LOG = -690.0
 """Smaller logarithms of weights and p-values are all alike: their numbers would be no floats."""
 
@@ -37,7 +32,7 @@ SEED = 20081
 DRAWS = 1999
 GRID = 400
 LOG_UNIT = 1e3
-"""Log weights are differences of numbers so large, or more; see `calib.ties`."""
+"""Log weights are differences of numbers so large, or more; see `calib.arrays`."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +69,7 @@ class Spread:
 KNOWN = Spread(math.inf, math.inf)
 
 
-def log_bayes_factor(explained: float, rank: int, spread: Spread) -> float:
+def evidence(explained: float, rank: int, spread: Spread) -> float:
     """Evidence for a model of this rank; Liang et al. (2008), equation 5 and their fitted g.
 
     With S explained of T, f degrees of freedom and F = (S/r) / ((T - S)/(f - r)), 1 + g = F:
@@ -175,7 +170,7 @@ class Search:
     def _weighed(self, members: tuple[int, ...], explained: float, rank: int) -> WeighedModel:
         members = tuple(sorted(members))
         log_prior = float(self.log_priors[list(members)].sum())
-        weight = log_bayes_factor(explained, rank, self.spread) - log_prior
+        weight = evidence(explained, rank, self.spread) - log_prior
         return WeighedModel(members, explained, weight)
 
 
@@ -195,7 +190,7 @@ def credible_set(models: Sequence[WeighedModel]) -> list[WeighedModel]:
     behind = np.array([m.log_weight - ordered[0].log_weight for m in ordered])
     weights = np.exp(np.maximum(behind, LEAST_LOG))
     together = np.cumsum(weights / weights.sum())
-    return ordered[: int(np.count_nonzero(together < SET_SHARE)) + 1]
+    return ordered[: int(np.count_nonzero(together < POLICY.credible_share)) + 1]
 
 
 def contained(inner: FloatArray, outer: FloatArray) -> float:

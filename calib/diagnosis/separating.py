@@ -8,9 +8,18 @@ from itertools import combinations
 
 import numpy as np
 
+from calib.arrays import (
+    BASE_SQUARES,
+    LEG_NAMES,
+    NEW_DIRECTION,
+    TINY,
+    Conditions,
+    FloatArray,
+    conditions,
+    without,
+    without_means,
+)
 from calib.diagnosis.problem import Problem
-from calib.linalg import BASE_SQUARES, NEW_DIRECTION, TINY, without, without_means
-from calib.observations import LEG_NAMES, Conditions, FloatArray, conditions
 from calib.tripod.effects.candidates import Candidate, candidates
 from calib.tripod.effects.effect import EffectParameter
 from calib.tripod.pipeline import Model, derivatives

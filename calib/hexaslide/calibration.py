@@ -10,11 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import EXACT_BLIND, FloatArray, condition, named_inside, names_outside, svd_of_all
 from calib.errors import CalibrationError, NotIdentifiable
 from calib.hexaslide.geometry import HexaSlide, motions
 from calib.hexaslide.residuals import Readings, Residuals, postures_of, residuals, whitening
-from calib.linalg import EXACT_BLIND, condition, named_inside, names_outside, svd_of_all
-from calib.observations import FloatArray
 
 MOST_STEPS = 12
 MOST_HALVINGS = 12

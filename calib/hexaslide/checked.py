@@ -12,13 +12,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.arrays import EXACT_BLIND, FloatArray
 from calib.hexaslide.calibration import Calibration, calibrate, residuals_of
-from calib.hexaslide.geometry import NAMES, Geometry, HexaSlide, Numbers, values, with_values
-from calib.hexaslide.kinematics import forward, rotation
+from calib.hexaslide.geometry import (
+    NAMES,
+    Geometry,
+    HexaSlide,
+    Numbers,
+    forward,
+    rotation,
+    values,
+    with_values,
+)
 from calib.hexaslide.planning import fewest_postures
 from calib.hexaslide.residuals import Readings, Residuals, shares
-from calib.linalg import EXACT_BLIND
-from calib.observations import FloatArray
 from calib.stats import coverage_factor, variance_ratio_p_value
 
 SPARE = 1.5

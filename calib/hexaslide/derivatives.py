@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import FloatArray
 from calib.design.refinement import Pull
 from calib.errors import CalibrationError
 from calib.hexaslide.geometry import (
@@ -19,14 +20,19 @@ from calib.hexaslide.geometry import (
     CHAINS,
     END_NAMES,
     FREE,
+    Arms,
     ConstraintLink,
     Geometry,
+    Legs,
     Numbers,
+    Turn,
+    cross,
+    legs,
     present,
+    transposed,
+    words,
 )
-from calib.hexaslide.kinematics import Arms, Legs, Turn, cross, legs, transposed, words
 from calib.hexaslide.procedures import COMPONENTS, Kind, Procedure
-from calib.observations import FloatArray
 
 ENDS_TOUCH_M = 1e-9
 """Ends of the constraint link that are nearer have no direction between them."""

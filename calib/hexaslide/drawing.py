@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.hexaslide.geometry import Box, HexaSlide
-from calib.hexaslide.kinematics import legs
-from calib.observations import FloatArray
+from calib.arrays import FloatArray
+from calib.hexaslide.geometry import Box, HexaSlide, legs
 
 RAIL_POINTS, EDGE_POINTS = 24, 12
 

@@ -3,21 +3,46 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from calib.arrays import (
+    BLIND,
+    EXACT_BLIND,
+    FloatArray,
+    basis_of,
+    condition,
+    null_space,
+    rank_of,
+    without,
+)
 from calib.clusters import in_parallel
 from calib.design.criteria import Aim, Criterion, Observability, observability
-from calib.design.identifiability import Identifiability, Sensitivity, analyse
+from calib.design.identifiability import (
+    ClassicalQr,
+    Identifiability,
+    Sensitivity,
+    analyse,
+    classical_qr,
+)
+from calib.design.planning import AddedMeasurement, Combination, Examination, SeenBy, seen_by
 from calib.design.refinement import Pull, RefinedPostures, count_on_bound, judged, refine
-from calib.errors import NotIdentifiable
+from calib.errors import CalibrationError, NotIdentifiable
 from calib.hexaslide.derivatives import RowMaker, jacobian
-from calib.hexaslide.geometry import COORDINATES, HexaSlide, motions
-from calib.hexaslide.procedures import Procedure, held_postures
-from calib.linalg import EXACT_BLIND, null_space, rank_of
-from calib.observations import FloatArray
+from calib.hexaslide.geometry import COORDINATES, HexaSlide, forward_near, inverse, motions, present
+from calib.hexaslide.procedures import (
+    ALL_UNITS,
+    COMPONENTS,
+    Kind,
+    Procedure,
+    held_postures,
+    in_units,
+)
+from calib.hexaslide.residuals import stretch
 
 PLENTY = 100
 """So many random postures reach the rank that the procedure can reach; twice for one row each."""
@@ -253,3 +278,253 @@ def find_postures(
         if best is None or found.condition_number < best.condition_number:
             best = found
         heard(Found(k + 1, starts, best))
+
+
+KINDS = tuple(Kind)
+"""In the order of the cases of papers/001."""
+
+UNITS = "metres and radians, columns not scaled"
+
+PUBLISHED = {
+    Kind.POSE_INVERSE: 49,
+    Kind.POSE_FORWARD: 49,
+    Kind.POSITION: 48,
+    Kind.CONSTRAINT_LINK: 46,
+}
+"""Ranks that papers/001, table 1, states."""
+
+WRONG = {
+    Kind.POSITION: "papers/001 counts 48; with exact derivatives it is 46: turning the frame of "
+    "the platform about its origin changes no position. 48 is also its number of rows, 16 × 3.",
+    Kind.CONSTRAINT_LINK: "papers/001 counts 46; with exact derivatives it is 48: only motions "
+    "of whole frames are lost, six of the platform, one of the base. 46 is also its row count.",
+}
+
+
+@dataclass(frozen=True)
+class PublishedSet:
+    """Condition numbers of one table of papers/001."""
+
+    case: str
+    table: int
+    count: int
+    random: float
+    best: float
+
+
+PUBLISHED_SETS = {
+    Kind.POSE_INVERSE: PublishedSet("I", 3, 9, 2888.0, 140.2),
+    Kind.POSE_FORWARD: PublishedSet("II", 4, 9, 21530.0, 1537.3),
+    Kind.POSITION: PublishedSet("III", 5, 16, 33916.0, 2430.2),
+    Kind.CONSTRAINT_LINK: PublishedSet("IV", 6, 46, 6.012e5, 1.4523e5),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class HexaSlidePlanning:
+    """A machine with a procedure, at postures ``given`` ``(p, 6)`` from somewhere, else at random
+    ones: ``count`` of them, None: enough.
+    """
+
+    procedure: Procedure
+    machine: HexaSlide
+    seed: int = 0
+    count: int | None = None
+    given: FloatArray | None = None
+    source: str = ""
+
+    @property
+    def name(self) -> str:
+        """The name on the command line."""
+        return "hexaslide"
+
+    @property
+    def usual(self) -> bool:
+        """Whether the procedure is one of papers/001."""
+        return self.procedure == Procedure.of(self.procedure.kind.value)
+
+    def examine(self) -> Examination:
+        """What the procedure sees at the postures."""
+        postures = self.postures()
+        # nothing is left out of what is told to be lost
+        seen = replace(sensitivity(self.procedure, self.machine, postures), whole_shares=True)
+        kind = self.procedure.kind
+        return Examination(
+            procedure=kind.value,
+            sensitivity=seen,
+            bare=seen.jacobian,
+            measured=self.procedure.read,
+            posture_count=len(postures),
+            independent_count=len(seen.jacobian),
+            minutes=0.0,
+            units=UNITS,
+            noise_words="not known, it decides nothing here",
+            source=self.source or f"random in the box, seed {self.seed}",
+            fewest_postures=fewest_postures(self.procedure, self.machine),
+            reachable_rank=reachable(self.procedure, self.machine).rank,
+            published_rank=PUBLISHED[kind] if self.usual else None,
+            remark=WRONG.get(kind, "") if self.usual else "",
+        )
+
+    def postures(self) -> FloatArray:
+        """Those given, else random ones in the box ``(p, 6)``."""
+        if self.given is not None:
+            return self.given
+        if self.count is None:
+            return enough_postures(self.procedure, self.machine, self.seed)
+        return held_postures(self.machine.geometry, self.machine.box, self.count, self.seed)
+
+    def cures(self, vectors: Sequence[FloatArray]) -> tuple[AddedMeasurement | None, ...]:
+        """None: what is lost is lost at every posture."""
+        return (None,) * len(vectors)
+
+
+def conditions_by_units(procedure: Procedure, rows: FloatArray, rank: int) -> dict[str, float]:
+    """Condition number of what is seen in each unit, from rows ``(n, k)``, metres and radians."""
+    return {units.words: condition(in_units(procedure, rows, units), rank) for units in ALL_UNITS}
+
+
+def conditions_at(view: HexaSlideSeen, postures: FloatArray) -> dict[str, float]:
+    """The same at postures ``(p, 6)``."""
+    rows = sensitivity(view.procedure, view.machine, postures).jacobian
+    return conditions_by_units(view.procedure, rows, view.seen.found.rank)
+
+
+@dataclass(frozen=True, eq=False)
+class PaperRule:
+    """The test of papers/001 on derivatives by forward differences, as the paper took them.
+
+    ``rank`` is what these postures show, ``reachable_rank`` what others show. ``errors`` are the
+    least and the largest singular value of what is not seen, in tolerances of the rule: differences
+    feign them. None where no row is left for them.
+    """
+
+    posture_count: int
+    row_count: int
+    parameter_count: int
+    rank: int
+    reachable_rank: int
+    qr: ClassicalQr
+    errors: tuple[float, float] | None
+
+    @property
+    def counted(self) -> int:
+        """How many parameters the rule takes for identifiable."""
+        return self.parameter_count - len(self.qr.flagged)
+
+    @property
+    def decided_by(self) -> str:
+        """Whose number the rule gives: rows, parameters, postures, or rightly the geometry."""
+        if self.counted == self.reachable_rank:
+            return "geometry"
+        if self.counted == self.parameter_count:
+            return "parameters"
+        return "rows" if self.counted == self.row_count else "postures"
+
+
+@dataclass(frozen=True, eq=False)
+class HexaSlideSeen:
+    """What a procedure sees on a machine, with the figures that a judgement of papers/001 needs.
+
+    ``conditions`` are condition numbers of what is seen at the postures, by units.
+    """
+
+    planned: HexaSlidePlanning
+    seen: SeenBy
+    conditions: dict[str, float]
+
+    @property
+    def procedure(self) -> Procedure:
+        """What is read."""
+        return self.planned.procedure
+
+    @property
+    def machine(self) -> HexaSlide:
+        """The nominal one."""
+        return self.planned.machine
+
+    @property
+    def fewest(self) -> int:
+        """How few postures show all that the procedure can show."""
+        return self.seen.examined.fewest_postures or 1
+
+    @property
+    def published(self) -> PublishedSet | None:
+        """The paper's figures, for its own procedures only."""
+        return PUBLISHED_SETS[self.procedure.kind] if self.planned.usual else None
+
+    @cached_property
+    def always(self) -> tuple[str, ...]:
+        """Names of the combinations that no posture shows."""
+        all_seen = reachable(self.procedure, self.machine)
+        never = basis_of(all_seen.unseen_vectors.T, EXACT_BLIND)
+        names = self.seen.found.names
+        return tuple(one.name for one in self.seen.unidentifiable if _lies_in(never, one, names))
+
+    @cached_property
+    def rules(self) -> tuple[PaperRule, ...]:
+        """The paper's rule at these postures and, for its own procedures, at as many as it has,
+        where they could be taken.
+        """
+        procedure, postures = self.procedure, self.planned.postures()
+        all_seen = reachable(procedure, self.machine).rank
+        sets = [(postures, self.seen.found.rank)]
+        few = PUBLISHED_SETS[procedure.kind].count
+        if self.planned.usual and len(postures) > few:
+            some = postures[:few]
+            sets.append((some, analyse(sensitivity(procedure, self.machine, some)).rank))
+        found = []
+        for some, rank in sets:
+            with suppress(CalibrationError):  # a step leaves the workspace: nothing to show
+                rows = differenced(procedure, self.machine, some)
+                found.append(_rule(rows, procedure.parameters, rank, all_seen))
+        return tuple(found)
+
+
+def look_at(planned: HexaSlidePlanning) -> HexaSlideSeen:
+    """Raises CalibrationError for postures that cannot be."""
+    seen = seen_by(planned)
+    conditions = conditions_by_units(planned.procedure, seen.examined.bare, seen.found.rank)
+    return HexaSlideSeen(planned, seen, conditions)
+
+
+def _lies_in(space: FloatArray, one: Combination, names: tuple[str, ...]) -> bool:
+    vector = np.array([one.shares.get(name, 0.0) for name in names])
+    return bool(np.linalg.norm(without(space, vector)) < BLIND)
+
+
+DIFFERENCE_STEP = 1e-7
+"""The paper's step, metres."""
+
+
+def differenced(procedure: Procedure, machine: HexaSlide, postures: FloatArray) -> FloatArray:
+    """Derivatives ``(p, r, k)`` as `derivatives.jacobian`, each wrong by about 1e-7.
+
+    Raises CalibrationError where a step leaves what can be reached, or without a link to read.
+    """
+    names, kind = procedure.parameters, procedure.kind
+    if kind is Kind.CONSTRAINT_LINK:
+        present(machine.link)
+    sliders, start = inverse(machine.geometry, postures), machine.parameters(names)
+
+    def read(parameters: FloatArray) -> FloatArray:
+        changed = machine.with_parameters(names, parameters)
+        if kind is Kind.POSE_INVERSE:
+            return np.asarray(inverse(changed.geometry, postures))
+        moved = forward_near(changed.geometry, sliders, postures)
+        if kind is Kind.CONSTRAINT_LINK:
+            return -stretch(changed.link, moved)[:, None]
+        return np.asarray(moved[:, [COMPONENTS.index(name) for name in procedure.measured]])
+
+    before = read(start)
+    steps = DIFFERENCE_STEP * np.eye(len(start))
+    return np.stack([(read(start + step) - before) / DIFFERENCE_STEP for step in steps], axis=-1)
+
+
+def _rule(rows: FloatArray, names: tuple[str, ...], rank: int, all_seen: int) -> PaperRule:
+    """The rule on derivatives ``(p, r, k)`` of which ``rank`` combinations are truly seen."""
+    flat = rows.reshape(-1, len(names))
+    qr = classical_qr(flat, names)
+    feigned = np.linalg.svd(flat, compute_uv=False)[rank:] / qr.tolerance
+    errors = (float(feigned.min()), float(feigned.max())) if len(feigned) else None
+    return PaperRule(len(rows), len(flat), len(names), rank, all_seen, qr, errors)

@@ -8,6 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from calib.arrays import FloatArray
 from calib.errors import ImpossibleRequest
 from calib.hexaslide.geometry import (
     CHAINS,
@@ -16,10 +17,9 @@ from calib.hexaslide.geometry import (
     NAMES,
     Box,
     Geometry,
+    legs,
     unit_of,
 )
-from calib.hexaslide.kinematics import legs
-from calib.observations import FloatArray
 
 COMPONENTS = ("x", "y", "z", "theta", "psi", "phi")
 ANGLES = COMPONENTS[3:]

@@ -13,12 +13,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.arrays import FloatArray
 from calib.errors import CalibrationError, UnreachablePosture
 from calib.hexaslide.derivatives import jacobian
-from calib.hexaslide.geometry import Box, ConstraintLink, Geometry, present
-from calib.hexaslide.kinematics import forward, forward_near, inverse, legs, rotation
+from calib.hexaslide.geometry import (
+    Box,
+    ConstraintLink,
+    Geometry,
+    forward,
+    forward_near,
+    inverse,
+    legs,
+    present,
+    rotation,
+)
 from calib.hexaslide.procedures import ANGLES, COMPONENTS, Kind, Procedure
-from calib.observations import FloatArray
 
 CHECK = "Look for a wrong reading, order of the sliders, or unit: metres and radians."
 

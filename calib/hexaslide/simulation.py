@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.arrays import FloatArray
 from calib.errors import CalibrationError
-from calib.hexaslide.geometry import Box, ConstraintLink, HexaSlide, present
-from calib.hexaslide.kinematics import inverse, rotation
+from calib.hexaslide.geometry import Box, ConstraintLink, HexaSlide, inverse, present, rotation
 from calib.hexaslide.procedures import COMPONENTS, Kind, Procedure
 from calib.hexaslide.residuals import Readings, standing
-from calib.observations import FloatArray
 
 MOST_ROUNDS = 50
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from calib.observations import FloatArray
+from calib.arrays import FloatArray
 from calib.tripod.geometry import Geometry
 from calib.tripod.workspace import tool_jacobian_at, workspace_axes, workspace_jacobian
 
@@ -97,9 +97,14 @@ def tool_map(
     return ToolMap("xyz"[plane[0]], "xyz"[plane[1]], across, up, error)
 
 
-def decide(found: ToolError, tolerance_mm: float, coverage_factor: float) -> Decision:
-    """Pass or fail with a guard band of the expanded uncertainty on either side (ISO 14253-1)."""
+def decide(
+    found: ToolError, bound_mm: float, tolerance_mm: float, coverage_factor: float
+) -> Decision:
+    """Pass where even the bound (95 %) keeps the tolerance.
+
+    Fail beyond a guard band of the expanded uncertainty of what was found (ISO 14253-1).
+    """
     guard_mm = coverage_factor * found.standard_uncertainty_mm
-    if found.rms_mm + guard_mm <= tolerance_mm:
+    if bound_mm <= tolerance_mm:
         return "pass"
     return "fail" if found.rms_mm - guard_mm > tolerance_mm else "undecided"

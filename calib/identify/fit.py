@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.arrays import EXACT_BLIND, Conditions, FloatArray, IntArray, Observations, without_zeros
 from calib.errors import NotIdentifiable, UnreachablePosture
-from calib.linalg import EXACT_BLIND, without_means
 from calib.newton import Evaluate, Optimum, minimise
-from calib.observations import FloatArray, IntArray, Observations
 from calib.tripod.differences import Differences, reading_matrix
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import COMPLEX_STEP_MM, Model, StageEffect, derivatives, simulate
@@ -71,15 +70,6 @@ class Fit:
     def parameters_mm(self) -> FloatArray:
         """All six parameters ``(6,)``, mm."""
         return np.array(self.model.parameters_mm)
-
-
-def without_zeros(observed: Observations, weight: FloatArray, rows: FloatArray) -> FloatArray:
-    """Subtract from each mounting its weighted mean; ``rows`` is ``(n_readings, ...)``.
-
-    The best zero of a mounting is the weighted mean of what the model leaves, so removing the mean
-    from residuals and design fits all zeros at once.
-    """
-    return without_means(observed.mount, weight, rows)
 
 
 def papers_fit(
@@ -208,7 +198,7 @@ def _moved_to(
 
 
 def design_of(
-    model: Model, observed: Observations, free: Sequence[int], sizes: Sequence[Size]
+    model: Model, observed: Conditions, free: Sequence[int], sizes: Sequence[Size]
 ) -> FloatArray:
     """Derivatives ``(n_readings, k)`` by free parameters and sizes, by the complex step."""
     base = derivatives(model.geometry, model.parameters_mm, observed, model.effects)
@@ -304,7 +294,7 @@ class PlainFit:
         average[place, np.arange(len(observed))] = weight / total[place]
         places = observed.take(first)
         design = plain_design(model.geometry, places)
-        centred = without_means(places.mount, total, np.eye(len(total)))
+        centred = without_zeros(places, total, np.eye(len(total)))
         whiten = np.asarray(np.sqrt(total)[:, None] * centred)
         base = np.array(model.parameters_mm)[:, None]
         index = np.array(free, dtype=np.intp)

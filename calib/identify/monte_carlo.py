@@ -12,14 +12,14 @@ from typing import Self
 
 import numpy as np
 
+from calib.arrays import FloatArray, Observations
 from calib.clusters import in_parallel
 from calib.identify.fit import PlainFit
-from calib.identify.solution import SUBSETS, Solution
+from calib.identify.identify import SUBSETS, Solution
 from calib.newton import Optimum, normal_equations, solve_positive
 from calib.noise.reading import IndicatorFigures, IndicatorNoise, Noise, reading_weights, visits
 from calib.noise.repeats import Repeats
 from calib.noise.rounding import quantisation_of_repeatability, scatter_of_repeatability
-from calib.observations import FloatArray, Observations
 from calib.stats import coverage_factors
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import ZERO_SPREAD_MM, Model, round_to

@@ -2,23 +2,43 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
+from calib.arrays import (
+    LEG_NAMES,
+    Conditions,
+    FloatArray,
+    Observations,
+    conditions,
+    descending,
+    largest,
+)
 from calib.design.criteria import covariances_after, inverse
 from calib.errors import NotIdentifiable
+from calib.identify.fit import prior_fit
 from calib.identify.identify import identify
+from calib.identify.tool_bound import ToolBound, claim_of
 from calib.noise.reading import IndicatorFigures, Noise, reading_noise, reading_weights, visits
-from calib.observations import LEG_NAMES, FloatArray, Observations
-from calib.ties import descending, largest
+from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, derivatives
-from calib.tripod.pool import FREE, PARAMETERS, LegPool, leg_pool
+from calib.tripod.pool import FREE, PARAMETERS, STATIONS, LegPool, leg_pool
 from calib.tripod.sensitivity import sensitivity_of_readings, tool_metric
 
 SECONDS_PER_STEP = 20.0
 RUNNERS_UP = 5
+
+WAY = (0.0, 0.37, 1.0, 0.7, 0.37, 0.0, -0.37, -0.7, -1.0, -0.7, -0.37, 0.0)
+"""Displacements of a set-up as parts of the way: uneven ones, most of them from both sides."""
+
+WORTH = 0.9
+"""A further set-up is worth its time where it lowers the bound to less than this part."""
+
+MOST_FURTHER = 6
 
 
 @dataclass(frozen=True)
@@ -37,12 +57,38 @@ class Proposal:
 
 
 @dataclass(frozen=True)
+class FurtherSetUp:
+    """Set-ups read over the whole way, there and back, and the bound at the tool afterwards.
+
+    ``legs`` each get one at this station. ``open_name`` is what the bound is for then, empty where
+    it is noise and tolerances. ``minutes`` count from the first of them.
+    """
+
+    legs: tuple[str, ...]
+    station: float
+    displacements_mm: tuple[float, ...]
+    minutes: float
+    bound_mm: float
+    open_name: str
+
+
+@dataclass(frozen=True)
 class NextMountings:
-    """The best proposal first; ``tool_before_mm`` without any of them."""
+    """The best proposal first; ``tool_before_mm`` without any of them.
+
+    ``bound_mm`` is what the tool is off by at most (95 %) with the values of these readings and
+    tolerances entered; ``open_name`` and ``further`` as in `FurtherSetUp`, as long as a set-up
+    lowers it to `WORTH` of what it was. ``effects_told`` is False over a plane, where the bounds
+    are of the parameters alone.
+    """
 
     tool_before_mm: float
     noise_words: str
     proposals: tuple[Proposal, ...]
+    bound_mm: float
+    open_name: str
+    further: tuple[FurtherSetUp, ...]
+    effects_told: bool
 
 
 def next_mountings(
@@ -70,7 +116,113 @@ def next_mountings(
     covariance, metric = inverse(information), tool_metric(model.geometry)
     before = float(np.trace(metric @ covariance))
     found = _judged(model, covariance, metric, stated.standard_deviation_mm, minutes_per_mounting)
-    return NextMountings(before**0.5, words, tuple(found))
+    if observed is not None:  # what a model leaves is no noise of the bound
+        stated = (figures and reading_noise(visited, figures)) or stated
+    now, further = _further(model, observed, stated, tolerance_mm, minutes_per_mounting)
+    return NextMountings(
+        tool_before_mm=before**0.5,
+        noise_words=words,
+        proposals=tuple(found),
+        bound_mm=now.bound_mm,
+        open_name=_open_words(now),
+        further=tuple(further),
+        effects_told=bool(now.names),
+    )
+
+
+def _further(
+    model: Model,
+    observed: Observations | None,
+    noise: Noise,
+    tolerance_mm: FloatArray,
+    minutes_per_mounting: float,
+) -> tuple[ToolBound, list[FurtherSetUp]]:
+    """The bound now, and after set-ups that each lower it most for its time."""
+    fitted = model
+    if observed is not None:
+        visited = visits(observed)
+        weight = reading_weights(visited, noise)
+        fitted = prior_fit(model, visited, weight, tolerance_mm).model
+    places = [
+        (leg, station)
+        for station in STATIONS
+        for leg in range(3)
+        if _whole_way(fitted.geometry, [leg], station)
+    ]
+    options: list[tuple[tuple[int, ...], float]] = [((leg,), station) for leg, station in places]
+    options += [
+        ((0, 1, 2), station)
+        for station in STATIONS
+        if all((leg, station) in places for leg in range(3))
+    ]
+    taken = [
+        _there_and_back(leg, station, _whole_way(fitted.geometry, legs, station))
+        for legs, station in options
+        for leg in legs
+    ]
+    claim, rows = claim_of(fitted, observed, noise, tolerance_mm, model.parameters_mm, more=taken)
+    each = iter(rows)
+    seen = [[next(each) for _ in legs] for legs, _ in options]
+    levels = [_whole_way(fitted.geometry, *one) for one in options]
+    now = claim.bound(claim.expected)
+    found: list[FurtherSetUp] = []
+    bound, minutes = now, 0.0
+    while len(found) < MOST_FURTHER and options:
+        claims = [claim.adding(one) for one in seen]
+        bounds = [one.bound(one.expected) for one in claims]
+        took = [
+            len(legs) * (minutes_per_mounting + len(level) * SECONDS_PER_STEP / 60.0)
+            for (legs, _), level in zip(options, levels, strict=True)
+        ]
+        gains = [
+            math.log(bound.bound_mm / one.bound_mm) / time
+            for one, time in zip(bounds, took, strict=True)
+        ]
+        worth = [k for k, one in enumerate(bounds) if one.bound_mm < WORTH * bound.bound_mm]
+        if not worth:
+            break
+        best = worth[largest(np.array([gains[k] for k in worth]))]
+        claim, bound, minutes = claims[best], bounds[best], minutes + took[best]
+        legs, station = options[best]
+        found.append(
+            FurtherSetUp(
+                tuple(LEG_NAMES[leg] for leg in legs),
+                station,
+                levels[best],
+                minutes,
+                bound.bound_mm,
+                _open_words(bound),
+            )
+        )
+    return now, found
+
+
+def _open_words(bound: ToolBound) -> str:
+    return f"{bound.worst.id} ({bound.worst.where})" if bound.worst else ""
+
+
+def _whole_way(geometry: Geometry, legs: Sequence[int], station: float) -> tuple[float, ...]:
+    """Displacements up, down and back between what joint limits and bars allow; none: nowhere."""
+    lows, highs = zip(*(geometry.span_mm(leg, station) for leg in legs), strict=True)
+    low, high = math.ceil(max(lows)), math.floor(min(highs))
+    if not low < 0 < high:
+        return ()
+    return tuple(float(round(part * (high if part > 0.0 else -low))) for part in WAY)
+
+
+def _there_and_back(leg: int, station: float, levels_mm: tuple[float, ...]) -> Conditions:
+    """Both axes of a leg at these displacements in turn."""
+    axes = [axis for axis in range(3) if axis != leg]
+    count = len(levels_mm)
+    taken = conditions(
+        [leg] * 2 * count, [a for a in axes for _ in levels_mm], levels_mm * 2, station=station
+    )
+    approach = np.sign(np.diff(levels_mm, prepend=-1.0))
+    return replace(
+        taken,
+        approach=np.tile(approach, 2),
+        time_s=np.tile(SECONDS_PER_STEP * np.arange(count, dtype=np.float64), 2),
+    )
 
 
 def _measured(visited: Observations, model: Model, noise: Noise) -> FloatArray:

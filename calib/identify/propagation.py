@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from calib.identify.fit import without_zeros
+from calib.arrays import FloatArray, Observations, without_zeros
 from calib.noise.reading import Noise
-from calib.observations import FloatArray, Observations
 
 
 @dataclass(frozen=True, eq=False)

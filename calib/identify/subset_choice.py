@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calib.arrays import FloatArray, Observations
 from calib.errors import NotIdentifiable
 from calib.identify.accuracy import ToolError, tool_error
 from calib.identify.fit import Size
-from calib.identify.identify import Told, identify_from
-from calib.identify.solution import SUBSETS, Method, Solution, Subset, Weights
+from calib.identify.identify import SUBSETS, Method, Solution, Subset, Told, Weights, identify_from
 from calib.noise.reading import IndicatorFigures
-from calib.observations import FloatArray, Observations
-from calib.tripod.geometry import PARAMETER_NAMES
+from calib.tripod.geometry import PARAMETER_NAMES, TOLERANCE_MM
 from calib.tripod.pipeline import Model
 from calib.tripod.workspace import workspace_jacobian
+
+if TYPE_CHECKING:  # the catalogue comes with it: only where a bound is asked for
+    from calib.identify.tool_bound import Claim, ToolBound
 
 CLEARLY_BETTER = 0.9
 """Another set must promise less than this share of the joint offsets' tool error."""
@@ -28,9 +32,12 @@ class SubsetChoice:
 
     ``tool_after`` is the error of the tool to expect over the workspace with the values of each
     entered, and for ``with-tolerances`` where the tolerances of the parts are stated. ``refused``
-    holds the reason for every subset that the data do not determine.
+    holds the reason for every subset that the data do not determine. ``told`` and tolerances
+    ``(6,)`` are what all of them were made of.
     """
 
+    told: Told
+    tolerance_mm: FloatArray
     recommended: Subset
     reasons: tuple[str, ...]
     solutions: dict[Subset, Solution]
@@ -49,6 +56,40 @@ class SubsetChoice:
         What the model leaves counts as noise there, with its own degrees of freedom.
         """
         return self.solutions.get("both", self.solutions[subset]).left_over_factor
+
+    @cached_property
+    def fitted(self) -> Solution:
+        """The solution nearest to the machine: held by tolerances, where it can be."""
+        return self.solutions.get("with-tolerances", self.solutions[self.recommended])
+
+    @cached_property
+    def _claim(self) -> Claim:
+        from calib.identify.tool_bound import claim_of
+
+        start = self.told.model.parameters_mm
+        fitted, known = self.fitted, (self.tolerance_mm, start)
+        return claim_of(
+            fitted.model, self.told.visited, fitted.noise, *known, sizes=self.told.sizes
+        )[0]
+
+    def tool_bound(self, subset: Subset | None) -> ToolBound:
+        """What the tool is off by at most with a subset entered; None: as the controller is now.
+
+        With fitted sizes of effects the controller is taken to compensate them.
+        """
+        model = self.solutions[subset].model if subset else Model(self.told.model.geometry)
+        sizes = [one.value(model) if subset else 0.0 for one in self.told.sizes]
+        start = [*self.fitted.model.parameters_mm]
+        start += [one.value(self.fitted.model) for one in self.told.sizes]
+        return self._claim.bound(np.array([*model.parameters_mm, *sizes]) - start)
+
+    def tool_noise_mm(self, subset: Subset) -> float:
+        """The part of that bound that is noise of the readings in the parameters of a subset."""
+        from calib.identify.tool_bound import quantile_mm
+
+        index, one = list(SUBSETS[subset]), self.solutions[subset]
+        metric = self._claim.metric[np.ix_(index, index)]
+        return quantile_mm(metric, np.zeros(len(index)), one.covariance_mm2 - one.held_mm2)
 
     def error_before(self, subset: Subset, model: Model) -> ToolError:
         """The tool's error with what the controller holds now, as far as this subset tells.
@@ -105,6 +146,8 @@ def choose_subset(
     if errors[best] > CLEARLY_BETTER * errors.get("joint-offsets", math.inf):
         best = "joint-offsets"
     return SubsetChoice(
+        told,
+        np.full(len(PARAMETER_NAMES), TOLERANCE_MM) if tolerance_mm is None else tolerance_mm,
         best,
         _reasons(best, errors, refused),
         solutions,

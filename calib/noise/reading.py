@@ -9,10 +9,9 @@ from typing import Literal
 import numpy as np
 from scipy.special import fdtrc
 
+from calib.arrays import FloatArray, IntArray, Observations, descending, ranks
 from calib.noise.repeats import Outlier, Repeats, cycle_drift, outlying_readings
 from calib.noise.rounding import quantisation_of_repeatability, quantisation_variance
-from calib.observations import FloatArray, IntArray, Observations
-from calib.ties import descending, ranks
 
 NoiseSource = Literal["repeats", "instrument", "residuals"]
 Repeated = Literal["nothing", "equal", "rounding", "scatter"]
@@ -130,7 +129,7 @@ def reading_weights(observed: Observations, noise: Noise | None) -> FloatArray:
     """
     if noise is None:
         return observed.averaged
-    place = observed.level
+    place = observed.posture
     together = np.bincount(place, observed.averaged)[place]
     repeatability = np.array([one.repeatability_mm2 for one in noise.indicators])
     of_mean = repeatability[observed.indicator] / together + noise.quantisation_mm2(observed)
@@ -173,6 +172,8 @@ class IndicatorFigures:
 def visits(observed: Observations) -> Observations:
     """Average what was read in place: readings of a mounting with no motion between them.
 
+    Neither of the machine nor of a stand along its plane.
+
     Such repeats share the error of their approach, so they count as one reading, not as several.
     """
     visit = _visit_numbers(observed)
@@ -196,7 +197,7 @@ def _visit_numbers(observed: Observations) -> IntArray:
     visit = np.zeros(len(observed), dtype=np.intp)
     last: dict[int, tuple[int, int]] = {}
     count = 0
-    pairs = zip(observed.mount.tolist(), observed.level.tolist(), strict=True)
+    pairs = zip(observed.mount.tolist(), observed.posture.tolist(), strict=True)
     for row, (mount, posture) in enumerate(pairs):
         before = last.get(mount)
         if before is None or before[0] != posture:

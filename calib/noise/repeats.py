@@ -7,15 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.linalg import (
+from calib.arrays import (
     NEW_DIRECTION,
+    FloatArray,
+    IntArray,
+    Observations,
     basis_by_products,
     incidence,
+    numbered,
     squares_in,
     without,
     without_means,
 )
-from calib.observations import FloatArray, IntArray, Observations, numbered
 from calib.stats import two_sided_p_value, variance_ratio_p_value
 
 WILD_LEVEL = 0.01

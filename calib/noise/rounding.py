@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import ndtr
 
-from calib.observations import FloatArray
+from calib.arrays import FloatArray
 
 RATIO_LIMIT = 1.0
 """From this ratio of scatter to step on B is less than 1e-17 of the step squared."""

@@ -7,18 +7,18 @@ entries of a joint, those of foot and tool into the kinematics, the others harm 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import TypeGuard
 
 import numpy as np
 
+from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import ImpossibleRequest
-from calib.observations import LEG_NAMES, FloatArray
 from calib.tripod.effects.bars import GravitySag, LegLength
 from calib.tripod.effects.effect import EffectInstance
-from calib.tripod.kinematics import inverse
+from calib.tripod.geometry import inverse
 from calib.tripod.pipeline import Model, Stage, StageEffect
 from calib.tripod.workspace import carriages_at, machine_at, workspace_points
 
@@ -77,8 +77,9 @@ class Controller:
         cls, home_offset_mm: Sequence[float], joints: Sequence[str] | None = None
     ) -> Controller:
         """One of which nothing else is known: by the drives x, y, z that its ``joints`` move."""
-        of_joints = (home_offset_mm[LEG_NAMES.index(name[-1])] for name in joints or LEG_NAMES)
-        return cls(tuple(map(ControllerJoint, of_joints)))
+        drives = [name[-1] for name in joints or LEG_NAMES]
+        held = (ControllerJoint(home_offset_mm[LEG_NAMES.index(name)]) for name in drives)
+        return cls(tuple(held), axes="".join(drives).upper())
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,14 +191,17 @@ def not_told(model: Model, *, kinematics: bool) -> Model:
     return unknown.with_effects(tuple(filter(left, model.effects)))
 
 
-def tool_error_mm(model: Model) -> float:
+def tool_error_mm(
+    model: Model, commanded: Callable[[FloatArray], FloatArray] | None = None
+) -> float:
     """R.m.s. error of the tool over the workspace, the worse way round. Raises UnreachablePosture.
 
-    Less what it is at Zero, where that is set by hand.
+    Less what it is at Zero, where that is set by hand. ``commanded`` gives joint coordinates
+    ``(n, 3)`` for tool positions ``(n, 3)``; None: the nominal inverse kinematics.
     """
+    commanded = commanded or (lambda tool_mm: inverse(model.geometry, tool_mm))
     points = workspace_points(model.geometry)
-    joints = inverse(model.geometry, points)
-    zero = model.geometry.zero_mm[None, :]
+    joints, zero = commanded(points), commanded(np.zeros((1, 3)))
     worst = 0.0
     for way in (1.0, -1.0):
         off = machine_at(model, joints, way).tool_mm - points

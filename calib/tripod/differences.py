@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
+from calib.arrays import LEG_NAMES, TOOL, Conditions, FloatArray, Observations, numbered
 from calib.errors import NotIdentifiable
-from calib.observations import LEG_NAMES, TOOL, Conditions, FloatArray, Observations
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.pipeline import derivatives
 
@@ -21,8 +21,11 @@ PAIRS = ((0, 1), (1, 2), (0, 2))
 Level = tuple[float, ...]
 """Displacement of a leg, or position of the tool."""
 
-Key = tuple[int, int, float, Level, Level]
-"""Leg, axis, station, level, level of the reference."""
+Key = tuple[int, int, float, bool, Level, Level]
+"""Leg, axis, station, whether over a plane, level, level of the reference."""
+
+OVER_PLANE = "@p"
+"""In the name of a difference, before the station."""
 
 Terms = tuple[NDArray[np.intp], FloatArray]
 """Rows of the readings and their weights in one difference."""
@@ -36,7 +39,9 @@ class Differences:
     the same map turns a reading matrix into system (11) and a reading covariance into (14).
     ``names`` are ``axis_leg`` with ``+`` for Max, ``-`` for Min, both minus Zero; ``y_x`` alone is
     Max minus Min where Zero is missing; other displacements are written out, as in ``y_x@30.0``.
-    Readings of the tool are named by axis and position, as in ``z(0, 30, 0)``.
+    Readings of the tool are named by axis and position, as in ``z(0, 30, 0)``. Over a plane it is
+    the height at a station less that of the line through both ends of the leg at Zero, so that
+    neither zero nor tilt are in it: ``z_x+@p0.1``.
     """
 
     names: tuple[str, ...]
@@ -48,8 +53,12 @@ class Differences:
 
     @property
     def published_rows(self) -> NDArray[np.intp]:
-        """Rows that the papers tabulate: Max and Min (or Max minus Min) at one station."""
-        return np.array([k for k, name in enumerate(self.names) if "@" not in name], dtype=np.intp)
+        """Rows that the papers tabulate: Max and Min (or Max minus Min) at one station.
+
+        Those over a plane, which the papers only describe, are among them.
+        """
+        shown = [k for k, name in enumerate(self.names) if "@" not in name or OVER_PLANE in name]
+        return np.array(shown, dtype=np.intp)
 
 
 def differences(geometry: Geometry, observed: Observations) -> Differences:
@@ -67,7 +76,7 @@ def differences(geometry: Geometry, observed: Observations) -> Differences:
         raise NotIdentifiable(
             "differences between postures",
             f"{len(observed)} readings, each mounting in a single posture",
-            "at least two postures for one mounting",
+            "at least two postures for one mounting; over a plane two stations at Zero, too",
             "Measure Max and Min besides Zero without moving the stand.",
         )
     keys = sorted(terms, key=lambda key: _order_of_11(geometry, key))
@@ -99,6 +108,9 @@ def _differences_of_mount(
     observed: Observations, members: NDArray[np.intp]
 ) -> Iterable[tuple[Key, Terms]]:
     """Key and terms of each difference to the mounting's reference posture."""
+    if observed.over_plane[members[0]]:
+        yield from _over_plane(observed, members)
+        return
     posture = observed.level[members]
     order = np.argsort(posture, kind="stable")
     cells = np.split(members[order], np.flatnonzero(np.diff(posture[order])) + 1)
@@ -112,7 +124,34 @@ def _differences_of_mount(
         if level != levels[reference]:
             index, weight = _mean(observed, cell)
             terms = np.concatenate([index, zero]), np.concatenate([weight, -zero_weight])
-            yield (*where, level, levels[reference]), terms
+            yield (*where, False, level, levels[reference]), terms
+
+
+def _over_plane(observed: Observations, members: NDArray[np.intp]) -> Iterable[tuple[Key, Terms]]:
+    """Heights less those of the line through both ends of the leg at the reference."""
+    place = numbered(observed.station[members], observed.displacement_mm[members])
+    cells = [members[place == number] for number in range(int(place.max()) + 1)]
+    level, station, along = (
+        np.array([float(values[cell[0]]) for cell in cells])
+        for values in (observed.displacement_mm, observed.station, observed.along_mm)
+    )
+    reference = 0.0 if 0.0 in level else float(level.min())
+    at_reference = np.flatnonzero(level == reference)
+    near, far = (int(at_reference[end]) for end in (0, -1))  # by station
+    if near == far:
+        return
+    first = members[0]
+    where = (int(observed.leg[first]), int(observed.axis[first]))
+    for k in range(len(cells)):
+        if k not in (near, far):
+            share = (along[k] - along[near]) / (along[far] - along[near])
+            weights = ((k, 1.0), (near, share - 1.0), (far, -share))
+            terms = [
+                (rows, w * each) for j, w in weights for rows, each in [_mean(observed, cells[j])]
+            ]
+            index, weight = zip(*terms, strict=True)
+            key = (*where, float(station[k]), True, (float(level[k]),), (reference,))
+            yield key, (np.concatenate(index), np.concatenate(weight))
 
 
 def _level(observed: Observations, row: int) -> Level:
@@ -127,26 +166,27 @@ def _mean(observed: Observations, cell: NDArray[np.intp]) -> Terms:
 
 
 def _order_of_11(geometry: Geometry, key: Key) -> tuple[float, ...]:
-    leg, axis, station, levels, _ = key
+    leg, axis, station, over, levels, _ = key
     if leg == TOOL:
-        return (1.0, float(axis), *levels)
+        return (2.0, float(axis), *levels)
     level = levels[0]
     pair = PAIRS.index((min(leg, axis), max(leg, axis)))
     rank = {geometry.travel_max_mm: 0.0, geometry.travel_min_mm: 1.0}.get(level, 2.0)
-    return (0.0, abs(station - 0.5), station, pair, rank, level, float(axis > leg))
+    return (float(over), abs(station - 0.5), station, pair, rank, level, float(axis > leg))
 
 
 def _names(geometry: Geometry, keys: list[Key]) -> Iterable[str]:
     """Names in the order of the keys; the first station of a leg and axis keeps the short names."""
     stations: dict[tuple[int, int], float] = {}
-    for leg, axis, station, (level, *more), (reference, *_) in keys:
+    for leg, axis, station, over, (level, *more), (reference, *_) in keys:
         if leg == TOOL:
             yield f"{LEG_NAMES[axis]}({', '.join(f'{v:g}' for v in (level, *more))})"
             continue
         short = f"{LEG_NAMES[axis]}_{LEG_NAMES[leg]}"
-        at_station = (
-            "" if stations.setdefault((leg, axis), station) == station else f"@s{station!r}"
-        )
+        at_station = f"{OVER_PLANE}{station!r}"
+        if not over:
+            first = stations.setdefault((leg, axis), station)
+            at_station = "" if first == station else f"@s{station!r}"
         if (level, reference) == (geometry.travel_max_mm, geometry.travel_min_mm):
             yield short + at_station
         elif reference == 0.0 and level in (geometry.travel_max_mm, geometry.travel_min_mm):
@@ -179,10 +219,10 @@ def reading_matrix(geometry: Geometry, taken: Conditions) -> FloatArray:
     A reading along axis j on leg i: ``b d_rho_i + a d_rho_j - b d_L_i - c d_L_j``. A row at Zero
     is zero; a difference of readings is the difference of rows, so system (11) is
     ``Differences.combine @ reading_matrix``. First order: the exact model departs from it by
-    several micrometres at offsets of 2 mm. Other tripods and readings of the tool have no such
-    form: there it is the derivative of the pipeline.
+    several micrometres at offsets of 2 mm. Other tripods, readings of the tool and those over a
+    plane have no such form: there it is the derivative of the pipeline.
     """
-    if not geometry.of_papers or TOOL in taken.leg:
+    if not geometry.of_papers or TOOL in taken.leg or taken.over_plane.any():
         return derivatives(geometry, np.zeros(len(PARAMETER_NAMES)), taken)
     a, b, c = coefficients(geometry, taken.displacement_mm, taken.station)
     rows = np.arange(len(taken))

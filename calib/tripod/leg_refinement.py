@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import TINY, FloatArray, IntArray
 from calib.design.criteria import Aim
 from calib.design.refinement import Pull, judged, refine
-from calib.linalg import TINY
-from calib.observations import FloatArray, IntArray
 from calib.tripod.geometry import Geometry
 from calib.tripod.pool import DIAL_DECIMALS, LegPool
 

@@ -7,10 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from calib.arrays import TOOL, Conditions, FloatArray, Observations, numbered, rows_of
 from calib.noise.repeats import Repeats
-from calib.observations import TOOL, Conditions, FloatArray, Observations, numbered, rows_of
-from calib.tripod.geometry import Geometry
-from calib.tripod.kinematics import inverse
+from calib.tripod.geometry import Geometry, inverse
 
 STILL_MM = 1e-6
 """A carriage that is to move by less stands still: no controller resolves it."""

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib.arrays import FloatArray, descending
 from calib.design.criteria import Aim, Criterion, value_of, wanted_information
 from calib.design.exchange import Choice, choose
 from calib.errors import ImpossibleRequest, NotIdentifiable
-from calib.observations import FloatArray
-from calib.ties import descending
 from calib.tripod.planning import Coordinates, Orders, TripodPlanning, TripodPool
 
 

@@ -19,10 +19,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calib.errors import CalibrationError
-from calib.observations import TOOL, Conditions, FloatArray
-from calib.tripod.geometry import PARAMETER_NAMES, Geometry
-from calib.tripod.kinematics import inverse, trilaterate
+from calib.arrays import TOOL, Conditions, FloatArray
+from calib.errors import CalibrationError, UsageError
+from calib.tripod.geometry import PARAMETER_NAMES, Geometry, inverse, trilaterate
 
 COMPLEX_STEP_MM = 1e-30
 
@@ -89,12 +88,25 @@ def simulate(
 
     Order of the parameters: `PARAMETER_NAMES`. A reading is relative to the point of the straight
     bar, or of the tool, that is touched in the Zero posture, so it is zero there but for effects;
-    the unknown zero of each mounting is not added. Raises UnreachablePosture.
+    the unknown zero of each mounting is not added. Over a plane it is the coordinate itself. Raises
+    UnreachablePosture, and UsageError for effects over a plane.
     """
+    if effects and taken.over_plane.any():
+        raise no_effects_over_plane()
     with_zero = _append_zero_row(taken)
     flow = posture(geometry, parameters_mm, with_zero, command(geometry, with_zero), effects)
     flow = replace(flow, fraction=touched_fraction(flow))
     return reading(flow, touched_point(flow))[..., :-1]
+
+
+def no_effects_over_plane() -> UsageError:
+    """Effects are told for readings from Zero: a surface of a bar, a guide that is not straight."""
+    return UsageError(
+        "effects and diagnosis",
+        "readings of legs over a plane",
+        "readings from Zero",
+        "glidecal solve takes both together; diagnose a session of zero-max-min or two-station.",
+    )
 
 
 def posture(
@@ -176,8 +188,9 @@ def touched_fraction(flow: Flow) -> NDArray[Any]:
     """Where the bar is touched ``(..., n)``: fraction of its length from the tool end.
 
     The indicator stands still. It was set on the bar in the Zero posture at the station of the
-    mounting and keeps that coordinate along the leg's axis (papers/000, equation (10)). A reading
-    of the tool itself stays at the tool, 0.
+    mounting and keeps that coordinate along the leg's axis (papers/000, equation (10)). Over a
+    plane it is set anew in each posture, at the station. A reading of the tool itself stays at
+    the tool, 0.
     """
     leg = flow.taken.leg
     along = flow.geometry.directions[leg]
@@ -186,6 +199,8 @@ def touched_fraction(flow: Flow) -> NDArray[Any]:
     foot_zero = _dot(flow.foot_mm[..., -1, :, :][..., leg, :], along)
     kept = end_zero + flow.taken.station * (foot_zero - end_zero)
     fraction = (kept - end_along) / (foot_along - end_along)
+    if flow.taken.over_plane.any():
+        fraction = np.where(flow.taken.over_plane, flow.taken.station, fraction)
     return np.where(leg == TOOL, 0.0, fraction) if TOOL in leg else np.asarray(fraction)
 
 
@@ -197,9 +212,18 @@ def touched_point(flow: Flow) -> NDArray[Any]:
 
 
 def reading(flow: Flow, touched_mm: NDArray[Any]) -> NDArray[Any]:
-    """What the indicator shows ``(..., n)``: its axis of the touched point, minus that at Zero."""
-    now = _dot(touched_mm, measuring_directions(flow.geometry, flow.taken))
-    return flow.through(Stage.READING, now - _touched_at_zero(flow))
+    """What the indicator shows ``(..., n)``: its axis of the touched point, minus that at Zero.
+
+    Over a plane nothing is subtracted.
+    """
+    along = measuring_directions(flow.geometry, flow.taken)
+    return flow.through(Stage.READING, moved_along(flow, touched_mm, along))
+
+
+def moved_along(flow: Flow, touched_mm: NDArray[Any], along: FloatArray) -> NDArray[Any]:
+    """How far the touched point is from the straight bar at Zero ``(..., n)``, along ``(n, 3)``."""
+    zero = np.where(flow.taken.over_plane, 0.0, _touched_at_zero(flow, along))
+    return np.asarray(_dot(touched_mm, along) - zero)
 
 
 def measuring_directions(geometry: Geometry, taken: Conditions) -> FloatArray:
@@ -226,9 +250,8 @@ def derivatives(
     return np.asarray(simulate(geometry, stepped, taken, effects).imag.T / COMPLEX_STEP_MM)
 
 
-def _touched_at_zero(flow: Flow) -> NDArray[Any]:
-    """Coordinate along the measuring axis at Zero of each reading's own station ``(..., n)``."""
-    along = measuring_directions(flow.geometry, flow.taken)
+def _touched_at_zero(flow: Flow, along: FloatArray) -> NDArray[Any]:
+    """Coordinate along ``(n, 3)`` at Zero of each reading's own station ``(..., n)``."""
     end_zero = _dot(_own_end_at_zero(flow), along)
     foot_zero = _dot(flow.foot_mm[..., -1, :, :][..., flow.taken.leg, :], along)
     station = np.where(flow.taken.leg == TOOL, 0.0, flow.taken.station)
@@ -261,7 +284,8 @@ def _dot(left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
 
 def _append_zero_row(taken: Conditions) -> Conditions:
     """The conditions with one more row: the Zero posture, in which indicators are mounted."""
-    zero = {"station": 0.5, "axis": 1, "temperature_c": np.nan, "mount": -1}
+    nan = np.nan
+    zero = {"station": 0.5, "axis": 1, "temperature_c": nan, "mount": -1, "along_mm": nan}
     arrays = {}
     for name in (f.name for f in fields(Conditions)):
         before = getattr(taken, name)
@@ -304,6 +328,9 @@ class Model:
 ZERO_SPREAD_MM = 0.5
 """Standard deviation of where an operator leaves the zero of a freshly mounted indicator."""
 
+TILT_SPREAD = 1e-3
+"""The same of a reference plane's tilt along a leg, 1 mm in 1 m: a machine's table, not scraped."""
+
 
 def measure(
     model: Model,
@@ -316,12 +343,15 @@ def measure(
     """Readings ``(n_readings,)`` in mm as indicators would show them.
 
     ``scatter_mm`` is the standard deviation of each re-approach, ``resolution_mm`` the step of the
-    display (0 for none). The generator, or its seed, draws zeros and scatter.
+    display (0 for none). The generator, or its seed, draws zeros, tilts of planes and scatter.
     """
     generator = np.random.default_rng(generator)
     zeros = generator.normal(scale=ZERO_SPREAD_MM, size=taken.mount_count)
     values = model.readings(taken) + zeros[taken.mount]
     values = values + generator.normal(scale=1.0, size=len(taken)) * scatter_mm
+    if taken.over_plane.any():
+        tilt = generator.normal(scale=TILT_SPREAD, size=taken.mount_count)
+        values = values + np.nan_to_num(tilt[taken.mount] * taken.along_mm)
     return round_to(values, resolution_mm)
 
 

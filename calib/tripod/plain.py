@@ -13,9 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.observations import TOOL, Conditions, FloatArray, IntArray
-from calib.tripod.geometry import Geometry
-from calib.tripod.kinematics import moved_by, trilaterate
+from calib.arrays import TOOL, Conditions, FloatArray, IntArray
+from calib.tripod.geometry import Geometry, moved_by, trilaterate
 from calib.tripod.pipeline import command, measuring_directions
 
 
@@ -34,7 +33,7 @@ class PlainDesign(Protocol):
 
 def plain_design(geometry: Geometry, taken: Conditions) -> PlainDesign:
     """The design of these readings. Raises UnreachablePosture."""
-    if geometry.of_papers and TOOL not in taken.leg:
+    if geometry.of_papers and TOOL not in taken.leg and not taken.over_plane.any():
         return PapersDesign.of(geometry, taken)
     return TripodDesign.of(geometry, taken)
 
@@ -88,9 +87,10 @@ class TripodDesign:
         part = fraction[..., None]
         slide = (kept - end_along - part * (foot_along - end_along)) / reach[..., None]
         bar = self._bar(carriage, tool)
-        slide = np.where((legs == TOOL)[:, None], 0.0, slide)
+        over = self.taken.over_plane
+        slide = np.where(((legs == TOOL) | over)[:, None], 0.0, slide)
         moved = here + part[..., None] * (by_foot - here) + slide[..., None, :] * bar[..., None]
-        before = zero + station[..., None] * (by_foot - zero)
+        before = np.where(over[:, None, None], 0.0, zero + station[..., None] * (by_foot - zero))
         gradient = ((moved - before) * measured).sum(axis=-2)
         return value.T, np.moveaxis(gradient, (0, 1, 2), (2, 1, 0))
 
@@ -114,8 +114,10 @@ class TripodDesign:
         bar, bar_zero = self._bar(carriage, tool), self._foot(carriage[:, -1:]) - zero
         reach = (bar * self.along).sum(axis=-1)
         kept = ((zero + station[:, None] * bar_zero - end) * self.along).sum(axis=-1)
-        fraction = np.where(self.taken.leg == TOOL, 0.0, kept / reach)
-        moved = end - zero + fraction[..., None] * bar - station[:, None] * bar_zero
+        over = self.taken.over_plane
+        fraction = np.where(self.taken.leg == TOOL, 0.0, np.where(over, station, kept / reach))
+        before = np.where(over[:, None], 0.0, zero + station[:, None] * bar_zero)
+        moved = end - before + fraction[..., None] * bar
         return (moved * self.measured).sum(axis=-1), fraction, reach
 
     def _bar(self, carriage: NDArray[Any], tool: NDArray[Any]) -> NDArray[Any]:

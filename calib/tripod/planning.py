@@ -9,14 +9,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.arrays import (
+    LEG_NAMES,
+    TOUCHED_NAMES,
+    FloatArray,
+    IntArray,
+    Observations,
+    largest,
+    set_up_unknowns,
+    without_zeros,
+)
 from calib.design.criteria import Aim, covariances_after, inverse
 from calib.design.exchange import Candidates, Choice, choose
 from calib.design.planning import AddedMeasurement, Examination
 from calib.errors import ImpossibleRequest, NotIdentifiable
-from calib.linalg import without_means
 from calib.noise.reading import Noise, reading_weights, visits
-from calib.observations import LEG_NAMES, TOUCHED_NAMES, FloatArray, IntArray, Observations
-from calib.ties import largest
 from calib.tripod.geometry import TOLERANCE_MM, Geometry, Pair
 from calib.tripod.leg_refinement import move_off_grid
 from calib.tripod.pipeline import derivatives
@@ -46,7 +53,8 @@ ZERO_SPREAD_MM = 1000.0
 class TripodPlanning:
     """A machine and the readings that a procedure takes, values without meaning, with their noise.
 
-    ``of_tool`` tells that the tool is read, not the legs; ``stations`` are those of the legs.
+    ``of_tool`` tells that no leg is read from Zero: the tool against a plate, or legs over a
+    plane alone; ``stations`` are those of legs from Zero.
     """
 
     name: str
@@ -63,7 +71,7 @@ class TripodPlanning:
     noise_words: str
 
     def examine(self) -> Examination:
-        """Readings of the procedure with a free zero for each mounting."""
+        """Readings of the procedure with a free zero, and tilt of a plane, for each mounting."""
         visited, weight, design = self._readings()
         axes = zip(visited.axis, visited.leg, strict=True)
         names = [f"{LEG_NAMES[axis]}_{TOUCHED_NAMES[leg]}" for axis, leg in axes]
@@ -73,10 +81,10 @@ class TripodPlanning:
             sensitivity=sensitivity_of_readings(
                 self.geometry, visited, weight, design, FREE, noise_known=True
             ),
-            bare=without_means(visited.mount, np.ones(len(visited)), design),
+            bare=without_zeros(visited, np.ones(len(visited)), design),
             measured=tuple(dict.fromkeys(names)),
             posture_count=self.step_count,
-            independent_count=int(visited.posture.max()) + 1 - visited.mount_count,
+            independent_count=int(visited.posture.max()) + 1 - set_up_unknowns(visited),
             minutes=minutes + self.mounting_count * self.minutes_per_mounting,
             units="readings and parameters in mm",
             noise_words=self.noise_words,
@@ -96,8 +104,8 @@ class TripodPlanning:
         if self.of_tool:
             raise ImpossibleRequest(
                 f"optimum postures with {self.procedure}",
-                "readings of the tool against a plate",
-                "a procedure that reads legs",
+                "readings against a plate or plane alone",
+                "a procedure that reads legs from Zero",
             )
         return TripodPool(self, leg_pool(self.geometry))
 
@@ -108,9 +116,10 @@ class TripodPlanning:
     def cures(self, vectors: Sequence[FloatArray]) -> tuple[AddedMeasurement | None, ...]:
         """The best one of a level added to a mounting, or a new mounting read there and at Zero.
 
-        None where the tool is read: no more positions show what one set-up cannot.
+        None where the tool is read: no more positions show what one set-up cannot. Nor is one
+        looked for beside readings over a plane.
         """
-        if self.of_tool:
+        if self.of_tool or self.planned.over_plane.any():
             return (None,) * len(vectors)
         stations = tuple(dict.fromkeys([*self.stations, *STATIONS]))
         pool = leg_pool(self.geometry, stations=stations, both_ways=False)

@@ -15,8 +15,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
+from calib.arrays import Conditions, FloatArray, IntArray, conditions
 from calib.errors import ImpossibleRequest
-from calib.observations import Conditions, FloatArray, IntArray, conditions
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry, Pair
 from calib.tripod.pipeline import derivatives
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib.observations import Conditions, FloatArray, numbered
+from calib.arrays import Conditions, FloatArray, numbered
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.pipeline import Model, derivatives
 

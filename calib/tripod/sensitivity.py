@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calib.arrays import FloatArray, Observations, conditions, without_zeros
 from calib.design.identifiability import Sensitivity
-from calib.linalg import without_means
-from calib.observations import FloatArray, Observations, conditions
 from calib.tripod.geometry import PARAMETER_NAMES, TOLERANCE_MM, Geometry
 from calib.tripod.pipeline import derivatives
 from calib.tripod.workspace import workspace_jacobian
@@ -57,7 +56,7 @@ def sensitivity_of_readings(
 
     ``weight`` ``(n_readings,)`` in 1/mm² holds the noise, or none where it is not known.
     """
-    jacobian = np.sqrt(weight)[:, None] * without_means(observed.mount, weight, design)
+    jacobian = np.sqrt(weight)[:, None] * without_zeros(observed, weight, design)
     tool = workspace_jacobian(geometry)[:, :, list(free)]
     return Sensitivity(
         names=tuple(PARAMETER_NAMES[k] for k in free),

@@ -12,8 +12,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib.observations import Conditions
+from calib.arrays import TOOL, Conditions, FloatArray
 from calib.tripod.geometry import Geometry
+from calib.tripod.movements import carriage_movement
 from calib.tripod.pipeline import ZERO_SPREAD_MM, Model
 
 OFFSET_LIMIT_MM = 2.0
@@ -35,20 +36,26 @@ def hidden_machine(
 
 @dataclass
 class SimulatedMachine:
-    """The machine ``truth`` on its way; ``scatter_mm`` is that of a re-approach."""
+    """The machine ``truth`` on its way; ``scatter_mm`` is that of a re-approach.
+
+    The tool lifts off by ``lift_mm`` along the axis before it is read; 0: it slides.
+    """
 
     truth: Model
     seed: int
     run_name: str
     scatter_mm: float
+    lift_mm: float = 0.0
     _before: Conditions | None = field(default=None, init=False)
     _approach: float = field(default=0.0, init=False)
+    _movement: FloatArray = field(default_factory=lambda: np.zeros(3), init=False)
     _visits: int = field(default=0, init=False)
 
     def go(self, to: Conditions, mounts: Sequence[str], step: int, time_s: float) -> list[float]:
         """Readings in mm of one posture, one for each named mounting, so long after the start."""
         on_the_way = replace(
             to,
+            movement=self._movement_to(to),
             approach=np.full(len(to), self._approach_to(to)),
             time_s=np.full(len(to), time_s),
         )
@@ -64,6 +71,16 @@ class SimulatedMachine:
     def _zero_mm(self, mount: str) -> float:
         generator = np.random.default_rng([self.seed, 3, zlib.crc32(mount.encode())])
         return float(generator.normal(scale=ZERO_SPREAD_MM))
+
+    def _movement_to(self, to: Conditions) -> FloatArray:
+        """Sign of each carriage's last movement ``(n, 3)`` of a tool that is read; else 0."""
+        before = self._before
+        if TOOL in to.leg and (self.lift_mm or before is not None):
+            above = to.position_mm[:1] + self.lift_mm * np.eye(3)[to.axis[:1]]
+            came = above if self.lift_mm or before is None else before.position_mm[:1]
+            moved = carriage_movement(self.truth.geometry, came, to.position_mm[:1])[0]
+            self._movement = np.where(moved != 0.0, moved, self._movement)
+        return np.tile(self._movement, (len(to), 1))
 
     def _approach_to(self, to: Conditions) -> float:
         """Sign of the last movement; the first approach to another leg, axis or station has none.

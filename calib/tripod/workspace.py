@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.observations import Conditions, FloatArray, tool_conditions
-from calib.tripod.geometry import Geometry
-from calib.tripod.kinematics import inverse, tool_jacobians
+from calib.arrays import Conditions, FloatArray, tool_conditions
+from calib.tripod.geometry import Geometry, inverse, tool_jacobians
 from calib.tripod.pipeline import Flow, Model, driven, posture
 
 POINTS_PER_AXIS = 5
@@ -25,6 +24,21 @@ def workspace_axes(geometry: Geometry, points: int) -> list[FloatArray]:
     limits = geometry.travel_min_mm, geometry.travel_max_mm
     low, high = geometry.workspace_mm or ((limits[0],) * 3, (limits[1],) * 3)
     return [np.linspace(a, b, points) for a, b in zip(low, high, strict=True)]
+
+
+CELLS_PER_AXIS = 6
+
+
+def reachable_points(geometry: Geometry, cells_per_axis: int = CELLS_PER_AXIS) -> FloatArray:
+    """Middles ``(n_points, 3)`` of the workspace's cells that keep the joint limits, mm."""
+    low, high = np.array(workspace_axes(geometry, 2)).T
+    part = (np.arange(cells_per_axis) + 0.5) / cells_per_axis
+    axes = [a + (b - a) * part for a, b in zip(low, high, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    reach = geometry.reach_mm2(points).min(axis=1) > 0.0
+    travel = inverse(geometry, points[reach]) - geometry.zero_mm
+    kept = ((travel >= geometry.travel_min_mm) & (travel <= geometry.travel_max_mm)).all(axis=1)
+    return np.asarray(points[reach][kept] if kept.any() else points[reach])
 
 
 def workspace_jacobian(geometry: Geometry, points_per_axis: int = POINTS_PER_AXIS) -> FloatArray:

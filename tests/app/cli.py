@@ -31,7 +31,7 @@ else:
             "__main__",
             "tests.app.cli",
             "app.evaluating.diagnosis",
-            "app.measuring.demo",
+            "app.measuring.opening",
             "scipy.stats",
         ]
     )

@@ -76,9 +76,11 @@ main()
     loaded = done.stderr.splitlines()[-1].split()
     assert "calib.design.identifiability" in loaded
     assert not [name for name in loaded if name.startswith(f"calib.{other}")]
-    if "solve" in asked:  # nobody asked for effects
-        unasked = ("calib.tripod.effects", "protocols.model_file", "calib.diagnosis")
+    if "solve" in asked:  # nobody asked for a model or a diagnosis; a tripod's bound weighs effects
+        unasked = ("protocols.model_file", "calib.diagnosis")
         assert not [name for name in loaded if name.startswith(unasked)]
+        weighed = [name for name in loaded if name.startswith("calib.tripod.effects")]
+        assert bool(weighed) is (other == "hexaslide")
 
 
 def test_a_machine_is_named_in_its_own_files_and_the_registry_alone() -> None:

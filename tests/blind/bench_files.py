@@ -36,7 +36,7 @@ def write_session(made: Made, path: Path, machine: Path | None = None) -> None:
 
     ``machine`` is the machine file, where it is not the prototype's as it stands.
     """
-    from app.commands.records import import_table
+    from app.commands.sessions import import_table
 
     path.unlink(missing_ok=True)
     table = path.with_suffix(".csv")

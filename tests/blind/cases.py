@@ -9,11 +9,12 @@ from itertools import combinations, product
 
 import numpy as np
 
-from tests.blind.effects import EFFECT_IDS
+from tests.blind.effects import BESIDE, EFFECT_IDS
 from tests.blind.noise import NOISES
 
 PROCEDURES = ("zero-max-min", "sweep", "two-station")
 RICH = ("sweep", "two-station")
+BARS = (1.0, 3.0)  # tolerances by which every bar is off
 STRENGTHS = (0.5, 1.0, 2.0, 4.0)
 SHAPES = ("cubic", "sawtooth", "product", "smooth")
 BLUNDERS = ("gauge_sign", "gauge_swap", "unit_mixup", "stand_slip", "label_error", "wild")
@@ -22,23 +23,26 @@ BLUNDERS = ("gauge_sign", "gauge_swap", "unit_mixup", "stand_slip", "label_error
 LOOK_ALIKES = ("actuator_scale", "actuator_cyclic", "backlash", "straightness", "leg_bow")
 USUAL_NOISES = ("gaussian", "gaussian", "gaussian", "quantised", "heavy", "unequal")
 
-# Sessions of one combination at full count; the whole plan is about 5 300 sessions.
+# Sessions of one combination at full count; the whole plan is about 5 000 sessions.
 COUNTS = {
-    "none": 62,
-    "single": 12,
-    "pair": 100,
+    "none": 56,
+    "single": 11,
+    "pair": 90,
     "look-alike": 10,
-    "left-out": 8,
-    "outside": 16,
-    "blunder": 20,
-    "blunder-and-effect": 12,
-    "mislabelled": 50,
+    "left-out": 6,
+    "outside": 12,
+    "beside": 4,
+    "bars": 20,
+    "blunder": 18,
+    "blunder-and-effect": 10,
+    "mislabelled": 40,
 }
 
 
 @dataclass(frozen=True)
 class Case:
-    """What one session hides. ``without`` is left out of the catalogue for its diagnosis.
+    """What one session hides. ``without`` is left out of the catalogue for its diagnosis,
+    ``also`` is looked for as well. Each bar is off by ``bars`` tolerances, 0 for usual ones.
 
     ``homed`` is the direction in which homing ended: the table of readings does not tell it.
     """
@@ -53,6 +57,8 @@ class Case:
     shape: str = ""
     without: tuple[str, ...] = ()
     homed: float = 1.0
+    also: tuple[str, ...] = ()
+    bars: float = 0.0
 
     @property
     def session(self) -> str:
@@ -67,8 +73,9 @@ class Case:
 
 def plan(share: float = 1.0) -> list[Case]:
     """All cases; ``share`` of the full count, at least one of each combination."""
-    cells = (_none, _single, _pair, _look_alike, _left_out, _outside, _blunder, _mixed, _false)
-    return [case for cell in cells for case in cell(share)]
+    effects = (_none, _single, _pair, _look_alike, _left_out, _outside, _beside, _bars)
+    mistakes = (_blunder, _mixed, _false)
+    return [case for cell in (*effects, *mistakes) for case in cell(share)]
 
 
 def _counted(cell: str, share: float) -> range:
@@ -110,17 +117,31 @@ def _look_alike(share: float) -> Iterator[Case]:
 
 
 def _left_out(share: float) -> Iterator[Case]:
-    every = product(RICH, EFFECT_IDS, (2.0, 4.0), _counted("left-out", share))
+    every = product(PROCEDURES, EFFECT_IDS, (2.0, 4.0), _counted("left-out", share))
     for procedure, effect, k, n in every:
         key = f"left-out/{procedure}/{effect}/{k}/{n}"
         yield Case(key, "left-out", procedure, _usual(n), (effect,), (k,), without=(effect,))
 
 
 def _outside(share: float) -> Iterator[Case]:
-    every = product(RICH, SHAPES, (1.0, 2.0, 4.0), _counted("outside", share))
+    every = product(PROCEDURES, SHAPES, (1.0, 2.0, 4.0), _counted("outside", share))
     for procedure, shape, k, n in every:
         key = f"outside/{procedure}/{shape}/{k}/{n}"
         yield Case(key, "outside", procedure, _usual(n), (), (k,), shape=shape)
+
+
+def _beside(share: float) -> Iterator[Case]:
+    """Physics beside the catalogue, not looked for and looked for with everything like it."""
+    every = product(PROCEDURES, BESIDE, (2.0, 4.0), _counted("beside", share))
+    for procedure, effect, k, n in every:
+        for also, cell in (((), "beside"), (tuple(BESIDE), "beside-named")):
+            key = f"{cell}/{procedure}/{effect}/{k}/{n}"
+            yield Case(key, cell, procedure, _usual(n), (effect,), (k,), also=also)
+
+
+def _bars(share: float) -> Iterator[Case]:
+    for procedure, off, n in product(PROCEDURES, BARS, _counted("bars", share)):
+        yield Case(f"bars/{procedure}/{off}/{n}", "bars", procedure, _usual(n), bars=off)
 
 
 def _blunder(share: float) -> Iterator[Case]:

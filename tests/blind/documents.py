@@ -10,44 +10,56 @@ Json = dict[str, Any]
 
 
 class Diagnose(Protocol):
-    """From a session file, and ids left out of the catalogue, to the public document."""
+    """From a session file, ids left out of the catalogue and added to it, to the document."""
 
-    def __call__(self, session: Path, without: tuple[str, ...]) -> Json: ...
+    def __call__(
+        self, session: Path, without: tuple[str, ...], also: tuple[str, ...] = ()
+    ) -> Json: ...
 
 
 class CannotLeaveOut(Exception):
     """The diagnosis has no door to leave an effect out of its catalogue."""
 
 
-def of_the_program(session: Path, without: tuple[str, ...]) -> Json:
+def of_the_program(session: Path, without: tuple[str, ...], also: tuple[str, ...] = ()) -> Json:
     """The document of the program's own diagnosis. Raises CannotLeaveOut."""
     from app.evaluating.diagnosis import diagnose_files
     from app.report.schema.diagnosis import DiagnosisReport
 
     options: Json = {}
-    if without:
-        options["effects"] = tuple(effect for effect in _catalogue() if effect.id not in without)
+    if without or also:
+        options["effects"] = tuple(one for one in _catalogue(also) if one.id not in without)
     found = diagnose_files([session], **options)
     return DiagnosisReport.of(found=found).model_dump(mode="json")
 
 
-def _catalogue() -> tuple[Any, ...]:
-    """Every effect that the program knows; the bench reads nothing of them but their ids."""
+def _catalogue(also: tuple[str, ...]) -> tuple[Any, ...]:
+    """Every effect that the program looks for, and others that it knows.
+
+    The bench reads nothing of them but their ids.
+    """
     try:
         from app.evaluating.own_effects import known_effects
     except ImportError as problem:
         raise CannotLeaveOut from problem
-    return known_effects()
+    from calib.tripod.effects.catalogue import BESIDE_CATALOGUE
+
+    return (*known_effects(), *(one for one in BESIDE_CATALOGUE if one.id in also))
 
 
-def row_of(diagnose: Diagnose, session: Path, without: tuple[str, ...]) -> Json:
+def row_of(
+    diagnose: Diagnose,
+    session: Path,
+    without: tuple[str, ...],
+    also: tuple[str, ...] = (),
+) -> Json:
     """One line of results: what was said and how long it took.
 
     A diagnosis that fails, even by a defect, is a row of its own and does not end the run.
     """
     start, used = time.perf_counter(), time.process_time()
     try:
-        said = extract(diagnose(session, without))
+        said = extract(diagnose(session, without, also) if also else diagnose(session, without))
     except CannotLeaveOut:
         said = {"verdict": "not run", "effects": []}
     except Exception as problem:
@@ -78,4 +90,5 @@ def _effect(effect: Json) -> Json:
         "where": effect["where"],
         "parameters": effect["parameters"],
         "also": [each["id"] for each in effect["indistinguishable_from"]],
+        "also_at": [[each["id"], each["where"]] for each in effect["indistinguishable_from"]],
     }

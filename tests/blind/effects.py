@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import permutations
 
 from tests.blind.forward import Hypothesis
 
@@ -23,7 +24,16 @@ MACHINE_IDS = (
     "leg_bow",
 )
 EFFECT_IDS = (*MACHINE_IDS, "thermal_drift", "gauge_gain", "gauge_tilt")
-LATERAL = {"axis_offset": "shift", "straightness": "curve", "leg_taper": "taper", "leg_bow": "bow"}
+LATERAL = {"straightness": "curve", "leg_taper": "taper", "leg_bow": "bow"}
+BESIDE = {
+    "straightness_cubic": "s_guide",
+    "joint_clearance": "clearance",
+    "tip_on_round_bar": "round",
+    "gauge_hysteresis": "lag",
+    "stand_drift": "stand",
+}
+"""Physics that the program can simulate and does not look for."""
+
 AXIAL = {"actuator_scale": ("scale",), "backlash": ("lost",), "actuator_cyclic": ("sine", "cosine")}
 GAUGE = {"gauge_gain": "gain", "gauge_tilt": "tilt"}
 
@@ -38,6 +48,9 @@ LARGEST = {
     "sine": 0.1,
     "cosine": 0.1,
     "lost": 0.3,
+    "clearance": 0.3,
+    "round": 0.5,
+    "lag": 0.05,
 }
 
 
@@ -53,7 +66,20 @@ class Candidate:
 
 def candidates() -> tuple[Candidate, ...]:
     """Every effect at every place."""
-    return (*_squareness(), *_lateral(), *_axial(), *_gauge(), *_environment())
+    return (*_squareness(), *_offset(), *_lateral(), *_axial(), *_gauge(), *_environment())
+
+
+def beside() -> tuple[Candidate, ...]:
+    """What the catalogue lacks, at every place; an S-shaped guide one way or both."""
+    found = []
+    for name, entry in BESIDE.items():
+        if entry == "clearance":
+            found += [Candidate(name, LETTERS[leg], (_one(entry, leg),)) for leg in range(3)]
+            continue
+        for leg, side in permutations(range(3), 2):
+            place = LETTERS[leg] if entry == "s_guide" else LETTERS[leg] + LETTERS[side]
+            found.append(Candidate(name, place, (_one(entry, leg, side),)))
+    return tuple(found)
 
 
 def rivals() -> tuple[Candidate, ...]:
@@ -78,11 +104,34 @@ def _squareness() -> Iterator[Candidate]:
     yield Candidate("axis_squareness", "all", (every,))
 
 
+def _offset() -> Iterator[Candidate]:
+    """One axis shifted both ways or one way, or all of them turning.
+
+    Readings see distances between neighbours: an axis that is shifted towards a second one misses
+    the third. All shifted as mirror images miss nothing.
+    """
+    for i, j in permutations(range(3), 2):
+        yield Candidate("axis_offset", neighbours(i, 3 - i - j), (_one("shift", i, j),))
+    for i in range(3):
+        sides = tuple(_one("shift", i, j) for j in range(3) if j != i)
+        yield Candidate("axis_offset", LETTERS[i], sides)
+    yield Candidate(
+        "axis_offset", "all", (tuple((("shift", (i, (i + 1) % 3)), 1.0) for i in range(3)),)
+    )
+
+
+def neighbours(i: int, j: int) -> str:
+    """A pair of axes from one to the next: xy, yz or zx."""
+    return LETTERS[i] + LETTERS[j] if (j - i) % 3 == 1 else LETTERS[j] + LETTERS[i]
+
+
 def _lateral() -> Iterator[Candidate]:
     for name, entry in LATERAL.items():
         for leg in range(3):
             sides = tuple(_one(entry, leg, side) for side in range(3) if side != leg)
             yield Candidate(name, LETTERS[leg], sides)
+            for one, side in zip(sides, (s for s in range(3) if s != leg), strict=True):
+                yield Candidate(name, LETTERS[leg] + LETTERS[side], (one,))
         right = tuple(((entry, (i, (i + 1) % 3)), 1.0) for i in range(3))
         left = tuple(((entry, (i, (i + 2) % 3)), 1.0) for i in range(3))
         turning = right + tuple((key, -weight) for key, weight in left)

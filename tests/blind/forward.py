@@ -20,6 +20,7 @@ Hypothesis = tuple[str, tuple[int, ...]]
 LEG_MM = 310.25
 DOWN = np.array([0.0, 0.0, -1.0])
 SAG_ROUNDS = 3
+LOOSE = 0.03  # part of the weight that friction holds in a joint with clearance
 
 # What each entry means; [leg, towards] and [leg, axis] are 3 × 3.
 SHAPES: dict[str, tuple[int, ...]] = {
@@ -38,6 +39,11 @@ SHAPES: dict[str, tuple[int, ...]] = {
     "bow": (3, 3),  # 1/mm, from the middle of the bar
     "gain": (3, 3),
     "tilt": (3, 3),  # rad, towards the other lateral axis
+    "s_guide": (3, 3),  # mm at 100 mm of travel, foot leaves its line with its cube
+    "clearance": (3,),  # mm that a leg is longer pulled than pressed
+    "round": (3, 3),  # 1/mm, bar under a plain tip, by the side that is touched
+    "lag": (3, 3),  # mm between up and down of an indicator
+    "stand": (3, 3),  # mm/s of a stand
     "cubic": (3,),  # mm at 100 mm of travel
     "saw": (3,),  # mm from tooth to tooth
     "product": (3, 3),  # mm, travel of a leg times travel of another / 1000 mm²
@@ -129,6 +135,7 @@ def _feet(hidden: Hidden, commanded: FloatArray, moved: FloatArray) -> FloatArra
     joint = joint + amounts["lost"] * (moved < 0)
     directions = np.eye(3) + amounts["lean"]
     sideways = amounts["shift"] + amounts["curve"] * travel[:, :, None] ** 2
+    sideways = sideways + amounts["s_guide"] * (travel[:, :, None] / 100.0) ** 3
     return np.asarray(joint[:, :, None] * directions + sideways)
 
 
@@ -151,22 +158,23 @@ def _tool(hidden: Hidden, feet: FloatArray) -> FloatArray:
     """The tool ``(n, 3)`` where the legs, shortened by the weight they carry, meet."""
     lengths = np.broadcast_to(LEG_MM + hidden.amounts["length"], feet.shape[:2])
     tool = three_spheres(feet, lengths)
-    if not hidden.amounts["sag"].any():
+    sag, clearance = hidden.amounts["sag"], hidden.amounts["clearance"]
+    if not sag.any() and not clearance.any():
         return tool
     for _ in range(SAG_ROUNDS):
         pushes = (tool[:, None, :] - feet) / lengths[:, :, None]
         weight = np.broadcast_to(-DOWN[:, None], (len(feet), 3, 1))
         carried = np.linalg.solve(np.swapaxes(pushes, 1, 2), weight)[:, :, 0]
-        tool = three_spheres(feet, lengths - hidden.amounts["sag"] * carried)
+        shorter = sag * carried + clearance / 2.0 * np.tanh(carried / LOOSE)
+        tool = three_spheres(feet, lengths - shorter)
     return tool
 
 
 def _touched(hidden: Hidden, rows: Rows) -> FloatArray:
-    """Coordinate along the leg's axis ``(n,)`` at which each indicator stands."""
+    """The point of the bar ``(n, 3)`` at which each indicator was set up, at Zero."""
     feet = _feet(hidden, np.full((1, 3), LEG_MM), np.zeros((1, 3)))
     tool = _tool(hidden, feet)[0]
-    foot = np.diagonal(feet[0])
-    return np.asarray(tool[rows.leg] + rows.station * (foot - tool)[rows.leg])
+    return np.asarray(tool + rows.station[:, None] * (feet[0] - tool)[rows.leg])
 
 
 def readings(rows: Rows, hidden: Hidden) -> FloatArray:
@@ -177,25 +185,49 @@ def readings(rows: Rows, hidden: Hidden) -> FloatArray:
     feet = _feet(hidden, carriages(point), rows.moved)
     tool = _tool(hidden, feet)
     foot = feet[every, rows.leg]
-    part = (_touched(hidden, rows) - tool[every, rows.leg]) / (foot - tool)[every, rows.leg]
+    stands = _touched(hidden, rows)
+    part = (stands - tool)[every, rows.leg] / (foot - tool)[every, rows.leg]
     line = tool + part[:, None] * (foot - tool)
     bar = (part - 0.5) * np.linalg.norm(foot - tool, axis=1)
-    return _shown(rows, hidden, line, bar)
+    return _shown(rows, hidden, line, bar, (line - stands)[every, 3 - rows.leg - rows.axis])
 
 
-def _shown(rows: Rows, hidden: Hidden, line: FloatArray, bar: FloatArray) -> FloatArray:
+def _shown(
+    rows: Rows, hidden: Hidden, line: FloatArray, bar: FloatArray, sideways: FloatArray
+) -> FloatArray:
+    """``sideways`` ``(n,)`` is what the bar moved under the tip, square to it, since Zero."""
     amounts, leg, axis = hidden.amounts, rows.leg, rows.axis
     other = 3 - leg - axis
-    along = _surface(amounts, leg, axis, line, bar)
+    along = _surface(amounts, leg, axis, line, bar) - amounts["round"][leg, axis] * sideways**2 / 2
     across = _surface(amounts, leg, other, line, bar)
     tilt = amounts["tilt"][leg, axis]
     moved = np.cos(tilt) * along + np.sin(tilt) * across
     wave = sum(np.sin(k * rows.displacement_mm + phase) for k, phase in hidden.waves)
-    return np.asarray(
+    return _lagging(
+        rows,
+        amounts["lag"],
         (1 + amounts["gain"][leg, axis]) * moved
-        + amounts["drift"][axis] * rows.time_s
-        + amounts["smooth"][leg, axis] * wave
+        + (amounts["drift"][axis] + amounts["stand"][leg, axis]) * rows.time_s
+        + amounts["smooth"][leg, axis] * wave,
     )
+
+
+def _lagging(rows: Rows, lag: FloatArray, true: FloatArray) -> FloatArray:
+    """What indicators with play show, each from reading to reading: it follows only beyond it.
+
+    Before its first reading it was pushed in.
+    """
+    if not lag.any():
+        return true
+    shown = true.copy()
+    for mount in range(int(rows.mount.max()) + 1):
+        mine = np.flatnonzero(rows.mount == mount)
+        half = float(lag[rows.leg[mine[0]], rows.axis[mine[0]]]) / 2.0
+        at = true[mine[0]] - half
+        for k in mine:
+            at = min(max(at, true[k] - half), true[k] + half)
+            shown[k] = at
+    return shown
 
 
 def _surface(

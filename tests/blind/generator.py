@@ -11,7 +11,16 @@ import numpy as np
 
 from tests.blind import blunders
 from tests.blind.cases import Case
-from tests.blind.effects import LARGEST, LETTERS, PAIRS, Candidate, Direction, candidates, rivals
+from tests.blind.effects import (
+    LARGEST,
+    LETTERS,
+    PAIRS,
+    Candidate,
+    Direction,
+    beside,
+    candidates,
+    rivals,
+)
 from tests.blind.forward import FloatArray, Hidden, Hypothesis, Rows, readings
 from tests.blind.noise import RESOLUTION_MM, Noise, draw
 from tests.blind.signatures import (
@@ -30,7 +39,10 @@ Change = tuple[Hypothesis, float]
 
 OFFSET_LIMIT_MM = 2.0
 LENGTH_SPREAD_MM = 0.03
+LENGTH_TOLERANCE_MM = 0.1  # of the machine file
+TOLD_APART = 9.0  # noise variances below which two places are one for these readings
 ZERO_LIMIT_MM = 0.5
+AROUND = ((2, 0), (0, 1), (1, 2))  # pairs of axes, each from one to the next
 TRIES = 400
 SEEN = 1e-7  # an effect whose columns vanish is drawn again at another place
 
@@ -132,6 +144,8 @@ def _machine(case: Case, rows: Rows, rng: np.random.Generator) -> tuple[Hidden, 
     """A machine with its own offsets and lengths, and the derivatives there."""
     offsets = rng.uniform(-OFFSET_LIMIT_MM, OFFSET_LIMIT_MM, 3)
     lengths = LENGTH_SPREAD_MM * rng.standard_normal(3)
+    if case.bars:
+        lengths = case.bars * LENGTH_TOLERANCE_MM * rng.choice([-1.0, 1.0], 3)
     drawn = zip(BASE, [*offsets, *lengths], strict=True)
     base = Hidden().plus([(entry, float(amount)) for entry, amount in drawn])
     waves = tuple((float(rng.uniform(0.03, 0.09)), float(rng.uniform(0, 6.3))) for _ in range(3))
@@ -149,7 +163,7 @@ def _placed(
     if np.any(visible < SEEN):
         raise ValueError("this place cannot be seen")
     weights = rng.standard_normal(len(visible)) / visible
-    if candidate.id in ("backlash", "gravity_sag"):
+    if candidate.id in ("backlash", "gravity_sag", "joint_clearance", "gauge_hysteresis"):
         weights = np.abs(weights)
     weights *= size_mm / _rms(left @ weights)
     for _ in range(5):  # the effect itself may be nonlinear
@@ -166,7 +180,7 @@ def _rms(values: FloatArray) -> float:
 
 def _drawn(effect: str, rng: np.random.Generator) -> Candidate:
     """A place for the effect: mostly one leg, axis or mounting, sometimes all alike."""
-    every = [c for c in candidates() if c.id == effect]
+    every = [c for c in (*candidates(), *beside()) if c.id == effect]
     single = [c for c in every if c.where != "all"]
     together = [c for c in every if c.where == "all"]
     if effect in ("thermal_drift", "gravity_sag"):
@@ -284,18 +298,23 @@ def _beside(one: EffectInstance, placed: list[EffectInstance], columns: Columns)
 def _described(placed: EffectInstance, case: Case, columns: Columns, noise_mm: float) -> Json:
     mine = placed.candidate
     # With no blunder tested the whole catalogue competes, but for what was left out of it.
-    others = [c for c in rivals() if c.id != mine.id and c.id not in case.without]
+    known = [c for c in (*rivals(), *beside()) if c.id not in beside_ids(case)]
+    others = [c for c in known if c.id != mine.id and c.id not in case.without]
     rival, share = best_rival(columns, placed.signal, others)
     parameters = len(mine.directions)
     signal = columns.left_over(placed.signal)
-    others = [c for c in candidates() if c.id == mine.id and c.where != mine.where]
-    others = [*(c for c in others if len(c.directions) <= parameters), *parts(mine)]
+    alike = [c for c in known if c.id == mine.id and c.where != mine.where]
+    others = [c for c in alike if len(c.directions) <= parameters]
+    others += parts(mine)
     elsewhere = [contained(signal, columns.span(c)) for c in others]
     ncp = float(np.sum((signal / noise_mm) ** 2))
-    every = [c for c in candidates() if c.id not in case.without or c.id == mine.id]
+    every = [c for c in known if c.id not in case.without or c.id == mine.id]
+    every = every if mine.id in {c.id for c in every} else [*every, mine]
+    shared = {c.where for c in alike if (1 - contained(signal, columns.span(c))) * ncp < TOLD_APART}
     return {
         "id": mine.id,
         "where": [mine.where, *_also_right(placed)],
+        "where_alike": sorted(shared),
         "parameters": [
             {"entry": name, "index": list(index), "value": amount}
             for (name, index), amount in _public(placed.changes)
@@ -312,20 +331,29 @@ def _described(placed: EffectInstance, case: Case, columns: Columns, noise_mm: f
     }
 
 
+def beside_ids(case: Case) -> set[str]:
+    """Physics that the diagnosis of this case does not look for."""
+    return {c.id for c in beside()} - set(case.also)
+
+
 def _also_right(placed: EffectInstance) -> list[str]:
-    """A shift of one axis towards another may be told as that pair."""
-    towards = {index for (name, index), _ in placed.changes if name == "shift"}
-    if len(towards) != 1:
-        return []
-    i, j = sorted(towards.pop())
-    return [LETTERS[i] + LETTERS[j]]
+    """What goes one way across one axis or bar may be told as that axis or bar."""
+    one_way = ("shift", "curve", "taper", "bow", "s_guide")
+    places = {index for (name, index), _ in placed.changes if name in one_way}
+    axes = {index[0] for index in places}
+    return [LETTERS[axes.pop()]] if len(places) == 1 else []
 
 
 def _public(changes: list[Change]) -> list[Change]:
-    """What a diagnosis can know: of the leans only the sum of each pair."""
+    """What a diagnosis can know: of the leans the sum of each pair, of shifts the distances."""
     leans: list[Change] = [(("lean", pair), _lean_sum(changes, pair)) for pair in PAIRS]
-    seen = [each for each in leans if each[1]]
-    return seen + [each for each in changes if each[0][0] != "lean"]
+    shifts = {index: amount for (name, index), amount in changes if name == "shift"}
+    distances: list[Change] = [
+        (("distance", (i, j)), shifts.get((i, 3 - i - j), 0.0) - shifts.get((j, 3 - i - j), 0.0))
+        for i, j in AROUND
+    ]
+    seen = [each for each in [*leans, *distances] if each[1]]
+    return seen + [each for each in changes if each[0][0] not in ("lean", "shift")]
 
 
 def _lean_sum(changes: list[Change], pair: tuple[int, int]) -> float:

@@ -41,8 +41,13 @@ UNITS: dict[str, tuple[str, float]] = {
 }
 DIMENSION = {
     "lean": "ratio",
-    "shift": "length",
+    "distance": "length",
     "curve": "curvature",
+    "s_guide": "length",
+    "clearance": "length",
+    "round": "curvature",
+    "lag": "length",
+    "stand": "rate",
     "scale": "ratio",
     "sine": "length",
     "cosine": "length",

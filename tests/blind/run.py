@@ -52,7 +52,7 @@ def generated(folder: Folder, seed: int, case: Case) -> Json:
 
 def diagnosed(folder: Folder, case: Case) -> Json:
     """Diagnose one session from its file alone."""
-    row = row_of(of_the_program, folder.session(case.session), case.without)
+    row = row_of(of_the_program, folder.session(case.session), case.without, case.also)
     strengths = list(case.strengths)
     public = {"cell": case.cell, "procedure": case.procedure, "noise": case.noise}
     return {"session": case.session, **public, "strengths": strengths, **row}

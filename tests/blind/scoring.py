@@ -144,6 +144,43 @@ def _is_true(one: Scored, effect: Json, allowed: set[str]) -> bool:
     return alike or effect["id"] in one.true_ids | allowed
 
 
+def wrong_place(one: Scored) -> bool:
+    """Explained by a single right name at a place that is not the right one."""
+    if one.verdict != "explained":
+        return False
+    return any(
+        not each["also"] and each["id"] == hidden["id"] and not _at_its_place(each["where"], hidden)
+        for each in one.named
+        for hidden in one.hidden
+        if sum(other["id"] == each["id"] for other in one.hidden) == 1
+    )
+
+
+def wrong_name_or_place(one: Scored) -> bool:
+    return wrong_confident(one) or wrong_place(one)
+
+
+def _at_its_place(said: str, hidden: Json) -> bool:
+    """The right place, one that these readings cannot tell from it, or a list that holds it."""
+    right = [*places(hidden), *hidden.get("where_alike", ())]
+    return same_place(said, right) or any(same_place(part, right) for part in said.split(","))
+
+
+def placed_in_set(one: Scored) -> bool:
+    """Every hidden effect among the names left open, at its place or one that holds it."""
+    said = [(each["id"], each["where"]) for each in one.named]
+    said += [tuple(rival) for each in one.named for rival in each["also_at"]]
+    return all(
+        any(name == hidden["id"] and _at_its_place(where, hidden) for name, where in said)
+        for hidden in one.hidden
+    )
+
+
+def false_machine_name(one: Scored) -> bool:
+    """Bars that are off taken for another effect of the machine."""
+    return any(each["kind"] == "machine" and each["id"] != "leg_length" for each in one.named)
+
+
 def called_explained(one: Scored) -> bool:
     """A shape from outside the catalogue passed off as one of the catalogue."""
     return one.verdict == "explained" and bool(one.named)

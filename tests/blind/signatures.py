@@ -15,7 +15,12 @@ import numpy as np
 from tests.blind.effects import LATERAL, Candidate, Direction
 from tests.blind.forward import FloatArray, Hidden, Hypothesis, Rows, readings
 
-STEP = {"offset": 1e-3, "length": 1e-3, "lean": 1e-6, "curve": 1e-8, "bow": 1e-8, "drift": 1e-6}
+STEP = {
+    **dict.fromkeys(("offset", "length", "round"), 1e-3),
+    **dict.fromkeys(("lag", "clearance"), 1e-4),
+    **dict.fromkeys(("lean", "drift", "stand"), 1e-6),
+    **dict.fromkeys(("curve", "bow"), 1e-8),
+}
 USUAL_STEP = 1e-5
 RANK_TOLERANCE = 1e-6
 JUDGED = 200

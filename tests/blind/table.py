@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from tests.blind.baselines import BASELINES
-from tests.blind.cases import BLUNDERS, STRENGTHS, plan
+from tests.blind.cases import BARS, BLUNDERS, STRENGTHS, plan
 from tests.blind.effects import EFFECT_IDS
 from tests.blind.noise import NOISES
 from tests.blind.scoring import (
@@ -24,15 +24,18 @@ from tests.blind.scoring import (
     coverage,
     detectable,
     exact,
+    false_machine_name,
     false_name,
     joined,
     percentiles,
+    placed_in_set,
     rate,
     separable,
     shrunk,
     single_name,
     truth_in_set,
     wrong_confident,
+    wrong_name_or_place,
 )
 
 Choice = Callable[[Scored], bool]
@@ -148,12 +151,31 @@ def _false_lines(told: Told) -> list[Line]:
     return [
         Line("false name, no effect", told.cell("none"), false_name, 0.01, True),
         Line("wrong confident name", told.cell(*known), wrong_confident, 0.01, True),
+        Line("wrong confident name or place", told.cell(*known), wrong_name_or_place, 0.01, True),
         Line("not in the catalogue, called explained", unknown, called_explained, 0.05, True),
         Line(
             "the same, nearly imitated by a known effect",
             [o for o in told.cell("outside", "left-out") if not _foreign(o)],
             called_explained,
             None,
+        ),
+        Line("beside the catalogue, called explained", told.cell("beside"), called_explained, None),
+        Line(
+            "the same looked for, wrong name or place",
+            told.cell("beside-named"),
+            wrong_name_or_place,
+            None,
+            True,
+        ),
+        *(
+            Line(
+                f"false machine name, bars off by {off:g} tolerances",
+                [o for o in told.cell("bars") if o.truth["bars"] == off],
+                false_machine_name,
+                0.02,
+                True,
+            )
+            for off in BARS
         ),
         Line("blunder claimed, no effect", told.cell("none"), blunder_claimed, 0.0, True),
         Line("false name, mislabelled repeats", told.cell("mislabelled"), false_name, None),
@@ -170,6 +192,13 @@ def _true_lines(told: Told) -> list[Line]:
     pairs = [o for o in told.cell("pair") if detectable(o)]
     return [
         Line("truth in the set", [o for o in single if detectable(o)], truth_in_set, 0.95),
+        Line("the same, with its place", [o for o in single if detectable(o)], placed_in_set, None),
+        Line(
+            "beside the catalogue and looked for, in the set",
+            told.cell("beside-named"),
+            truth_in_set,
+            None,
+        ),
         Line(
             "single name and place, separable",
             [o for o in large if separable(o)],
@@ -179,6 +208,7 @@ def _true_lines(told: Told) -> list[Line]:
         Line("the same, whether separable or not", large, single_name, None),
         Line("single effects, exact", large, exact, None),
         Line("two effects, both in the set", pairs, truth_in_set, 0.95),
+        Line("the same, with their places", pairs, placed_in_set, None),
         Line("two effects, exact", pairs, exact, 0.85),
         Line("two effects, exact, separable", [o for o in pairs if separable(o)], exact, 0.85),
         Line("look-alikes, truth in the set", told.cell("look-alike"), truth_in_set, 0.95),

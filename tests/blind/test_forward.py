@@ -111,6 +111,61 @@ def test_the_weight_stretches_the_hanging_leg_only() -> None:
     assert sunk == pytest.approx(expected, abs=0.01)
 
 
+def one(entry: Hypothesis, size: float, level: float, leg: int, axis: int) -> float:
+    """What an entry changes in the reading at a level, coming from Zero."""
+    rows = taken(Plan((0.0, level), 1))
+    mine = np.flatnonzero((rows.leg == leg) & (rows.axis == axis))[1]
+    return float((readings(rows, Hidden().plus([(entry, size)])) - readings(rows, Hidden()))[mine])
+
+
+def test_a_guide_like_an_s_leaves_its_line_with_the_cube() -> None:
+    """At +60 mm it is off by 0.6³, at -100 mm by -1; the curve of a guide by 0.6² and 1."""
+    for level, cube, square in ((60.0, 0.216, 0.36), (-100.0, -1.0, 1.0)):
+        bent = one(("s_guide", (0, 1)), 1e-3, level, 0, 1)
+        curved = one(("curve", (0, 1)), 1e-7, level, 0, 1)
+        assert bent / curved == pytest.approx(cube / square, rel=1e-3)
+
+
+def test_clearance_is_taken_up_by_pull_and_push() -> None:
+    """At +60 mm the hanging bar z pulls bar x with tan 11.15° of the weight: half of it."""
+    longer = one(("clearance", (0,)), 0.01, 60.0, 0, 1)
+    half = one(("length", (0,)), 0.005, 60.0, 0, 1)
+    assert longer == pytest.approx(half, rel=1e-3)
+    assert one(("clearance", (0,)), 0.01, -60.0, 0, 1) == pytest.approx(
+        one(("length", (0,)), -0.005, -60.0, 0, 1), rel=1e-3
+    )
+
+
+def test_a_round_bar_reads_less_by_the_square_of_the_way_across() -> None:
+    """Across by z on a radius of 10 mm: z² / 20 mm."""
+    rows = taken(Plan((0.0, 60.0), 1))
+    off = Hidden().plus([(("offset", (2,)), 2.0)])
+    across, mine = (np.flatnonzero((rows.leg == 0) & (rows.axis == axis))[1] for axis in (2, 1))
+    z = readings(rows, off)[across] - readings(rows, off)[across - 2]
+    round_bar = off.plus([(("round", (0, 1)), 0.1)])
+    assert readings(rows, round_bar)[mine] - readings(rows, off)[mine] == pytest.approx(
+        -(z**2) / 20.0, rel=1e-6
+    )
+
+
+def test_an_indicator_with_play_follows_only_beyond_it() -> None:
+    """Up 22, 60, down 22: what goes up is shown half too low, what comes down half too high."""
+    rows = taken(Plan((0.0, 22.0, 60.0, 22.0), 1))
+    off = Hidden().plus([(("offset", (0,)), 2.0)])
+    mine = np.flatnonzero((rows.leg == 0) & (rows.axis == 1))
+    true = readings(rows, off)[mine]
+    found = readings(rows, off.plus([(("lag", (0, 1)), 0.004)]))[mine] - true
+    way = np.sign(np.diff(true[:4]))
+    assert found[1:4] == pytest.approx(-0.002 * way, abs=1e-9)
+
+
+def test_a_stand_wanders_alone() -> None:
+    rows = taken(Plan((0.0, 60.0), 1))
+    found = readings(rows, Hidden().plus([(("stand", (0, 1)), 1e-6)])) - readings(rows, Hidden())
+    mine = (rows.leg == 0) & (rows.axis == 1)
+    assert found == pytest.approx(np.where(mine, 1e-6 * rows.time_s, 0.0), abs=1e-12)
+
+
 def test_backlash_keeps_the_foot_back_after_a_movement_down() -> None:
     rows = taken(Plan((0.0, 30.0, -30.0), 1))
     mine = (rows.leg == 0) & (rows.axis == 1)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from app.commands.records import import_table
+from app.commands.sessions import import_table
 from app.evaluating.diagnosis import diagnose_files
 from calib.diagnosis.results import Diagnosis
 from tests.blind.linear_delta import Hidden, table

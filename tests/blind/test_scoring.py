@@ -32,12 +32,15 @@ from tests.blind.scoring import (
     detectable,
     detection_ncp,
     exact,
+    false_machine_name,
     false_name,
+    placed_in_set,
     places,
     same_place,
     single_name,
     truth_in_set,
     wrong_confident,
+    wrong_name_or_place,
 )
 from tests.blind.signatures import Columns, contained, named_by_a_judge, parts
 from tests.blind.steps import PLANS, rows_of
@@ -272,8 +275,47 @@ def test_the_page_tells_a_perfect_diagnosis_from_a_liar() -> None:
     assert "**no**" in bad
 
 
+def test_a_right_name_at_a_wrong_place_counts() -> None:
+    made = make(single("backlash"), SEED)
+    right = made.truth["hidden"][0]["where"][0]
+    wrong = next(leg for leg in "xyz" if leg != right)
+    for where, is_wrong in ((right, False), (wrong, True), ("x,y,z", False)):
+        one = scored(made, document("explained", effect("backlash", where)))
+        assert wrong_name_or_place(one) is is_wrong
+        assert placed_in_set(one) is not is_wrong
+        assert not wrong_confident(one)
+    rival = {
+        **effect("leg_bow", "xy"),
+        "indistinguishable_from": [{"id": "backlash", "where": wrong}],
+    }
+    one = scored(made, document("ambiguous", rival))
+    assert truth_in_set(one)
+    assert not placed_in_set(one)
+
+
+def test_a_second_value_too_small_to_show_makes_no_wrong_place() -> None:
+    made = make(single("leg_taper"), SEED)
+    hidden = {**made.truth["hidden"][0], "where": ["x"], "where_alike": ["xy"]}
+    one = scored(made, document("explained", effect("leg_taper", "xy")))
+    assert not wrong_name_or_place(Scored({**made.truth, "hidden": [hidden]}, one.row))
+    hidden = {**hidden, "where_alike": []}
+    assert wrong_name_or_place(Scored({**made.truth, "hidden": [hidden]}, one.row))
+
+
+def test_bars_that_are_off_may_be_called_so() -> None:
+    made = make(Case("bars", "bars", "sweep", "gaussian", bars=3.0), SEED)
+    assert np.abs(made.truth["lengths_mm"]) == pytest.approx([0.3] * 3)
+    for name, kind, false in (
+        ("leg_length", "machine", False),
+        ("backlash", "machine", True),
+        ("gauge_gain", "indicator", False),
+    ):
+        one = scored(made, document("explained", effect(name, "x", kind)))
+        assert false_machine_name(one) is false
+
+
 def test_a_diagnosis_that_breaks_is_a_row_and_no_name() -> None:
-    def broken(session: Path, without: tuple[str, ...]) -> Json:
+    def broken(session: Path, without: tuple[str, ...], also: tuple[str, ...] = ()) -> Json:
         raise TypeError("no such thing")
 
     made = make(Case("broken", "none", "sweep", "gaussian"), SEED)

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib import linalg
-from calib.linalg import (
+from calib import arrays
+from calib.arrays import (
     DEPENDENT,
     basis_by_products,
     basis_of,
@@ -17,22 +17,23 @@ from calib.linalg import (
     named_inside,
     new_directions,
     null_space,
+    numbered,
     onto,
     rank_of,
+    rows_of,
     squares_in,
     svd_of_all,
     without,
     without_means,
 )
-from calib.observations import numbered, rows_of
 
-ROOT = Path(linalg.__file__).parents[1]
+ROOT = Path(arrays.__file__).parents[1]
 BY_HAND = re.compile(r"([\w.\[\]]+) @ \(\1\.T @")
 
 
 def test_projections_are_written_in_one_place() -> None:
     rooms = [path for room in ("app", "calib") for path in (ROOT / room).rglob("*.py")]
-    assert {path.name for path in rooms if BY_HAND.search(path.read_text("utf-8"))} == {"linalg.py"}
+    assert {path.name for path in rooms if BY_HAND.search(path.read_text("utf-8"))} == {"arrays.py"}
 
 
 def test_a_projection_and_what_it_leaves() -> None:

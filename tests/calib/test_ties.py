@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calib.arrays import descending, largest, ranks
 from calib.diagnosis.selection import null_scores
-from calib.ties import descending, largest, ranks
 
 LAST_BIT = np.array([1.0, 1.0 + 1e-15, 1.0 - 1e-15])
 

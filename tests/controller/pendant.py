@@ -7,6 +7,7 @@ Runs under the system's Python, which has LinuxCNC's modules, and knows nothing 
 from __future__ import annotations
 
 import json
+import re
 import sys
 import time
 from collections.abc import Callable
@@ -19,6 +20,9 @@ command, status, errors = linuxcnc.command(), linuxcnc.stat(), linuxcnc.error_ch
 component = hal.component("pendant")
 component.ready()
 WAIT_S = 20
+REACHED_MM = 1e-6
+STILL_PERIODS = 20
+"""Of the servo thread, not of the clock: a busy machine may starve it, or who tells of it."""
 
 
 def ask(_nothing: object) -> None:
@@ -54,12 +58,29 @@ def in_mdi() -> bool:
 def move(words: str) -> None:
     wait_for(in_mdi)
     ask(command.mdi(words))
-    wait_for(lambda: status.interp_state == linuxcnc.INTERP_IDLE and status.inpos)
+    sent = [("XYZ".index(axis), float(mm)) for axis, mm in re.findall(r"([XYZ])(-?[0-9.]+)", words)]
+
+    def there() -> bool:
+        """Idle and in position it is before it starts, too."""
+        idle = status.interp_state == linuxcnc.INTERP_IDLE and status.inpos
+        return idle and all(abs(status.position[k] - mm) < REACHED_MM for k, mm in sent)
+
+    wait_for(there)
+
+
+def at_rest() -> bool:
+    """Nothing moves, and the status, which comes later than the pins, is of now."""
+    still = min(hal.get_value(f"rigjoint.{k}.still") for k in range(3))
+    told = [status.joint_actual_position[k] - hal.get_value(f"joint.{k}.pos-fb") for k in range(3)]
+    return bool(still >= STILL_PERIODS and max(map(abs, told)) < 1e-9)
 
 
 def where() -> dict[str, list[float]]:
-    time.sleep(0.02)
-    status.poll()
+    wait_for(at_rest)
+    return now()
+
+
+def now() -> dict[str, list[float]]:
     return {
         "tool": list(status.actual_position[:3]),
         "joint": [hal.get_value(f"joint.{k}.pos-cmd") for k in range(3)],
@@ -80,7 +101,7 @@ def main() -> None:
             home() if step == "home" else move(step)
             answer["stops"].append(where())
     except Exception as problem:  # whatever it is, the test shall read it
-        answer["errors"] += [repr(problem), repr(where())]
+        answer["errors"] += [repr(problem), repr(now())]
     while (found := errors.poll()) is not None:
         answer["errors"].append(found[1])
     Path("answer.json").write_text(json.dumps(answer))

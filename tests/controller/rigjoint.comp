@@ -5,6 +5,7 @@ pin in float motor;
 pin out float motor_fb;
 pin out float carriage;
 pin out bit home_sw;
+pin out s32 still "periods since the motor moved last";
 param rw float mounting = 0 "carriage less motor where nothing else is off, mm";
 param rw float way = 1 "-1: the motor counts against the carriage";
 param rw float scale = 0 "mm per mm from zero";
@@ -15,6 +16,7 @@ param rw float play = 0 "the carriage stays so much higher when it comes down, m
 param rw float switch_at = 0 "carriage coordinate from which the switch is closed";
 variable int moved = 0;
 variable double place = 0;
+variable double last = 0;
 function _;
 license "GPL";
 ;;
@@ -25,6 +27,9 @@ FUNCTION(_) {
     if (!moved || pushed > place) place = pushed;
     else if (pushed + play < place) place = pushed + play;
     moved = 1;
+    if (fabs(motor - last) > 1e-9) still = 0;
+    else if (still < 1000) still = still + 1;
+    last = motor;
     carriage = place;
     motor_fb = motor;
     home_sw = place >= switch_at;

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from app.exports.linuxcnc import pins
-from calib.observations import FloatArray, tool_conditions
+from calib.arrays import FloatArray, tool_conditions
 from calib.tripod.effects.axes import AxisOffset, AxisSquareness, Straightness
 from calib.tripod.effects.bars import GravitySag, LegLength
 from calib.tripod.effects.effect import EffectInstance

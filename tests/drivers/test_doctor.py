@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
+import random
+import time
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 
-from drivers.doctor import Finding, examine, keyboard_tools
+from calib.errors import IndicatorError
+from drivers.doctor import (
+    Finding,
+    Trials,
+    examine,
+    examine_by_trial,
+    findings_of,
+    keyboard_tools,
+    try_profiles,
+)
 from drivers.profile import Asked, BadReply, FaultKind, Profile, Spindle, Unit, Verified
 from drivers.profiles import PROFILES
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A, MITUTOYO_MUX
 from drivers.profiles.sylvac import SYLVAC
-from drivers.twin_port import TwinPort
-from drivers.twins import Trouble, twin_of
+from drivers.twin_port import TwinPort, default_transport
+from drivers.twins import Trouble, Twin, twin_of
 
 QUICK = replace(MITUTOYO_01A, timeout_s=0.3, interval_s=0.0)
 
@@ -81,7 +92,7 @@ def test_wrong_unit_and_inch_that_looks_like_it() -> None:
 
 def test_missing_and_busy_ports() -> None:
     assert "no such port" in told(QUICK, "/dev/ttyNONE9")
-    assert "nobody listens" in told(QUICK, "socket://127.0.0.1:1")
+    assert "no device answers" in told(QUICK, "socket://127.0.0.1:1")
 
 
 def test_unverified_profiles_say_so() -> None:
@@ -121,3 +132,148 @@ def test_port_in_use() -> None:
         holder = open_port(QUICK, port.url)
         assert "in use by another program" in told(QUICK, port.url)
         holder.close()
+
+
+HASTY = tuple(replace(p, timeout_s=0.15, interval_s=0.0) for p in PROFILES.values())
+SETS = (
+    {"sylvac", "sylvac-simplex", "mahr-marcator", "tesa"},
+    {"mitutoyo-counter", "mitutoyo-vl50"},
+)
+IT007R_LIKE = {"mitutoyo-01a", "mitutoyo-it007r", "mitutoyo-mux"}
+ALIKE = {name: alike for alike in SETS for name in alike} | {
+    # they take the 1 out of the requests 1, CR and C1, CR, LF; those who want the end do not
+    "mitutoyo-it007r": IT007R_LIKE,
+    "mitutoyo-mux": IT007R_LIKE,
+    "mux": {"mux", "dmx"},
+}
+"""What answers alike where speed and parity mean nothing; the others stand alone."""
+
+
+def tried(twin: Twin, stream_s: float = 0.0) -> Trials:
+    with TwinPort(twin, default_transport(), stream_s=stream_s) as port:
+        return try_profiles(HASTY, port.url, Asked())
+
+
+def names(trials: Trials) -> set[str]:
+    return {fit.profile.name for fit in trials.fits}
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_trying_names_the_profile_of_each_twin(name: str) -> None:
+    profile = PROFILES[name]
+    twin = twin_of(profile, Spindle(lambda: 0.5, 0.001))
+    found = tried(twin, min(profile.stream_s, 0.03))
+    assert names(found) == ALIKE.get(name, {name})
+    assert all(finding.well for finding in findings_of(found))
+
+
+@dataclass
+class Cable:
+    """A serial port whose device hears noise, and stays silent, at other settings than its own."""
+
+    device: Profile
+    twin: Twin
+    written: list[bytes]
+    here: bytes = b""
+
+    def __call__(self, _: str, **settings: object) -> Cable:
+        own, keys = self.device.line, ("baudrate", "bytesize", "parity", "stopbits")
+        wanted = (own.baud, own.data_bits, own.parity, own.stop_bits)
+        self.matched, self.here = tuple(settings[key] for key in keys) == wanted, b""
+        return self
+
+    def open(self) -> None: ...
+
+    def close(self) -> None: ...
+
+    def write(self, request: bytes) -> None:
+        self.written.append(request)
+        self.here += self.twin.receive(request) if self.matched else b""
+        if not self.matched:
+            self.twin.receive(b"\x80")
+
+    @property
+    def in_waiting(self) -> int:
+        if self.device.stream_s and self.matched and not self.here:
+            self.here = self.twin.receive(b"")
+            time.sleep(0.01)
+        return len(self.here) if not self.device.stream_s else 0
+
+    def read(self, size: int) -> bytes:
+        assert self.in_waiting >= 0
+        if not self.here:
+            time.sleep(0.02)
+        came, self.here = self.here[:size], self.here[size:]
+        return came
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["sylvac", "mahr-c1202", "mitutoyo-vl50", "mitutoyo-01a", "mitutoyo-it007r", "mux", "u-wave"],
+)
+def test_trying_on_a_line_with_speed_and_parity(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The device hears noise until it is asked at its own settings."""
+    profile = PROFILES[name]
+    cable = Cable(profile, twin_of(profile, Spindle(lambda: 0.5, 0.001)), [])
+    monkeypatch.setattr("serial.serial_for_url", cable)
+    monkeypatch.setattr("drivers.doctor.LISTEN_S", 0.2)
+    found = try_profiles(HASTY, "/dev/ttyUSB7", Asked())
+    assert name in names(found)
+    own = (profile.line.baud, profile.line.parity)
+    assert {(fit.profile.line.baud, fit.profile.line.parity) for fit in found.fits} == {own}
+    if profile.request is None:
+        assert not cable.written
+
+
+class Echo:
+    def receive(self, request: bytes) -> bytes:
+        return request
+
+
+class Noise:
+    def __init__(self, seed: int) -> None:
+        self._chance = random.Random(seed)
+
+    def receive(self, request: bytes) -> bytes:
+        return self._chance.randbytes(self._chance.randrange(1, 60)) + b"\r"
+
+
+@pytest.mark.parametrize(
+    ("twin", "stream_s"),
+    [
+        (twin_of(SYLVAC, Spindle(lambda: 0.5, 0.001), Trouble.SILENCE), 0.0),
+        (twin_of(SYLVAC, Spindle(lambda: 0.5, 0.001), Trouble.NOISE), 0.0),
+        (twin_of(SYLVAC, Spindle(lambda: 0.5, 0.001), Trouble.PARITY), 0.0),
+        (Echo(), 0.0),
+        *((Noise(seed), 0.0) for seed in range(3)),
+        *((Noise(seed), 0.02) for seed in range(3)),
+    ],
+)
+def test_no_profile_is_named_for_silence_noise_or_an_echo(twin: Twin, stream_s: float) -> None:
+    found = tried(twin, stream_s)
+    assert not found.fits
+    (*_, last) = findings_of(found)
+    assert not last.well
+    assert "no profile fits" in last.what
+
+
+def test_trying_names_a_profile_in_another_unit_and_says_so() -> None:
+    found = tried(twin_of(PROFILES["mux"], Spindle(lambda: 0.5, 0.001), "wrong-unit"))
+    assert names(found) == ALIKE["mux"]
+    said = findings_of(found)
+    assert not any(finding.well for finding in said if "fits" in finding.what)
+    assert any("reads in inch, mm is expected" in finding.what for finding in said)
+
+
+def test_trying_stops_when_asked_and_ends_where_the_port_is_gone() -> None:
+    stopped = try_profiles(HASTY, "socket://127.0.0.1:1", Asked(), stopped=lambda: True)
+    assert (stopped.fits, stopped.count) == ((), 0)
+    twin = twin_of(QUICK, Spindle(lambda: 0.5, 0.001), Trouble.DISCONNECT)
+    with TwinPort(twin, "tcp") as port, pytest.raises(IndicatorError, match="no device answers"):
+        try_profiles(HASTY, port.url, Asked())
+
+
+def test_trying_a_port_that_does_not_open() -> None:
+    (*_, finding) = examine_by_trial("/dev/ttyNONE9", Asked(), HASTY, lambda *_: None)
+    assert not finding.well
+    assert "no such port" in finding.what

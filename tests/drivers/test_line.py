@@ -165,7 +165,7 @@ def refused(port: str) -> str:
 
 
 def test_ports_that_cannot_be_opened() -> None:
-    assert "nobody listens" in refused("socket://127.0.0.1:1")
+    assert "no device answers" in refused("socket://127.0.0.1:1")
     assert "foo" in refused("foo://bar")
     missing = refused("COM250" if sys.platform == "win32" else "/dev/ttyNONE9")
     assert "no such port" in missing

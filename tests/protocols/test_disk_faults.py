@@ -15,9 +15,9 @@ import pytest
 
 from calib.errors import RecordError
 from protocols import files
-from protocols.events import Line, Noted, Reading
 from protocols.journal import Journal
 from protocols.record import read_record
+from protocols.session import Line, Noted, Reading
 from tests.protocols.test_journal import opened, reading
 
 SHORT = 0

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 
 import pytest
 
-from protocols.events import Event, Mounted, Opened, Reading, Restored, Superseded
 from protocols.expectation import Expected, Movement, expected, movement
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Procedure, Step
-from protocols.session import fold
+from protocols.session import Event, Mounted, Opened, Reading, Restored, Superseded, fold
 
 LIMIT_MM = 0.05
 AT_S = 100.0

@@ -14,11 +14,10 @@ import pytest
 
 from calib.errors import RecordError
 from protocols import files
-from protocols.events import Line, Noted, Opened, Reading, Restored, Superseded
 from protocols.journal import Journal, write_whole
 from protocols.machine import Machine
 from protocols.record import MOST_BYTES, check_record, read_record
-from protocols.session import fold
+from protocols.session import Line, Noted, Opened, Reading, Restored, Superseded, fold
 from tests.conftest import SAMPLES
 from tests.recorded import unsealed
 

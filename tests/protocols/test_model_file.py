@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from calib.errors import RecordError, UsageError
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.actuators import ActuatorCyclic
+from calib.tripod.effects.axes import AxisOffset
 from calib.tripod.effects.candidates import candidates
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.empirical import Empirical
@@ -49,7 +50,7 @@ def adopted(arrangement: str = "mirror") -> tuple[tuple[EffectInstance, ...], Ef
     candidate = next(
         c
         for c in candidates(model, postures())
-        if (c.id, c.arrangement) == ("axis_offset", arrangement)
+        if (c.id, c.arrangement) == ("straightness", arrangement)
     )
     values = np.array([0.11, -0.07])
     placed = candidate.effects(values)
@@ -85,17 +86,37 @@ def test_a_lead_of_the_machine_file(tmp_path: Path) -> None:
     assert read_model(path)[0].effects == (effect,)
 
 
+def test_shifts_of_axes_and_any_lead_stay_readable(tmp_path: Path) -> None:
+    """Shifts were named before distances were; a lead that was searched is in no catalogue."""
+    path = tmp_path / "model.json"
+    path.write_text(
+        """{"schema": "glidecal.model/1", "effects": [
+        {"id": "axis_offset", "where": "x", "parameters": {
+          "shift_xy": {"value": 0.1, "unit": "mm", "of": "shift", "places": ["xy"]},
+          "shift_xz": {"value": -0.2, "unit": "mm", "of": "shift", "places": ["xz"]}}},
+        {"id": "actuator_cyclic", "where": "y", "parameters": {
+          "sine_13.2mm": {"value": 3.0, "unit": "µm"},
+          "cosine_13.2mm": {"value": 4.0, "unit": "µm"}}}]}""",
+        encoding="utf-8",
+    )
+    assert read_model(path)[0].effects == (
+        EffectInstance(AxisOffset(), "xy", (0.1,)),
+        EffectInstance(AxisOffset(), "xz", (-0.2,)),
+        EffectInstance(ActuatorCyclic(13.2), "y", (3.0, 4.0)),
+    )
+
+
 def test_an_adopted_effect_keeps_names_uncertainties_and_origin(tmp_path: Path) -> None:
     placed, entry = adopted()
     plain = model_file(Model(parameters_mm=OFF), Machine())
     path = written(tmp_path, with_effect(plain, entry, "diagnosis"))
     stored = json.loads(path.read_text(encoding="utf-8"))["effects"][0]
     assert stored["where"] == "all"
-    assert stored["parameters"]["shift_first"] == {
+    assert stored["parameters"]["sideways_at_100mm_first"] == {
         "value": 0.11,
         "unit": "mm",
         "standard_uncertainty": 0.004,
-        "of": "shift",
+        "of": "sideways_at_100mm",
         "places": ["xy", "yx", "zx"],
     }
     assert stored["provenance"]["digests"] == ["0f"]
@@ -112,20 +133,20 @@ def test_adding_and_removing_leaves_a_history(tmp_path: Path) -> None:
     added = with_effect(plain, entry, "found in March")
     with pytest.raises(UsageError, match="in the model already"):
         with_effect(added, entry, "again")
-    removed = without_effect(added, "axis_offset", "all", "the axis was set")
+    removed = without_effect(added, "straightness", "all", "the guide was set")
     assert removed.effects == ()
     again = read_model_file(written(tmp_path, removed))
     assert [(h.action, h.why) for h in again.history] == [
         ("added", "found in March"),
-        ("removed", "the axis was set"),
+        ("removed", "the guide was set"),
     ]
     assert before <= again.history[0].at <= again.history[1].at <= datetime.now(UTC)
     assert again.history[1].effect == entry
     assert read_model(tmp_path / "model.json")[0].effects == ()
-    with pytest.raises(UsageError, match="axis_offset at all"):
+    with pytest.raises(UsageError, match="straightness at all"):
         without_effect(added, "backlash", None, "")
     with pytest.raises(UsageError, match="the model has none"):
-        without_effect(removed, "axis_offset", None, "")
+        without_effect(removed, "straightness", None, "")
 
 
 def test_a_short_hand_written_effect(tmp_path: Path) -> None:
@@ -194,7 +215,7 @@ def test_a_law_without_a_name_comes_back(tmp_path: Path) -> None:
     entry = effect_entry("x", placed, known)
     assert (entry.id, entry.title) == (
         "empirical",
-        "an unnamed law: readings grow with the cube of displacement and with time",
+        "an unnamed effect: readings grow with the cube of displacement and with time",
     )
     written_entry = json.loads(entry.model_dump_json(exclude_none=True))["parameters"]
     assert written_entry == {

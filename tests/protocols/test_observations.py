@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from calib.errors import NotIdentifiable, UsageError
-from protocols.events import Opened, Reading, Superseded
 from protocols.machine import Machine
 from protocols.observations import to_observations
-from protocols.session import Session, fold
+from protocols.session import Opened, Reading, Session, Superseded, fold
 
 
 def session(

@@ -17,11 +17,11 @@ from app.measuring.indicators import simulated_indicators
 from app.measuring.opening import Indicators, begin, plan_to_repeat
 from app.measuring.simulated import planned_readings, short_travels, simulated_session
 from app.planning.tripod import stated_noise
+from calib.arrays import LEG_NAMES, FloatArray, conditions
 from calib.diagnosis.next_measurement import options
 from calib.diagnosis.separating import Preparation
 from calib.errors import CalibrationError, ImpossibleRequest, NotIdentifiable, RecordError
 from calib.identify.next_mounting import next_mountings
-from calib.observations import LEG_NAMES, FloatArray, conditions
 from calib.tripod.geometry import Geometry
 from calib.tripod.optimum import optimum_postures
 from calib.tripod.pipeline import Model, derivatives

@@ -7,11 +7,10 @@ from pathlib import Path
 import pytest
 
 from calib.errors import RecordError, UsageError
-from protocols.events import Opened, Reading
 from protocols.machine import Machine, load_machine
 from protocols.observations import to_observations
 from protocols.procedure import Procedure, Step, load_procedure
-from protocols.session import fold
+from protocols.session import Opened, Reading, fold
 from protocols.table import read_table
 from tests.tripods import DELTA, ORTHOGLIDE
 

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from app.evaluating.solution import load_sessions
-from protocols.events import Continued, Event, Noted
 from protocols.journal import write_whole
 from protocols.observations import to_observations
-from protocols.session import fold
+from protocols.session import Continued, Event, Noted, fold
 from protocols.session_clock import SessionClock
 from tests.protocols.test_journal import opened, reading
 

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 
 from calib.errors import RecordError, UsageError
 from calib.tripod.geometry import Geometry
-from protocols.events import Reading
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure
+from protocols.session import Reading
 from protocols.spreadsheet import MOST_UNPACKED_BYTES
 from protocols.table import empty_table, read_table
 

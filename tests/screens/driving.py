@@ -11,17 +11,16 @@ from typing import Any, TypeVar
 import pytest
 from textual.pilot import Pilot
 from textual.screen import Screen
-from textual.widgets import Static
+from textual.widgets import Input, Select, Static
 
-from app.measuring.demo import demo_plan
-from app.measuring.opening import Plan
+from app.measuring.opening import Plan, demo_plan
 from app.measuring.simulated import BenchSettings
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.interface import Interface
-from app.screens.leg_review import LegReviewScreen
 from app.screens.measure import HELD_KEY_S, MeasureScreen
-from app.screens.session_view import GaugeDisplay
+from app.screens.prepare import IndicatorScreen
+from app.screens.session_view import GaugeDisplay, LegReviewScreen
 from drivers.profile import Outcome
 
 SIZE = (80, 24)
@@ -94,6 +93,23 @@ async def press_for(
             return
         await pilot.pause(HELD_KEY_S)  # a press sooner than this is a key held down
     pytest.fail(f"did not happen in {PRESSES} presses: {what}")
+
+
+async def fill_in(pilot: Pilot[str], interface: Interface, which: str, **values: str) -> None:
+    """Fill in the form of an indicator, by its fields, and come back to the form of the session."""
+    form = interface.screen
+    form.query_one(f"#{which}").focus()
+    await pilot.press("enter")
+    await until(pilot, "its form", lambda: isinstance(interface.screen, IndicatorScreen))
+    await pilot.pause()
+    for name, value in values.items():
+        field = interface.screen.query_one(f"#{name}")
+        assert isinstance(field, Input | Select)
+        field.value = value
+    await pilot.pause()
+    await pilot.press("f5")
+    await until(pilot, "the session's form", lambda: interface.screen is form)
+    await pilot.pause()
 
 
 async def take(pilot: Pilot[str], screen: MeasureScreen) -> None:

@@ -15,15 +15,15 @@ from textual.widgets import Input, OptionList, Static
 
 from app.measuring.gauges import Gauge
 from app.screens.check import CheckScreen
-from app.screens.dialogs import ChoiceDialog, HelpDialog, TextDialog
-from app.screens.interface import Interface
-from app.screens.leg_review import LegReviewScreen
+from app.screens.home import HomeScreen
+from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.measure import MeasureScreen
 from app.screens.plot import ChartPlot
+from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
 from drivers.profile import Outcome, Reading
-from protocols.events import Noted
 from protocols.record import read_record
+from protocols.session import Noted, fold
 from tests.screens.driving import press_for, quick_plan, take, to_measuring, until
 
 Driven = tuple[Pilot[str], Interface, MeasureScreen]
@@ -66,11 +66,11 @@ async def take_something_else(
 @pytest.mark.parametrize(
     ("key", "said"),
     [
-        ("1", "Not kept. Step 4 is still the next: take it again."),
+        ("1", "Not kept. Next is step 4: take it again."),
         ("2", "leave the posture"),
-        ("3", "with a zero of its own"),
+        ("3", "with the new zero"),
         ("4", "Step 4 is kept"),
-        ("escape", "Not kept. Step 4 is still the next: take it again."),
+        ("escape", "Not kept. Next is step 4: take it again."),
     ],
 )
 async def test_a_reading_that_disagrees_is_questioned(
@@ -126,7 +126,7 @@ async def test_an_earlier_step_is_repeated_and_taken_back(tmp_path: Path) -> Non
         assert "superseded: bump [mm]" in entry
         await pilot.press("2")
         await until(pilot, "back", lambda: interface.screen is screen)
-        assert "count again" in on(screen, "#said")
+        assert "are used again" in on(screen, "#said")
         assert screen.guided.session.done() == {1, 2, 3, 4}
         assert screen.guided.session.superseded == {}
 
@@ -159,10 +159,10 @@ async def test_hold_takes_nothing(tmp_path: Path) -> None:
         await pilot.press("space")
         await pilot.pause(0.5)
         assert screen.guided.session.done() == set()
-        assert "On hold" in on(screen, "#said")
+        assert "on hold" in on(screen, "#said")
         await pilot.press("p")
         await until(pilot, "goes on", lambda: len(screen.guided.session.done()) > 0)
-        assert notes(screen) == ["on hold", "goes on"]
+        assert notes(screen) == ["on hold", "continued"]
 
 
 async def test_hold_while_an_unattended_review_is_shown(tmp_path: Path) -> None:
@@ -181,7 +181,7 @@ async def test_a_computer_that_slept_holds_the_session(tmp_path: Path) -> None:
         screen._looked_at -= 720.0
         await until(pilot, "hold", lambda: screen.held)
         assert "slept for 12 min" in on(screen, "#said")
-        assert "Press P to measure again" in on(screen, "#said")
+        assert "press P to continue" in on(screen, "#said")
         assert notes(screen) == ["the computer slept for 720 s"]
 
 
@@ -281,3 +281,25 @@ async def test_an_empty_reason_is_not_taken_and_escape_says_what_is_next(tmp_pat
             await until(pilot, "back", lambda: interface.screen is screen)
             assert "Nothing changes, step 2 stays the next." in on(screen, "#said")
         assert screen.guided.session.done() == {1}
+
+
+async def test_escape_asks_and_home_offers_the_paused_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    async with measuring(tmp_path) as (pilot, interface, screen):
+        await take(pilot, screen)
+        path = screen.guided.path
+        for answer in ("escape", "1"):
+            await pilot.press("escape")
+            await until(pilot, "question", lambda: isinstance(interface.screen, ChoiceDialog))
+            await pilot.press(answer)
+            await until(pilot, "measuring", lambda: interface.screen is screen)
+        await pilot.press("escape")
+        await until(pilot, "question", lambda: isinstance(interface.screen, ChoiceDialog))
+        await pilot.press("2")
+        await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
+        assert interface.guided is None
+        assert len(fold(read_record(path).events).readings) == 2
+        listed = interface.screen.query_one(OptionList).get_option_at_index(0)
+        assert str(listed.prompt).startswith("Continue")

@@ -9,8 +9,8 @@ import pytest
 from textual.widgets import OptionList, TabbedContent
 
 from app.screens.diagnose import DiagnoseScreen
-from app.screens.dialogs import ChoiceDialog, HelpDialog
 from app.screens.home import HomeScreen
+from app.screens.interface import ChoiceDialog, HelpDialog
 from app.screens.plot import ChartPlot
 from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
@@ -41,7 +41,7 @@ async def test_pages_by_keys(bowed: Path) -> None:
         assert "Where the gap lies" in text(interface, "#where-text")
         ranked = text(interface, "#candidates-text")
         assert re.search(r"leg_bow +xy +█+ +\d+% +0\.\d{4} +named", ranked)
-        assert "No other effect looks like leg_bow (xy)" in ranked
+        assert "no other effect looks like leg_bow (xy)" in ranked
         await pilot.press("4")
         await until(pilot, "chart", lambda: "+ after" in drawn(interface))
         assert "X along Y" in drawn(interface)

@@ -11,15 +11,15 @@ from textual.widgets import Input, OptionList, Static
 
 from app.evaluating.solution import solve_files
 from app.screens.diagnose import DiagnoseScreen
-from app.screens.dialogs import ChoiceDialog, TextDialog
+from app.screens.interface import ChoiceDialog, TextDialog
 from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
-from protocols.events import Opened, Reading
 from protocols.journal import write_whole
 from protocols.machine import load_machine
 from protocols.model_file import read_model_file
 from protocols.procedure import load_procedure
 from protocols.record import read_record
+from protocols.session import Opened, Reading
 from tests.hidden_sessions import write_session
 from tests.screens.diagnosing import diagnosed, offered, verdict
 from tests.screens.driving import SIZE, said, text, until
@@ -34,7 +34,7 @@ async def test_adopt_writes_a_model_and_the_second_gap_is_smaller(bowed: Path) -
         await pilot.press("a")
         await until(pilot, "choice", lambda: isinstance(interface.screen, ChoiceDialog))
         listed = interface.screen.query_one(OptionList).options
-        assert [str(one.prompt) for one in listed] == ["1  what was named: leg_bow (xy)"]
+        assert [str(one.prompt) for one in listed] == ["1  adopt leg_bow (xy)"]
         await pilot.press("1")
         await until(pilot, "file name", lambda: isinstance(interface.screen, TextDialog))
         model = bowed.with_name("bow [x]_model.json")
@@ -65,13 +65,13 @@ async def test_another_effect_of_an_ambiguous_set_is_adopted(doubtful: Path) -> 
         screen = await diagnosed(pilot, interface)
         assert verdict(interface).startswith("AMBIGUOUS.")
         alike = text(interface, "#candidates-text").replace("\n", " ")
-        assert "cannot tell actuator_scale (y) from: " in alike
+        assert "cannot distinguish actuator_scale (y) from: " in alike
         for path in (taken, target):
             await pilot.press("a")
             await until(pilot, "choice", lambda: isinstance(interface.screen, ChoiceDialog))
             listed = [str(o.prompt) for o in interface.screen.query_one(OptionList).options]
-            assert "what was named: actuator_scale (y)" in listed[0]
-            rival = re.fullmatch(r"2  instead (\w+) \((\w+)\)", listed[1])
+            assert listed[0] == "1  adopt actuator_scale (y)"
+            rival = re.fullmatch(r"2  adopt (\w+) \((\w+)\) instead", listed[1])
             assert rival is not None
             assert f"{rival[1]} ({rival[2]})" in alike
             await pilot.press("2")
@@ -96,14 +96,14 @@ async def test_a_law_without_a_name_is_adopted(nameless: Path) -> None:
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await diagnosed(pilot, interface)
         words = " ".join(verdict(interface).split())
-        assert "law without a name" in words or "has no name, but follows a law" in words
+        assert "One unnamed effect" in words or "has no name, but follows a pattern" in words
         assert "with the cube of travel of carriage X" in words
         assert "Held out (one displacement of one leg left out" in words
         assert "a" in offered(interface)
         await pilot.press("a")
         await until(pilot, "choice", lambda: isinstance(interface.screen, ChoiceDialog))
         listed = [str(o.prompt) for o in interface.screen.query_one(OptionList).options]
-        (number,) = [line[0] for line in listed if "a law without a name (x)" in line]
+        (number,) = [line[0] for line in listed if "an unnamed effect (x)" in line]
         await pilot.press(number)
         await until(pilot, "file name", lambda: isinstance(interface.screen, TextDialog))
         await pilot.press("enter")
@@ -171,7 +171,7 @@ async def test_a_mistake_is_put_right_in_a_new_session_and_its_result_shown(tmp_
         await pilot.press("a")
         await until(pilot, "choice", lambda: isinstance(interface.screen, ChoiceDialog))
         listed = [str(o.prompt) for o in interface.screen.query_one(OptionList).options]
-        assert listed[0] == "1  the readings, in a new session: gauge_sign (yz)"
+        assert listed[0] == "1  correct the readings in a new session: gauge_sign (yz)"
         await pilot.press("1")
         await until(pilot, "file name", lambda: isinstance(interface.screen, TextDialog))
         await pilot.press("enter")
@@ -200,10 +200,12 @@ async def test_the_result_with_an_adopted_model_is_exported(tmp_path: Path) -> N
         await until(pilot, "again", lambda: screen.model is not None and not screen.looking)
         await pilot.press("r")
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
-        assert "backlash y: play" in text(interface, "#text")
+        await until(pilot, "text", lambda: "backlash y: play" in text(interface, "#text"))
         await pilot.press("e")
-        await until(pilot, "exported", lambda: "No files for LinuxCNC" in said(interface))
-        assert "--ini with the controller's INI file" in said(interface)
+        await until(
+            pilot, "caution", lambda: "WARNING: No files for LinuxCNC" in text(interface, "#text")
+        )
+        assert "--ini with the controller's INI file" in " ".join(text(interface, "#text").split())
         await pilot.press("f10")
     written = sorted(path.name for path in (tmp_path / "play").iterdir())
     assert written == ["model.json", "offsets.csv", "offsets.json"]

@@ -14,10 +14,9 @@ from textual import events
 from textual.pilot import Pilot
 from textual.screen import Screen
 
-from app.screens.dialogs import ChoiceDialog, HelpDialog, TextDialog
 from app.screens.fast_keys import Palette
 from app.screens.home import HomeScreen
-from app.screens.interface import Interface
+from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.replay import ReplayScreen
 from app.screens.start import Glidecal
 from tests.conftest import SAMPLES

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from app.evaluating.solution import SessionSolution, solve_files, solve_for_controller
-from app.measuring.demo import measure_all
-from app.measuring.opening import start_session
+from app.measuring.opening import measure_all, start_session
 from app.report.text.result import solution_text
 from app.screens.check import CheckScreen
 from app.screens.interface import Interface
@@ -43,7 +42,7 @@ async def test_a_result_that_cannot_be_computed_yet(
         tries.append(path)
         raise NotIdentifiable("offsets", "nothing [seen]", "both postures of a leg")
 
-    monkeypatch.setattr("app.screens.measure.solve_for_controller", refuse)
+    monkeypatch.setattr("app.screens.measure.solve_recorded", refuse)
     plan = quick_plan(tmp_path)
     interface = Glidecal(CheckScreen(plan))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
@@ -77,7 +76,7 @@ async def test_trying_again_may_succeed(
             return answer
         raise NotIdentifiable("offsets", "nothing", "something")
 
-    monkeypatch.setattr("app.screens.measure.solve_for_controller", at_last)
+    monkeypatch.setattr("app.screens.measure.solve_recorded", at_last)
     interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await to_measuring(pilot, interface)
@@ -102,7 +101,7 @@ async def test_space_twice_computes_the_result_once(
         allowed.wait(20.0)
         return solved
 
-    monkeypatch.setattr("app.screens.measure.solve_for_controller", slowly)
+    monkeypatch.setattr("app.screens.measure.solve_recorded", slowly)
     monkeypatch.setattr("app.screens.measure.HELD_KEY_S", 0.0)
     interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:

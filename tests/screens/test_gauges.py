@@ -9,20 +9,24 @@ from textual.containers import Horizontal
 from textual.pilot import Pilot
 from textual.widget import Widget
 
-from app.measuring.gauges import Live, Motion
+from app.measuring.gauges import Live, Motion, Trace
+from app.report.charts.strips import strip_rows
 from app.screens import interface
 from app.screens.session_view import GaugeDisplay, big_digits
 from drivers.profile import Fault, FaultKind, Outcome, Reading
+from protocols.machine import Instrument
 
 SIZE = (80, 24)
+TRACE = Trace(((2, 0.0, 0.0), (1, 0.5, 0.5)), (0.498, 0.502))
+LEFT = Instrument(profile="sylvac", port="/dev/tty[USB]0", axes="yx")
 
 
 def live(outcome: Outcome, motion: Motion) -> Live:
-    return Live(outcome, 0.0, motion, (0.0, 0.5))
+    return Live(outcome, 0.0, motion, TRACE)
 
 
 def shown(value_mm: float, motion: Motion = Motion.STABLE, *, age_s: float = 0.0) -> Live:
-    return Live(Reading(f"{value_mm}", value_mm, 0.001, False), age_s, motion, (0.0, 0.5))
+    return Live(Reading(f"{value_mm}", value_mm, 0.001, False), age_s, motion, TRACE)
 
 
 class Panels(App[None]):
@@ -32,8 +36,8 @@ class Panels(App[None]):
 
     def compose(self) -> ComposeResult:
         with Horizontal(id="gauges"):
-            yield GaugeDisplay("left", "gauge0")
-            yield GaugeDisplay("right", "gauge1")
+            yield GaugeDisplay(0, LEFT)
+            yield GaugeDisplay(1, None)
 
     @property
     def panels(self) -> tuple[GaugeDisplay, GaugeDisplay]:
@@ -60,12 +64,12 @@ async def test_a_panel_shows_digits_state_and_trend_within_its_border() -> None:
         await pilot.pause()
         rows = rows_of(app, left)
         assert len({len(row) for row in rows}) == 1
-        assert "left" in rows[0]
+        assert "─ 1 sylvac ─" in rows[0]
+        assert "─ /dev/tty[USB]0 ─" in rows[-1]
         for row, digits in zip(rows[1:4], big_digits("-12.345"), strict=True):
             assert row[2:-2].strip() == digits.strip()
         assert rows[4][2:-2].rstrip() == "= STABLE"
-        half = (left.size.width + 1) // 2
-        assert rows[5][2:-2] == "▁" * half + "█" * (left.size.width - half)
+        assert rows[5][2:-2] == strip_rows(TRACE, left.size.width, 1)[0]
         assert rows_of(app, right)[4][2:-2].strip() == "", "the other has nothing to show"
         assert await as_drawn_anew(pilot, app) == picture(app)
 

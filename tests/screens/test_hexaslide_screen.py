@@ -19,11 +19,10 @@ from textual.widgets import Input, OptionList, TabbedContent
 import calib.hexaslide.planning as searching
 from app.machines.registry import LOOKS
 from app.planning.hexaslide import Request
-from app.screens.dialogs import HelpDialog, TextDialog
 from app.screens.drawing import DrawingPlot
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.home import HomeScreen
-from app.screens.interface import Interface
+from app.screens.interface import HelpDialog, Interface, TextDialog
 from app.screens.start import Glidecal
 from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.geometry import HexaSlide
@@ -116,7 +115,7 @@ async def test_procedures_by_keys_with_the_papers_ranks_beside() -> None:
             screen = await looked(pilot, interface, HexaSlideScreen)
             assert text(interface, "#hexaslide") == f"example H60   {key} of 4: {name}"
             seen = text(interface, "#sees-text")
-            assert f"SEEN: {rank} of {count} combinations" in seen
+            assert f"IDENTIFIABLE: {rank} of {count} combinations" in seen
             assert f"(papers/001: {published})" in seen
             assert f"FEWEST POSTURES: {fewest}." in seen
             assert ("papers/001 counts" in seen) == (rank != published)
@@ -130,7 +129,7 @@ async def test_what_is_lost_known_and_how_units_change_the_condition_number() ->
     async with interface.run_test(size=SIZE) as pilot:
         screen = await looked(pilot, interface, HexaSlideScreen)
         seen = text(interface, "#sees-text")
-        assert "platform frame turned about its X, Y, Z." in seen
+        assert "platform frame turned about its X, Y, Z." in " ".join(seen.split())
         assert "KNOWN ONE BY ONE (31): ax1, ay1, l1" in seen
         assert "papers/001: 16 optimum" in seen
         assert screen.view is not None
@@ -303,7 +302,7 @@ async def test_measured_components_of_ones_own() -> None:
         await looked(pilot, interface, HexaSlideScreen)
         assert text(interface, "#hexaslide").endswith("your own: pose-forward")
         seen = text(interface, "#sees-text")
-        assert "SEEN: 48 of 49 combinations" in seen
+        assert "IDENTIFIABLE: 48 of 49 combinations" in seen
         assert "papers/001" not in seen
         await pilot.press("m")
         await enter(pilot, interface, "x,roll [deg]")

@@ -13,10 +13,8 @@ from textual.widgets import Input, OptionList, Select
 from app.commands.sessions import run_headless
 from app.exports import FILE_NAMES
 from app.screens.check import CheckScreen
-from app.screens.dialogs import ChoiceDialog, HelpDialog
-from app.screens.home import HomeScreen
-from app.screens.interface import Interface
-from app.screens.pick import PickScreen
+from app.screens.home import HomeScreen, PickScreen
+from app.screens.interface import ChoiceDialog, HelpDialog, Interface
 from app.screens.prepare import DryRunScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import CompareScreen, ResultScreen
@@ -24,7 +22,7 @@ from app.screens.start import Glidecal
 from protocols.journal import Journal
 from tests.protocols.test_journal import reading
 from tests.recorded import opened as planned
-from tests.screens.driving import SIZE, quick_plan, said, text, until
+from tests.screens.driving import SIZE, fill_in, quick_plan, said, text, until
 
 BEFORE, AFTER = "before [mm].jsonl", "after [ttyUSB0].jsonl"
 
@@ -183,7 +181,11 @@ async def test_export_writes_what_the_result_screen_writes(folder: Path) -> None
         await shown(pilot, interface, PickScreen)
         await choose(pilot, interface, "before")
         written = folder / "before [mm]"
-        await until(pilot, "words", lambda: f"Written to {written.name}" in said(interface))
+        await shown(pilot, interface, HelpDialog)  # a caution stays until it is read
+        assert f"Written to {written.name}" in text(interface, "Static")
+        assert "nobody stated the present HOME_OFFSET" in text(interface, "Static")
+        await pilot.press("escape")
+        await shown(pilot, interface, HomeScreen)
         names = {path.name for path in written.iterdir()}
         assert names >= set(FILE_NAMES.values()) | {"calib_joint0.inc"}
         (written / "offsets.csv").write_text("mine", encoding="utf-8")
@@ -313,8 +315,8 @@ async def test_a_port_that_looks_like_markup(
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.press("enter")
         await shown(pilot, interface, PrepareScreen)
-        await pilot.press(*"mitutoyo-01a:[/dev/ttyUSB0]")
-        await pilot.pause()
+        await fill_in(pilot, interface, "indicator1", port="[/dev/ttyUSB0]", profile="mitutoyo-01a")
+        assert "at [/dev/ttyUSB0] (not plugged in)" in text(interface, "#indicator1")
         assert "60 steps with 1 indicator" in text(interface, "#summary")
         await pilot.press("f5")
         await shown(pilot, interface, CheckScreen)

@@ -210,8 +210,7 @@ def point_to(name: Path, port: str) -> None:
 
 async def test_a_continued_verification_still_compares(tmp_path: Path) -> None:
     from app.evaluating.solution import solve_for_controller
-    from app.measuring.demo import measure_all, verification_plan
-    from app.measuring.opening import start_session
+    from app.measuring.opening import measure_all, start_session, verification_plan
 
     plan = replace(quick_plan(tmp_path), interval_s=0.0)
     with start_session(plan) as guided:

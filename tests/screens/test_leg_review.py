@@ -10,14 +10,14 @@ from textual.widgets import Static
 from app.measuring.gauges import Gauge, Live, Motion
 from app.screens.check import CheckScreen
 from app.screens.interface import Interface
-from app.screens.leg_review import LegReviewScreen
 from app.screens.plot import ChartPlot
+from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
 from drivers.profile import Reading
 from tests.screens.driving import numbers, press_for, quick_plan, take, text, to_measuring, until
 
 STEPS_OF_A_LEG = 10
-ELSEWHERE = Live(Reading("7.777", 7.777, 0.001, False), 0.0, Motion.STABLE, (7.777,))
+ELSEWHERE = Live(Reading("7.777", 7.777, 0.001, False), 0.0, Motion.STABLE)
 
 
 def charted(interface: Interface) -> str:

@@ -21,24 +21,22 @@ from textual.widgets import Input, OptionList, Static, TabbedContent
 
 from app.evaluating.solution import solve_files
 from app.machines.registry import LOOKS
-from app.measuring.demo import demo_plan
+from app.measuring.opening import demo_plan
 from app.measuring.session import Doubt
 from app.measuring.simulated import BenchSettings
 from app.report.text.session import question_choices
-from app.screens.dialogs import ChoiceDialog, TextDialog
 from app.screens.home import HomeScreen
-from app.screens.interface import Interface
-from app.screens.leg_review import LegReviewScreen
+from app.screens.interface import ChoiceDialog, Interface, TextDialog
 from app.screens.plot import ChartPlot
 from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
-from app.screens.session_view import GaugeDisplay
+from app.screens.session_view import GaugeDisplay, LegReviewScreen
 from app.screens.start import Glidecal
 from protocols.record import read_record
 from protocols.session import fold
 from tests.conftest import ROOT
-from tests.screens.driving import text, until
+from tests.screens.driving import fill_in, text, until
 
 PICTURES = Path(__file__).parent / "pictures"
 NARROW, WIDE = (80, 24), (120, 40)
@@ -109,7 +107,7 @@ def page_is(interface: Interface, name: str) -> Callable[[], bool]:
 async def test_result(samples: Path, tmp_path: Path, size: tuple[int, int]) -> None:
     interface = still(result_screen(samples / "experiment_2_twelve.jsonl"))
     async with interface.run_test(size=size) as pilot:
-        await until(pilot, "text", lambda: "Joint offsets known to" in text(interface, "#text"))
+        await until(pilot, "text", lambda: "Known is d_rho − d_L, to ±" in text(interface, "#text"))
         assert isinstance(interface.screen, ResultScreen)
         assert interface.screen.query_one("#beside").display == (size == WIDE)
         await compare(pilot, interface, f"result_{size[0]}", tmp_path)
@@ -166,7 +164,7 @@ async def test_prepare(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     async with interface.run_test(size=NARROW) as pilot:
         await pilot.press("enter")
         await until(pilot, "form", lambda: isinstance(interface.screen, PrepareScreen))
-        interface.screen.query_one("#indicator1", Input).value = "mitutoyo-01a:COM5"
+        await fill_in(pilot, interface, "indicator1", port="COM5", profile="mitutoyo-01a")
         await until(pilot, "summary", lambda: "with 1 indicator" in text(interface, "#summary"))
         await compare(pilot, interface, "prepare", tmp_path)
 
@@ -201,7 +199,7 @@ async def test_replay(samples: Path, tmp_path: Path) -> None:
         await pilot.press("j", *"8", "enter")
         await until(pilot, "step 8", lambda: "step 8 of" in text(interface, "#progress"))
         displays = interface.screen.query(GaugeDisplay)
-        await until(pilot, "trends", lambda: all(display.trend_mm for display in displays))
+        await until(pilot, "trends", lambda: all("⣿" in "".join(d.strip) for d in displays))
         assert "simulated_zero-max-min.jsonl" in text(interface, "#progress")
         assert "along Y" in str(interface.screen.query_one(ChartPlot).render())
         await compare(pilot, interface, "replay", tmp_path)

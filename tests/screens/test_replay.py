@@ -10,10 +10,9 @@ from textual.widgets import Log
 
 from app.measuring.playback import State
 from app.report.text.replay import reading_lines
-from app.screens.dialogs import HelpDialog, TextDialog
-from app.screens.interface import Interface
-from app.screens.pick import ReplayChoiceScreen
-from app.screens.replay import ReplayedResult, ReplayScreen
+from app.screens.home import ReplayChoiceScreen
+from app.screens.interface import HelpDialog, Interface, TextDialog
+from app.screens.replay import ReplayScreen
 from app.screens.result import ResultScreen
 from app.screens.session_view import GaugeDisplay, StepList
 from app.screens.start import Glidecal
@@ -45,14 +44,16 @@ async def test_the_picture_of_measuring_moves_by_keys(told: Path) -> None:
         await begin(pilot, interface)
         assert text(interface, "#progress") == "replay · told.jsonl   step 1 of 30 · ×5 · PAUSED"
         assert text(interface, "#said") == "Begun 2026-03-01 08:00 UTC by Ida, measured."
-        assert "First, at Zero: indicators on leg X along Y and Z" in text(interface, "#step")
+        assert "First, at Zero: indicators on leg X along Y (1) and Z (2)" in text(
+            interface, "#step"
+        )
         assert numbers(interface.screen) == ["------", "------"]
         await pilot.press("right", "right", "right")
         assert "LEG X   MAX   cycle 1 of 3" in text(interface, "#step")
         assert "G53 G0 X60.000 Y0.000 Z0.000" in text(interface, "#step")
         assert numbers(interface.screen) == ["+0.200", "-0.200"]
         titles = [display.border_title for display in interface.screen.query(GaugeDisplay)]
-        assert titles == ["along Y, mm", "along Z, mm"]
+        assert titles == ["1 mitutoyo-01a along Y, mm", "2 mitutoyo-01a along Z, mm"]
         assert text(interface, "#steps").splitlines()[:2] == ["+   1 X ZERO 1", ">   2 X MAX 1"]
         assert text(interface, "#said") == "Taken, step 2: Y +0.2000 mm, Z -0.2000 mm"
         assert "+0.100" in text(interface, "#table")
@@ -286,13 +287,13 @@ async def test_read_only_reaches_neither_export_nor_verify_nor_home(
     async with interface.run_test(size=SIZE) as pilot:
         await begin(pilot, interface)
         await pilot.press("r")
-        await until(pilot, "a result", lambda: isinstance(interface.screen, ReplayedResult))
+        await until(pilot, "a result", lambda: isinstance(interface.screen, ResultScreen))
         for key in ("e", "v"):
             await pilot.press(key)
             await interface.workers.wait_for_complete()
             await pilot.pause()
-            assert isinstance(interface.screen, ReplayedResult)
-        await pilot.press("h")
+            assert isinstance(interface.screen, ResultScreen)
+        await pilot.press("h", "escape")
         await until(pilot, "the replay", lambda: isinstance(interface.screen, ReplayScreen))
         assert len(interface.screen_stack) == 2
         await pilot.press("f10")

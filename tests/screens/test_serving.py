@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import re
 import shutil
 import signal
 import socket
@@ -27,6 +28,7 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and /pr
 
 SAMPLE = SAMPLES / "simulated_zero-max-min.jsonl"
 PATIENCE_S = 30.0
+COLOUR = re.compile(rb"\x1b\[[\d;]*m")
 
 
 class Served:
@@ -169,13 +171,13 @@ async def in_a_tab(
 
 
 async def shown(tab: aiohttp.ClientWebSocketResponse, words: str) -> None:
-    """Read what is drawn until these words are on the screen."""
+    """Read what is drawn until these words are on the screen, in whatever colours."""
     drawn = b""
     async with asyncio.timeout(PATIENCE_S):
         async for message in tab:
             if message.type == aiohttp.WSMsgType.BINARY:
                 drawn += message.data
-            if words.encode() in drawn:
+            if words.encode() in COLOUR.sub(b"", drawn):
                 return
     pytest.fail(f"{words!r} was not drawn")
 

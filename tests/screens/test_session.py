@@ -9,11 +9,12 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input, Static
 
+from app.evaluating.solution import solve_files
 from app.measuring.gauges import Gauge
+from app.report.text.result import solution_text
 from app.screens.check import CheckScreen
-from app.screens.dialogs import ChoiceDialog
 from app.screens.home import HomeScreen
-from app.screens.interface import Interface
+from app.screens.interface import ChoiceDialog, Interface
 from app.screens.prepare import PrepareScreen
 from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
@@ -27,6 +28,7 @@ from tests.screens.driving import (
     PRESSES,
     SIZE,
     answered,
+    fill_in,
     numbers,
     press_for,
     quick_plan,
@@ -57,7 +59,7 @@ async def test_take_repeat_note_remount_and_pause(tmp_path: Path) -> None:
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await to_measuring(pilot, interface)
         assert "LEG X   ZERO   cycle 1 of 3" in text(interface, "#step")
-        assert "indicators on leg X along Y and Z" in text(interface, "#step")
+        assert "indicators on leg X along Y (1) and Z (2), 155 mm" in text(interface, "#step")
         await take(pilot, screen)
         assert "LEG X   MAX" in text(interface, "#step")
         assert "G53 G0 X60.000 Y0.000 Z0.000" in text(interface, "#step")
@@ -101,7 +103,9 @@ async def test_whole_session_verify_and_compare(tmp_path: Path) -> None:
         for _ in range(30):
             await take(pilot, screen)
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
-        await until(pilot, "text", lambda: "Joint offsets known to" in text(interface, "#text"))
+        known, _ = solve_files([plan.path])  # as glidecal solve, home and replay have it
+        same = solution_text(known)
+        await until(pilot, "the same result", lambda: same in text(interface, "#text"))
         await pilot.press("3")
         await until(pilot, "both", lambda: "d_L_z" in text(interface, "#text"))
         await pilot.press("e")
@@ -139,14 +143,13 @@ async def test_prepare_form_with_keys(tmp_path: Path, monkeypatch: pytest.Monkey
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.press("enter")
         await until(pilot, "form", lambda: isinstance(interface.screen, PrepareScreen))
-        assert "Without any, choose the demonstration" in text(interface, "#summary")
+        assert "Choose an indicator" in text(interface, "#summary")
         with TwinPort(twin_of(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), "tcp") as twin:
             await prepare(pilot, interface, twin.url)
 
 
 async def prepare(pilot: Pilot[str], interface: Interface, port: str) -> None:
-    interface.screen.query_one("#indicator1", Input).value = f"mitutoyo-01a:{port}"
-    await pilot.pause()
+    await fill_in(pilot, interface, "indicator1", port=port, profile="mitutoyo-01a")
     assert "60 steps with 1 indicator" in text(interface, "#summary")
     interface.screen.query_one("#machine", Input).value = "none.toml"
     await pilot.pause()
@@ -166,8 +169,6 @@ async def prepare(pilot: Pilot[str], interface: Interface, port: str) -> None:
 
 
 async def test_result_of_a_recorded_session(samples: Path) -> None:
-    from app.evaluating.solution import solve_files
-
     path = samples / "experiment_2_twelve.jsonl"
     solved, _ = solve_files([path])
     interface = Glidecal(ResultScreen(solved, None, path))
@@ -188,7 +189,7 @@ async def test_moving_readings_are_taken_only_on_purpose(
         monkeypatch.setattr(screen, "ready_by_hand", lambda: False)
         await pilot.press("space")
         await pilot.pause(0.1)
-        assert "press Space again" in text(interface, "#said")
+        assert "Press Space again" in text(interface, "#said")
         assert screen.guided.session.all_readings == ()
         await pilot.press("space")
         await until(pilot, "taken", lambda: screen.guided.session.done() == {1})
@@ -207,13 +208,13 @@ async def test_automatic_on_a_real_machine_waits_for_a_movement(tmp_path: Path) 
         async with interface.run_test(size=SIZE) as pilot:
             screen = await to_measuring(pilot, interface)
             await pilot.press("a")
-            await until(pilot, "why", lambda: "waits for Space" in text(interface, "#said"))
+            await until(pilot, "why", lambda: "cannot show the move" in text(interface, "#said"))
             assert screen.guided.session.done() == frozenset()
             await take(pilot, screen)
-            await until(pilot, "why", lambda: "waits for a move to MAX" in text(interface, "#said"))
+            await until(pilot, "why", lambda: "no move to MAX" in text(interface, "#said"))
             position[0] = 0.9
             await until(pilot, "one step", lambda: screen.guided.session.done() == {1, 2})
-            await until(pilot, "why", lambda: "waits for a move to MIN" in text(interface, "#said"))
+            await until(pilot, "why", lambda: "no move to MIN" in text(interface, "#said"))
             await press_for(
                 pilot, screen, "a question", lambda: isinstance(interface.screen, ChoiceDialog)
             )
@@ -229,8 +230,7 @@ async def test_automatic_on_a_real_machine_waits_for_a_movement(tmp_path: Path) 
 def test_verification_carries_the_new_home_offset(tmp_path: Path) -> None:
     """A second export must start from what the first one made the controller hold."""
     from app.evaluating.solution import solve_for_controller
-    from app.measuring.demo import measure_all, verification_plan
-    from app.measuring.opening import start_session
+    from app.measuring.opening import measure_all, start_session, verification_plan
 
     plan = replace(quick_plan(tmp_path), interval_s=0.0)
     machine = plan.machine.model_copy(update={"home_offset_mm": (10.0, 20.0, 30.0)})

@@ -10,9 +10,8 @@ from textual.pilot import Pilot
 from textual.widgets import OptionList, Static
 
 from app.screens.check import CheckScreen
-from app.screens.dialogs import HelpDialog, TextDialog
 from app.screens.home import HomeScreen
-from app.screens.interface import Interface
+from app.screens.interface import HelpDialog, Interface, TextDialog
 from app.screens.start import Glidecal
 from app.settings import Settings, read_settings
 from protocols.record import read_record

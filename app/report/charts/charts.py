@@ -6,9 +6,10 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from app.evaluating.solution import SessionSolution
 from app.measuring.leg_review import leg_rows
 from calib.diagnosis.results import SEEN, Cell
-from calib.identify.solution import Solution
+from calib.identify.identify import Solution
 from protocols.procedure import Step
 from protocols.session import Session
 
@@ -77,14 +78,18 @@ class Chart:
 
 
 def readings_by_posture(session: Session, step: Step) -> Chart:
-    """Readings of a leg minus the Zero of their cycle over the displacement, one series an axis."""
+    """Readings of a leg minus the Zero of their cycle over the displacement, one series an axis.
+
+    Those of the tool over the number of the position.
+    """
     series = []
     for axis in step.axes:
         rows = [row for row in leg_rows(session, step) if row.axis == axis]
         points = [point for row in rows for point in row.minus_zero_mm.items()]
         series.append(_series(f"along {axis.upper()}", points))
-    title = f"Leg {step.leg.upper()}: readings minus Zero"
-    return Chart(title, "displacement, mm", "mm", tuple(s for s in series if s.x))
+    title = f"{step.touched[:1].upper()}{step.touched[1:]}: readings minus Zero"
+    x_words = "number of the position" if step.leg == "tool" else "displacement, mm"
+    return Chart(title, x_words, "mm", tuple(s for s in series if s.x))
 
 
 def measured_and_predicted(solution: Solution) -> Chart:
@@ -221,6 +226,9 @@ EDGE = 0.45
 
 BESIDE = 0.03
 
+NOISE = "noise"
+"""The series that bounds what is noise."""
+
 
 def residuals_before_and_after(cells: Sequence[Cell]) -> Chart:
     """Mean residuals in µm of each mounting, its displacements from left to right, and the noise.
@@ -277,4 +285,17 @@ def _noise(cells: Sequence[Cell], places: dict[tuple[str, str, float], float]) -
         for side in (-EDGE, EDGE):
             x += [place + side, place + side]
             y += [-floor, floor]
-    return Series("noise", tuple(x), tuple(y))
+    return Series(NOISE, tuple(x), tuple(y))
+
+
+def residuals_over_time(solved: SessionSolution) -> Chart:
+    """What the model leaves of each reading over the time of its session: drift shows here."""
+    several = len(solved.sessions) > 1
+    points: dict[str, list[tuple[float, float]]] = {}
+    for session, reading, residual_mm in solved.residuals:
+        if reading.time_s is not None:
+            of = f"{1 + solved.names.index(session)}: " if several else ""
+            name = f"{of}{reading.leg} along {reading.axis}"
+            points.setdefault(name, []).append((reading.time_s / 60.0, 1000.0 * residual_mm))
+    series = tuple(_series(name, found) for name, found in points.items())
+    return Chart("Residuals", "minutes", "residual, µm", series)

@@ -26,6 +26,7 @@ class Look(StrEnum):
     THIN = "thin"
     THICK = "thick"
     MARKED = "marked"
+    BEADED = "beaded"
 
 
 @dataclass(frozen=True)
@@ -46,11 +47,15 @@ class Label:
 
 @dataclass(frozen=True)
 class Drawing(Chart):
-    """Strokes under the points of a chart; ``even`` keeps lengths alike in both directions."""
+    """Strokes under the points of a chart; ``even`` keeps lengths alike in both directions.
+
+    Without being ``scaled`` it is a picture: no frame, no numbers.
+    """
 
     strokes: tuple[Stroke, ...] = ()
     labels: tuple[Label, ...] = ()
     even: bool = False
+    scaled: bool = True
 
     def limits(self, columns: int, rows: int) -> tuple[Limits, Limits]:
         """Ends of both axes in a place of so many cells."""

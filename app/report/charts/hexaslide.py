@@ -6,10 +6,10 @@ import math
 
 from app.report.charts.charts import Series
 from app.report.charts.drawings import Drawing, Label, Look, Point, Stroke
+from calib.arrays import FloatArray
 from calib.hexaslide.drawing import lines_at, outline
 from calib.hexaslide.geometry import Box, HexaSlide
 from calib.hexaslide.planning import Found
-from calib.observations import FloatArray
 
 FRONT, ABOVE = (0, 2), (0, 1)
 """Coordinates across and upwards."""

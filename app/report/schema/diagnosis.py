@@ -12,6 +12,7 @@ from calib.diagnosis.results import (
     HeldOutGap,
     ModelDiscrepancy,
     Named,
+    SharedPattern,
     Value,
     Verdict,
 )
@@ -120,6 +121,10 @@ class DiagnosisReport(Report):
     )
     smallest_detectable: tuple[Detectable, ...] = at("found.diagnosis.smallest_detectable")
     left_over: Annotated[UnnamedLaw | None, made(_unnamed)] = at("found.diagnosis.left_over")
+    pattern: SharedPattern | None = at(
+        "found.diagnosis.pattern",
+        "of several sessions: how alike is what is left of each; numbered from 0, held-out last",
+    )
     remarks: tuple[str, ...] = at("found.diagnosis.remarks")
 
 

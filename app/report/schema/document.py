@@ -10,7 +10,7 @@ from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import AliasPath, BaseModel, BeforeValidator, ConfigDict, Field
 
-from calib.observations import FloatArray
+from calib.arrays import FloatArray
 from protocols.documents import Document
 
 R = TypeVar("R")

@@ -23,9 +23,9 @@ from app.report.schema.planning import ClassicalQr, Direction, IdentifiabilityRe
 from calib.design.criteria import Criterion, Observability
 from calib.hexaslide.checked import PAIRS, inner_lengths
 from calib.hexaslide.geometry import unit_of
+from calib.hexaslide.planning import DIFFERENCE_STEP, UNITS, HexaSlideSeen
 from calib.hexaslide.procedures import ANGLES, Kind
 from calib.hexaslide.residuals import Residuals
-from calib.hexaslide.seen import DIFFERENCE_STEP, UNITS, HexaSlideSeen
 
 
 class HexaSlideDirection(Direction):
@@ -76,7 +76,7 @@ class HexaSlideIdentifiabilityReport(IdentifiabilityReport):
 
 
 class HexaSlidePosturesReport(Report):
-    """``postures hexaslide --json``: figures are of the combinations that are seen."""
+    """``postures hexaslide --json``: figures are of the identifiable combinations."""
 
     schema_id: Literal["glidecal.postures/1"] = schema("glidecal.postures/1")
     machine: Literal["hexaslide"] = "hexaslide"
@@ -86,7 +86,7 @@ class HexaSlidePosturesReport(Report):
     criterion: Criterion = at("best.criterion")
     value: float = at("best.refined.value")
     start_value: float = at("best.refined.start_value")
-    rank: int = at("best.rank", "combinations that are seen")
+    rank: int = at("best.rank", "identifiable combinations")
     condition_number: float = at("best.condition_number")
     start_condition_number: float = at("best.start_condition_number")
     published_criteria: Observability = at("best.found")

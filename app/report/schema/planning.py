@@ -63,7 +63,7 @@ class IdentifiabilityReport(Report):
     individually_identifiable: tuple[str, ...] = at("seen.found.individually_known")
     lost_directions: tuple[Direction, ...] = at("seen.unidentifiable")
     weak_directions: tuple[Direction, ...] = at("seen.weak")
-    condition_number: Finite = at("seen.found.condition_number", "of what is seen")
+    condition_number: Finite = at("seen.found.condition_number", "of the identifiable combinations")
     units: str = at("seen.examined.units")
     noise: str = at("seen.examined.noise_words")
     classical_qr: ClassicalQr = at("seen.qr")

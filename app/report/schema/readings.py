@@ -51,7 +51,7 @@ class Average(Report):
     readings: int
 
 
-PLACE = ("leg", "axis", "station", "displacement_mm", "position_mm")
+PLACE = ("leg", "axis", "station", "displacement_mm", "position_mm", "over_plane")
 
 
 def _averages(session: Session) -> tuple[SimpleNamespace, ...]:

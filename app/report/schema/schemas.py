@@ -20,7 +20,7 @@ import app.report.schema
 import protocols
 from app.report.schema.document import Report
 from protocols.documents import Document
-from protocols.events import Event
+from protocols.session import Event
 
 ROOMS = (app.report.schema, protocols)
 """Where all documents stand that are written, or read again; some of the latter are TOML."""

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated, Literal
 
-from app.evaluating.accuracy import Judgement
-from app.evaluating.comparison import Comparison
-from app.evaluating.verification import Entered
+from app.evaluating.comparison import Comparison, Entered
+from app.evaluating.solution import Judgement
 from app.report.schema.document import (
     Finite,
     LackOfFit,
@@ -24,7 +23,7 @@ from app.report.schema.document import (
     schema,
 )
 from calib.identify.accuracy import Decision, ToolError
-from calib.identify.solution import Method, Solution, Subset, Weights
+from calib.identify.identify import Method, Solution, Subset, Weights
 from calib.noise.reading import NoiseSource, Repeated
 from protocols.machine import Instrument
 
@@ -105,11 +104,40 @@ class LostReadings(Report):
 
 
 class ToolErrors(Report):
-    """With what the controller holds now, and with the solution entered."""
+    """With what the controller holds now, and with the solution entered.
+
+    Of noise in the six parameters, and of what a larger set of them would change; ``tool_bound``
+    is what the tool is off by at most.
+    """
 
     before: ToolError = at("tool_before")
     after: ToolError = at("tool_after")
     coverage_factor: float = at("tool_factor", "for both, 95 %")
+
+
+class OpenName(Report):
+    """What the readings do not rule out, and the bound if it is the one."""
+
+    id: str
+    where: str
+    title: str
+    bound_mm: float
+
+
+class ToolBound(Report):
+    """R.m.s. over the reachable workspace that 95 of 100 machines keep.
+
+    Of noise, of parts within their tolerances, and of every effect of the catalogue that these
+    readings leave open, one at a time.
+    """
+
+    before_mm: float = at("bound_before.bound_mm", "with what the controller holds now")
+    after_mm: float = at("bound_after.bound_mm", "with the solution entered")
+    noise_mm: float = at("bound_of_noise_mm", "of it, noise of the readings alone")
+    parameters_mm: float = at(
+        "bound_after.parameters_mm", "of it, where nothing is missing and parts keep tolerances"
+    )
+    open: tuple[OpenName, ...] = at("bound_after.names", "the worst first, one for each id")
 
 
 class WeakDirection(Report):
@@ -196,6 +224,7 @@ class SolutionReport(Report):
     suspect_readings: tuple[SuspectReading, ...] = at("solved.suspects")
     lost_readings: tuple[LostReadings, ...] = at("solved.isolated")
     tool_error: ToolErrors = at("solved")
+    tool_bound: ToolBound = at("solved")
     enlarged_by_lack_of_fit: float = at(
         "solved.solution.enlarged",
         "factor on the standard deviation of the noise if what the model leaves is taken for "
@@ -204,6 +233,19 @@ class SolutionReport(Report):
     expanded_with_lack_of_fit_mm: Annotated[
         dict[str, float], made(lambda one: rows(float, one.names, one.enlarged_expanded_mm))
     ] = at("solved.solution", "expanded uncertainty (95 %) of each parameter then")
+    expanded_with_tolerances_mm: Annotated[
+        dict[str, float],
+        made(lambda one: rows(float, one.names, one.expanded_with_tolerances_mm)),
+    ] = at(
+        "solved.solution",
+        "expanded uncertainty (95 %) of each parameter with those outside the set off within "
+        "their tolerance",
+    )
+    difference_expanded_mm: Annotated[list[float] | None, made(lambda array: array.tolist())] = at(
+        "solved.solution.expanded_of_difference_mm",
+        "expanded uncertainty (95 %) of d_rho - d_L of x, y, z where the readings tell little of "
+        "d_rho but that; else null",
+    )
     lack_of_fit: Annotated[LackOfFit, made(lambda one: one.lack_of_fit or LackOfFit())] = at(
         "solved.solution"
     )
@@ -273,8 +315,14 @@ class VerificationReport(Report):
     schema_id: Literal["glidecal.verification/1"] = schema("glidecal.verification/1")
     before: FirstName = at("found.compared.before.names")
     after: FirstName = at("found.compared.after.names")
-    tool_expected: ToolError = at("found.expected")
-    tool_found: ToolError = at("found.found")
+    tool_expected: ToolError = at("found.expected", "of the six parameters alone")
+    tool_found: ToolError = at("found.found", "of the six parameters alone")
+    bound_expected_mm: float = at(
+        "found.compared.before.bound_after.bound_mm", "promised by the first session, 95 %"
+    )
+    bound_found_mm: float = at(
+        "found.compared.after.bound_before.bound_mm", "by the second one; what is decided by"
+    )
     tolerance_mm: float | None = at("found.tolerance_mm")
     decision: Decision | None = at("found.decision", "null: no tolerance")
     offsets: tuple[LeftOffset, ...] = at("found.offsets")
@@ -294,6 +342,7 @@ class Offset:
     expanded_uncertainty: float | None = None
     coverage_factor: float | None = None
     expanded_with_lack_of_fit: float | None = None
+    expanded_with_tolerances: float | None = None
 
 
 class OffsetsReport(Report):

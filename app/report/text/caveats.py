@@ -7,18 +7,18 @@ from collections.abc import Iterator
 
 from app.evaluating.solution import NoisyChannel, SessionSolution, indicator_figures
 from app.report.text.tables import decimals_for, signed, uncertain
+from calib.arrays import LEG_NAMES
 from calib.design.identifiability import Direction
-from calib.identify.solution import Subset
+from calib.identify.identify import Subset
 from calib.noise.reading import LEAST_NOISE_MM
-from calib.observations import LEG_NAMES
-from protocols.events import Reading
 from protocols.procedure import position_words
+from protocols.session import Reading
 
 SUBSET_WORDS: dict[Subset, str] = {
     "joint-offsets": "joint offsets",
     "leg-lengths": "leg lengths",
     "both": "joint offsets and leg lengths",
-    "with-tolerances": "both, held by the tolerances of the parts",
+    "with-tolerances": "both, constrained by tolerances",
 }
 
 UNKNOWN_HOME_OFFSET = (
@@ -28,6 +28,39 @@ UNKNOWN_HOME_OFFSET = (
 
 MOST_NAMED = 8
 """So many of a kind are named; nobody reads hundreds."""
+
+
+def bound_words(solved: SessionSolution) -> str:
+    """What the tool is off by at most, and what that is made of."""
+    return f"{bound_now_and_then(solved)} {bound_made_of(solved)}"
+
+
+def bound_now_and_then(solved: SessionSolution) -> str:
+    """What the tool is off by at most, without and with the values."""
+    before, after = solved.bound_before, solved.bound_after
+    return (
+        f"Tool over the workspace, r.m.s. (95 %): at most {uncertain(before.bound_mm)} mm now, at "
+        f"most {uncertain(after.bound_mm)} mm with these values."
+    )
+
+
+def bound_made_of(solved: SessionSolution) -> str:
+    """What the bound with the values is made of; it follows on the bound."""
+    after, noise_mm = solved.bound_after, solved.bound_of_noise_mm
+    said = (
+        f"Noise of the readings is {uncertain(noise_mm)} mm of it; with the parts off within "
+        f"tolerance it is {uncertain(after.parameters_mm)} mm"
+    )
+    if not after.names:
+        return f"{said}. Effects are not in these figures: none is modelled over a plane."
+    if (worst := after.worst) is None:
+        return f"{said}. No effect that these readings leave open does more."
+    reads_tool = any(r.leg == "tool" for session in solved.sessions for r in session.readings)
+    lowers = "" if reads_tool else " What lowers it: glidecal plan."
+    return (
+        f"{said}; up to {uncertain(worst.bound_mm)} mm if {worst.title} ({worst.id}, "
+        f"{worst.where}), which these readings do not rule out.{lowers}"
+    )
 
 
 def caveats(solved: SessionSolution) -> list[str]:
@@ -56,9 +89,9 @@ def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
     if fit and solution.lacks_fit:
         larger = float(solution.enlarged_expanded_mm.max())
         yield (
-            f"WARNING: what the model leaves is {math.sqrt(fit.statistic):.1f} times the noise: "
-            "something is missing from the model (glidecal diagnose). Counted as noise it makes "
-            f"the uncertainty ±{uncertain(larger)} mm (k = {solution.left_over_factor:.3f}, "
+            f"WARNING: the residual is {math.sqrt(fit.statistic):.1f} times the noise: something "
+            "is missing from the model (glidecal diagnose). With the residual counted as noise the "
+            f"uncertainty is ±{uncertain(larger)} mm (k = {solution.left_over_factor:.3f}, "
             f"{fit.degrees_of_freedom:.3g} degrees of freedom)."
         )
     for subset, problem in refused.items():
@@ -66,18 +99,18 @@ def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
     if "both" in refused:
         constrained = solution.subset == "with-tolerances"
         right = (
-            "the parts keep their tolerances"
+            "the parts are within their tolerances"
             if constrained
-            else "what is outside this set is right"
+            else "the other parameters are nominal"
         )
         yield (
-            f"All figures hold only if {right}: an error there can hide below the noise, and what "
-            "it does at the tool cannot be told."
+            f"All figures are valid only if {right}: these readings show neither an error there "
+            "nor what it does at the tool."
         )
     if not solved.tool_after.rms_mm < solved.tool_before.rms_mm:
         yield (
-            "WARNING: entering these values is not expected to make the tool better: what they "
-            "would leave is no smaller than what is there now."
+            "WARNING: these values are not expected to make the tool more accurate: the error "
+            "expected with them is not smaller than the error now."
         )
 
 
@@ -86,14 +119,14 @@ def _of_noise(solved: SessionSolution) -> Iterator[str]:
     solution, noise = solved.solution, solved.solution.noise
     if noise.standard_deviation_mm < LEAST_NOISE_MM:
         yield (
-            "WARNING: these readings show no noise; the uncertainties are those of arithmetic. "
+            "WARNING: these readings show no noise, so the uncertainties are only rounding. "
             "State the resolution and repeatability of the indicators."
         )
     for direction in solution.weak_directions:
         yield _weak(direction, solution.coverage_factor)
     reads_tool = any(r.leg == "tool" for session in solved.sessions for r in session.readings)
     if solution.weak_directions and not reads_tool:
-        yield "What to measure against that: glidecal plan."
+        yield "What to measure to improve this: glidecal plan."
     if solved.noisy:
         shown = "; ".join(map(_noisy, solved.noisy[:MOST_NAMED]))
         rest = len(solved.noisy) - MOST_NAMED
@@ -101,14 +134,14 @@ def _of_noise(solved: SessionSolution) -> Iterator[str]:
             f"NOTE: the indicators scatter differently: {shown}"
             f"{f'; {rest} more' if rest > 0 else ''}; the others "
             f"{uncertain(math.sqrt(noise.quiet_mm2), 4)} mm. Each is weighted by its own scatter. "
-            "Look at the one that scatters most."
+            "Check the one that scatters most."
         )
     if noise.cycle_drift_mm is not None:
         yield (
             "NOTE: the readings drift from cycle to cycle by "
-            f"{uncertain(noise.cycle_drift_mm)} mm r.m.s. That is not counted as noise, but what "
-            "wanders within a cycle goes into the differences. Is the machine warm, is the stand "
-            "firm? glidecal diagnose looks for drift."
+            f"{uncertain(noise.cycle_drift_mm)} mm r.m.s. This is not counted as noise, but drift "
+            "within a cycle is part of the differences. Is the machine warm? Is the stand firm? "
+            "glidecal diagnose looks for drift."
         )
 
 
@@ -126,7 +159,7 @@ def _weak(direction: Direction, factor: float) -> str:
 def _noisy(channel: NoisyChannel) -> str:
     r, found = channel.reading, channel.indicator
     touched = f"leg {r.leg.upper()}" if r.leg != "tool" else "the tool"
-    place = f"{touched} along {r.axis.upper()}, mounting {r.mount} of {channel.session}"
+    place = f"{touched} along {r.axis.upper()}, set-up {r.mount} of {channel.session}"
     where = place if found.mounting else f"indicator {found.number}"
     return f"{where} {uncertain(found.scatter_mm, 4)} mm"
 
@@ -137,18 +170,18 @@ def _of_readings(solved: SessionSolution) -> Iterator[str]:
         r = suspect.reading
         yield (
             f"SUSPECT: reading {r.reading} of {suspect.session} ({_place(r)}, cycle {r.cycle}) is "
-            f"{signed(suspect.studentised, 1)} standard deviations from its repeats. It counts; "
-            "measure it again."
+            f"{signed(suspect.studentised, 1)} standard deviations from its repeats. It is "
+            "used. Measure it again."
         )
     yield from _more("SUSPECT", len(solved.suspects) - MOST_NAMED)
     for one in solved.isolated[:MOST_NAMED]:
         numbers = ", ".join(str(reading.reading) for reading in one.readings)
         yield (
-            f"LOST: reading {numbers} of {one.session} ({_place(one.readings[0])}) has no "
-            "other posture to its zero, so it says nothing. Between two breaks measure at least "
-            "two postures."
+            f"NOT USED: reading {numbers} of {one.session} ({_place(one.readings[0])}) is alone "
+            "with its zero: without a second posture it gives no difference. Measure at least two "
+            "postures between two breaks."
         )
-    yield from _more("LOST", len(solved.isolated) - MOST_NAMED)
+    yield from _more("NOT USED", len(solved.isolated) - MOST_NAMED)
 
 
 def _more(kind: str, count: int) -> list[str]:
@@ -174,16 +207,16 @@ def _of_the_measurement(solved: SessionSolution) -> Iterator[str]:
     in_place = solved.reading_count - solved.visit_count
     if in_place:
         yield (
-            f"NOTE: {in_place} readings follow another one of their posture without a movement "
-            "between. They share its error, so they are averaged with it and are no repeats."
+            f"NOTE: {in_place} readings were taken without leaving the posture. They have the "
+            "error of the reading before, so they are averaged with it and are no repeats."
         )
     touched = {reading.leg for session in solved.sessions for reading in session.readings}
     missing = [leg.upper() for leg in LEG_NAMES if leg not in touched]
     if missing and "tool" not in touched:
         legs = f"leg {missing[0]} was" if len(missing) == 1 else f"legs {', '.join(missing)} were"
         yield (
-            f"NOTE: {legs} not touched. What is said there comes from readings on the other legs; "
-            "with so few the model is hardly checked."
+            f"NOTE: {legs} not measured. The values come from readings on the other legs, too few "
+            "to check the model well."
         )
 
 
@@ -192,16 +225,16 @@ def _of_the_choice(solved: SessionSolution) -> Iterator[str]:
     solution, choice = solved.solution, solved.choice
     if solution.noise.source == "residuals":
         yield (
-            "NOTE: without repeats and without a stated indicator the noise is what the model "
-            "leaves: whether the model fits cannot be told. Measure more cycles, or import with "
-            "--resolution and --repeatability."
+            "NOTE: there are no repeats and no stated figures of the indicator, so the residual is "
+            "taken as noise and cannot show whether the model fits. Measure more cycles, or import "
+            "with --resolution and --repeatability."
         )
     elif solution.lack_of_fit is None:
-        yield "NOTE: no degree of freedom is left: whether the model fits cannot be told."
+        yield "NOTE: no degree of freedom is left, so the fit of the model cannot be checked."
     same = solution.subset == choice.recommended
     begin = "Recommended set" if same else "RECOMMENDED instead"
-    errors = ", ".join(f"{name} {uncertain(mm)}" for name, mm in choice.tool_error_mm.items())
-    said = f"{begin}: {SUBSET_WORDS[choice.recommended]}; expected tool error, mm: {errors}"
-    if any(mm < choice.tool_error_mm[choice.recommended] for mm in choice.tool_error_mm.values()):
+    said = f"{begin}: {SUBSET_WORDS[choice.recommended]}"
+    errors_mm = choice.tool_error_mm
+    if any(mm < errors_mm[choice.recommended] for mm in errors_mm.values()):
         said += f"; {choice.reasons[1]}"
     yield f"{said}."

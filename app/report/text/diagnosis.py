@@ -6,9 +6,12 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from app.evaluating.adoption import mistakes_of
-from app.evaluating.diagnosis import SessionDiagnosis
+from rich.table import Table
+
+from app.evaluating.diagnosis import SessionDiagnosis, mistakes_of
 from app.report.text.tables import hanging, new_table, signed, table_text, wrapped
+from calib.arrays import descending
+from calib.diagnosis.pattern import once_in
 from calib.diagnosis.results import (
     SEEN,
     Cell,
@@ -19,7 +22,6 @@ from calib.diagnosis.results import (
     ModelDiscrepancy,
     Share,
 )
-from calib.ties import descending
 from calib.tripod.effects.effect import remedies
 from calib.tripod.effects.empirical import EMPIRICAL
 
@@ -27,29 +29,29 @@ DIAGNOSE_HELP = """\
 1 2 3 4       Verdict, Where, Candidates, Before/after
 Tab, arrows   the next page; up and down scroll it
 A             adopt what was named, another effect that fits as well, or
-              what is left as a law without a name: writes a model file
-              and diagnoses again with it; mistakes in the readings are put
-              right in a new session file
+              the rest as an unnamed effect: writes a model file and
+              diagnoses again with it. Mistakes in the readings are
+              corrected in a new session file
 R             the result: offsets, and the sizes of adopted effects with them
-N             write the next measurement, the one that separates what
-              stayed ambiguous, as a procedure file
+N             write the next measurement as a procedure file: the one
+              that decides between effects that fit equally well
 Y             copy the text of this page to the clipboard
 Escape, F10   back, quit
 
-Where shows what the model leaves of the readings at each place, in µm,
-offsets, lengths and zeros fitted. ▲ and ▼ are more than noise, ▲▲ and ▼▼
-much more. Adopting changes no record: the old session stays as it is."""
+Where shows the mean residual at each place, in µm, after the fit of
+offsets, lengths and zeros. ▲ and ▼ are more than noise, ▲▲ and ▼▼ much
+more. Adopting changes no record: the old session stays as it is."""
 
 LOOKING = "Looking for what is missing …"
 NOT_YET = "The diagnosis is not ready yet."
 NOTHING_FOUND = "There is no diagnosis, so there is nothing to adopt, write or copy."
 NOTHING_NAMED = (
-    "Nothing to adopt: the diagnosis names no effect of the machine or its indicators, and what is "
-    "left, if anything, follows no simple law."
+    "Nothing to adopt: the diagnosis names no effect of the machine or its indicators, and the "
+    "rest follows no simple pattern."
 )
-NO_NEXT = "No measurement is proposed: nothing stayed ambiguous between two effects."
+NO_NEXT = "No measurement is proposed: no two effects are left to decide between."
 CORRECT = "correct"
-WHAT_TO_ADOPT = "What shall become part of the model, or be put right?"
+WHAT_TO_ADOPT = "What do you want to adopt into the model, or to correct?"
 CORRECTED = "Corrected session written: {}. Diagnosing it; {} stays as it is."
 WHICH_SESSION = "Write the corrected session to which file?"
 WHICH_FILE = "Write the model to which file?"
@@ -69,8 +71,8 @@ SHOWN_MM = 0.00005
 """A gap below this is shown as nothing."""
 
 SHORT = {
-    "no better than chance among so many candidates": "no more than chance",
-    "another one explains it with more weight": "another weighs more",
+    "no better than chance among so many candidates": "no better than chance",
+    "another effect explains it better": "another fits better",
 }
 """Reasons that would not fit on the line of a candidate."""
 
@@ -78,13 +80,14 @@ SHORT = {
 def diagnosis_text(diagnosed: SessionDiagnosis) -> str:
     """The verdict first, then what supports it."""
     found = diagnosed.diagnosis
-    listed = candidates_text(found.candidates)
+    listed = table_text(candidates_table(found.candidates))
     return _joined(
         wrapped(f"{found.verdict.upper()}. {found.sentence}"),
         wrapped(gap_text(found)),
         effects_text(found.effects),
+        pattern_text(diagnosed),
         *_support(found),
-        "Where it disagrees\n" + shares_text(found.where),
+        "Where readings and model disagree\n" + shares_text(found.where),
         "Candidates, best first\n" + listed if found.candidates else "",
         detectable_text(found),
         *_remarks(found.remarks),
@@ -100,20 +103,32 @@ def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
         wrapped(_next(diagnosed)),
         effects_text(found.effects),
         wrapped(gap_text(found)),
+        pattern_text(diagnosed),
         *_support(found, " Key N."),
         detectable_text(found),
         *_remarks((*diagnosed.warnings, *found.remarks)),
     )
 
 
+NEXT = {
+    "agrees": "R shows the result.",
+    "explained": "A adopts what was named. Then R shows the result with it.",
+    "partly-explained": "A adopts what was named, and looks again for the rest.",
+}
+
+
 def _next(diagnosed: SessionDiagnosis) -> str:
     """What to do with such a verdict."""
     found = diagnosed.diagnosis
     if mistakes_of(diagnosed):
-        return "Next: A writes the session once more with its mistakes put right, and looks again."
-    if found.verdict == "explained":
-        return "Next: A adopts it. Then R shows the result with it."
-    return "Next: R shows the result." if found.verdict == "agrees" else ""
+        said = "A writes a corrected session, without the mistakes, and diagnoses that."
+    elif found.verdict in NEXT:
+        said = NEXT[found.verdict]
+    elif found.next_measurement:
+        said = "measure what is proposed below (N), then diagnose both sessions together."
+    else:
+        said = "page 2 shows where the gap lies. Look at the machine and the stand there."
+    return f"Next: {said}"
 
 
 def _joined(*parts: str) -> str:
@@ -132,6 +147,27 @@ def _support(found: Diagnosis, key: str = "") -> list[str]:
 
 def _remarks(remarks: Iterable[str]) -> list[str]:
     return [wrapped(f"Remark: {remark}") for remark in remarks]
+
+
+def pattern_text(diagnosed: SessionDiagnosis) -> str:
+    """Whether several sessions leave one pattern: chance, and each pair; empty for one session."""
+    pattern = diagnosed.diagnosis.pattern
+    if pattern is None:
+        return ""
+    names = (*diagnosed.names, *diagnosed.held_out)
+    said = (
+        f"{'One pattern' if pattern.reproducible else 'No common pattern'} in what is left of"
+        f" {len(pattern.sessions)} sessions: {pattern.common_share:.1%} in one of"
+        f" {pattern.directions} directions; by chance {once_in(pattern.p_value_directions)},"
+        f" with set-ups exchanged {once_in(pattern.p_value_permutations)}"
+    )
+    pairs = [
+        f"{INDENT}{names[one.second]} less {one.scale:.2f} × {names[one.first]} (cosine"
+        f" {one.cosine:.3f}): {one.before_rms_mm:.4f} → {one.after_rms_mm:.4f} mm, noise alone"
+        f" {one.noise_rms_mm:.4f} mm"
+        for one in pattern.pairs
+    ]
+    return "\n".join([wrapped(said), *pairs])
 
 
 def gap_text(found: Diagnosis) -> str:
@@ -174,7 +210,9 @@ def effects_text(findings: tuple[Finding, ...]) -> str:
         lines += [hanging(f"{INDENT}{said}", INDENT) for said in remedies(one.effects)]
         if one.indistinguishable_from:
             rivals = ", ".join(f"{r.id} ({r.where})" for r in one.indistinguishable_from)
-            lines.append(hanging(f"{INDENT}these data cannot tell it from: {rivals}", INDENT))
+            lines.append(
+                hanging(f"{INDENT}these readings cannot distinguish it from: {rivals}", INDENT)
+            )
     return "\n".join(lines)
 
 
@@ -191,9 +229,9 @@ def _values_and_gap(one: Finding) -> list[str]:
 def discrepancy_text(found: ModelDiscrepancy) -> str:
     """The unnamed effect of the residuals, its values, and what it would take away."""
     effect = found.effect
-    begin = "What is left has no name, but follows a law"
+    begin = "The rest has no name, but follows a pattern"
     if found.whole:
-        begin = "A law without a name explains all, in place of what was named"
+        begin = "One unnamed effect explains everything, instead of what was named"
     lines = [wrapped(f"{begin}: {effect.title}."), *_values_and_gap(effect)]
     if found.held_out:
         lines.append(hanging(INDENT + held_out_words(found.held_out), INDENT))
@@ -218,9 +256,9 @@ def held_out_words(gap: HeldOutGap) -> str:
         f"noise {gap.noise_rms_mm:.4f} mm."
     )
     if gap.before_rms_mm < SHOWN_MM:
-        return said + " There is no gap that could shrink."
+        return said + " There is no gap to reduce."
     if gap.after_rms_mm >= gap.before_rms_mm:
-        said += " The gap shrinks only on the readings that were used."
+        said += " Only the gap of the readings that were used is smaller."
     return said
 
 
@@ -244,15 +282,15 @@ def part_words(share: Share) -> str:
     return f"axis {share.axis.upper()}" if share.axis else share.pattern
 
 
-def candidates_text(candidates: tuple[Contender, ...]) -> str:
+def candidates_table(candidates: tuple[Contender, ...]) -> Table:
     """The candidates, with the gap that each would leave."""
     held_out = _any_held_out(candidates)
-    columns = ["gap left, mm", "held out, mm"] if held_out else ["gap left, mm"]
+    columns = ["gap after, mm", "held out, mm"] if held_out else ["gap after, mm"]
     table = new_table("effect", "where", *columns, "", left=2)
     for one in _shown(candidates):
         gaps = _gaps(one, held_out=held_out)
         table.add_row(one.id, one.where, *gaps, one.reason_rejected or "named")
-    return table_text(table)
+    return table
 
 
 def _any_held_out(candidates: Iterable[Contender]) -> bool:
@@ -352,7 +390,7 @@ def ranking_text(diagnosed: SessionDiagnosis) -> str:
     if not found.candidates:
         return "No effect of the catalogue shows in these readings."
     held_out = _any_held_out(found.candidates)
-    gaps = ["gap left", "held out"] if held_out else ["gap left"]
+    gaps = ["gap after", "held out"] if held_out else ["gap after"]
     table = new_table("effect", "where", "explains", *gaps, "why", left=3)
     table.columns[-1].justify = "left"
     for one in found.candidates[:SHOWN_CANDIDATES]:
@@ -364,9 +402,9 @@ def ranking_text(diagnosed: SessionDiagnosis) -> str:
     for finding in (finding for finding in found.effects if finding.effects):
         named = f"{finding.id} ({finding.where})"
         rivals = ", ".join(f"{r.id} ({r.where})" for r in finding.indistinguishable_from)
-        said = f"No other effect looks like {named} in these readings."
+        said = f"In these readings no other effect looks like {named}."
         if rivals:
-            said = f"These readings cannot tell {named} from: {rivals}."
+            said = f"These readings cannot distinguish {named} from: {rivals}."
         parts.append(wrapped(said))
     return "\n\n".join(parts)
 
@@ -377,20 +415,20 @@ def change_text(diagnosed: SessionDiagnosis) -> str:
     before, noise = 1000.0 * found.before_rms_mm, 1000.0 * found.noise_rms_mm
     if found.after_rms_mm is None:
         return wrapped(
-            f"Mean residuals {before:.1f} µm r.m.s., their noise {noise:.1f} µm, drawn twice "
-            "as large. This diagnosis names nothing to adopt."
+            f"Mean residuals {before:.1f} µm r.m.s.; their noise {noise:.1f} µm, x marks twice "
+            "the noise. This diagnosis names nothing to adopt."
         )
     return wrapped(
         f"Mean residuals {before:.1f} µm r.m.s. before, {1000.0 * found.after_rms_mm:.1f} µm after "
-        f"adopting what was named; their noise {noise:.1f} µm, drawn twice as large."
+        f"adopting what was named; their noise {noise:.1f} µm, x marks twice the noise."
     )
 
 
 def adopt_choices(diagnosed: SessionDiagnosis) -> list[tuple[str, str]]:
     """What can be adopted: answers for a dialog with their words. The first is what was named.
 
-    An answer is `CORRECT`, ``named``, ``empirical`` (what was named and the unnamed law of what is
-    left), or a candidate as ``id:where``.
+    An answer is `CORRECT`, ``named``, ``empirical`` (what was named and the unnamed effect of the
+    rest), or a candidate as ``id:where``.
     """
     found = diagnosed.diagnosis
     named = [one for one in found.effects if one.effects]
@@ -398,16 +436,16 @@ def adopt_choices(diagnosed: SessionDiagnosis) -> list[tuple[str, str]]:
     rivals = {(r.id, r.where) for one in named for r in one.indistinguishable_from}
     others = [c for c in found.candidates if (c.id, c.where) in rivals and c.effects]
     mistakes = ", ".join(f"{one.id} ({one.where})" for one in mistakes_of(diagnosed))
-    choices = [(CORRECT, f"the readings, in a new session: {mistakes}")] if mistakes else []
-    choices += [("named", f"what was named: {words}")] if named else []
+    choices = [(CORRECT, f"correct the readings in a new session: {mistakes}")] if mistakes else []
+    choices += [("named", f"adopt {words}")] if named else []
     if found.left_over:
         where = found.left_over.effect.where
-        also = f"{words} and what is left" if named else "what is left"
-        said = f"{also}, as a law without a name ({where})"
+        said = f"adopt {f'{words} and ' if named else ''}the rest as an unnamed effect ({where})"
         if found.left_over.whole:
-            said = f"instead a law without a name ({where}), which explains all"
+            said = f"adopt one unnamed effect ({where}) instead, which explains everything"
         choices.append((EMPIRICAL, said))
     choices += [
-        (f"{one.id}:{one.where}", f"instead {one.id} ({one.where})") for one in others[:MOST_RIVALS]
+        (f"{one.id}:{one.where}", f"adopt {one.id} ({one.where}) instead")
+        for one in others[:MOST_RIVALS]
     ]
     return [(answer, f"{k}  {said}") for k, (answer, said) in enumerate(choices, start=1)]

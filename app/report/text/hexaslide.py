@@ -6,8 +6,7 @@ import math
 from statistics import median
 
 from app.report.text.tables import new_table, table_text, wrapped
-from calib.hexaslide.planning import BestPostures
-from calib.hexaslide.seen import DIFFERENCE_STEP, UNITS, HexaSlideSeen, PaperRule
+from calib.hexaslide.planning import DIFFERENCE_STEP, UNITS, BestPostures, HexaSlideSeen, PaperRule
 
 PUBLISHED_WORDS = {
     "log10_determinant": "log10 det(JᵀJ)",
@@ -35,7 +34,7 @@ def _sentence(found: BestPostures) -> str:
         f"{len(found.postures)} postures for the {found.criterion.value} criterion, "
         f"{found.refined.value:.5g}{before}. "
         f"Condition number {condition} ({UNITS}; of the {found.rank} combinations that are "
-        "seen)."
+        "identifiable)."
     )
 
 
@@ -81,7 +80,7 @@ def _starts(found: BestPostures) -> str:
 DECIDED = {
     "rows": "the number of rows",
     "parameters": "the number of parameters",
-    "postures": "what so few postures show",
+    "postures": "what so few postures can show",
 }
 
 MOST_TOLD = 4
@@ -93,7 +92,7 @@ def seen_text(found: HexaSlideSeen) -> str:
     examined = found.seen.examined
     head = (
         f"hexaslide, {examined.procedure}: {examined.posture_count} postures ({examined.source}) "
-        f"reading {', '.join(examined.measured)}. Derivatives are exact; no noise decides."
+        f"reading {', '.join(examined.measured)}. Derivatives are exact; noise plays no part."
     )
     parts = [head, _verdict(found), _lost(found), _known(found), _conditions(found), _rule(found)]
     return "\n\n".join(wrapped(part) for part in parts if part)
@@ -102,7 +101,7 @@ def seen_text(found: HexaSlideSeen) -> str:
 def _verdict(found: HexaSlideSeen) -> str:
     seen, examined = found.seen.found, found.seen.examined
     count, reachable = len(seen.names), examined.reachable_rank or seen.rank
-    words = f"{seen.rank} of {count} combinations of the parameters are seen"
+    words = f"{seen.rank} of {count} combinations of the parameters are identifiable"
     words += ", all of them." if seen.rank == count else f", {count - seen.rank} not."
     if found.seen.limited_by == "nothing":
         words += f" Fewest postures that show so many: {examined.fewest_postures}."
@@ -124,13 +123,15 @@ def _lost(found: HexaSlideSeen) -> str:
     lines = []
     for motion, axes in grouped([name for name in names if name in found.always]).items():
         before = f"{', '.join(axes[:-1])} and " if len(axes) > 1 else ""
-        lines.append(f"NOT SEEN ({len(axes)}): {motion} {before}{axes[-1]}.")
+        lines.append(f"NOT IDENTIFIABLE ({len(axes)}): {motion} {before}{axes[-1]}.")
     if lines:
         lines.append("  No posture shows this: nothing that is read depends on it.")
     others = [name for name in names if name not in found.always]
-    lines += [f"NOT SEEN (1): {name}." for name in others[:MOST_TOLD]]
+    lines += [f"NOT IDENTIFIABLE (1): {name}." for name in others[:MOST_TOLD]]
     if len(others) > MOST_TOLD:
-        lines.append(f"NOT SEEN ({len(others) - MOST_TOLD}): more such sums; --json tells them.")
+        lines.append(
+            f"NOT IDENTIFIABLE ({len(others) - MOST_TOLD}): more such sums; --json lists them."
+        )
     if others:
         lines.append("  Other postures show this.")
     return "\n".join(lines)
@@ -150,7 +151,7 @@ def _known(found: HexaSlideSeen) -> str:
     if len(known) == len(found.seen.found.names):
         return "Every parameter is known by itself."
     if not known:
-        return "No parameter is known by itself: each has a share in what is not seen."
+        return "No parameter is known by itself: each is part of what is not identifiable."
     return f"Known by themselves ({len(known)}): {', '.join(known)}."
 
 
@@ -163,8 +164,8 @@ def _conditions(found: HexaSlideSeen) -> str:
     }
     figures = "; ".join(f"{value:.4g} in {units}" for units, value in told.items())
     return (
-        f"Condition number of what is seen: {figures} (columns not scaled; 1 is the least "
-        "possible). It depends on the units: compare only equal ones."
+        f"Condition number of the identifiable combinations: {figures} (columns not scaled; 1 is "
+        "the least possible). It depends on the units: compare only equal ones."
     )
 
 

@@ -93,13 +93,15 @@ def _warnings(said: CalibrationReport) -> list[str]:
 
 def _lost(said: CalibrationReport) -> list[str]:
     if not said.lost_count:
-        return ["Nothing is lost: every parameter is known by itself."]
+        return ["Every parameter is known by itself."]
     lines, motions = [], said.lost_motions
     if motions:
-        lines.append(f"NOT SEEN, left as the machine file has it: {'; '.join(motions)}.")
+        lines.append(f"NOT IDENTIFIABLE, left as the machine file has it: {'; '.join(motions)}.")
     other = said.lost_count - len(motions)
     if other:
-        lines.append(f"NOT SEEN: {other} more combinations, motions of no single frame.")
+        lines.append(
+            f"NOT IDENTIFIABLE: {other} more combinations, not the motion of a single frame."
+        )
     if motions and not other:
         lines.append("These turn or shift whole frames; nothing that was measured depends on them.")
     return lines
@@ -127,13 +129,13 @@ def _figures(said: CalibrationReport, factor: float | None) -> list[str]:
     lines = []
     others = [name for name, one in said.parameters.items() if not one.individually_known]
     if others:
-        lines.append(
-            f"{len(others)} parameters are known only together, up to what is not seen: "
-            f"{', '.join(others)}."
-        )
+        lines.append(f"{len(others)} parameters are known only together: {', '.join(others)}.")
         lines += _inner(said, factor)
     lines += _noise(said, factor)
-    lines.append(f"Condition number {said.condition_number:.4g} of what is seen ({said.units}).")
+    lines.append(
+        f"Condition number {said.condition_number:.4g} of the identifiable combinations "
+        f"({said.units})."
+    )
     return lines
 
 

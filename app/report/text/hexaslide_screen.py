@@ -7,11 +7,10 @@ from pathlib import Path
 
 from app.report.text.hexaslide import grouped
 from app.report.text.tables import new_table, table_text, wrapped
+from calib.arrays import FloatArray
 from calib.hexaslide.geometry import COORDINATES
-from calib.hexaslide.planning import Found
+from calib.hexaslide.planning import KINDS, Found, HexaSlideSeen, PublishedSet
 from calib.hexaslide.procedures import COMPONENTS, Kind
-from calib.hexaslide.seen import KINDS, HexaSlideSeen, PublishedSet
-from calib.observations import FloatArray
 
 HEXASLIDE_HELP = """\
 1 2 3 4       the procedures: whole posture with residuals of the
@@ -37,7 +36,7 @@ PROCEDURE_WORDS = {
     Kind.CONSTRAINT_LINK: "constraint link of fixed length",
 }
 
-LOOKING = "Looking at what this procedure sees …"
+LOOKING = "Computing what this procedure can identify …"
 NO_VIEW = "There is nothing to search: this machine or procedure cannot be used."
 NOT_YET = "No postures yet: O searches for the best ones."
 WHICH_MACHINE = "Machine file of the Hexa Slide; empty: the example H60."
@@ -75,8 +74,8 @@ def sees_text(view: HexaSlideSeen, found: Found | None, best: dict[str, float] |
         wrapped(
             f"{PROCEDURE_WORDS[view.procedure.kind].capitalize()}: reads "
             f"{', '.join(seen.examined.measured)}.\n"
-            f"SEEN: {rank} of {count} combinations of the parameters{paper}.\n"
-            f"NOT SEEN, whatever the postures: {lost_words(view)}.\n"
+            f"IDENTIFIABLE: {rank} of {count} combinations of the parameters{paper}.\n"
+            f"NOT IDENTIFIABLE by any posture: {lost_words(view)}.\n"
             f"FEWEST POSTURES: {view.fewest}."
         )
     ]
@@ -106,7 +105,7 @@ def _known(view: HexaSlideSeen) -> str:
 
 def _conditions(view: HexaSlideSeen, found: Found | None, best: dict[str, float] | None) -> str:
     """Condition numbers in each unit, the paper's below."""
-    table = new_table("condition number of what is seen", *view.conditions)
+    table = new_table("condition number", *view.conditions)
     count = view.seen.examined.posture_count
     table.add_row(f"{count} random postures", *map(_number, view.conditions.values()))
     if found is not None and best is not None:

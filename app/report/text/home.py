@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from app.measuring.recent import Recent
 from app.report.text.tables import new_table, table_text
 from app.settings import FILE_VARIABLE, Settings
+from drivers.profile import Profile, Verified
 
 WORDS_OF_LOOKS = "{looks}"
 """Where the help has the lines of the machines' own screens."""
@@ -93,21 +94,24 @@ PARTNER_CHOICES = (
 
 
 PREPARE_HELP = """\
+Enter  on an indicator opens its form: ports, profiles, axes to choose from
+Delete on an indicator: none
 F5  opens the indicators and shows them live; nothing is recorded yet
 F2  shows every step of the procedure; opens and writes nothing
-Tab, Enter  the next field. The last lines tell steps and time."""
+Tab, Enter  the next field. Escape goes back; what was typed stays."""
 
+OF_AN_INDICATOR = (
+    "Enter opens its form. Without any choice the indicators of the machine\n"
+    "file, else those that were used last with this machine."
+)
 FIELD_HELP = {
     "procedure": "Procedure: what is measured, in which order. Enter opens the list.",
-    "indicator1": (
-        "First indicator: PROFILE:PORT, with @ and axes where it cannot\n"
-        "measure along all of them. glidecal ports lists profiles and ports.\n"
-        "Empty: the indicators of the machine file."
-    ),
-    "indicator2": "Second indicator. With one alone each leg is measured twice.",
-    "machine": "Machine file: TOML. Without one, the prototype of the papers.",
+    "indicator1": f"First indicator. {OF_AN_INDICATOR}",
+    "indicator2": f"Second indicator: without one each leg is measured twice. {OF_AN_INDICATOR}",
+    "machine": "Machine: a name or a file. Without one, the prototype of the papers.",
     "operator": "Operator: a name for the record.",
     "temperature": "Temperature of the machine for the record, in °C.",
+    "note": "Note for the record; it stands below the result.",
     "random": (
         "Random order seed: shuffles the levels after Zero in each cycle, so\n"
         "that drift does not look like displacement. One seed gives one order.\n"
@@ -116,10 +120,81 @@ FIELD_HELP = {
 }
 """Words of F1 for each field of the form."""
 
+WHICH_INDICATOR = ("First indicator", "Second indicator")
+NO_INDICATOR = ("none yet: Enter chooses", "none: each leg is measured twice. Enter chooses")
+SOURCES = {"": "", "file": ", of the machine file", "last": ", as last time"}
+CHOOSE_INDICATOR = "Choose an indicator: Enter on its line. The demonstration needs none."
+NOT_HERE = " (not plugged in)"
+
+INDICATOR_HELP = """\
+F3  tries every profile on this port: it gets the request of one after the
+    other. Only do it where an indicator is plugged in, never at the port of
+    a controller. Other ports are not touched. Escape stops it.
+F5, Escape  go back; what stands here is kept.
+
+Where several profiles fit, the indicators answer alike: take the one whose
+name stands on yours."""
+
+INDICATOR_FIELDS = {
+    "port": ("Port", "/dev/ttyUSB0, COM5, socket://HOST:PORT"),
+    "channel": ("Channel", "1, of an interface with several inputs"),
+    "serial_number": ("Serial number", ""),
+    "certificate": ("Certificate", "number of the calibration certificate"),
+    "certificate_date": ("Date of certificate", "as 2026-01-31"),
+}
+"""Label and hint of what is typed."""
+
+PROFILE_PROMPT = "choose, or let F3 try on this port"
+TRY_HINT = "F3 tries which profiles fit at this port. Nothing is written to it before."
+TRYING = "Trying profiles, up to a minute. Escape stops."
+STOPPED = "Stopped before a profile fitted."
+PORT_GONE = "Port {} is not here now: plug it in, or choose another one."
+
+
+def ports_here(count: int) -> str:
+    """What the list of ports says before one is chosen."""
+    if not count:
+        return "none found: plug one in and come back, or type it"
+    return f"{count} port{'s' if count > 1 else ''}: Enter opens the list"
+
+
+def port_label(port: str, description: str, answered: Mapping[str, str]) -> str:
+    """A port with what the system says of it, and what was found to answer there."""
+    fits = f"; answers as {answered[port]}" if port in answered else ""
+    return f"{port}  {description}{fits}"
+
+
+def profile_rows(profiles: Iterable[Profile], before: str = "") -> list[tuple[str, str]]:
+    """Words and name of each profile for a list."""
+    return [
+        (f"{before}{one.name}  {one.title}{UNSURE[one.verified]}", one.name) for one in profiles
+    ]
+
+
+UNSURE = {Verified.VENDOR: "", Verified.CODE: "", Verified.UNVERIFIED: " (unverified)"}
+
+
+def axes_words(axes: str) -> str:
+    """The directions that an indicator may measure along, preferred ones first."""
+    if axes == "xyz":
+        return "any direction"
+    return f"{axes} only" if len(axes) == 1 else ", else ".join(axes)
+
+
+def form_words(form: Mapping[str, object], source: str, *, gone: bool) -> str:
+    """One line for an indicator of the form."""
+    number = f", no. {form['serial_number']}" if form.get("serial_number") else ""
+    axes = axes_words(str(form.get("axes", "xyz")))
+    where = f"{form.get('port', 'no port')}{NOT_HERE if gone else ''}"
+    return f"{form.get('profile', 'no profile')} at {where}, {axes}{number}{SOURCES[source]}"
+
+
 CHECK_HELP = """\
-Move each spindle by hand: the right display must follow, in mm, with the
-right sign. Nothing is recorded before Enter. A panel that shows a fault
-tells its kind; glidecal indicator doctor examines it."""
+Push in the spindle that is asked for, and let it go: the program sees which
+indicator moves, and whether pushed in it reads larger or smaller. Nothing
+is recorded before Enter; Enter begins without the rest, and the record
+says so. X exchanges the ports where the other one moved. A panel that shows
+a fault tells its kind; glidecal indicator doctor examines it."""
 
 KeyRow = tuple[str, Sequence[str], str]
 """Id of a binding, its keys without settings, what it does."""

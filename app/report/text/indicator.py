@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from app.report.text.tables import hanging
 from drivers.doctor import Finding
-from drivers.profile import Fault, Outcome
+from drivers.profile import Fault, Outcome, Profile
 
 INDENT = " " * 9
 
@@ -29,3 +29,9 @@ def findings_text(findings: Iterable[Finding]) -> str:
         if not finding.well and finding.next_step:
             lines.append(hanging(f"       → {finding.next_step}", INDENT))
     return "\n".join(lines)
+
+
+def trial_text(number: int, count: int, group: Sequence[Profile]) -> str:
+    """Which profiles are being tried, as the doctor goes on."""
+    how = "listening" if group[0].request is None else "asking"
+    return f"{number:>2} of {count}  {how} as {', '.join(profile.name for profile in group)}"

@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 
 from app.planning.next_measurement import NextMeasurement
-from app.report.text.tables import new_table, table_text, wrapped
+from app.report.text.tables import new_table, table_text, uncertain, wrapped
 from calib.design.criteria import Criterion
 from calib.design.planning import Combination, SeenBy
 from calib.diagnosis.results import AliasMap
-from calib.identify.next_mounting import Proposal
+from calib.identify.next_mounting import MOST_FURTHER, FurtherSetUp, NextMountings, Proposal
 from calib.stats import coverage_factor
 from calib.tripod.optimum import ChosenPostures, Figures
 
 COVERAGE = coverage_factor(math.inf)
 """Factor from standard to expanded uncertainty (95 %) with a known noise."""
+
+PARTS = "noise, tolerances of the parts"
 
 CRITERION_WORDS = {
     Criterion.DETERMINANT: "geometric mean of the singular values (largest is best)",
@@ -41,11 +43,11 @@ def identifiability_text(seen: SeenBy) -> str:
         parts.append(_combinations(seen))
     parts.append(
         wrapped(
-            f"Condition number {found.condition_number:.1f} of what is seen "
+            f"Condition number {found.condition_number:.1f} of the identifiable combinations "
             f"({examined.units}; 1 is the least possible).\n"
             f"Classical QR (papers/001), |r_ii| ≤ {seen.qr.tolerance:.2g}: flags "
             f"{', '.join(seen.qr.flagged) or 'none'}. "
-            "WARNING: that test knows neither noise nor tolerance and depends on the order of the "
+            "WARNING: that test uses neither noise nor tolerance and depends on the order of the "
             "parameters; the lines above decide."
         )
     )
@@ -55,12 +57,13 @@ def identifiability_text(seen: SeenBy) -> str:
 def _verdict(seen: SeenBy) -> str:
     count, rank = len(seen.found.names), seen.found.rank
     if rank == count:
-        words = f"All {count} combinations of the {count} parameters are seen"
+        words = f"All {count} combinations of the {count} parameters are identifiable"
         words += f", {len(seen.weak)} of them weakly." if seen.weak else "."
     else:
-        words = f"{rank} of {count} combinations of the parameters are seen, {count - rank} not."
+        words = f"{rank} of {count} combinations of the parameters are identifiable"
+        words += f", {count - rank} not."
     known = ", ".join(seen.found.individually_known) or "none"
-    words += f"\nParameters free of what is not seen: {known}."
+    words += f"\nParameters identifiable by themselves: {known}."
     words += f"\n{seen.examined.remark}" if seen.examined.remark else ""
     fewest = seen.examined.fewest_postures
     if seen.limited_by == "too-few-postures" and fewest is not None:
@@ -80,7 +83,7 @@ def _combinations(seen: SeenBy) -> str:
         f"  {'No posture of this procedure shows' if enough else 'More postures may show'} it."
     )
     for one in seen.unidentifiable:
-        lines += [f"NOT SEEN: {one.name}.", _addition(one, without)]
+        lines += [f"NOT IDENTIFIABLE: {one.name}.", _addition(one, without)]
     for one in seen.weak:
         half, tool = COVERAGE * (one.standard_uncertainty or 0.0), COVERAGE * (one.tool_mm or 0.0)
         lines.append(
@@ -141,7 +144,7 @@ def _moved(chosen: ChosenPostures) -> str:
 
 def _figure(figures: Figures, kind: str) -> str:
     value = getattr(figures, kind)
-    return "not seen" if value is None else f"{value:.4g}"
+    return "not identifiable" if value is None else f"{value:.4g}"
 
 
 def plan_text(plan: NextMeasurement) -> str:
@@ -151,17 +154,44 @@ def plan_text(plan: NextMeasurement) -> str:
     sentence = wrapped(
         f"Next, {known}: touch leg {best.leg} at station {best.station:g} and read both axes at "
         f"{_levels(best)} mm. In {best.minutes:.1f} min this lowers the expected tool error from "
-        f"{plan.tool_before_mm:.4g} to {best.tool_mm:.4g} mm r.m.s. (noise {plan.noise_words})."
+        f"{plan.found.tool_before_mm:.4g} to {best.tool_mm:.4g} mm r.m.s. as far as noise and the "
+        f"six parameters go (noise {plan.found.noise_words})."
     )
     table = new_table("leg", "station", "displacements, mm", "minutes", "tool error, mm")
-    for one in plan.proposals:
+    for one in plan.found.proposals:
         table.add_row(
             one.leg, f"{one.station:g}", _levels(one), f"{one.minutes:.1f}", f"{one.tool_mm:.4g}"
         )
-    return f"{sentence}\n\n{table_text(table)}"
+    return f"{sentence}\n\n{table_text(table)}\n\n{_further_text(plan.found)}"
 
 
-def _levels(one: Proposal) -> str:
+def _further_text(found: NextMountings) -> str:
+    """What bound each further set-up reaches, and when more would not help."""
+    table = new_table("further set-ups", "minutes in all", "tool at most, mm", "because of")
+    table.add_row("none", "0", uncertain(found.bound_mm), found.open_name or PARTS)
+    for one in found.further:
+        where = f"leg {', '.join(one.legs)} at station {one.station:g}"
+        bound = uncertain(one.bound_mm)
+        table.add_row(where, f"{one.minutes:.0f}", bound, one.open_name or PARTS)
+    left = found.further[-1].open_name if found.further else found.open_name
+    stop = (
+        f"After that no set-up lowers the bound by a tenth: {left or PARTS} must be ruled out or "
+        "measured by other means than readings of legs."
+        if len(found.further) < MOST_FURTHER
+        else "More set-ups would lower it further."
+    )
+    if found.further:
+        levels = _levels(found.further[0])
+        stop = f"Each is read there and back, both axes ({levels} mm). {stop}"
+    told = "" if found.effects_told else ", without effects: none is modelled over a plane"
+    said = wrapped(
+        "What the tool is off by at most, r.m.s. over the workspace (95 %), if the readings to "
+        f"come show nothing new{told}:"
+    )
+    return f"{said}\n\n{table_text(table)}\n\n{wrapped(stop)}"
+
+
+def _levels(one: Proposal | FurtherSetUp) -> str:
     return ", ".join(f"{level:+g}" for level in one.displacements_mm)
 
 

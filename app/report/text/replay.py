@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from app.measuring.playback import Playback
 from app.report.text.tables import signed
-from protocols.events import (
+from protocols.session import (
     Closed,
     Continued,
     Event,
@@ -16,10 +16,10 @@ from protocols.events import (
     Opened,
     Reading,
     Restored,
+    Session,
     Skipped,
     Superseded,
 )
-from protocols.session import Session
 
 REPLAY_HELP = """\
 Space         play, pause; at the end: from the start again
@@ -113,10 +113,10 @@ def _taken(readings: Sequence[Reading]) -> str:
 def _restored(event: Restored) -> str:
     parts = []
     if event.readings:
-        parts.append(f"readings {_numbers(event.readings)} count again")
+        parts.append(f"readings {_numbers(event.readings)} are used again")
     if event.steps:
-        parts.append(f"steps {_numbers(event.steps)} are to be measured")
-    return f"Taken back, {' and '.join(parts) or 'nothing'}: {event.reason}"
+        parts.append(f"steps {_numbers(event.steps)} are measured after all")
+    return f"Restored, {' and '.join(parts) or 'nothing'}: {event.reason}"
 
 
 def _numbers(numbers: Sequence[int]) -> str:
@@ -138,6 +138,8 @@ def reading_lines(session: Session) -> list[str]:
         at = f"{reading.displacement_mm:+.2f}"
         if reading.position_mm is not None:
             at = ",".join(f"{v:g}" for v in reading.position_mm)
+        if reading.over_plane:
+            at = f"{reading.station:g} at {at}"
         lines.append(
             f"{reading.reading:>5}  {step:>4}  {reading.leg:<4}{reading.axis:<4} {at:>12}  "
             f"{reading.cycle:>5}  {one_line(reading.mount):<12} {signed(reading.value_mm, 4):>10}"

@@ -7,37 +7,46 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rich.table import Table
+
 from app.evaluating.comparison import Comparison
 from app.evaluating.solution import SessionSolution
-from app.report.text.caveats import SUBSET_WORDS, UNKNOWN_HOME_OFFSET, caveats
+from app.report.text.caveats import (
+    SUBSET_WORDS,
+    UNKNOWN_HOME_OFFSET,
+    bound_made_of,
+    bound_now_and_then,
+    caveats,
+)
 from app.report.text.tables import decimals_for, new_table, signed, table_text, uncertain, wrapped
-from calib.identify.accuracy import ToolError
-from calib.identify.solution import SUBSETS, Solution
+from calib.identify.identify import SUBSETS, Solution
 from calib.noise.reading import Noise
 from protocols.machine import Instrument
 from protocols.session import Session
 
 if TYPE_CHECKING:  # asked for by option only, and heavy
-    from app.evaluating.accuracy import Judgement
-    from app.evaluating.verification import Verification
+    from app.evaluating.comparison import Verification
+    from app.evaluating.solution import Judgement
     from calib.identify.accuracy import ToolMap
     from calib.identify.monte_carlo import MonteCarlo
 
 
 def solution_text(solved: SessionSolution) -> str:
-    """The whole result: the sentence that matters, warnings, then the tables."""
-    solution = solved.solution
+    """The whole result: the gravest sentence, the numbers, what else to know, then the tables."""
+    solution, said = solved.solution, caveats(solved)
+    grave = said[: said[0].startswith("WARNING")] if said else []
     parts = [
         wrapped(
             f"{', '.join(solved.names)}: {SUBSET_WORDS[solution.subset]}, "
             f"{_method_words(solution)}, {solved.reading_count} readings"
         ),
-        wrapped("\n".join([_verdict(solved), *caveats(solved)])),
-        _parameter_table(solution),
-        *([_size_table(solution)] if solution.sizes else []),
-        _difference_table(solution),
-        _subset_table(solved),
-        wrapped(_noise_words(solution)),
+        wrapped("\n".join([*grave, verdict_words(solved)])),
+        table_text(parameter_table(solution)),
+        *([table_text(size_table(solution))] if solution.sizes else []),
+        wrapped("\n".join([tool_words(solved), *said[len(grave) :]])),
+        table_text(difference_table(solution)),
+        table_text(subset_table(solved)),
+        wrapped(noise_words(solution)),
     ]
     parts.append(wrapped("\n".join(map(_measured_words, solved.names, solved.sessions))))
     remarks = [remark for session in solved.sessions for remark in session.opened.remarks]
@@ -55,11 +64,12 @@ def _measured_words(name: str, session: Session) -> str:
     words = [f"{name}: {opened.origin} {opened.at:%Y-%m-%d %H:%M %Z}"]
     words += [f"by {opened.operator}"] if opened.operator else []
     words += [] if opened.temperature_c is None else [f"at {opened.temperature_c:g} °C"]
-    indicators = dict.fromkeys(map(_indicator_words, opened.instruments))
+    indicators = dict.fromkeys(map(indicator_words, opened.instruments))
     return f"{' '.join(words)}; {', '.join(indicators) or 'indicators not named'}."
 
 
-def _indicator_words(one: Instrument) -> str:
+def indicator_words(one: Instrument) -> str:
+    """Which indicator, and who calibrated it."""
     known = [f"no. {one.serial_number}"] if one.serial_number else []
     of = f"of {one.certificate_date}" if one.certificate_date else ""
     certificate = " ".join(filter(None, [one.certificate, of]))
@@ -75,55 +85,75 @@ def _method_words(solution: Solution) -> str:
     return "linear system (11), pseudoinverse as in the papers"
 
 
-def _verdict(solved: SessionSolution) -> str:
+def verdict_words(solved: SessionSolution) -> str:
+    """How well the parameters are known, and what that is at legs and tool, a line each."""
     solution = solved.solution
     of_tool = any(reading.leg == "tool" for one in solved.sessions for reading in one.readings)
-    expanded = uncertain(float(solution.expanded_mm.max()))
     return (
-        f"{SUBSET_WORDS[solution.subset].capitalize()} known to ±{expanded} mm "
-        f"({_source_of_uncertainty(solution)}).\n"
+        f"{_known_words(solution)}\n"
         f"{'Tool' if of_tool else 'Leg'} deviations {solution.rms_before_mm:.4f} → "
         f"{solution.rms_after_mm:.4f} mm r.m.s.\n"
-        f"Tool over the workspace: off by {_tool(solved, solved.tool_before)} mm r.m.s. now, "
-        f"{_tool(solved, solved.tool_after)} mm expected with these values."
+        f"{bound_now_and_then(solved)}"
+    )
+
+
+def tool_words(solved: SessionSolution) -> str:
+    """What the bound at the tool is made of, for below the parameters."""
+    bound = uncertain(solved.bound_after.bound_mm)
+    return f"Tool: at most {bound} mm with these values. {bound_made_of(solved)}"
+
+
+def _known_words(solution: Solution) -> str:
+    """What is known to how much; of joint offsets often only how they differ from the bars."""
+    source = _source_of_uncertainty(solution)
+    whole = uncertain(float(solution.expanded_with_tolerances_mm.max()))
+    difference_mm = solution.expanded_of_difference_mm
+    if difference_mm is not None:
+        return (
+            f"Known is d_rho − d_L, to ±{uncertain(float(difference_mm.max()))} mm ({source}); "
+            f"d_rho by itself to ±{whole} mm, as bars are off within their tolerance."
+        )
+    known = f"{SUBSET_WORDS[solution.subset].capitalize()} known to ±"
+    if solution.subset in ("both", "with-tolerances"):
+        return f"{known}{whole} mm ({source})."
+    noise = uncertain(float(solution.expanded_mm.max()))
+    return (
+        f"{known}{whole} mm (95 %), with the others off within tolerance; ±{noise} mm ({source})."
     )
 
 
 def _source_of_uncertainty(solution: Solution) -> str:
     """What the uncertainty in the first line is made of."""
     if solution.subset == "with-tolerances":
-        return "95 %, reading noise and the parts' tolerances"
+        return "95 %, reading noise and tolerances of the parts"
     if solution.noise.source == "residuals":
-        return "95 %, what the model leaves taken for noise"
+        return "95 %, residual taken as noise"
     return "95 %, reading noise only"
 
 
-def _tool(solved: SessionSolution, error: ToolError) -> str:
-    half_mm = solved.tool_factor * error.standard_uncertainty_mm
-    return f"{error.rms_mm:.{decimals_for(half_mm)}f} ± {uncertain(half_mm)}"
-
-
-def _parameter_table(solution: Solution) -> str:
-    table = new_table("parameter", "value, mm", "± U (95 %), mm", "u, mm")
-    rows = (solution.names, solution.values_mm, solution.expanded_mm, solution.uncertainty_mm)
+def parameter_table(solution: Solution) -> Table:
+    """Identified parameters with their uncertainties, and how much of these is noise."""
+    table = new_table("parameter", "value, mm", "± U (95 %), mm", "of noise, mm")
+    every_mm = solution.expanded_with_tolerances_mm
+    rows = (solution.names, solution.values_mm, every_mm, solution.expanded_mm)
     decimals = decimals_for(float(solution.expanded_mm.min()), 4)
-    for name, value, expanded, u in zip(*rows, strict=True):
-        table.add_row(name, signed(value, decimals), uncertain(expanded, 4), uncertain(u, 4))
-    return table_text(table)
+    for name, value, expanded, noise in zip(*rows, strict=True):
+        table.add_row(name, signed(value, decimals), uncertain(expanded, 4), uncertain(noise, 4))
+    return table
 
 
-def _size_table(solution: Solution) -> str:
+def size_table(solution: Solution) -> Table:
     """Sizes of the model's effects, fitted with the parameters."""
-    table = new_table("fitted with them", "value", "± U (95 %)", "unit")
+    table = new_table("fitted effect", "value", "± U (95 %)", "unit")
     for size in solution.sizes:
         half = size.coverage_factor * size.standard_uncertainty
         table.add_row(
             size.name, signed(size.value, decimals_for(half, 4)), uncertain(half, 4), size.unit
         )
-    return table_text(table)
+    return table
 
 
-def _difference_table(solution: Solution) -> str:
+def difference_table(solution: Solution) -> Table:
     """The (up to) twelve differences with what the model predicts."""
     table = new_table("difference", "measured, mm", "u, mm", "predicted, mm", "residual, mm")
     measured = solution.differences
@@ -135,23 +165,23 @@ def _difference_table(solution: Solution) -> str:
             signed(float(solution.predicted_mm[k])),
             signed(float(solution.left_mm[k])),
         )
-    return table_text(table)
+    return table
 
 
-def _subset_table(solved: SessionSolution) -> str:
-    """What each set of parameters would leave, and its expected error at the tool."""
-    table = new_table("set of parameters", "residual r.m.s., mm", "tool, mm", "")
+def subset_table(solved: SessionSolution) -> Table:
+    """What each set of parameters would leave, and the bound at the tool."""
+    table = new_table("set of parameters", "residual r.m.s., mm", "tool at most, mm", "")
     for subset in SUBSETS:
         residual, expected = "left out", ""
         if subset in solved.choice.solutions:
             residual = f"{solved.choice.solutions[subset].rms_after_mm:.4f}"
-            expected = uncertain(solved.choice.tool_error_mm[subset])
+            expected = uncertain(solved.choice.tool_bound(subset).bound_mm)
         mark = "recommended" if subset == solved.choice.recommended else ""
         table.add_row(SUBSET_WORDS[subset], residual, expected, mark)
-    return table_text(table)
+    return table
 
 
-def _noise_words(solution: Solution) -> str:
+def noise_words(solution: Solution) -> str:
     """Where the noise figure comes from, and the parameters known least independently."""
     noise = solution.noise
     mean = "" if noise.pooled else " r.m.s. over the indicators"
@@ -174,9 +204,9 @@ def _source_words(noise: Noise) -> str:
     if noise.source == "repeats":
         return f"from repeats{degrees}"
     if noise.source == "residuals":
-        return f"from what the model leaves{degrees}"
+        return f"from the residuals{degrees}"
     if noise.repeated == "rounding":
-        return f"most of it the rounding of the display{degrees}"
+        return f"mostly rounding of the display{degrees}"
     if noise.repeated == "equal":
         return "from resolution and repeatability as stated or seen in the digits"
     return "from the indicator's stated resolution and repeatability"
@@ -188,9 +218,9 @@ DECISION_WORDS = {"pass": "passes", "fail": "fails", "undecided": "cannot be dec
 def judged_text(judged: Judgement) -> str:
     """Against the tolerance, with the guard band."""
     return wrapped(
-        f"Tolerance {judged.tolerance_mm:g} mm for the tool, r.m.s., with a guard band of the "
-        f"expanded uncertainty: now it {DECISION_WORDS[judged.before]}, with these values it "
-        f"{DECISION_WORDS[judged.after]}."
+        f"Tolerance {judged.tolerance_mm:g} mm for the tool, r.m.s.: passed where the bound keeps "
+        "it, failed beyond a guard band of the expanded uncertainty. Now it "
+        f"{DECISION_WORDS[judged.before]}, with these values it {DECISION_WORDS[judged.after]}."
     )
 
 
@@ -230,65 +260,84 @@ def comparison_text(before: Solution, after: Solution) -> str:
 
 def comparison_sentence(before: Solution, after: Solution) -> str:
     """Before and after in one sentence, with what had been expected."""
+    alone = before.subset == "joint-offsets"  # of a plate lengths are found with them
     return (
-        f"Leg deviations went from {before.rms_before_mm:.4f} to {after.rms_before_mm:.4f} mm "
-        f"r.m.s.;\n{before.rms_after_mm:.4f} mm was expected."
+        f"{'Leg' if alone else 'Tool'} deviations went from {before.rms_before_mm:.4f} to "
+        f"{after.rms_before_mm:.4f} mm r.m.s.;\n{before.rms_after_mm:.4f} mm was expected"
+        f"{'' if alone else ' with the lengths entered, too'}."
     )
 
 
 RESULT_HELP = """\
 1 2 3         joint offsets, leg lengths, or both
-4             both, held by the tolerances of the parts
+4             both, constrained by the tolerances of the parts
 Tab, arrows   Result, Plot, and after a verification Before/after
 E             write the joint offsets, in every format, into a folder
               beside the session
 V             measure again after the offsets were entered, and compare
-D             diagnose: where readings and model disagree, what is missing
+D             diagnose: where readings and model disagree, and why
 Y             copy the text to the clipboard
-H, F10        home, quit
+Escape, H     back; to the home screen
+F10           quit
 
-U is the expanded uncertainty (95 %) of a parameter, from the noise of
-the readings alone. The residual is what the model does not explain: where
-it is much larger than the noise, something is missing from the model."""
+U is the expanded uncertainty (95 %) of a parameter: noise of the
+readings, and what is outside the set off within its tolerance. The bound
+at the tool adds every effect that these readings leave open. The residual
+is what the model does not explain. If it is much larger than the noise,
+something is missing from the model."""
 
-NEXT = (
-    "Next: E exports the joint offsets. Enter them in the controller, then V measures again "
-    "and compares."
-)
+ENTER = "Next: E exports the joint offsets. Enter them in the controller"
+AGAIN = ", then V measures again and compares"
 LOOK_FIRST = (
-    "Next: D looks for what is missing from the model. Until that is found, offsets that E exports "
-    "carry its error."
+    "Next: D looks for what is missing from the model. Offsets exported before that carry its "
+    "error."
 )
-ONLY_SHOWN = "This program only shows: nothing is written and nothing is measured."
+KEEP = "Next: leave the controller as it is. These offsets would not make the tool more accurate."
+ONLY_SHOWN = "This program only shows sessions: nothing is written and nothing is measured."
 NO_PLAN = (
     "This session cannot be measured again from here: it is a table, or its ports are those of "
     "another computer."
 )
 
 
+def next_text(solved: SessionSolution, *, exports: bool, measures: bool) -> str:
+    """What to do with this result; nothing where nothing can be done from here."""
+    if solved.solution.lacks_fit or solved.suspects:
+        return LOOK_FIRST
+    if not exports:
+        return ""
+    if not solved.tool_after.rms_mm < solved.tool_before.rms_mm:
+        return KEEP
+    return f"{ENTER}{AGAIN if measures else ''}."
+
+
 def result_text(
-    solved: SessionSolution, before: SessionSolution | None, *, measured_here: bool
+    solved: SessionSolution,
+    before: SessionSolution | None,
+    *,
+    exports: bool,
+    measures: bool,
+    caution: str = "",
 ) -> str:
-    """The text of the result; what to do next, or what the verification says, stands first."""
+    """The result; what is to be known of an export, and what to do next, stand first."""
+    first = [wrapped(f"WARNING: {caution}")] if caution else []
     if before is not None:
-        first = comparison_sentence(before.solution, solved.solution) + "\n\n"
-    elif solved.solution.lacks_fit:
-        first = LOOK_FIRST + "\n\n"
-    else:
-        first = NEXT + "\n\n" if measured_here else ""
-    return first + solution_text(solved)
+        first.append(comparison_sentence(before.solution, solved.solution))
+    first.append(wrapped(next_text(solved, exports=exports, measures=measures)))
+    return "\n\n".join([*filter(None, first), solution_text(solved)])
 
 
-def exported_text(
-    folder: Path, paths: Sequence[Path], solved: SessionSolution, refused: str
-) -> str:
-    """What was written where, what was not, and what could not be known."""
-    said = f"Written to {folder}: {', '.join(path.name for path in paths)}"
+def exported_text(folder: Path, paths: Sequence[Path]) -> str:
+    """What was written where."""
+    return f"Written to {folder}: {', '.join(path.name for path in paths)}"
+
+
+def export_caution(solved: SessionSolution, refused: str) -> str:
+    """What was not exported, or could not be known; empty where nothing is to be said."""
     if refused:
-        said += f". No files for LinuxCNC (any there are older): {refused}"
-    elif solved.sessions[0].opened.machine.home_offset_mm is None:
-        said += ". WARNING: " + UNKNOWN_HOME_OFFSET
-    return said
+        return f"No files for LinuxCNC were written (any that are there are older): {refused}"
+    stated = solved.sessions[0].opened.machine.home_at_mm() is not None
+    return "" if stated else UNKNOWN_HOME_OFFSET
 
 
 def copied_text(text: str) -> str:
@@ -309,45 +358,54 @@ def comparison_report(comparison: Comparison) -> str:
 
 COMPARISON_HELP = """\
 Each difference between two postures, before and after the joint offsets
-were entered in the controller. "Expected" is what the fit of the first
-session left over: offsets cannot remove more than that.
+were entered in the controller. "Expected" is the residual of the first
+session: offsets cannot remove more than that.
 
-G  the plot in the place of the text, and back
+G  the plot instead of the text, and back
 Y  copies the text"""
 
 
 WRONG = {
-    "not entered": "the value before is still there. Enter it, and home again.",
-    "wrong sign": "twice the value before. It was entered with the wrong sign.",
-    "something else": "neither 0 nor the value before. Was the machine changed mechanically?",
+    "not entered": "the old error is still there. Enter the offset, and home again.",
+    "wrong sign": "twice the old error: it was entered with the wrong sign.",
+    "something else": "neither 0 nor the old error. Was the machine changed mechanically?",
 }
 
 
 def verification_text(found: Verification) -> str:
     """The decision first, then what was expected and found, then what to do."""
     before, after = found.compared.before, found.compared.after
+    said = (
+        f"{decided(found)} Tool over the workspace, r.m.s. (95 %): at most "
+        f"{uncertain(before.bound_after.bound_mm)} mm was expected, at most "
+        f"{uncertain(after.bound_before.bound_mm)} mm is left."
+    )
+    remarks = [wrapped(f"Remark: {remark}") for remark in found.compared.remarks]
+    heading = f"before: {before.names[0]}\nafter:  {after.names[0]}"
+    return "\n\n".join(
+        [heading, wrapped(said), table_text(offsets_table(found)), *what_to_do(found), *remarks]
+    )
+
+
+def offsets_table(found: Verification) -> Table:
+    """Joint offsets of both sessions, and whether they were entered."""
     table = new_table("joint offset", "before, mm", "remaining, mm", "± U (95 %), mm", "")
     for one in found.offsets:
         decimals = decimals_for(one.expanded_mm, 4)
         shown = (signed(one.before_mm, decimals), signed(one.found_mm, decimals))
         table.add_row(one.name, *shown, uncertain(one.expanded_mm, 4), one.entered)
-    said = (
-        f"{_decided(found)} Tool over the workspace: expected {_tool(before, found.expected)} mm "
-        f"r.m.s., found {_tool(after, found.found)} mm."
-    )
-    remarks = [wrapped(f"Remark: {remark}") for remark in found.compared.remarks]
-    heading = f"before: {before.names[0]}\nafter:  {after.names[0]}"
-    return "\n\n".join([heading, wrapped(said), table_text(table), *_what_to_do(found), *remarks])
+    return table
 
 
-def _decided(found: Verification) -> str:
+def decided(found: Verification) -> str:
+    """The decision in a sentence."""
     if found.decision is None:
-        return "NOT JUDGED: no --tolerance, and no tool_tolerance_mm in the machine file."
+        return "NOT JUDGED: there is no --tolerance, and no tool_tolerance_mm in the machine file."
     words = {"pass": "PASS", "fail": "FAIL", "undecided": "UNDECIDED"}[found.decision]
-    return f"{words}: tolerance {found.tolerance_mm:g} mm, guard band the expanded uncertainty."
+    return f"{words}: tolerance {found.tolerance_mm:g} mm, against the bound."
 
 
-def _what_to_do(found: Verification) -> list[str]:
+def what_to_do(found: Verification) -> list[str]:
     """What went wrong at the controller, or in the model."""
     after = found.compared.after.names[0]
     wrong = {kind: [one.name for one in found.offsets if one.entered == kind] for kind in WRONG}
@@ -355,5 +413,7 @@ def _what_to_do(found: Verification) -> list[str]:
     if found.something_missing:
         said.append(f"Something is missing from the model: glidecal diagnose {after}")
     if not said and found.decision in ("fail", "undecided"):
-        said.append("The offsets are as expected: measure more (glidecal plan), or fit lengths.")
+        said.append(
+            "The offsets are as expected. Measure more (glidecal plan), or fit the lengths too."
+        )
     return [wrapped("\n".join(said))] if said else []

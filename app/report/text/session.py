@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
-from app.measuring.indicators import profile_of
-from app.measuring.leg_review import LegReview, LegRow
+from app.measuring.indicators import indicator_words, profile_of
+from app.measuring.leg_review import LegReview, LegRow, leg_rows, positions
 from app.measuring.opening import Plan
 from app.measuring.session import Doubt, TakenStep
 from app.measuring.simulated import short_travels
+from app.measuring.trial import Finding, Trial
 from app.report.schema.readings import ReplayReport
 from app.report.text.tables import new_table, signed, table_text, uncertain, wrapped
-from calib.observations import LEG_NAMES, conditions
-from calib.tripod.geometry import Geometry
-from calib.tripod.kinematics import inverse
+from calib.arrays import LEG_NAMES, conditions
+from calib.tripod.geometry import Geometry, inverse
 from calib.tripod.pipeline import command
 from drivers.profile import Verified
 from protocols.expectation import Movement
 from protocols.machine import Instrument, Machine
-from protocols.procedure import Procedure, Step, leg_number, posture_name
+from protocols.procedure import (
+    Procedure,
+    Step,
+    leg_number,
+    position_words,
+    posture_name,
+    posture_words,
+)
 from protocols.session import Session
 
 MEASURE_HELP = """\
@@ -27,20 +35,28 @@ U             measure the last step again; old readings stay in the
               record, superseded
 B             an earlier step: measure it again, or take that back
 S             leave this step or the rest of the leg out, with a reason
-A             automatic: take whenever the indicators show a move and stand
-              still again; it says where only the key can tell
+A             automatic: take when the readings have moved and are stable
+              again; it says where it needs your key
 P             hold: nothing is taken until P again
 M             the stand was moved: later readings get a new zero
 N             write a note into the record
-G             the plot in the place of the table, and back
-F10           leave: the session can be continued later
+W             where: leg, stand and indicators as a picture
+G             the plot, larger strip charts, and back to the table
+Escape, F10   pause the session: to the home screen, or quit
 
-The word in each panel tells moving from standing still. A reading is
-on the disk before this screen says that it is taken."""
+Each panel says whether its reading moves or is stable. A reading is on
+the disk before this screen says that it is taken."""
 
 
-def _mdi_line(step: Step, machine: Machine) -> str:
-    """The line to type at the controller, in the coordinates that it takes."""
+def _mdi_line(step: Step, machine: Machine, lift_mm: float = 0.0) -> str:
+    """The line to type at the controller, in the coordinates that it takes.
+
+    For the tool lifted off along its axis by ``lift_mm``.
+    """
+    if lift_mm and step.position_mm is not None:
+        parts = zip(LEG_NAMES, step.position_mm, strict=True)
+        x, y, z = (mm + lift_mm * (name in step.axes) for name, mm in parts)
+        return _mdi_line(replace(step, position_mm=(x, y, z)), machine)
     if machine.mdi == "joint":
         position = _joints_mm(step, machine.geometry())
     elif step.position_mm is not None:
@@ -64,7 +80,7 @@ def _joints_mm(step: Step, geometry: Geometry) -> dict[str, float]:
 def procedure_sentence(procedure: Procedure, geometry: Geometry, axes: Sequence[str]) -> str:
     """Steps, time and kind of repeats of a procedure."""
     steps = len(procedure.steps(geometry, axes))
-    indicators = 1 if procedure.plate else len(axes)
+    indicators = len(axes) if procedure.levels else 1
     minutes = procedure.duration_s(geometry, axes) / 60.0
     in_place = procedure.read_in_place(geometry)
     repeats = "Every repeat approaches its posture anew."
@@ -97,12 +113,17 @@ def dry_run_text(procedure: Procedure, machine: Machine, instruments: Sequence[I
     """Every step of a procedure with the line to type at the controller."""
     geometry, axes = machine.geometry(), [instrument.axes for instrument in instruments]
     table = new_table("step", "leg", "posture", "cycle", "station", "axes", "controller", left=7)
-    for step in procedure.steps(geometry, axes):
+    steps = procedure.steps(geometry, axes)
+    used = instruments[: max(len(step.axes) for step in steps)]
+    names = [f"{k} {one.profile} ({one.port})" for k, one in enumerate(used, start=1)]
+    order = " Axes stand in this order." if len(names) > 1 else ""
+    who = wrapped(f"Indicators: {', '.join(names)}.{order}")
+    for step in steps:
         place = (str(step.number), step.leg, step.posture(geometry), str(step.cycle))
         table.add_row(*place, f"{step.station:g}", " ".join(step.axes), _mdi_line(step, machine))
     sentence = wrapped(procedure_sentence(procedure, geometry, axes))
     travel = travel_text(procedure, machine, instruments)
-    return f"{sentence}\n\n{travel}{table_text(table)}"
+    return f"{sentence}\n\n{who}\n\n{travel}{table_text(table)}"
 
 
 def rehearsal_text(options: str, plan: Plan, ports: Sequence[str]) -> str:
@@ -112,22 +133,22 @@ def rehearsal_text(options: str, plan: Plan, ports: Sequence[str]) -> str:
         f"Measure with: glidecal run {options} "
         + " ".join(f"--indicator {instrument.profile}:{port}" for instrument, port in named)
         + "\nHere Enter moves the machine to the next step, a number and Enter to that step; "
-        "Ctrl-C ends."
+        "p1 and p2 push a spindle in. Ctrl-C ends."
     )
 
 
 def rehearsed_text(step: Step, plan: Plan) -> str:
     """Where the machine goes."""
     posture = step.posture(plan.machine.geometry())
-    return f"step {step.number}: leg {step.leg.upper()}  {posture}  cycle {step.cycle}"
+    return f"step {step.number}: {step.touched}  {posture}  cycle {step.cycle}"
 
 
 def check_text(plan: Plan) -> str:
     """What to look at before the first reading."""
     if plan.simulated:
-        check = "The machine is simulated; its indicators speak real bytes over real ports."
+        check = "The machine is simulated. Its indicators send real bytes over real ports."
     else:
-        check = "Move each spindle by hand: the right display must follow, and read in mm."
+        check = "The displays must read in mm, as the indicators do."
     unverified = [
         instrument.profile
         for instrument in plan.instruments
@@ -146,6 +167,28 @@ def check_text(plan: Plan) -> str:
     return f"{entered}{plan.machine.name}. {sentence}\n\n{check}\n\n{begin}: {plan.path}"
 
 
+def trial_text(trial: Trial, step: Step) -> str:
+    """Which spindle is to be pushed, and what the last push told; ``step`` is the one to measure.
+
+    Empty where nothing is to be tried.
+    """
+    if trial.done:
+        return "Each spindle was found at its place. Enter begins."
+    named = [indicator_words(k, one) for k, one in enumerate(trial.instruments)]
+    which, other = named[trial.asked], named[trial.asked - 1]
+    one = trial.instruments[trial.asked]
+    axis = f"along {step.axes[min(trial.asked, len(step.axes) - 1)].upper()}"
+    told = {
+        Finding.OTHER: f"{other.capitalize()} moved. Was it the one {axis}? Then X exchanges the "
+        "ports. Else: ",
+        Finding.BOTH: "More than one moved. One at a time: ",
+        Finding.SIGN: f"Pushed in it reads {trial.last}, {one.pushed_in} is stated: turn its sign, "
+        "or pushed_in in the machine file. Then: ",
+    }
+    said = told.get(trial.finding, "") + f"push in the spindle {axis} of {step.touched}"
+    return f"{said[0].upper()}{said[1:]} and let it go: {which}. Enter begins without."
+
+
 def progress_text(session: Session, steps: Sequence[Step], mode: str) -> str:
     """Where the session stands, in one line; ``mode`` is the word for who takes the readings."""
     opened = session.opened
@@ -162,7 +205,7 @@ def progress_text(session: Session, steps: Sequence[Step], mode: str) -> str:
 def taken_text(taken: TakenStep) -> str:
     """What was written to the disk."""
     shown = ", ".join(f"{r.axis.upper()} {signed(r.value_mm, 4)} mm" for r in taken.readings)
-    state = "On the disk and questioned" if taken.doubt else "Taken and on the disk"
+    state = "WAIT: on the disk, in question" if taken.doubt else "Taken and on the disk"
     return f"{state}, step {taken.step.number}: {shown}"
 
 
@@ -172,28 +215,57 @@ def step_text(step: Step, session: Session) -> str:
     geometry = machine.geometry()
     cycles = session.opened.procedure.cycles if session.opened.procedure else 1
     leg, joints = step.leg.upper(), _joints_mm(step, geometry)
+    plate = session.opened.procedure.plate if session.opened.procedure else None
+    to = f"{leg} {step.displacement_mm:+.2f} mm" if plate is None else "the position"
     lines = [
-        f"LEG {leg}   {step.posture(geometry)}   cycle {step.cycle} of {cycles}",
-        f"Move the tool to {leg} {step.displacement_mm:+.2f} mm; take when the readings stand "
-        "still.",
+        f"{step.touched.upper()}   {step.posture(geometry)}   cycle {step.cycle} of {cycles}",
+        f"Move the tool to {to}. Press Space when the readings are stable.",
         _mdi_line(step, machine),
         "joints " + "  ".join(f"{name} {value:.3f}" for name, value in joints.items()),
     ]
+    if plate is not None and plate.lift_mm:
+        lines[1] = f"Lift off by {plate.lift_mm:g} mm, go above the position, come down; take."
+        lines.insert(2, _mdi_line(step, machine, plate.lift_mm))
     if session.is_new_place(step):
-        axes = " and ".join(axis.upper() for axis in step.axes)
-        at = f"along {axes}, {step.station:.0%} from the tool end."
-        lines.insert(1, f"First, at Zero: indicators on leg {leg} {at}")
+        axes = " and ".join(f"{axis.upper()} ({k})" for k, axis in enumerate(step.axes, start=1))
+        first = (
+            f"indicators on leg {leg} along {axes}, {_from_tool_end(step, geometry)}. W shows it"
+        )
+        if plate is not None:
+            first = f"indicator at the tool, plate under it; + is towards +{step.axes[0].upper()}"
+        lines.insert(1, f"First, at Zero: {first}.")
     elif session.needs_new_zero(step):
-        lines.insert(1, "After the break: readings from here on have a zero of their own.")
+        lines.insert(1, "After the break the readings have a new zero.")
     return "\n".join(lines)
 
 
-def leg_table_text(rows: Sequence[LegRow], geometry: Geometry) -> str:
+def _from_tool_end(step: Step, geometry: Geometry) -> str:
+    at_mm = step.station * geometry.leg_length_mm[leg_number(step.leg)]
+    return f"{at_mm:.0f} mm from its tool end ({step.station:.0%})"
+
+
+def set_up_text(session: Session, step: Step, instruments: Sequence[Instrument | None]) -> str:
+    """Where each indicator stands for a step, to be read beside the picture of it."""
+    at = _from_tool_end(step, session.opened.machine.geometry())
+    lines = [f"Bar {step.leg.upper()}, {at}. Set up with the machine at Zero."]
+    known = list(zip(step.axes, instruments, strict=False))
+    for number, (axis, one) in enumerate(known, start=1):
+        side = "−" if one and one.pushed_in == "smaller" else "+"
+        name = f"{one.profile} {one.port}: " if one else ""
+        lines.append(f"{number}  {name}along {axis.upper()}, on the {side}{axis.upper()} side")
+    sure = all(one and one.pushed_in for _, one in known)
+    usual = "" if sure else " On the side named it does, if it grows when the spindle is pushed in."
+    return "\n".join([*lines, f"A reading must grow when the bar moves towards +.{usual}"])
+
+
+def leg_table_text(rows: Sequence[LegRow], levels_mm: Sequence[float], geometry: Geometry) -> str:
     """The present leg so far: readings minus the Zero of their cycle, in mm.
 
-    Six levels, as many as the program's own procedures have, fit in 80 columns.
+    Columns in the order of ``levels_mm``, whatever was measured again. Six levels, as many as the
+    program's own procedures have, fit in 80 columns.
     """
-    levels = list(dict.fromkeys(level for row in rows for level in row.minus_zero_mm))
+    measured = [level for row in rows for level in row.minus_zero_mm]
+    levels = [level for level in dict.fromkeys([*levels_mm, *measured]) if level]
     heading = f"{'minus Zero':<11}" + "".join(f"{posture_name(v, geometry):>8}" for v in levels)
     marked = " *kept" if any(row.kept_mm for row in rows) else ""
     lines = [heading + f"{'back at Zero':>13}" + marked]
@@ -204,6 +276,28 @@ def leg_table_text(rows: Sequence[LegRow], geometry: Geometry) -> str:
         label = f"{row.axis.upper()}  cycle {row.cycle}" + "*" * (0.0 in row.kept_mm)
         lines.append(f"{label:<11}" + cells + _cell(row.back_at_zero_mm, 13))
     return "\n".join(lines)
+
+
+PLATE_POSITIONS, PLATE_CYCLES = 4, 5
+"""So many positions and cycles are shown; with heading and return there is room for six lines."""
+
+
+def so_far_text(session: Session, steps: Sequence[Step], step: Step) -> str:
+    """What was read where a step is, minus the Zero of its cycle, in mm."""
+    rows, geometry = leg_rows(session, step), session.opened.machine.geometry()
+    if step.position_mm is None:
+        levels_mm = [one.displacement_mm for one in steps if one.leg == step.leg]
+        return leg_table_text(rows, levels_mm, geometry)
+    places, shown = positions(session), rows[-PLATE_CYCLES:]
+    first = min(places.index(step.position_mm) - 2, len(places) - PLATE_POSITIONS)
+    heading = "".join(f"{f'cycle {row.cycle}':>10}" for row in shown)
+    marked = "  *kept" if any(row.kept_mm for row in shown) else ""
+    lines = [f"{'minus Zero':<24}{heading}{marked}"]
+    for k in range(max(1, first), len(places))[:PLATE_POSITIONS]:
+        values = (_cell(row.minus_zero_mm.get(k), 10, kept=k in row.kept_mm) for row in shown)
+        lines.append(f"{position_words(places[k]):<24}{''.join(values)}")
+    back = "".join(_cell(row.back_at_zero_mm, 10) for row in shown)
+    return "\n".join([*lines, f"{'back at Zero':<24}{back}"])
 
 
 def _cell(value: float | None, width: int, *, kept: bool = False) -> str:
@@ -219,10 +313,14 @@ def _at(displacement_mm: float, position_mm: Sequence[float] | None) -> str:
 def replay_text(report: ReplayReport) -> str:
     """The readings of a session in the order taken, then the averages of those that count."""
     readings = new_table("no", "leg", "axis", "at, mm", "cycle", "mount", "value, mm", "", left=3)
+    stations: dict[str, set[float]] = {}
+    for r in report.readings:
+        stations.setdefault(r.mount, set()).add(r.station)
     for r in report.readings:
         state = f"superseded: {r.superseded}" if r.superseded else ""
         place = (str(r.reading), r.leg, r.axis, _at(r.displacement_mm, r.position_mm))
-        readings.add_row(*place, str(r.cycle), r.mount, signed(r.value_mm, 4), state)
+        mount = f"{r.mount} {r.station:g}" if len(stations[r.mount]) > 1 else r.mount
+        readings.add_row(*place, str(r.cycle), mount, signed(r.value_mm, 4), state)
     averages = new_table("leg", "axis", "station", "at, mm", "mean, mm", "readings", left=2)
     for a in report.averages:
         place = (a.leg, a.axis, f"{a.station:g}", _at(a.displacement_mm, a.position_mm))
@@ -232,12 +330,19 @@ def replay_text(report: ReplayReport) -> str:
     return "\n\n".join([title, *remarks, table_text(readings), "Averages", table_text(averages)])
 
 
+def step_in_list(step: Step, geometry: Geometry) -> str:
+    """Leg, posture and cycle of a step; for the list is narrow, a position alone in whole mm."""
+    if step.position_mm is None:
+        return f"{step.leg.upper()} {step.posture(geometry)} {step.cycle}"
+    return "ZERO" if step.at_zero else " ".join(f"{mm:.0f}" for mm in step.position_mm)
+
+
 def question_text(taken: TakenStep, session: Session) -> str:
     """Why readings are questioned: what was read, what was expected."""
     geometry = session.opened.machine.geometry()
-    before = posture_name(taken.due[0].before.displacement_mm, geometry)
+    before = posture_words(taken.due[0].before.posture_mm, geometry)
     posture = taken.step.posture(geometry)
-    lines = [f"Step {taken.step.number}, leg {taken.step.leg.upper()} {posture}:"]
+    lines = [f"Step {taken.step.number}, {taken.step.touched} {posture}:"]
     for reading, due in zip(taken.readings, taken.due, strict=True):
         line = f"along {reading.axis.upper()} {signed(reading.value_mm, 4)} mm"
         if taken.doubt is not Doubt.BEYOND:
@@ -248,24 +353,29 @@ def question_text(taken: TakenStep, session: Session) -> str:
     asked = {
         Doubt.UNCHANGED: f"Unchanged since {before}: did the machine move?",
         Doubt.TOO_SOON: f"So soon after {before} the machine cannot be there: did it move?",
-        Doubt.BEYOND: "Other leg, other unit, other direction? Or did the stand move?",
+        Doubt.BEYOND: f"Other {'position' if taken.step.position_mm else 'leg'}, other unit, other "
+        "direction? Or did the stand move?",
     }
     return "\n".join([*lines, asked[taken.doubt or Doubt.BEYOND]])
 
 
+LEAVE_QUESTION = (
+    "Pause this session? Every reading taken is on the disk, and you can continue later."
+)
+LEAVE_CHOICES = (("stay", "1  No, stay here"), ("home", "2  Yes, to the home screen"))
 MOVED_QUESTION = "Was the stand moved or touched? If so, readings get a new zero from here on."
-MOVED_CHOICES = (("no", "1  No: go on as before"), ("moved", "2  Yes: a new zero"))
+MOVED_CHOICES = (("no", "1  No, continue as before"), ("moved", "2  Yes, start a new zero"))
 
 
 def question_choices(doubt: Doubt) -> tuple[tuple[str, str], ...]:
     """What can be done about questioned readings."""
     first, last = "Read again here, without moving", "Keep the reading as it is"
     if doubt is not Doubt.BEYOND:
-        first, last = "No. It moves now; then take again", "Yes, it moved: keep the reading"
+        first, last = "No. I move it now and take again", "Yes, it moved: keep the reading"
     return (
         ("read", f"1  {first}"),
         ("approach", "2  Leave the posture, come back, and measure it again"),
-        ("stand", "3  The stand moved: a new set-up from here, with a zero of its own"),
+        ("stand", "3  The stand moved: start a new set-up, with a new zero"),
         ("keep", f"4  {last}"),
     )
 
@@ -290,22 +400,22 @@ def answered_text(answer: str, step: Step) -> str:
     """What comes next after the answer."""
     if answer == "keep":
         return f"Step {step.number} is kept; the table marks it."
-    then = {"approach": "leave the posture, come back, and ", "stand": "with a zero of its own, "}
-    return f"Not kept. Step {step.number} is still the next: {then.get(answer, '')}take it again."
+    then = {"approach": "leave the posture, come back, and ", "stand": "with the new zero, "}
+    return f"Not kept. Next is step {step.number}: {then.get(answer, '')}take it again."
 
 
 def automatic_waits_text(moved: Movement, step: Step, session: Session) -> str:
     """Why the automatic takes nothing though all stand still."""
     posture = step.posture(session.opened.machine.geometry())
     if moved is Movement.UNCHANGED:
-        return f"Automatic waits for a move to {posture}: unchanged. If it did move, Space."
-    return f"Automatic waits for Space or the button: no reading tells a move to {posture}."
+        return f"WAIT: no change, so no move to {posture} is seen. If it moved, press Space."
+    return f"WAIT: readings cannot show the move to {posture}. Press Space or the button."
 
 
 def point_text(step: Step, session: Session) -> str:
     """One step that was measured or skipped, in one line."""
     posture = step.posture(session.opened.machine.geometry())
-    where = f"{step.number:>3}  leg {step.leg.upper()}  {posture:<9} cycle {step.cycle}"
+    where = f"{step.number:>3}  {step.touched}  {posture:<9} cycle {step.cycle}"
     if step.number in session.skipped:
         return f"{where}   skipped: {session.skipped[step.number]}"
     counting = [r for r in session.readings if r.step == step.number]
@@ -313,6 +423,13 @@ def point_text(step: Step, session: Session) -> str:
     values = "  ".join(f"{r.axis.upper()} {signed(r.value_mm, 4)}" for r in shown[-2:])
     reason = session.superseded.get(shown[-1].reading) if shown and not counting else None
     return f"{where}   {values}" + (f"   superseded: {reason}" if reason else "")
+
+
+REVIEW_HELP = """\
+Scatter       standard deviation of a reading among the repeats of its posture
+Stated        what the repeatability and resolution of the indicator allow
+Worst return  largest difference between two Zeros of one cycle: it shows
+              drift, and a stand that moved"""
 
 
 def review_text(review: LegReview) -> str:
@@ -326,13 +443,22 @@ def review_text(review: LegReview) -> str:
             _or_none(one.stated_mm, "not stated"),
             "" if one.worst_return_mm is None else signed(one.worst_return_mm, 4),
         )
-    measured = new_table("difference", "measured, mm")
-    for name, value in review.differences_mm:
-        measured.add_row(name, signed(value))
-    title = f"Leg {review.leg.upper()} is done. {review_verdict(review)}"
-    so_far = f"{len(review.differences_mm)} differences so far:"
-    return "\n\n".join([wrapped(title), table_text(table), so_far, table_text(measured)])
+    read, wide = f"Leg {review.leg.upper()}", 8
+    if review.leg == "tool":
+        read, wide = "The plate", 22
+    cells = [f"{name:<{wide}}{signed(value):>8}" for name, value in review.differences_mm]
+    rows = ["      ".join(cells[k : k + ACROSS]) for k in range(0, len(cells), ACROSS)]
+    parts = [
+        wrapped(f"{read} is done. {review_verdict(review)}"),
+        table_text(table),
+        "\n".join([f"{len(cells)} differences so far, mm", *rows]),
+        "Space continues, P holds the session, G shows the plot.",
+    ]
+    return "\n\n".join(parts)
 
+
+ACROSS = 2
+"""Differences on a line: all twelve of a session fit into the smallest terminal."""
 
 WORSE_THAN_STATED = 3.0
 """Scatter of so many times the stated one is worth a word."""
@@ -348,10 +474,10 @@ def review_verdict(review: LegReview) -> str:
         and one.standard_deviation_mm > WORSE_THAN_STATED * one.stated_mm
     ]
     if bad:
-        return f"Along {' and '.join(bad)} it scatters more than the indicator explains."
+        return f"Readings along {' and '.join(bad)} scatter more than the indicator explains."
     if all(one.standard_deviation_mm is None for one in review.axes):
-        return "Without repeats its scatter is not known."
-    return "Nothing about its scatter is suspicious."
+        return "Without repeats the scatter is not known."
+    return "No scatter is suspicious."
 
 
 def _or_none(value: float | None, words: str) -> str:
@@ -362,8 +488,8 @@ def clock_set_text(jump_s: float) -> str:
     """The clock of the computer was set while the session was open."""
     way = "forward" if jump_s > 0.0 else "back"
     return (
-        f"The computer's clock was set {way} by {abs(jump_s):.0f} s. It is noted in the record; "
-        "times and drift of this session go by another clock."
+        f"The computer's clock was set {way} by {abs(jump_s):.0f} s. The record notes it; "
+        "times and drift of this session use another clock."
     )
 
 
@@ -371,5 +497,5 @@ def slept_text(seconds: float) -> str:
     """The computer was suspended while the session was open."""
     return (
         f"The computer slept for {max(1, round(seconds / 60.0))} min; the session is on hold. "
-        "If the stand was touched press M. Press P to measure again."
+        "If the stand was touched, press M. Then press P to continue."
     )

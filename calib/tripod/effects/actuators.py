@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.observations import LEG_NAMES, Conditions
+from calib.arrays import LEG_NAMES, Conditions
 from calib.tripod.effects.effect import (
     PER_THOUSAND,
     Effect,
@@ -18,12 +19,19 @@ from calib.tripod.effects.effect import (
     moved_carriage,
     travel,
 )
+from calib.tripod.effects.environment import kelvins
 from calib.tripod.geometry import Geometry
 from calib.tripod.movements import last_movement
 from calib.tripod.pipeline import Flow, Stage
 
 STANDARD_LEADS_MM = (4.0, 5.0, 10.0, 20.0)
-"""Leads that are tried where the machine file does not name the screw's."""
+"""Leads that are tried first where the machine file does not name the screw's."""
+
+ISO_LEADS_MM = (4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 32.0, 40.0)
+"""Leads of ball screws, ISO 3408-2: one of them goes before another that fits as well."""
+
+
+LEAD = re.compile(r"(?:sine|cosine)_([0-9]{1,4}(?:\.[0-9]{1,4})?)mm")
 
 
 @dataclass(frozen=True)
@@ -77,8 +85,8 @@ class ActuatorCyclic:
         """Two amplitudes; their names tell the lead."""
         ending = f"{self.lead_mm:g}mm"
         return (
-            EffectParameter(f"sine_{ending}", "µm", 5.0),
-            EffectParameter(f"cosine_{ending}", "µm", 5.0),
+            EffectParameter(f"sine_{ending}", "µm", 5.0, 100.0),
+            EffectParameter(f"cosine_{ending}", "µm", 5.0, 100.0),
         )
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
@@ -93,6 +101,34 @@ class ActuatorCyclic:
         turn = 2 * np.pi * travel(flow, leg) / self.lead_mm
         error = values[0] * np.sin(turn) + values[1] * (np.cos(turn) - 1.0)
         return moved_carriage(stage_input, leg, PER_THOUSAND * error)
+
+
+@dataclass(frozen=True)
+class ScrewGrowth:
+    """A screw grows from its fixed bearing, where the coordinate is 0, with the temperature.
+
+    Steel: 11.5 µm/m K. Kelvins count from 20 °C.
+    """
+
+    id: str = "thermal_growth"
+    title: str = "a screw grows with the temperature"
+    kind: Kind = Kind.ENVIRONMENT
+    stage: Stage = Stage.ACTUATOR
+    parameters: tuple[EffectParameter, ...] = (EffectParameter("screw_per_kelvin", "µm/m K", 5.0),)
+    invariances: tuple[str, ...] = ("same for both directions of approach", "0 at 20 °C")
+    controller: str = "nothing to enter: keep the machine at the temperature of its calibration"
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Every carriage."""
+        return LEG_NAMES if len(taken) else ()
+
+    def change(
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """The carriage is further by value · coordinate · (temperature - 20 °C)."""
+        leg = LEG_NAMES.index(place)
+        strain = PER_THOUSAND**2 * values[0] * kelvins(flow.taken)
+        return moved_carriage(stage_input, leg, strain * flow.command_mm[:, leg])
 
 
 @dataclass(frozen=True)
@@ -121,6 +157,16 @@ class Backlash:
         leg = LEG_NAMES.index(place)
         stays_back = last_movement(flow.taken)[:, leg] < 0
         return moved_carriage(stage_input, leg, values[0] * stays_back)
+
+
+def cyclic_of(names: Iterable[str]) -> ActuatorCyclic | None:
+    """The law of any lead whose parameters have these names; None where there is none."""
+    wanted = set(names)
+    leads = {found[1] for found in map(LEAD.fullmatch, wanted) if found}
+    if len(leads) != 1 or not float(next(iter(leads))) > 0.0:
+        return None
+    law = ActuatorCyclic(float(leads.pop()))
+    return law if wanted == {parameter.name for parameter in law.parameters} else None
 
 
 def with_machine_lead(effects: Iterable[Effect], geometry: Geometry) -> tuple[Effect, ...]:

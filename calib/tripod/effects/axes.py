@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.observations import LEG_NAMES, Conditions
+from calib.arrays import LEG_NAMES, Conditions
 from calib.tripod.effects.effect import (
+    AROUND,
     DIRECTIONS,
     PAIRS,
     PER_THOUSAND,
@@ -70,7 +71,10 @@ class AxisSquareness:
 
 @dataclass(frozen=True)
 class AxisOffset:
-    """An axis is shifted sideways; ``"xy"``: axis x towards +y."""
+    """An axis is shifted sideways; ``"xy"``: axis x towards +y.
+
+    Of square drives leg readings see differences only, see `AxisDistance`; a model may hold shifts.
+    """
 
     id: str = "axis_offset"
     title: str = "an actuator axis is shifted sideways and misses the point where they meet"
@@ -97,6 +101,41 @@ class AxisOffset:
 
 
 @dataclass(frozen=True)
+class AxisDistance:
+    """Two square axes miss each other; ``"xy"``: along z, axis x lies further that way than axis y.
+
+    Of the six shifts of three square axes leg readings see these three distances between
+    neighbours: all axes shifted by one vector, the rest, are the same machine with other joint
+    offsets. Each axis of the pair takes half of it.
+    """
+
+    id: str = "axis_offset"
+    title: str = "two actuator axes miss each other"
+    kind: Kind = Kind.MACHINE
+    stage: Stage = Stage.FOOT
+    parameters: tuple[EffectParameter, ...] = (EffectParameter("distance", "mm", 0.1),)
+    invariances: tuple[str, ...] = (*REPEATABLE, "follows the angle of the bar, not its travel")
+    controller: str = (
+        "axes {place}: the kinematics of export --format linuxcnc-kins, or shim axis {axis} "
+        "against {third} by {distance}"
+    )
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Every pair of axes, each counted from one to the next."""
+        return AROUND if len(taken) else ()
+
+    def change(
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """Both feet of the pair are apart by a constant, along the third axis."""
+        first, second = numbers(place)
+        third = flow.geometry.directions[3 - first - second]
+        half = values[0] / 2 * np.ones(len(flow.taken))
+        feet = moved_foot(stage_input, first, third, half)
+        return moved_foot(feet, second, third, -half)
+
+
+@dataclass(frozen=True)
 class Straightness:
     """A foot leaves its line sideways with the square of travel; ``"xy"``: axis x towards +y."""
 
@@ -108,6 +147,7 @@ class Straightness:
     invariances: tuple[str, ...] = (*REPEATABLE, "the same for equal travel either way from Zero")
     controller: str = "axis {axis}: the kinematics of export --format linuxcnc-kins"
     directions: tuple[str, ...] = DIRECTIONS
+    power: int = 2
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every axis in both directions across it."""
@@ -116,10 +156,23 @@ class Straightness:
     def change(
         self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
-        """The foot is sideways by value (travel / 100 mm)²."""
+        """The foot is sideways by value (travel / 100 mm) to the power."""
         leg = _drive(place)
         part = travel(flow, leg) / STRAIGHTNESS_TRAVEL_MM
-        return moved_foot(stage_input, leg, flow.geometry.across[place], values[0] * part**2)
+        return moved_foot(
+            stage_input, leg, flow.geometry.across[place], values[0] * part**self.power
+        )
+
+
+@dataclass(frozen=True)
+class StraightnessOfThirdOrder(Straightness):
+    """A guide bent like an S; ``"xy"``: axis x towards +y at positive travel."""
+
+    id: str = "straightness_cubic"
+    title: str = "a guide is bent like an S: the foot leaves its line sideways"
+    parameters: tuple[EffectParameter, ...] = (EffectParameter("s_shape_at_100mm", "mm", 0.02),)
+    invariances: tuple[str, ...] = (*REPEATABLE, "opposite for equal travel either way from Zero")
+    power: int = 3
 
 
 def _drive(place: str) -> int:
@@ -127,10 +180,15 @@ def _drive(place: str) -> int:
 
 
 def with_directions(effects: Iterable[Effect], geometry: Geometry) -> tuple[Effect, ...]:
-    """The laws; those that act sideways in the directions across this machine's drives."""
+    """The laws; those that act sideways in the directions across this machine's drives.
+
+    Axes that are square to each other miss each other; others are shifted.
+    """
     names = tuple(geometry.across)
     sideways = (AxisOffset, Straightness)
+    not_here = AxisOffset if geometry.orthogonal else AxisDistance
     return tuple(
         replace(effect, directions=names) if isinstance(effect, sideways) else effect
         for effect in effects
+        if not isinstance(effect, not_here)
     )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.observations import LEG_NAMES, Conditions
+from calib.arrays import LEG_NAMES, Conditions
 from calib.tripod.effects.effect import (
     PER_THOUSAND,
     EffectParameter,
@@ -19,9 +19,12 @@ from calib.tripod.effects.effect import (
     on_legs,
     unit,
 )
-from calib.tripod.geometry import Geometry
-from calib.tripod.kinematics import trilaterate
+from calib.tripod.effects.environment import kelvins
+from calib.tripod.geometry import Geometry, trilaterate
 from calib.tripod.pipeline import Flow, Stage
+
+FLOATS = 0.02
+"""Force in a bar, in units of the weight, that friction in its joints holds without moving them."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +102,62 @@ def pull_of_weight(
     weight = np.asarray(geometry.gravity, dtype=np.float64)[:, None]
     pull = np.linalg.solve(np.swapaxes(bars, -1, -2), weight)
     return np.asarray(pull[..., 0])
+
+
+@dataclass(frozen=True)
+class BarGrowth:
+    """A bar grows with temperature; kelvins count from 20 °C. 310 mm of aluminium: 7 µm/K."""
+
+    id: str = "thermal_growth"
+    title: str = "a bar grows with the temperature"
+    kind: Kind = Kind.ENVIRONMENT
+    stage: Stage = Stage.TOOL
+    parameters: tuple[EffectParameter, ...] = (EffectParameter("bar_per_kelvin", "µm/K", 3.0),)
+    invariances: tuple[str, ...] = ("same for both directions of approach", "0 at 20 °C")
+    controller: str = "nothing to enter: keep the machine at the temperature of its calibration"
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Every bar."""
+        return LEG_NAMES if len(taken) else ()
+
+    def change(
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """The bar is longer by value · (temperature - 20 °C)."""
+        grown = PER_THOUSAND * values[0] * kelvins(flow.taken)
+        return np.asarray(stage_input + grown[:, None] * unit(LEG_NAMES.index(place)))
+
+
+@dataclass(frozen=True)
+class JointClearance:
+    """The joints of a bar have clearance: it is longer pulled than pressed.
+
+    Between both it floats: the sign of the force is smoothed where the force is small.
+    """
+
+    id: str = "joint_clearance"
+    title: str = "the joints of a bar have clearance, taken up by pull or push"
+    kind: Kind = Kind.MACHINE
+    stage: Stage = Stage.TOOL
+    parameters: tuple[EffectParameter, ...] = (EffectParameter("clearance", "mm", 0.01, least=0.0),)
+    invariances: tuple[str, ...] = (
+        "same for both directions of approach",
+        "reverses where the force in the bar does",
+    )
+    controller: str = "bar {place}: nothing to enter: take up {clearance} in its joints"
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Every bar."""
+        return LEG_NAMES if len(taken) else ()
+
+    def change(
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """The bar is longer by half the value where it is pulled, shorter where it is pressed."""
+        leg = LEG_NAMES.index(place)
+        pull = pull_of_weight(flow.geometry, flow.foot_mm, stage_input)[..., leg]
+        sign = pull / np.sqrt(pull**2 + FLOATS**2)
+        return np.asarray(stage_input + (values[0] / 2 * sign)[..., None] * unit(leg))
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from calib.observations import LEG_NAMES, Conditions, FloatArray
+from calib.arrays import LEG_NAMES, Conditions, FloatArray
 from calib.tripod.effects.catalogue import CATALOGUE, effects_of
-from calib.tripod.effects.effect import Effect, EffectInstance, EffectParameter, Kind
-from calib.tripod.geometry import Geometry
-from calib.tripod.pipeline import COMPLEX_STEP_MM, Flow, Model, Stage, simulate
+from calib.tripod.effects.effect import AROUND, Effect, EffectInstance, EffectParameter, Kind
+from calib.tripod.geometry import Geometry, inverse
+from calib.tripod.pipeline import COMPLEX_STEP_MM, Flow, Model, Stage, posture, simulate
+from calib.tripod.workspace import reached
 
 VANISHES_MM = 1e-9
 """A column that changes readings by less, for an unremarkable size, is not there."""
@@ -119,6 +120,34 @@ def place_columns(
     return [{place: np.stack(rows, axis=1) for place, rows in one.items()} for one in found]
 
 
+def tool_columns(
+    geometry: Geometry,
+    tool_mm: FloatArray,
+    placed: Sequence[tuple[Effect, str]],
+    way: float,
+) -> FloatArray:
+    """Derivatives ``(n, 3, k)`` of the tool at ``(n, 3)`` by the values of laws at places.
+
+    Of the nominal machine; all carriages come one ``way``, 1 is upwards. Where the tool's place at
+    Zero is set by hand, less what it does there. Raises UnreachablePosture.
+    """
+    points = np.vstack([tool_mm, np.zeros(3)])
+    joint_mm, taken = inverse(geometry, points), reached(len(points), way)
+    stepped = [
+        EffectInstance(effect, place, tuple(step.tolist()))
+        for effect, place in placed
+        for step in 1j * COMPLEX_STEP_MM * np.eye(len(effect.parameters))
+    ]
+    moved = np.zeros((len(points), 3, len(stepped)))
+    for stage in (Stage.ACTUATOR, Stage.FOOT, Stage.TOOL):
+        index = [k for k, one in enumerate(stepped) if one.stage == stage]
+        if index:
+            together = _Together(tuple(stepped[k] for k in index), stage)
+            flow = posture(geometry, (0.0,) * 6, taken, joint_mm, (together,))
+            moved[:, :, index] = np.moveaxis(flow.tool_mm.imag / COMPLEX_STEP_MM, 0, -1)
+    return np.asarray(moved[:-1] - moved[-1] if geometry.set_at_zero else moved[:-1])
+
+
 def _all_candidates(
     sessions: Sequence[tuple[Model, Conditions]], effects: Sequence[Effect]
 ) -> Iterator[tuple[Candidate, bool]]:
@@ -173,7 +202,7 @@ def _arrangements(
     lateral = _is_lateral(seen, geometry)
     if not lateral or effect.stage in (Stage.TOUCH, Stage.READING):
         yield from (_one(effect, place, columns) for place, columns in seen.items())
-    if lateral:
+    if lateral or set(seen) == set(AROUND):
         yield from _by_leg(effect, seen)
     if len(seen) > 1:
         if geometry.orthogonal or not lateral:
@@ -220,9 +249,9 @@ def _listed(seen: Iterable[str], *, lateral: bool) -> list[str]:
 
 
 def _by_leg(effect: Effect, seen: dict[str, FloatArray]) -> Iterator[Candidate]:
-    """Both directions across one leg, each with its own value."""
+    """Both directions across one leg, or both pairs of an axis, each with its own value."""
     for leg in LEG_NAMES:
-        both = [place for place in seen if place[0] == leg]
+        both = [place for place in seen if leg in (place if set(seen) == set(AROUND) else place[0])]
         if len(both) == 2:
             found = _grouped(effect, seen, "each", {f"_{place}": (place,) for place in both})
             yield replace(found, where=leg)

@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.observations import Conditions, conditions
+from calib.arrays import Conditions, conditions
 from calib.tripod.effects.effect import Effect, EffectInstance, EffectParameter, Kind
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Stage, simulate

@@ -13,7 +13,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.observations import LEG_NAMES, TOOL, Conditions, FloatArray
+from calib.arrays import LEG_NAMES, TOOL, Conditions, FloatArray
 from calib.tripod.pipeline import Flow, Stage, measuring_directions
 
 
@@ -24,7 +24,7 @@ class Kind(StrEnum):
     INDICATOR = "indicator"
     ENVIRONMENT = "environment"
     BLUNDER = "blunder"  # a mistake in the data
-    EMPIRICAL = "empirical"  # a law without a name
+    EMPIRICAL = "empirical"  # an unnamed effect
 
 
 @dataclass(frozen=True)
@@ -75,8 +75,8 @@ class Effect(Protocol):
     def controller(self) -> str:
         """What to do against it, in words; empty if nothing.
 
-        ``{place}`` stands for the places, ``{axis}`` and ``{along}`` for their letters, the name of
-        a parameter for its value and unit.
+        ``{place}`` stands for the places, ``{axis}`` and ``{along}`` for their letters, ``{third}``
+        for the axis that a pair does not name, the name of a parameter for its value and unit.
         """
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
@@ -136,6 +136,7 @@ def _remedy(alike: Sequence[EffectInstance]) -> str:
         "place": ", ".join(places),
         "axis": ", ".join(dict.fromkeys(place[0] for place in places)),
         "along": ", ".join(dict.fromkeys(place[-1] for place in places)),
+        "third": ", ".join(dict.fromkeys(_third(place) for place in places)),
     }
     for parameter, value in zip(effect.parameters, alike[0].values, strict=True):
         if value.real < parameter.least:
@@ -144,7 +145,15 @@ def _remedy(alike: Sequence[EffectInstance]) -> str:
     return re.sub(r"\{(\w+)\}", lambda found: words.get(found[1], found[0]), effect.controller)
 
 
+def _third(place: str) -> str:
+    """The axis that a pair does not name."""
+    return "".join(name for name in LEG_NAMES if name not in place)
+
+
 PAIRS = ("xy", "yz", "xz")
+AROUND = ("xy", "yz", "zx")
+"""Pairs of axes, each from one to the next."""
+
 DIRECTIONS = tuple(first + second for first, second in permutations(LEG_NAMES, 2))
 AT_TOOL = ("tx", "ty", "tz")
 

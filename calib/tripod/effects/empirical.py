@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.observations import LEG_NAMES, Conditions, FloatArray
+from calib.arrays import LEG_NAMES, Conditions, FloatArray
 from calib.tripod.effects.effect import (
     PER_THOUSAND,
     EffectParameter,
@@ -89,7 +89,7 @@ class Empirical:
         grows = (
             "readings grow" if self.stage == Stage.READING else "a carriage is off along its way"
         )
-        return f"an unnamed law: {grows} {empirical_words(self.bases)}"
+        return f"an unnamed effect: {grows} {empirical_words(self.bases)}"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

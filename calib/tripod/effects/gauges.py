@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.observations import Conditions
+from calib.arrays import Conditions
 from calib.tripod.effects.effect import (
     AT_TOOL,
     PER_THOUSAND,
@@ -21,7 +21,7 @@ from calib.tripod.effects.effect import (
     numbers,
     on_legs,
 )
-from calib.tripod.pipeline import Flow, Stage
+from calib.tripod.pipeline import Flow, Stage, moved_along
 
 PERCENT = 1e-2
 
@@ -120,3 +120,67 @@ class PlateTilt:
         first, second = (k for k in range(3) if k != numbers(place)[1])
         way = values[0] * stage_input[..., first] + values[1] * stage_input[..., second]
         return moved_touch(stage_input, flow, PER_THOUSAND * way * at_mount(flow, place))
+
+
+@dataclass(frozen=True)
+class TipOnRoundBar:
+    """A plain tip on a round bar: where the bar moves across, the surface under the tip recedes.
+
+    The reading falls by z²/2R with z the way along the third axis from where the indicator was set
+    up and R the bar's radius. Beside the crest by e it also falls by e z/R: that is `gauge_tilt`.
+    Positive: the tip touches the side that faces the positive axis.
+    """
+
+    id: str = "tip_on_round_bar"
+    title: str = "the tip slides over the crest of a round bar"
+    kind: Kind = Kind.INDICATOR
+    stage: Stage = Stage.TOUCH
+    parameters: tuple[EffectParameter, ...] = (EffectParameter("curvature", "1/m", 10.0, 500.0),)
+    invariances: tuple[str, ...] = (
+        "same for both directions of approach",
+        "with the square of what the other indicator of the leg shows",
+    )
+    controller: str = (
+        "nothing to enter: use a flat tip at {place}, or one wider than the way across"
+    )
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Every leg and measuring axis that was measured."""
+        return on_legs(taken)
+
+    def change(
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """The touched point goes back by value z² / 2."""
+        leg, axis = numbers(place)
+        third = np.broadcast_to(flow.geometry.directions[3 - leg - axis], (len(flow.taken), 3))
+        z_mm = moved_along(flow, stage_input, third)
+        off_mm = -PER_THOUSAND * values[0] * z_mm**2 / 2.0
+        return moved_touch(stage_input, flow, off_mm * at_mount(flow, place))
+
+
+@dataclass(frozen=True)
+class GaugeHysteresis:
+    """An indicator lags; positive: readings are lower after a movement to larger coordinates."""
+
+    id: str = "gauge_hysteresis"
+    title: str = "an indicator lags behind where its plunger turns round"
+    kind: Kind = Kind.INDICATOR
+    stage: Stage = Stage.READING
+    parameters: tuple[EffectParameter, ...] = (EffectParameter("lag", "µm", 3.0, 20.0),)
+    invariances: tuple[str, ...] = (
+        "depends on the direction of approach only",
+        "another indicator at the same place shows another one",
+    )
+    controller: str = "nothing to enter: check the indicator at {place}, it lags by {lag}"
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Every leg and measuring axis that was measured."""
+        return on_legs(taken)
+
+    def change(
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """Half of the value either way, by the carriage's last movement; 0 where nobody saw it."""
+        lag_mm = PER_THOUSAND * values[0] * flow.taken.approach / 2.0
+        return np.asarray(stage_input - lag_mm * at_mount(flow, place))

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.linalg import DEPENDENT, basis_of, incidence, without
-from calib.observations import Conditions, FloatArray
+from calib.arrays import DEPENDENT, Conditions, FloatArray, basis_of, incidence, without
 from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model, derivatives
@@ -28,7 +27,7 @@ FAINTEST_SIGNAL = 1.0
 DRAWS = 4
 """Of so many directions the one that shows best is taken: values of one leg may cancel."""
 
-ONE_SIDED = ("backlash", "gravity_sag")
+ONE_SIDED = ("backlash", "gravity_sag", "joint_clearance")
 """These push one way only."""
 
 

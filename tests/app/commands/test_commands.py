@@ -13,9 +13,9 @@ import pytest
 from typer.main import get_command
 
 from app.cli import cli
-from protocols.events import Noted, Opened, Reading
 from protocols.journal import write_whole
 from protocols.record import read_record
+from protocols.session import Noted, Opened, Reading
 from tests.app.cli import glidecal, refused, run_here
 
 EXPERIMENT_2 = "experiment_2_twelve.jsonl"
@@ -74,7 +74,7 @@ def test_without_a_subset_the_recommended_one_is_solved(samples: Path) -> None:
 def test_six_differences_do_not_give_both(samples: Path) -> None:
     path = samples / "experiment_1_six.jsonl"
     said = refused(5, "solve", path, "--subset", "both")
-    assert "3 of 6 combinations not seen" in said
+    assert "3 of 6 combinations not identifiable" in said
     assert solve(path)["subset"] == "joint-offsets"
 
 
@@ -158,7 +158,7 @@ def test_validate_all_samples(samples: Path) -> None:
     good = sorted(p for p in samples.glob("*.jsonl") if p.name != "damaged.jsonl")
     run = glidecal("validate", *good)
     assert run.status == 0
-    assert run.out.count("unbroken and closed") == len(good) == 9
+    assert run.out.count("unbroken and closed") == len(good) == 11
 
 
 def test_a_cut_session_is_used_with_a_warning(samples: Path, tmp_path: Path) -> None:

@@ -185,7 +185,7 @@ def test_what_has_no_name_is_adopted_as_a_law(tmp_path: Path) -> None:
     assert diagnosed(made, "--model", target)["verdict"] == "agrees"
     shown = glidecal("model", target)
     words = " ".join(shown.out.split())
-    assert "added empirical (x): a law without a name: it grows with the cube of travel" in words
+    assert "added empirical (x): an unnamed effect: it grows with the cube of travel" in words
     removed = glidecal("model", target, "--remove", "empirical", "--why", "a screw was changed")
     assert "No effects." in removed.out
 
@@ -199,7 +199,7 @@ def test_beside_names_the_law_is_asked_for(tmp_path: Path) -> None:
     named = [one["id"] for one in json.loads(target.read_text(encoding="utf-8"))["effects"]]
     if run.out.startswith("PARTLY-EXPLAINED"):
         assert "empirical" not in named
-        assert "there is an unnamed law, too: --candidate empirical" in run.err
+        assert "there is an unnamed effect too: --candidate empirical" in run.err
     else:
         assert run.out.startswith("UNEXPLAINED")
         assert named == ["empirical"]

@@ -17,8 +17,8 @@ from app.report.schema.hexaslide import HexaSlideIdentifiabilityReport, PaperRul
 from app.report.text.hexaslide import seen_text
 from calib.errors import RecordError
 from calib.hexaslide.derivatives import jacobian
+from calib.hexaslide.planning import HexaSlideSeen, look_at
 from calib.hexaslide.procedures import Procedure, held_postures
-from calib.hexaslide.seen import HexaSlideSeen, look_at
 from protocols.hexaslide_machine import load_hexaslide
 from protocols.hexaslide_postures import load_postures
 from tests.app.cli import glidecal, refused
@@ -82,12 +82,12 @@ def test_too_few_postures_say_the_minimum_and_what_is_lost_in_whole() -> None:
 def test_what_is_lost_is_told_by_its_motions_and_their_number() -> None:
     said = told(Request("constraint-link"))
     for motion in (
-        "NOT SEEN (3): platform frame turned about its X, Y and Z.",
-        "NOT SEEN (3): platform frame shifted along its X, Y and Z.",
-        "NOT SEEN (1): base turned about X. No posture shows this",
+        "NOT IDENTIFIABLE (3): platform frame turned about its X, Y and Z.",
+        "NOT IDENTIFIABLE (3): platform frame shifted along its X, Y and Z.",
+        "NOT IDENTIFIABLE (1): base turned about X. No posture shows this",
     ):
         assert motion in said
-    assert "48 of 55 combinations of the parameters are seen, 7 not." in said
+    assert "48 of 55 combinations of the parameters are identifiable, 7 not." in said
     assert "Fewest postures that show so many: 48." in said
     assert "papers/001 counts 46; with exact derivatives it is 48" in said
 
@@ -128,7 +128,7 @@ def test_condition_numbers_have_their_units() -> None:
 def test_a_measured_tilt_is_seen() -> None:
     run = glidecal("identifiability", "hexaslide", "--measured", "x,y,z,theta")
     assert "48 of 49 combinations" in run.out
-    assert "NOT SEEN (1): platform frame turned about its Z." in run.out
+    assert "NOT IDENTIFIABLE (1): platform frame turned about its Z." in run.out
 
 
 def test_what_is_known_of_the_link() -> None:
@@ -153,7 +153,7 @@ def test_postures_of_a_file(tmp_path: Path) -> None:
     assert (found["postures"]["count"], found["limited_by"]) == (40, "too-few-postures")
     said = told(Request("position", posture_file=table))
     assert "too much alike: others show 46. Vary all six coordinates." in said
-    assert "more such sums; --json tells them" in said
+    assert "more such sums; --json lists them" in said
     written = tmp_path / "own.json"
     named = [dict(zip(columns.split(","), row, strict=True)) for row in postures.tolist()]
     written.write_text(json.dumps({"schema": "x", "postures": named}), encoding="utf-8")

@@ -19,7 +19,7 @@ from app.planning.hexaslide import Asked, calibrate_file, write_simulated
 from app.report.schema.hexaslide import CalibrationReport
 from app.report.text.hexaslide_calibration import calibration_text
 from calib.errors import GlidecalError, NotIdentifiable, RecordError, UsageError
-from calib.hexaslide.kinematics import forward
+from calib.hexaslide.geometry import forward
 from protocols.hexaslide_machine import load_hexaslide
 from protocols.hexaslide_postures import read_measurements, read_truth
 from tests.app.cli import glidecal, refused
@@ -158,10 +158,13 @@ def test_words_of_what_is_lost_left_and_checked(tmp_path: Path) -> None:
     said = calibration_text(solved).replace("\n", " ")
     found = CalibrationReport.of(solved=solved).model_dump(mode="json")
     assert (
-        "NOT SEEN, left as the machine file has it: platform frame turned about its X; platform "
-        "frame turned about its Y; platform frame turned about its Z." in said
+        "NOT IDENTIFIABLE, left as the machine file has it: platform frame turned about its X; "
+        "platform frame turned about its Y; platform frame turned about its Z." in said
     )
-    assert f"Condition number {found['condition_number']:.4g} of what is seen (metres" in said
+    assert (
+        f"Condition number {found['condition_number']:.4g} of the identifiable combinations (metres"
+        in said
+    )
     assert "Check on 10 of 40 postures (25 %), kept out of the fit:" in said
     assert "The catalogue of effects is for the Orthoglide" in said
     assert f"platform frame turned by {found['truth']['after']['platform_frame_turned_mrad']:.3g}"\

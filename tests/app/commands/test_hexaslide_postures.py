@@ -99,7 +99,7 @@ def test_what_is_measured_decides_what_is_seen(tmp_path: Path) -> None:
     linked = ("postures", "hexaslide", "--procedure", "constraint-link")
     path = random_file(tmp_path, 60)
     run = glidecal(*linked, "--known", "none", "--posture-file", path, "--as-is")
-    assert "of the 49 combinations that are seen" in run.out.replace("\n", " ")
+    assert "of the 49 combinations that are identifiable" in run.out.replace("\n", " ")
     assert "Best of" not in run.out
 
 

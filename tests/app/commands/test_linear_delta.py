@@ -113,9 +113,14 @@ def test_bad_files_end_with_the_documented_status(tmp_path: Path) -> None:
     assert "the bars reach" in refused(3, "import", source, *out, *MACHINE)
 
 
+def test_a_demonstration_on_this_machine(tmp_path: Path) -> None:
+    said = ran("demo", "--headless", *MACHINE, "--folder", tmp_path / "demo")
+    before, after = re.findall(r"Tool deviations went from ([\d.]+) to ([\d.]+) mm", said)[0]
+    assert float(after) < 0.1 * float(before)
+
+
 def test_what_a_delta_does_not_do_yet_is_said_in_one_sentence(tmp_path: Path) -> None:
     out = ("-o", tmp_path / "s.jsonl")
-    assert "guided session" in refused(2, "run", *MACHINE, "--simulated", "--headless", *out)
     assert "readings of legs" in refused(2, "run", *MACHINE, "--dry-run", "--protocol", "sweep")
     asked = ("linear-delta", "--procedure", "plate-rings", "--count", "9")
     assert "optimum postures" in refused(2, "postures", *asked)
@@ -139,3 +144,23 @@ def test_the_program_knows_no_machine_of_the_family_by_name() -> None:
     code = [path for room in rooms for path in room.rglob("*.py")]
     naming = [p for p in code if re.search(r"\bdelta\b", p.read_text("utf-8"), re.IGNORECASE)]
     assert {p.relative_to(ROOT).parts[:2] for p in naming} <= {("calib", "tripod")}
+
+
+def verified(folder: Path, before: Hidden, after: Hidden) -> dict[str, str]:
+    """What ``verify`` says of each joint offset, of two plates of these machines."""
+    (folder / "before").mkdir(parents=True)
+    (folder / "after").mkdir()
+    paths = imported(folder / "before", before), imported(folder / "after", after, seed=2)
+    found = json.loads(ran("verify", *paths, "--json"))
+    return {one["name"]: one["entered"] for one in found["offsets"]}
+
+
+def test_offsets_that_were_not_entered_are_seen_on_a_plate(tmp_path: Path) -> None:
+    """What all towers share is not known by 1 mm; each less that is, by hundredths."""
+    off = Hidden(offset_mm=(0.4, -0.5, 0.1))
+    same = verified(tmp_path / "none", off, off)
+    assert {same[f"d_rho_{leg}"] for leg in "xyz"} == {"not entered"}
+    entered = verified(tmp_path / "right", off, PERFECT)
+    assert {entered[f"d_rho_{leg}"] for leg in "xyz"} == {"as expected"}
+    turned = verified(tmp_path / "wrong", off, Hidden(offset_mm=(0.8, -1.0, 0.2)))
+    assert "as expected" not in {turned[f"d_rho_{leg}"] for leg in "xyz"}

@@ -30,6 +30,7 @@ WRITING = {
     "postures hexaslide": (("postures", "hexaslide", *NINE, "-o", "{}.csv"), ""),
     "simulate hexaslide": (("simulate", *HEXA, "-o", "{}"), ""),
     "its truth": (("simulate", *HEXA, "-o", "{}-other", "--truth", "{}"), ""),
+    "report": (("report", SAMPLE, "-o", "{}.html"), ""),
     "template": (("import", "{}.csv", "--template"), ""),
     "template xlsx": (("import", "{}.xlsx", "--template"), ""),
 }

@@ -14,10 +14,9 @@ import pytest
 
 from app.planning.next_measurement import next_measurement
 from app.planning.tripod import tripod_planning
+from calib.arrays import conditions, descending
 from calib.design.criteria import Criterion
 from calib.design.planning import seen_by
-from calib.observations import conditions
-from calib.ties import descending
 from calib.tripod.geometry import Geometry
 from calib.tripod.optimum import optimum_postures
 from calib.tripod.pipeline import derivatives
@@ -96,8 +95,8 @@ def test_too_few_postures_are_named(tmp_path: Path) -> None:
 
 def test_the_text_tells_combination_cost_cure_and_the_classical_view(six: Path) -> None:
     lost = glidecal("identifiability", "orthoglide", "--procedure", six, "--noise", "0.02").out
-    assert "3 of 6 combinations of the parameters are seen, 3 not." in lost
-    assert "NOT SEEN: d_rho_x + d_L_x." in lost
+    assert "3 of 6 combinations of the parameters are identifiable, 3 not." in lost
+    assert "NOT IDENTIFIABLE: d_rho_x + d_L_x." in lost
     weak = glidecal("identifiability", "orthoglide", "--procedure", "zero-max-min").out
     assert "WEAK: d_rho_x + d_L_x known only to ±" in weak
     assert "Best single addition: leg" in weak
@@ -220,7 +219,8 @@ def test_postures_are_moved_off_the_grid_unless_it_is_to_be_kept() -> None:
     assert 1.004 < free["value"] / kept["value"] < 1.1
     assert any(posture["displacement_mm"] % 10.0 for posture in free["postures"])
     moved, still = glidecal(*TWELVE).out, glidecal(*TWELVE, "--no-refine").out
-    assert "Moved off the grid: criterion 5.95 → 6.289." in moved
+    # the starts of the search end elsewhere on other processors, so no figure is pinned here
+    assert f"Moved off the grid: criterion {kept['value']:.4g} → {free['value']:.4g}." in moved
     assert "The postures keep to the grid: --no-refine." in still
 
 
@@ -293,7 +293,7 @@ ORTHOGLIDE = ("postures", "orthoglide", "--procedure", "sweep")
         (2, (*ORTHOGLIDE, "--count", "13", "--common"), "multiple of the number of legs"),
         (2, (*ORTHOGLIDE, "--count", "12", "--budget", "2"), "--budget"),
         (2, (*ORTHOGLIDE, "--count", "12", "-o", "best.txt"), ".toml"),
-        (5, (*ORTHOGLIDE, "--count", "4"), "combinations of the parameters seen"),
+        (5, (*ORTHOGLIDE, "--count", "4"), "combinations of the parameters identifiable"),
         (3, ("plan", "--session", "no.jsonl"), "no.jsonl"),
         (3, ("plan", "--machine", "no.toml"), "no.toml"),
         (2, ("plan", "--machine", "a.toml", "--model", "b.json"), "both"),

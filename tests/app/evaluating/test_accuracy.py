@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 
 from app.evaluating.solution import solve_files
 from app.report.text.result import solution_text
-from calib.identify.solution import SUBSETS
+from calib.identify.identify import SUBSETS
 from tests.app.cli import glidecal, refused
 
 
@@ -75,23 +76,30 @@ def test_rounding_is_simulated_too(tmp_path: Path) -> None:
 
 
 def test_the_certificate_says_one_thing_of_the_tool(samples: Path) -> None:
-    """First lines, recommendation and table promise the same error at the tool, with its ±."""
+    """First lines, table and document promise the same bound at the tool; it is made of parts."""
     session = samples / "experiment_2_twelve.jsonl"
-    found = json.loads(glidecal("solve", session, "--json").out)["tool_error"]
+    found = json.loads(glidecal("solve", session, "--json").out)["tool_bound"]
     said = " ".join(glidecal("solve", session).out.split())
-    after, half = found["after"]["rms_mm"], found["after"]["standard_uncertainty_mm"]
-    half *= found["coverage_factor"]
-    assert f"{after:.3f} ± {half:.3f} mm expected" in said
-    assert f"joint-offsets {after:.3f}," in said
+    after, worst = found["after_mm"], found["open"][0]
+    assert f"at most {after:.3f} mm with these values" in said
+    assert f"up to {after:.3f} mm if {worst['title']} ({worst['id']}, {worst['where']})" in said
     assert f"0.1383 {after:.3f} recommended" in said
+    assert found["noise_mm"] < found["parameters_mm"] < after == worst["bound_mm"]
 
 
 def test_values_that_help_nobody_are_not_praised(samples: Path) -> None:
     """Experiment 3 was measured after correction: its offsets are no larger than their worth."""
-    needle = "not expected to make the tool better"
-    for name, told in (("experiment_3_twelve", True), ("experiment_2_twelve", False)):
+    needle = "not expected to make the tool more accurate"
+    for name, told in (
+        ("experiment_3_twelve", True),
+        ("experiment_3_twelve_corrected", True),
+        ("experiment_2_twelve", False),
+    ):
         said = " ".join(glidecal("solve", samples / f"{name}.jsonl").out.split())
         assert (needle in said) is told
+        bounds = re.search(r"at most ([\d.]+) mm now, at most ([\d.]+) mm with", said)
+        assert bounds is not None
+        assert float(bounds[2]) < float(bounds[1]) or told
 
 
 def test_a_tolerance_is_a_positive_length(samples: Path) -> None:

@@ -46,7 +46,7 @@ def test_what_was_entered_and_whether_it_will_do(
     assert not found["something_missing"]
     text = glidecal("verify", *pair, "--tolerance", "0.05").out
     assert decision.upper() in text
-    assert ("Enter it, and" in text) == (entered == "not entered")
+    assert ("Enter the offset" in text) == (entered == "not entered")
 
 
 def test_the_tolerance_is_the_machines(tmp_path: Path) -> None:

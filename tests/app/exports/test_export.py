@@ -30,10 +30,15 @@ def csv_rows(path: Path) -> list[dict[str, str]]:
 
 
 def said_by_solve(session: Path, *options: str) -> list[str]:
-    """The cautions between the first lines and the tables, each as one line."""
-    text = glidecal("solve", session, *options).out.split("\n\n")[1]
-    lines = re.split(r"\n(?=(?:[A-Z]{4,}[: ]|Recommended set|What to|All figures))", text)
-    return [" ".join(line.split()) for line in lines[1:]]
+    """The bound at the tool and the cautions above and below the parameters, each as one line."""
+    parts = glidecal("solve", session, *options).out.split("\n\n")
+    verdict = r"Known is |[A-Z][a-z, ]+ known to ±|Leg deviations "
+    begins = rf"[A-Z]{{4,}}[: ]|Recommended set|What to|All figures|Tool(?: over|:) |{verdict}"
+    lines = re.split(rf"\n(?={begins})", "\n".join((parts[1], parts[3])))
+    said = [" ".join(line.split()) for line in lines if not re.match(verdict, line)]
+    bound = [line for line in said if line.startswith("Tool")]  # one line, the first, in files
+    below = re.sub(r"^Tool: at most \S+ mm with these values\. ", "", bound[1])
+    return [f"{bound[0]} {below}", *(line for line in said if line not in bound)]
 
 
 def in_file(path: Path, kind: str) -> str:
@@ -263,7 +268,7 @@ def test_uncertainties_are_those_of_solve(session: Path, tmp_path: Path) -> None
         larger = solved["expanded_with_lack_of_fit_mm"][name]
         assert written["expanded_with_lack_of_fit"] == larger > 10 * entry["expanded_uncertainty"]
         said = comments(tmp_path / "linuxcnc" / f"calib_joint{number}.inc")
-        assert f"{name} is known to ±{larger:.3f} mm (95 %, what the model leaves" in said
+        assert f"{name} is known to ±{larger:.3f} mm (95 %, residual" in said
 
 
 def test_without_lack_of_fit_the_include_tells_the_plain_figure(
@@ -283,7 +288,7 @@ def test_cautions_go_through_a_model_file(session: Path, tmp_path: Path) -> None
     assert glidecal("export", model, "--format", "linuxcnc", "-o", inc).status == 0
     said = comments(inc / "calib_joint1.inc")
     assert "it does not hold how well they are known" in said
-    assert "WARNING: what the model leaves is 11.1 times the noise" in said
+    assert "WARNING: the residual is 11.1 times the noise" in said
     assert " is known to ±" not in said
     assert glidecal("export", model, "--format", "csv", "-o", tmp_path / "c").status == 0
     rows = csv_rows(tmp_path / "c")

@@ -21,12 +21,12 @@ from app.measuring.gauges import Gauge, Motion
 from app.measuring.session import GuidedSession, TakenStep
 from drivers.profile import Asked, Outcome, Reading
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
-from protocols.events import Opened
 from protocols.expectation import Movement
 from protocols.journal import Journal
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Step, leg_number, load_procedure
 from protocols.record import read_record
+from protocols.session import Opened
 from protocols.session_clock import SessionClock
 from tests.blind.forward import Hidden, Rows, readings
 

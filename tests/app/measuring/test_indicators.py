@@ -13,8 +13,8 @@ import pytest
 
 from app.measuring.indicators import check_indicators, parse_indicator
 from app.measuring.simulated import rehearsed
+from calib.arrays import conditions
 from calib.errors import UsageError
-from calib.observations import conditions
 from calib.tripod.geometry import Geometry
 from calib.tripod.simulation import hidden_machine
 from drivers.line import IndicatorLine

@@ -10,16 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.measuring.gauges import Motion
-from app.measuring.playback import SPEEDS, Playback, State
-from app.measuring.playback_frames import BREAK_S, SHORTEST_S, frames_of
+from app.measuring.gauges import Live, Motion
+from app.measuring.playback import BREAK_S, SHORTEST_S, SPEEDS, Playback, State, frames_of
 from app.report.text.replay import reading_lines, said_text
 from calib.errors import RecordError, UsageError
 from drivers.profile import Fault, FaultKind, Reading
-from protocols.events import Event
-from protocols.events import Reading as Recorded
 from protocols.record import Record, read_record
-from protocols.session import fold
+from protocols.session import Event, fold
+from protocols.session import Reading as Recorded
 from tests.app.cli import refused
 from tests.conftest import SAMPLES
 from tests.recorded import REASON, at, opened, pair, story
@@ -31,6 +29,12 @@ def record(events: list[Event]) -> Record:
     """A record of these events that was never closed."""
     placed = [event.model_copy(update={"line": n}) for n, event in enumerate(events, start=1)]
     return Record(Path("folder/story.jsonl"), tuple(placed), "open", 0, 0, "")
+
+
+def shown(live: Live) -> list[float]:
+    """The readings of the strip chart."""
+    assert all(low == high for _, low, high in live.trace.moments)
+    return [high for _, _, high in live.trace.moments]
 
 
 def told() -> Playback:
@@ -208,11 +212,11 @@ def test_jump_in_a_table_counts_readings(samples: Path) -> None:
     assert (now.number, now.leg, now.axes, now.displacement_mm) == (3, "x", ("y",), -100.0)
     assert not playback.shown.is_new_place(now)
     (live,) = playback.live
-    assert live.trend_mm == (0.0, 0.08, -0.34)
+    assert shown(live) == [0.0, 0.08, -0.34]
     assert isinstance(live.outcome, Reading)
     assert live.outcome.resolution_mm == pytest.approx(0.01)
     playback.step(1)
-    assert playback.live[0].trend_mm == (0.0,)
+    assert shown(playback.live[0]) == [0.0]
 
 
 def test_superseded_readings_stay_in_sight_with_their_reason() -> None:
@@ -225,14 +229,14 @@ def test_superseded_readings_stay_in_sight_with_their_reason() -> None:
     third = next(k for k, line in enumerate(lines) if line.split()[:1] == ["3"])
     assert lines[third].split() == ["3", "2", "x", "y", "+60.00", "1", "xy", "+0.2000"]
     assert lines[third + 1].strip() == f"superseded: {REASON}"
-    assert playback.live[0].trend_mm == (0.4,)
+    assert shown(playback.live[0]) == [0.4]
 
 
 def test_panels_show_readings_of_the_present_mounting() -> None:
     playback = told()
     assert [live.motion for live in playback.live] == [Motion.WAITING] * 2
     playback.jump_to("2")
-    assert [live.trend_mm for live in playback.live] == [(0.1, 0.2), (-0.1, -0.2)]
+    assert [shown(live) for live in playback.live] == [[0.1, 0.2], [-0.1, -0.2]]
     assert playback.live[0].outcome == Reading("0.200", 0.2, 0.001, unit_assumed=False)
     playback.toggle()
     playback.advance(4.0 / playback.speed)

@@ -14,11 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from protocols.events import Event, Mounted, Opened, Reading
 from protocols.expectation import Expected, expected
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Leg, default_mount, load_procedure
-from protocols.session import fold
+from protocols.session import Event, Mounted, Opened, Reading, fold
 from tests.app.measuring.simulated_operator import SCATTER_MM, Table, Tally, hidden, session, table
 
 FULL = "GLIDECAL_FUZZ" in os.environ

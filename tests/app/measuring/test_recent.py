@@ -11,8 +11,8 @@ import pytest
 
 from app.measuring.recent import MOST, SMALL_BYTES, look_at, recent_sessions
 from protocols import record
-from protocols.events import Event, Line, Noted
 from protocols.journal import Journal, write_whole
+from protocols.session import Event, Line, Noted
 from tests.protocols.test_journal import opened, reading
 from tests.recorded import opened as planned
 

@@ -13,9 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from app.measuring.demo import demo_plan, measure_all
 from app.measuring.gauges import Gauge
-from app.measuring.opening import Plan, opened_event, start_session
+from app.measuring.opening import Plan, demo_plan, measure_all, opened_event, start_session
 from app.measuring.session import Doubt, GuidedSession
 from app.measuring.simulated import BenchSettings
 from drivers.profile import Asked, FaultKind, Outcome, Reading
@@ -358,7 +357,7 @@ def test_where_readings_tell_nothing_a_press_too_soon_is_asked(tmp_path: Path) -
         assert doubt(guided) is None
         assert guided.moved() is Movement.UNKNOWN, "so that automatic waits"
     notes = [e.text for e in read_record(guided.path).events if e.event == "noted"]
-    assert notes == ["step 2: the readings cannot tell a move here; the operator's word"]
+    assert notes == ["step 2: no reading can show a move here; the operator's word"]
 
 
 def test_a_first_reading_beyond_the_tolerances_is_asked(tmp_path: Path) -> None:
@@ -380,7 +379,12 @@ def test_other_decimals_in_mid_session_are_a_fault_with_a_name(tmp_path: Path) -
         assert taken is not None
         (fault,) = taken.faults
         assert fault.kind is FaultKind.WRONG_UNIT
-        for words in ("indicator 2 along Z (port)", "1e-05 mm", "before 0.001", "inch"):
+        for words in (
+            "indicator 2 (mitutoyo-01a, port): along Z",
+            "1e-05 mm",
+            "before 0.001",
+            "inch",
+        ):
             assert words in fault.words
         assert guided.session.done() == {1}
         gauges[1].show(0.3)

@@ -14,9 +14,8 @@ from textual.widgets import Input
 from app.measuring.indicators import check_indicators, from_file, parse_indicator, this_computer
 from app.measuring.opening import PortsUnknown, opened_event, plan_to_continue
 from app.screens.check import CheckScreen
-from app.screens.dialogs import ChoiceDialog, TextDialog
 from app.screens.home import HomeScreen
-from app.screens.interface import Interface
+from app.screens.interface import ChoiceDialog, Interface, TextDialog
 from app.screens.start import Glidecal
 from calib.errors import IndicatorError, UsageError
 from drivers.port import open_port
@@ -229,5 +228,5 @@ async def test_the_screen_asks_for_the_ports(
         interface.screen.query_one(Input).value = f"sylvac:{nobody} sylvac:socket://127.0.0.1:2"
         await pilot.press("enter")
         await until(pilot, "the check", lambda: isinstance(interface.screen, CheckScreen))
-        await until(pilot, "no port", lambda: "nobody listens" in text(interface, "#words"))
+        await until(pilot, "no port", lambda: "no device answers" in text(interface, "#words"))
     assert len(path.read_bytes().splitlines()) == 1

@@ -7,14 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from app.measuring.demo import demo_plan
-from app.measuring.opening import begin, open_indicators
+from app.measuring.opening import begin, demo_plan, open_indicators
 from app.measuring.simulated import BenchSettings
 from app.measuring.value_check import check_values
 from calib.errors import RecordError
-from protocols.events import Continued, Reading
 from protocols.journal import Journal
 from protocols.record import Record, check_record, read_record
+from protocols.session import Continued, Reading
 from tests.app.cli import refused
 from tests.recorded import unsealed
 

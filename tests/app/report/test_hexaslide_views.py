@@ -16,12 +16,11 @@ from app.report.charts.drawings import (
     ticks_within,
 )
 from app.report.charts.hexaslide import drawn_machine, drawn_postures
+from calib.arrays import condition
 from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.geometry import HexaSlide
-from calib.hexaslide.planning import Found, find_postures
+from calib.hexaslide.planning import KINDS, Found, find_postures, look_at
 from calib.hexaslide.procedures import DEGREES, MILLIMETRES, Procedure, in_units
-from calib.hexaslide.seen import KINDS, look_at
-from calib.linalg import condition
 from protocols.hexaslide_machine import load_hexaslide
 from tests.app.cli import refused
 

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from calib.arrays import FloatArray, IntArray
 from calib.design.criteria import Aim, Criterion, value_of, wanted_information
 from calib.design.exchange import Candidates, choose, swap_ratios
 from calib.design.refinement import (
@@ -20,7 +21,6 @@ from calib.design.refinement import (
     refine,
 )
 from calib.errors import CalibrationError, NotIdentifiable
-from calib.observations import FloatArray, IntArray
 
 ALL = list(Criterion)
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.arrays import Observations, observe
 from calib.diagnosis.problem import Case, Problem
 from calib.diagnosis.results import Diagnosis
 from calib.noise.reading import IndicatorFigures
-from calib.observations import Observations, observe
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model, measure

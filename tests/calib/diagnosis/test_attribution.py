@@ -7,17 +7,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.arrays import FloatArray
 from calib.diagnosis.attribution import Attribution
 from calib.diagnosis.diagnose import diagnose, sentence
 from calib.diagnosis.hypotheses import hypotheses_of, implausible, log_choices
 from calib.diagnosis.model_selection import ModelSelection
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.results import Named
-from calib.observations import FloatArray
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import EffectInstance
-from tests.calib.diagnosis.diagnosed_sessions import LAWS, SWEEP, TWO_STATION, case, names, problem
+from tests.calib.diagnosis.diagnosed_sessions import (
+    LAWS,
+    SHORT,
+    SWEEP,
+    TWO_STATION,
+    case,
+    names,
+    problem,
+)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -135,7 +143,7 @@ def test_one_reading_gives_no_name() -> None:
     naming = attributed(moved, entry)
     assert naming.evidence(0) > 25.0
     assert naming.without_any_one(0) < 0.0
-    assert naming.doubt == "the evidence hangs on a single reading"
+    assert naming.doubt == "the evidence depends on a single reading"
 
 
 def test_the_first_sentence_stays_a_sentence() -> None:
@@ -145,7 +153,7 @@ def test_the_first_sentence_stays_a_sentence() -> None:
     many = tuple(Named(f"name_{k}", "x") for k in range(9))
     finding = replace(found.effects[0], indistinguishable_from=many)
     said = sentence("ambiguous", [finding], "", "")
-    assert "name_0, name_1, name_2, name_3, 5 others; these data cannot tell." in said
+    assert "name_0, name_1, name_2, name_3, 5 others. These readings cannot decide." in said
     plain = replace(finding, indistinguishable_from=())
     assert sentence("ambiguous", [plain], "", "the evidence is weak").endswith("is weak.")
 
@@ -163,3 +171,34 @@ def test_one_direction_that_one_reading_carries_is_not_the_whole_evidence() -> N
     least = min(without_a_row(moved, columns, k) for k in range(len(one.y)))
     assert least > 100.0
     assert naming.without_any_one(0) == pytest.approx(least - 2.0, rel=1e-4)
+
+
+def test_own_errors_of_postures_explain_any_shape_and_cost_their_freedom() -> None:
+    """Liang et al. (2008), equation 5, written out: one mean for each posture of each mounting."""
+    made = case(SHORT, EffectInstance(LAWS["backlash"], "y", (0.05,)), seed=8)
+    one = Problem.of([made.fitted()])
+    keys = one.mount * 100 + one.conditions("level")
+    columns = one.root_weight[:, None] * np.equal.outer(keys, np.unique(keys))
+    rank = columns.shape[1] - one.whitening.free.shape[1]
+    white = one.whitening(columns)
+    s = float(one.y @ white @ np.linalg.lstsq(white, one.y, rcond=1e-9)[0])
+    t, f = one.gap(one.y) + one.noise_df, one.structure_df + one.noise_df
+    ratio = (s / rank) / ((t - s) / (f - rank))
+    shrunk = 1.0 + (ratio - 1.0) * (1.0 - s / t)
+    expected = 0.5 * (f - rank) * np.log(ratio) - 0.5 * f * np.log(shrunk)
+    selection = ModelSelection(one, [], [], np.zeros(0))
+    assert selection.own_errors("level") == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize(("ahead", "claimed"), [(10.1, True), (9.9, False)])
+def test_a_name_must_be_far_ahead_of_own_errors(ahead: float, claimed: bool) -> None:
+    made = case(TWO_STATION, EffectInstance(LAWS["backlash"], "y", (0.006,)), seed=8)
+    one = Problem.of([made.fitted()])
+    entries = [e for e in hypotheses_of(one, CATALOGUE) if (e.id, e.where) == ("backlash", "y")]
+    naming = attributed(one, entries[0])
+    assert naming.outcome.kept is not None
+    weight = naming.selection.own_errors("level") + ahead
+    kept = replace(naming.outcome.kept, log_weight=weight)
+    moved = Attribution(naming.selection, replace(naming.outcome, kept=kept))
+    assert (moved.verdict(mistakes_found=False) == "explained") == claimed
+    assert moved.doubt.startswith("" if claimed else "an unknown error")

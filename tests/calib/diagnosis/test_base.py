@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from app.evaluating.diagnosis import diagnose_files
+from calib.arrays import Observations, observe
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.problem import Case, Problem
 from calib.diagnosis.results import Diagnosis
 from calib.noise.reading import IndicatorFigures
-from calib.observations import Observations, observe
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model, measure
@@ -166,3 +168,35 @@ def test_one_posture_tells_nothing() -> None:
     found = diagnose([session(at_zero, (0.1, -0.1, 0.05))], CATALOGUE)
     assert found.verdict == "cannot-tell"
     assert any("measure others too" in said for said in found.remarks)
+
+
+def driven_again(taken: Observations, times: int) -> Observations:
+    """The same session, every cycle of it driven so many times."""
+    many = taken.take(np.tile(np.arange(len(taken)), times))
+    turn = np.repeat(np.arange(times), len(taken))
+    later = turn * (taken.time_s.max() + 20.0)
+    cycle = many.cycle + turn * taken.cycle.max()
+    many = replace(many, cycle=cycle, time_s=many.time_s + later)
+    return many.take(np.argsort(many.mount, kind="stable"))
+
+
+def test_ten_times_the_readings_take_about_ten_times_as_long() -> None:
+    seconds = []
+    for times in (4, 12):
+        made = session(driven_again(TWO_STATION, times), (0.1, -0.1, 0.05))
+        start = time.process_time()
+        assert diagnose([made], CATALOGUE).verdict == "agrees"
+        seconds.append(time.process_time() - start)
+    assert seconds[1] < 5.0 * seconds[0]  # three times the readings
+
+
+@pytest.mark.parametrize("tolerance_mm", [1e-9, 100.0])
+def test_lengths_without_tolerance_and_with_decimetres_stay_finite(tolerance_mm: float) -> None:
+    """The smallest and the largest that a machine file may state; bars are as they should be."""
+    made = session(SWEEP, (0.0, 0.0, 0.0))
+    held = replace(made, tolerance_mm=np.array([2.0] * 3 + [tolerance_mm] * 3))
+    found = diagnose([held], CATALOGUE)
+    assert found.verdict == "agrees"
+    assert np.isfinite(
+        [found.gap_before.rms_mm, *(one.size for one in found.smallest_detectable)]
+    ).all()

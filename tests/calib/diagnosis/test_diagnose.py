@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.arrays import Observations
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.results import Diagnosis
-from calib.observations import Observations
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.actuators import ActuatorCyclic
 from calib.tripod.effects.effect import EffectInstance

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calib.arrays import Observations
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.results import Diagnosis, ModelDiscrepancy
-from calib.observations import Observations
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.effects.empirical import BASES, Empirical, empirical_effect
@@ -114,7 +114,7 @@ def test_what_follows_no_law_is_said_to_follow_none() -> None:
     found = diagnose([rough], [])
     assert found.verdict == "unexplained"
     assert found.left_over is None
-    assert any("no simple law" in remark for remark in found.remarks)
+    assert any("no simple pattern" in remark for remark in found.remarks)
 
 
 def test_bases_and_laws_by_hand() -> None:

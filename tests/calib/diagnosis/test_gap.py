@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calib.arrays import Observations
 from calib.diagnosis.diagnose import diagnose
-from calib.observations import Observations
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model, derivatives

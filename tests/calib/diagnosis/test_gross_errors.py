@@ -7,15 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.attribution import DOUBT
+from calib.arrays import IntArray, Observations
 from calib.diagnosis.cleaning import clean
-from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.diagnose import DOUBT, diagnose
 from calib.diagnosis.gross_errors import find_shift
 from calib.diagnosis.labels import Label, relabelled
 from calib.diagnosis.outliers import belongs_elsewhere, set_outliers_right
 from calib.diagnosis.problem import Case
 from calib.diagnosis.results import Finding
-from calib.observations import IntArray, Observations
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from tests.calib.diagnosis.diagnosed_sessions import LAWS, SHORT, SWEEP, TWO_STATION, case
@@ -133,7 +132,7 @@ def test_a_wrong_label_beside_a_drift() -> None:
 
 
 def test_of_two_repeats_neither_can_be_called_wild() -> None:
-    """+60 mm is read twice: one of the two is wild, and nothing tells which."""
+    """+60 mm is read twice: one of the two is an outlier, and nothing tells which."""
     one = case(SWEEP, seed=5)
     rows = rows_of(one.observed, 4)[[2, 13]]
     assert one.observed.displacement_mm[rows].tolist() == [60.0, 60.0]
@@ -141,7 +140,7 @@ def test_of_two_repeats_neither_can_be_called_wild() -> None:
     assert [each.id for each in found] == ["wild_reading"]
     assert sorted(found[0].rows.tolist()) == rows.tolist()
     assert found[0].title == (
-        "one reading is wild, at +60 mm, cycle 1 or at +60 mm, cycle 2; none of them is used"
+        "one reading is an outlier, at +60 mm, cycle 1 or at +60 mm, cycle 2; none of them is used"
     )
     assert len(found[0].corrected) == len(one.observed) - 2
 

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from calib.diagnosis.next_measurement import ENOUGH, GOAL, best_addition, options
+from calib.arrays import Conditions, FloatArray, Observations, observe
+from calib.diagnosis.next_measurement import GOAL, best_addition, options
+from calib.diagnosis.policy import POLICY
 from calib.diagnosis.problem import Case, Problem
 from calib.diagnosis.separating import Added, Explanation, Judge, Preparation, added_conditions
 from calib.noise.reading import IndicatorFigures
-from calib.observations import Conditions, FloatArray, Observations, observe
 from calib.tripod.effects.candidates import Candidate, candidates
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
@@ -147,7 +148,7 @@ def test_weight_is_told_from_a_scale_by_weight() -> None:
     plain = judge.separations(model, list(options(model.geometry, Preparation())))
     assert as_it_stands.preparation.load == 1.0
     assert loaded.preparation.load == 2.0
-    assert apart[0, 1] >= GOAL > ENOUGH > plain[:, 0, 1].max()
+    assert apart[0, 1] >= GOAL > POLICY.decisive > plain[:, 0, 1].max()
     assert "load the tool to 2 times its weight" in loaded.words
 
 

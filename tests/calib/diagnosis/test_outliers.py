@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from calib.arrays import IntArray, Observations
 from calib.diagnosis.cleaning import clean
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.labels import (
@@ -20,9 +21,9 @@ from calib.diagnosis.labels import (
     other_labels,
     relabelled,
 )
-from calib.diagnosis.outliers import WILD_DISTANCE, set_outliers_right
+from calib.diagnosis.outliers import set_outliers_right
+from calib.diagnosis.policy import POLICY
 from calib.diagnosis.results import Named
-from calib.observations import IntArray, Observations
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from tests.calib.diagnosis.diagnosed_sessions import LAWS, SHORT, SWEEP, TWO_STATION, case
@@ -78,7 +79,7 @@ def test_a_fit_that_may_be_an_accident_is_told_with_both_names(off: float, first
     (other,) = {"label_error", "wild_reading"} - {first}
     assert (found.id, found.or_else) == (first, (Named(other, "yx"),))
     words = {
-        "wild_reading": "one wild reading at +22 mm, cycle 1",
+        "wild_reading": "one outlier at +22 mm, cycle 1",
         "label_error": "the reading at +22 mm, cycle 1 belongs to -37 mm",
     }
     assert found.title == f"{words[first]}, or {words[other]}; it is not used"
@@ -135,7 +136,7 @@ def test_a_reading_of_heavy_tails_is_not_moved() -> None:
     one = case(SWEEP, seed=3)
     row = int(rows_at(one.observed, 1, 22.0)[2])
     mean = float(np.median(one.observed.value_mm[rows_at(one.observed, 1, 22.0)]))
-    there = mean + 0.87 * WILD_DISTANCE * SCATTER_MM
+    there = mean + 0.87 * POLICY.wild_sd * SCATTER_MM
     observed = reading(posture_put_at(one.observed, 1, 41.0, there), row, there)
     assert set_outliers_right(observed) == []
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.arrays import FloatArray
 from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.geometry import Box, ConstraintLink, Geometry, HexaSlide
 from calib.hexaslide.procedures import Procedure
-from calib.observations import FloatArray
 
 SHAPES = ("any", "planar platform", "planar base", "parallel rails", "flat", "symmetric")
 """Flat: planar platform and base, parallel rails. Symmetric: a pair of chains, thrice."""

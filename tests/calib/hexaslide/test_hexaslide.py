@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.arrays import FloatArray
 from calib.design.identifiability import classical_qr
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
 from calib.hexaslide.derivatives import jacobian
@@ -16,12 +17,17 @@ from calib.hexaslide.geometry import (
     ConstraintLink,
     Geometry,
     HexaSlide,
+    forward,
+    forward_near,
+    inverse,
+    legs,
+    rotation,
     values,
     with_values,
 )
-from calib.hexaslide.kinematics import forward, forward_near, inverse, legs, rotation
 from calib.hexaslide.planning import (
     best_postures,
+    differenced,
     fewest_postures,
     reachable,
 )
@@ -31,8 +37,6 @@ from calib.hexaslide.procedures import (
     Procedure,
     held_postures,
 )
-from calib.hexaslide.seen import differenced
-from calib.observations import FloatArray
 from protocols.hexaslide_machine import load_hexaslide
 from tests.calib.hexaslide.hexaslide_draws import SHAPES, drawn_machine, jacobian_and_slopes
 
@@ -112,6 +116,26 @@ def test_forward_kinematics_returns_everywhere_in_the_box(seed: int | None) -> N
     found = forward(machine.geometry, sliders, machine.box)
     assert np.abs(found - postures).max() < 1e-12
     assert np.abs(inverse(machine.geometry, found) - sliders).max() < 1e-12
+
+
+def test_the_iteration_of_the_paper_needs_the_other_sign() -> None:
+    """papers/001, 2.2, step iii prints X + J⁻¹ (Q_g - Q_d); with Q_d - Q_g it arrives."""
+    wanted = np.array([[0.05, -0.75, -1.1, 0.05, -0.08, 0.1]])
+    sliders = inverse(H60.geometry, wanted)
+    misses = {}
+    for sign in (1.0, -1.0):
+        guess = H60.box.centre[None].copy()
+        for _ in range(6):
+            steps = guess + 1j * TINY * np.eye(6)
+            slope = inverse(H60.geometry, steps).imag.T / TINY
+            guess = guess + sign * np.linalg.solve(
+                slope, (sliders - inverse(H60.geometry, guess))[0]
+            )
+            misses[sign] = float(np.abs(guess - wanted).max())
+            if misses[sign] > 0.3:  # the postures beyond need not exist
+                break
+    assert misses[1.0] < 1e-9
+    assert misses[-1.0] > 0.3
 
 
 def test_outside_the_reachable_space_both_ways_refuse() -> None:
@@ -303,6 +327,23 @@ def test_the_rule_of_the_paper_on_its_differences_counts_rows_or_parameters(
     names = procedure.parameters
     flat = rows.reshape(-1, len(names))
     assert len(names) - len(classical_qr(flat, names).flagged) == counted == min(flat.shape)
+
+
+@pytest.mark.parametrize("kind", [Kind.POSE_INVERSE, Kind.POSITION])
+def test_matrices_that_the_paper_calls_homogeneous_are_not(kind: Kind) -> None:
+    """Of one unit they would be the same in mm and m; those of rail components grow with it."""
+    procedure, postures = Procedure.of(kind), some(H60, 12)
+    larger = replace(
+        H60.geometry,
+        base=1000.0 * H60.geometry.base,
+        platform=1000.0 * H60.geometry.platform,
+        links=1000.0 * H60.geometry.links,
+    )
+    in_mm = postures * np.array([1000.0, 1000.0, 1000.0, 1.0, 1.0, 1.0])
+    ratio = np.abs(jacobian(procedure, larger, in_mm, None)).max(axis=(0, 1))
+    ratio = ratio / np.abs(jacobian(procedure, H60.geometry, postures, None)).max(axis=(0, 1))
+    assert set(np.round(ratio).astype(int)) == {1, 1000}
+    assert 0 < (np.round(ratio) == 1000).sum() <= 12
 
 
 def test_differences_through_the_inverse_kinematics_and_of_the_link_alone() -> None:

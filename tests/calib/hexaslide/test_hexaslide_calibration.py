@@ -7,16 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.arrays import FloatArray
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
 from calib.hexaslide.calibration import Calibration, calibrate, residuals_of
 from calib.hexaslide.checked import frames_apart, inner_lengths, inner_slopes
 from calib.hexaslide.derivatives import jacobian
-from calib.hexaslide.geometry import Box, HexaSlide, values, with_values
-from calib.hexaslide.kinematics import forward, rotation
+from calib.hexaslide.geometry import Box, HexaSlide, forward, rotation, values, with_values
 from calib.hexaslide.procedures import Procedure
 from calib.hexaslide.residuals import Readings, residuals, shares, stretch, whitening
 from calib.hexaslide.simulation import disturbed, measure
-from calib.observations import FloatArray
 from calib.stats import coverage_factor
 from tests.calib.hexaslide.test_hexaslide import H60, random_machine
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.hexaslide import ours, peer
+from calib.arrays import FloatArray
 from calib.design.criteria import Criterion, observability
 from calib.design.refinement import OF_ENDS
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
@@ -16,7 +17,6 @@ from calib.hexaslide.derivatives import RowMaker, jacobian
 from calib.hexaslide.geometry import ConstraintLink, Geometry, HexaSlide
 from calib.hexaslide.planning import BestPostures, best_postures, judged_postures
 from calib.hexaslide.procedures import Kind, Procedure
-from calib.observations import FloatArray
 from tests.calib.hexaslide.hexaslide_draws import jacobian_and_slopes
 from tests.calib.hexaslide.test_hexaslide import H60, random_machine, some
 

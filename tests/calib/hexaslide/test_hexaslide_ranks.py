@@ -9,6 +9,7 @@ from itertools import chain, combinations
 import numpy as np
 import pytest
 
+from calib.arrays import FloatArray
 from calib.design.identifiability import analyse
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.planning import (
@@ -18,7 +19,6 @@ from calib.hexaslide.planning import (
     sensitivity,
 )
 from calib.hexaslide.procedures import COMPONENTS, ENDS, Kind, Procedure
-from calib.observations import FloatArray
 from protocols.hexaslide_machine import load_hexaslide
 from tests.calib.hexaslide import prime_field as exact
 from tests.calib.hexaslide.hexaslide_draws import SHAPES, drawn_machine

@@ -7,12 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from calib.arrays import Observations, conditions, observe
 from calib.errors import NotIdentifiable
-from calib.identify.identify import identify
-from calib.identify.solution import Method, Subset
+from calib.identify.identify import Method, Subset, identify
 from calib.identify.subset_choice import choose_subset
 from calib.noise.reading import IndicatorFigures
-from calib.observations import Observations, conditions, observe
 from calib.tripod.pipeline import Model
 from tests.builders import observed, postures
 
@@ -136,7 +135,7 @@ def test_one_posture_only(method: Method) -> None:
 def test_one_leg_only_names_what_is_not_seen() -> None:
     full = observed([0.1] * 6, postures())
     one_leg: Observations = full.take(full.leg == 0)
-    with pytest.raises(NotIdentifiable, match="not seen"):
+    with pytest.raises(NotIdentifiable, match="not identifiable"):
         identify(MODEL, one_leg, "both", "exact", indicator=IndicatorFigures(repeatability_mm=0.01))
 
 
@@ -176,3 +175,16 @@ def test_one_blunder_does_not_take_the_other_subsets_along() -> None:
     fit = choice.solutions["joint-offsets"].lack_of_fit
     assert fit is not None
     assert fit.p_value < 1e-6
+
+
+def test_weak_combinations_are_named_where_the_noise_is_what_the_fit_leaves() -> None:
+    """Zero, Max, Min once, nothing stated: d_rho + d_L of each leg is known to many millimetres."""
+    data = observed([0.3, -0.2, 0.1, 0.0, 0.0, 0.0], postures(), scatter_mm=0.1, seed=4)
+    solution = identify(MODEL, data, "both")
+    assert solution.noise.source == "residuals"
+    names = [one.combination for one in solution.weak_directions]
+    assert names == ["d_rho_x + d_L_x", "d_rho_y + d_L_y", "d_rho_z + d_L_z"]
+    sums = np.hstack([np.eye(3), np.eye(3)])
+    spread = np.sqrt(np.diag(sums @ solution.covariance_mm2 @ sums.T))
+    told = [one.standard_uncertainty_mm for one in solution.weak_directions]
+    assert told == pytest.approx(spread, rel=0.01)

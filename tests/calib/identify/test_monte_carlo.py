@@ -8,17 +8,15 @@ from itertools import product
 import numpy as np
 import pytest
 
+from calib.arrays import FloatArray, observe
 from calib.clusters import on_part
 from calib.identify.accuracy import decide, tool_error, tool_map
-from calib.identify.identify import identify
+from calib.identify.identify import SUBSETS, Subset, identify
 from calib.identify.monte_carlo import Campaign, simulate_and_identify
-from calib.identify.solution import SUBSETS, Subset
 from calib.identify.subset_choice import full_covariance
 from calib.noise.reading import IndicatorFigures
-from calib.observations import FloatArray, observe
 from calib.stats import coverage_factor
-from calib.tripod.geometry import Geometry
-from calib.tripod.kinematics import direct, inverse
+from calib.tripod.geometry import Geometry, direct, inverse
 from calib.tripod.pipeline import Model, measure
 from calib.tripod.workspace import workspace_points
 from tests.builders import conditions_of
@@ -163,10 +161,11 @@ def test_map_and_decision() -> None:
         assert drawn.error_mm[i, j] == pytest.approx(float(np.linalg.norm(moved - place)), rel=0.01)
     found = tool_error(geometry, shift, 1e-4 * np.eye(6))
     guard = 2.0 * found.standard_uncertainty_mm
-    assert decide(found, found.rms_mm + 1.1 * guard, 2.0) == "pass"
-    assert decide(found, found.rms_mm + 0.5 * guard, 2.0) == "undecided"
-    assert decide(found, found.rms_mm - 0.5 * guard, 2.0) == "undecided"
-    assert decide(found, found.rms_mm - 1.1 * guard, 2.0) == "fail"
+    bound = found.rms_mm + 3.0 * guard
+    assert decide(found, bound, 1.01 * bound, 2.0) == "pass"
+    assert decide(found, bound, 0.99 * bound, 2.0) == "undecided"
+    assert decide(found, bound, found.rms_mm - 0.5 * guard, 2.0) == "undecided"
+    assert decide(found, bound, found.rms_mm - 1.1 * guard, 2.0) == "fail"
 
 
 def test_memory_and_result_do_not_depend_on_how_sessions_are_cut() -> None:

@@ -6,18 +6,19 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from calib.identify.fit import exact_fit, without_zeros
-from calib.identify.monte_carlo import identify_many
-from calib.identify.solution import SUBSETS, Subset
-from calib.newton import minimise, solve_positive
-from calib.observations import (
+from calib.arrays import (
     Conditions,
     FloatArray,
     Observations,
     conditions,
     observe,
     tool_conditions,
+    without_zeros,
 )
+from calib.identify.fit import exact_fit
+from calib.identify.identify import SUBSETS, Subset
+from calib.identify.monte_carlo import identify_many
+from calib.newton import minimise, solve_positive
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, derivatives, simulate
 from calib.tripod.plain import PapersDesign, TripodDesign

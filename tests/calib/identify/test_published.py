@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.arrays import Observations
 from calib.errors import NotIdentifiable
-from calib.identify.identify import identify
-from calib.identify.solution import Solution, Subset
+from calib.identify.identify import Solution, Subset, identify
 from calib.identify.subset_choice import choose_subset
 from calib.noise.reading import IndicatorFigures
-from calib.observations import Observations
 from calib.tripod.differences import differences, reading_matrix
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
@@ -97,7 +96,7 @@ def test_singular_values(samples: Path) -> None:
 
 
 def test_six_differences_do_not_give_six_parameters(samples: Path) -> None:
-    with pytest.raises(NotIdentifiable, match="3 of 6 combinations not seen"):
+    with pytest.raises(NotIdentifiable, match="3 of 6 combinations not identifiable"):
         solved(samples, "experiment_1_six", "both")
 
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.arrays import Conditions, Observations, conditions, observe
 from calib.errors import NotIdentifiable
 from calib.identify.fit import Size
 from calib.identify.identify import identify
 from calib.noise.reading import IndicatorFigures
-from calib.observations import Conditions, Observations, conditions, observe
 from calib.tripod.effects.actuators import ActuatorScale, Backlash
 from calib.tripod.effects.axes import AxisSquareness
 from calib.tripod.effects.effect import EffectInstance

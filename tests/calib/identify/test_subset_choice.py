@@ -8,13 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.identify.identify import identify
-from calib.identify.solution import Subset
+from calib.arrays import FloatArray
+from calib.identify.identify import Subset, identify
 from calib.identify.subset_choice import choose_subset
 from calib.noise.reading import IndicatorFigures
-from calib.observations import FloatArray
-from calib.tripod.geometry import Geometry
-from calib.tripod.kinematics import direct, inverse
+from calib.tripod.geometry import Geometry, direct, inverse
 from calib.tripod.pipeline import Model
 from calib.tripod.workspace import workspace_points
 from protocols.observations import to_observations

@@ -8,9 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.noise.reading import IndicatorFigures, reading_noise, visits
+from calib.arrays import observe
+from calib.noise.reading import (
+    IndicatorFigures,
+    IndicatorNoise,
+    Noise,
+    reading_noise,
+    reading_weights,
+    visits,
+)
 from calib.noise.repeats import Repeats
-from calib.observations import observe
 from calib.stats import coverage_factor, variance_ratio_p_value
 from calib.tripod.pipeline import round_to
 from tests.builders import observed, postures
@@ -95,3 +102,11 @@ def test_tail_areas_against_scipy_stats() -> None:
 
     assert variance_ratio_p_value(2.5, 6, 12) == pytest.approx(stats.f.sf(2.5, 6, 12))
     assert variance_ratio_p_value(2.5, 6, math.inf) == pytest.approx(stats.chi2.sf(15.0, 6))
+
+
+def test_values_of_a_posture_weigh_together_as_their_mean() -> None:
+    """1/(s²/n + B) for each mounting's posture, whatever the other mountings read there."""
+    data = observed(TRUTH, postures(repeats=3))
+    noise = Noise((IndicatorNoise(4.0, 0.5, math.inf),), "instrument")
+    together = np.bincount(data.posture, reading_weights(data, noise))
+    assert together == pytest.approx(np.full(18, 1.0 / (4.0 / 3.0 + 0.5)))

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.arrays import Observations, observe
 from calib.noise.reading import IndicatorFigures, IndicatorNoise, Noise, reading_noise
 from calib.noise.repeats import Repeats, outlying_readings
-from calib.observations import Observations, observe
 from tests.builders import postures
 
 

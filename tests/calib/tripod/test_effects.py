@@ -10,23 +10,21 @@ import numpy as np
 import pytest
 
 from app.measuring.simulated import simulated_session
-from calib.observations import Conditions, FloatArray, conditions, tool_conditions
+from calib.arrays import Conditions, FloatArray, conditions, incidence, tool_conditions
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.actuators import Backlash
-from calib.tripod.effects.axes import AxisOffset
+from calib.tripod.effects.actuators import STANDARD_LEADS_MM, Backlash
+from calib.tripod.effects.axes import AxisDistance, AxisOffset
 from calib.tripod.effects.bars import pull_of_weight
 from calib.tripod.effects.candidates import Candidate, candidates, invisible
-from calib.tripod.effects.catalogue import effects_of
+from calib.tripod.effects.catalogue import BESIDE_CATALOGUE, ISO_230, effects_of
 from calib.tripod.effects.effect import Effect, EffectInstance, remedies
-from calib.tripod.geometry import Geometry
-from calib.tripod.kinematics import trilaterate
+from calib.tripod.geometry import Geometry, trilaterate
 from calib.tripod.movements import last_movement
 from calib.tripod.pipeline import Model, Stage, derivatives, simulate
-from protocols.events import Event
 from protocols.machine import Machine
 from protocols.observations import to_observations
 from protocols.procedure import load_procedure
-from protocols.session import fold
+from protocols.session import Event, fold
 from tests.builders import postures
 from tests.tripods import DELTA
 
@@ -57,10 +55,11 @@ def on_plate() -> Conditions:
 TAKEN = walked()
 PLATE = on_plate()
 
+EVERY = (*CATALOGUE, *BESIDE_CATALOGUE)
 SETTINGS = [
     pytest.param(known, geometry, taken, id=f"{known.id}-{known.parameters[0].name}-{name}")
     for name, geometry, taken in (("legs", Geometry(), TAKEN), ("plate", DELTA, PLATE))
-    for known in effects_of(CATALOGUE, geometry)
+    for known in effects_of(EVERY, geometry)
     if known.places(taken)
 ]
 """Every law on a machine whose readings it may touch."""
@@ -69,7 +68,7 @@ SETTINGS = [
 def effect(effect_id: str, parameter: str = "") -> Effect:
     return next(
         known
-        for known in CATALOGUE
+        for known in EVERY
         if known.id == effect_id and parameter in ("", known.parameters[0].name)
     )
 
@@ -98,7 +97,9 @@ def test_the_catalogue_holds_the_ids_of_the_contract() -> None:
     contract = """axis_squareness axis_offset straightness actuator_scale actuator_cyclic backlash
         leg_length gravity_sag thermal_drift leg_taper leg_bow gauge_gain gauge_tilt"""
     assert set(contract.split()) == {known.id for known in CATALOGUE}
-    for known in CATALOGUE:
+    assert set(ISO_230) < {known.id for known in EVERY}
+    assert not {known.id for known in CATALOGUE} & {known.id for known in BESIDE_CATALOGUE}
+    for known in EVERY:
         assert known.title
         assert known.invariances
         assert all(p.unit and p.tolerance > 0 for p in known.parameters)
@@ -340,6 +341,50 @@ def test_gain_and_tilt() -> None:
     assert moved[0] - moved[2] == pytest.approx(expected, abs=1e-12)
 
 
+def test_three_distances_are_what_six_shifts_show() -> None:
+    """Shifts that move all axes alike are joint offsets; theory.md, section 4, gives one by hand.
+
+    Axis x shifted towards y by 1 is y of z to x: zx -1; its change of the readings in proportion.
+    """
+    taken = at(0, 1, 0.0, 60.0, -100.0)
+    model = Model()
+    shifts = {
+        place: change("axis_offset", place, 1e-3, taken)
+        for place in ("xy", "xz", "yx", "yz", "zx", "zy")
+    }
+    base = derivatives(model.geometry, model.parameters_mm, TAKEN)
+    free = np.hstack([base[:, :3], incidence(TAKEN.mount)])
+    for first, second in (("xy", "zy"), ("xz", "yz"), ("yx", "zx")):
+        both = change("axis_offset", first, 1e-3, TAKEN) + change(
+            "axis_offset", second, 1e-3, TAKEN
+        )
+        fitted = free @ np.linalg.lstsq(free, both, rcond=1e-9)[0]
+        assert fitted == pytest.approx(both, abs=1e-7)
+    assert (shifts["xy"][1:] - shifts["xy"][0]) / 1e-3 == pytest.approx([-0.1934, 0.3223], abs=1e-4)
+    for pair, plus, minus in (("xy", "xz", "yz"), ("yz", "yx", "zx"), ("zx", "zy", "xy")):
+        distance = change("axis_offset", pair, 1e-3, taken, parameter="distance")
+        half = (shifts[plus] - shifts[minus]) / 2
+        assert distance == pytest.approx(half, abs=1e-9)
+
+
+def test_a_single_shifted_axis_is_two_distances() -> None:
+    """What shifts of axis x leave beside offsets is in the span of its two distances, and alone."""
+    model = Model(parameters_mm=OFF)
+    free = np.hstack(
+        [
+            derivatives(model.geometry, model.parameters_mm, TAKEN)[:, :3],
+            incidence(TAKEN.mount),
+        ]
+    )
+    found = {c.where: c for c in candidates(model, TAKEN) if c.id == "axis_offset"}
+    shift = replace(model, effects=(EffectInstance(AxisOffset(), "xz", (1e-4,)),))
+    seen = (shift.readings(TAKEN) - model.readings(TAKEN)) / 1e-4
+    value = np.linalg.lstsq(np.hstack([found["xy"].columns, free]), seen, rcond=1e-10)[0]
+    assert value[0] == pytest.approx(1.0, abs=1e-4)
+    value = np.linalg.lstsq(np.hstack([found["x"].columns, free]), seen, rcond=1e-10)[0]
+    assert value[:2] == pytest.approx([1.0, 0.0], abs=1e-4)
+
+
 def test_drift_with_time_and_temperature() -> None:
     rate = change("thermal_drift", "y", 5.0, TAKEN)
     assert rate == pytest.approx(np.where(TAKEN.axis == 1, 5e-3 * TAKEN.time_s / 3600, 0.0))
@@ -349,6 +394,78 @@ def test_drift_with_time_and_temperature() -> None:
     )
     untold = replace(TAKEN, time_s=np.where(TAKEN.mount == 0, np.nan, TAKEN.time_s))
     assert change("thermal_drift", "y", 5.0, untold)[untold.mount == 0] == pytest.approx(0.0)
+
+
+def test_a_stand_drifts_alone() -> None:
+    rate = change("stand_drift", "yx", 5.0, TAKEN)
+    there = (TAKEN.leg == 1) & (TAKEN.axis == 0)
+    assert rate == pytest.approx(np.where(there, 5e-3 * TAKEN.time_s / 3600, 0.0))
+
+
+@pytest.mark.parametrize("displacement", [60.0, -100.0])
+def test_a_guide_bent_like_an_s(displacement: float) -> None:
+    """By hand: 0.02 mm at 100 mm is 0.02 · 0.6³ = 0.00432 mm at 60 mm, -0.02 at -100 mm."""
+    sideways = {60.0: 0.00432, -100.0: -0.02}[displacement]
+    found = change("straightness_cubic", "xy", 0.02, at(0, 1, displacement))[0]
+    expected = reads(0, 1, displacement, sideways_mm=sideways) - reads(0, 1, displacement)
+    assert found == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_tip_on_a_round_bar() -> None:
+    """By hand: across by z on a radius of 10 mm, 100 / m, it reads z² / 20 mm less."""
+    model = Model(parameters_mm=(0.0, 0.0, 9.0, 0.0, 0.0, 0.0))
+    taken, across = at(0, 1, 60.0), at(0, 2, 60.0)
+    z = float(model.readings(across)[0])
+    assert abs(z) > 0.9
+    found = model.with_effects((EffectInstance(effect("tip_on_round_bar"), "xy", (100.0,)),))
+    change_mm = found.readings(taken)[0] - model.readings(taken)[0]
+    assert change_mm == pytest.approx(-(z**2) / 20.0, rel=1e-9)
+    assert found.readings(at(0, 1, 0.0)) == pytest.approx(model.readings(at(0, 1, 0.0)), abs=1e-12)
+
+
+def test_an_indicator_lags_by_half_either_way() -> None:
+    for approach, expected in ((1.0, -0.002), (-1.0, 0.002), (0.0, 0.0)):
+        found = change("gauge_hysteresis", "xy", 4.0, at(0, 1, 22.0, approach=approach))
+        assert found[0] == pytest.approx(expected, abs=1e-12)
+        assert change("gauge_hysteresis", "xy", 4.0, at(0, 2, 22.0))[0] == 0.0
+
+
+def warm(kelvins: float, taken: Conditions) -> Conditions:
+    return replace(taken, temperature_c=np.full(len(taken), 20.0 + kelvins))
+
+
+def test_a_bar_grows_with_temperature() -> None:
+    """System (11): a longer bar x reads -b along y on itself, b = (0.5 + sin a) tan a = 0.1367."""
+    taken = warm(2.0, at(0, 1, 60.0, 0.0))
+    far, zero = change("thermal_growth", "x", 3.0, taken, parameter="bar_per_kelvin")
+    assert (far - zero) / 0.006 == pytest.approx(-0.1367, abs=2e-4)
+    cold = at(0, 1, 60.0, 0.0)
+    assert change("thermal_growth", "x", 3.0, cold, parameter="bar_per_kelvin") == pytest.approx(0)
+
+
+def test_a_screw_grows_from_its_bearing() -> None:
+    """By hand: 11.5 µm/m K, 2 K, carriage x at sqrt(L² - 60²) = 304.39 mm: 0.0070 mm further."""
+    further = 11.5e-6 * 2.0 * np.sqrt(L**2 - 60.0**2)
+    assert further == pytest.approx(0.0070, abs=1e-5)
+    taken = warm(2.0, at(1, 0, 60.0))
+    found = change("thermal_growth", "x", 11.5, taken, parameter="screw_per_kelvin")[0]
+    expected = reads(1, 0, 60.0, along_mm=(further, 0.0, 0.0)) - reads(1, 0, 60.0)
+    assert found == pytest.approx(expected, abs=1e-9)
+
+
+def test_clearance_follows_the_pull() -> None:
+    """By hand: at +60 mm bar z holds the weight, leans and pulls bar x with tan a = 0.1971.
+
+    Bar x is then longer by half the clearance, but for 0.5 % of floating; it reads -b of it.
+    """
+    far, zero = change("joint_clearance", "x", 0.01, at(0, 1, 60.0, 0.0))
+    longer = 0.005 * 0.1971 / np.hypot(0.1971, 0.02)
+    assert (far - zero) / longer == pytest.approx(-0.1367, abs=2e-4)
+    back, _ = change("joint_clearance", "x", 0.01, at(0, 1, -60.0, 0.0))
+    pressed = change("leg_length", "x", -longer, at(0, 1, -60.0, 0.0))
+    shorter = replace(Model(), parameters_mm=(0, 0, 0, -longer, 0, 0)).readings(at(0, 1, -60.0))
+    assert back == pytest.approx(shorter[0] - Model().readings(at(0, 1, -60.0))[0], abs=2e-6)
+    assert pressed[0] == pytest.approx(back, abs=2e-6)
 
 
 def named(found: tuple[Candidate, ...], effect_id: str) -> list[tuple[str, str, int]]:
@@ -365,10 +482,15 @@ def test_places_and_arrangements() -> None:
         *((leg, "each", 2) for leg in "xyz"),
         *(("all", "same", 1), ("all", "mirror", 2), ("all", "turning", 2), ("x,y,z", "each", 6)),
     ]
+    assert named(found, "axis_offset") == [
+        *((pair, "one", 1) for pair in ("xy", "yz", "zx")),
+        *((axis, "each", 2) for axis in "xyz"),
+        *(("all", "same", 1), ("xy,yz,zx", "each", 3)),
+    ]
     mounts = [(place, "one", 1) for place in ("xy", "xz", "yx", "yz", "zx", "zy")]
     assert named(found, "straightness") == lateral
     assert named(found, "leg_taper") == mounts + lateral
-    assert len(named(found, "actuator_cyclic")) == 4 * 5
+    assert len(named(found, "actuator_cyclic")) == len(STANDARD_LEADS_MM) * 5
     assert len(named(found, "thermal_drift")) == 2 * 5
     turning = next(c for c in found if (c.id, c.arrangement) == ("leg_bow", "turning"))
     assert [p.name for p in turning.parameters] == ["middle_next", "middle_before"]
@@ -445,10 +567,12 @@ def test_remedies_tell_what_to_enter_and_at_which_joints() -> None:
     (said,) = remedies([EffectInstance(AxisOffset(), "zy", (-0.12,))])
     assert said.startswith("axis z: the kinematics of export --format linuxcnc-kins")
     assert said.endswith("or shim it by -0.12 mm against y")
+    (said,) = remedies([EffectInstance(AxisDistance(), "zx", (0.2,))])
+    assert said.endswith("or shim axis z against y by +0.2 mm")
 
 
 def test_every_effect_says_what_to_do() -> None:
-    for effect in CATALOGUE:
+    for effect in EVERY:
         place = "xy" if effect.stage != Stage.ACTUATOR else "x"
         (said,) = remedies([EffectInstance(effect, place, (1.0,) * len(effect.parameters))])
         assert "{" not in said, effect.id

@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from calib.arrays import FloatArray
 from calib.errors import UnreachablePosture
-from calib.observations import FloatArray
-from calib.tripod.geometry import Geometry
-from calib.tripod.kinematics import direct, inverse, tool_jacobians, trilaterate
+from calib.tripod.geometry import Geometry, direct, inverse, tool_jacobians, trilaterate
 from tests.tripods import TRIPODS
 
 L = 310.25

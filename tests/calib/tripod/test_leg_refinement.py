@@ -7,10 +7,10 @@ from itertools import product
 import numpy as np
 import pytest
 
+from calib.arrays import FloatArray, IntArray, conditions
 from calib.design.criteria import Aim, Criterion
 from calib.design.exchange import Candidates, choose
 from calib.errors import NotIdentifiable
-from calib.observations import FloatArray, IntArray, conditions
 from calib.tripod.geometry import Geometry
 from calib.tripod.leg_refinement import move_off_grid
 from calib.tripod.pipeline import derivatives

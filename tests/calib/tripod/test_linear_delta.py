@@ -8,16 +8,13 @@ import numpy as np
 import pytest
 from scipy.optimize import root
 
+from calib.arrays import Conditions, FloatArray, observe, tool_conditions, without_zeros
 from calib.errors import CalibrationError, NotIdentifiable
-from calib.identify.fit import without_zeros
-from calib.identify.identify import identify
+from calib.identify.identify import SUBSETS, identify
 from calib.identify.monte_carlo import Campaign, simulate_and_identify
-from calib.identify.solution import SUBSETS
 from calib.identify.subset_choice import choose_subset
 from calib.noise.reading import IndicatorFigures
-from calib.observations import Conditions, FloatArray, observe, tool_conditions
-from calib.tripod.geometry import Geometry, Three
-from calib.tripod.kinematics import inverse
+from calib.tripod.geometry import Geometry, Three, inverse
 from calib.tripod.pipeline import Model, derivatives, simulate
 from calib.tripod.workspace import workspace_jacobian
 from tests.tripods import DELTA, ORTHOGLIDE

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from app.evaluating.diagnosis import diagnose_files
+from calib.arrays import Observations
 from calib.noise.reading import visits
-from calib.observations import Observations
 from calib.tripod.movements import last_movement, with_first_movements
 from protocols.observations import to_observations
 from protocols.record import read_record

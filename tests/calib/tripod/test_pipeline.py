@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from calib.arrays import conditions, observe
 from calib.errors import UnreachablePosture
-from calib.observations import conditions, observe
 from calib.tripod.differences import differences, reading_matrix
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Flow, Model, Stage, StageEffect, command, derivatives, simulate

@@ -1,0 +1,217 @@
+"""Whether what offsets and lengths leave in several sessions is one pattern, whatever its name.
+
+The mean residuals of the postures that all sessions have, whitened alike, are a vector of d free
+directions for each session. What is reproducible has the same direction in all of them; how large
+it is may differ, as after a mechanical change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from scipy.special import betainc
+
+from calib.arrays import DEPENDENT, FloatArray, basis_of, incidence
+from calib.diagnosis.policy import POLICY
+from calib.diagnosis.problem import FittedSession, Problem, Whitening
+from calib.diagnosis.results import PatternPair, SharedPattern
+from calib.stats import variance_ratio_p_value
+
+SEED = 20221
+DRAWS = 1999
+TIE = 1e-9
+
+
+def shared_pattern(sessions: Sequence[FittedSession]) -> SharedPattern | None:
+    """Compare what is left in those of these sessions that have a gap.
+
+    None where they are fewer than two, or their common postures leave fewer than two directions.
+    """
+    real = [k for k, one in enumerate(sessions) if _has_gap(Problem.of([one]))]
+    if len(real) < 2:
+        return None
+    patterns = _Patterns.of([sessions[k] for k in real])
+    if patterns is None:
+        return None
+    chance = patterns.chance_of_directions()
+    return SharedPattern(
+        sessions=tuple(real),
+        directions=patterns.directions,
+        common_share=patterns.common_share,
+        p_value_directions=chance,
+        p_value_permutations=patterns.chance_of_permutations(),
+        reproducible=chance <= POLICY.agreement_level,
+        pairs=tuple(
+            patterns.pair(i, j, (real[i], real[j])) for i, j in combinations(range(len(real)), 2)
+        ),
+    )
+
+
+def repeats_words(pattern: SharedPattern) -> str:
+    """What a reproducible pattern says, beginning with a space; empty where it is not one."""
+    if not pattern.reproducible:
+        return ""
+    sessions = " and ".join(str(k + 1) for k in pattern.sessions)
+    return (
+        f" It is reproducible: sessions {sessions} have the same residual pattern, by chance"
+        f" {once_in(pattern.p_value_directions)}."
+    )
+
+
+RAREST = 1e-6
+
+
+def once_in(p_value: float) -> str:
+    """A p-value as how often; of the rarest, which may be 0 in floating point, only a limit."""
+    rarer = "less than " if p_value < RAREST else ""
+    return f"{rarer}once in {1.0 / max(p_value, RAREST):.0f} times"
+
+
+def _has_gap(problem: Problem) -> bool:
+    chance = problem.gap_p_value(problem.gap(problem.y), problem.structure_df)
+    return chance <= POLICY.agreement_level
+
+
+@dataclass(frozen=True, eq=False)
+class _Patterns:
+    """m sessions at the same k postures.
+
+    ``means`` ``(m, k)`` are mean residuals, mm, ``variance`` ``(m, k)`` theirs, mm²; ``root``
+    ``(k,)`` divides by the noise of all, ``setups`` are the postures of each leg, axis and station.
+    """
+
+    means: FloatArray
+    variance: FloatArray
+    root: FloatArray
+    whitening: Whitening
+    setups: tuple[tuple[int, ...], ...]
+
+    @classmethod
+    def of(cls, sessions: Sequence[FittedSession]) -> _Patterns | None:
+        """At the postures that all have, whichever way they were reached.
+
+        Zeros are those of every session, offsets and lengths act as they do in the first one.
+        """
+        keyed = [_rows_by_posture(one) for one in sessions]
+        common = sorted(set.intersection(*(set(one) for one in keyed)))
+        if not common:
+            return None
+        averages = [
+            _averaging(one, [rows[key] for key in common])
+            for one, rows in zip(sessions, keyed, strict=True)
+        ]
+        means = [
+            average @ (one.observed.value_mm - one.model.readings(one.observed))
+            for one, average in zip(sessions, averages, strict=True)
+        ]
+        variance = np.array(
+            [
+                average**2 @ (1.0 / one.weight)
+                for one, average in zip(sessions, averages, strict=True)
+            ]
+        )
+        root = 1.0 / np.sqrt(variance.mean(axis=0))
+        zeros = [
+            average @ incidence(one.observed.mount)
+            for one, average in zip(sessions, averages, strict=True)
+        ]
+        base = root[:, None] * (averages[0] @ sessions[0].base)
+        free = basis_of(root[:, None] * np.hstack(zeros), DEPENDENT)
+        whitening = Whitening.of(free, base[:, :3], base[:, 3:])
+        groups: dict[tuple[float, ...], list[int]] = {}
+        for k, key in enumerate(common):
+            groups.setdefault(key[:3], []).append(k)
+        found = cls(np.array(means), variance, root, whitening, tuple(map(tuple, groups.values())))
+        return found if found.directions > 1 else None
+
+    @property
+    def directions(self) -> int:
+        """How many directions zeros and offsets leave."""
+        return int(self.means.shape[1] - self.whitening.free.shape[1])
+
+    @cached_property
+    def left(self) -> FloatArray:
+        """What is left of each session ``(m, k)``, whitened."""
+        return self.whitening((self.root * self.means).T).T
+
+    @cached_property
+    def common_share(self) -> float:
+        """The part of the patterns, made equally long, that one direction holds.
+
+        Of two it is (1 + |cosine|) / 2.
+        """
+        return float(_shares(self.left[None])[0])
+
+    def chance_of_directions(self) -> float:
+        """Chance of so large a share of directions drawn at random."""
+        if len(self.means) == 2:
+            sine = 1.0 - (2.0 * self.common_share - 1.0) ** 2
+            return float(betainc((self.directions - 1) / 2, 0.5, max(sine, 0.0)))
+        size = DRAWS, len(self.means), self.directions
+        return self._reached(np.random.default_rng(SEED).normal(size=size))
+
+    def chance_of_permutations(self) -> float:
+        """The same where set-ups read alike change places in all sessions but the first."""
+        generator = np.random.default_rng(SEED)
+        drawn = np.repeat(self.means[None], DRAWS, axis=0)
+        for count in {len(rows) for rows in self.setups}:
+            alike = np.array([rows for rows in self.setups if len(rows) == count])
+            for k in range(1, len(self.means)):
+                order = np.argsort(generator.random((DRAWS, len(alike))), axis=1)
+                drawn[:, k, alike.ravel()] = self.means[k][alike[order]].reshape(DRAWS, -1)
+        white = self.whitening((self.root * drawn).reshape(-1, len(self.root)).T).T
+        return self._reached(white.reshape(drawn.shape))
+
+    def _reached(self, drawn: FloatArray) -> float:
+        """How often patterns ``(draws, m, k)`` are as much alike; a tie counts."""
+        reached = np.count_nonzero(_shares(drawn) >= self.common_share - TIE)
+        return (1 + reached) / (1 + len(drawn))
+
+    def pair(self, i: int, j: int, numbers: tuple[int, int]) -> PatternPair:
+        """What is left of session j when the pattern of i, made as large as fits, is taken off."""
+        first, second = self.left[i], self.left[j]
+        scale = float(first @ second / (first @ first))
+        rest = second - scale * first
+        variance = self.variance[j] + scale**2 * self.variance[i]
+        freedom = self.directions - 1
+        ratio = float(rest @ rest) / float((self.root**2 * variance).mean()) / freedom
+        return PatternPair(
+            *numbers,
+            cosine=float(first @ second / (np.linalg.norm(first) * np.linalg.norm(second))),
+            scale=scale,
+            before_rms_mm=self._rms_mm(second),
+            after_rms_mm=self._rms_mm(rest),
+            noise_rms_mm=float(np.sqrt(variance.mean() * freedom / len(rest))),
+            p_value=variance_ratio_p_value(ratio, freedom, np.inf),
+        )
+
+    def _rms_mm(self, left: FloatArray) -> float:
+        return float(np.sqrt(((self.whitening.held_back(left) / self.root) ** 2).mean()))
+
+
+def _shares(left: FloatArray) -> FloatArray:
+    """`common_share` of patterns ``(draws, m, k)``, ``(draws,)``."""
+    unit = left / np.linalg.norm(left, axis=2, keepdims=True)
+    return np.asarray(np.linalg.eigvalsh(unit @ unit.transpose(0, 2, 1))[:, -1] / left.shape[1])
+
+
+def _rows_by_posture(one: FittedSession) -> dict[tuple[float, ...], list[int]]:
+    """Rows by leg, axis, station, displacement and position."""
+    taken = one.observed
+    keys = [taken.leg, taken.axis, taken.station, taken.displacement_mm, *taken.position_mm.T]
+    rows: dict[tuple[float, ...], list[int]] = {}
+    for k, key in enumerate(np.column_stack(keys).round(4).tolist()):
+        rows.setdefault(tuple(key), []).append(k)
+    return rows
+
+
+def _averaging(one: FittedSession, groups: Sequence[Sequence[int]]) -> FloatArray:
+    """The matrix ``(k, n)`` of weighted means of these rows."""
+    average = np.zeros((len(groups), len(one.observed)))
+    for k, rows in enumerate(groups):
+        average[k, rows] = one.weight[rows] / one.weight[rows].sum()
+    return average

@@ -1,0 +1,329 @@
+"""Values for Klipper, RepRapFirmware and lineardeltakins against machines and firmware of our own.
+
+A true machine (towers, bars, switches that are off) is driven by what a firmware computes from
+the exported file. Both are written here from the geometry and from the documented formulas:
+Klipper's klippy/kinematics/delta.py, RepRapFirmware's LinearDeltaKinematics.cpp, LinuxCNC's
+lineardeltakins-common.h. Nothing of the program's mathematics takes part.
+"""
+
+from __future__ import annotations
+
+import configparser
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calib.tripod.effects.axes import AxisOffset, AxisSquareness
+from calib.tripod.effects.effect import EffectInstance
+from calib.tripod.pipeline import Model
+from protocols.machine import Machine, load_machine
+from protocols.model_file import model_file
+from tests.app.cli import glidecal, refused
+
+FloatArray = NDArray[np.float64]
+Firmware = Callable[[FloatArray], FloatArray]
+"""Travel below each switch ``(3,)``, towers x, y, z, for a tool that is sent there."""
+
+BAR, RADIUS = 250.0, 124.0
+ANGLES = np.array([210.0, 330.0, 90.0])
+ENDSTOPS = (300.1, 299.9, 300.4)
+GRID = [
+    np.array([x, y, z])
+    for x in np.linspace(-60.0, 60.0, 5)
+    for y in np.linspace(-60.0, 60.0, 5)
+    for z in np.linspace(0.0, 200.0, 5)
+]
+"""The workspace of the machine file."""
+
+
+def outward(angles_deg: FloatArray) -> FloatArray:
+    return np.stack([np.cos(np.radians(angles_deg)), np.sin(np.radians(angles_deg))], axis=1)
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """What is off: switches and bars of towers x, y, z, towers outwards and anticlockwise."""
+
+    switch_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    bar_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    out_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    round_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lean_xy: float = 0.0  # rad, towers x and y together, half each, with their coordinate
+    wrong_sign: bool = field(default=False)
+
+    def tool(self, travel_mm: FloatArray) -> FloatArray:
+        """Where three spheres meet, by Newton's method."""
+        believed = np.array(ENDSTOPS) + math.sqrt(BAR**2 - RADIUS**2)
+        height = believed + self.switch_mm - travel_mm
+        out = outward(ANGLES)
+        across = np.stack([-out[:, 1], out[:, 0]], axis=1)
+        feet = (RADIUS + np.array(self.out_mm))[:, None] * out
+        feet = feet + np.array(self.round_mm)[:, None] * across
+        apart = (out[1] - out[0]) / np.linalg.norm(out[1] - out[0])
+        feet[0] += self.lean_xy / 2.0 * height[0] * apart
+        feet[1] -= self.lean_xy / 2.0 * height[1] * apart
+        foot = np.column_stack([feet, height])
+        found = np.array([0.0, 0.0, height.mean() - 217.0])
+        for _ in range(30):
+            bars = found - foot
+            left = (bars**2).sum(axis=1) - (BAR + np.array(self.bar_mm)) ** 2
+            found = found - np.linalg.solve(2.0 * bars, left)
+        return found
+
+    def model(self) -> Model:
+        """The same for the program, as docs/effects.md states the signs."""
+        effects = [
+            EffectInstance(AxisOffset(), f"{leg}{way}", (value,))
+            for way, values in (("r", self.out_mm), ("t", self.round_mm))
+            for leg, value in zip("xyz", values, strict=True)
+            if value
+        ]
+        if self.lean_xy:
+            effects.append(EffectInstance(AxisSquareness(), "xy", (1e3 * self.lean_xy,)))
+        sign = -1.0 if self.wrong_sign else 1.0
+        values = tuple(sign * value for value in (*self.switch_mm, *self.bar_mm))
+        return Model(machine().geometry(), values, tuple(effects))
+
+
+def machine(**more: object) -> Machine:
+    """The linear delta that comes with the program, its rounded places written out in full."""
+    shipped = load_machine("linear-delta")
+    assert shipped.drive is not None
+    drives = [
+        drive.model_copy(
+            update={"origin_mm": (*(157.0 * o), 0.0), "platform_mm": (*(33.0 * o), 0.0)}
+        )
+        for drive, o in zip(shipped.drive, outward(ANGLES).tolist(), strict=True)
+        for o in [np.array(o)]
+    ]
+    held = {"drive": tuple(drives), "position_endstop_mm": ENDSTOPS}
+    return shipped.model_copy(update=held | more)
+
+
+def errors(hidden: Hidden, firmware: Firmware) -> FloatArray:
+    """Tool less where it was sent, less the same in the middle of the plate ``(n, 3)``."""
+    zero = hidden.tool(firmware(np.zeros(3)))
+    return np.array([hidden.tool(firmware(place)) - place for place in GRID]) - zero
+
+
+def rms(errors_mm: FloatArray) -> float:
+    return math.sqrt(float((errors_mm**2).sum(axis=1).mean()))
+
+
+def carriages(place: FloatArray, arms: FloatArray, towers: FloatArray) -> FloatArray:
+    return np.asarray(place[2] + np.sqrt(arms**2 - ((place[:2] - towers) ** 2).sum(axis=1)))
+
+
+def klipper(text: str) -> Firmware:
+    config = configparser.RawConfigParser()
+    config.read_string(text)
+    radius = config.getfloat("printer", "delta_radius")
+    rows = [
+        [config.getfloat(f"stepper_{n}", key) for n in "abc"]
+        for key in ("position_endstop", "arm_length", "angle")
+    ]
+    endstops, arms, angles = (np.array(row) for row in rows)
+    trip = endstops + np.sqrt(arms**2 - radius**2)
+    return lambda place: trip - carriages(place, arms, radius * outward(angles))
+
+
+def words(line: str) -> dict[str, str]:
+    return {word[0]: word[1:] for word in line.split()[1:]}
+
+
+def reprapfirmware(text: str) -> Firmware:
+    """Recalc() and Transform(), in double precision."""
+    (geometry,) = [words(line) for line in text.splitlines() if line.startswith("M665")]
+    (switches,) = [words(line) for line in text.splitlines() if line.startswith("M666")]
+    arms = np.array([float(part) for part in geometry["L"].split(":")])
+    radius, height = float(geometry["R"]), float(geometry["H"])
+    a, b, c = (float(geometry[name]) for name in "XYZ")
+    rad = math.radians
+    towers = radius * np.array(
+        [
+            [-math.cos(rad(30 + a)), -math.sin(rad(30 + a))],
+            [+math.cos(rad(30 - b)), -math.sin(rad(30 - b))],
+            [-math.sin(rad(c)), +math.cos(rad(c))],
+        ]
+    )
+    trip = height + np.sqrt(arms**2 - radius**2) + [float(switches[n]) for n in "XYZ"]
+    assert sum(float(switches[n]) for n in "XYZ") == pytest.approx(0.0, abs=2e-6)
+    return lambda place: trip - carriages(place, arms, towers)
+
+
+def lineardeltakins(folder: Path) -> Firmware:
+    """kinematics_inverse(); joints 0, 1, 2 are towers z, x, y here."""
+    pins = dict(
+        re.findall(
+            r"^setp lineardeltakins\.([LR]) (\S+)$", (folder / "calib.hal").read_text(), re.M
+        )
+    )
+    length, radius = float(pins["L"]), float(pins["R"])
+    half = math.sqrt(3.0) / 2.0
+    towers = radius * np.array([[0.0, 1.0], [-half, -0.5], [half, -0.5]])
+    homes = [
+        float(
+            re.findall(
+                r"^HOME_OFFSET = (\S+)$", (folder / f"calib_joint{n}.inc").read_text(), re.M
+            )[0]
+        )
+        for n in range(3)
+    ]
+    return lambda place: (homes - carriages(place, np.full(3, length), towers))[[1, 2, 0]]
+
+
+BELIEVED = klipper(
+    f"[printer]\ndelta_radius: {RADIUS}\n"
+    + "".join(
+        f"[stepper_{n}]\nposition_endstop: {stop}\narm_length: {BAR}\nangle: {angle}\n"
+        for n, stop, angle in zip("abc", ENDSTOPS, ANGLES, strict=True)
+    )
+)
+
+
+def exported(hidden: Hidden, kind: str, folder: Path, *more: str, **told: object) -> Path:
+    folder.mkdir(exist_ok=True)
+    model, out = folder / "model.json", folder / kind
+    model.write_text(model_file(hidden.model(), machine(**told)).text(), encoding="utf-8")
+    run = glidecal("export", model, "--format", kind, "-o", out, *more)
+    assert run.status == 0, run.err
+    return out
+
+
+def comments(text: str) -> str:
+    return " ".join(line.lstrip("#; ") for line in text.splitlines() if line[:1] in ("#", ";"))
+
+
+ANYTHING = Hidden(
+    (0.8, -0.5, 0.3), (0.3, -0.2, 0.15), out_mm=(0.4, -0.3, 0.6), round_mm=(0.5, 0.2, -0.4)
+)
+READ = {"klipper": klipper, "reprapfirmware": reprapfirmware}
+
+
+@pytest.mark.parametrize("kind", READ)
+def test_bars_towers_and_switches_go_into_the_firmware_of_printers(
+    kind: str, tmp_path: Path
+) -> None:
+    before = rms(errors(ANYTHING, BELIEVED))
+    text = exported(ANYTHING, kind, tmp_path).read_text()
+    after = errors(ANYTHING, READ[kind](text))
+    assert before > 0.3
+    assert np.abs(after).max() < 1e-5, "rounding of the numbers in the file"
+    said = comments(text)
+    assert f"{before:.4f} mm r.m.s. now, 0.0000 mm with these values" in said
+    assert "wholly in these values: d_rho, d_L, axis_offset" in said
+    assert "not wholly" not in said
+    stands = ANYTHING.tool(READ[kind](text)(np.zeros(3)))
+    x, y, z = (f"{v:+.4f}" for v in stands)
+    assert abs(stands[2]) < 1e-5, "the height of the plate stays"
+    assert f"then stands at ({x}, {y}, " in said
+    del z
+
+
+@pytest.mark.parametrize("kind", READ)
+def test_the_other_sign_makes_it_worse(kind: str, tmp_path: Path) -> None:
+    hidden = Hidden((0.8, -0.5, 0.3), (0.3, -0.2, 0.15))
+    turned = Hidden(hidden.switch_mm, hidden.bar_mm, wrong_sign=True)
+    text = exported(turned, kind, tmp_path).read_text()
+    assert rms(errors(hidden, READ[kind](text))) > 1.9 * rms(errors(hidden, BELIEVED))
+
+
+def test_what_klipper_has_no_value_for_is_named_with_what_it_leaves(tmp_path: Path) -> None:
+    hidden = Hidden((0.2, -0.1, 0.3), lean_xy=0.002)
+    text = exported(hidden, "klipper", tmp_path).read_text()
+    after = rms(errors(hidden, klipper(text)))
+    assert 0.01 < after < rms(errors(hidden, BELIEVED))
+    said = comments(text)
+    assert f"{after:.4f} mm with these values" in said
+    assert "wholly in these values: d_rho" in said
+    assert re.search(
+        r"no value for all of axis_squareness\. By itself axis_squareness leaves 0\.", said
+    )
+
+
+ALIKE = Hidden((0.8, -0.5, 0.3), (0.3, 0.3, 0.3), out_mm=(0.4, 0.4, 0.4))
+
+
+def test_lineardeltakins_takes_what_all_towers_share_and_the_joints(tmp_path: Path) -> None:
+    """Joint 0 is the tower at 90°, whatever the order of the drives."""
+    before = rms(errors(ALIKE, BELIEVED))
+    out = exported(ALIKE, "lineardeltakins", tmp_path)
+    assert np.abs(errors(ALIKE, lineardeltakins(out))).max() < 1e-5
+    assert before > 0.3
+    turned = Hidden(ALIKE.switch_mm, ALIKE.bar_mm, ALIKE.out_mm, wrong_sign=True)
+    worse = exported(turned, "lineardeltakins", tmp_path / "turned")
+    assert rms(errors(ALIKE, lineardeltakins(worse))) > before
+
+
+def test_lineardeltakins_says_what_unequal_bars_leave(tmp_path: Path) -> None:
+    hidden = Hidden((0.8, -0.5, 0.3), (0.3, -0.2, 0.15))
+    out = exported(hidden, "lineardeltakins", tmp_path)
+    after = rms(errors(hidden, lineardeltakins(out)))
+    alone = Hidden(bar_mm=hidden.bar_mm)
+    assert 0.02 < after < 0.2 * rms(errors(hidden, BELIEVED))
+    said = comments((out / "calib.hal").read_text())
+    assert f"{after:.4f} mm with these values" in said
+    only = exported(alone, "lineardeltakins", tmp_path / "alone")
+    left = rms(errors(alone, lineardeltakins(only)))
+    assert f"By itself d_L leaves {left:.4f} mm" in said
+
+
+@pytest.mark.parametrize("kind", [*READ, "lineardeltakins"])
+def test_what_the_firmware_holds_now_is_never_assumed(kind: str, tmp_path: Path) -> None:
+    model, out = tmp_path / "model.json", tmp_path / "out"
+    silent = machine(position_endstop_mm=None)
+    model.write_text(model_file(ANYTHING.model(), silent).text(), encoding="utf-8")
+    assert "none stated" in refused(2, "export", model, "--format", kind, "-o", out)
+    assert not out.exists()
+    stated = ",".join(map(str, ENDSTOPS))
+    told = exported(ANYTHING, kind, tmp_path, "--endstops", stated, position_endstop_mm=None)
+    known = exported(ANYTHING, kind, tmp_path / "known")
+    for one, other in zip(files(told), files(known), strict=True):
+        assert one == other
+
+
+def files(path: Path) -> list[str]:
+    found = sorted(path.iterdir()) if path.is_dir() else [path]
+    return [one.read_text() for one in found]
+
+
+def test_what_is_not_upright_or_stands_elsewhere_is_refused(tmp_path: Path) -> None:
+    def said(status: int, known: Machine, kind: str = "klipper", *more: str) -> str:
+        model = tmp_path / "model.json"
+        model.write_text(model_file(Model(known.geometry()), known).text(), encoding="utf-8")
+        return refused(status, "export", model, "--format", kind, "-o", tmp_path / "out", *more)
+
+    orthoglide = load_machine(None)
+    assert "drives along other lines" in said(2, orthoglide, "klipper", "--endstops", "1,1,1")
+    assert "joints y, z, x" in said(2, machine(joints=("y", "z", "x")))
+    assert "count upwards" in said(2, machine(joints=("x", "-y", "z")), "reprapfirmware")
+    assert "count upwards" in said(2, machine(joints=("x", "y", "z")), "lineardeltakins")
+    assert "--endstops" in said(2, machine(), "klipper", "--ini", "machine.ini")
+    assert "'1,2'" in said(2, machine(), "klipper", "--endstops", "1,2")
+
+
+def test_towers_are_known_by_where_they_stand(tmp_path: Path) -> None:
+    """Drive x behind instead of z: the file of the same machine is the same but for the names."""
+    usual = machine()
+    assert usual.drive is not None
+    x, y, z = usual.drive
+    turned = machine(drive=(z, x, y), position_endstop_mm=(ENDSTOPS[2], *ENDSTOPS[:2]))
+    model = Model(turned.geometry(), (0.3, 0.8, -0.5, 0.0, 0.0, 0.0))
+    path, out = tmp_path / "model.json", tmp_path / "out.cfg"
+    path.write_text(model_file(model, turned).text(), encoding="utf-8")
+    assert glidecal("export", path, "--format", "klipper", "-o", out).status == 0
+    plain = Hidden((0.8, -0.5, 0.3))
+    same = klipper(exported(plain, "klipper", tmp_path).read_text())
+    assert np.abs(errors(plain, klipper(out.read_text())) - errors(plain, same)).max() < 1e-5
+
+
+def test_a_machine_file_states_its_switches_once() -> None:
+    text = machine().model_copy(update={"home_offset_mm": (1.0, 1.0, 1.0)}).model_dump_json()
+    with pytest.raises(ValueError, match="state one"):
+        Machine.model_validate_json(text)

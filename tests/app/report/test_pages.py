@@ -1,0 +1,191 @@
+"""The report: figures of the solution in it, the same bytes twice, nothing of a stranger active."""
+
+from __future__ import annotations
+
+import builtins
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.evaluating.solution import solve_files
+from app.machines.options import extra
+from app.report.pages.page import html_of, pdf_of
+from app.report.pages.report import CalibrationReport, Figure, Section, report_of
+from app.report.text.tables import new_table
+from calib.errors import UsageError
+from calib.printable import HIDDEN
+from protocols.journal import write_whole
+from protocols.record import read_record
+from tests.app.cli import glidecal
+from tests.conftest import SAMPLES
+
+EXPERIMENT = SAMPLES / "experiment_2_twelve.jsonl"
+SIMULATED = SAMPLES / "simulated_zero-max-min.jsonl"
+
+HOSTILE = (
+    "<script>alert(1)</script>",
+    "</td></table><img src=x onerror=alert(1)>",
+    "{{ 7 * 7 }}{% raw %}",
+    "]]><svg onload=alert(1)>",
+    '" onmouseover="alert(1)',
+    "=1+1",
+    "\x1b]0;owned\x07\u202etxt.exe",
+    "$\\frac{1}{0}$ \\input{/etc/passwd}",
+    "a\nb\r\u2028c",
+    "&lt;b&gt;&#0;",
+)
+
+
+class Page(HTMLParser):
+    """Elements with their attributes, and the text, of a page."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.elements: list[tuple[str, tuple[str, ...]]] = []
+        self.words: list[str] = []
+        self.feed(html)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, tuple(name for name, _ in attrs)))
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.words).split())
+
+
+@pytest.fixture(scope="module")
+def experiment() -> CalibrationReport:
+    return report_of([EXPERIMENT])
+
+
+def test_the_result_stands_in_it(experiment: CalibrationReport) -> None:
+    """Numbers of `solve`, which other tests compare with the papers."""
+    text = Page(html_of(experiment)).text
+    solution = solve_files([EXPERIMENT])[0].solution
+    for name, value in zip(solution.names, solution.values_mm, strict=True):
+        shown = re.search(rf"{name} ([+-][0-9.]+)", text)
+        assert shown, name
+        assert float(shown[1]) == pytest.approx(value, abs=1e-4)
+    assert f"{solution.rms_before_mm:.4f} → {solution.rms_after_mm:.4f} mm" in text
+    assert read_record(EXPERIMENT).digest in text
+    assert "UNEXPLAINED" in text
+    assert "times the noise: something is missing" in text
+    rows = re.findall(r"leg [XYZ] at [+-]\d+ mm [+-]\d\.\d{4}", text)
+    assert len(rows) == 18, "three postures on three legs along two axes"
+
+
+def test_the_same_bytes_twice(experiment: CalibrationReport) -> None:
+    html = html_of(experiment)
+    assert html == html_of(report_of([EXPERIMENT]))
+    assert len(html.encode()) < 2_000_000
+
+
+def test_nothing_comes_from_elsewhere(experiment: CalibrationReport) -> None:
+    page = Page(html_of(experiment))
+    names = {name for _, attributes in page.elements for name in attributes}
+    assert "script" not in {tag for tag, _ in page.elements}
+    assert not names & {"src", "onload", "onclick"}
+
+
+def _report_with(words: str) -> CalibrationReport:
+    """A report that has these words wherever a text can stand."""
+    table = new_table(words, words)
+    table.add_row(words, words)
+    section = Section(words, [words], [table], [Figure("<svg></svg>", words)])
+    return CalibrationReport(words, words, [words], [section], words)
+
+
+PLAIN = [tag for tag, _ in Page(html_of(_report_with("plain"))).elements]
+
+
+@pytest.mark.parametrize("words", HOSTILE)
+def test_hostile_words_are_text(words: str) -> None:
+    page = Page(html_of(_report_with(words)))
+    assert [tag for tag, _ in page.elements] == PLAIN
+    assert not HIDDEN.search(page.text)
+
+
+@settings(max_examples=1000, deadline=None)
+@given(st.text(min_size=1, max_size=60) | st.text("<>&\"'{}%$\\=\n\x1b\u202e;()", min_size=1))
+def test_any_words_are_text(words: str) -> None:
+    page = Page(html_of(_report_with(words)))
+    assert [tag for tag, _ in page.elements] == PLAIN
+    assert not HIDDEN.search(page.text)
+
+
+def test_names_of_a_hostile_record_are_text(tmp_path: Path) -> None:
+    record = read_record(SIMULATED)
+    opened = record.opened
+    machine = opened.machine.model_copy(update={"name": HOSTILE[0]})
+    path = tmp_path / "a<b>.jsonl"
+    hostile = {"machine": machine, "operator": HOSTILE[1], "remarks": (HOSTILE[2], HOSTILE[4])}
+    write_whole(path, opened.model_copy(update=hostile), list(record.events[1:-1]))
+    page = Page(html_of(report_of([path])))
+    assert {"script", "img"}.isdisjoint(tag for tag, _ in page.elements)
+    for words in (*HOSTILE[:3], HOSTILE[4], "a<b>.jsonl"):
+        assert words in page.text
+
+
+def test_with_a_later_session_it_decides(tmp_path: Path) -> None:
+    after = tmp_path / "after.jsonl"
+    offsets = ",".join(f"{mm}" for mm in solve_files([SIMULATED])[0].joint_offsets_mm)
+    machine = tmp_path / "m.toml"
+    machine.write_text(
+        f'schema = "glidecal.machine/1"\nname = "orthoglide"\nentered_offsets_mm = [{offsets}]\n'
+    )
+    made = glidecal("simulate", "--machine", machine, "--seed", "1", "-o", after)
+    assert made.status == 0, made.err
+    found = report_of([SIMULATED], after=after, tolerance_mm=5.0)
+    assert found.decision.startswith("PASS")
+    assert [s.heading for s in found.sections].count(
+        "Measured again, with the offsets entered"
+    ) == 1
+
+
+@pytest.mark.filterwarnings("ignore:HarfBuzz-Subset:DeprecationWarning")  # of the system
+def test_pdf_is_the_same_twice() -> None:
+    html = html_of(_report_with("plain"))
+    try:
+        printed = pdf_of(html)
+    except UsageError as problem:
+        pytest.skip(str(problem))
+    assert printed == pdf_of(html)
+    assert printed.startswith(b"%PDF-")
+
+
+def test_the_command(tmp_path: Path) -> None:
+    target = tmp_path / "report.html"
+    made = glidecal("report", EXPERIMENT, "-o", target)
+    assert (made.status, made.out) == (0, "")
+    assert "Calibration report" in target.read_text(encoding="utf-8")
+    again = glidecal("report", EXPERIMENT, "-o", target)
+    assert again.status != 0
+    assert "--force" in again.err
+    other = glidecal("report", EXPERIMENT, "-o", tmp_path / "report.doc")
+    assert other.status == 2
+    assert ".html or .pdf" in other.err
+
+
+def test_without_the_extra_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = builtins.__import__
+
+    def none(name: str, *rest: object) -> ModuleType:
+        if name.startswith("matplotlib"):
+            raise ModuleNotFoundError(f"No module named {name!r}", name="matplotlib")
+        return real(name, *rest)  # type: ignore[arg-type]  # handed on as it came
+
+    monkeypatch.setattr(builtins, "__import__", none)
+    with (
+        pytest.raises(UsageError, match=r"no package matplotlib.*glidecal\[report\]"),
+        extra("report"),
+    ):
+        import matplotlib.figure  # noqa: F401  (asked for once more)

@@ -1,0 +1,87 @@
+"""The strip chart: every reading has its dot, at its time and its height."""
+
+from __future__ import annotations
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.measuring.gauges import SLOTS, Trace
+from app.report.charts.strips import BANDS, strip_rows
+
+Dots = set[tuple[int, int]]
+
+
+def dots_of(rows: tuple[str, ...]) -> Dots:
+    """Across and down, from the numbering of the dots in Unicode: 1 2 3 7 and 4 5 6 8."""
+    places = {
+        1: (0, 0),
+        2: (0, 1),
+        3: (0, 2),
+        7: (0, 3),
+        4: (1, 0),
+        5: (1, 1),
+        6: (1, 2),
+        8: (1, 3),
+    }
+    found = set()
+    for y, row in enumerate(rows):
+        for x, character in enumerate(row):
+            bits = ord(character) - 0x2800
+            assert 0 <= bits < 256
+            for number, (right, down) in places.items():
+                if bits >> (number - 1) & 1:
+                    found.add((2 * x + right, 4 * y + down))
+    return found
+
+
+readings = st.lists(
+    st.tuples(st.floats(-20.0, 20.0), st.floats(0.0, 0.5)), min_size=1, max_size=SLOTS
+)
+
+
+@given(readings, st.integers(1, 60), st.integers(1, 8))
+def test_every_reading_has_its_dot(
+    heard: list[tuple[float, float]], columns: int, rows: int
+) -> None:
+    moments = tuple((len(heard) - 1 - k, low, low + more) for k, (low, more) in enumerate(heard))
+    last = heard[-1][0]
+    trace = Trace(moments, (last - 0.002, last + 0.002))
+    chart = strip_rows(trace, columns, rows)
+    assert [len(row) for row in chart] == [columns] * rows
+    dots = dots_of(chart)
+    wide, high = 2 * columns, 4 * rows
+    lowest = min([low for _, low, _ in moments] + [last - 0.002])
+    highest = max([top for _, _, top in moments] + [last + 0.002])
+    for ago, low, top in moments:
+        x = (SLOTS - 1 - ago) * wide // SLOTS
+        column = sorted(y for across, y in dots if across == x)
+        assert column, "each moment is drawn"
+        if highest - lowest > BANDS * 0.004 + 0.01:  # the scale is that of the readings
+            for value in (low, top):
+                y = (highest - value) / (highest - lowest) * high
+                assert any(abs(y - 0.5 - dot) <= 1.0 for dot in column)
+
+
+def test_nothing_heard_is_nothing_drawn_and_no_room_is_none_taken() -> None:
+    assert dots_of(strip_rows(Trace(), 10, 2)) == set()
+    trace = Trace(((0, 1.0, 1.0),), (0.998, 1.002))
+    assert strip_rows(trace, 0, 1) == ("",)
+    assert strip_rows(trace, 10, 0) == ()
+
+
+def test_at_rest_the_band_is_a_third_of_the_height_and_the_scale_keeps_still() -> None:
+    shown = []
+    for flicker in (0.0, 0.001, -0.001):
+        value = 1.0003 + flicker
+        moments = tuple((ago, value, value) for ago in range(SLOTS - 1, -1, -1))
+        band = (value - 0.002, value + 0.002)
+        dots = dots_of(strip_rows(Trace(moments, band), 40, 6))
+        line = {y for x, y in dots if x % 4}
+        edges = {y for x, y in dots if not x % 4} - line
+        assert len(line) == 1
+        assert math.isclose(max(edges) - min(edges), 24 / BANDS, abs_tol=1.0)
+        assert min(edges) < min(line) < max(edges)
+        shown.append(line.pop())
+    assert shown[2] - shown[0] == 2, "a digit down is so many dots on the same scale"

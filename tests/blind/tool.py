@@ -1,0 +1,58 @@
+"""What the hidden machine truly does at the tool, with offsets and lengths entered."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+from tests.blind.forward import LEG_MM, FloatArray, Hidden, _feet, _tool
+
+LIMITS_MM = (-100.0, 60.0)
+PER_AXIS = 9
+
+
+def reachable_mm() -> FloatArray:
+    """Middles ``(n, 3)`` of the cells of the cube where nominal joints keep their limits."""
+    low, high = LIMITS_MM
+    axis = low + (np.arange(PER_AXIS) + 0.5) * (high - low) / PER_AXIS
+    points = np.array(list(product(axis, repeat=3)))
+    travel = _joints(points, np.full(3, LEG_MM)) - LEG_MM
+    kept = ((travel >= LIMITS_MM[0] - 1e-9) & (travel <= LIMITS_MM[1] + 1e-9)).all(axis=1)
+    return np.asarray(points[kept])
+
+
+def _joints(tool_mm: FloatArray, lengths_mm: FloatArray) -> FloatArray:
+    across = (tool_mm**2).sum(axis=1, keepdims=True) - tool_mm**2
+    return np.asarray(tool_mm + np.sqrt(lengths_mm**2 - across))
+
+
+def tool_errors_mm(hidden: Hidden, offsets_mm: FloatArray, lengths_mm: FloatArray) -> FloatArray:
+    """Tool less where it was sent ``(2 n, 3)``, all carriages having come up, then down.
+
+    The controller's joint is the true one less the entered offset, for bars of L + entered length.
+    """
+    wanted = reachable_mm()
+    commanded = _joints(wanted, LEG_MM + lengths_mm) - offsets_mm
+    found = []
+    for way in (1.0, -1.0):
+        feet = _feet(hidden, commanded, np.full(commanded.shape, way))
+        found.append(_tool(hidden, feet) - wanted)
+    return np.concatenate(found)
+
+
+def rms_mm(errors_mm: FloatArray) -> float:
+    """R.m.s. distance."""
+    return float(np.sqrt((errors_mm**2).sum(axis=1).mean()))
+
+
+def without_rigid_motion(errors_mm: FloatArray) -> FloatArray:
+    """The same less the best small shift and turn, which a workpiece's alignment takes up."""
+    places = np.tile(reachable_mm(), (len(errors_mm) // len(reachable_mm()), 1))
+    rigid = np.zeros((len(errors_mm), 3, 6))
+    for k in range(3):
+        rigid[:, k, k] = 1.0
+        rigid[:, :, 3 + k] = np.cross(np.eye(3)[k], places)
+    columns = rigid.reshape(-1, 6)
+    flat = errors_mm.ravel()
+    return np.asarray(flat - columns @ np.linalg.lstsq(columns, flat, rcond=None)[0]).reshape(-1, 3)

@@ -1,0 +1,30 @@
+"""The table of choices on the page of the diagnosis is the one of the code."""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import fields
+from pathlib import Path
+
+from calib.diagnosis.policy import POLICY, Policy, as_table
+
+ROOT = Path(__file__).parents[3]
+
+
+def test_the_page_holds_the_choices_of_the_code() -> None:
+    page = (ROOT / "docs" / "diagnosis.md").read_text(encoding="utf-8")
+    assert as_table() in page
+    assert as_table(Policy(wild_sd=POLICY.wild_sd + 1.0)) not in page
+
+
+def test_every_choice_is_used() -> None:
+    """A choice that nothing reads decides nothing."""
+    used = {
+        node.attr
+        for path in (ROOT / "calib" / "diagnosis").glob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute)
+        and isinstance(node.value, ast.Name)
+        and node.value.id == "POLICY"
+    }
+    assert used == {one.name for one in fields(Policy)}

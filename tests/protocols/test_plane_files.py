@@ -1,0 +1,139 @@
+"""Procedures and tables of readings over a reference plane."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from calib.errors import RecordError
+from calib.tripod.geometry import Geometry
+from protocols.procedure import load_procedure
+from protocols.table import empty_table, off_bar_words, read_table
+from tests.app.cli import glidecal
+
+FILE = """schema = "glidecal.procedure/1"
+name = "mine"
+title = "t"
+cycles = 1
+[plane]
+{line}
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ('levels = ["zero"]', "one posture only"),
+        ("stations = [0.2]", "at least 2"),
+        ("stations = [0.2, 0.2]", "one of them twice"),
+        (
+            "stations = [0.02, 0.9]",
+            "line 6, stations: found station 0.02 of leg x touched at 0.020",
+        ),
+        ('levels = ["zero", 80.0]', "line 6, level: found 80 mm"),
+        ('axes = ["u"]', "plane.axes"),
+        ("[plate]\nradii_mm = [0.0, 30.0]", "plane and plate"),
+    ],
+)
+def test_planes_that_cannot_be_measured(tmp_path: Path, line: str, said: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(FILE.format(line=line))
+    with pytest.raises(RecordError, match=re.escape(said)):
+        load_procedure(str(path), Geometry())
+
+
+def test_a_machine_without_square_drives_has_no_such_legs() -> None:
+    done = glidecal("identifiability", "linear-delta", "--procedure", "plane")
+    assert done.status == 2
+    assert "not square" in done.err
+
+
+def test_a_table_that_was_filled_in_is_the_procedure(tmp_path: Path) -> None:
+    procedure = load_procedure("zero-max-min-plane", Geometry())
+    path = tmp_path / "t.csv"
+    empty = empty_table(procedure, Geometry(), path)
+    assert isinstance(empty, str)
+    path.write_text(re.sub(r",$", ",0.125", empty, flags=re.M), encoding="utf-8")
+    readings, unknown = read_table(path, Geometry())
+    expected = [
+        (s.leg, axis, s.station, s.displacement_mm, s.over_plane)
+        for s in procedure.steps(Geometry())
+        for axis in s.axes
+    ]
+    assert unknown == ()
+    assert [
+        (r.leg, r.axis, r.station, r.displacement_mm, bool(r.over_plane)) for r in readings
+    ] == expected
+    assert {r.mount for r in readings if r.over_plane} == {"xz-plane", "yz-plane"}
+    assert off_bar_words(readings, Geometry()) == ""
+
+
+HEAD = "leg,axis,station,displacement_mm,plane,mount,value_mm\n"
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ("x,z,0.1,0,2,,0.1\n", "column plane: found '2'"),
+        ("x,z,0.1,0,1,a,0.1\nx,z,0.9,0,0,a,0.1\n", "'a' already is leg x, axis z, over a plane"),
+        ("x,z,0.1,0,1,a,0.1\ny,z,0.9,0,1,a,0.1\n", "'a' already is leg x, axis z, over a plane"),
+    ],
+)
+def test_tables_that_cannot_be_imported(tmp_path: Path, rows: str, said: str) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(HEAD + rows)
+    with pytest.raises(RecordError, match=re.escape(said)):
+        read_table(path, Geometry())
+
+
+def test_a_touched_point_off_the_bar_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(HEAD + "x,z,0.99,60,1,,0.1\nx,z,0.9,60,1,,0.1\n")
+    readings, _ = read_table(path, Geometry())
+    assert off_bar_words(readings, Geometry()).startswith("readings off the bars: 1, ")
+
+
+def test_simulated_solved_and_what_is_refused(tmp_path: Path) -> None:
+    session = tmp_path / "p.jsonl"
+    assert glidecal("simulate", "--protocol", "plane", "-o", session).status == 0
+    solved = glidecal("solve", session)
+    assert solved.status == 0
+    said = " ".join(solved.out.split())
+    assert "d_rho_x + d_L_x; d_rho_y + d_L_y" in said
+    assert "z_x+@p0.1" in solved.out
+    linear = glidecal("solve", session, "--method", "linear", "--subset", "joint-offsets")
+    assert linear.status == 0
+    assert glidecal("validate", session).status == 0
+    assert "touch leg z" in glidecal("plan", session).out
+    shown = " ".join(glidecal("replay", session, "--headless").out.split())
+    assert "4 x z +60.00 1 xz-plane 0.9" in shown
+    for refused in (
+        ("diagnose", session),
+        ("diagnose", "--aliases", "--procedure", "plane"),
+        ("simulate", "--protocol", "plane", "--effect", "leg_bow", "-o", tmp_path / "q.jsonl"),
+        ("demo", "--protocol", "plane"),
+        ("run", "--protocol", "plane"),
+        ("postures", "orthoglide", "--procedure", "plane", "--count", "8"),
+    ):
+        done = glidecal(*refused)
+        assert done.status == 2, refused
+        assert "plane" in done.err
+        assert "Traceback" not in done.err
+    assert not (tmp_path / "q.jsonl").exists()
+
+
+def test_an_indicator_of_known_travel_is_asked_of_readings_from_zero_alone(tmp_path: Path) -> None:
+    machine = tmp_path / "m.toml"
+    source = Path(__file__).parents[2] / "protocols" / "machines" / "orthoglide.toml"
+    one = '[[indicator]]\nprofile = "mitutoyo-01a"\nport = "/dev/ttyUSB{}"\ntravel_mm = 0.5\n'
+    machine.write_text(
+        source.read_text(encoding="utf-8") + one.format(0) + one.format(1), encoding="utf-8"
+    )
+    done = glidecal("run", "--dry-run", "--machine", machine, "--protocol", "zero-max-min-plane")
+    assert done.status == 0
+    assert "Travel: mitutoyo-01a" in done.out
+    alone = glidecal("run", "--dry-run", "--machine", machine, "--protocol", "plane")
+    assert alone.status == 0
+    assert "Travel" not in alone.out

@@ -1,0 +1,162 @@
+"""What people must be able to read, in every theme and size; and the way back from every screen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from textual.color import Color
+from textual.pilot import Pilot
+from textual.screen import Screen
+from textual.theme import BUILTIN_THEMES
+
+from app.evaluating.comparison import compare_files
+from app.evaluating.solution import solve_files
+from app.machines.registry import LOOKS
+from app.measuring.opening import demo_plan
+from app.measuring.simulated import BenchSettings
+from app.screens.check import CheckScreen
+from app.screens.diagnose import DiagnoseScreen
+from app.screens.home import HomeScreen, PickScreen
+from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
+from app.screens.pages import COLOURS_OF_WORDS, LEGIBLE, SIGNALS, contrast
+from app.screens.prepare import PrepareScreen
+from app.screens.replay import ReplayScreen
+from app.screens.result import CompareScreen, ResultScreen
+from app.screens.session_view import LegReviewScreen
+from app.screens.start import Glidecal
+from protocols.record import read_record
+from protocols.session import fold
+from tests.screens.driving import text, until
+
+SIZES = [(80, 24), (100, 30), (120, 40)]
+
+
+def interface_on(first: Screen[None], theme: str = "textual-dark") -> Interface:
+    interface = Glidecal(first, looks=LOOKS)
+    interface.animation_level = "none"
+    interface.theme = theme
+    return interface
+
+
+def shown(interface: Interface) -> list[str]:
+    """The rows of the terminal as a person sees them."""
+    size = interface.size
+    strips = interface.screen._compositor.render_strips(size)
+    return ["".join(segment.text for segment in strip) for strip in strips]
+
+
+def contrasts(interface: Interface, word: str) -> list[float]:
+    """Contrast of a word with its ground wherever it is on the screen, as rendered."""
+    found = []
+    for strip in interface.screen._compositor.render_strips(interface.size):
+        for segment in strip:
+            style = segment.style
+            if word in segment.text and style and style.color and style.bgcolor:
+                pair = (style.color, style.bgcolor)
+                found.append(contrast(*map(Color.from_rich_color, pair)))
+    return found
+
+
+def test_contrast_as_the_standard_states_it() -> None:
+    """WCAG 2.1: black on white is 21, a colour on itself 1; #767676 is the palest grey on white."""
+    white = Color.parse("#ffffff")
+    assert contrast(Color.parse("#000000"), white) == pytest.approx(21.0)
+    assert contrast(white, white) == 1.0
+    assert contrast(white, Color.parse("#767676")) == pytest.approx(4.54, abs=0.01)
+    assert contrast(white, Color.parse("#777777")) < LEGIBLE
+
+
+async def test_words_in_colour_are_legible_in_every_theme() -> None:
+    interface = interface_on(HomeScreen())
+    async with interface.run_test() as pilot:
+        for name in (name for name, theme in BUILTIN_THEMES.items() if not theme.ansi):
+            interface.theme = name
+            await pilot.pause()
+            variables = interface.theme_variables
+            grounds = [Color.parse(variables[ground]) for ground in ("background", "surface")]
+            for word in COLOURS_OF_WORDS:
+                colour = Color.parse(variables[word])
+                assert min(contrast(colour, ground) for ground in grounds) >= LEGIBLE, (name, word)
+    assert len({SIGNALS[word] for word in ("Next:", "Taken", "WARNING:", "FAULT:")}) == 4
+
+
+@pytest.mark.parametrize("theme", ["textual-dark", "textual-light"])
+@pytest.mark.parametrize("size", SIZES)
+async def test_a_result_opens_on_the_gravest_sentence_and_the_numbers(
+    samples: Path, size: tuple[int, int], theme: str
+) -> None:
+    path = samples / "experiment_3_twelve.jsonl"
+    interface = interface_on(ResultScreen(solve_files([path])[0], None, path), theme)
+    async with interface.run_test(size=size) as pilot:
+        await until(pilot, "text", lambda: "Next: D" in text(interface, "#text"))
+        await pilot.pause()
+        rows = shown(interface)
+        first = [
+            next(k for k, row in enumerate(rows) if row.lstrip().startswith(words))
+            for words in ("Next: D", "WARNING: the residual", "parameter", "d_rho_z")
+        ]
+        assert first == sorted(first)
+        for word in ("Next:", "WARNING:"):
+            assert contrasts(interface, word)
+            assert min(contrasts(interface, word)) >= LEGIBLE
+
+
+@pytest.mark.parametrize("size", SIZES)
+async def test_a_review_is_as_large_as_its_text(samples: Path, size: tuple[int, int]) -> None:
+    session = fold(read_record(samples / "simulated_zero-max-min.jsonl").events)
+    step = session.steps()[-1]
+    interface = interface_on(HomeScreen())
+    async with interface.run_test(size=size) as pilot:
+        await pilot.pause()
+        interface.push_screen(LegReviewScreen(session, step))
+        await until(pilot, "review", lambda: "Leg Z is done" in text(interface, "#review-text"))
+        await pilot.pause()
+        review = interface.screen.query_one("#review")
+        assert review.max_scroll_y == 0, "all twelve differences without scrolling"
+        said = text(interface, "#review-text").splitlines()
+        rows = "\n".join(shown(interface))
+        assert all(line.strip() in rows for line in said)
+        assert review.size.height <= max(len(said), 20), "no empty dialog around few lines"
+        await pilot.press("g")
+        await pilot.pause()
+        assert interface.screen.query_one("#review-chart").size.height >= 10
+
+
+def over_home(samples: Path, folder: Path) -> dict[str, Callable[[], Screen[Any]]]:
+    one, two = (samples / f"experiment_{n}_twelve.jsonl" for n in (2, 3))
+    return {
+        "prepare": PrepareScreen,
+        "check": lambda: CheckScreen(demo_plan(folder, "zero-max-min", 1, BenchSettings())),
+        "result": lambda: ResultScreen(solve_files([one])[0], None, one),
+        "diagnose": lambda: DiagnoseScreen([one]),
+        "compare": lambda: CompareScreen(compare_files(one, two)),
+        "replay": lambda: ReplayScreen(one),
+        "pick": lambda: PickScreen("Which?", []),
+        "hexaslide": LOOKS[0].screen,
+        "help": lambda: HelpDialog("words"),
+        "choice": lambda: ChoiceDialog("Which?", [("a", "1  a")]),
+        "line": lambda: TextDialog("Why?", "reason"),
+    }
+
+
+async def test_escape_leads_back_from_every_screen(
+    samples: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    interface = interface_on(HomeScreen())
+    async with interface.run_test(size=(80, 24)) as pilot:
+        for name, make in over_home(samples, tmp_path).items():
+            screen = make()
+            await pilot.pause()
+            interface.push_screen(screen)
+            await until(pilot, name, lambda screen=screen: interface.screen is screen)
+            await pilot.pause()
+            await escape(pilot, interface, name)
+
+
+async def escape(pilot: Pilot[str], interface: Interface, name: str) -> None:
+    await pilot.press("escape")
+    await until(pilot, f"home after {name}", lambda: isinstance(interface.screen, HomeScreen))

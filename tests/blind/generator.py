@@ -59,8 +59,9 @@ class NotDrawn(ValueError):
 class Made:
     """One session: the table as text, the indicators' resolution, and what scoring may know.
 
-    The truth costs more than the session and is worked out where it is asked for. ``rows`` and ``values_mm`` hold what the table says, for the baselines. ``hidden`` is the
-    machine and ``sigma_mm`` the scatter of one reading, for measuring it again.
+    The truth costs more than the session and is worked out where it is asked for. ``rows`` and
+    ``values_mm`` hold what the table says, for the baselines. ``hidden`` is the machine and
+    ``sigma_mm`` the scatter of one reading, for measuring it again.
     """
 
     table: str

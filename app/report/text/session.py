@@ -113,16 +113,18 @@ def dry_run_text(procedure: Procedure, machine: Machine, instruments: Sequence[I
     """Every step of a procedure with the line to type at the controller."""
     geometry, axes = machine.geometry(), [instrument.axes for instrument in instruments]
     steps = procedure.steps(geometry, axes)
-    of_bar = [] if procedure.plate else ["station"]
-    table = new_table("step", "leg", "posture", "cycle", *of_bar, "axes", "controller", left=7)
+    same = {"leg", "station", "axes"} if procedure.plate else set()  # of every step
+    columns = ("step", "leg", "posture", "cycle", "station", "axes", "controller")
+    headings = [name for name in columns if name not in same]
+    table = new_table(*headings, left=len(headings))
     used = instruments[: max(len(step.axes) for step in steps)]
     names = [f"{k} {one.profile} ({one.port})" for k, one in enumerate(used, start=1)]
     order = " Axes stand in this order." if len(names) > 1 else ""
     who = wrapped(f"Indicators: {', '.join(names)}.{order}")
     for step in steps:
         place = (str(step.number), step.leg, step.posture(geometry), str(step.cycle))
-        station = (f"{step.station:g}",)[: len(of_bar)]
-        table.add_row(*place, *station, " ".join(step.axes), _mdi_line(step, machine))
+        cells = (*place, f"{step.station:g}", " ".join(step.axes), _mdi_line(step, machine))
+        table.add_row(*(one for name, one in zip(columns, cells, strict=True) if name not in same))
     sentence = wrapped(procedure_sentence(procedure, geometry, axes))
     travel = travel_text(procedure, machine, instruments)
     return f"{sentence}\n\n{who}\n\n{travel}{table_text(table)}"

@@ -14,7 +14,12 @@ from app.planning.tripod import stated_noise
 from calib.diagnosis.hypotheses import alias_map as compare
 from calib.diagnosis.results import AliasMap
 from calib.errors import UsageError
-from calib.identify.next_mounting import NextMountings, Proposal, next_mountings
+from calib.identify.next_mounting import (
+    MINUTES_PER_MOUNTING,
+    NextMountings,
+    Proposal,
+    next_mountings,
+)
 from calib.tripod.effects.effect import Effect
 from calib.tripod.pipeline import Model
 from protocols.data_table import DataTable
@@ -68,7 +73,7 @@ def next_measurement(
     machine_file: Path | str | None = None,
     model_file: Path | None = None,
     noise_mm: float | None = None,
-    minutes_per_mounting: float = 2.0,
+    minutes_per_mounting: float = MINUTES_PER_MOUNTING,
 ) -> NextMeasurement:
     """As `next_after`, of files, with their warnings. Raises RecordError for those, too."""
     folded, warnings = load_sessions(sessions)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -25,6 +25,10 @@ from app.machines.options import (
 )
 from app.machines.registry import NAMES, family_of_files, options_of, with_options_of_machines
 from calib.errors import UsageError
+
+if TYPE_CHECKING:  # heavy: imported where used
+    from app.evaluating.solution import TableName
+    from protocols.data_table import DataTable
 
 
 @with_options_of_machines
@@ -100,14 +104,23 @@ def export(
             "lineardeltakins",
             "klipper",
             "reprapfirmware",
+            "xlsx",
+            "parquet",
         ],
         typer.Option(
             "--format",
             metavar="NAME",
             help="json, csv, model, linuxcnc, linuxcnc-kins, lineardeltakins, klipper, "
-            "reprapfirmware.",
+            "reprapfirmware; tables: csv, xlsx, parquet.",
         ),
     ],
+    table: Annotated[
+        Literal["readings", "differences", "residuals"] | None,
+        typer.Option(
+            help="A table instead: readings (what import reads), differences or residuals.",
+            show_default="readings for xlsx and parquet",
+        ),
+    ] = None,
     subset: Annotated[
         SubsetName | None,
         typer.Option(
@@ -138,13 +151,25 @@ def export(
     ] = False,
     force: Force = False,
 ) -> None:
-    """Offsets for the controller, as files. For linuxcnc a folder of includes and tables."""
+    """Offsets for the controller, as files. For linuxcnc a folder of includes and tables.
+
+    With --table the numbers of a session instead.
+    """
+    from protocols.files import targets_of, write_files
+
+    if table or format_name in ("xlsx", "parquet"):
+        told = {"--home-offset": home_offset, "--endstops": endstops, "--ini": ini}
+        _refuse_beside_table(table or "readings", format_name, {**told, "--ambiguous": ambiguous})
+        may = may_replace(force, output)
+        found = _table(source, table or "readings", subset, method, model)
+        write_files(output, {"": found.written(format_name)}, replace=may)
+        say(f"{len(found.rows)} rows written: {output}")
+        return
     from app.exports import FORMATS
     from app.exports.linuxcnc_ini import read_controller
     from app.report.offsets import offsets_from_file
     from app.report.text.caveats import UNKNOWN_HOME_OFFSET
     from calib.tripod.controller import Controller
-    from protocols.files import targets_of, write_files
 
     if sum(one is not None for one in (home_offset, endstops, ini)) > 1:
         raise UsageError("--home-offset, --endstops and --ini", "more than one", "one of them")
@@ -159,8 +184,7 @@ def export(
         offsets = replace(offsets, controller=Controller.homed_at(home, machine.joints))
     if ini:
         offsets = replace(offsets, controller=read_controller(ini))
-    if ambiguous:
-        offsets = replace(offsets, ambiguous=())
+    offsets = replace(offsets, ambiguous=() if ambiguous else offsets.ambiguous)
     for text in offsets.cautions:
         say(f"glidecal: {text}")
     if format_name.startswith("linuxcnc") and offsets.controller is None:
@@ -169,6 +193,37 @@ def export(
     may = may_replace(force, *targets_of(output, written))
     for path in write_files(output, written, replace=may):
         say(f"written: {path}")
+
+
+def _refuse_beside_table(name: str, format_name: str, told: dict[str, object]) -> None:
+    """Raises UsageError for what a table cannot be written as, or has no use for."""
+    from protocols.data_table import FORMATS
+
+    if format_name not in FORMATS:
+        raise UsageError("--table", f"--format {format_name}", "csv, xlsx or parquet")
+    for option, given in told.items():
+        if given:
+            raise UsageError(option, f"a table of {name}", "with offsets alone")
+
+
+def _table(
+    source: Path,
+    name: TableName | Literal["readings"],
+    subset: SubsetName | None,
+    method: Literal["linear", "exact"],
+    model: Path | None,
+) -> DataTable:
+    from app.evaluating.solution import load_sessions, solve_files
+
+    if name == "readings":
+        (session,), warnings = load_sessions([source])
+        found = session.table()
+    else:
+        solved, warnings = solve_files([source], subset=subset, method=method, model=model)
+        found = solved.table(name)
+    for warning in warnings:
+        say(f"glidecal: {warning}")
+    return found
 
 
 def report(
@@ -194,7 +249,7 @@ def report(
 
 def _triple(option: str, text: str | None) -> tuple[float, float, float] | None:
     from app.exports.linuxcnc_ini import LARGEST_MM
-    from protocols.table import NUMBER
+    from protocols.data_table import NUMBER
 
     if text is None:
         return None

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from app.evaluating.history import JOINTS, MachineHistory
 from app.evaluating.solution import SessionSolution
 from app.measuring.leg_review import leg_rows
 from calib.diagnosis.results import SEEN, Cell
@@ -34,7 +35,8 @@ class Series:
 class Chart:
     """One plot: series over one horizontal axis with the words beside it.
 
-    With ``x_names`` the places 1, 2, … of ``x`` carry names in the place of numbers.
+    With ``x_names`` the places 1, 2, … of ``x`` carry names in the place of numbers. ``marks`` are
+    places of ``x`` with a line from top to bottom.
     """
 
     title: str
@@ -42,6 +44,7 @@ class Chart:
     y_words: str
     series: tuple[Series, ...]
     x_names: tuple[str, ...] = ()
+    marks: tuple[float, ...] = ()
 
     @property
     def heading(self) -> str:
@@ -299,3 +302,14 @@ def residuals_over_time(solved: SessionSolution) -> Chart:
             points.setdefault(name, []).append((reading.time_s / 60.0, 1000.0 * residual_mm))
     series = tuple(_series(name, found) for name, found in points.items())
     return Chart("Residuals", "minutes", "residual, µm", series)
+
+
+def offsets_over_time(found: MachineHistory) -> Chart:
+    """Change of each joint offset since the first session; lines where something was changed."""
+    series = tuple(
+        Series(f"joint {name}", found.days, tuple(1000.0 * mm for mm in one.change.tolist()))
+        for name, one in zip(JOINTS, found.joints, strict=True)
+    )
+    days = zip(found.days, found.points, strict=True)
+    marks = tuple(day for day, point in days if point.event)
+    return Chart("Change of the offsets", "days", "µm", series, marks=marks)

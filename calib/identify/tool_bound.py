@@ -51,8 +51,9 @@ TOLERATED = 10.0
 FREE = 50.0
 """Unremarkable sizes that a fitted size may have: readings tell it, no tolerance."""
 
-LARGER = (1.0, 4.0)
-"""Times the smallest size that would have been found: readings may show more than that."""
+LARGER = (1.0, 4.0, math.inf)
+"""Times the smallest size that would have been found: readings may show more than that, and of
+several sizes together those are unlike that hardly show."""
 
 FOUND = 5.5
 """Standard deviations of a size found nine times in ten among some hundred at 1 % over all."""
@@ -217,7 +218,7 @@ class Claim:
         return replace(self, seen=Seen(residual, base, effects, seen.free))
 
     @cached_property
-    def _open(self) -> list[_Posterior]:
+    def _open(self) -> list[tuple[float, _Posterior]]:
         """The names that hold 95 % of the weight; each id has the same before any reading."""
         if not self.names:
             return []
@@ -229,7 +230,10 @@ class Claim:
         order = descending(range(len(log)), lambda k: float(log[k]))
         inside = np.cumsum(weight[order]) / weight.sum()
         kept = order[: int(np.searchsorted(inside, COVERAGE)) + 1]
-        return [self._posterior(self.names[k % len(ids)], scales[k // len(ids)]) for k in kept]
+        return [
+            (float(weight[k]), self._posterior(self.names[k % len(ids)], scales[k // len(ids)]))
+            for k in kept
+        ]
 
     def _posterior(self, name: _Name, expected: FloatArray) -> _Posterior:
         """Base parameters, then the sizes of a name, of which ``expected`` ``(k,)`` are likely."""
@@ -248,11 +252,17 @@ class Claim:
             np.block([[covariance - beside @ moved.T, beside], [beside.T, spread]]),
         )
 
+    def expected_mm(self, entered: FloatArray) -> float:
+        """R.m.s. error of the tool to expect, over the names that are open."""
+        every = self._open or [(1.0, self._plain)]
+        square = sum(weight * self._square_mm2(one, entered) for weight, one in every)
+        return math.sqrt(square / sum(weight for weight, _ in every))
+
     def bound(self, entered: FloatArray) -> ToolBound:
         """With parameters and sizes ``(b,)`` entered, from the point of linearisation."""
         plain = self._quantile_mm(self._plain, entered)
         worst: dict[str, OpenName] = {}
-        for one in self._open:
+        for _, one in self._open:
             if one.name is None:
                 continue
             effect, at_most = one.name.effect, self._quantile_mm(one, entered)
@@ -262,11 +272,19 @@ class Claim:
         return ToolBound(max([plain, *(one.bound_mm for one in names)]), plain, names)
 
     def _quantile_mm(self, one: _Posterior, entered: FloatArray) -> float:
+        return quantile_mm(*self._off(one, entered), one.covariance)
+
+    def _square_mm2(self, one: _Posterior, entered: FloatArray) -> float:
+        metric, off = self._off(one, entered)
+        return float(np.trace(metric @ one.covariance) + off @ metric @ off)
+
+    def _off(self, one: _Posterior, entered: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The metric of a name's parameters and sizes, and what they are off by."""
         count = len(self.spread)
         index = [*range(count), *(count + k for k in one.columns)]
         off = one.mean.copy()
         off[:count] -= entered
-        return quantile_mm(self.metric[np.ix_(index, index)], off, one.covariance)
+        return self.metric[np.ix_(index, index)], off
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,13 +12,16 @@ from calib.arrays import FloatArray
 from calib.identify.identify import Subset, identify
 from calib.identify.subset_choice import choose_subset
 from calib.noise.reading import IndicatorFigures
+from calib.tripod.effects.actuators import Backlash
+from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry, direct, inverse
+from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Model
 from calib.tripod.workspace import workspace_points
 from protocols.observations import to_observations
 from protocols.record import read_record
 from protocols.session import fold
-from tests.builders import observed, postures
+from tests.builders import conditions_of, observed, postures
 
 TOLERANCES = np.array([2.0] * 3 + [0.1] * 3)
 LONG = (18.0, -18.0, 18.0, 18.0, -18.0, 18.0)
@@ -57,11 +60,11 @@ def test_a_set_whose_values_hold_promises_little() -> None:
 
 def test_play_that_looks_like_lengths_recommends_no_lengths() -> None:
     """50 µm of play at every carriage: lengths of a millimetre fit it better than offsets do."""
-    taken = zero_max_min(stations=(0.35, 0.65), cycles=3)
-    lost = [EffectInstance(Backlash(), leg, (0.05,)) for leg in "xyz"]
-    truth = Model(parameters_mm=(0.6, -0.4, 0.1, 0.0, 0.0, 0.0), effects=tuple(lost))
+    taken = with_first_movements(conditions_of("two-station"))
+    lost = tuple(EffectInstance(Backlash(), leg, (0.05,)) for leg in "xyz")
+    truth = Model(parameters_mm=(-0.66, 0.46, 0.05, 0.0, 0.0, 0.0), effects=lost)
     noise = np.random.default_rng(4).normal(scale=0.002, size=len(taken))
-    data = observe(taken, truth.readings(taken) + noise)
+    data = replace(taken, value_mm=truth.readings(taken) + noise)
     choice = choose_subset(MODEL, data, tolerance_mm=TOLERANCES)
     held = choice.solutions["with-tolerances"]
     assert held.rms_after_mm < 0.8 * choice.solutions["joint-offsets"].rms_after_mm

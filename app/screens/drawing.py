@@ -10,8 +10,7 @@ from textual.binding import BindingType
 from textual.containers import Vertical
 from textual.widgets import Static
 
-from app.report.charts.charts import Chart, tick_labels
-from app.report.charts.drawings import Drawing, Look, ticks_within
+from app.report.charts.charts import Chart, Drawing, Look, tick_labels, ticks_within
 from app.report.charts.tripod import drawn_set_up
 from app.report.text.session import set_up_text
 from app.screens.fast_keys import Dialog

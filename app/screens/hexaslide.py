@@ -17,7 +17,7 @@ from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
 
 from app.planning.hexaslide import Request, hexaslide_planning
 from app.report.charts.hexaslide import drawn_machine, drawn_postures
-from app.report.text.hexaslide_screen import (
+from app.report.text.hexaslide import (
     HEXASLIDE_HELP,
     LOOKING,
     NO_VIEW,

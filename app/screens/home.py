@@ -26,7 +26,7 @@ from app.measuring.opening import (
     plan_to_repeat,
     writable_folder,
 )
-from app.measuring.recent import Recent, follow_up, look_at, recent_sessions
+from app.measuring.recorded import Recent, follow_up, look_at, recent_sessions
 from app.measuring.simulated import BenchSettings
 from app.report.text import home as texts
 from app.report.text.home import ELSEWHERE, NO_SESSIONS, PICK_KEYS, session_label

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from app.report.charts.charts import Series
-from app.report.charts.drawings import Drawing, Label, Look, Point, Stroke
+from app.report.charts.charts import Drawing, Label, Look, Point, Series, Stroke
 from calib.arrays import FloatArray
 from calib.hexaslide.drawing import lines_at, outline
 from calib.hexaslide.geometry import Box, HexaSlide

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from app.report.charts.charts import Series
-from app.report.charts.drawings import Drawing, Label, Look, Point, Stroke
+from app.report.charts.charts import Drawing, Label, Look, Point, Series, Stroke
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.tripod.drawing import set_up_lines, view
 from protocols.machine import Instrument

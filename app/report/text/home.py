@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from app.measuring.recent import Recent
+from app.measuring.recorded import Recent
 from app.report.text.tables import new_table, table_text
 from app.settings import FILE_VARIABLE, Settings
 from drivers.profile import Profile, Verified

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from app.planning.next_measurement import NextMeasurement
+from app.planning.tripod import NextMeasurement
 from app.report.text.tables import new_table, table_text, uncertain, wrapped
 from calib.design.criteria import Criterion
 from calib.design.planning import Combination, SeenBy

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.planning.hexaslide import Request, hexaslide_planning
-from app.report.charts.drawings import (
+from app.report.charts.charts import (
     Drawing,
     Look,
     Stroke,

@@ -1,13 +1,20 @@
-"""Sessions in a folder with their state, newest first."""
+"""Records looked at from outside: their state in a folder, and whether values fit their texts."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import takewhile
 from pathlib import Path
 
-from calib.errors import GlidecalError
+from app.measuring.indicators import SIMULATED, asked_of, profile_of
+from calib.errors import GlidecalError, RecordError
+from drivers.profile import Asked, Profile
+from drivers.profile import Reading as IndicatorReading
+from protocols.machine import Instrument
 from protocols.record import END_BYTES, Record, read_ends, read_record
-from protocols.session import Closed, Reading, fold
+from protocols.session import Closed, Continued, Event, Reading, fold
 
 MOST = 12
 
@@ -96,3 +103,57 @@ def follow_up(session: Recent, among: list[Recent]) -> Recent | None:
     """The session that verifies this one, if it is there."""
     beside = (other for other in among if other.path.parent == session.path.parent)
     return next((other for other in beside if other.verifies == session.path.name), None)
+
+
+Parser = Callable[[str], float | None]
+
+SAME_MM = 1e-9
+
+
+def check_values(record: Record) -> None:
+    """Read every text again, as its profile does. Raises RecordError at the first other value.
+
+    A text that the profile of today does not read tells nothing, nor do texts after an
+    interruption: there another indicator may have been used.
+    """
+    session = fold(record.events)
+    axes = {step.number: step.axes for step in session.steps()}
+    parsers = [_parser(instrument) for instrument in session.opened.instruments]
+    for reading in _before_a_break(record.events):
+        number = axes[reading.step].index(reading.axis) if reading.step in axes else None
+        read = _plain if number is None else parsers[number]
+        said_mm = read(reading.text)
+        if said_mm is not None and abs(said_mm - reading.value_mm) > SAME_MM:
+            raise RecordError(
+                f"session {record.path}, line {reading.line}",
+                f"value_mm {reading.value_mm} beside the text {reading.text!r}",
+                f"{said_mm}, as the text says",
+                "Use an unaltered copy.",
+            )
+
+
+def _before_a_break(events: Sequence[Event]) -> list[Reading]:
+    first = takewhile(lambda event: not isinstance(event, Continued), events)
+    return [event for event in first if isinstance(event, Reading)]
+
+
+def _parser(instrument: Instrument) -> Parser:
+    if instrument.profile == SIMULATED:
+        return _plain
+    try:
+        return partial(_as_read, profile_of(instrument), asked_of(instrument))
+    except GlidecalError:  # of a program with other profiles
+        return lambda _: None
+
+
+def _as_read(profile: Profile, asked: Asked, text: str) -> float | None:
+    outcome = profile.parse(text, asked)
+    return outcome.value_mm if isinstance(outcome, IndicatorReading) else None
+
+
+def _plain(text: str) -> float | None:
+    """Millimetres, as tables and simulations have them."""
+    try:
+        return float(text)
+    except ValueError:
+        return None

@@ -33,8 +33,7 @@ from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
 from benchmarks.picture_delays import TICK_S, Blocked, Delays, Terminal, listening
 from drivers.profile import Asked, Spindle
-from drivers.twin_port import TwinPort, default_transport
-from drivers.twins import twin_of
+from drivers.twins import TwinPort, default_transport, twin_of
 from protocols.procedure import Step
 
 ROOT = Path(__file__).parent.parent

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import csv
 import re
+import warnings
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Sequence
-from io import StringIO
+from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Any, TypeVar
+from zipfile import ZipFile
 
 import numpy as np
 from pydantic import ValidationError
 
-from calib.errors import RecordError
+from calib.errors import RecordError, UsageError
 from calib.printable import printable
 from calib.tripod.geometry import Geometry
-from protocols import spreadsheet
-from protocols.documents import describe, read_text
+from protocols.documents import describe, read_bytes, read_text
 from protocols.procedure import SLIDING, Leg, Procedure, default_mount, may_stand, off_bar
 from protocols.session import Reading
 
@@ -159,8 +160,8 @@ def _rows(path: Path) -> tuple[list[Row], tuple[str, ...]]:
 
 def _lines(path: Path) -> tuple[list[tuple[int, list[str]]], bool]:
     """Line numbers and fields; whether semicolons stand between them, as with decimal commas."""
-    if path.suffix.lower() == spreadsheet.SUFFIX:
-        return spreadsheet.read_rows(path, MOST_ROWS + 2), False
+    if path.suffix.lower() == XLSX:
+        return read_rows(path, MOST_ROWS + 2), False
     text = read_text(path, "table")
     header = text.partition("\n")[0]
     semicolons = ";" in header and "," not in header
@@ -337,8 +338,8 @@ def empty_table(procedure: Procedure, geometry: Geometry, path: Path) -> str | b
             slides = (int(step.over_plane),) if over else ()
             place = (step.station, step.displacement_mm, *slides, "")
             rows += [(step.cycle, step.leg, axis, *place) for axis in step.axes]
-    if path.suffix.lower() == spreadsheet.SUFFIX:
-        return spreadsheet.workbook(rows, f"table {path}")
+    if path.suffix.lower() == XLSX:
+        return workbook(rows, f"table {path}")
     return csv_text([c if isinstance(c, str) else f"{c:.12g}" for c in row] for row in rows)
 
 
@@ -366,3 +367,69 @@ def _harmless(cell: str) -> str:
     """The text as a cell: what is no number and looks like a formula gets an apostrophe."""
     text = printable(cell)
     return f"'{text}" if FORMULA.match(text) and not NUMBER.fullmatch(text) else text
+
+
+XLSX = ".xlsx"
+MOST_UNPACKED_BYTES = 200_000_000
+MOST_COLUMNS = 100
+
+
+def read_rows(path: Path, most_rows: int) -> list[tuple[int, list[str]]]:
+    """Line number and cells of the first sheet's rows, each at least as long as the first one.
+
+    Formulas give what they had when the file was saved. Raises RecordError, and UsageError where
+    openpyxl is not installed.
+    """
+    thing = f"table {path}"
+    content, openpyxl = BytesIO(read_bytes(path, "table")), _openpyxl(thing)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of styles and extensions that nobody needs
+            _check_unpacked(content)
+            book = openpyxl.load_workbook(content, read_only=True, data_only=True)
+            sheet = book.worksheets[0]
+            found = sheet.iter_rows(max_row=most_rows, max_col=MOST_COLUMNS, values_only=True)
+            rows = list(map(_texts, found))
+    except Exception as problem:  # a broken workbook meets the library in any of its parts
+        next_step = "Save the table anew, or as CSV"
+        raise RecordError(thing, next_step=next_step, reason="no readable workbook") from problem
+    width = len(rows[0]) if rows else 0
+    return [(line, row + [""] * (width - len(row))) for line, row in enumerate(rows, start=1)]
+
+
+def _check_unpacked(content: BytesIO) -> None:
+    """Raises ValueError for what is small only while it is packed."""
+    with ZipFile(content) as parts:
+        if sum(part.file_size for part in parts.infolist()) > MOST_UNPACKED_BYTES:
+            raise ValueError("too large")
+
+
+def workbook(rows: Iterable[Sequence[str | float]], thing: str) -> bytes:
+    """A workbook with these rows. Raises UsageError where openpyxl is not installed."""
+    book = _openpyxl(thing).Workbook()
+    for row in rows:
+        book.active.append(row)
+    out = BytesIO()
+    book.save(out)
+    return out.getvalue()
+
+
+def _openpyxl(thing: str) -> Any:  # noqa: ANN401 (a module)
+    try:
+        import openpyxl
+    except ImportError as problem:
+        raise UsageError(
+            thing,
+            "no package openpyxl",
+            "an installation with the extra xlsx",
+            'Install it with: pip install "glidecal[xlsx]", or save the table as CSV',
+        ) from problem
+    return openpyxl
+
+
+def _texts(row: Iterable[object]) -> list[str]:
+    """The cells, numbers as a spreadsheet shows them; without the empty ones at the end."""
+    cells = [f"{cell:.15g}" if isinstance(cell, float) else cell for cell in row]
+    while cells and cells[-1] is None:
+        cells.pop()
+    return ["" if cell is None else str(cell) for cell in cells]

@@ -29,7 +29,7 @@ from calib.hexaslide.planning import (
     sensitivity,
 )
 from calib.hexaslide.procedures import Kind
-from protocols.hexaslide_machine import load_hexaslide
+from protocols.hexaslide import load_hexaslide
 from studies import THREADS, tables
 
 PAGE = Path(__file__).parents[1] / "docs" / "hexaslide.md"

@@ -51,7 +51,7 @@ def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer:
     from app.planning.tripod import tripod_planning
     from app.report.schema.planning import IdentifiabilityReport
     from app.report.text.planning import identifiability_text
-    from calib.design.planning import seen_by
+    from calib.design.identifiability import seen_by
 
     planned, _ = tripod_planning(asked.machine, asked.procedure, asked.machine_file, own.noise)
     seen = seen_by(planned)

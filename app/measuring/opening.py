@@ -29,7 +29,7 @@ from app.measuring.simulated import BenchSettings, SimulatedBench, hidden_effect
 from app.version import program
 from calib.errors import GlidecalError, IndicatorError, RecordError, UsageError
 from calib.tripod.simulation import hidden_machine
-from drivers.twin_port import Transport, default_transport
+from drivers.twins import Transport, default_transport
 from protocols.files import reason_of, unused_path
 from protocols.journal import Journal
 from protocols.machine import Instrument, Machine, load_machine

@@ -23,11 +23,11 @@ from protocols.session import (
     Reading,
     Restored,
     Session,
+    SessionClock,
     Skipped,
     Superseded,
     fold,
 )
-from protocols.session_clock import SessionClock
 
 
 class Doubt(StrEnum):

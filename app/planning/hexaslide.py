@@ -16,15 +16,16 @@ from calib.hexaslide.procedures import Kind, Procedure
 from calib.hexaslide.residuals import measured_names
 from calib.hexaslide.simulation import simulate
 from protocols.files import write_files
-from protocols.hexaslide_machine import HexaSlideMachine, load_hexaslide
-from protocols.hexaslide_postures import (
+from protocols.hexaslide import (
     SCHEMA,
     TRUTH_SCHEMA,
+    HexaSlideMachine,
     HexaSlideMeasurements,
     HexaSlideTruth,
     MeasuredPosture,
     MeasuringNoise,
     Units,
+    load_hexaslide,
     load_postures,
     machine_like,
     read_measurements,

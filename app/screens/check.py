@@ -13,8 +13,8 @@ from textual.screen import Screen
 from textual.widgets import Footer, Static
 
 from app.exit_codes import exit_code
+from app.measuring.gauges import Finding, Trial
 from app.measuring.opening import Indicators, Plan, begin, first_step, open_indicators
-from app.measuring.trial import Finding, Trial
 from app.report.text.home import CHECK_HELP
 from app.report.text.session import check_text, trial_text
 from app.screens.fast_keys import Title

@@ -35,9 +35,9 @@ from app.report.text.hexaslide import (
     search_text,
     sees_text,
 )
-from app.screens.drawing import DrawingPlot
 from app.screens.interface import Interface, TextDialog
 from app.screens.pages import PagedScreen
+from app.screens.plot import DrawingPlot
 from calib.errors import GlidecalError
 from calib.hexaslide.planning import (
     KINDS,

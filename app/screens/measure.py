@@ -28,7 +28,7 @@ from calib.errors import GlidecalError, sentence
 from drivers.profile import Fault, Reading
 from protocols.expectation import Movement
 from protocols.procedure import Step
-from protocols.session_clock import steady_s
+from protocols.session import steady_s
 
 GATHER_S = 0.015
 """One picture shows all that is heard within so long after the first news."""

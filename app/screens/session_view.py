@@ -26,11 +26,10 @@ from app.report.charts.charts import readings_by_posture, strip_rows
 from app.report.charts.tripod import drawn_set_up
 from app.report.text.session import REVIEW_HELP, review_text, so_far_text, step_in_list, step_text
 from app.report.text.tables import signed
-from app.screens.drawing import DrawingPlot, SetUpScreen
 from app.screens.fast_keys import Dialog
 from app.screens.interface import WIDE
 from app.screens.pages import signalled
-from app.screens.plot import ChartPlot
+from app.screens.plot import ChartPlot, DrawingPlot, SetUpScreen
 from calib.errors import GlidecalError, sentence
 from calib.tripod.geometry import Geometry
 from drivers.profile import Fault, Reading

@@ -15,8 +15,7 @@ from drivers.line import IndicatorLine
 from drivers.profile import Fault, FaultKind, Outcome, Reading, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.profiles.sylvac import SYLVAC
-from drivers.twin_port import TwinPort
-from drivers.twins import twin_of
+from drivers.twins import TwinPort, twin_of
 
 PATIENCE_S = 30.0
 

@@ -15,8 +15,7 @@ import pytest
 from drivers.line import IndicatorLine
 from drivers.profile import Asked, Fault, FaultKind, Outcome, Profile, Reading, Spindle
 from drivers.profiles import PROFILES
-from drivers.twin_port import Transport, TwinPort
-from drivers.twins import Trouble, twin_of
+from drivers.twins import Transport, Trouble, TwinPort, twin_of
 
 TRANSPORTS = (["pty"] if os.name == "posix" else []) + ["tcp"]
 QUICK_S = 0.4

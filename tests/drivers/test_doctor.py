@@ -24,8 +24,7 @@ from drivers.profile import Asked, BadReply, FaultKind, Profile, Spindle, Unit, 
 from drivers.profiles import PROFILES
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A, MITUTOYO_MUX
 from drivers.profiles.sylvac import SYLVAC
-from drivers.twin_port import TwinPort, default_transport
-from drivers.twins import Trouble, Twin, twin_of
+from drivers.twins import Trouble, Twin, TwinPort, default_transport, twin_of
 
 QUICK = replace(MITUTOYO_01A, timeout_s=0.3, interval_s=0.0)
 

@@ -10,8 +10,7 @@ from drivers.line import IndicatorLine
 from drivers.profile import Outcome, Reading, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.profiles.sylvac import SYLVAC
-from drivers.twin_port import TwinPort, default_transport
-from drivers.twins import twin_of
+from drivers.twins import TwinPort, default_transport, twin_of
 
 EXCHANGES = 3000
 """Ten minutes at five readings a second, the fastest that these profiles allow."""

@@ -20,9 +20,7 @@ from drivers.profile import Fault, FaultKind, Outcome, Profile, Reading, Spindle
 from drivers.profiles import profile_named
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.profiles.sylvac import SYLVAC
-from drivers.rig import SimulatedRig
-from drivers.twin_port import Transport, TwinPort
-from drivers.twins import twin_of
+from drivers.twins import SimulatedRig, Transport, TwinPort, twin_of
 
 QUICK = replace(MITUTOYO_01A, timeout_s=0.3, interval_s=60.0)
 POSIX = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals need POSIX")

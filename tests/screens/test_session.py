@@ -20,8 +20,7 @@ from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
 from drivers.profile import Fault, FaultKind, Reading, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
-from drivers.twin_port import TwinPort
-from drivers.twins import twin_of
+from drivers.twins import TwinPort, twin_of
 from protocols.record import read_record
 from protocols.session import fold
 from tests.screens.driving import (

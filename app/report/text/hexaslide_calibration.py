@@ -8,7 +8,7 @@ from app.planning.hexaslide import CalibratedMachine
 from app.report.schema.hexaslide import CalibrationReport, Rms
 from app.report.text.tables import new_table, signed, table_text, wrapped
 from calib.hexaslide.procedures import Kind
-from protocols.hexaslide_postures import HexaSlideMeasurements
+from protocols.hexaslide import HexaSlideMeasurements
 
 LACK_OF_FIT_LEVEL = 0.01
 MOST_POSTURES = 5

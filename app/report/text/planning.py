@@ -7,7 +7,7 @@ import math
 from app.planning.tripod import NextMeasurement
 from app.report.text.tables import new_table, table_text, uncertain, wrapped
 from calib.design.criteria import Criterion
-from calib.design.planning import Combination, SeenBy
+from calib.design.identifiability import Combination, SeenBy
 from calib.diagnosis.results import AliasMap
 from calib.identify.next_mounting import MOST_FURTHER, FurtherSetUp, NextMountings, Proposal
 from calib.stats import coverage_factor

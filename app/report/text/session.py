@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from app.measuring.gauges import Finding, Trial
 from app.measuring.indicators import indicator_words, profile_of
 from app.measuring.leg_review import LegReview, LegRow, leg_rows, positions
 from app.measuring.opening import Plan
 from app.measuring.session import Doubt, TakenStep
 from app.measuring.simulated import short_travels
-from app.measuring.trial import Finding, Trial
 from app.report.schema.readings import ReplayReport
 from app.report.text.tables import new_table, signed, table_text, uncertain, wrapped
 from calib.arrays import LEG_NAMES, conditions

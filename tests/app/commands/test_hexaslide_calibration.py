@@ -20,8 +20,7 @@ from app.report.schema.hexaslide import CalibrationReport
 from app.report.text.hexaslide_calibration import calibration_text
 from calib.errors import GlidecalError, NotIdentifiable, RecordError, UsageError
 from calib.hexaslide.geometry import forward
-from protocols.hexaslide_machine import load_hexaslide
-from protocols.hexaslide_postures import read_measurements, read_truth
+from protocols.hexaslide import load_hexaslide, read_measurements, read_truth
 from tests.app.cli import glidecal, refused
 from tests.conftest import ROOT
 

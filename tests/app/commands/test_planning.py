@@ -15,7 +15,7 @@ import pytest
 from app.planning.tripod import next_measurement, tripod_planning
 from calib.arrays import conditions, descending
 from calib.design.criteria import Criterion
-from calib.design.planning import seen_by
+from calib.design.identifiability import seen_by
 from calib.tripod.geometry import Geometry
 from calib.tripod.optimum import optimum_postures
 from calib.tripod.pipeline import derivatives

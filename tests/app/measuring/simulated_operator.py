@@ -26,8 +26,7 @@ from protocols.journal import Journal
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Step, leg_number, load_procedure
 from protocols.record import read_record
-from protocols.session import Opened
-from protocols.session_clock import SessionClock
+from protocols.session import Opened, SessionClock
 from tests.blind.forward import Hidden, Rows, readings
 
 PACE_S = 0.2

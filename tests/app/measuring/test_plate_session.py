@@ -30,8 +30,7 @@ from app.version import program
 from calib.errors import UsageError
 from drivers.profile import Asked
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
-from drivers.rig import SimulatedRig
-from drivers.twin_port import default_transport
+from drivers.twins import SimulatedRig, default_transport
 from protocols.journal import Journal
 from protocols.machine import Instrument, load_machine
 from protocols.procedure import Procedure, Step, load_procedure

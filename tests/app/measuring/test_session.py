@@ -24,8 +24,7 @@ from protocols.journal import Journal
 from protocols.machine import Machine
 from protocols.procedure import Procedure
 from protocols.record import read_record
-from protocols.session import fold
-from protocols.session_clock import SessionClock
+from protocols.session import SessionClock, fold
 
 NOTES = 40
 

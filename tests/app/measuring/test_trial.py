@@ -7,8 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.measuring.gauges import Live, Motion
-from app.measuring.trial import HELD_S, Finding, Trial
+from app.measuring.gauges import HELD_S, Finding, Live, Motion, Trial
 from drivers.profile import Fault, FaultKind, Reading
 from protocols.machine import Instrument
 
@@ -57,7 +56,7 @@ class Bench:
 def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
     one = Bench(np.random.default_rng(4))
     clock = SimpleNamespace(monotonic=lambda: one.now_s)
-    monkeypatch.setattr("app.measuring.trial.time", clock)
+    monkeypatch.setattr("app.measuring.gauges.time", clock)
     return one
 
 

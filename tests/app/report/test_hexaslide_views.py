@@ -21,7 +21,7 @@ from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.planning import KINDS, Found, find_postures, look_at
 from calib.hexaslide.procedures import DEGREES, MILLIMETRES, Procedure, in_units
-from protocols.hexaslide_machine import load_hexaslide
+from protocols.hexaslide import load_hexaslide
 from tests.app.cli import refused
 
 LINK_M = 0.88

@@ -11,7 +11,7 @@ from textual.app import App, ComposeResult
 from app.report.charts.charts import Drawing, Look
 from app.report.charts.tripod import drawn_set_up
 from app.report.text.session import set_up_text
-from app.screens.drawing import DrawingPlot
+from app.screens.plot import DrawingPlot
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Step, load_procedure
 from protocols.session import Opened, Session, fold

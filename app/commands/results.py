@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import typer
 
 from app.machines.options import (
+    Answer,
     AsJson,
     Force,
     Method,
@@ -27,6 +28,17 @@ from app.machines.options import (
 from app.machines.registry import NAMES, family_of_files, options_of, with_options_of_machines
 from calib.errors import UsageError
 from protocols.machine_files import machine_names
+
+FormatName = Literal[
+    "json",
+    "csv",
+    "model",
+    "linuxcnc",
+    "linuxcnc-kins",
+    "lineardeltakins",
+    "klipper",
+    "reprapfirmware",
+]
 
 
 @with_options_of_machines
@@ -52,17 +64,12 @@ def compare(
 ) -> None:
     """The differences before and after a calibration. After: with the offsets entered."""
     from app.evaluating.comparison import compare_files
+    from app.report.schema.solution import ComparisonReport
+    from app.report.text.result import comparison_report
 
     found = compare_files(before, after)
-    if as_json:
-        from app.report.schema.document import to_json
-        from app.report.schema.solution import ComparisonReport
-
-        typer.echo(to_json(ComparisonReport.of(found=found)))
-    else:
-        from app.report.text.result import comparison_report
-
-        typer.echo(comparison_report(found))
+    answer = Answer(lambda: comparison_report(found), lambda: ComparisonReport.of(found=found))
+    typer.echo(answer.shown(as_json=as_json))
 
 
 def verify(
@@ -76,39 +83,20 @@ def verify(
 ) -> None:
     """Were the offsets entered, is the tool in tolerance?"""
     from app.evaluating.comparison import verify_files
+    from app.report.schema.solution import VerificationReport
+    from app.report.text.result import verification_text
 
     found = verify_files(before, after, tolerance)
-    if as_json:
-        from app.report.schema.document import to_json
-        from app.report.schema.solution import VerificationReport
-
-        typer.echo(to_json(VerificationReport.of(found=found)))
-    else:
-        from app.report.text.result import verification_text
-
-        typer.echo(verification_text(found))
+    answer = Answer(lambda: verification_text(found), lambda: VerificationReport.of(found=found))
+    typer.echo(answer.shown(as_json=as_json))
 
 
 def export(
     source: Annotated[Path, typer.Argument(help="Session or model file.", show_default=False)],
     output: Output,
     format_name: Annotated[
-        Literal[
-            "json",
-            "csv",
-            "model",
-            "linuxcnc",
-            "linuxcnc-kins",
-            "lineardeltakins",
-            "klipper",
-            "reprapfirmware",
-        ],
-        typer.Option(
-            "--format",
-            metavar="NAME",
-            help="json, csv, model, linuxcnc, linuxcnc-kins, lineardeltakins, klipper, "
-            "reprapfirmware.",
-        ),
+        FormatName,
+        typer.Option("--format", metavar="NAME", help=f"{', '.join(get_args(FormatName))}."),
     ],
     subset: Annotated[
         SubsetName | None,

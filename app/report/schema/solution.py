@@ -23,7 +23,8 @@ from app.report.schema.document import (
     schema,
 )
 from calib.identify.accuracy import Decision, ToolError
-from calib.identify.identify import Method, Solution, Subset, Weights
+from calib.identify.identify import FittedSize, Method, Solution, Subset, Weights
+from calib.identify.tool_bound import OpenName
 from calib.noise.reading import NoiseSource, Repeated
 from protocols.machine import Instrument
 
@@ -115,15 +116,6 @@ class ToolErrors(Report):
     coverage_factor: float = at("tool_factor", "for both, 95 %")
 
 
-class OpenName(Report):
-    """What the readings do not rule out, and the bound if it is the one."""
-
-    id: str
-    where: str
-    title: str
-    bound_mm: float
-
-
 class ToolBound(Report):
     """R.m.s. over the reachable workspace that 95 of 100 machines keep.
 
@@ -178,16 +170,6 @@ class SimulatedSessions(Report):
         dict[str, Covered],
         made(lambda it: rows(Covered, it.names, it.covered, it.true_mm, it.stated_mm)),
     ] = at("simulated")
-
-
-class FittedSize(Report):
-    """A size of an effect of the model, fitted with the parameters."""
-
-    name: str
-    unit: str
-    value: float
-    standard_uncertainty: float
-    coverage_factor: float
 
 
 class MeasuredSession(Report):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from itertools import takewhile
@@ -14,7 +15,7 @@ from drivers.profile import Asked, Profile
 from drivers.profile import Reading as IndicatorReading
 from protocols.machine import Instrument
 from protocols.record import END_BYTES, Record, read_ends, read_record
-from protocols.session import Closed, Continued, Event, Reading, fold
+from protocols.session import Closed, Continued, Reading, fold
 
 MOST = 12
 
@@ -52,26 +53,26 @@ def _session_files(folder: Path) -> list[Path]:
 
 
 def _changed_at(path: Path) -> float:
+    found = _stat(path)
+    return found.st_mtime if found else 0.0
+
+
+def _stat(path: Path) -> os.stat_result | None:
+    """None for what is gone meanwhile, or a link to nothing: reading it tells why."""
     try:
-        return path.stat().st_mtime
-    except OSError:  # gone meanwhile, or a link to nothing
-        return 0.0
+        return path.stat()
+    except OSError:
+        return None
 
 
 def look_at(path: Path) -> Recent:
     """The state of one session file."""
     try:
-        large = _size_bytes(path) > SMALL_BYTES
+        found = _stat(path)
+        large = found is not None and found.st_size > SMALL_BYTES
         return _state_by_ends(path) if large else _state(read_record(path))
     except GlidecalError as problem:
         return Recent(path, "unreadable", problem=str(problem))
-
-
-def _size_bytes(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except OSError:  # reading it tells why
-        return 0
 
 
 def _state_by_ends(path: Path) -> Recent:
@@ -119,7 +120,8 @@ def check_values(record: Record) -> None:
     session = fold(record.events)
     axes = {step.number: step.axes for step in session.steps()}
     parsers = [_parser(instrument) for instrument in session.opened.instruments]
-    for reading in _before_a_break(record.events):
+    before_a_break = takewhile(lambda event: not isinstance(event, Continued), record.events)
+    for reading in (event for event in before_a_break if isinstance(event, Reading)):
         number = axes[reading.step].index(reading.axis) if reading.step in axes else None
         read = _plain if number is None else parsers[number]
         said_mm = read(reading.text)
@@ -130,11 +132,6 @@ def check_values(record: Record) -> None:
                 f"{said_mm}, as the text says",
                 "Use an unaltered copy.",
             )
-
-
-def _before_a_break(events: Sequence[Event]) -> list[Reading]:
-    first = takewhile(lambda event: not isinstance(event, Continued), events)
-    return [event for event in first if isinstance(event, Reading)]
 
 
 def _parser(instrument: Instrument) -> Parser:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from enum import StrEnum
 from typing import Literal, Protocol, Self
 
-from drivers.profile import Asked, Profile, Spindle
+from drivers.profile import Profile, Query, Spindle
 
 
 class Twin(Protocol):
@@ -29,7 +29,7 @@ class Device:
     def __init__(self, profile: Profile, spindle: Spindle) -> None:
         self._profile = profile
         self._spindle = spindle
-        asked = Asked(channel=spindle.channel)
+        asked = Query(channel=spindle.channel)
         self._request = profile.request(asked) if profile.request else b""
         self._received = b""
 

@@ -260,7 +260,7 @@ class MeasuringNoise(Document):
         return self
 
 
-class Units(Document):
+class FileUnits(Document):
     """Units of the numbers under ``postures``; no others are read."""
 
     length: Literal["m"] = "m"
@@ -283,7 +283,7 @@ class HexaSlideMeasurements(Document):
     seed: int | None = None
     procedure: Kind = Field(strict=False)
     measured: tuple[Name, ...]
-    units: Units
+    units: FileUnits
     noise: MeasuringNoise
     machine_file: Name
     machine: HexaSlideMachine

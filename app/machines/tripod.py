@@ -15,10 +15,10 @@ from app.machines.options import (
     Answer,
     Family,
     Method,
+    PostureSearch,
     Protocol,
     Question,
     Say,
-    Search,
     Seed,
     Simulation,
     SubsetName,
@@ -76,7 +76,7 @@ class PostureOptions:
     ] = True
 
 
-def postures(asked: Question, search: Search, own: PostureOptions, say: Say) -> Answer:
+def postures(asked: Question, search: PostureSearch, own: PostureOptions, say: Say) -> Answer:
     """Postures from a list, and procedures that visit them."""
     from app.planning.tripod import procedure_files, tripod_planning
     from app.report.schema.planning import PosturesReport

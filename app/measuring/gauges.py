@@ -15,7 +15,7 @@ from typing import Literal
 
 from app.measuring.indicators import indicator_words
 from drivers.line import IndicatorLine
-from drivers.profile import Asked, Fault, Outcome, Profile, Reading
+from drivers.profile import Fault, IndicatorReading, Outcome, Profile, Query
 from protocols.machine import Instrument
 
 HISTORY = 120
@@ -76,7 +76,7 @@ class Gauge:
         self,
         profile: Profile,
         port: str,
-        asked: Asked,
+        asked: Query,
         *,
         interval_s: float | None = None,
         window_s: float,
@@ -118,7 +118,7 @@ class Gauge:
         now = time.monotonic()
         with self._lock:
             changes = not self._rests or outcome != self._latest
-            if isinstance(outcome, Reading):
+            if isinstance(outcome, IndicatorReading):
                 self._digit_mm = outcome.resolution_mm
                 self._still_mm = max(self._tolerance_mm, ONE_DIGIT * outcome.resolution_mm)
                 self._remember(int(now / SLOT_S), outcome.value_mm)
@@ -198,7 +198,7 @@ class Gauge:
         if now - at > self._stale_s:
             return Motion.STALE
         within = takewhile(lambda entry: now - entry[0] <= self._window_s, reversed(heard))
-        recent = [o.value_mm for _, o in within if isinstance(o, Reading)]
+        recent = [o.value_mm for _, o in within if isinstance(o, IndicatorReading)]
         covered = now - heard[0][0] >= self._window_s
         span_mm = max(recent) - min(recent) if len(recent) >= 2 else math.inf
         if not (covered and span_mm <= self._still_mm):
@@ -223,7 +223,7 @@ HELD_S = 5.0
 PushedIn = Literal["larger", "smaller"]
 
 
-class Finding(StrEnum):
+class PushResult(StrEnum):
     """What the last push told."""
 
     NOTHING = "nothing yet"
@@ -243,7 +243,7 @@ class Trial:
 
     instruments: tuple[Instrument, ...]
     found: dict[int, PushedIn] = field(default_factory=dict)
-    finding: Finding = Finding.NOTHING
+    finding: PushResult = PushResult.NOTHING
     last: PushedIn = "larger"
     exchanged: bool = False
     _rest_mm: tuple[float, ...] = ()
@@ -263,7 +263,7 @@ class Trial:
     def look(self, states: Sequence[Live]) -> bool:
         """What the indicators show now. Returns whether a push came to its end."""
         shown = [live.outcome for live in states]
-        values = tuple(one.value_mm for one in shown if isinstance(one, Reading))
+        values = tuple(one.value_mm for one in shown if isinstance(one, IndicatorReading))
         if self.done or len(values) < len(shown):
             return False
         still = all(live.motion is Motion.STABLE for live in states)
@@ -295,16 +295,16 @@ class Trial:
         moved = sizes.index(max(sizes))
         self.last = "larger" if self._away_mm[moved] > 0.0 else "smaller"
         if any(ALONE * size > sizes[moved] for k, size in enumerate(sizes) if k != moved):
-            self.finding = Finding.BOTH
+            self.finding = PushResult.BOTH
         elif moved != self.asked:
-            self.finding = Finding.OTHER
+            self.finding = PushResult.OTHER
         elif self.instruments[moved].pushed_in not in (None, self.last):
-            self.finding = Finding.SIGN
+            self.finding = PushResult.SIGN
         else:
             self._found()
 
     def _found(self) -> None:
-        self.finding = Finding.RIGHT
+        self.finding = PushResult.RIGHT
         self.found[self.asked] = self.last
 
     def exchange(self) -> None:
@@ -319,7 +319,7 @@ class Trial:
         )
         pushed, self.exchanged = self.asked, not self.exchanged
         self.found = {pushed: self.last}
-        self.finding, self._rest_mm = Finding.RIGHT, ()
+        self.finding, self._rest_mm = PushResult.RIGHT, ()
 
     def remark(self) -> str:
         """What goes into the record."""

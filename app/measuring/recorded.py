@@ -11,8 +11,7 @@ from pathlib import Path
 
 from app.measuring.indicators import SIMULATED, asked_of, profile_of
 from calib.errors import GlidecalError, RecordError
-from drivers.profile import Asked, Profile
-from drivers.profile import Reading as IndicatorReading
+from drivers.profile import IndicatorReading, Profile, Query
 from protocols.machine import Instrument
 from protocols.record import END_BYTES, Record, read_ends, read_record
 from protocols.session import Closed, Continued, Reading, fold
@@ -24,7 +23,7 @@ SMALL_BYTES = 2 * END_BYTES
 
 
 @dataclass(frozen=True)
-class Recent:
+class SessionFile:
     """One session file: its state in words, whether it can go on, what it verifies.
 
     ``empty``: it was left before its first reading. ``problem`` is the reason why a file cannot be
@@ -39,7 +38,7 @@ class Recent:
     problem: str = ""
 
 
-def recent_sessions(*folders: Path) -> list[Recent]:
+def recent_sessions(*folders: Path) -> list[SessionFile]:
     """The newest sessions of these folders; unreadable ones are there with their reason."""
     paths = {path for folder in folders for path in _session_files(folder)}
     return [look_at(path) for path in sorted(paths, key=_changed_at, reverse=True)[:MOST]]
@@ -65,42 +64,42 @@ def _stat(path: Path) -> os.stat_result | None:
         return None
 
 
-def look_at(path: Path) -> Recent:
+def look_at(path: Path) -> SessionFile:
     """The state of one session file."""
     try:
         found = _stat(path)
         large = found is not None and found.st_size > SMALL_BYTES
         return _state_by_ends(path) if large else _state(read_record(path))
     except GlidecalError as problem:
-        return Recent(path, "unreadable", problem=str(problem))
+        return SessionFile(path, "unreadable", problem=str(problem))
 
 
-def _state_by_ends(path: Path) -> Recent:
+def _state_by_ends(path: Path) -> SessionFile:
     """The state of a large record: superseded readings count here, and no line is checked."""
     opened, last = read_ends(path)
     end = next((event for event in reversed(last) if isinstance(event, Closed | Reading)), None)
     if isinstance(end, Closed):
-        return Recent(path, f"{end.readings} readings, closed", verifies=opened.verifies)
+        return SessionFile(path, f"{end.readings} readings, closed", verifies=opened.verifies)
     state = f"{end.reading} readings, not closed" if end else "not closed"
     can_go_on = opened.procedure is not None
-    return Recent(path, state, interrupted=can_go_on, verifies=opened.verifies)
+    return SessionFile(path, state, interrupted=can_go_on, verifies=opened.verifies)
 
 
-def _state(record: Record) -> Recent:
+def _state(record: Record) -> SessionFile:
     session = fold(record.events)
     readings = f"{len(session.readings)} readings"
     verifies = record.opened.verifies
     if record.end == "closed":
-        return Recent(record.path, f"{readings}, closed", verifies=verifies)
+        return SessionFile(record.path, f"{readings}, closed", verifies=verifies)
     steps, following = session.steps(), session.next_step()
     if not steps:
-        return Recent(record.path, f"{readings}, cut", verifies=verifies)
+        return SessionFile(record.path, f"{readings}, cut", verifies=verifies)
     where = f"interrupted at step {following.number} of {len(steps)}" if following else "not closed"
     state, empty = f"{readings}, {where}", not session.all_readings
-    return Recent(record.path, state, interrupted=True, empty=empty, verifies=verifies)
+    return SessionFile(record.path, state, interrupted=True, empty=empty, verifies=verifies)
 
 
-def follow_up(session: Recent, among: list[Recent]) -> Recent | None:
+def follow_up(session: SessionFile, among: list[SessionFile]) -> SessionFile | None:
     """The session that verifies this one, if it is there."""
     beside = (other for other in among if other.path.parent == session.path.parent)
     return next((other for other in beside if other.verifies == session.path.name), None)
@@ -143,7 +142,7 @@ def _parser(instrument: Instrument) -> Parser:
         return lambda _: None
 
 
-def _as_read(profile: Profile, asked: Asked, text: str) -> float | None:
+def _as_read(profile: Profile, asked: Query, text: str) -> float | None:
     outcome = profile.parse(text, asked)
     return outcome.value_mm if isinstance(outcome, IndicatorReading) else None
 

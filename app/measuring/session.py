@@ -10,8 +10,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from app.measuring.gauges import Gauge
-from drivers.profile import Fault, FaultKind, Outcome
-from drivers.profile import Reading as IndicatorReading
+from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
 from protocols.expectation import Expected, Movement, expected, movement
 from protocols.journal import Journal
 from protocols.procedure import Leg, Step, default_mount

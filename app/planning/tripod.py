@@ -140,7 +140,7 @@ def _toml(
 
 
 @dataclass(frozen=True)
-class NextMeasurement:
+class MeasurementPlan:
     """What is worth measuring after these sessions."""
 
     sessions: tuple[str, ...]
@@ -161,7 +161,7 @@ def next_measurement(
     model_file: Path | None = None,
     noise_mm: float | None = None,
     minutes_per_mounting: float = 2.0,
-) -> NextMeasurement:
+) -> MeasurementPlan:
     """Judge every mounting with two or three displacements on top of the sessions.
 
     Before any reading the parameters are known to the tolerances of the machine file. Raises
@@ -177,7 +177,7 @@ def next_measurement(
         to_observations(folded) if folded else None,
         indicator_figures(folded) if folded and noise_mm is None else None,
     )
-    return NextMeasurement(
+    return MeasurementPlan(
         sessions=tuple(path.name for path in sessions),
         machine=machine.name,
         found=found,

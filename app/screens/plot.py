@@ -16,7 +16,7 @@ from textual_plotext import PlotextPlot
 from app.report.charts.charts import (
     Chart,
     Drawing,
-    Look,
+    StrokeStyle,
     even_limits,
     label_cells,
     spread,
@@ -156,14 +156,14 @@ class ChartPlot(PlotextPlot):
         return colour.rgb if colour.ansi is None else TERMINAL
 
 
-LINES = {Look.THIN: "braille", Look.THICK: "hd", Look.BEADED: "•"}
-DOTS = {Look.DOTTED: "·", Look.MARKED: ":"}
+LINES = {StrokeStyle.THIN: "braille", StrokeStyle.THICK: "hd", StrokeStyle.BEADED: "•"}
+DOTS = {StrokeStyle.DOTTED: "·", StrokeStyle.MARKED: ":"}
 STROKE_COLOURS = {
-    Look.DOTTED: "foreground",
-    Look.MARKED: "text-secondary",
-    Look.THIN: "text-primary",
-    Look.THICK: "text-accent",
-    Look.BEADED: "text-warning",
+    StrokeStyle.DOTTED: "foreground",
+    StrokeStyle.MARKED: "text-secondary",
+    StrokeStyle.THIN: "text-primary",
+    StrokeStyle.THICK: "text-accent",
+    StrokeStyle.BEADED: "text-warning",
 }
 
 LABEL_CELLS = 7
@@ -211,11 +211,11 @@ class DrawingPlot(ChartPlot):
         self._scale(chart)
         for stroke in chart.strokes:
             x, y = ([point[k] for point in stroke.points] for k in (0, 1))
-            colour = self._colour(STROKE_COLOURS[stroke.look])
-            if stroke.look in LINES:
-                self.plt.plot(x, y, marker=LINES[stroke.look], color=colour)
+            colour = self._colour(STROKE_COLOURS[stroke.style])
+            if stroke.style in LINES:
+                self.plt.plot(x, y, marker=LINES[stroke.style], color=colour)
             else:
-                self.plt.scatter(x, y, marker=DOTS[stroke.look], color=colour)
+                self.plt.scatter(x, y, marker=DOTS[stroke.style], color=colour)
         self._marks(chart)
 
     def _scale(self, chart: Drawing) -> None:

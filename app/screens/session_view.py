@@ -32,7 +32,7 @@ from app.screens.pages import signalled
 from app.screens.plot import ChartPlot, DrawingPlot, SetUpScreen
 from calib.errors import GlidecalError, sentence
 from calib.tripod.geometry import Geometry
-from drivers.profile import Fault, Reading
+from drivers.profile import Fault, IndicatorReading
 from protocols.machine import Instrument
 from protocols.procedure import Step
 from protocols.session import Session
@@ -118,7 +118,7 @@ class GaugeDisplay(Widget):
             self.set_classes(f"gauge {live.motion.value}")
         if time.monotonic() - self._strip_at > STRIP_S:
             self._draw_strip(live.trace)
-        assumed = isinstance(live.outcome, Reading) and live.outcome.unit_assumed
+        assumed = isinstance(live.outcome, IndicatorReading) and live.outcome.unit_assumed
         if assumed != self._assumed:
             self._assumed = assumed
             words = [self._port, "mm assumed"] if assumed else [self._port]
@@ -159,7 +159,7 @@ class GaugeDisplay(Widget):
         return ["".join(filter(str.isprintable, row.plain)) for row in rows] or [""]
 
     def _number(self, live: Live) -> str:
-        if not isinstance(live.outcome, Reading):
+        if not isinstance(live.outcome, IndicatorReading):
             return NO_NUMBER
         return signed(live.outcome.value_mm, decimals_of(live.outcome.resolution_mm))
 

@@ -7,7 +7,7 @@ import tracemalloc
 from collections.abc import Callable
 
 from drivers.line import IndicatorLine
-from drivers.profile import Outcome, Reading, Spindle
+from drivers.profile import IndicatorReading, Outcome, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.profiles.sylvac import SYLVAC
 from drivers.twins import TwinPort, default_transport, twin_of
@@ -39,7 +39,7 @@ def test_two_indicators_for_ten_minutes() -> None:
 
     def listener(number: int) -> Callable[[Outcome], None]:
         def hear(outcome: Outcome) -> None:
-            assert isinstance(outcome, Reading)
+            assert isinstance(outcome, IndicatorReading)
             heard[number].append(outcome.value_mm)
             if len(heard[number]) >= EXCHANGES:
                 done[number].set()

@@ -13,7 +13,7 @@ from app.measuring.gauges import Live, Motion, Trace
 from app.report.charts.charts import strip_rows
 from app.screens import interface
 from app.screens.session_view import GaugeDisplay, big_digits
-from drivers.profile import Fault, FaultKind, Outcome, Reading
+from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
 from protocols.machine import Instrument
 
 SIZE = (80, 24)
@@ -26,7 +26,7 @@ def live(outcome: Outcome, motion: Motion) -> Live:
 
 
 def shown(value_mm: float, motion: Motion = Motion.STABLE, *, age_s: float = 0.0) -> Live:
-    return Live(Reading(f"{value_mm}", value_mm, 0.001, False), age_s, motion, TRACE)
+    return Live(IndicatorReading(f"{value_mm}", value_mm, 0.001, False), age_s, motion, TRACE)
 
 
 class Panels(App[None]):

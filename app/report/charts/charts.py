@@ -379,7 +379,7 @@ MARGIN = 0.04
 """Room around what is drawn, as a share of it."""
 
 
-class Look(StrEnum):
+class StrokeStyle(StrEnum):
     """How a stroke is drawn, told apart without colour."""
 
     DOTTED = "dotted"
@@ -393,12 +393,12 @@ class Look(StrEnum):
 class Stroke:
     """A line through points."""
 
-    look: Look
+    style: StrokeStyle
     points: tuple[Point, ...]
 
 
 @dataclass(frozen=True)
-class Label:
+class Caption:
     """Letters at a place."""
 
     words: str
@@ -413,7 +413,7 @@ class Drawing(Chart):
     """
 
     strokes: tuple[Stroke, ...] = ()
-    labels: tuple[Label, ...] = ()
+    labels: tuple[Caption, ...] = ()
     even: bool = False
     scaled: bool = True
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from app.planning.tripod import NextMeasurement
+from app.planning.tripod import MeasurementPlan
 from app.report.text.tables import new_table, table_text, uncertain, wrapped
 from calib.design.criteria import Criterion
 from calib.design.identifiability import Combination, SeenBy
@@ -147,7 +147,7 @@ def _figure(figures: Figures, kind: str) -> str:
     return "not identifiable" if value is None else f"{value:.4g}"
 
 
-def plan_text(plan: NextMeasurement) -> str:
+def plan_text(plan: MeasurementPlan) -> str:
     """One sentence, then the runners-up."""
     best = plan.best
     known = f"after {', '.join(plan.sessions)}" if plan.sessions else "with nothing measured yet"

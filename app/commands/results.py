@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import typer
 
@@ -28,6 +28,9 @@ from app.machines.options import (
 from app.machines.registry import NAMES, family_of_files, options_of, with_options_of_machines
 from calib.errors import UsageError
 from protocols.machine_files import machine_names
+
+if TYPE_CHECKING:
+    from app.evaluating.diagnosis import SessionDiagnosis
 
 FormatName = Literal[
     "json",
@@ -234,9 +237,6 @@ def diagnose(
     """What is missing in the model, and where it shows. The gap before and after."""
     from app.evaluating import diagnosis as evaluated
     from app.evaluating.diagnosis import diagnose_files
-    from app.report.schema.diagnosis import DiagnosisReport
-    from app.report.schema.document import to_json
-    from app.report.text.diagnosis import diagnosis_text
 
     if aliases:
         _show_aliases(procedure, machine, as_json=as_json)
@@ -263,7 +263,22 @@ def diagnose(
     if correct:
         evaluated.correct(found, sessions[0], correct)
         say(f"corrected session written: {correct}")
-    typer.echo(to_json(DiagnosisReport.of(found=found)) if as_json else diagnosis_text(found))
+    _show(found, further=bool(next_procedure), as_json=as_json)
+
+
+def _show(found: SessionDiagnosis, *, further: bool, as_json: bool) -> None:
+    """The diagnosis; with it the bound at the tool after ``further`` set-ups."""
+    from app.report.schema.diagnosis import DiagnosisReport
+    from app.report.text.diagnosis import diagnosis_text
+    from app.report.text.planning import further_text
+
+    reach = found.reach() if further else None
+
+    def text() -> str:
+        return "\n\n".join([diagnosis_text(found), *([further_text(reach)] if reach else [])])
+
+    answer = Answer(text, lambda: DiagnosisReport.of(found=found, reach=reach))
+    typer.echo(answer.shown(as_json=as_json))
 
 
 def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> None:

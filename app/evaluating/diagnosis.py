@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 
 from app.evaluating.own_effects import known_effects
@@ -14,6 +15,9 @@ from calib.diagnosis.problem import Case
 from calib.diagnosis.results import Contender, Diagnosis, Finding
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.identify import Subset
+from calib.identify.next_mounting import MINUTES_PER_MOUNTING, Reach, bound_of, reach_of
+from calib.identify.tool_bound import ToolBound
+from calib.noise.reading import Noise, reading_noise, visits
 from calib.tripod.effects.effect import Effect, Kind
 from calib.tripod.effects.empirical import EMPIRICAL
 from calib.tripod.pipeline import Model, no_effects_over_plane
@@ -47,6 +51,29 @@ class SessionDiagnosis:
     model: Model
     diagnosis: Diagnosis
     warnings: tuple[str, ...]
+
+    @cached_property
+    def tool_bound(self) -> ToolBound | None:
+        """What the tool is off by at most with the parameters of the last session entered.
+
+        Effects of the model are taken to be compensated. None where no noise is known.
+        """
+        case, noise = self._last
+        return bound_of(case.model, case.observed, noise, case.tolerance_mm) if noise else None
+
+    def reach(self, minutes_per_mounting: float = MINUTES_PER_MOUNTING) -> Reach | None:
+        """The same after further set-ups, and when more would not help."""
+        case, noise = self._last
+        if noise is None or not case.model.geometry.orthogonal:
+            return None
+        return reach_of(case.model, case.observed, noise, case.tolerance_mm, minutes_per_mounting)
+
+    @cached_property
+    def _last(self) -> tuple[Case, Noise | None]:
+        """The machine as it stands now, without mistakes that were found in its readings."""
+        (case,) = cases(self.sessions[-1:], self.model)
+        case = case.with_readings(self.diagnosis.cleaned[-1].observed)
+        return case, reading_noise(visits(case.observed), case.indicator)
 
 
 def diagnose_files(
@@ -283,7 +310,12 @@ def write_procedure(diagnosed: SessionDiagnosis, path: Path, *, replace: bool = 
     proposed = diagnosed.diagnosis.next_measurement
     if proposed is None or not proposed.protocol.startswith("schema"):
         if proposed is None:
-            raise UsageError("--next", "nothing that stayed ambiguous", "an ambiguous diagnosis")
+            raise UsageError(
+                "--next",
+                "nothing that stayed ambiguous",
+                "an ambiguous diagnosis",
+                "What lowers the bound at the tool all the same: glidecal plan SESSION.",
+            )
         raise UsageError(
             "--next",
             f"'{proposed.protocol}', a procedure that comes with the program",

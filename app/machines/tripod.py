@@ -253,7 +253,7 @@ class PlanOptions:
 def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: Say) -> Answer:
     """The mounting that is worth its minutes most."""
     from app.planning.tripod import next_measurement
-    from app.report.schema.planning import PlanReport
+    from app.report.schema.plan import PlanReport
     from app.report.text.planning import plan_text
 
     with working("Looking for the next measurement"):

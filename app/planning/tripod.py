@@ -13,7 +13,12 @@ from calib.arrays import LEG_NAMES
 from calib.diagnosis.hypotheses import alias_map as compare
 from calib.diagnosis.results import AliasMap
 from calib.errors import UsageError
-from calib.identify.next_mounting import NextMountings, Proposal, next_mountings
+from calib.identify.next_mounting import (
+    MINUTES_PER_MOUNTING,
+    NextMountings,
+    Proposal,
+    next_mountings,
+)
 from calib.noise.reading import IndicatorFigures, Noise
 from calib.tripod.effects.effect import Effect
 from calib.tripod.pipeline import Model
@@ -55,7 +60,7 @@ def tripod_planning(
     procedure_name: str = "",
     machine_file: Path | None = None,
     noise_mm: float | None = None,
-    minutes_per_mounting: float = 2.0,
+    minutes_per_mounting: float = MINUTES_PER_MOUNTING,
 ) -> tuple[TripodPlanning, Procedure]:
     """From names and paths, with the procedure; without a name or noise, those of the machine.
 
@@ -160,7 +165,7 @@ def next_measurement(
     machine_file: Path | str | None = None,
     model_file: Path | None = None,
     noise_mm: float | None = None,
-    minutes_per_mounting: float = 2.0,
+    minutes_per_mounting: float = MINUTES_PER_MOUNTING,
 ) -> MeasurementPlan:
     """Judge every mounting with two or three displacements on top of the sessions.
 

@@ -170,7 +170,9 @@ NAMES = ("d_rho_x", "d_rho_y", "d_rho_z", "d_L_x", "d_L_y", "d_L_z")
 SPREADS_MM = (0.03, 0.1, 0.15)
 
 
-def effect_cases(count: int, shapes: Sequence[str] = ("cubic", "sawtooth")) -> Iterator[Case]:
+def effect_cases(
+    count: int, shapes: Sequence[str] = ("cubic", "sawtooth", "product")
+) -> Iterator[Case]:
     """Every procedure, effect and strength so many times."""
     for number, (n, procedure, effect, k) in enumerate(
         product(range(count), PROCEDURES, (*EFFECT_IDS, *shapes), STRENGTHS)

@@ -24,7 +24,6 @@ from app.report.schema.document import (
 )
 from calib.identify.accuracy import Decision, ToolError
 from calib.identify.identify import FittedSize, Method, Solution, Subset, Weights
-from calib.identify.tool_bound import OpenName
 from calib.noise.reading import NoiseSource, Repeated
 from protocols.machine import Instrument
 
@@ -116,6 +115,16 @@ class ToolErrors(Report):
     coverage_factor: float = at("tool_factor", "for both, 95 %")
 
 
+class OpenNameEntry(Report):
+    """What the readings do not rule out, and the bound if it is the one."""
+
+    id: str
+    where: str
+    title: str
+    bound_mm: float
+    shown: bool = at("shown", "it fits what the readings show; false: they could not have seen it")
+
+
 class ToolBoundEntry(Report):
     """R.m.s. over the reachable workspace that 95 of 100 machines keep.
 
@@ -129,7 +138,7 @@ class ToolBoundEntry(Report):
     parameters_mm: float = at(
         "bound_after.parameters_mm", "of it, where nothing is missing and parts keep tolerances"
     )
-    open: tuple[OpenName, ...] = at("bound_after.names", "the worst first, one for each id")
+    open: tuple[OpenNameEntry, ...] = at("bound_after.names", "the worst first, one for each id")
 
 
 class WeakDirection(Report):

@@ -53,6 +53,7 @@ from app.version import program
 from calib.errors import UsageError
 from calib.identify.accuracy import ToolMap
 from calib.printable import printable
+from protocols.files import write_files
 from protocols.record import read_record
 from protocols.session import Reading, Session
 
@@ -383,7 +384,21 @@ def pdf_of(html: str) -> bytes:
     return printed
 
 
-def write_page(report: CalibrationReport, path: Path) -> dict[str, str | bytes]:
-    """What is to be written to a path that ends with ``.html`` or ``.pdf``."""
-    html = html_of(report)
-    return {"": pdf_of(html) if path.suffix == ".pdf" else html}
+def write_report(
+    sessions: Sequence[Path],
+    output: Path,
+    model: Path | None = None,
+    after: Path | None = None,
+    *,
+    tolerance_mm: float | None = None,
+    replace: bool = False,
+) -> Path:
+    """Write the report of session files to a path that ends with ``.html`` or ``.pdf``.
+
+    Raises UsageError for another ending, and as `report_of` and `write_files`.
+    """
+    if output.suffix not in (".html", ".pdf"):
+        raise UsageError("--output", f"{output}", "a path that ends with .html or .pdf")
+    html = html_of(report_of(sessions, model=model, after=after, tolerance_mm=tolerance_mm))
+    written = pdf_of(html) if output.suffix == ".pdf" else html
+    return write_files(output, {"": written}, replace=replace)[0]

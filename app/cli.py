@@ -1,4 +1,4 @@
-"""The command line: verbs only, from ``app/commands``; imports nothing heavy."""
+"""The command line: verbs only, one file each in ``app/commands``; imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands import indicators, planning, results, sessions
+from app.commands import diagnose, indicators, planning, results, sessions
 from app.exit_codes import Exit, exit_code
 from app.machines.registry import LOOKS
 from app.report.streams import guard_standard_streams
@@ -68,8 +68,8 @@ cli.command("import")(sessions.import_table)
 cli.command("replay")(sessions.replay)
 cli.command("serve")(sessions.serve)
 cli.command("solve")(results.solve)
-cli.command("diagnose")(results.diagnose)
-cli.command("model")(results.model)
+cli.command("diagnose")(diagnose.diagnose)
+cli.command("model")(diagnose.model)
 cli.command("compare")(results.compare)
 cli.command("verify")(results.verify)
 cli.command("simulate")(sessions.simulate)

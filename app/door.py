@@ -37,7 +37,7 @@ File = str | Path
 
 
 def load(path: File, machine: File | None = None) -> Session:
-    """A session from its record, or from a table of readings (.csv, .xlsx).
+    """A session from its record, or from a table of readings (.csv, .xlsx, .parquet).
 
     A table is of the named ``machine``, or of that of a machine file; None: the usual one.
     """

@@ -258,11 +258,6 @@ def _place(reading: Reading) -> tuple[Cell, ...]:
     return (*where, int(reading.over_plane or False))
 
 
-def _beside_known(name: str) -> str:
-    """A column of a table that nobody knew then, under a name that is nobody's now."""
-    return f"{name} (kept)" if name in (*OF_LEG, *OF_ANY) else name
-
-
 DECIMALS = re.compile(r"\d*\.(\d+)$", re.ASCII)
 
 
@@ -336,10 +331,12 @@ class Session:
         if len(of_tool) > 1:
             raise RecordError("session", "readings of legs and of the tool", "one of both")
         places = ("x_mm", "y_mm", "z_mm", "axis", "lift_mm") if True in of_tool else OF_LEG
+        known = (*places, "value_mm", *OF_ANY)
         extra = list(dict.fromkeys(name for one in self.all_readings for name in one.extra))
-        names = (*places, "value_mm", *OF_ANY, *(_beside_known(name) for name in extra))
+        # columns of an old table that nobody knew then, under names that are nobody's now
+        beside = (f"{name} (kept)" if name in known else name for name in extra)
         return DataTable(
-            names,
+            (*known, *beside),
             tuple(
                 (
                     *_place(reading),

@@ -1,10 +1,10 @@
-"""From sessions to results: solve, compare, verify, diagnose, model, export and report."""
+"""``glidecal solve``, ``compare`` and ``export``: from sessions to parameters and offsets."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -19,7 +19,6 @@ from app.machines.options import (
     argument,
     extra,
     file,
-    machine_option,
     may_replace,
     number,
     say,
@@ -27,21 +26,10 @@ from app.machines.options import (
 )
 from app.machines.registry import NAMES, family_of_files, options_of, with_options_of_machines
 from calib.errors import UsageError
-from protocols.machine_files import machine_names
 
-if TYPE_CHECKING:
-    from app.evaluating.diagnosis import SessionDiagnosis
-
-FormatName = Literal[
-    "json",
-    "csv",
-    "model",
-    "linuxcnc",
-    "linuxcnc-kins",
-    "lineardeltakins",
-    "klipper",
-    "reprapfirmware",
-]
+if TYPE_CHECKING:  # heavy: imported where used
+    from app.evaluating.solution import TableName
+    from protocols.data_table import DataTable
 
 
 @with_options_of_machines
@@ -98,9 +86,32 @@ def export(
     source: Annotated[Path, typer.Argument(help="Session or model file.", show_default=False)],
     output: Output,
     format_name: Annotated[
-        FormatName,
-        typer.Option("--format", metavar="NAME", help=f"{', '.join(get_args(FormatName))}."),
+        Literal[
+            "json",
+            "csv",
+            "model",
+            "linuxcnc",
+            "linuxcnc-kins",
+            "lineardeltakins",
+            "klipper",
+            "reprapfirmware",
+            "xlsx",
+            "parquet",
+        ],
+        typer.Option(
+            "--format",
+            metavar="NAME",
+            help="json, csv, model, linuxcnc, linuxcnc-kins, lineardeltakins, klipper, "
+            "reprapfirmware; tables: csv, xlsx, parquet.",
+        ),
     ],
+    table: Annotated[
+        Literal["readings", "differences", "residuals"] | None,
+        typer.Option(
+            help="A table instead: readings (what import reads), differences or residuals.",
+            show_default="readings for xlsx and parquet",
+        ),
+    ] = None,
     subset: Annotated[
         SubsetName | None,
         typer.Option(
@@ -131,13 +142,25 @@ def export(
     ] = False,
     force: Force = False,
 ) -> None:
-    """Offsets for the controller, as files. For linuxcnc a folder of includes and tables."""
+    """Offsets for the controller, as files. For linuxcnc a folder of includes and tables.
+
+    With --table the numbers of a session instead.
+    """
+    from protocols.files import targets_of, write_files
+
+    if table or format_name in ("xlsx", "parquet"):
+        told = {"--home-offset": home_offset, "--endstops": endstops, "--ini": ini}
+        _refuse_beside_table(table or "readings", format_name, {**told, "--ambiguous": ambiguous})
+        may = may_replace(force, output)
+        found = _table(source, table or "readings", subset, method, model)
+        write_files(output, {"": found.written(format_name)}, replace=may)
+        say(f"{len(found.rows)} rows written: {output}")
+        return
     from app.exports import FORMATS
     from app.exports.linuxcnc_ini import read_controller
     from app.report.offsets import offsets_from_file
     from app.report.text.caveats import UNKNOWN_HOME_OFFSET
     from calib.tripod.controller import Controller
-    from protocols.files import targets_of, write_files
 
     if sum(one is not None for one in (home_offset, endstops, ini)) > 1:
         raise UsageError("--home-offset, --endstops and --ini", "more than one", "one of them")
@@ -152,8 +175,7 @@ def export(
         offsets = replace(offsets, controller=Controller.homed_at(home, machine.joints))
     if ini:
         offsets = replace(offsets, controller=read_controller(ini))
-    if ambiguous:
-        offsets = replace(offsets, ambiguous=())
+    offsets = replace(offsets, ambiguous=() if ambiguous else offsets.ambiguous)
     for text in offsets.cautions:
         say(f"glidecal: {text}")
     if format_name.startswith("linuxcnc") and offsets.controller is None:
@@ -162,6 +184,37 @@ def export(
     may = may_replace(force, *targets_of(output, written))
     for path in write_files(output, written, replace=may):
         say(f"written: {path}")
+
+
+def _refuse_beside_table(name: str, format_name: str, told: dict[str, object]) -> None:
+    """Raises UsageError for what a table cannot be written as, or has no use for."""
+    from protocols.data_table import FORMATS
+
+    if format_name not in FORMATS:
+        raise UsageError("--table", f"--format {format_name}", "csv, xlsx or parquet")
+    for option, given in told.items():
+        if given:
+            raise UsageError(option, f"a table of {name}", "with offsets alone")
+
+
+def _table(
+    source: Path,
+    name: TableName | Literal["readings"],
+    subset: SubsetName | None,
+    method: Literal["linear", "exact"],
+    model: Path | None,
+) -> DataTable:
+    from app.evaluating.solution import load_sessions, solve_files
+
+    if name == "readings":
+        (session,), warnings = load_sessions([source])
+        found = session.table()
+    else:
+        solved, warnings = solve_files([source], subset=subset, method=method, model=model)
+        found = solved.table(name)
+    for warning in warnings:
+        say(f"glidecal: {warning}")
+    return found
 
 
 def report(
@@ -187,7 +240,7 @@ def report(
 
 def _triple(option: str, text: str | None) -> tuple[float, float, float] | None:
     from app.exports.linuxcnc_ini import LARGEST_MM
-    from protocols.table import NUMBER
+    from protocols.data_table import NUMBER
 
     if text is None:
         return None
@@ -197,111 +250,3 @@ def _triple(option: str, text: str | None) -> tuple[float, float, float] | None:
         if max(abs(x), abs(y), abs(z)) <= LARGEST_MM:
             return x, y, z
     raise UsageError(option, repr(text), "three numbers in mm: '1.5,0,-2'")
-
-
-def diagnose(
-    sessions: Annotated[list[Path] | None, argument("Session files.")] = None,
-    model: Annotated[Path | None, file("Model with effects that are known already.")] = None,
-    adopt: Annotated[Path | None, file("Write the model with what was named added.")] = None,
-    candidate: Annotated[
-        str | None,
-        typer.Option(
-            help="Adopt this candidate, ID or ID:WHERE, instead; empirical: the unnamed effect."
-        ),
-    ] = None,
-    correct: Annotated[
-        Path | None, file("Write the session once more with mistakes that were named corrected.")
-    ] = None,
-    held_out: Annotated[list[Path] | None, file("Session for the gap alone; repeat.")] = None,
-    next_procedure: Annotated[
-        Path | None, file("Write the next measurement as a procedure.", "--next")
-    ] = None,
-    aliases: Annotated[
-        bool, typer.Option("--aliases", help="What --procedure cannot tell apart; no data needed.")
-    ] = False,
-    procedure: Annotated[
-        str | None, typer.Option(help="Procedure for --aliases.", show_default="the machine's")
-    ] = None,
-    machine: Annotated[
-        str | None,
-        machine_option(f"Machine for --aliases: {', '.join(machine_names())}, or a file (TOML)."),
-    ] = None,
-    force: Force = False,
-    as_json: AsJson = False,
-) -> None:
-    """What is missing in the model, and where it shows. The gap before and after."""
-    from app.evaluating import diagnosis as evaluated
-    from app.evaluating.diagnosis import diagnose_files
-
-    if aliases:
-        _show_aliases(procedure, machine, as_json=as_json)
-        return
-    if not sessions:
-        raise UsageError("diagnose", "no session", "at least one, or --aliases --procedure NAME")
-    if correct:  # before long work
-        from protocols.journal import check_new
-
-        check_new(correct)
-    may = may_replace(force, adopt if adopt != model else None, next_procedure)
-    with working("Diagnosing"):
-        found = diagnose_files(sessions, model=model, held_out=held_out or [])
-    for warning in found.warnings:
-        say(f"glidecal: {warning}")
-    if next_procedure:
-        evaluated.write_procedure(found, next_procedure, replace=may)
-        say(f"next measurement: glidecal run --protocol {next_procedure}")
-    if adopt:
-        evaluated.adopt(found, sessions, adopt, known=model, candidate=candidate, replace=may)
-        say(f"model written: {adopt}")
-        if evaluated.left_behind(found, candidate):
-            say("there is an unnamed effect too: --candidate empirical")
-    if correct:
-        evaluated.correct(found, sessions[0], correct)
-        say(f"corrected session written: {correct}")
-    _show(found, further=bool(next_procedure), as_json=as_json)
-
-
-def _show(found: SessionDiagnosis, *, further: bool, as_json: bool) -> None:
-    """The diagnosis; with it the bound at the tool after ``further`` set-ups."""
-    from app.report.schema.diagnosis import DiagnosisReport
-    from app.report.text.diagnosis import diagnosis_text
-    from app.report.text.planning import further_text
-
-    reach = found.reach() if further else None
-
-    def text() -> str:
-        return "\n\n".join([diagnosis_text(found), *([further_text(reach)] if reach else [])])
-
-    answer = Answer(text, lambda: DiagnosisReport.of(found=found, reach=reach))
-    typer.echo(answer.shown(as_json=as_json))
-
-
-def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> None:
-    from app.evaluating.own_effects import known_effects
-    from app.planning.tripod import alias_map
-    from app.report.schema.diagnosis import AliasReport
-    from app.report.schema.document import to_json
-    from app.report.text.planning import alias_text
-
-    with working("Comparing effects"):
-        found = alias_map(name, known_effects(), machine)
-    typer.echo(to_json(AliasReport.of(found=found)) if as_json else alias_text(found))
-
-
-def model(
-    path: Annotated[Path, argument("Model file.")],
-    remove: Annotated[str | None, typer.Option(help="Take an effect out: ID or ID:WHERE.")] = None,
-    why: Annotated[str, typer.Option(help="The reason, for the history.")] = "",
-    as_json: AsJson = False,
-) -> None:
-    """Parameters, effects and history of a model. Effects can be removed again."""
-    from app.evaluating.diagnosis import remove as take_out
-    from app.report.text.model import model_text
-    from protocols.model_file import read_model_file
-
-    if remove and not why:
-        raise UsageError("--remove", "no reason", "--why with the reason, for the history")
-    found = take_out(path, remove, why) if remove else read_model_file(path)
-    if remove:
-        say(f"{remove} removed from {path}")
-    typer.echo(found.text().rstrip("\n") if as_json else model_text(found))

@@ -14,9 +14,9 @@ from app.report.offsets import Offsets, offsets_from_solved
 from app.report.schema.document import to_json
 from app.report.schema.solution import OffsetsReport
 from calib.errors import UsageError
+from protocols.data_table import csv_text
 from protocols.files import Written, write_files
 from protocols.model_file import model_file
-from protocols.table import csv_text
 
 
 def as_json(offsets: Offsets) -> Written:

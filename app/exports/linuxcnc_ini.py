@@ -18,8 +18,8 @@ from app.report.offsets import MINUTE
 from calib.arrays import LEG_NAMES
 from calib.errors import RecordError
 from calib.tripod.controller import Controller, ControllerJoint
+from protocols.data_table import NUMBER
 from protocols.documents import read_text
-from protocols.table import NUMBER
 
 INCLUDE = "#INCLUDE"
 MM_OF_UNIT = {"mm": 1.0, "metric": 1.0, "in": 25.4, "inch": 25.4, "imperial": 25.4}

@@ -40,11 +40,11 @@ from calib.errors import GlidecalError, IndicatorError, UsageError
 from drivers.doctor import PortFinding, Trials, findings_of, refused, try_profiles
 from drivers.profile import Query, Unit, Verified
 from drivers.profiles import PROFILES
+from protocols.data_table import NUMBER
 from protocols.documents import MOST_LETTERS
 from protocols.machine import Instrument, Machine, load_machine
 from protocols.machine_files import USUAL_MACHINE, machine_names
 from protocols.procedure import Procedure, guided_procedure_names, load_procedure, shuffled
-from protocols.table import NUMBER
 
 Form = dict[str, object]
 """The values of an indicator by their names in the record, texts as typed; empty: none."""

@@ -19,7 +19,8 @@ from calib.tripod.geometry import Geometry
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure
 from protocols.session import Reading
-from protocols.table import MOST_UNPACKED_BYTES, empty_table, read_table
+from protocols.spreadsheet import MOST_UNPACKED_BYTES
+from protocols.table import empty_table, read_table
 
 HEADER = "leg,axis,displacement_mm,value_mm"
 GOOD = f"{HEADER}\nx,y,0,0.10\nx,y,60,0.25\n"

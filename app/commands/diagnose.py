@@ -1,0 +1,133 @@
+"""``glidecal diagnose`` looks for what is missing in a model; ``glidecal model`` shows one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from app.machines.options import (
+    AsJson,
+    Force,
+    argument,
+    file,
+    machine_option,
+    may_replace,
+    say,
+    working,
+)
+from calib.errors import UsageError
+from protocols.machine_files import machine_names
+
+if TYPE_CHECKING:
+    from app.evaluating.diagnosis import SessionDiagnosis
+
+
+def diagnose(
+    sessions: Annotated[list[Path] | None, argument("Session files.")] = None,
+    model: Annotated[Path | None, file("Model with effects that are known already.")] = None,
+    adopt: Annotated[Path | None, file("Write the model with what was named added.")] = None,
+    candidate: Annotated[
+        str | None,
+        typer.Option(
+            help="Adopt this candidate, ID or ID:WHERE, instead; empirical: the unnamed effect."
+        ),
+    ] = None,
+    correct: Annotated[
+        Path | None, file("Write the session once more with mistakes that were named corrected.")
+    ] = None,
+    held_out: Annotated[list[Path] | None, file("Session for the gap alone; repeat.")] = None,
+    next_procedure: Annotated[
+        Path | None, file("Write the next measurement as a procedure.", "--next")
+    ] = None,
+    aliases: Annotated[
+        bool, typer.Option("--aliases", help="What --procedure cannot tell apart; no data needed.")
+    ] = False,
+    procedure: Annotated[
+        str | None, typer.Option(help="Procedure for --aliases.", show_default="the machine's")
+    ] = None,
+    machine: Annotated[
+        str | None,
+        machine_option(f"Machine for --aliases: {', '.join(machine_names())}, or a file (TOML)."),
+    ] = None,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """What is missing in the model, and where it shows. The gap before and after."""
+    from app.evaluating import diagnosis as evaluated
+    from app.evaluating.diagnosis import diagnose_files
+
+    if aliases:
+        _show_aliases(procedure, machine, as_json=as_json)
+        return
+    if not sessions:
+        raise UsageError("diagnose", "no session", "at least one, or --aliases --procedure NAME")
+    if correct:  # before long work
+        from protocols.journal import check_new
+
+        check_new(correct)
+    may = may_replace(force, adopt if adopt != model else None, next_procedure)
+    with working("Diagnosing"):
+        found = diagnose_files(sessions, model=model, held_out=held_out or [])
+    for warning in found.warnings:
+        say(f"glidecal: {warning}")
+    if next_procedure:
+        evaluated.write_procedure(found, next_procedure, replace=may)
+        say(f"next measurement: glidecal run --protocol {next_procedure}")
+    if adopt:
+        evaluated.adopt(found, sessions, adopt, known=model, candidate=candidate, replace=may)
+        say(f"model written: {adopt}")
+        if evaluated.left_behind(found, candidate):
+            say("there is an unnamed effect too: --candidate empirical")
+    if correct:
+        evaluated.correct(found, sessions[0], correct)
+        say(f"corrected session written: {correct}")
+    _show(found, further=bool(next_procedure), as_json=as_json)
+
+
+def _show(found: SessionDiagnosis, *, further: bool, as_json: bool) -> None:
+    """The diagnosis; with it the bound at the tool after ``further`` set-ups."""
+    from app.report.schema.diagnosis import DiagnosisReport
+    from app.report.schema.document import to_json
+    from app.report.text.diagnosis import diagnosis_text
+    from app.report.text.planning import further_text
+
+    reach = found.reach() if further else None
+    if as_json:
+        typer.echo(to_json(DiagnosisReport.of(found=found, reach=reach)))
+        return
+    typer.echo(diagnosis_text(found))
+    if reach:
+        typer.echo(f"\n{further_text(reach)}")
+
+
+def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> None:
+    from app.evaluating.own_effects import known_effects
+    from app.planning.tripod import alias_map
+    from app.report.schema.diagnosis import AliasReport
+    from app.report.schema.document import to_json
+    from app.report.text.planning import alias_text
+
+    with working("Comparing effects"):
+        found = alias_map(name, known_effects(), machine)
+    typer.echo(to_json(AliasReport.of(found=found)) if as_json else alias_text(found))
+
+
+def model(
+    path: Annotated[Path, argument("Model file.")],
+    remove: Annotated[str | None, typer.Option(help="Take an effect out: ID or ID:WHERE.")] = None,
+    why: Annotated[str, typer.Option(help="The reason, for the history.")] = "",
+    as_json: AsJson = False,
+) -> None:
+    """Parameters, effects and history of a model. Effects can be removed again."""
+    from app.evaluating.diagnosis import remove as take_out
+    from app.report.text.model import model_text
+    from protocols.model_file import read_model_file
+
+    if remove and not why:
+        raise UsageError("--remove", "no reason", "--why with the reason, for the history")
+    found = take_out(path, remove, why) if remove else read_model_file(path)
+    if remove:
+        say(f"{remove} removed from {path}")
+    typer.echo(found.text().rstrip("\n") if as_json else model_text(found))

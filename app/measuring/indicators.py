@@ -230,15 +230,6 @@ def choose_indicators(
     return instruments
 
 
-def some_indicators(profile: str, *, needed: bool) -> tuple[Instrument, ...]:
-    """Two indicators for a dry run that names none. Raises UsageError where real ones count."""
-    if needed:
-        raise UsageError(
-            "indicators", "none", "--indicator PROFILE:PORT, [[indicator]] in the machine file"
-        )
-    return simulated_indicators([profile])
-
-
 def simulated_indicators(profiles: Sequence[str] = (DEFAULT_PROFILE,)) -> tuple[Instrument, ...]:
     """Two simulated indicators, of one profile or of two."""
     both = (*profiles, *profiles)[:2]

@@ -23,7 +23,6 @@ from app.report.text.hexaslide import (
     STOPPED,
     WHICH_COMPONENTS,
     WHICH_MACHINE,
-    copied_text,
     count_problem,
     count_question,
     drawn_at_text,
@@ -337,8 +336,7 @@ class HexaSlideScreen(PagedScreen):
         """The text of this page to the clipboard of the terminal."""
         page = TEXTS.get(self.query_one(TabbedContent).active, "list-text")
         text = str(self.query_one(f"#{page}", Static).content)
-        self.app.copy_to_clipboard(text)
-        self.app.notify(copied_text(text), timeout=8, markup=False)
+        self.app.copy(text)
 
     def action_back(self) -> None:
         """Stop the search, or go back to where this was opened from."""

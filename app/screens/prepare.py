@@ -28,7 +28,7 @@ from app.measuring.indicators import (
     last_used,
     port_is_gone,
     serial_ports,
-    some_indicators,
+    simulated_indicators,
 )
 from app.measuring.opening import Plan, session_name
 from app.report.text import home as texts
@@ -421,7 +421,7 @@ class PrepareScreen(Screen[None]):
 
     def _some(self, procedure: Procedure) -> tuple[Instrument, ...]:
         """The indicators; without any, two."""
-        return self._instruments(procedure) or some_indicators(DEFAULT_PROFILE, needed=False)
+        return self._instruments(procedure) or simulated_indicators()
 
     def _plan(self) -> Plan:
         machine = self._machine()

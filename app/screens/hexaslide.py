@@ -62,7 +62,7 @@ class ShownProcedure(Message):
 
 
 @dataclass
-class Heard(Message):
+class SearchNews(Message):
     """A start of the search is done; without a result the search has ended."""
 
     search: threading.Event
@@ -291,7 +291,7 @@ class HexaSlideScreen(PagedScreen):
     @work(thread=True, group="search")
     def _search(self, view: HexaSlideSeen, count: int, stop: threading.Event) -> None:
         def heard(found: Found) -> None:
-            self.post_message(Heard(stop, found))
+            self.post_message(SearchNews(stop, found))
 
         problem: GlidecalError | None = None
         try:
@@ -306,10 +306,10 @@ class HexaSlideScreen(PagedScreen):
             )
         except GlidecalError as failure:
             problem = failure
-        self.post_message(Heard(stop, None, problem))
+        self.post_message(SearchNews(stop, None, problem))
 
-    @on(Heard)
-    def _show_found(self, message: Heard) -> None:
+    @on(SearchNews)
+    def _show_found(self, message: SearchNews) -> None:
         if message.search is not self._stop:
             return
         if message.found is None:

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from app.measuring.gauges import PushResult, Trial
 from app.measuring.indicators import indicator_words, profile_of
 from app.measuring.leg_review import LegReview, LegRow, leg_rows, positions
 from app.measuring.opening import Plan
 from app.measuring.session import Doubt, TakenStep
 from app.measuring.simulated import short_travels
-from app.measuring.trial import Finding, Trial
 from app.report.schema.readings import ReplayReport
 from app.report.text.tables import new_table, signed, table_text, uncertain, wrapped
 from calib.arrays import LEG_NAMES, conditions
 from calib.tripod.geometry import Geometry, inverse
 from calib.tripod.pipeline import command
-from drivers.profile import Verified
+from drivers.profile import Evidence
 from protocols.expectation import Movement
 from protocols.machine import Instrument, Machine
 from protocols.procedure import (
@@ -156,7 +156,7 @@ def check_text(plan: Plan) -> str:
     unverified = [
         instrument.profile
         for instrument in plan.instruments
-        if profile_of(instrument).verified is Verified.UNVERIFIED
+        if profile_of(instrument).verified is Evidence.UNVERIFIED
     ]
     if unverified:
         check += f"\nUNVERIFIED profile: {', '.join(unverified)}. Compare with the display first."
@@ -183,11 +183,11 @@ def trial_text(trial: Trial, step: Step) -> str:
     one = trial.instruments[trial.asked]
     axis = f"along {step.axes[min(trial.asked, len(step.axes) - 1)].upper()}"
     told = {
-        Finding.OTHER: f"{other.capitalize()} moved. Was it the one {axis}? Then X exchanges the "
-        "ports. Else: ",
-        Finding.BOTH: "More than one moved. One at a time: ",
-        Finding.SIGN: f"Pushed in it reads {trial.last}, {one.pushed_in} is stated: turn its sign, "
-        "or pushed_in in the machine file. Then: ",
+        PushResult.OTHER: f"{other.capitalize()} moved. Was it the one {axis}? Then X exchanges "
+        "the ports. Else: ",
+        PushResult.BOTH: "More than one moved. One at a time: ",
+        PushResult.SIGN: f"Pushed in it reads {trial.last}, {one.pushed_in} is stated: turn its "
+        "sign, or pushed_in in the machine file. Then: ",
     }
     where = "at the tool" if step.leg == "tool" else f"of {step.touched}"
     said = told.get(trial.finding, "") + f"push in the spindle {axis} {where}"

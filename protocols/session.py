@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cached_property
 from itertools import pairwise
 from typing import Annotated, Literal
 
@@ -260,9 +261,13 @@ class Session:
     stand_untouched: bool
     notes: tuple[str, ...] = ()
 
+    @cached_property
+    def _steps(self) -> tuple[Step, ...]:
+        return self.opened.steps()  # the screen asks with every picture
+
     def steps(self) -> tuple[Step, ...]:
         """The steps of the session's procedure; none for an imported table."""
-        return self.opened.steps()
+        return self._steps
 
     def is_new_place(self, step: Step) -> bool:
         """Whether the stand must be set up for a step: another leg, station or axis."""

@@ -292,7 +292,7 @@ class PrepareScreen(Screen[None]):
                 typed = Input(placeholder=hint, id=name, compact=True, max_length=MOST_LETTERS)
                 yield from row(label, typed)
             yield Static("", id="summary", markup=False)
-        yield Footer()
+        yield Footer(compact=True, show_command_palette=False)
 
     def on_mount(self) -> None:
         for name, words in texts.FIELD_HELP.items():

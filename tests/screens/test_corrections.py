@@ -24,7 +24,7 @@ from app.screens.start import Glidecal
 from drivers.profile import Outcome, Reading
 from protocols.record import read_record
 from protocols.session import Noted, fold
-from tests.screens.driving import press_for, quick_plan, take, to_measuring, until
+from tests.screens.driving import press_for, quick_plan, take, text, to_measuring, until
 
 Driven = tuple[Pilot[str], Interface, MeasureScreen]
 
@@ -124,8 +124,16 @@ async def test_an_earlier_step_is_repeated_and_taken_back(tmp_path: Path) -> Non
         await until(pilot, "a list", lambda: isinstance(interface.screen, ChoiceDialog))
         entry = str(interface.screen.query_one(OptionList).get_option_at_index(1).prompt)
         assert "superseded: bump [mm]" in entry
-        await pilot.press("2")
-        await until(pilot, "back", lambda: interface.screen is screen)
+        for answer, done in (("1", {1, 3, 4}), ("2", {1, 2, 3, 4})):
+            await pilot.press("2")
+            await until(pilot, "a question", lambda: "(bump [mm])" in text(interface, "Static"))
+            assert screen.guided.session.done() == {1, 3, 4}, "nothing changes before the answer"
+            await pilot.press(answer)
+            await until(pilot, "back", lambda: interface.screen is screen)
+            assert screen.guided.session.done() == done
+            if answer == "1":
+                await pilot.press("b")
+                await until(pilot, "a list", lambda: isinstance(interface.screen, ChoiceDialog))
         assert "are used again" in on(screen, "#said")
         assert screen.guided.session.done() == {1, 2, 3, 4}
         assert screen.guided.session.superseded == {}

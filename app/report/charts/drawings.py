@@ -58,7 +58,8 @@ class Drawing(Chart):
     scaled: bool = True
 
     def limits(self, columns: int, rows: int) -> tuple[Limits, Limits]:
-        """Ends of both axes in a place of so many cells."""
+        """Ends of both axes in a place of so many cells; none is taken for one."""
+        columns, rows = max(1, columns), max(1, rows)
         points = [point for stroke in self.strokes for point in stroke.points]
         points += [p for one in self.series for p in zip(one.x, one.y, strict=True)]
         horizontal = _ends([x for x, _ in points])
@@ -66,8 +67,8 @@ class Drawing(Chart):
         if not self.even:
             return horizontal, vertical
         cell = max(
-            (horizontal[1] - horizontal[0]) / max(1, columns),
-            (vertical[1] - vertical[0]) / (CELL_HEIGHT * max(1, rows)),
+            (horizontal[1] - horizontal[0]) / columns,
+            (vertical[1] - vertical[0]) / (CELL_HEIGHT * rows),
         )
         return _around(horizontal, cell * columns), _around(vertical, cell * CELL_HEIGHT * rows)
 

@@ -248,14 +248,6 @@ async def test_wide_terminal_shows_table_and_plot(tmp_path: Path) -> None:
         assert screen.query_one("#table").display
 
 
-async def test_a_terminal_that_is_too_small_says_so_until_it_is_not(tmp_path: Path) -> None:
-    async with measuring(tmp_path) as (pilot, _, screen):
-        await pilot.resize_terminal(60, 20)
-        await until(pilot, "words", lambda: "needs 80 × 24" in on(screen, "#said"))
-        await pilot.resize_terminal(80, 24)
-        await until(pilot, "no words", lambda: on(screen, "#said") == "")
-
-
 async def test_a_skipped_step_brought_back_from_another_leg_brings_its_zero(tmp_path: Path) -> None:
     async with measuring(tmp_path) as (pilot, _, screen):
         await take(pilot, screen)

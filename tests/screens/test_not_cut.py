@@ -47,7 +47,7 @@ from protocols.procedure import load_procedure
 from protocols.record import read_record
 from protocols.session import Session, fold
 from tests.conftest import SAMPLES
-from tests.screens.driving import quick_plan, take, to_measuring, until
+from tests.screens.driving import quick_plan, said, take, to_measuring, until
 
 SIZES = [(80, 24), (100, 30), (120, 40)]
 ROW = re.compile(r"\S {2,}\S.* {2,}\S")
@@ -210,3 +210,14 @@ async def test_nothing_is_cut_while_measuring(tmp_path: Path) -> None:
         assert not [one for one in await look(pilot, interface) if "'said'" in one]
         displays = screen.query(GaugeDisplay)
         assert all(cell_len(one.number) <= one.content_size.width for one in displays)
+
+
+async def test_a_terminal_that_is_too_small_says_what_is_needed() -> None:
+    interface = Glidecal(HomeScreen(), looks=LOOKS)
+    async with interface.run_test(size=(60, 18), notifications=True) as pilot:
+        await until(pilot, "words", lambda: "60 × 18" in said(interface))
+        assert "needs 80 × 24" in said(interface)
+        interface.clear_notifications()
+        await pilot.resize_terminal(80, 24)
+        await pilot.pause()
+        assert not said(interface)

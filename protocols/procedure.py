@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import random
-import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from itertools import chain, pairwise, product
 from pathlib import Path
-from typing import Annotated, Literal, Protocol, TypeVar
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
@@ -30,6 +29,7 @@ from protocols.documents import (
     read_text,
     read_toml,
 )
+from protocols.machine import Instrument
 
 Leg = Literal["x", "y", "z"]
 Touched = Literal["x", "y", "z", "tool"]
@@ -121,17 +121,6 @@ class Plate(Document):
         return x, y, z
 
 
-class WithAxes(Protocol):
-    """An indicator, as far as a procedure knows it."""
-
-    @property
-    def axes(self) -> str:
-        """The directions it may measure along."""
-
-
-OneWithAxes = TypeVar("OneWithAxes", bound=WithAxes)
-
-
 class Procedure(Document):
     """What is measured, in which order. Levels and stations are visited in the order given.
 
@@ -210,7 +199,7 @@ class Procedure(Document):
             visits = chain(from_zero, self._over_plane(self.plane, geometry))
         return tuple(Step(number, *visit) for number, visit in enumerate(visits, start=1))
 
-    def indicators_at_plate(self, instruments: Sequence[OneWithAxes]) -> tuple[OneWithAxes, ...]:
+    def indicators_at_plate(self, instruments: Sequence[Instrument]) -> tuple[Instrument, ...]:
         """The one of these that reads the tool. Raises UsageError where none may."""
         axis = self.plate.axis if self.plate else ""
         fitting = tuple(one for one in instruments if axis in one.axes)[:1]
@@ -481,13 +470,18 @@ def procedure_names() -> tuple[str, ...]:
     return tuple(sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if _is_toml(f.name)))
 
 
-def leg_procedure_names() -> tuple[str, ...]:
-    """Those of them that read legs from Zero: a guided session can measure them."""
-    folder = resources.files("protocols") / "procedures"
-    texts = {name: (folder / f"{name}.toml").read_text("utf-8") for name in procedure_names()}
-    return tuple(
-        n for n, text in texts.items() if not {"plate", "plane"} & set(tomllib.loads(text))
-    )
+def guided_procedure_names(geometry: Geometry) -> tuple[str, ...]:
+    """Those of them that a guided session can measure on this machine: legs, or a plate."""
+    found = []
+    for name in procedure_names():
+        try:
+            procedure = load_procedure(name, geometry)
+            procedure.steps(geometry)
+        except (RecordError, UsageError):  # beyond its limits, or legs that cannot be read
+            continue
+        if procedure.plane is None:
+            found.append(name)
+    return tuple(found)
 
 
 def load_procedure(name: str, geometry: Geometry) -> Procedure:

@@ -10,8 +10,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from app.measuring.gauges import Gauge
-from drivers.profile import Fault, FaultKind, Outcome
-from drivers.profile import Reading as IndicatorReading
+from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
 from protocols.expectation import Expected, Movement, expected, movement
 from protocols.journal import Journal
 from protocols.procedure import Leg, Step, default_mount
@@ -23,11 +22,11 @@ from protocols.session import (
     Reading,
     Restored,
     Session,
+    SessionClock,
     Skipped,
     Superseded,
     fold,
 )
-from protocols.session_clock import SessionClock
 
 
 class Doubt(StrEnum):
@@ -88,7 +87,7 @@ class GuidedSession:
         self.steps = self.session.steps()
         self._closed = False
         self._lock = threading.RLock()
-        self._clock = clock or SessionClock(journal.events)
+        self.clock = clock or SessionClock(journal.events)
         self._untold_jump_s = 0.0
         self._digits_mm: dict[int, float] = {}
         self._due: tuple[Session, tuple[Expected, ...]] | None = None
@@ -143,7 +142,7 @@ class GuidedSession:
             return jump_s
 
     def _mark_jump(self) -> None:
-        jump_s = self._clock.jump_s()
+        jump_s = self.clock.jump_s()
         if jump_s:
             self._untold_jump_s += jump_s
             way = "forward" if jump_s > 0.0 else "back"
@@ -228,7 +227,7 @@ class GuidedSession:
         step = self.step()
         if self._go is not None or step is None:
             return Movement.SEEN
-        time_s = self._clock.time_s()
+        time_s = self.clock.time_s()
         if self._due is None or self._due[0] is not self.session:
             self._due = self.session, expected(self.session, step, time_s)
         shown = [gauge.live().outcome for gauge in self.gauges[: len(step.axes)]]
@@ -294,13 +293,10 @@ class GuidedSession:
         numbers = {s.number for s in there}
         mounts = [r.mount for r in self.session.readings if r.step in numbers]
         if mounts:
-            return self._taken_on(self._mounted_with(mounts[-1])) | alone
+            named = (set(m.mounts.values()) for m in self.session.mountings)
+            together = next((names for names in named if mounts[-1] in names), {mounts[-1]})
+            return self._taken_on(together) | alone
         return alone | {s.number for s in zeros if s.cycle == step.cycle}
-
-    def _mounted_with(self, mount: str) -> set[str]:
-        """All names of the mounting that has this one."""
-        named = (set(m.mounts.values()) for m in self.session.mountings)
-        return next((names for names in named if mount in names), {mount})
 
     def _taken_on(self, mounts: Collection[str]) -> frozenset[int]:
         """Steps whose counting readings were taken on these mountings."""
@@ -420,7 +416,7 @@ class GuidedSession:
     ) -> tuple[Reading, ...]:
         opened = self.session.opened
         plate = opened.procedure.plate if opened.procedure else None
-        time_s = round(self._clock.time_s(), 3)
+        time_s = round(self.clock.time_s(), 3)
         first = len(self.session.all_readings) + 1
         return tuple(
             Reading(

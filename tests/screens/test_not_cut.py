@@ -23,20 +23,20 @@ from app.evaluating.comparison import compare_files
 from app.evaluating.solution import solve_files
 from app.machines.registry import LOOKS
 from app.measuring.opening import demo_plan
-from app.measuring.recent import recent_sessions
+from app.measuring.recorded import recent_sessions
 from app.measuring.session import Doubt
 from app.measuring.simulated import BenchSettings
 from app.report.text.session import dry_run_text, question_choices
 from app.screens.check import CheckScreen
 from app.screens.corrections import Corrections
 from app.screens.diagnose import DiagnoseScreen
-from app.screens.drawing import SetUpScreen
 from app.screens.fast_keys import Dialog, LeftOnce, Palette
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.home import HomeScreen, PickScreen, ReplayChoiceScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.measure import MeasureScreen
 from app.screens.pages import PagedScreen
+from app.screens.plot import SetUpScreen
 from app.screens.prepare import DryRunScreen, IndicatorScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import CompareScreen, ResultScreen
@@ -47,7 +47,7 @@ from protocols.procedure import load_procedure
 from protocols.record import read_record
 from protocols.session import Session, fold
 from tests.conftest import SAMPLES
-from tests.screens.driving import quick_plan, said, take, to_measuring, until
+from tests.screens.driving import placed, quick_plan, said, take, to_measuring, until
 
 SIZES = [(80, 24), (100, 30), (120, 40)]
 ROW = re.compile(r"\S {2,}\S.* {2,}\S")
@@ -117,7 +117,7 @@ def test_every_screen_is_looked_at() -> None:
 
 def cut(interface: Interface) -> list[str]:
     """What of the screen on top cannot be read."""
-    places = interface.screen._compositor.full_map
+    places = placed(interface.screen)
     shown = [(one, place) for one, place in places.items() if one.display and one.size]
     return [f"{one!r}: {what}" for one, place in shown for what in of_widget(one, place)]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from app.measuring.recent import Recent
+from app.measuring.recorded import SessionFile
 from app.report.text.tables import new_table, table_text
 from app.settings import FILE_VARIABLE, Settings
 from drivers.profile import Profile, Verified
@@ -54,13 +54,13 @@ ELSEWHERE = "A session in another place: type its path"
 PICK_KEYS = "Arrow keys and Enter. Escape goes back."
 
 
-def session_label(session: Recent) -> str:
+def session_label(session: SessionFile) -> str:
     """Path and state on two lines."""
     verifies = f", verifies {session.verifies}" if session.verifies else ""
     return f"{session.path}\n    {session.state}{verifies}"
 
 
-def session_choices(session: Recent, *, read_only: bool) -> list[tuple[str, str]]:
+def session_choices(session: SessionFile, *, read_only: bool) -> list[tuple[str, str]]:
     """What can be done with a session: answers and words for a dialog."""
     able = [
         ("continue", "Continue measuring"),
@@ -108,7 +108,10 @@ FIELD_HELP = {
     "procedure": "Procedure: what is measured, in which order. Enter opens the list.",
     "indicator1": f"First indicator. {OF_AN_INDICATOR}",
     "indicator2": f"Second indicator: without one each leg is measured twice. {OF_AN_INDICATOR}",
-    "machine": "Machine: a name or a file. Without one, the prototype of the papers.",
+    "machine": (
+        "Machine: a name or a file. Without one, the prototype of the papers.\n"
+        "It decides which procedures can be chosen."
+    ),
     "operator": "Operator: a name for the record.",
     "temperature": "Temperature of the machine for the record, in °C.",
     "note": "Note for the record; it stands below the result.",
@@ -122,6 +125,7 @@ FIELD_HELP = {
 
 WHICH_INDICATOR = ("First indicator", "Second indicator")
 NO_INDICATOR = ("none yet: Enter chooses", "none: each leg is measured twice. Enter chooses")
+NO_INDICATOR_AT_PLATE = (NO_INDICATOR[0], "none: one reads the tool. Enter chooses")
 SOURCES = {"": "", "file": ", of the machine file", "last": ", as last time"}
 CHOOSE_INDICATOR = "Choose an indicator: Enter on its line. The demonstration needs none."
 NOT_HERE = " (not plugged in)"

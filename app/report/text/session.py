@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from app.measuring.gauges import PushResult, Trial
 from app.measuring.indicators import indicator_words, profile_of
 from app.measuring.leg_review import LegReview, LegRow, leg_rows, positions
 from app.measuring.opening import Plan
 from app.measuring.session import Doubt, TakenStep
 from app.measuring.simulated import short_travels
-from app.measuring.trial import Finding, Trial
 from app.report.schema.readings import ReplayReport
 from app.report.text.tables import new_table, signed, table_text, uncertain, wrapped
 from calib.arrays import LEG_NAMES, conditions
@@ -112,15 +112,19 @@ def travel_text(procedure: Procedure, machine: Machine, instruments: Sequence[In
 def dry_run_text(procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]) -> str:
     """Every step of a procedure with the line to type at the controller."""
     geometry, axes = machine.geometry(), [instrument.axes for instrument in instruments]
-    table = new_table("step", "leg", "posture", "cycle", "station", "axes", "controller", left=7)
     steps = procedure.steps(geometry, axes)
+    same = {"leg", "station", "axes"} if procedure.plate else set()  # of every step
+    columns = ("step", "leg", "posture", "cycle", "station", "axes", "controller")
+    headings = [name for name in columns if name not in same]
+    table = new_table(*headings, left=len(headings))
     used = instruments[: max(len(step.axes) for step in steps)]
     names = [f"{k} {one.profile} ({one.port})" for k, one in enumerate(used, start=1)]
     order = " Axes stand in this order." if len(names) > 1 else ""
     who = wrapped(f"Indicators: {', '.join(names)}.{order}")
     for step in steps:
         place = (str(step.number), step.leg, step.posture(geometry), str(step.cycle))
-        table.add_row(*place, f"{step.station:g}", " ".join(step.axes), _mdi_line(step, machine))
+        cells = (*place, f"{step.station:g}", " ".join(step.axes), _mdi_line(step, machine))
+        table.add_row(*(one for name, one in zip(columns, cells, strict=True) if name not in same))
     sentence = wrapped(procedure_sentence(procedure, geometry, axes))
     travel = travel_text(procedure, machine, instruments)
     return f"{sentence}\n\n{who}\n\n{travel}{table_text(table)}"
@@ -179,13 +183,14 @@ def trial_text(trial: Trial, step: Step) -> str:
     one = trial.instruments[trial.asked]
     axis = f"along {step.axes[min(trial.asked, len(step.axes) - 1)].upper()}"
     told = {
-        Finding.OTHER: f"{other.capitalize()} moved. Was it the one {axis}? Then X exchanges the "
-        "ports. Else: ",
-        Finding.BOTH: "More than one moved. One at a time: ",
-        Finding.SIGN: f"Pushed in it reads {trial.last}, {one.pushed_in} is stated: turn its sign, "
-        "or pushed_in in the machine file. Then: ",
+        PushResult.OTHER: f"{other.capitalize()} moved. Was it the one {axis}? Then X exchanges "
+        "the ports. Else: ",
+        PushResult.BOTH: "More than one moved. One at a time: ",
+        PushResult.SIGN: f"Pushed in it reads {trial.last}, {one.pushed_in} is stated: turn its "
+        "sign, or pushed_in in the machine file. Then: ",
     }
-    said = told.get(trial.finding, "") + f"push in the spindle {axis} of {step.touched}"
+    where = "at the tool" if step.leg == "tool" else f"of {step.touched}"
+    said = told.get(trial.finding, "") + f"push in the spindle {axis} {where}"
     return f"{said[0].upper()}{said[1:]} and let it go: {which}. Enter begins without."
 
 

@@ -16,7 +16,7 @@ from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.identify import Subset
 from calib.tripod.effects.effect import Effect, Kind
 from calib.tripod.effects.empirical import EMPIRICAL
-from calib.tripod.pipeline import Model, no_effects_over_plane
+from calib.tripod.pipeline import Model
 from protocols.corrections import corrected_readings
 from protocols.files import write_files
 from protocols.journal import write_whole
@@ -89,8 +89,6 @@ def cases(sessions: Sequence[Session], model: Model) -> list[Case]:
     found = []
     for session in sessions:
         observed = to_observations([session])
-        if observed.over_plane.any():
-            raise no_effects_over_plane()
         machine = session.opened.machine
         geometry = replace(model.geometry, load=machine.load)
         figures = indicator_figures([session])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import random
-import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -523,11 +522,16 @@ def procedure_names() -> tuple[str, ...]:
     return tuple(sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if _is_toml(f.name)))
 
 
-def leg_procedure_names() -> tuple[str, ...]:
-    """Those of them that read legs."""
-    folder = resources.files("protocols") / "procedures"
-    texts = {name: (folder / f"{name}.toml").read_text("utf-8") for name in procedure_names()}
-    return tuple(n for n, text in texts.items() if "plate" not in tomllib.loads(text))
+def guided_procedure_names(geometry: Geometry) -> tuple[str, ...]:
+    """Those of them that a guided session can measure on this machine: legs, or a plate."""
+    found = []
+    for name in procedure_names():
+        try:
+            load_procedure(name, geometry).steps(geometry)
+        except (RecordError, UsageError):  # beyond its limits, or legs that cannot be read
+            continue
+        found.append(name)
+    return tuple(found)
 
 
 def load_procedure(name: str, geometry: Geometry) -> Procedure:

@@ -42,7 +42,8 @@ from drivers.profile import Asked, Unit, Verified
 from drivers.profiles import PROFILES
 from protocols.documents import MOST_LETTERS
 from protocols.machine import Instrument, Machine, load_machine
-from protocols.procedure import Procedure, leg_procedure_names, load_procedure, shuffled
+from protocols.machine_files import USUAL_MACHINE, machine_names
+from protocols.procedure import Procedure, guided_procedure_names, load_procedure, shuffled
 from protocols.table import NUMBER
 
 Form = dict[str, object]
@@ -240,8 +241,9 @@ def choice(
     )
 
 
+OTHERS = ", ".join(name for name in machine_names() if name != USUAL_MACHINE)
+MACHINE = ("machine", "Machine", f"empty: {USUAL_MACHINE}; or {OTHERS}, or a file")
 FIELDS = (
-    ("machine", "Machine", "name or file; empty: the papers' prototype"),
     ("operator", "Operator", ""),
     ("temperature", "Temperature, °C", ""),
     ("note", "Note", "stands below the result"),
@@ -279,20 +281,24 @@ class PrepareScreen(Screen[None]):
         self._forms: list[Form] = [{}, {}]
         self._source = ""
         self._proposed_for: Machine | None = None
+        self._offered_for = load_machine(None)
         self._answered: dict[str, str] = {}
 
     def compose(self) -> ComposeResult:
-        names = [(name, name) for name in leg_procedure_names()]
         yield Title()
         with VerticalScroll(id="form"):
-            yield from row("Procedure", choice("procedure", names, "zero-max-min"))
+            yield from self._input(*MACHINE)
+            yield from row("Procedure", choice("procedure", _procedures(self._offered_for)))
             for name, words in zip(INDICATORS, texts.WHICH_INDICATOR, strict=True):
                 yield from row(words, IndicatorField(id=name, markup=False))
-            for name, label, hint in FIELDS:
-                typed = Input(placeholder=hint, id=name, compact=True, max_length=MOST_LETTERS)
-                yield from row(label, typed)
+            for field in FIELDS:
+                yield from self._input(*field)
             yield Static("", id="summary", markup=False)
         yield Footer()
+
+    def _input(self, name: str, label: str, hint: str) -> ComposeResult:
+        typed = Input(placeholder=hint, id=name, compact=True, max_length=MOST_LETTERS)
+        yield from row(label, typed)
 
     def on_mount(self) -> None:
         for name, words in texts.FIELD_HELP.items():
@@ -313,12 +319,15 @@ class PrepareScreen(Screen[None]):
         self.focus_next()
 
     def _summarise(self) -> None:
-        said = []
+        said, none = [], texts.NO_INDICATOR
         try:
             machine = self._machine()
+            self._offer(machine)
             self._propose(machine)
-            axes = [instrument.axes for instrument in self._some()]
-            said.append(procedure_sentence(self._procedure(machine), machine.geometry(), axes))
+            procedure = self._procedure(machine)
+            none = texts.NO_INDICATOR if procedure.plate is None else texts.NO_INDICATOR_AT_PLATE
+            axes = [instrument.axes for instrument in self._some(procedure)]
+            said.append(procedure_sentence(procedure, machine.geometry(), axes))
             if any(self._forms):
                 self._plan()
             else:
@@ -329,8 +338,19 @@ class PrepareScreen(Screen[None]):
         for k, (name, form) in enumerate(zip(INDICATORS, self._forms, strict=True)):
             gone = port_is_gone(str(form.get("port", "")))
             words = texts.form_words(form, self._source, gone=gone)
-            line = words if form else texts.NO_INDICATOR[k]
+            line = words if form else none[k]
             self.query_one(f"#{name}", IndicatorField).update(line)
+
+    def _offer(self, machine: Machine) -> None:
+        """What another machine can measure; a procedure that was chosen stays if it is there."""
+        before, self._offered_for = self._offered_for, machine
+        if machine == before:
+            return
+        procedures, rows = self.query_one("#procedure", Select), _procedures(machine)
+        chosen = str(procedures.value)
+        procedures.set_options((Content(words), name) for words, name in rows)
+        if chosen in [name for _, name in rows] and chosen != before.usual_procedure:
+            procedures.value = chosen
 
     def _propose(self, machine: Machine) -> None:
         """The indicators of the machine file, else those used last, until others are chosen."""
@@ -376,7 +396,8 @@ class PrepareScreen(Screen[None]):
         """Every step, before anything is opened."""
         with self.app.complaining():
             machine = self._machine()
-            text = dry_run_text(self._procedure(machine), machine, self._some())
+            procedure = self._procedure(machine)
+            text = dry_run_text(procedure, machine, self._some(procedure))
             self.app.push_screen(DryRunScreen(text))
 
     def _value(self, name: str) -> str:
@@ -392,20 +413,20 @@ class PrepareScreen(Screen[None]):
         seed = _seed(self._value("random"))
         return procedure if seed is None else shuffled(procedure, seed)
 
-    def _instruments(self) -> tuple[Instrument, ...]:
+    def _instruments(self, procedure: Procedure) -> tuple[Instrument, ...]:
         instruments = tuple(indicator_of(form) for form in self._forms if form)
         if instruments:
-            check_indicators(instruments)
+            check_indicators(instruments, legs=bool(procedure.levels))
         return instruments
 
-    def _some(self) -> tuple[Instrument, ...]:
+    def _some(self, procedure: Procedure) -> tuple[Instrument, ...]:
         """The indicators; without any, two."""
-        return self._instruments() or some_indicators(DEFAULT_PROFILE, needed=False)
+        return self._instruments(procedure) or some_indicators(DEFAULT_PROFILE, needed=False)
 
     def _plan(self) -> Plan:
         machine = self._machine()
         procedure = self._procedure(machine)
-        instruments = self._instruments()
+        instruments = self._instruments(procedure)
         if not instruments:
             raise UsageError("indicators", "none", "one or two", texts.CHOOSE_INDICATOR)
         return Plan(
@@ -443,6 +464,12 @@ class DryRunScreen(Screen[None]):
 
     def on_mount(self) -> None:
         self.query_one("#dry-run").focus()
+
+
+def _procedures(machine: Machine) -> list[tuple[str, str]]:
+    """What a guided session can measure on this machine, its usual procedure first."""
+    names = [machine.usual_procedure, *guided_procedure_names(machine.geometry())]
+    return [(name, name) for name in dict.fromkeys(names)]
 
 
 def _temperature(text: str) -> float | None:

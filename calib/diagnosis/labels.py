@@ -109,7 +109,7 @@ def relabelled(observed: Observations, row: int, label: Label) -> Observations:
     of_level: tuple[str, ...] = ("displacement_mm", "position_mm", "movement")
     if observed.over_plane[model]:
         of_level += ("station", "along_mm")
-    arrays = {}
+    arrays: dict[str, FloatArray] = {}
     for source, names in ((model, of_mount), (there, of_level)):
         for name in names:
             arrays.setdefault(name, getattr(observed, name).copy())

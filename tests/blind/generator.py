@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -49,21 +51,30 @@ SEEN = 1e-7  # an effect whose columns vanish is drawn again at another place
 SHAPE_ENTRIES = {"cubic": "cubic", "sawtooth": "saw"}
 
 
+class NotDrawn(ValueError):
+    """No draw of a case gave a machine that a workshop could have."""
+
+
 @dataclass(frozen=True)
 class Made:
     """One session: the table as text, the indicators' resolution, and what scoring may know.
 
-    ``rows`` and ``values_mm`` hold what the table says, for the baselines. ``hidden`` is the
-    machine and ``sigma_mm`` the scatter of one reading, for measuring it again.
+    The truth costs more than the session and is worked out where it is asked for. ``rows`` and
+    ``values_mm`` hold what the table says, for the baselines. ``hidden`` is the machine and
+    ``sigma_mm`` the scatter of one reading, for measuring it again.
     """
 
     table: str
     resolution_mm: float | None
-    truth: Json
+    tell: Callable[[], Json]
     rows: Rows
     values_mm: FloatArray
     hidden: Hidden
     sigma_mm: float
+
+    @cached_property
+    def truth(self) -> Json:
+        return self.tell()
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,14 +88,14 @@ class EffectInstance:
 
 
 def make(case: Case, seed: int) -> Made:
-    """The session of a case; the same for the same seed. Raises ValueError if none can be drawn."""
+    """The session of a case; the same for the same seed. Raises NotDrawn where none comes out."""
     rng = case.generator(seed)
     for _ in range(TRIES):
         try:
             return _attempt(case, rng)
         except ValueError:
             continue
-    raise ValueError(f"case {case.key}: no session in {TRIES} draws")
+    raise NotDrawn(f"{case.key}: no session in {TRIES} draws")
 
 
 def _attempt(case: Case, rng: np.random.Generator) -> Made:
@@ -99,9 +110,9 @@ def _attempt(case: Case, rng: np.random.Generator) -> Made:
     for each in placed:
         hidden = Hidden(hidden.plus(each.changes).amounts, each.lead_mm, *_fixed(hidden))
     table, where = _table(case, rows, hidden, noise, rng)
-    truth = _truth(case, columns, placed, noise, where)
+    tell = partial(_truth, case, columns, placed, noise, where)
     text = _text(table, noise.resolution_mm)
-    return Made(text, noise.resolution_mm, truth, table.rows, table.values_mm, hidden, sigma_mm)
+    return Made(text, noise.resolution_mm, tell, table.rows, table.values_mm, hidden, sigma_mm)
 
 
 @dataclass(frozen=True)

@@ -105,8 +105,10 @@ def _movements(taken: list[Visit], homed: float) -> FloatArray:
         there = np.zeros(3)
         there[visit.leg] = visit.displacement_mm
         parts = np.linspace(0.0, 1.0, PATH_POINTS)[:, None]
-        for step in np.sign(np.diff(carriages(here + parts * (there - here)), axis=0).round(9)):
-            last = np.where(step == 0, last, step)
+        steps = np.sign(np.diff(carriages(here + parts * (there - here)), axis=0).round(9))
+        from_end = np.argmax(steps[::-1] != 0, axis=0)
+        ended = steps[-1 - from_end, np.arange(3)]
+        last = np.where(ended == 0, last, ended)
         found.append(last)
         here = there
     return np.array(found)

@@ -261,3 +261,29 @@ def test_a_port_is_gone_where_the_system_has_none(twin: TwinPort) -> None:
     assert not port_is_gone(twin.url)
     assert port_is_gone("/dev/ttyNONE7")
     assert not port_is_gone("socket://127.0.0.1:1")
+
+
+async def test_a_linear_delta_is_offered_plates_and_begins_with_one_indicator(
+    twin: TwinPort,
+) -> None:
+    interface = Glidecal(HomeScreen())
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        screen = await form(pilot, interface)
+        procedure = screen.query_one("#procedure", Select)
+        assert procedure.value == "zero-max-min"
+        procedure.value = "sweep"
+        screen.query_one("#machine", Input).value = "linear-delta"
+        await until(pilot, "plates", lambda: procedure.value == "plate-rings")
+        await until(pilot, "words", lambda: "58 steps with 1" in text(interface, "#summary"))
+        assert text(interface, "#indicator2") == "none: one reads the tool. Enter chooses"
+        screen._forms[0] = {"profile": "tesa", "port": twin.url, "axes": "z"}  # fits no leg
+        await pilot.press("f5")
+        await until(pilot, "check", lambda: isinstance(interface.screen, CheckScreen))
+        await until(pilot, "indicators open", lambda: interface.indicators is not None)
+        assert "along Z at the tool" in text(interface, "#trial")
+        await pilot.press("escape")
+        await until(pilot, "back", lambda: isinstance(interface.screen, PrepareScreen))
+        screen.query_one("#machine", Input).value = ""
+        await until(pilot, "legs", lambda: procedure.value == "zero-max-min")
+        assert "@z do not fit leg z" in text(interface, "#summary")
+        await pilot.press("f10")

@@ -108,7 +108,10 @@ FIELD_HELP = {
     "procedure": "Procedure: what is measured, in which order. Enter opens the list.",
     "indicator1": f"First indicator. {OF_AN_INDICATOR}",
     "indicator2": f"Second indicator: without one each leg is measured twice. {OF_AN_INDICATOR}",
-    "machine": "Machine: a name or a file. Without one, the prototype of the papers.",
+    "machine": (
+        "Machine: a name or a file. Without one, the prototype of the papers.\n"
+        "It decides which procedures can be chosen."
+    ),
     "operator": "Operator: a name for the record.",
     "temperature": "Temperature of the machine for the record, in °C.",
     "note": "Note for the record; it stands below the result.",
@@ -122,6 +125,7 @@ FIELD_HELP = {
 
 WHICH_INDICATOR = ("First indicator", "Second indicator")
 NO_INDICATOR = ("none yet: Enter chooses", "none: each leg is measured twice. Enter chooses")
+NO_INDICATOR_AT_PLATE = (NO_INDICATOR[0], "none: one reads the tool. Enter chooses")
 SOURCES = {"": "", "file": ", of the machine file", "last": ", as last time"}
 CHOOSE_INDICATOR = "Choose an indicator: Enter on its line. The demonstration needs none."
 NOT_HERE = " (not plugged in)"

@@ -112,8 +112,11 @@ def travel_text(procedure: Procedure, machine: Machine, instruments: Sequence[In
 def dry_run_text(procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]) -> str:
     """Every step of a procedure with the line to type at the controller."""
     geometry, axes = machine.geometry(), [instrument.axes for instrument in instruments]
-    table = new_table("step", "leg", "posture", "cycle", "station", "axes", "controller", left=7)
     steps = procedure.steps(geometry, axes)
+    same = {"leg", "station", "axes"} if procedure.plate else set()  # of every step
+    columns = ("step", "leg", "posture", "cycle", "station", "axes", "controller")
+    headings = [name for name in columns if name not in same]
+    table = new_table(*headings, left=len(headings))
     used = instruments[: max(step.indicators.stop for step in steps)]
     names = [f"{k} {one.profile} ({one.port})" for k, one in enumerate(used, start=1)]
     order = " Axes stand in this order." if len(names) > 1 else ""
@@ -122,7 +125,8 @@ def dry_run_text(procedure: Procedure, machine: Machine, instruments: Sequence[I
         place = (str(step.number), step.leg, step.posture(geometry), str(step.cycle))
         station = f"plane {step.station:g}" if step.over_plane else f"{step.station:g}"
         axes_words = f"{step.axes[0]} (2)" if step.first else " ".join(step.axes)
-        table.add_row(*place, station, axes_words, _mdi_line(step, machine))
+        cells = (*place, station, axes_words, _mdi_line(step, machine))
+        table.add_row(*(one for name, one in zip(columns, cells, strict=True) if name not in same))
     sentence = wrapped(procedure_sentence(procedure, geometry, axes))
     travel = travel_text(procedure, machine, instruments)
     return f"{sentence}\n\n{who}\n\n{travel}{table_text(table)}"
@@ -189,7 +193,8 @@ def trial_text(trial: Trial, step: Step) -> str:
         Finding.SIGN: f"Pushed in it reads {trial.last}, {one.pushed_in} is stated: turn its sign, "
         "or pushed_in in the machine file. Then: ",
     }
-    said = told.get(trial.finding, "") + f"push in the spindle {axis} of {step.touched}"
+    where = "at the tool" if step.leg == "tool" else f"of {step.touched}"
+    said = told.get(trial.finding, "") + f"push in the spindle {axis} {where}"
     return f"{said[0].upper()}{said[1:]} and let it go: {which}. Enter begins without."
 
 

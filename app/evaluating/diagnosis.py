@@ -8,7 +8,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from app.evaluating.own_effects import known_effects
-from app.evaluating.solution import indicator_figures, load_sessions, solve_sessions
+from app.evaluating.solution import (
+    indicator_figures,
+    load_sessions,
+    refuse_leaning_planes,
+    solve_sessions,
+)
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.problem import Case
 from calib.diagnosis.results import Contender, Diagnosis, Finding
@@ -68,18 +73,23 @@ def diagnose_files(
     others, more = load_sessions(held_out)
     _check(paths, held_out, sessions, others)
     effects = known_effects() if effects is None else effects
+    names = tuple(path.name for path in paths)
     nominal = Model(sessions[0].opened.machine.geometry())
     known = nominal
     if model:
         found = read_model_file(model)
         known = to_model(found, f"model {model}", effects)
         more += [said] if (said := ambiguity(ambiguous_effects(found))) else []
+    measured = cases(sessions, known)
+    for name, session, case in zip(names, sessions, measured, strict=True):
+        if case.observed.over_plane.any():
+            refuse_leaning_planes([name], [session], case.fitted().model, case.observed)
     return SessionDiagnosis(
-        names=tuple(path.name for path in paths),
+        names=names,
         held_out=tuple(path.name for path in held_out),
         sessions=tuple(sessions),
         model=known,
-        diagnosis=diagnose(cases(sessions, known), effects, cases(others, known)),
+        diagnosis=diagnose(measured, effects, cases(others, known)),
         warnings=(*warnings, *more),
     )
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from app.measuring.indicators import SIMULATED
 from app.version import program
-from calib.arrays import TOOL, Conditions, Observations, conditions
+from calib.arrays import TOOL, Conditions, Observations, conditions, descending
 from calib.errors import RecordError, UsageError
 from calib.tripod.effects.candidates import candidates
 from calib.tripod.effects.catalogue import BESIDE_CATALOGUE
@@ -256,7 +256,7 @@ def short_travels(
                 )
                 where += f"station {first.station:g}"
             needed.append((instrument, moved_mm, where))
-        worst = max(needed, key=lambda one: one[1])
+        worst = descending(needed, lambda one: one[1])[0]
         if instrument.travel_mm is not None and worst[1] > instrument.travel_mm:
             found.append(worst)
     return found

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,7 +110,7 @@ def relabelled(observed: Observations, row: int, label: Label) -> Observations:
     of_level: tuple[str, ...] = ("displacement_mm", "position_mm", "movement")
     if observed.over_plane[model]:
         of_level += ("station", "along_mm")
-    arrays: dict[str, FloatArray] = {}
+    arrays: dict[str, NDArray[Any]] = {}
     for source, names in ((model, of_mount), (there, of_level)):
         for name in names:
             arrays.setdefault(name, getattr(observed, name).copy())

@@ -120,11 +120,13 @@ def dry_run_text(procedure: Procedure, machine: Machine, instruments: Sequence[I
     used = instruments[: max(step.indicators.stop for step in steps)]
     names = [f"{k} {one.profile} ({one.port})" for k, one in enumerate(used, start=1)]
     order = " Axes stand in this order." if len(names) > 1 else ""
+    if procedure.plane is not None:
+        order += " p: the stand is on the plane." + " 2: the second one reads." * (len(names) > 1)
     who = wrapped(f"Indicators: {', '.join(names)}.{order}")
     for step in steps:
         place = (str(step.number), step.leg, step.posture(geometry), str(step.cycle))
-        station = f"plane {step.station:g}" if step.over_plane else f"{step.station:g}"
-        axes_words = f"{step.axes[0]} (2)" if step.first else " ".join(step.axes)
+        station = f"p {step.station:g}" if step.over_plane else f"{step.station:g}"
+        axes_words = f"{step.axes[0]} 2" if step.first else " ".join(step.axes)
         cells = (*place, station, axes_words, _mdi_line(step, machine))
         table.add_row(*(one for name, one in zip(columns, cells, strict=True) if name not in same))
     sentence = wrapped(procedure_sentence(procedure, geometry, axes))

@@ -86,7 +86,7 @@ class Delays:
 @contextmanager
 def listening(delays: Delays) -> Iterator[None]:
     """Within this, `delays` hears of every reading, every drawing and every flush."""
-    hear, render_line = Gauge._hear, GaugeDisplay.render_line
+    hear, render_line = Gauge.hear, GaugeDisplay.render_line
     reviewed = MeasureScreen._reviewed
 
     def heard(gauge: Gauge, outcome: Outcome) -> None:
@@ -105,7 +105,7 @@ def listening(delays: Delays) -> Iterator[None]:
         reviewed(screen, hold)
 
     with (
-        mock.patch.object(Gauge, "_hear", heard),
+        mock.patch.object(Gauge, "hear", heard),
         mock.patch.object(MeasureScreen, "_reviewed", uncovered),
         mock.patch.object(GaugeDisplay, "render_line", drawn),
         mock.patch.object(Terminal, "on_flush", delays.flush),

@@ -9,11 +9,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, AwareDatetime, Field, TypeAdapter, model_validator
 
-from calib.errors import GlidecalError
+from calib.errors import GlidecalError, RecordError
+from protocols.data_table import Cell, DataTable
 from protocols.documents import (
     Celsius,
     Count,
@@ -27,6 +28,9 @@ from protocols.documents import (
 )
 from protocols.machine import Instrument, Machine
 from protocols.procedure import SLIDING, Leg, Procedure, Step, Touched, position_words
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 SCHEMA = "glidecal.session/1"
 FIRST_DIGEST = "0" * 64
@@ -244,6 +248,26 @@ Event = Annotated[
 EVENT: TypeAdapter[Event] = TypeAdapter(Event)
 
 
+OF_LEG = ("leg", "axis", "displacement_mm", "station", "plane")
+OF_ANY = (
+    *("device_text", "counts", "counts_reason", "cycle", "time_s", "mount", "temperature_c"),
+    *("averaged", "resolution_mm", "unit_assumed", "seq"),
+)
+"""Columns of a table of readings behind place and value."""
+
+
+def _place(reading: Reading) -> tuple[Cell, ...]:
+    if reading.position_mm is not None:
+        return (*reading.position_mm, reading.axis, reading.lift_mm)
+    where = (reading.leg, reading.axis, reading.displacement_mm, reading.station)
+    return (*where, int(reading.over_plane or False))
+
+
+def _beside_known(name: str) -> str:
+    """A column of a table that nobody knew then, under a name that is nobody's now."""
+    return f"{name} (kept)" if name in (*OF_LEG, *OF_ANY) else name
+
+
 DECIMALS = re.compile(r"\d*\.(\d+)$", re.ASCII)
 
 
@@ -306,6 +330,50 @@ class Session:
         """The first reading with an earlier ``time_s`` than the one before: the clock was set."""
         timed = [(r.time_s, r) for r in self.all_readings if r.time_s is not None]
         return next((r for (a, _), (b, r) in pairwise(timed) if b < a), None)
+
+    def table(self) -> DataTable:
+        """Every reading, as `protocols.table` reads it: columns of docs/session.md.
+
+        Those that do not count are among them: the machine was there. Raises RecordError for
+        readings of legs and of the tool in one session.
+        """
+        of_tool = {reading.leg == "tool" for reading in self.all_readings}
+        if len(of_tool) > 1:
+            raise RecordError("session", "readings of legs and of the tool", "one of both")
+        places = ("x_mm", "y_mm", "z_mm", "axis", "lift_mm") if True in of_tool else OF_LEG
+        extra = list(dict.fromkeys(name for one in self.all_readings for name in one.extra))
+        names = (*places, "value_mm", *OF_ANY, *(_beside_known(name) for name in extra))
+        return DataTable(
+            names,
+            tuple(
+                (
+                    *_place(reading),
+                    reading.value_mm,
+                    reading.text,
+                    *self._counting(reading.reading),
+                    reading.cycle,
+                    reading.time_s,
+                    reading.mount,
+                    reading.temperature_c,
+                    reading.averaged,
+                    reading.resolution_mm,
+                    int(reading.unit_assumed),
+                    reading.reading,
+                    *(reading.extra.get(name) for name in extra),
+                )
+                for reading in self.all_readings
+            ),
+        )
+
+    def _counting(self, number: int) -> tuple[str, str]:
+        """Whether a reading counts, and why or why not."""
+        if number in self.superseded:
+            return "no", self.superseded[number]
+        return ("again", self.restored[number]) if number in self.restored else ("yes", "")
+
+    def to_frame(self) -> DataFrame:
+        """`table` for pandas. Raises UsageError where that is not installed."""
+        return self.table().to_frame()
 
     @property
     def step_mm(self) -> float | None:

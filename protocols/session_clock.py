@@ -40,7 +40,7 @@ class SessionClock:
         wall: Callable[[], datetime] = wall,
     ) -> None:
         self._steady_s = steady_s
-        self._wall = wall
+        self.wall = wall
         self._began_s = steady_s() - _reached_s(events)
         self._ahead_s = self._wall_ahead_s()
 
@@ -55,7 +55,7 @@ class SessionClock:
         return jump_s if abs(jump_s) > JUMP_S else 0.0
 
     def _wall_ahead_s(self) -> float:
-        return self._wall().timestamp() - self._steady_s()
+        return self.wall().timestamp() - self._steady_s()
 
 
 def _reached_s(events: Sequence[Event]) -> float:

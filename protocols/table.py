@@ -18,8 +18,9 @@ from calib.printable import printable
 from calib.tripod.geometry import Geometry
 from protocols import spreadsheet
 from protocols.documents import describe, read_text
+from protocols.machine import Instrument, Machine
 from protocols.procedure import SLIDING, Leg, Procedure, default_mount, may_stand, off_bar
-from protocols.session import Reading
+from protocols.session import Event, Opened, Reading
 
 REQUIRED = ("leg", "axis", "displacement_mm", "value_mm")
 OPTIONAL = ("cycle", "time_s", "mount", "station", "temperature_c", "averaged", "seq", "plane")
@@ -123,6 +124,41 @@ def read_table(path: Path, geometry: Geometry) -> tuple[tuple[Reading, ...], tup
     _check_sequence(rows)
     _check_mounts(rows, readings)
     return readings, unknown
+
+
+def is_table(path: Path) -> bool:
+    """Whether a path is that of a table, by its ending."""
+    return path.suffix.lower() in (".csv", spreadsheet.SUFFIX)
+
+
+def opened_table(
+    path: Path,
+    machine: Machine,
+    program: str,
+    *,
+    resolution_mm: float | None = None,
+    repeatability_mm: float | None = None,
+    remarks: tuple[str, ...] = (),
+) -> tuple[Opened, tuple[Event, ...], tuple[str, ...]]:
+    """First line and events of a session of a table, and the columns that are not used.
+
+    ``resolution_mm`` and ``repeatability_mm`` are stated of the indicators. Raises RecordError.
+    """
+    readings, unknown = read_table(path, machine.geometry())
+    instrument = Instrument(
+        profile="table",
+        port=path.name,
+        resolution_mm=resolution_mm,
+        repeatability_mm=repeatability_mm,
+    )
+    opened = Opened(
+        program=program,
+        origin="imported",
+        machine=machine,
+        instruments=(instrument,),
+        remarks=remarks,
+    )
+    return opened, readings, unknown
 
 
 def within_limits(reading: Reading, geometry: Geometry) -> bool:

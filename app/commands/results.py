@@ -183,19 +183,13 @@ def report(
     force: Force = False,
 ) -> None:
     """The calibration report to sign, as .html or .pdf."""
-    if output.suffix not in (".html", ".pdf"):
-        raise UsageError("--output", f"{output}", "a path that ends with .html or .pdf")
     may = may_replace(force, output)
     with extra("report"):
-        from app.report.pages.page import write_page
-        from app.report.pages.report import report_of
-    from protocols.files import write_files
+        from app.report.pages.page import write_report
 
     with working("Writing the report"):
-        found = report_of(sessions, model=model, after=after, tolerance_mm=tolerance)
-        written = write_page(found, output)
-    for path in write_files(output, written, replace=may):
-        say(f"written: {path}")
+        path = write_report(sessions, output, model, after, tolerance_mm=tolerance, replace=may)
+    say(f"written: {path}")
 
 
 def _triple(option: str, text: str | None) -> tuple[float, float, float] | None:

@@ -260,10 +260,10 @@ def import_table(
     from app.version import program
     from protocols.files import write_files
     from protocols.journal import write_whole
-    from protocols.machine import Instrument, load_machine
+    from protocols.machine import load_machine
     from protocols.procedure import load_procedure
-    from protocols.session import Opened
-    from protocols.table import empty_table, off_bar_words, read_table, within_limits
+    from protocols.session import fold
+    from protocols.table import empty_table, off_bar_words, opened_table, within_limits
 
     known = load_machine(machine)
     if template:
@@ -275,22 +275,16 @@ def import_table(
     if output is None or protocol is not None:
         found = "none" if output is None else "--protocol without --template"
         raise UsageError("--output", found, "-o SESSION, or --template to write an empty table")
-    readings, unknown = read_table(table, known.geometry())
-    opened = Opened(
-        program=program(),
-        origin="imported",
-        machine=known,
-        instruments=(
-            Instrument(
-                profile="table",
-                port=table.name,
-                resolution_mm=resolution,
-                repeatability_mm=repeatability,
-            ),
-        ),
+    opened, events, unknown = opened_table(
+        table,
+        known,
+        program(),
+        resolution_mm=resolution,
+        repeatability_mm=repeatability,
         remarks=tuple(remark or ()),
     )
-    write_whole(output, opened, list(readings))
+    write_whole(output, opened, [*events])
+    readings = fold([opened, *events]).all_readings
     if unknown:
         say(f"glidecal: columns kept but not used: {', '.join(unknown)}")
     outside = sum(not within_limits(reading, known.geometry()) for reading in readings)

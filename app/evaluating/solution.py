@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from calib.arrays import Observations
 from calib.errors import NotIdentifiable, RecordError, UsageError
@@ -24,12 +24,15 @@ from calib.noise.reading import (
 )
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
+from protocols.data_table import Cell, DataTable
 from protocols.observations import to_observations
 from protocols.record import Record, read_record
 from protocols.session import Reading, Session, fold
 from protocols.table import off_bar_words
 
 if TYPE_CHECKING:  # asked for by option only
+    from pandas import DataFrame
+
     from calib.identify.fit import Size
     from calib.identify.tool_bound import ToolBound
     from protocols.machine import Machine
@@ -104,6 +107,19 @@ class SessionSolution:
         left = self.solution.residual_mm.tolist()
         return [(*visit, mm) for visit, mm in zip(self.visits, left, strict=True)]
 
+    def table(self, name: TableName) -> DataTable:
+        """Parameters, differences or residuals, mm; the columns are those of docs/python.md."""
+        make = {
+            "parameters": _parameters,
+            "differences": _differences,
+            "residuals": _residuals,
+        }
+        return make[name](self)
+
+    def to_frame(self, name: TableName = "parameters") -> DataFrame:
+        """`table` for pandas. Raises UsageError where that is not installed."""
+        return self.table(name).to_frame()
+
     @property
     def reading_count(self) -> int:
         """How many readings count."""
@@ -115,6 +131,62 @@ class SessionSolution:
         found = dict(zip(self.solution.names, map(float, self.solution.values_mm), strict=True))
         x, y, z = (found.get(name, 0.0) for name in PARAMETER_NAMES[:3])
         return x, y, z
+
+
+TableName = Literal["parameters", "differences", "residuals"]
+
+
+def _parameters(solved: SessionSolution) -> DataTable:
+    found = solved.solution
+    columns = (found.values_mm, found.uncertainty_mm, found.expanded_mm, found.coverage_factors)
+    rows: list[tuple[Cell, ...]] = [
+        (*row, "mm") for row in zip(found.names, *(c.tolist() for c in columns), strict=True)
+    ]
+    rows += [
+        (
+            f.name,
+            f.value,
+            f.standard_uncertainty,
+            f.coverage_factor * f.standard_uncertainty,
+            f.coverage_factor,
+            f.unit,
+        )
+        for f in found.sizes
+    ]
+    measured = ("value", "standard_uncertainty", "expanded_uncertainty", "coverage_factor")
+    return DataTable(("parameter", *measured, "unit"), tuple(rows))
+
+
+def _differences(solved: SessionSolution) -> DataTable:
+    found = solved.solution
+    measured = found.differences
+    u, predicted, left = found.difference_uncertainty_mm, found.predicted_mm, found.left_mm
+    columns = (measured.value_mm, u, predicted, left)
+    rows = list(zip(measured.names, *(column.tolist() for column in columns), strict=True))
+    names = ("difference", "value_mm", "standard_uncertainty_mm", "predicted_mm", "residual_mm")
+    return DataTable(names, tuple(rows[k] for k in measured.published_rows))
+
+
+PLACE = (
+    *("session", "reading", "leg", "axis", "displacement_mm", "x_mm", "y_mm", "z_mm", "station"),
+    *("mount", "cycle", "time_s", "temperature_c", "value_mm"),
+)
+
+
+def _residuals(solved: SessionSolution) -> DataTable:
+    nowhere = (None, None, None)
+    return DataTable(
+        (*PLACE, "residual_mm"),
+        tuple(
+            (
+                *(name, one.reading, one.leg, one.axis, one.displacement_mm),
+                *(one.position_mm or nowhere),
+                *(one.station, one.mount, one.cycle, one.time_s, one.temperature_c),
+                *(one.value_mm, left_mm),
+            )
+            for name, one, left_mm in solved.residuals
+        ),
+    )
 
 
 @dataclass(frozen=True)

@@ -99,7 +99,7 @@ class Gauge:
             port,
             asked=asked,
             interval_s=interval_s,
-            listener=self._hear,
+            listener=self.hear,
             on_button=self.press,
         )
 
@@ -111,7 +111,8 @@ class Gauge:
         """Close the port."""
         self._line.close()
 
-    def _hear(self, outcome: Outcome) -> None:
+    def hear(self, outcome: Outcome) -> None:
+        """What the line tells, in the thread of the indicator."""
         now = time.monotonic()
         with self._lock:
             changes = not self._rests or outcome != self._latest

@@ -88,7 +88,7 @@ class GuidedSession:
         self.steps = self.session.steps()
         self._closed = False
         self._lock = threading.RLock()
-        self._clock = clock or SessionClock(journal.events)
+        self.clock = clock or SessionClock(journal.events)
         self._untold_jump_s = 0.0
         self._digits_mm: dict[int, float] = {}
         self._due: tuple[Session, tuple[Expected, ...]] | None = None
@@ -143,7 +143,7 @@ class GuidedSession:
             return jump_s
 
     def _mark_jump(self) -> None:
-        jump_s = self._clock.jump_s()
+        jump_s = self.clock.jump_s()
         if jump_s:
             self._untold_jump_s += jump_s
             way = "forward" if jump_s > 0.0 else "back"
@@ -228,7 +228,7 @@ class GuidedSession:
         step = self.step()
         if self._go is not None or step is None:
             return Movement.SEEN
-        time_s = self._clock.time_s()
+        time_s = self.clock.time_s()
         if self._due is None or self._due[0] is not self.session:
             self._due = self.session, expected(self.session, step, time_s)
         shown = [self.gauges[number].live().outcome for number in step.indicators]
@@ -421,7 +421,7 @@ class GuidedSession:
     ) -> tuple[Reading, ...]:
         opened = self.session.opened
         plate = opened.procedure.plate if opened.procedure else None
-        time_s = round(self._clock.time_s(), 3)
+        time_s = round(self.clock.time_s(), 3)
         first = len(self.session.all_readings) + 1
         return tuple(
             Reading(

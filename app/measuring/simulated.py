@@ -6,7 +6,9 @@ import math
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
+from app.evaluating.own_effects import known_effects
 from app.measuring.indicators import SIMULATED
 from app.version import program
 from calib.arrays import TOOL, Conditions, Observations, conditions, descending
@@ -21,9 +23,18 @@ from calib.tripod.simulation import SimulatedMachine
 from drivers.profile import LARGEST_MM, Profile
 from drivers.rig import SimulatedRig
 from drivers.twin_port import Transport
-from protocols.machine import Instrument, Machine
+from protocols.machine import Instrument, Machine, load_machine
+from protocols.model_file import read_model
 from protocols.observations import to_observations
-from protocols.procedure import Leg, Procedure, Step, Touched, default_mount, leg_number
+from protocols.procedure import (
+    Leg,
+    Procedure,
+    Step,
+    Touched,
+    default_mount,
+    leg_number,
+    load_procedure,
+)
 from protocols.session import Opened, Reading, fold
 
 
@@ -196,6 +207,51 @@ def simulated_session(
         reading.model_copy(update={"value_mm": float(text), "text": text})
         for reading, text in zip(blank, texts, strict=True)
     )
+
+
+def simulated_of_files(
+    procedure: str | None,
+    machine: str | Path | None,
+    model: Path | None,
+    *,
+    effect: str | None = None,
+    size: float | None = None,
+    seed: int,
+    scatter_mm: float,
+    resolution_mm: float,
+) -> tuple[Opened, tuple[Reading, ...]]:
+    """As `simulated_session`, of names and files, None: the usual ones.
+
+    An ``effect`` (id, or id:where) of this ``size`` is hidden in the machine. Raises UsageError and
+    RecordError.
+    """
+    if size is not None and effect is None:
+        raise UsageError("--size", "no --effect", "the size of an effect: both options, or none")
+    if model and machine:
+        raise UsageError("--model and --machine", "both", "one: a model brings its own machine")
+    real, known = _real(machine, model)
+    planned = load_procedure(procedure or known.usual_procedure, known.geometry())
+    if effect is not None:
+        hidden = hidden_effect(
+            effect,
+            real,
+            planned_readings(planned, known),
+            effects=known_effects(),
+            seed=seed,
+            noise_mm=max(scatter_mm, resolution_mm),
+            size=size,
+        )
+        real = real.with_effects((*real.effects, *hidden))
+    return simulated_session(
+        planned, known, real, seed=seed, scatter_mm=scatter_mm, resolution_mm=resolution_mm
+    )
+
+
+def _real(machine: str | Path | None, model: Path | None) -> tuple[Model, Machine]:
+    if model:
+        return read_model(model, known_effects())
+    known = load_machine(machine)
+    return Model(known.geometry()), known
 
 
 def _blank_readings(

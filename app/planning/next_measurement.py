@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import indicator_figures, load_sessions
@@ -13,14 +14,23 @@ from app.planning.tripod import stated_noise
 from calib.diagnosis.hypotheses import alias_map as compare
 from calib.diagnosis.results import AliasMap
 from calib.errors import UsageError
-from calib.identify.next_mounting import NextMountings, Proposal, next_mountings
+from calib.identify.next_mounting import (
+    MINUTES_PER_MOUNTING,
+    NextMountings,
+    Proposal,
+    next_mountings,
+)
 from calib.tripod.effects.effect import Effect
 from calib.tripod.pipeline import Model
+from protocols.data_table import DataTable
 from protocols.machine import Machine, load_machine
 from protocols.model_file import read_model
 from protocols.observations import to_observations
 from protocols.procedure import load_procedure
 from protocols.session import Session, fold
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 @dataclass(frozen=True)
@@ -37,9 +47,50 @@ class NextMeasurement:
         """The measurement that is proposed."""
         return self.found.proposals[0]
 
+    def table(self) -> DataTable:
+        """Every set-up that was judged, the best first."""
+        names = ("leg", "station", "displacements_mm", "minutes", "tool_mm")
+        rows = [
+            (
+                one.leg,
+                one.station,
+                ", ".join(f"{mm:g}" for mm in one.displacements_mm),
+                one.minutes,
+                one.tool_mm,
+            )
+            for one in self.found.proposals
+        ]
+        return DataTable(names, tuple(rows))
+
+    def to_frame(self) -> DataFrame:
+        """`table` for pandas. Raises UsageError where that is not installed."""
+        return self.table().to_frame()
+
 
 def next_measurement(
     sessions: Sequence[Path] = (),
+    *,
+    machine_file: Path | str | None = None,
+    model_file: Path | None = None,
+    noise_mm: float | None = None,
+    minutes_per_mounting: float = MINUTES_PER_MOUNTING,
+) -> NextMeasurement:
+    """As `next_after`, of files, with their warnings. Raises RecordError for those, too."""
+    folded, warnings = load_sessions(sessions)
+    found = next_after(
+        [path.name for path in sessions],
+        folded,
+        machine_file=machine_file,
+        model_file=model_file,
+        noise_mm=noise_mm,
+        minutes_per_mounting=minutes_per_mounting,
+    )
+    return replace(found, warnings=tuple(warnings))
+
+
+def next_after(
+    names: Sequence[str],
+    folded: Sequence[Session],
     *,
     machine_file: Path | str | None = None,
     model_file: Path | None = None,
@@ -49,9 +100,8 @@ def next_measurement(
     """Judge every mounting with two or three displacements on top of the sessions.
 
     Before any reading the parameters are known to the tolerances of the machine file. Raises
-    UsageError for files that do not fit each other, RecordError for files that cannot be used.
+    UsageError for files that do not fit each other.
     """
-    folded, warnings = load_sessions(sessions)
     machine, model = _machine_and_model(folded, machine_file, model_file)
     found = next_mountings(
         model,
@@ -62,10 +112,10 @@ def next_measurement(
         indicator_figures(folded) if folded and noise_mm is None else None,
     )
     return NextMeasurement(
-        sessions=tuple(path.name for path in sessions),
+        sessions=tuple(names),
         machine=machine.name,
         found=found,
-        warnings=tuple(warnings),
+        warnings=(),
     )
 
 

@@ -38,7 +38,7 @@ from calib.stats import COVERAGE
 from calib.tripod.effects.candidates import place_columns, tool_columns
 from calib.tripod.effects.catalogue import CATALOGUE, effects_of
 from calib.tripod.effects.effect import Effect, EffectInstance
-from calib.tripod.effects.empirical import AT_MM, BASES, Empirical
+from calib.tripod.effects.empirical import AT_MM, BASES, Coupling, Empirical
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Model
@@ -58,10 +58,16 @@ LARGER = (1.0, 4.0)
 FOUND = 5.5
 """Standard deviations of a size found nine times in ten among some hundred at 1 % over all."""
 
+SHOWN = 17.8
+"""Noise variances explained from which noise alone is not the reason: (FOUND - 1.28) squared."""
+
 LEAST_NOISE_MM = 1e-5
 """No indicator reads better; with less, rounding would be taken for what readings show."""
 
-NAMELESS = tuple(Empirical((f"travel_{name}_at_100mm",)) for name in ("square", "cube", "fourth"))
+NAMELESS: tuple[Effect, ...] = (
+    *(Empirical((f"travel_{name}_at_100mm",)) for name in ("square", "cube", "fourth")),
+    Coupling(),
+)
 """Laws of travel without a name: what is in no catalogue is mostly near one of them."""
 
 Placed = tuple[Effect, str]
@@ -69,12 +75,17 @@ Placed = tuple[Effect, str]
 
 @dataclass(frozen=True)
 class OpenName:
-    """A name that readings leave open, where, and the bound at the tool if it is the one."""
+    """A name that readings leave open, where, and the bound at the tool if it is the one.
+
+    ``shown`` is True where readings show it, or something that looks like it; else they could not
+    have seen it.
+    """
 
     id: str
     where: str
     title: str
     bound_mm: float
+    shown: bool
 
 
 @dataclass(frozen=True)
@@ -95,6 +106,16 @@ class ToolBound:
         """The name that the bound is for; None where parameters alone may do as much."""
         first = next(iter(self.names), None)
         return first if first and first.bound_mm > self.parameters_mm else None
+
+    @property
+    def worst_shown(self) -> OpenName | None:
+        """Of the names that fit what readings show."""
+        return next((one for one in self.names if one.shown), None)
+
+    @property
+    def worst_unseen(self) -> OpenName | None:
+        """Of the names that readings could not have seen."""
+        return next((one for one in self.names if not one.shown), None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,9 +251,13 @@ class Claim:
         order = descending(range(len(log)), lambda k: float(log[k]))
         inside = np.cumsum(weight[order]) / weight.sum()
         kept = order[: int(np.searchsorted(inside, COVERAGE)) + 1]
-        return [self._posterior(self.names[k % len(ids)], scales[k // len(ids)]) for k in kept]
+        shown = explained.ravel() >= SHOWN
+        return [
+            self._posterior(self.names[k % len(ids)], scales[k // len(ids)], shown=bool(shown[k]))
+            for k in kept
+        ]
 
-    def _posterior(self, name: _Name, expected: FloatArray) -> _Posterior:
+    def _posterior(self, name: _Name, expected: FloatArray, *, shown: bool) -> _Posterior:
         """Base parameters, then the sizes of a name, of which ``expected`` ``(k,)`` are likely."""
         covariance, answer, left, residual = self._solved
         index = list(name.columns)
@@ -247,6 +272,7 @@ class Claim:
             name.columns,
             np.concatenate([answer[:, -1] - moved @ value, value]),
             np.block([[covariance - beside @ moved.T, beside], [beside.T, spread]]),
+            shown,
         )
 
     def bound(self, entered: FloatArray) -> ToolBound:
@@ -258,7 +284,8 @@ class Claim:
                 continue
             effect, at_most = one.name.effect, self._quantile_mm(one, entered)
             if effect.id not in worst or at_most > worst[effect.id].bound_mm:
-                worst[effect.id] = OpenName(effect.id, one.name.where, effect.title, at_most)
+                what = effect.id, one.name.where, effect.title
+                worst[effect.id] = OpenName(*what, at_most, one.shown)
         names = tuple(descending(worst.values(), lambda one: one.bound_mm))
         return ToolBound(max([plain, *(one.bound_mm for one in names)]), plain, names)
 
@@ -278,6 +305,7 @@ class _Posterior:
     columns: tuple[int, ...]
     mean: FloatArray
     covariance: FloatArray
+    shown: bool = False
 
 
 def quantile_mm(metric: FloatArray, mean: FloatArray, covariance: FloatArray) -> float:
@@ -350,9 +378,10 @@ def claim_of(
 def _unremarkable(effect: Effect, geometry: Geometry) -> list[float]:
     """Sizes of an effect; that of an unnamed law counts at the end of a longer travel."""
     size, longest = [one.tolerance for one in effect.parameters], 1.0
-    if isinstance(effect, Empirical):
+    if effect in NAMELESS:
         reach_mm = max(geometry.travel_max_mm, -geometry.travel_min_mm)
-        longest = max(1.0, reach_mm / AT_MM) ** BASES[effect.bases[0]].power
+        power = BASES[effect.bases[0]].power if isinstance(effect, Empirical) else 2
+        longest = max(1.0, reach_mm / AT_MM) ** power
     return [one / longest for one in size]
 
 

@@ -249,9 +249,9 @@ def test_the_rest_of_a_line_begun_before_the_question_is_no_answer() -> None:
     """Of a stream ``-10.012`` the tail ``.012`` is a number too."""
 
     class Cut(Wire):
-        def _send(self, line: bytes) -> None:
+        def send(self, line: bytes) -> None:
             for at in range(len(line)):
-                self._coming.append((self.now_s + 0.001 * at, line[at : at + 1]))
+                self.coming.append((self.now_s + 0.001 * at, line[at : at + 1]))
 
     for phase in range(40):
         profile = replace(PROFILES["ascii-line"], reply=losing(b"-10.012\r\n"))

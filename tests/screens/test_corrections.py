@@ -24,6 +24,7 @@ from app.screens.start import Glidecal
 from drivers.profile import Outcome, Reading
 from protocols.record import read_record
 from protocols.session import Noted, fold
+from protocols.session_clock import steady_s
 from tests.screens.driving import press_for, quick_plan, take, to_measuring, until
 
 Driven = tuple[Pilot[str], Interface, MeasureScreen]
@@ -176,9 +177,11 @@ async def test_hold_while_an_unattended_review_is_shown(tmp_path: Path) -> None:
         assert notes(screen) == ["on hold"]
 
 
-async def test_a_computer_that_slept_holds_the_session(tmp_path: Path) -> None:
+async def test_a_computer_that_slept_holds_the_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     async with measuring(tmp_path) as (pilot, _, screen):
-        screen._looked_at -= 720.0
+        monkeypatch.setattr("app.screens.measure.steady_s", lambda: steady_s() + 720.0)
         await until(pilot, "hold", lambda: screen.held)
         assert "slept for 12 min" in on(screen, "#said")
         assert "press P to continue" in on(screen, "#said")
@@ -189,9 +192,9 @@ async def test_a_clock_that_is_set_is_told_and_noted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with measuring(tmp_path) as (pilot, _, screen):
-        clock = screen.guided._clock
-        shown = clock._wall
-        monkeypatch.setattr(clock, "_wall", lambda: shown() + timedelta(hours=1))
+        clock = screen.guided.clock
+        shown = clock.wall
+        monkeypatch.setattr(clock, "wall", lambda: shown() + timedelta(hours=1))
         await until(pilot, "words", lambda: "set forward by 3600 s" in on(screen, "#said"))
         assert not screen.held
         assert notes(screen) == ["the computer's clock was set forward by 3600 s; time_s goes on"]

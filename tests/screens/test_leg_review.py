@@ -38,12 +38,20 @@ async def test_the_review_is_whole_and_gives_the_session_back(
         )
         await until(pilot, "words", lambda: "Leg X is done." in text(interface, "#review-text"))
         wide = size[0] > 80
-        assert interface.screen.query_one(ChartPlot).display == wide
+        beside = interface.screen.query_one(ChartPlot)
+        await until(pilot, "its place", lambda: beside.display == wide)
         await until(pilot, "chart", lambda: not wide or "along Y" in charted(interface))
         before = numbers(screen)
         with monkeypatch.context() as patched:
-            patched.setattr(Gauge, "live", lambda _: ELSEWHERE)
-            screen._show_live()
+            looked: list[Gauge] = []
+
+            def live(gauge: Gauge) -> Live:
+                looked.append(gauge)
+                return ELSEWHERE
+
+            patched.setattr(Gauge, "live", live)
+            screen.guided.gauges[0].on_news()
+            await until(pilot, "a look", lambda: len(looked) > len(screen.guided.gauges))
             assert numbers(screen) == before, "drawn in vain behind the review"
             await pilot.press("space")
             await until(pilot, "digits", lambda: numbers(screen) == ["+7.777", "+7.777"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -12,9 +13,10 @@ from markupsafe import Markup
 from rich.console import RenderableType
 from rich.table import Table
 
-from app.report.pages.report import CalibrationReport
+from app.report.pages.report import CalibrationReport, report_of
 from calib.errors import UsageError
 from calib.printable import printable
+from protocols.files import write_files
 
 PDF_NEEDS = (
     "the system's library Pango (Debian: libpangoft2-1.0-0); or write .html and print that "
@@ -68,7 +70,21 @@ def pdf_of(html: str) -> bytes:
     return printed
 
 
-def write_page(report: CalibrationReport, path: Path) -> dict[str, str | bytes]:
-    """What is to be written to a path that ends with ``.html`` or ``.pdf``."""
-    html = html_of(report)
-    return {"": pdf_of(html) if path.suffix == ".pdf" else html}
+def write_report(
+    sessions: Sequence[Path],
+    output: Path,
+    model: Path | None = None,
+    after: Path | None = None,
+    *,
+    tolerance_mm: float | None = None,
+    replace: bool = False,
+) -> Path:
+    """Write the report of session files to a path that ends with ``.html`` or ``.pdf``.
+
+    Raises UsageError for another ending, and as `report_of` and `write_files`.
+    """
+    if output.suffix not in (".html", ".pdf"):
+        raise UsageError("--output", f"{output}", "a path that ends with .html or .pdf")
+    html = html_of(report_of(sessions, model=model, after=after, tolerance_mm=tolerance_mm))
+    written = pdf_of(html) if output.suffix == ".pdf" else html
+    return write_files(output, {"": written}, replace=replace)[0]

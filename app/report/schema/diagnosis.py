@@ -5,7 +5,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Annotated, Literal
 
-from app.report.schema.document import Finite, Report, at, called, made, schema
+from app.report.schema.document import Finite, Report, asked, at, called, made, schema
+from app.report.schema.solution import OpenName
 from calib.diagnosis.results import (
     Detectable,
     Gap,
@@ -16,6 +17,7 @@ from calib.diagnosis.results import (
     Value,
     Verdict,
 )
+from calib.identify.next_mounting import FurtherSetUp
 
 OrNone = Annotated[str | None, made(lambda name: name or None)]
 
@@ -99,6 +101,16 @@ class Next(Report):
     before: Entered = at("next")
 
 
+class BoundLeft(Report):
+    """R.m.s. over the reachable workspace that 95 of 100 machines keep, parameters entered."""
+
+    bound_mm: float
+    parameters_mm: float = at(
+        "parameters_mm", "of it, where nothing is missing: noise, and parts within tolerance"
+    )
+    open: tuple[OpenName, ...] = at("names", "the worst first, one for each id")
+
+
 class DiagnosisReport(Report):
     """``diagnose --json``: what is missing in the model."""
 
@@ -120,6 +132,10 @@ class DiagnosisReport(Report):
         "found.diagnosis.next_measurement"
     )
     smallest_detectable: tuple[Detectable, ...] = at("found.diagnosis.smallest_detectable")
+    tool_bound: BoundLeft | None = at("found.tool_bound", "null where no noise is known")
+    further: tuple[FurtherSetUp, ...] | None = asked(
+        "reach.further", "with --next: set-ups in turn, each with the bound after it"
+    )
     left_over: Annotated[UnnamedLaw | None, made(_unnamed)] = at("found.diagnosis.left_over")
     pattern: SharedPattern | None = at(
         "found.diagnosis.pattern",

@@ -122,6 +122,7 @@ class OpenName(Report):
     where: str
     title: str
     bound_mm: float
+    shown: bool = at("shown", "it fits what the readings show; false: they could not have seen it")
 
 
 class ToolBound(Report):

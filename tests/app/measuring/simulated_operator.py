@@ -138,7 +138,7 @@ class BenchGauge(Gauge):
         self._bench, self._number = bench, number
 
     def listen(self) -> None:
-        self._hear(self._bench.show(self._number))
+        self.hear(self._bench.show(self._number))
 
     def ask(self) -> Future[Outcome]:
         given = Future[Outcome]()

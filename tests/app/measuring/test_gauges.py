@@ -43,7 +43,7 @@ class Told:
         before = self.news
         for outcome in outcomes:
             self.now_s += INTERVAL_S
-            self.gauge._hear(outcome)
+            self.gauge.hear(outcome)
         return self.news - before
 
     def motion(self) -> Motion:

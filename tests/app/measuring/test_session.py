@@ -397,9 +397,9 @@ def test_the_time_of_readings_does_not_follow_the_wall_clock(
     """Set back an hour between two steps: told, noted, and the times go on."""
     with start_session(quick(tmp_path)) as guided:
         take(guided, 2)
-        clock = guided._clock
-        shown = clock._wall
-        monkeypatch.setattr(clock, "_wall", lambda: shown() - timedelta(hours=1))
+        clock = guided.clock
+        shown = clock.wall
+        monkeypatch.setattr(clock, "wall", lambda: shown() - timedelta(hours=1))
         take(guided, 2)
         assert guided.look_at_clock() == pytest.approx(-3600.0, abs=5.0)
         assert guided.look_at_clock() == 0.0

@@ -15,6 +15,7 @@ from app.screens.drawing import DrawingPlot
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Step, load_procedure
 from protocols.session import Opened, Session, fold
+from tests.screens.driving import rows
 
 FIRST = Instrument(profile="sylvac", port="/dev/ttyUSB1", axes="yx", pushed_in="larger")
 SECOND = Instrument(profile="mitutoyo-01a", port="COM5", axes="zy", pushed_in="smaller")
@@ -99,10 +100,10 @@ async def test_a_terminal_marks_the_touched_point_where_the_machine_says(
         app = Page()
         async with app.run_test(size=size) as pilot:
             await pilot.pause()
-            rows = [strip.text for strip in app.screen._compositor.render_strips()]
+            sent = rows(app.screen)
         cells = {}
         for mark in "xXYZ":  # a letter after + is that of an axis
-            rest = [re.sub(r"\+[XYZ]", "  ", row) for row in rows[1:-1]]
+            rest = [re.sub(r"\+[XYZ]", "  ", row) for row in sent[1:-1]]
             ((x, y),) = [(row.index(mark), k) for k, row in enumerate(rest) if mark in row]
             cells[mark] = (float(x), float(y))
         # three points tell the whole linear map from the drawing to cells

@@ -126,6 +126,8 @@ class FittedSession:
     def set_ups(self) -> FloatArray:
         """Columns ``(n, m)`` of what is free in a set-up: its zero, and the tilt of its plane."""
         observed = self.observed
+        if not observed.over_plane.any():
+            return incidence(observed.mount)
         leaning = without_means(observed.mount, self.weight, tilts(observed))
         seen = np.abs(leaning).max(axis=0, initial=0.0) > VISIBLE
         return np.hstack([incidence(observed.mount), leaning[:, seen]])

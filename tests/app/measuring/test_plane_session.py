@@ -33,6 +33,7 @@ from app.report.text.session import (
     step_text,
 )
 from app.version import program
+from calib.arrays import LEG_NAMES
 from calib.errors import RecordError, UsageError
 from drivers.profile import Asked
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
@@ -41,7 +42,7 @@ from drivers.twin_port import default_transport
 from protocols.journal import Journal
 from protocols.machine import Instrument, Machine
 from protocols.observations import to_observations
-from protocols.procedure import LEG_NAMES, Plane, Procedure, Step, load_procedure
+from protocols.procedure import Plane, Procedure, Step, load_procedure
 from protocols.record import read_record
 from protocols.session import fold
 from tests.calib.tripod.test_plane import OFF, height

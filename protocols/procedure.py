@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from importlib import resources
 from itertools import chain, pairwise, product
 from pathlib import Path
-from typing import Annotated, Literal, Protocol, TypeVar
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
@@ -29,6 +29,7 @@ from protocols.documents import (
     read_text,
     read_toml,
 )
+from protocols.machine import Instrument
 
 Leg = Literal["x", "y", "z"]
 Touched = Literal["x", "y", "z", "tool"]
@@ -120,17 +121,6 @@ class Plate(Document):
         return x, y, z
 
 
-class WithAxes(Protocol):
-    """An indicator, as far as a procedure knows it."""
-
-    @property
-    def axes(self) -> str:
-        """The directions it may measure along."""
-
-
-OneWithAxes = TypeVar("OneWithAxes", bound=WithAxes)
-
-
 class Procedure(Document):
     """What is measured, in which order. Levels and stations are visited in the order given.
 
@@ -209,7 +199,7 @@ class Procedure(Document):
             visits = chain(from_zero, self._over_plane(self.plane, geometry, axes))
         return tuple(Step(number, *visit) for number, visit in enumerate(visits, start=1))
 
-    def indicators_used(self, instruments: Sequence[OneWithAxes]) -> tuple[OneWithAxes, ...]:
+    def indicators_used(self, instruments: Sequence[Instrument]) -> tuple[Instrument, ...]:
         """Those of these that read: the tool, or over planes alone, the first along each axis.
 
         Raises UsageError where none may.

@@ -304,7 +304,7 @@ def validate(sessions: Sessions) -> None:
     digests have no key.
     """
     from app.evaluating.solution import end_warning
-    from app.measuring.value_check import check_values
+    from app.measuring.recorded import check_values
     from protocols.record import read_record
     from protocols.session import fold
 

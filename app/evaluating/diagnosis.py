@@ -27,7 +27,6 @@ from calib.noise.reading import Noise, reading_noise, visits
 from calib.tripod.effects.effect import Effect, Kind
 from calib.tripod.effects.empirical import EMPIRICAL
 from calib.tripod.pipeline import Model
-from protocols.corrections import corrected_readings
 from protocols.data_table import DataTable
 from protocols.files import write_files
 from protocols.journal import write_whole
@@ -44,7 +43,7 @@ from protocols.model_file import (
     with_solution,
     without_effect,
 )
-from protocols.observations import to_observations
+from protocols.observations import corrected_readings, to_observations
 from protocols.record import read_record
 from protocols.session import Closed, Line, Opened, Reading, Session, Superseded
 

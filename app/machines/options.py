@@ -204,7 +204,7 @@ class Question:
 
 
 @dataclass(frozen=True)
-class Search:
+class PostureSearch:
     """How postures are looked for; None: not given. With ``force`` a file is replaced unasked."""
 
     count: int | None
@@ -217,7 +217,7 @@ class Search:
 
 @dataclass(frozen=True)
 class Simulation:
-    """The machine by its name or file, None: the usual one, and the file to write, as `Search`."""
+    """The machine by its name or file, None: the usual one, and the file to write."""
 
     output: Path
     machine: str | None = None
@@ -249,7 +249,7 @@ class Family:
     options: Mapping[str, type]
     reads: Callable[[Path], bool]
     identifiability: Callable[[Question, Any], Answer | OnScreen]
-    postures: Callable[[Question, Search, Any, Say], Answer]
+    postures: Callable[[Question, PostureSearch, Any, Say], Answer]
     simulate: Callable[[Simulation, Any, Say], None]
     solve: Callable[[Sequence[Path], Any, Say], Answer]
     plan: Plan | None = None

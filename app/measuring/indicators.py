@@ -18,7 +18,7 @@ from pydantic import Field, ValidationError
 from app.settings import data_path
 from calib.errors import GlidecalError, RecordError, UsageError
 from drivers.port import check_port
-from drivers.profile import Asked, Profile, Unit
+from drivers.profile import Profile, Query, Unit
 from drivers.profiles import profile_named
 from drivers.profiles.ascii_line import ascii_line
 from protocols.documents import Document, Name, describe, read_text
@@ -266,17 +266,17 @@ def profile_of(instrument: Instrument) -> Profile:
     return profile_named(instrument.profile)
 
 
-def asked_of(instrument: Instrument) -> Asked:
+def asked_of(instrument: Instrument) -> Query:
     """Channel and unit to ask for."""
-    return Asked(channel=instrument.channel, unit=Unit(instrument.unit))
+    return Query(channel=instrument.channel, unit=Unit(instrument.unit))
 
 
-def asked_for(unit: str, channel: int) -> Asked:
+def asked_for(unit: str, channel: int) -> Query:
     """What to ask for, from the command line. Raises UsageError for an unknown unit."""
     plain = {"um": Unit.MICROMETRE, "in": Unit.INCH} | {known.value: known for known in Unit}
     if unit not in plain:
         raise UsageError("--unit", repr(unit), ", ".join(known.value for known in Unit))
-    return Asked(channel=channel, unit=plain[unit])
+    return Query(channel=channel, unit=plain[unit])
 
 
 def swinging() -> Callable[[], float]:

@@ -6,10 +6,11 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
+from app.evaluating.comparison import partner_of
 from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import SessionSolution, solve_for_controller
 from app.measuring.gauges import Gauge
@@ -24,12 +25,12 @@ from app.measuring.indicators import (
     simulated_indicators,
     this_computer,
 )
-from app.measuring.session import GuidedSession, TakenStep
+from app.measuring.session import GuidedSession
 from app.measuring.simulated import BenchSettings, SimulatedBench, hidden_effect, planned_readings
 from app.version import program
 from calib.errors import GlidecalError, IndicatorError, RecordError, UsageError
 from calib.tripod.simulation import hidden_machine
-from drivers.twin_port import Transport, default_transport
+from drivers.twins import default_transport
 from protocols.files import reason_of, unused_path
 from protocols.journal import Journal
 from protocols.machine import Instrument, Machine, load_machine
@@ -64,7 +65,6 @@ class Plan:
     verifies: str | None = None
     continued: bool = False
     bench: BenchSettings = BenchSettings()
-    transport: Transport = field(default_factory=default_transport)
     interval_s: float = SIMULATED_INTERVAL_S
     window_s: float | None = None
 
@@ -156,7 +156,7 @@ def simulated_bench(plan: Plan) -> SimulatedBench:
     profiles = [profile_of(instrument) for instrument in plan.instruments]
     plate = plan.procedure.plate
     lift_mm = plate.lift_mm if plate else 0.0
-    known = (truth, plan.seed, plan.path.name, profiles, plan.transport, plan.bench)
+    known = (truth, plan.seed, plan.path.name, profiles, default_transport(), plan.bench)
     return SimulatedBench(*known, lift_mm)
 
 
@@ -231,6 +231,7 @@ def plan_to_repeat(path: Path) -> Plan | None:
 def _planned(
     path: Path, opened: Opened, procedure: Procedure, instruments: tuple[Instrument, ...]
 ) -> Plan:
+    verified = partner_of(path, opened.verifies)
     return Plan(
         path=path,
         machine=opened.machine,
@@ -239,7 +240,7 @@ def _planned(
         operator=opened.operator,
         temperature_c=opened.temperature_c,
         seed=opened.seed or 0,
-        before=_verified(path, opened.verifies),
+        before=solve_for_controller(verified) if verified else None,
         verifies=opened.verifies,
     )
 
@@ -257,14 +258,6 @@ def _known_here(path: Path, opened: Opened) -> tuple[Instrument, ...]:
             "A machine file with [[indicator]] does it too: --machine FILE.",
         )
     return instruments
-
-
-def _verified(path: Path, verifies: str | None) -> SessionSolution | None:
-    """The solution that a session verifies, if its file is still beside it."""
-    beside = path.with_name(verifies) if verifies else None
-    if beside is None or not beside.is_file():
-        return None
-    return solve_for_controller(beside)
 
 
 def session_name(folder: Path, word: str) -> Path:
@@ -373,9 +366,7 @@ def verification_plan(plan: Plan, before: SessionSolution) -> Plan:
     )
 
 
-def measure_all(
-    guided: GuidedSession, progress: Callable[[TakenStep], None] = lambda _: None
-) -> None:
+def measure_all(guided: GuidedSession) -> None:
     """Take every step of a simulated session unattended, keep all, and close the record.
 
     Raises IndicatorError where an indicator gives no value.
@@ -386,6 +377,5 @@ def measure_all(
             raise IndicatorError("simulated indicator", taken.faults[0].words, "a reading")
         if taken.doubt:
             guided.keep(taken, "unattended: kept")
-        progress(taken)
         guided.go()
     guided.finish()

@@ -13,8 +13,7 @@ from statistics import median
 from app.evaluating.solution import end_warning
 from app.measuring.gauges import SLOTS, Live, Motion, Trace
 from calib.errors import UsageError
-from drivers.profile import Fault, FaultKind
-from drivers.profile import Reading as IndicatorReading
+from drivers.profile import Fault, FaultKind, IndicatorReading
 from protocols.procedure import Leg, Step
 from protocols.record import Record
 from protocols.session import (

@@ -10,8 +10,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from app.measuring.gauges import Gauge
-from drivers.profile import Fault, FaultKind, Outcome
-from drivers.profile import Reading as IndicatorReading
+from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
 from protocols.expectation import Expected, Movement, expected, movement
 from protocols.journal import Journal
 from protocols.procedure import Leg, Step, default_mount
@@ -23,11 +22,11 @@ from protocols.session import (
     Reading,
     Restored,
     Session,
+    SessionClock,
     Skipped,
     Superseded,
     fold,
 )
-from protocols.session_clock import SessionClock
 
 
 class Doubt(StrEnum):
@@ -294,13 +293,10 @@ class GuidedSession:
         numbers = {s.number for s in there}
         mounts = [r.mount for r in self.session.readings if r.step in numbers]
         if mounts:
-            return self._taken_on(self._mounted_with(mounts[-1])) | alone
+            named = (set(m.mounts.values()) for m in self.session.mountings)
+            together = next((names for names in named if mounts[-1] in names), {mounts[-1]})
+            return self._taken_on(together) | alone
         return alone | {s.number for s in zeros if s.cycle == step.cycle}
-
-    def _mounted_with(self, mount: str) -> set[str]:
-        """All names of the mounting that has this one."""
-        named = (set(m.mounts.values()) for m in self.session.mountings)
-        return next((names for names in named if mount in names), {mount})
 
     def _taken_on(self, mounts: Collection[str]) -> frozenset[int]:
         """Steps whose counting readings were taken on these mountings."""

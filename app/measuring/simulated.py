@@ -21,8 +21,7 @@ from calib.tripod.pipeline import Model, StageEffect, measure
 from calib.tripod.sensitivity import excursion_mm, excursion_over_plane_mm
 from calib.tripod.simulation import SimulatedMachine
 from drivers.profile import LARGEST_MM, Profile
-from drivers.rig import SimulatedRig
-from drivers.twin_port import Transport
+from drivers.twins import SimulatedRig, Transport
 from protocols.machine import Instrument, Machine, load_machine
 from protocols.model_file import read_model
 from protocols.observations import to_observations

@@ -11,13 +11,12 @@ from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.events import Resize
 from textual.message import Message
-from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
+from textual.widgets import Footer, Static, TabbedContent, TabPane
 
 from app.planning.hexaslide import Request, hexaslide_planning
 from app.report.charts.hexaslide import drawn_machine, drawn_postures
-from app.report.text.hexaslide_screen import (
+from app.report.text.hexaslide import (
     HEXASLIDE_HELP,
     LOOKING,
     NO_VIEW,
@@ -35,9 +34,9 @@ from app.report.text.hexaslide_screen import (
     search_text,
     sees_text,
 )
-from app.screens.drawing import DrawingPlot
 from app.screens.interface import Interface, TextDialog
 from app.screens.pages import PagedScreen
+from app.screens.plot import DrawingPlot
 from calib.errors import GlidecalError
 from calib.hexaslide.planning import (
     KINDS,
@@ -50,9 +49,6 @@ from calib.hexaslide.planning import (
 from calib.hexaslide.procedures import Kind
 
 STARTS = 8
-WIDE = 110
-"""Columns from which the machine is drawn beside the words."""
-
 MOST_POSTURES = 200
 TEXTS = {"sees": "sees-text", "machine": "drawn-text", "places": "search-text", "list": "list-text"}
 """What is copied from each page."""
@@ -155,20 +151,11 @@ class HexaSlideScreen(PagedScreen):
         yield Footer(compact=True, show_command_palette=False)
 
     def on_mount(self) -> None:
-        self.query_one(Tabs).can_focus = False  # the keys of this screen turn the pages
         self._look(self.request)
-
-    def on_resize(self, event: Resize) -> None:
-        self.set_class(event.size.width >= WIDE, "wide")
 
     def on_unmount(self) -> None:
         """A search does not outlive its screen."""
         self._end_search()
-
-    def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
-        """Up and down scroll the text of the page that is shown."""
-        scrolls = event.pane.query(VerticalScroll)
-        self.set_focus(scrolls.first() if scrolls else None)
 
     def _say(self, name: str, text: str) -> None:
         self.query_one(f"#{name}", Static).update(text)
@@ -362,7 +349,4 @@ class HexaSlideScreen(PagedScreen):
         elif self in self.app.screen_stack[2:]:  # Textual's blank one is the first
             self.app.pop_screen()
         else:
-            self._home()
-
-    def _home(self) -> None:
-        self.app.go_to(self.app.home())
+            self.app.go_to(self.app.home())

@@ -25,10 +25,10 @@ from app.screens.corrections import Corrections
 from app.screens.interface import ChoiceDialog
 from app.screens.session_view import LegReviewScreen, SessionView
 from calib.errors import GlidecalError, sentence
-from drivers.profile import Fault, Reading
+from drivers.profile import Fault, IndicatorReading
 from protocols.expectation import Movement
 from protocols.procedure import Step
-from protocols.session_clock import steady_s
+from protocols.session import steady_s
 
 GATHER_S = 0.015
 """One picture shows all that is heard within so long after the first news."""
@@ -196,7 +196,7 @@ class MeasureScreen(Corrections):
                 words = live.outcome.words if isinstance(live.outcome, Fault) else ""
                 name = self.guided.name_of(number)
                 self.say(f"FAULT: {name}: {sentence(words)} The session waits.")
-            elif isinstance(live.outcome, Reading) and number in self._lost:
+            elif isinstance(live.outcome, IndicatorReading) and number in self._lost:
                 self._lost.remove(number)
                 name = self.guided.name_of(number).capitalize()
                 self.say(f"{name} answers again. Continue with this step.")

@@ -37,14 +37,14 @@ from app.report.text.session import dry_run_text, procedure_sentence
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import Interface
 from calib.errors import GlidecalError, IndicatorError, UsageError
-from drivers.doctor import Finding, Trials, findings_of, refused, try_profiles
-from drivers.profile import Asked, Unit, Verified
+from drivers.doctor import PortFinding, Trials, findings_of, refused, try_profiles
+from drivers.profile import Query, Unit, Verified
 from drivers.profiles import PROFILES
+from protocols.data_table import NUMBER
 from protocols.documents import MOST_LETTERS
 from protocols.machine import Instrument, Machine, load_machine
 from protocols.machine_files import USUAL_MACHINE, machine_names
 from protocols.procedure import Procedure, guided_procedure_names, load_procedure, shuffled
-from protocols.table import NUMBER
 
 Form = dict[str, object]
 """The values of an indicator by their names in the record, texts as typed; empty: none."""
@@ -173,7 +173,7 @@ class IndicatorScreen(LeftOnce[Form]):
             self._try(known.port, asked_of(known))
 
     @work(thread=True)
-    def _try(self, port: str, asked: Asked) -> None:
+    def _try(self, port: str, asked: Query) -> None:
         stop = self._stop or Event()
 
         def tell(*trial: object) -> None:
@@ -192,7 +192,7 @@ class IndicatorScreen(LeftOnce[Form]):
             return
         stopped, self._stop = self._stop is not None and self._stop.is_set(), None
         if isinstance(found, IndicatorError):
-            findings: Iterable[Finding] = [refused(port, found)]
+            findings: Iterable[PortFinding] = [refused(port, found)]
         else:
             findings = findings_of(found)
             self._propose(port, found)

@@ -16,12 +16,12 @@ import re2
 from calib.errors import IndicatorError
 from drivers.profile import (
     UNITS,
-    Asked,
     BadReply,
     FaultKind,
     LineSettings,
     Outcome,
     Profile,
+    Query,
     Verified,
     not_understood,
     reading,
@@ -79,7 +79,7 @@ def ascii_line(pattern: str, *, request: bytes = b"") -> Profile:
     """A profile for this pattern; without a request the device streams. Raises IndicatorError."""
     compiled = checked(pattern)
 
-    def parse(text: str, asked: Asked) -> Outcome | None:
+    def parse(text: str, asked: Query) -> Outcome | None:
         found = compiled.fullmatch(text)
         groups = found.groupdict() if found else {}
         number, unit = groups.get("number") or "", groups.get("unit")

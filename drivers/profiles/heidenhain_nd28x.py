@@ -10,13 +10,13 @@ from __future__ import annotations
 import re
 
 from drivers.profile import (
-    Asked,
     BadReply,
     Fault,
     FaultKind,
     LineSettings,
     Outcome,
     Profile,
+    Query,
     Unit,
     Verified,
     not_understood,
@@ -33,7 +33,7 @@ REFUSED = re.compile(r"[\x02\x06]*(\x15|\?|[A-Z]+\.ERR\.)", re.ASCII)
 PASSED_OVER = re.compile(r"[\x02\x06]+", re.ASCII)
 
 
-def parse(text: str, asked: Asked) -> Outcome | None:
+def parse(text: str, asked: Query) -> Outcome | None:
     """A line without its end; None for an echo and for the acknowledgement of a key."""
     if PASSED_OVER.fullmatch(text):
         return None

@@ -9,13 +9,13 @@ from __future__ import annotations
 import re
 
 from drivers.profile import (
-    Asked,
     BadReply,
     Fault,
     FaultKind,
     LineSettings,
     Outcome,
     Profile,
+    Query,
     Spindle,
     Verified,
     not_understood,
@@ -37,7 +37,7 @@ FAULT_WORDS = {
 }
 
 
-def parse(text: str, asked: Asked) -> Outcome | None:
+def parse(text: str, asked: Query) -> Outcome | None:
     """A line without CR LF; None for the echo."""
     if text == "M0":
         return None

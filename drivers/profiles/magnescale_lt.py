@@ -11,13 +11,13 @@ import re
 
 from drivers.profile import (
     UNITS,
-    Asked,
     BadReply,
     Fault,
     FaultKind,
     LineSettings,
     Outcome,
     Profile,
+    Query,
     Spindle,
     Verified,
     not_understood,
@@ -31,7 +31,7 @@ ALARM = re.compile(r'E[FO]?|[NPIA][MI]E?"? *Error *"?', re.ASCII)
 LINE = re.compile(r"(?:A(?P<A>[^B]+?))?(?:[ ,;]?B(?P<B>[^B]+))?", re.ASCII)
 
 
-def parse(text: str, asked: Asked) -> Outcome | None:
+def parse(text: str, asked: Query) -> Outcome | None:
     """A line without CR LF; None for the echo."""
     if text == "*r":
         return None
@@ -50,7 +50,7 @@ def _known(field: str) -> bool:
     return any(grammar.fullmatch(field) for grammar in (VALUE, OVERFLOW, ALARM))
 
 
-def _outcome(text: str, field: str, asked: Asked) -> Outcome:
+def _outcome(text: str, field: str, asked: Query) -> Outcome:
     if found := VALUE.fullmatch(field):
         return reading(text, found["number"], asked, UNITS.get(found["unit"] or ""))
     if OVERFLOW.fullmatch(field):

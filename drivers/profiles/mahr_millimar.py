@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 
 from drivers.profile import (
-    Asked,
     BadReply,
     Fault,
     FaultKind,
@@ -17,6 +16,7 @@ from drivers.profile import (
     LineSettings,
     Outcome,
     Profile,
+    Query,
     Spindle,
     Verified,
     wrong_channel,
@@ -40,7 +40,7 @@ ANGLE = re.compile(
 )
 
 
-def parse_c1202(text: str, asked: Asked) -> Outcome | None:
+def parse_c1202(text: str, asked: Query) -> Outcome | None:
     """The line of one feature without CR; None for an echo."""
     angle = ANGLE.fullmatch(text)
     if not angle:

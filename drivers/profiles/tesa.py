@@ -9,13 +9,13 @@ from __future__ import annotations
 import re
 
 from drivers.profile import (
-    Asked,
     BadReply,
     FaultKind,
     Grammar,
     LineSettings,
     Outcome,
     Profile,
+    Query,
     Unit,
     Verified,
     reading,
@@ -30,7 +30,7 @@ GRAMMAR = Grammar(
 INCHES = re.compile(r"[+-]\.\d{6}", re.ASCII)
 
 
-def parse(text: str, asked: Asked) -> Outcome | None:
+def parse(text: str, asked: Query) -> Outcome | None:
     """A line without its end; None for an echo."""
     inches = INCHES.fullmatch(text)
     return reading(text, text, asked, Unit.INCH) if inches else GRAMMAR.parse(text, asked)

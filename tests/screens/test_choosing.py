@@ -22,8 +22,7 @@ from app.settings import data_path
 from calib.errors import RecordError
 from drivers.profile import Spindle
 from drivers.profiles import PROFILES
-from drivers.twin_port import TwinPort, default_transport
-from drivers.twins import Trouble, twin_of
+from drivers.twins import Trouble, TwinPort, default_transport, twin_of
 from protocols.machine import Instrument
 from protocols.record import read_record
 from tests.screens.driving import SIZE, fill_in, quick_plan, said, text, until

@@ -21,10 +21,9 @@ from app.screens.measure import MeasureScreen
 from app.screens.plot import ChartPlot
 from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
-from drivers.profile import Outcome, Reading
+from drivers.profile import IndicatorReading, Outcome
 from protocols.record import read_record
-from protocols.session import Noted, fold
-from protocols.session_clock import steady_s
+from protocols.session import Noted, fold, steady_s
 from tests.screens.driving import press_for, quick_plan, take, to_measuring, until
 
 Driven = tuple[Pilot[str], Interface, MeasureScreen]
@@ -55,7 +54,7 @@ async def take_something_else(
 
     def wrong(gauge: Gauge) -> Future[Outcome]:
         heard, given = ask(gauge).result(), Future[Outcome]()
-        assert isinstance(heard, Reading)
+        assert isinstance(heard, IndicatorReading)
         given.set_result(replace(heard, value_mm=heard.value_mm + off_mm))
         return given
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import Annotated, Literal
 
 from app.report.schema.document import Finite, Report, asked, at, called, made, schema
-from app.report.schema.solution import OpenName
+from app.report.schema.solution import OpenNameEntry
 from calib.diagnosis.results import (
     Detectable,
     Gap,
@@ -40,7 +40,7 @@ class Where(Report):
     p_value: float
 
 
-class Effect(Report):
+class FindingEntry(Report):
     """An effect or a blunder that was named, and what adopting it does to the gap.
 
     A ``where`` with commas lists legs or places that have values of their own.
@@ -57,7 +57,7 @@ class Effect(Report):
     indistinguishable_from: tuple[Named, ...]
 
 
-class UnnamedLaw(Effect):
+class UnnamedLaw(FindingEntry):
     """What is left without a name, like an effect."""
 
     instead_of_what_was_named: bool
@@ -70,7 +70,7 @@ def _unnamed(left: ModelDiscrepancy) -> SimpleNamespace:
     )
 
 
-class Contender(Report):
+class ContenderEntry(Report):
     """A candidate as it stands in the race, and why it was not named."""
 
     id: str
@@ -82,7 +82,7 @@ class Contender(Report):
     reason_rejected: str
 
 
-class Entered(Report):
+class ControllerEntry(Report):
     """What to set in the controller and at the tool before that measurement."""
 
     add_to_entered_offsets_mm: tuple[float, float, float] = at("entered_mm")
@@ -98,7 +98,7 @@ class Next(Report):
         "next.expected_separation", "noise variances of the hardest pair in between"
     )
     between: tuple[Named, ...] = at("next.between")
-    before: Entered = at("next")
+    before: ControllerEntry = at("next")
 
 
 class BoundLeft(Report):
@@ -108,7 +108,7 @@ class BoundLeft(Report):
     parameters_mm: float = at(
         "parameters_mm", "of it, where nothing is missing: noise, and parts within tolerance"
     )
-    open: tuple[OpenName, ...] = at("names", "the worst first, one for each id")
+    open: tuple[OpenNameEntry, ...] = at("names", "the worst first, one for each id")
 
 
 class DiagnosisReport(Report):
@@ -124,10 +124,10 @@ class DiagnosisReport(Report):
     gap_after: Gap = at("found.diagnosis.gap_after")
     held_out_gap: HeldOutGap | None = at("found.diagnosis.held_out")
     where: tuple[Where, ...] = at("found.diagnosis.where")
-    effects: tuple[Effect, ...] = at(
+    effects: tuple[FindingEntry, ...] = at(
         "found.diagnosis.effects", "in the order adopted; empty where nothing may be claimed"
     )
-    candidates: tuple[Contender, ...] = at("found.diagnosis.candidates")
+    candidates: tuple[ContenderEntry, ...] = at("found.diagnosis.candidates")
     next_measurement: Annotated[Next | None, called("next")] = at(
         "found.diagnosis.next_measurement"
     )
@@ -147,7 +147,7 @@ class DiagnosisReport(Report):
 Place = Annotated[Named, made(lambda pair: Named(*pair))]
 
 
-class Imitating(Report):
+class ImitationEntry(Report):
     """How well one effect is imitated by another."""
 
     effect: Place
@@ -161,5 +161,5 @@ class AliasReport(Report):
 
     schema_id: Literal["glidecal.aliases/1"] = schema("glidecal.aliases/1")
     effects: tuple[Place, ...] = at("found.effects")
-    imitations: tuple[Imitating, ...] = at("found.imitations")
+    imitations: tuple[ImitationEntry, ...] = at("found.imitations")
     invisible: tuple[Place, ...] = at("found.invisible")

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from app.measuring.gauges import PushResult, Trial
 from app.measuring.indicators import indicator_words, profile_of
 from app.measuring.leg_review import LegReview, LegRow, leg_rows, positions
 from app.measuring.opening import Plan
 from app.measuring.session import Doubt, TakenStep
 from app.measuring.simulated import short_travels
-from app.measuring.trial import Finding, Trial
 from app.report.schema.readings import ReplayReport
 from app.report.text.tables import new_table, signed, table_text, uncertain, wrapped
 from calib.arrays import LEG_NAMES, conditions
@@ -189,11 +189,11 @@ def trial_text(trial: Trial, step: Step) -> str:
     axis = step.axes[step.indicators.index(trial.asked)] if reads else one.axes[0]
     axis = f"along {axis.upper()}"
     told = {
-        Finding.OTHER: f"{other.capitalize()} moved. Was it the one {axis}? Then X exchanges the "
-        "ports. Else: ",
-        Finding.BOTH: "More than one moved. One at a time: ",
-        Finding.SIGN: f"Pushed in it reads {trial.last}, {one.pushed_in} is stated: turn its sign, "
-        "or pushed_in in the machine file. Then: ",
+        PushResult.OTHER: f"{other.capitalize()} moved. Was it the one {axis}? Then X exchanges "
+        "the ports. Else: ",
+        PushResult.BOTH: "More than one moved. One at a time: ",
+        PushResult.SIGN: f"Pushed in it reads {trial.last}, {one.pushed_in} is stated: turn its "
+        "sign, or pushed_in in the machine file. Then: ",
     }
     where = "at the tool" if step.leg == "tool" else f"of {step.touched}"
     said = told.get(trial.finding, "") + f"push in the spindle {axis} {where}"

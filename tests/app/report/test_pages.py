@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from app.evaluating.solution import solve_files
 from app.machines.options import extra
-from app.report.pages.page import html_of, pdf_of
-from app.report.pages.report import CalibrationReport, Figure, Section, report_of
+from app.report.pages.report import CalibrationReport, Picture, Section, html_of, pdf_of, report_of
 from app.report.text.tables import new_table
 from calib.errors import UsageError
 from calib.printable import HIDDEN
@@ -100,7 +99,7 @@ def _report_with(words: str) -> CalibrationReport:
     """A report that has these words wherever a text can stand."""
     table = new_table(words, words)
     table.add_row(words, words)
-    section = Section(words, [words], [table], [Figure("<svg></svg>", words)])
+    section = Section(words, [words], [table], [Picture("<svg></svg>", words)])
     return CalibrationReport(words, words, [words], [section], words)
 
 

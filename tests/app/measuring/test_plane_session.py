@@ -35,10 +35,9 @@ from app.report.text.session import (
 from app.version import program
 from calib.arrays import LEG_NAMES
 from calib.errors import RecordError, UsageError
-from drivers.profile import Asked
+from drivers.profile import Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
-from drivers.rig import SimulatedRig
-from drivers.twin_port import default_transport
+from drivers.twins import SimulatedRig, default_transport
 from protocols.journal import Journal
 from protocols.machine import Instrument, Machine
 from protocols.observations import to_observations
@@ -84,7 +83,7 @@ def session(
             rig.go(values)
 
         gauges = [
-            Gauge(MITUTOYO_01A, port, Asked(), interval_s=0.0, window_s=0.1, tolerance_mm=0.004)
+            Gauge(MITUTOYO_01A, port, Query(), interval_s=0.0, window_s=0.1, tolerance_mm=0.004)
             for port in rig.ports
         ]
         for gauge in gauges:

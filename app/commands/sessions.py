@@ -78,7 +78,11 @@ def run(
     ] = False,
 ) -> None:
     """The guided session on real indicators. With --simulated on a simulated machine."""
-    from app.measuring.indicators import check_indicators, choose_indicators, some_indicators
+    from app.measuring.indicators import (
+        check_indicators,
+        choose_indicators,
+        simulated_indicators,
+    )
     from app.measuring.opening import (
         SIMULATED_INTERVAL_S,
         Plan,
@@ -99,11 +103,14 @@ def run(
     procedure = load_procedure(protocol or known.usual_procedure, known.geometry())
     if random_order is not None:
         procedure = shuffled(procedure, random_order)
+    if not (chosen or dry_run):
+        allowed = "--indicator PROFILE:PORT, [[indicator]] in the machine file"
+        raise UsageError("indicators", "none", allowed)
     plan = Plan(
         path=output or session_name(Path(), procedure.name),
         machine=known,
         procedure=procedure,
-        instruments=chosen or some_indicators(profile, needed=not dry_run),
+        instruments=chosen or simulated_indicators([profile]),
         operator=operator,
         temperature_c=temperature,
         note=note,

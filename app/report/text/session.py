@@ -16,7 +16,7 @@ from app.report.text.tables import new_table, signed, table_text, uncertain, wra
 from calib.arrays import LEG_NAMES, conditions
 from calib.tripod.geometry import Geometry, inverse
 from calib.tripod.pipeline import command
-from drivers.profile import Verified
+from drivers.profile import Evidence
 from protocols.expectation import Movement
 from protocols.machine import Instrument, Machine
 from protocols.procedure import (
@@ -160,7 +160,7 @@ def check_text(plan: Plan) -> str:
     unverified = [
         instrument.profile
         for instrument in plan.instruments
-        if profile_of(instrument).verified is Verified.UNVERIFIED
+        if profile_of(instrument).verified is Evidence.UNVERIFIED
     ]
     if unverified:
         check += f"\nUNVERIFIED profile: {', '.join(unverified)}. Compare with the display first."

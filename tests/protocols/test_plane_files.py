@@ -115,10 +115,10 @@ def test_simulated_solved_and_what_is_refused(tmp_path: Path) -> None:
     shown = " ".join(glidecal("replay", session, "--headless").out.split())
     assert "4 x z +60.00 1 xz-plane 0.9" in shown
     assert "AGREES" in glidecal("diagnose", session).out
-    shown = glidecal(
+    hidden = glidecal(
         "simulate", "--protocol", "zero-max-min-plane", "--effect", "backlash", "-o", q
     )
-    assert shown.status == 0
+    assert hidden.status == 0
     assert "backlash" in glidecal("diagnose", q).out
     assert glidecal("diagnose", "--aliases", "--procedure", "plane").status == 0
     done = glidecal("postures", "orthoglide", "--procedure", "plane", "--count", "8")

@@ -11,6 +11,7 @@ from drivers.exchange import Exchange
 from drivers.line import IndicatorLine
 from drivers.port import carries_settings
 from drivers.profile import (
+    Evidence,
     Fault,
     FaultKind,
     IndicatorReading,
@@ -18,7 +19,6 @@ from drivers.profile import (
     Profile,
     Query,
     Unit,
-    Verified,
     not_understood,
 )
 
@@ -255,7 +255,7 @@ def _of_silence(heard: Sequence[tuple[Profile, Fault]]) -> Iterable[PortFinding]
 
 
 def _trust(profile: Profile) -> PortFinding:
-    if profile.verified is Verified.UNVERIFIED:
+    if profile.verified is Evidence.UNVERIFIED:
         return PortFinding(
             False,
             f"profile {profile.name} is unverified ({profile.source})",

@@ -131,7 +131,7 @@ def not_understood(text: str) -> Fault:
     return Fault(FaultKind.NOT_UNDERSTOOD, text, "not an answer of this profile: wrong profile?")
 
 
-class Verified(StrEnum):
+class Evidence(StrEnum):
     """Where the facts of a profile come from."""
 
     VENDOR = "vendor document"
@@ -240,7 +240,7 @@ class Profile:
 
     name: str
     title: str
-    verified: Verified
+    verified: Evidence
     source: str
     line: LineSettings
     request: Callable[[Query], bytes] | None

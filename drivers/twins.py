@@ -85,7 +85,7 @@ class Disconnected(Exception):
     """The device pulled its cable."""
 
 
-class SuspectData:
+class FaultyTwin:
     """A twin with a fault: one of `Trouble`, or the name of one of the profile's bad replies."""
 
     def __init__(self, twin: Twin, profile: Profile, fault: str) -> None:
@@ -131,7 +131,7 @@ def faults_of(profile: Profile) -> dict[str, str]:
 def twin_of(profile: Profile, spindle: Spindle, fault: str | None = None) -> Twin:
     """The simulated device, with a fault if one is named."""
     device = Device(profile, spindle)
-    return SuspectData(device, profile, fault) if fault else device
+    return FaultyTwin(device, profile, fault) if fault else device
 
 
 Transport = Literal["pty", "tcp"]

@@ -40,11 +40,11 @@ def read(
     from app.report.schema.readings import outcome_report
     from app.report.text.indicator import outcome_text
     from drivers.line import IndicatorLine
-    from drivers.profile import Fault, Verified
+    from drivers.profile import Evidence, Fault
     from drivers.profiles import profile_named
 
     known = profile_named(profile)
-    if known.verified is Verified.UNVERIFIED:
+    if known.verified is Evidence.UNVERIFIED:
         say(f"glidecal: profile {known.name} is unverified: {known.source}")
     line = IndicatorLine(known, port, asked=asked_for(unit, channel))
     line.start()

@@ -11,9 +11,9 @@ from app.machines.options import (
     AsJson,
     Force,
     Machine,
-    OnScreen,
     PostureSearch,
     Question,
+    ScreenAnswer,
     file,
     say,
 )
@@ -48,7 +48,7 @@ def identifiability(
     family = family_of(machine)
     given = options_of(context, family, f"the machine {machine}", own)
     answer = family.identifiability(Question(machine, procedure or "", machine_file), given)
-    if isinstance(answer, OnScreen):
+    if isinstance(answer, ScreenAnswer):
         from app.screens.start import open_screen
 
         raise typer.Exit(open_screen(answer.screen(), LOOKS))

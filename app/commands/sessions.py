@@ -78,12 +78,15 @@ def run(
     ] = False,
 ) -> None:
     """The guided session on real indicators. With --simulated on a simulated machine."""
-    from app.measuring.indicators import check_indicators, choose_indicators, some_indicators
+    from app.measuring.indicators import (
+        check_indicators,
+        choose_indicators,
+        simulated_indicators,
+    )
     from app.measuring.opening import (
         SIMULATED_INTERVAL_S,
         Plan,
         plan_to_continue,
-        refuse_plane,
         session_name,
     )
     from app.report.text.session import dry_run_text
@@ -98,22 +101,23 @@ def run(
         _measure(plan_to_continue(resume, chosen), headless=headless)
         return
     procedure = load_procedure(protocol or known.usual_procedure, known.geometry())
-    if not dry_run:
-        refuse_plane(procedure)
     if random_order is not None:
         procedure = shuffled(procedure, random_order)
+    if not (chosen or dry_run):
+        allowed = "--indicator PROFILE:PORT, [[indicator]] in the machine file"
+        raise UsageError("indicators", "none", allowed)
     plan = Plan(
         path=output or session_name(Path(), procedure.name),
         machine=known,
         procedure=procedure,
-        instruments=chosen or some_indicators(profile, needed=not dry_run),
+        instruments=chosen or simulated_indicators([profile]),
         operator=operator,
         temperature_c=temperature,
         note=note,
         seed=seed,
         interval_s=SIMULATED_INTERVAL_S,
     )
-    check_indicators(plan.instruments, legs=procedure.plate is None)
+    check_indicators(plan.instruments, legs=bool(procedure.levels))
     if dry_run:
         typer.echo(dry_run_text(plan.procedure, plan.machine, plan.instruments))
     else:

@@ -12,10 +12,10 @@ import typer
 from app.machines.options import (
     Answer,
     Family,
-    OnScreen,
     PostureSearch,
     Question,
     Say,
+    ScreenAnswer,
     Simulation,
     file,
     may_replace,
@@ -68,7 +68,7 @@ class IdentifiabilityOptions:
     ] = False
 
 
-def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer | OnScreen:
+def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer | ScreenAnswer:
     """What the procedure sees, with what papers/001 says of it; on a screen where that is wished.
 
     Measured components alone are those of a posture. Raises UsageError without either.
@@ -96,7 +96,7 @@ def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer | On
         need_terminal("--screen", "the verb without it")
     planned = hexaslide_planning(request)
     if own.screen:
-        return OnScreen(lambda: _screen(request))
+        return ScreenAnswer(lambda: _screen(request))
     with working("Looking at the postures"):
         found = look_at(planned)
     return Answer(

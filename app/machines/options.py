@@ -188,7 +188,7 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class OnScreen:
+class ScreenAnswer:
     """A result that is looked at on a screen."""
 
     screen: MakeScreen
@@ -248,7 +248,7 @@ class Family:
     posture_file: str
     options: Mapping[str, type]
     reads: Callable[[Path], bool]
-    identifiability: Callable[[Question, Any], Answer | OnScreen]
+    identifiability: Callable[[Question, Any], Answer | ScreenAnswer]
     postures: Callable[[Question, PostureSearch, Any, Say], Answer]
     simulate: Callable[[Simulation, Any, Say], None]
     solve: Callable[[Sequence[Path], Any, Say], Answer]

@@ -104,7 +104,7 @@ def serial_ports() -> list[tuple[str, str]]:
     return [(one.device, one.description or "") for one in sorted(list_ports.comports())]
 
 
-class LastUsed(Document):
+class RememberedIndicators(Document):
     """The indicators that were used last with each machine, by its name."""
 
     machines: dict[Name, Annotated[tuple[Instrument, ...], Field(max_length=2)]] = Field(
@@ -123,17 +123,17 @@ def last_used(machine: str) -> tuple[Instrument, ...]:
 def remember(machine: str, instruments: Sequence[Instrument]) -> None:
     """Keep what is used for `last_used`. Raises RecordError."""
     known = _last_used()
-    updated = LastUsed(machines=known.machines | {machine: tuple(instruments)})
+    updated = RememberedIndicators(machines=known.machines | {machine: tuple(instruments)})
     if updated != known:
         write_files(data_path(), {"": updated.model_dump_json(indent=1)}, replace=True)
 
 
-def _last_used() -> LastUsed:
+def _last_used() -> RememberedIndicators:
     path = data_path()
     if not path.exists():
-        return LastUsed()
+        return RememberedIndicators()
     try:
-        return LastUsed.model_validate_json(read_text(path, "indicators used last"))
+        return RememberedIndicators.model_validate_json(read_text(path, "indicators used last"))
     except ValidationError as problem:
         thing, next_step = f"indicators used last, {path}", "Remove the file; it is written anew"
         raise RecordError(
@@ -228,15 +228,6 @@ def choose_indicators(
     if instruments:
         check_indicators(instruments, legs=False)  # that depends on the procedure
     return instruments
-
-
-def some_indicators(profile: str, *, needed: bool) -> tuple[Instrument, ...]:
-    """Two indicators for a dry run that names none. Raises UsageError where real ones count."""
-    if needed:
-        raise UsageError(
-            "indicators", "none", "--indicator PROFILE:PORT, [[indicator]] in the machine file"
-        )
-    return simulated_indicators([profile])
 
 
 def simulated_indicators(profiles: Sequence[str] = (DEFAULT_PROFILE,)) -> tuple[Instrument, ...]:

@@ -23,7 +23,6 @@ from app.report.text.hexaslide import (
     STOPPED,
     WHICH_COMPONENTS,
     WHICH_MACHINE,
-    copied_text,
     count_problem,
     count_question,
     drawn_at_text,
@@ -63,7 +62,7 @@ class ShownProcedure(Message):
 
 
 @dataclass
-class Heard(Message):
+class SearchNews(Message):
     """A start of the search is done; without a result the search has ended."""
 
     search: threading.Event
@@ -292,7 +291,7 @@ class HexaSlideScreen(PagedScreen):
     @work(thread=True, group="search")
     def _search(self, view: HexaSlideSeen, count: int, stop: threading.Event) -> None:
         def heard(found: Found) -> None:
-            self.post_message(Heard(stop, found))
+            self.post_message(SearchNews(stop, found))
 
         problem: GlidecalError | None = None
         try:
@@ -307,10 +306,10 @@ class HexaSlideScreen(PagedScreen):
             )
         except GlidecalError as failure:
             problem = failure
-        self.post_message(Heard(stop, None, problem))
+        self.post_message(SearchNews(stop, None, problem))
 
-    @on(Heard)
-    def _show_found(self, message: Heard) -> None:
+    @on(SearchNews)
+    def _show_found(self, message: SearchNews) -> None:
         if message.search is not self._stop:
             return
         if message.found is None:
@@ -337,8 +336,7 @@ class HexaSlideScreen(PagedScreen):
         """The text of this page to the clipboard of the terminal."""
         page = TEXTS.get(self.query_one(TabbedContent).active, "list-text")
         text = str(self.query_one(f"#{page}", Static).content)
-        self.app.copy_to_clipboard(text)
-        self.app.notify(copied_text(text), timeout=8, markup=False)
+        self.app.copy(text)
 
     def action_back(self) -> None:
         """Stop the search, or go back to where this was opened from."""

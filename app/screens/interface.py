@@ -36,6 +36,7 @@ from app.exit_codes import Exit
 from app.measuring.opening import Indicators, Plan
 from app.measuring.session import GuidedSession
 from app.report.text.home import REPLACE_CHOICES, WORDS_OF_LOOKS, key_list_text
+from app.report.text.tables import copied_text
 from app.screens.fast_keys import Dialog, Palette, ready
 from app.screens.look import Look
 from app.screens.pages import legible, signalled
@@ -313,6 +314,11 @@ class Interface(App[str]):
         said = "\n\n".join(dict.fromkeys(text for text in words if text))
         if not isinstance(self.screen, HelpDialog):
             self.push_screen(HelpDialog(said or NO_HELP))
+
+    def copy(self, text: str) -> None:
+        """To the clipboard of the terminal, as far as it lets programs use it."""
+        self.copy_to_clipboard(text)
+        self.notify(copied_text(text), timeout=8, markup=False)
 
     def complain(self, problem: GlidecalError | str) -> None:
         """Show an error that a person can act on."""

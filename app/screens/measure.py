@@ -168,8 +168,13 @@ class MeasureScreen(Corrections):
             self.say("The readings are stable now: Space takes them.")
         if any(pressed):
             self.action_take()
-        elif self.automatic and all(live.motion is Motion.STABLE for live in states):
+        elif self.automatic and all(live.motion is Motion.STABLE for live in self._of_step(states)):
             self._take_if_moved()
+
+    def _of_step(self, states: Sequence[Live]) -> Sequence[Live]:
+        """Those of the indicators that read in this step."""
+        step = self.guided.step()
+        return [states[k] for k in step.indicators] if step else states
 
     def _tell_lost_and_found(self, states: Sequence[Live]) -> None:
         """One line when an indicator goes and when it comes back."""
@@ -214,7 +219,8 @@ class MeasureScreen(Corrections):
     def ready_by_hand(self) -> bool:
         """Whether a single press takes: nothing moves, or there is a fault to be shown."""
         moving = (Motion.MOVING, Motion.WAITING)
-        return all(gauge.live().motion not in moving for gauge in self.guided.gauges)
+        states = [gauge.live() for gauge in self.guided.gauges]
+        return all(live.motion not in moving for live in self._of_step(states))
 
     def _begin_take(self) -> None:
         if not self.busy:

@@ -17,12 +17,12 @@ from calib.errors import IndicatorError
 from drivers.profile import (
     UNITS,
     BadReply,
+    Evidence,
     FaultKind,
     LineSettings,
     Outcome,
     Profile,
     Query,
-    Verified,
     not_understood,
     reading,
 )
@@ -90,7 +90,7 @@ def ascii_line(pattern: str, *, request: bytes = b"") -> Profile:
     return Profile(
         name="ascii-line",
         title="Bridge that prints one number a line",
-        verified=Verified.CODE,
+        verified=Evidence.CODE,
         source="open-source Arduino bridges; a pattern of your own is yours to verify",
         line=LineSettings(baud=9600),
         request=(lambda _: request) if request else None,

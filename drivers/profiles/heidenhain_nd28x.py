@@ -11,6 +11,7 @@ import re
 
 from drivers.profile import (
     BadReply,
+    Evidence,
     Fault,
     FaultKind,
     LineSettings,
@@ -18,7 +19,6 @@ from drivers.profile import (
     Profile,
     Query,
     Unit,
-    Verified,
     not_understood,
     reading,
 )
@@ -52,7 +52,7 @@ def parse(text: str, asked: Query) -> Outcome | None:
 HEIDENHAIN_ND28X = Profile(
     name="heidenhain-nd28x",
     title="Heidenhain ND 280, ND 281",
-    verified=Verified.VENDOR,
+    verified=Evidence.VENDOR,
     source="ND 280/281B/221B manual p. 39 and 47",
     line=LineSettings(9600, 7, "E", 2),
     request=lambda _: b"\x02",

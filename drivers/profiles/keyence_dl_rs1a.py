@@ -10,6 +10,7 @@ import re
 
 from drivers.profile import (
     BadReply,
+    Evidence,
     Fault,
     FaultKind,
     LineSettings,
@@ -17,7 +18,6 @@ from drivers.profile import (
     Profile,
     Query,
     Spindle,
-    Verified,
     not_understood,
     reading,
 )
@@ -67,7 +67,7 @@ def reply(spindle: Spindle) -> str:
 KEYENCE_DL_RS1A = Profile(
     name="keyence-dl-rs1a",
     title="Keyence DL-RS1A with GT2 amplifiers",
-    verified=Verified.VENDOR,
+    verified=Evidence.VENDOR,
     source="DL-RS1A manual; its line settings are chosen on the unit, ±999.9999 is from memory",
     line=LineSettings(baud=9600),
     request=lambda _: b"M0\r\n",

@@ -12,6 +12,7 @@ import re
 from drivers.profile import (
     UNITS,
     BadReply,
+    Evidence,
     Fault,
     FaultKind,
     LineSettings,
@@ -19,7 +20,6 @@ from drivers.profile import (
     Profile,
     Query,
     Spindle,
-    Verified,
     not_understood,
     reading,
 )
@@ -70,7 +70,7 @@ def reply(spindle: Spindle) -> str:
 MAGNESCALE_LT = Profile(
     name="magnescale-lt",
     title="Magnescale LT30, LT20A, LT10A displays",
-    verified=Verified.CODE,
+    verified=Evidence.CODE,
     source="reply: manuals of LT20A (p. 100) and LT10A (p. 16); request: open-source LT30 reader",
     line=LineSettings(baud=9600),
     request=lambda _: b"*r\r\n",

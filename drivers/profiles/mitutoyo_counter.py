@@ -11,6 +11,7 @@ from dataclasses import replace
 
 from drivers.profile import (
     BadReply,
+    Evidence,
     Fault,
     FaultKind,
     Grammar,
@@ -20,7 +21,6 @@ from drivers.profile import (
     Profile,
     Query,
     Spindle,
-    Verified,
 )
 
 GRAMMAR = Grammar(
@@ -56,7 +56,7 @@ def otherwise(request: str, spindle: Spindle) -> str:
 MITUTOYO_COUNTER = Profile(
     name="mitutoyo-counter",
     title="Mitutoyo ID-H and counters EH, EV (GA/GN)",
-    verified=Verified.CODE,
+    verified=Evidence.CODE,
     source=(
         "commands and replies: ID-H manual 99MAH016B p. 4-5; several channels and line settings: "
         "open-source readers; form of the error reply: from memory"

@@ -10,6 +10,7 @@ import re
 
 from drivers.profile import (
     BadReply,
+    Evidence,
     FaultKind,
     Grammar,
     LineSettings,
@@ -17,7 +18,6 @@ from drivers.profile import (
     Profile,
     Query,
     Unit,
-    Verified,
     reading,
 )
 
@@ -39,7 +39,7 @@ def parse(text: str, asked: Query) -> Outcome | None:
 TESA = Profile(
     name="tesa",
     title="TESA TT20, TT80, TT90",
-    verified=Verified.VENDOR,
+    verified=Evidence.VENDOR,
     source="TT80 manual p. 94-95 and TT20 manual p. 54; DIGICO and TLC: nothing found",
     line=LineSettings(4800, 7, "E", 2),
     request=lambda _: b"?\r",

@@ -20,7 +20,7 @@ from drivers.doctor import (
     keyboard_tools,
     try_profiles,
 )
-from drivers.profile import BadReply, FaultKind, Profile, Query, Spindle, Unit, Verified
+from drivers.profile import BadReply, Evidence, FaultKind, Profile, Query, Spindle, Unit
 from drivers.profiles import PROFILES
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A, MITUTOYO_MUX
 from drivers.profiles.sylvac import SYLVAC
@@ -95,7 +95,7 @@ def test_missing_and_busy_ports() -> None:
 
 
 def test_unverified_profiles_say_so() -> None:
-    assert MITUTOYO_MUX.verified is Verified.UNVERIFIED
+    assert MITUTOYO_MUX.verified is Evidence.UNVERIFIED
     assert "unverified" in told(replace(MITUTOYO_MUX, timeout_s=0.2), "socket://127.0.0.1:1")
 
 

@@ -10,7 +10,7 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input, OptionList, Select
 
-from app.measuring.indicators import LastUsed, last_used, port_is_gone, remember
+from app.measuring.indicators import RememberedIndicators, last_used, port_is_gone, remember
 from app.measuring.opening import open_indicators, start_session
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
@@ -245,7 +245,7 @@ def test_a_session_that_was_begun_is_remembered_and_a_damaged_memory_does_no_har
     assert last_used(plan.machine.name) == (known,)
     assert last_used("another") == ()
     remember("another", [SYLVAC])
-    stored = LastUsed.model_validate_json(data_path().read_text(encoding="utf-8"))
+    stored = RememberedIndicators.model_validate_json(data_path().read_text(encoding="utf-8"))
     assert stored.machines == {plan.machine.name: (known,), "another": (SYLVAC,)}
 
 

@@ -89,7 +89,8 @@ def readings_by_posture(session: Session, step: Step) -> Chart:
         rows = [row for row in leg_rows(session, step) if row.axis == axis]
         points = [point for row in rows for point in row.minus_zero_mm.items()]
         series.append(_series(f"along {axis.upper()}", points))
-    title = f"{step.touched[:1].upper()}{step.touched[1:]}: readings minus Zero"
+    what = "far end minus near end" if step.over_plane else "readings minus Zero"
+    title = f"{step.touched[:1].upper()}{step.touched[1:]}: {what}"
     x_words = "number of the position" if step.leg == "tool" else "displacement, mm"
     return Chart(title, x_words, "mm", tuple(s for s in series if s.x))
 

@@ -30,7 +30,7 @@ class GapNoise(Report):
     source: str = at("noise_source")
 
 
-class Where(Report):
+class GapPartEntry(Report):
     """A part of the gap: which leg, axis or pattern, its share and its chance."""
 
     leg: OrNone
@@ -57,7 +57,7 @@ class FindingEntry(Report):
     indistinguishable_from: tuple[Named, ...]
 
 
-class UnnamedLaw(FindingEntry):
+class UnnamedEffectEntry(FindingEntry):
     """What is left without a name, like an effect."""
 
     instead_of_what_was_named: bool
@@ -89,7 +89,7 @@ class ControllerEntry(Report):
     load: float = at("load", "times the tool's weight")
 
 
-class Next(Report):
+class NextMeasurementEntry(Report):
     """The measurement that would separate what stayed ambiguous."""
 
     reason: str = at("next.reason")
@@ -123,12 +123,12 @@ class DiagnosisReport(Report):
     gap_before: Gap = at("found.diagnosis.gap_before")
     gap_after: Gap = at("found.diagnosis.gap_after")
     held_out_gap: HeldOutGap | None = at("found.diagnosis.held_out")
-    where: tuple[Where, ...] = at("found.diagnosis.where")
+    where: tuple[GapPartEntry, ...] = at("found.diagnosis.where")
     effects: tuple[FindingEntry, ...] = at(
         "found.diagnosis.effects", "in the order adopted; empty where nothing may be claimed"
     )
     candidates: tuple[ContenderEntry, ...] = at("found.diagnosis.candidates")
-    next_measurement: Annotated[Next | None, called("next")] = at(
+    next_measurement: Annotated[NextMeasurementEntry | None, called("next")] = at(
         "found.diagnosis.next_measurement"
     )
     smallest_detectable: tuple[Detectable, ...] = at("found.diagnosis.smallest_detectable")
@@ -136,7 +136,9 @@ class DiagnosisReport(Report):
     further: tuple[FurtherSetUp, ...] | None = asked(
         "reach.further", "with --next: set-ups in turn, each with the bound after it"
     )
-    left_over: Annotated[UnnamedLaw | None, made(_unnamed)] = at("found.diagnosis.left_over")
+    left_over: Annotated[UnnamedEffectEntry | None, made(_unnamed)] = at(
+        "found.diagnosis.left_over"
+    )
     pattern: SharedPattern | None = at(
         "found.diagnosis.pattern",
         "of several sessions: how alike is what is left of each; numbered from 0, held-out last",

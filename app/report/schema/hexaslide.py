@@ -207,7 +207,7 @@ def _inner(solved: CalibratedMachine) -> dict[str, InnerLength]:
 
 
 @dataclass(frozen=True)
-class ComponentLeft:
+class ComponentResidual:
     """What is left of one component, or of one chain with pose-inverse."""
 
     component: str
@@ -216,33 +216,33 @@ class ComponentLeft:
     share: float
 
 
-def _by_component(solved: CalibratedMachine) -> tuple[ComponentLeft, ...]:
+def _by_component(solved: CalibratedMachine) -> tuple[ComponentResidual, ...]:
     after = solved.found.after
     sizes = 1000.0 * (after.values**2).mean(axis=0) ** 0.5
     columns = zip(
         after.names, sizes.tolist(), after.angular, solved.by_column.tolist(), strict=True
     )
     return tuple(
-        ComponentLeft(name, size, "mrad" if angular else "mm", share)
+        ComponentResidual(name, size, "mrad" if angular else "mm", share)
         for name, size, angular, share in columns
     )
 
 
 @dataclass(frozen=True)
-class PostureLeft:
+class PostureResidual:
     """What is left at one posture."""
 
     posture: int
     share: float
 
 
-class LeftReport(Report):
+class ResidualReport(Report):
     """Shares of what is left."""
 
-    by_component: Annotated[tuple[ComponentLeft, ...], made(_by_component)] = at("solved")
+    by_component: Annotated[tuple[ComponentResidual, ...], made(_by_component)] = at("solved")
     by_posture: Annotated[
-        tuple[PostureLeft, ...],
-        made(lambda one: tuple(map(PostureLeft, one.numbers, one.by_posture.tolist()))),
+        tuple[PostureResidual, ...],
+        made(lambda one: tuple(map(PostureResidual, one.numbers, one.by_posture.tolist()))),
     ] = at("solved")
     effects: tuple[str, ...] = ()
     remark: str = (
@@ -318,6 +318,6 @@ class HexaSlideCalibrationReport(Report):
     inner_lengths: Annotated[dict[str, InnerLength], made(_inner)] = at(
         "solved", "26 that no frame changes"
     )
-    residuals: Annotated[LeftReport, called("solved")] = at("solved")
+    residuals: Annotated[ResidualReport, called("solved")] = at("solved")
     held_out: HeldOutReport | None = at("solved.held_out")
     truth: TruthReport | None = at("solved.truth")

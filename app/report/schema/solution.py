@@ -96,7 +96,7 @@ class SuspectReading(Report):
     studentised: float
 
 
-class LostReadings(Report):
+class IsolatedReadingsEntry(Report):
     """Alone in their mounting: without another posture they say nothing."""
 
     session: str
@@ -213,7 +213,7 @@ class SolutionReport(Report):
     degrees_of_freedom: int = at("solved.solution.degrees_of_freedom")
     noise: ReadingNoise = at("solved.solution.noise")
     suspect_readings: tuple[SuspectReading, ...] = at("solved.suspects")
-    lost_readings: tuple[LostReadings, ...] = at("solved.isolated")
+    lost_readings: tuple[IsolatedReadingsEntry, ...] = at("solved.isolated")
     tool_error: ToolErrors = at("solved")
     tool_bound: ToolBoundEntry = at("solved")
     enlarged_by_lack_of_fit: float = at(
@@ -290,7 +290,7 @@ class ComparisonReport(Report):
     remarks: tuple[str, ...] = at("found.remarks")
 
 
-class LeftOffsetEntry(Report):
+class RemainingOffsetEntry(Report):
     """A joint offset before, and what is left of it, mm."""
 
     name: str
@@ -316,7 +316,7 @@ class VerificationReport(Report):
     )
     tolerance_mm: float | None = at("found.tolerance_mm")
     decision: Decision | None = at("found.decision", "null: no tolerance")
-    offsets: tuple[LeftOffsetEntry, ...] = at("found.offsets")
+    offsets: tuple[RemainingOffsetEntry, ...] = at("found.offsets")
     something_missing: bool = at("found.something_missing", "more than noise is left: diagnose")
     remarks: tuple[str, ...] = at("found.compared.remarks")
 

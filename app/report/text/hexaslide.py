@@ -386,8 +386,3 @@ def count_question(fewest: int) -> str:
 def count_problem(found: str, fewest: int, most: int) -> str:
     """A number that is none, too small or too large."""
     return f"number of postures: found '{found}'; allowed: {fewest} to {most}"
-
-
-def copied_text(text: str) -> str:
-    """How much went to the clipboard."""
-    return f"Copied: {len(text.splitlines())} lines"

@@ -8,7 +8,7 @@ from pathlib import Path
 from app.measuring.recorded import SessionFile
 from app.report.text.tables import new_table, table_text
 from app.settings import FILE_VARIABLE, Settings
-from drivers.profile import Profile, Verified
+from drivers.profile import Evidence, Profile
 
 WORDS_OF_LOOKS = "{looks}"
 """Where the help has the lines of the machines' own screens."""
@@ -175,7 +175,7 @@ def profile_rows(profiles: Iterable[Profile], before: str = "") -> list[tuple[st
     ]
 
 
-UNSURE = {Verified.VENDOR: "", Verified.CODE: "", Verified.UNVERIFIED: " (unverified)"}
+UNSURE = {Evidence.VENDOR: "", Evidence.CODE: "", Evidence.UNVERIFIED: " (unverified)"}
 
 
 def axes_words(axes: str) -> str:

@@ -340,14 +340,6 @@ def export_caution(solved: SessionSolution, refused: str) -> str:
     return "" if stated else UNKNOWN_HOME_OFFSET
 
 
-def copied_text(text: str) -> str:
-    """How much was copied, and why it may not arrive."""
-    return (
-        f"{len(text.splitlines())} lines copied. If nothing arrives: some terminals do not allow "
-        "it, and tmux needs `set-clipboard on`."
-    )
-
-
 def comparison_report(comparison: Comparison) -> str:
     """Which sessions, what a reader must know, then the differences of both."""
     before, after = comparison.before, comparison.after

@@ -86,7 +86,6 @@ def run(
         SIMULATED_INTERVAL_S,
         Plan,
         plan_to_continue,
-        refuse_plane,
         session_name,
     )
     from app.report.text.session import dry_run_text
@@ -101,8 +100,6 @@ def run(
         _measure(plan_to_continue(resume, chosen), headless=headless)
         return
     procedure = load_procedure(protocol or known.usual_procedure, known.geometry())
-    if not dry_run:
-        refuse_plane(procedure)
     if random_order is not None:
         procedure = shuffled(procedure, random_order)
     if not (chosen or dry_run):
@@ -119,7 +116,7 @@ def run(
         seed=seed,
         interval_s=SIMULATED_INTERVAL_S,
     )
-    check_indicators(plan.instruments, legs=procedure.plate is None)
+    check_indicators(plan.instruments, legs=bool(procedure.levels))
     if dry_run:
         typer.echo(dry_run_text(plan.procedure, plan.machine, plan.instruments))
     else:

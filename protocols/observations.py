@@ -12,7 +12,8 @@ import numpy as np
 from calib.arrays import LEG_NAMES, TOUCHED_NAMES, FloatArray, Observations
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.tripod.movements import carriage_movement
-from protocols.procedure import leg_number
+from protocols.machine import Machine
+from protocols.procedure import Step, leg_number
 from protocols.session import Reading, Session
 
 if TYPE_CHECKING:
@@ -60,18 +61,18 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
         indicator=np.array([used[name] for name in indicators], dtype=np.intp),
         position_mm=np.array([r.position_mm or (0.0, 0.0, 0.0) for r in readings]),
         movement=np.concatenate(movement),
-        along_mm=np.array([_along_mm(r, sessions[0]) for r in readings]),
+        along_mm=np.array([along_mm(r, sessions[0].opened.machine) for r in readings]),
         value_mm=np.array([r.value_mm for r in readings]),
         averaged=np.array([float(r.averaged) for r in readings]),
     )
 
 
-def _along_mm(reading: Reading, session: Session) -> float:
+def along_mm(read: Reading | Step, machine: Machine) -> float:
     """Where a leg is touched over a plane, from the tool at Zero; NaN elsewhere."""
-    if not reading.over_plane:
+    if not read.over_plane:
         return np.nan
-    covered = session.opened.machine.geometry().covered_mm[leg_number(reading.leg)]
-    return float(reading.displacement_mm + reading.station * covered)
+    covered = machine.geometry().covered_mm[leg_number(read.leg)]
+    return float(read.displacement_mm + read.station * covered)
 
 
 def _times_s(session: Session) -> list[float]:
@@ -86,9 +87,12 @@ def _indicators(session: Session) -> list[str]:
 
     A table does not tell; there each mounting counts as an indicator of its own.
     """
-    axes = {step.number: step.axes for step in session.steps()}
+    steps = {step.number: step for step in session.steps()}
     return [
-        str(axes[r.step].index(r.axis)) if r.step in axes else r.mount for r in session.readings
+        str(steps[r.step].indicators[steps[r.step].axes.index(r.axis)])
+        if r.step in steps
+        else r.mount
+        for r in session.readings
     ]
 
 

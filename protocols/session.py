@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -104,6 +105,12 @@ class Mounted(Line):
     leg: Touched
     station: Annotated[float, Field(ge=0.0, le=1.0)]
     mounts: dict[Leg, Name]
+    over_plane: bool | None = None
+
+    @property
+    def place(self) -> tuple[str, float, set[str]]:
+        """Where the stand is: leg, station and axes; on a plane it slides."""
+        return self.leg, SLIDING if self.over_plane else self.station, set(self.mounts)
 
 
 class Reading(Line):
@@ -280,15 +287,19 @@ class Session:
     stand_untouched: bool
     notes: tuple[str, ...] = ()
 
+    @cached_property
+    def _steps(self) -> tuple[Step, ...]:
+        return self.opened.steps()  # the screen asks with every picture
+
     def steps(self) -> tuple[Step, ...]:
         """The steps of the session's procedure; none for an imported table."""
-        return self.opened.steps()
+        return self._steps
 
     def is_new_place(self, step: Step) -> bool:
         """Whether the stand must be set up for a step: another leg, station or axis."""
         last = self.mountings[-1] if self.mountings else None
-        here = (step.leg, step.station, set(step.axes))
-        return last is None or (last.leg, last.station, set(last.mounts)) != here
+        leg, station, axes = step.place
+        return last is None or last.place != (leg, station, set(axes))
 
     def needs_new_zero(self, step: Step) -> bool:
         """Whether readings from here on belong to a new mounting: a new place, or after a break.

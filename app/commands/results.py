@@ -17,7 +17,6 @@ from app.machines.options import (
     Sessions,
     SubsetName,
     argument,
-    extra,
     file,
     may_replace,
     number,
@@ -25,7 +24,7 @@ from app.machines.options import (
     working,
 )
 from app.machines.registry import NAMES, family_of_files, options_of, with_options_of_machines
-from calib.errors import UsageError
+from calib.errors import UsageError, extra
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.evaluating.solution import TableName
@@ -230,7 +229,7 @@ def report(
 ) -> None:
     """The calibration report to sign, as .html or .pdf."""
     may = may_replace(force, output)
-    with extra("report"):
+    with extra("glidecal report", "report"):
         from app.report.pages.report import write_report
 
     with working("Writing the report"):

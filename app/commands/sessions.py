@@ -23,7 +23,6 @@ from app.machines.options import (
     Sessions,
     Simulation,
     argument,
-    extra,
     figure,
     file,
     machine_option,
@@ -33,7 +32,7 @@ from app.machines.options import (
 )
 from app.machines.registry import LISTED, LOOKS, family_of, options_of, with_options_of_machines
 from app.report.streams import need_terminal
-from calib.errors import CalibrationError, GlidecalError, UsageError
+from calib.errors import CalibrationError, GlidecalError, UsageError, extra
 from protocols.machine_files import USUAL_MACHINE
 
 if TYPE_CHECKING:  # heavy: imported where used
@@ -87,7 +86,6 @@ def run(
         SIMULATED_INTERVAL_S,
         Plan,
         plan_to_continue,
-        refuse_plane,
         session_name,
     )
     from app.report.text.session import dry_run_text
@@ -102,8 +100,6 @@ def run(
         _measure(plan_to_continue(resume, chosen), headless=headless)
         return
     procedure = load_procedure(protocol or known.usual_procedure, known.geometry())
-    if not dry_run:
-        refuse_plane(procedure)
     if random_order is not None:
         procedure = shuffled(procedure, random_order)
     if not (chosen or dry_run):
@@ -120,7 +116,7 @@ def run(
         seed=seed,
         interval_s=SIMULATED_INTERVAL_S,
     )
-    check_indicators(plan.instruments, legs=procedure.plate is None)
+    check_indicators(plan.instruments, legs=bool(procedure.levels))
     if dry_run:
         typer.echo(dry_run_text(plan.procedure, plan.machine, plan.instruments))
     else:
@@ -392,7 +388,7 @@ def serve(
 
     for path in sessions:
         read_record(path)
-    with extra("serve"):
+    with extra("glidecal serve", "serve"):
         from app.screens.serving import Pages, listen
     pages = Pages(sessions, listen(port))
     say(pages.announcement())

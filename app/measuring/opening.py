@@ -69,9 +69,9 @@ class Plan:
     window_s: float | None = None
 
     def __post_init__(self) -> None:
-        """Against a plate one indicator reads, the first that may along its axis."""
-        if self.procedure.plate is not None:
-            read = self.procedure.indicators_at_plate(self.instruments)
+        """Against a plate, or over planes alone, the first indicator reads that may along it."""
+        if not self.procedure.levels:
+            read = self.procedure.indicators_used(self.instruments)
             object.__setattr__(self, "instruments", read)
 
     @property
@@ -122,8 +122,7 @@ class Indicators:
 
 def open_indicators(plan: Plan) -> Indicators:
     """Open every port, all or none. Raises UsageError before, IndicatorError at a port."""
-    refuse_plane(plan.procedure)
-    check_indicators(plan.instruments, legs=plan.procedure.plate is None)
+    check_indicators(plan.instruments, legs=bool(plan.procedure.levels))
     profiles = [profile_of(instrument) for instrument in plan.instruments]
     ports = tuple(instrument.port for instrument in plan.instruments)
     with ExitStack() as undo:
@@ -166,17 +165,6 @@ def first_step(plan: Plan) -> Step | None:
     if plan.continued:
         return fold(read_record(plan.path).events).next_step()
     return plan.procedure.steps(plan.machine.geometry(), plan.axes)[0]
-
-
-def refuse_plane(procedure: Procedure) -> None:
-    """Raises UsageError for a procedure that no guided session can measure yet."""
-    if procedure.plane is not None:
-        raise UsageError(
-            f"guided session with {procedure.name}",
-            "readings of legs over a plane",
-            "procedures without [plane]",
-            "Measure by the list of --dry-run and read the table in with glidecal import.",
-        )
 
 
 def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
@@ -311,7 +299,6 @@ def demo_plan(
     """
     machine = load_machine(machine_name)
     procedure = load_procedure(protocol or machine.usual_procedure, machine.geometry())
-    refuse_plane(procedure)
     return Plan(
         path=session_name(folder, "demo"),
         machine=machine,

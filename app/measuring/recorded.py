@@ -117,11 +117,12 @@ def check_values(record: Record) -> None:
     interruption: there another indicator may have been used.
     """
     session = fold(record.events)
-    axes = {step.number: step.axes for step in session.steps()}
+    steps = {step.number: step for step in session.steps()}
     parsers = [_parser(instrument) for instrument in session.opened.instruments]
     before_a_break = takewhile(lambda event: not isinstance(event, Continued), record.events)
     for reading in (event for event in before_a_break if isinstance(event, Reading)):
-        number = axes[reading.step].index(reading.axis) if reading.step in axes else None
+        step = steps.get(reading.step or 0)
+        number = step.indicators[step.axes.index(reading.axis)] if step else None
         read = _plain if number is None else parsers[number]
         said_mm = read(reading.text)
         if said_mm is not None and abs(said_mm - reading.value_mm) > SAME_MM:

@@ -151,14 +151,14 @@ class GuidedSession:
 
     def _take(self, step: Step) -> TakenStep:
         self._mark_jump()
-        asked = [gauge.ask() for gauge in self.gauges[: len(step.axes)]]
+        asked = [self.gauges[number].ask() for number in step.indicators]
         outcomes = [
             self._same_digits(number, axis, _plausible(one.result()))
-            for number, (axis, one) in enumerate(zip(step.axes, asked, strict=True))
+            for number, axis, one in zip(step.indicators, step.axes, asked, strict=True)
         ]
         faults = tuple(
             replace(outcome, words=f"{self.name_of(number)}: {outcome.words}")
-            for number, outcome in enumerate(outcomes)
+            for number, outcome in zip(step.indicators, outcomes, strict=True)
             if isinstance(outcome, Fault)
         )
         if faults:
@@ -187,7 +187,7 @@ class GuidedSession:
         """What is questionable about readings, and what to note of those that are not."""
         values_mm = [r.value_mm for r in readings]
         if self._go is None and due:
-            rests_mm = [gauge.rest_mm for gauge in self.gauges]
+            rests_mm = [self.gauges[number].rest_mm for number in step.indicators]
             moved = movement(step, due, values_mm, rests_mm, time_s)
             if moved is Movement.UNCHANGED:
                 return Doubt.UNCHANGED, []
@@ -230,11 +230,11 @@ class GuidedSession:
         time_s = self.clock.time_s()
         if self._due is None or self._due[0] is not self.session:
             self._due = self.session, expected(self.session, step, time_s)
-        shown = [gauge.live().outcome for gauge in self.gauges[: len(step.axes)]]
+        shown = [self.gauges[number].live().outcome for number in step.indicators]
         values_mm = [one.value_mm for one in shown if isinstance(one, IndicatorReading)]
         if len(values_mm) < len(shown):
             return Movement.UNKNOWN
-        rests_mm = [gauge.rest_mm for gauge in self.gauges]
+        rests_mm = [self.gauges[number].rest_mm for number in step.indicators]
         return movement(step, self._due[1], values_mm, rests_mm, time_s)
 
     def keep(self, taken: TakenStep, reason: str) -> None:
@@ -399,12 +399,13 @@ class GuidedSession:
         used = {name for mounted in self.session.mountings for name in mounted.mounts.values()}
         mounts: dict[Leg, str] = {}
         for axis in step.axes:
-            base = name = default_mount(step.leg, axis, step.station)
+            base = name = default_mount(step.leg, axis, step.place[1])
             number = 2
             while name in used:
                 name, number = f"{base}#{number}", number + 1
             mounts[axis] = name
-        return Mounted(leg=step.leg, station=step.station, mounts=mounts)
+        over = step.over_plane or None
+        return Mounted(leg=step.leg, station=step.station, mounts=mounts, over_plane=over)
 
     def _supersede_leftovers(self, step: Step) -> list[Superseded]:
         """A step cut off between its two readings is measured again as a whole."""
@@ -432,6 +433,7 @@ class GuidedSession:
                 cycle=step.cycle,
                 mount=mounts[axis],
                 station=step.station,
+                over_plane=step.over_plane or None,
                 time_s=time_s,
                 temperature_c=opened.temperature_c,
                 resolution_mm=outcome.resolution_mm,

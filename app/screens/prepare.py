@@ -294,7 +294,7 @@ class PrepareScreen(Screen[None]):
             for field in FIELDS:
                 yield from self._input(*field)
             yield Static("", id="summary", markup=False)
-        yield Footer()
+        yield Footer(compact=True, show_command_palette=False)
 
     def _input(self, name: str, label: str, hint: str) -> ComposeResult:
         typed = Input(placeholder=hint, id=name, compact=True, max_length=MOST_LETTERS)
@@ -416,7 +416,7 @@ class PrepareScreen(Screen[None]):
     def _instruments(self, procedure: Procedure) -> tuple[Instrument, ...]:
         instruments = tuple(indicator_of(form) for form in self._forms if form)
         if instruments:
-            check_indicators(instruments, legs=procedure.plate is None)
+            check_indicators(instruments, legs=bool(procedure.levels))
         return instruments
 
     def _some(self, procedure: Procedure) -> tuple[Instrument, ...]:

@@ -193,7 +193,7 @@ class StepList(Static):
 
     def on_resize(self) -> None:
         """The present step stays in view."""
-        height = max(self.content_size.height, 5)
+        height = max(self.content_size.height, 4)
         first = max(0, min(self._at - height // 2, len(self._lines) - height))
         self.update("\n".join(self._lines[first : first + height]), layout=False)
 
@@ -230,8 +230,11 @@ class SessionView(Vertical):
         self.query_one("#step", Static).update(step_text(step, session), layout=False)
         self.query_one("#table", Static).update(so_far_text(session, steps, step), layout=False)
         self.set_timer(CHART_S, partial(self._show_chart, session, step))
-        for display, known, axis in zip(self._displays, self._instruments, step.axes, strict=False):
-            display.name_it(known, axis)
+        axes = dict(zip(step.indicators, step.axes, strict=True))
+        for number, (display, known) in enumerate(
+            zip(self._displays, self._instruments, strict=False)
+        ):
+            display.name_it(known, axes.get(number, ""))
 
     def _show_chart(self, session: Session, step: Step) -> None:
         """The readings of the leg; the picture of the set-up while there are none to show."""

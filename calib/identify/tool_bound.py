@@ -28,8 +28,9 @@ from calib.arrays import (
     Observations,
     descending,
     joined,
+    set_up_unknowns,
     without,
-    without_means,
+    without_zeros,
 )
 from calib.identify.fit import Size, design_of
 from calib.noise.reading import Noise, visits
@@ -350,14 +351,11 @@ def claim_of(
     """What the readings tell, linear about a fitted ``model``, whose ``sizes`` are free.
 
     Base parameters are expected at ``nominal_mm`` ``(6,)`` within their tolerances ``(6,)``. With
-    it what single readings taken like ``more`` would add, each set-up with zeros of its own. Where
-    any are over a plane no effect is asked about: none is modelled there.
+    it what single readings taken like ``more`` would add, each set-up with zeros of its own.
     """
     taken = [] if observed is None else [_means(with_first_movements(visits(observed)))]
     every = joined([*taken, *more])
-    effects: tuple[Effect, ...] = ()
-    if not every.over_plane.any():
-        effects = (*effects_of(CATALOGUE, model.geometry), *NAMELESS)
+    effects: tuple[Effect, ...] = (*effects_of(CATALOGUE, model.geometry), *NAMELESS)
     placed, columns = [], []
     for effect, places in zip(effects, place_columns(model, every, effects), strict=True):
         placed += [(effect, place) for place in places]
@@ -373,11 +371,11 @@ def claim_of(
     off = [one.value_mm - model.readings(one) for one in taken]
     off += [np.zeros(len(one)) for one in more]
     rows = np.column_stack([np.concatenate(off), base, *columns])
-    rows = np.sqrt(weight)[:, None] * without_means(every.mount, weight, rows)
+    rows = np.sqrt(weight)[:, None] * without_zeros(every, weight, rows)
     last = 1 + base.shape[1]
     ends = np.cumsum([len(one) for one in (*taken, *more)])[:-1]
     parts = [
-        Seen(part[:, 0], part[:, 1:last], part[:, last:], len(one) - one.mount_count)
+        Seen(part[:, 0], part[:, 1:last], part[:, last:], len(one) - set_up_unknowns(one))
         for one, part in zip((*taken, *more), np.split(rows, ends), strict=True)
     ]
     nothing = Seen(rows[:0, 0], rows[:0, 1:last], rows[:0, last:], 0)

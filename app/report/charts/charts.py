@@ -89,7 +89,8 @@ def readings_by_posture(session: Session, step: Step) -> Chart:
         rows = [row for row in leg_rows(session, step) if row.axis == axis]
         points = [point for row in rows for point in row.minus_zero_mm.items()]
         series.append(_series(f"along {axis.upper()}", points))
-    title = f"{step.touched[:1].upper()}{step.touched[1:]}: readings minus Zero"
+    what = "far end minus near end" if step.over_plane else "readings minus Zero"
+    title = f"{step.touched[:1].upper()}{step.touched[1:]}: {what}"
     x_words = "number of the position" if step.leg == "tool" else "displacement, mm"
     return Chart(title, x_words, "mm", tuple(s for s in series if s.x))
 
@@ -418,7 +419,8 @@ class Drawing(Chart):
     scaled: bool = True
 
     def limits(self, columns: int, rows: int) -> tuple[Limits, Limits]:
-        """Ends of both axes in a place of so many cells."""
+        """Ends of both axes in a place of so many cells; none is taken for one."""
+        columns, rows = max(1, columns), max(1, rows)
         points = [point for stroke in self.strokes for point in stroke.points]
         points += [p for one in self.series for p in zip(one.x, one.y, strict=True)]
         horizontal = _ends([x for x, _ in points])
@@ -426,8 +428,8 @@ class Drawing(Chart):
         if not self.even:
             return horizontal, vertical
         cell = max(
-            (horizontal[1] - horizontal[0]) / max(1, columns),
-            (vertical[1] - vertical[0]) / (CELL_HEIGHT * max(1, rows)),
+            (horizontal[1] - horizontal[0]) / columns,
+            (vertical[1] - vertical[0]) / (CELL_HEIGHT * rows),
         )
         return _around(horizontal, cell * columns), _around(vertical, cell * CELL_HEIGHT * rows)
 

@@ -31,8 +31,13 @@ def drawn_set_up(
     if leg not in range(3) or not geometry.orthogonal:
         return None
     axes = [leg_number(axis) for axis in step.axes]
-    sides = [side_of(one) for one in instruments[: len(axes)]]
-    lines = set_up_lines(geometry, leg, axes, sides, step.station, step.displacement_mm)
+    numbers = list(step.indicators)
+    known = [*instruments, None, None]
+    sides = [side_of(known[number]) for number in numbers]
+    station = step.station
+    if step.over_plane:  # in the posture itself; the picture is told the station at Zero
+        station += step.displacement_mm / float(geometry.covered_mm[leg])
+    lines = set_up_lines(geometry, leg, axes, sides, station, step.displacement_mm)
     lines = lines.seen(view(geometry))
     strokes = [Stroke(StrokeStyle.DOTTED, _points(rail)) for rail in lines.rails]
     thin = [*lines.platform, *(bar for k, bar in enumerate(lines.bars) if k != leg)]
@@ -44,7 +49,7 @@ def drawn_set_up(
     for k, side in enumerate(sides):
         axis = f"+{step.axes[k].upper()}"
         together = side > 0.0
-        body = f"{k + 1} {axis}" if together else f"{k + 1}"
+        body = f"{numbers[k] + 1} {axis}" if together else f"{numbers[k] + 1}"
         labels.append(Caption(body, _points(lines.spindles[k])[1]))
         labels += [Caption(axis, _points(lines.ahead[k])[1])] * (not together)
     (touched,) = _points(lines.touched[None])

@@ -36,8 +36,7 @@ from drivers.line import IndicatorLine
 from drivers.port import open_port
 from drivers.profile import Spindle
 from drivers.profiles import PROFILES
-from drivers.twin_port import TwinPort, default_transport
-from drivers.twins import twin_of
+from drivers.twins import TwinPort, default_transport, twin_of
 from protocols.observations import to_observations
 from protocols.record import read_record
 from protocols.session import fold

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from app.machines.options import (
+    Answer,
     AsJson,
     Force,
     Method,
@@ -16,7 +17,6 @@ from app.machines.options import (
     Sessions,
     SubsetName,
     argument,
-    extra,
     file,
     may_replace,
     number,
@@ -24,7 +24,7 @@ from app.machines.options import (
     working,
 )
 from app.machines.registry import NAMES, family_of_files, options_of, with_options_of_machines
-from calib.errors import UsageError
+from calib.errors import UsageError, extra
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.evaluating.solution import TableName
@@ -54,17 +54,12 @@ def compare(
 ) -> None:
     """The differences before and after a calibration. After: with the offsets entered."""
     from app.evaluating.comparison import compare_files
+    from app.report.schema.solution import ComparisonReport
+    from app.report.text.result import comparison_report
 
     found = compare_files(before, after)
-    if as_json:
-        from app.report.schema.document import to_json
-        from app.report.schema.solution import ComparisonReport
-
-        typer.echo(to_json(ComparisonReport.of(found=found)))
-    else:
-        from app.report.text.result import comparison_report
-
-        typer.echo(comparison_report(found))
+    answer = Answer(lambda: comparison_report(found), lambda: ComparisonReport.of(found=found))
+    typer.echo(answer.shown(as_json=as_json))
 
 
 def verify(
@@ -78,17 +73,12 @@ def verify(
 ) -> None:
     """Were the offsets entered, is the tool in tolerance?"""
     from app.evaluating.comparison import verify_files
+    from app.report.schema.solution import VerificationReport
+    from app.report.text.result import verification_text
 
     found = verify_files(before, after, tolerance)
-    if as_json:
-        from app.report.schema.document import to_json
-        from app.report.schema.solution import VerificationReport
-
-        typer.echo(to_json(VerificationReport.of(found=found)))
-    else:
-        from app.report.text.result import verification_text
-
-        typer.echo(verification_text(found))
+    answer = Answer(lambda: verification_text(found), lambda: VerificationReport.of(found=found))
+    typer.echo(answer.shown(as_json=as_json))
 
 
 def export(
@@ -273,8 +263,8 @@ def report(
 ) -> None:
     """The calibration report to sign, as .html or .pdf."""
     may = may_replace(force, output)
-    with extra("report"):
-        from app.report.pages.page import write_report
+    with extra("glidecal report", "report"):
+        from app.report.pages.report import write_report
 
     with working("Writing the report"):
         path = write_report(sessions, output, model, after, tolerance_mm=tolerance, replace=may)

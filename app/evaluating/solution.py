@@ -77,6 +77,11 @@ class SessionSolution:
         return self.choice.tool_bound(self.solution.subset)
 
     @property
+    def helps(self) -> bool:
+        """Whether the tool is bounded more closely with the solution entered than now."""
+        return self.bound_after.bound_mm < self.bound_before.bound_mm
+
+    @property
     def bound_of_noise_mm(self) -> float:
         """What of it is noise of the readings; tolerances may know better than weak readings."""
         noise_mm = self.choice.tool_noise_mm(self.solution.subset)

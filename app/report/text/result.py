@@ -305,7 +305,7 @@ def next_text(solved: SessionSolution, *, exports: bool, measures: bool) -> str:
         return LOOK_FIRST
     if not exports:
         return ""
-    if not solved.tool_after.rms_mm < solved.tool_before.rms_mm:
+    if not solved.helps:
         return KEEP
     return f"{ENTER}{AGAIN if measures else ''}."
 

@@ -107,6 +107,11 @@ class SessionSolution:
         return len(self.visits)
 
     @property
+    def reads_tool(self) -> bool:
+        """Whether any reading is of the tool, as against a plate, and not of a leg."""
+        return any(r.leg == "tool" for session in self.sessions for r in session.readings)
+
+    @property
     def residuals(self) -> list[tuple[str, Reading, float]]:
         """What the model leaves of each visit, mm, with its session and first reading."""
         left = self.solution.residual_mm.tolist()

@@ -55,8 +55,7 @@ def bound_made_of(solved: SessionSolution) -> str:
         return f"{said}. Effects are not in these figures: none is modelled over a plane."
     if (worst := after.worst) is None:
         return f"{said}. No effect that these readings leave open does more."
-    reads_tool = any(r.leg == "tool" for session in solved.sessions for r in session.readings)
-    lowers = "" if reads_tool else " What lowers it: glidecal plan."
+    lowers = "" if solved.reads_tool else " What lowers it: glidecal plan."
     return (
         f"{said}; up to {uncertain(worst.bound_mm)} mm if {worst.title} ({worst.id}, "
         f"{worst.where}), which these readings do not rule out.{lowers}"
@@ -134,8 +133,7 @@ def _of_noise(solved: SessionSolution) -> Iterator[str]:
         )
     for direction in solution.weak_directions:
         yield _weak(direction, solution.coverage_factor)
-    reads_tool = any(r.leg == "tool" for session in solved.sessions for r in session.readings)
-    if solution.weak_directions and not reads_tool:
+    if solution.weak_directions and not solved.reads_tool:
         yield "What to measure to improve this: glidecal plan."
     if solved.noisy:
         shown = "; ".join(map(_noisy, solved.noisy[:MOST_NAMED]))

@@ -285,8 +285,8 @@ DECISION_RULE = (
 )
 BUDGET_WORDS = (
     "Noise holds the steps of the display. To it comes, each by itself, what the model leaves if "
-    "that is taken for noise, and what parts within tolerance do. At the tool each effect stands by "
-    "itself with noise and parts: the bound is the largest line."
+    "that is taken for noise, and what parts within tolerance do. At the tool each effect stands "
+    "by itself with noise and parts: the bound is the largest line."
 )
 MOST_OPEN = 8
 

@@ -18,7 +18,7 @@ from protocols.session import Session
 if TYPE_CHECKING:  # heavy: imported where used
     from app.evaluating.diagnosis import SessionDiagnosis
     from app.evaluating.solution import SessionSolution
-    from app.planning.next_measurement import NextMeasurement
+    from app.planning.tripod import MeasurementPlan
     from calib.identify.identify import Method, Subset
 
 __all__ = [
@@ -37,7 +37,7 @@ File = str | Path
 
 
 def load(path: File, machine: File | None = None) -> Session:
-    """A session from its record, or from a table of readings (.csv, .xlsx).
+    """A session from its record, or from a table of readings (.csv, .xlsx, .parquet).
 
     A table is of the named ``machine``, or of that of a machine file; None: the usual one.
     """
@@ -127,9 +127,9 @@ def plan(
     machine: File | None = None,
     model: File | None = None,
     noise_mm: float | None = None,
-) -> NextMeasurement:
+) -> MeasurementPlan:
     """The set-up that lowers the error of the tool most, after these sessions or before any."""
-    from app.planning.next_measurement import next_after
+    from app.planning.tripod import next_after
 
     names, loaded = _given(sessions)
     known = Path(model) if model else None
@@ -145,7 +145,7 @@ def report(
     replace: bool = False,
 ) -> Path:
     """Write the calibration report of session files, .html or .pdf; it names their digests."""
-    from app.report.pages.page import write_report
+    from app.report.pages.report import write_report
 
     found = [Path(path) for path in sessions]
     paths = [Path(path) if path else None for path in (model, after)]

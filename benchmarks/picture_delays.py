@@ -17,7 +17,7 @@ from app.measuring.gauges import Gauge
 from app.report.text.tables import signed
 from app.screens.measure import MeasureScreen
 from app.screens.session_view import GaugeDisplay
-from drivers.profile import Outcome, Reading
+from drivers.profile import IndicatorReading, Outcome
 
 TICK_S = 0.005
 
@@ -90,7 +90,7 @@ def listening(delays: Delays) -> Iterator[None]:
     reviewed = MeasureScreen._reviewed
 
     def heard(gauge: Gauge, outcome: Outcome) -> None:
-        if isinstance(outcome, Reading):
+        if isinstance(outcome, IndicatorReading):
             delays.hear(gauge.port, signed(outcome.value_mm, 3))
         hear(gauge, outcome)
 

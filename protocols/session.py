@@ -1,13 +1,15 @@
-"""The typed events of a session, one line of the record each, and the state they fold into:
-what counts, what is done, what is next.
+"""The typed events of a session, one line of the record each, the state they fold into (what
+counts, what is done, what is next), and its clock, which nobody sets.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+import time
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -103,6 +105,12 @@ class Mounted(Line):
     leg: Touched
     station: Annotated[float, Field(ge=0.0, le=1.0)]
     mounts: dict[Leg, Name]
+    over_plane: bool | None = None
+
+    @property
+    def place(self) -> tuple[str, float, set[str]]:
+        """Where the stand is: leg, station and axes; on a plane it slides."""
+        return self.leg, SLIDING if self.over_plane else self.station, set(self.mounts)
 
 
 class Reading(Line):
@@ -257,11 +265,6 @@ def _place(reading: Reading) -> tuple[Cell, ...]:
     return (*where, int(reading.over_plane or False))
 
 
-def _beside_known(name: str) -> str:
-    """A column of a table that nobody knew then, under a name that is nobody's now."""
-    return f"{name} (kept)" if name in (*OF_LEG, *OF_ANY) else name
-
-
 DECIMALS = re.compile(r"\d*\.(\d+)$", re.ASCII)
 
 
@@ -284,15 +287,19 @@ class Session:
     stand_untouched: bool
     notes: tuple[str, ...] = ()
 
+    @cached_property
+    def _steps(self) -> tuple[Step, ...]:
+        return self.opened.steps()  # the screen asks with every picture
+
     def steps(self) -> tuple[Step, ...]:
         """The steps of the session's procedure; none for an imported table."""
-        return self.opened.steps()
+        return self._steps
 
     def is_new_place(self, step: Step) -> bool:
         """Whether the stand must be set up for a step: another leg, station or axis."""
         last = self.mountings[-1] if self.mountings else None
-        here = (step.leg, step.station, set(step.axes))
-        return last is None or (last.leg, last.station, set(last.mounts)) != here
+        leg, station, axes = step.place
+        return last is None or last.place != (leg, station, set(axes))
 
     def needs_new_zero(self, step: Step) -> bool:
         """Whether readings from here on belong to a new mounting: a new place, or after a break.
@@ -335,10 +342,12 @@ class Session:
         if len(of_tool) > 1:
             raise RecordError("session", "readings of legs and of the tool", "one of both")
         places = ("x_mm", "y_mm", "z_mm", "axis", "lift_mm") if True in of_tool else OF_LEG
+        known = (*places, "value_mm", *OF_ANY)
         extra = list(dict.fromkeys(name for one in self.all_readings for name in one.extra))
-        names = (*places, "value_mm", *OF_ANY, *(_beside_known(name) for name in extra))
+        # columns of an old table that nobody knew then, under names that are nobody's now
+        beside = (f"{name} (kept)" if name in known else name for name in extra)
         return DataTable(
-            names,
+            (*known, *beside),
             tuple(
                 (
                     *_place(reading),
@@ -425,3 +434,62 @@ def fold(events: Iterable[Event]) -> Session:
 
 def _without(reasons: dict[int, str], numbers: tuple[int, ...]) -> dict[int, str]:
     return {number: reason for number, reason in reasons.items() if number not in numbers}
+
+
+JUMP_S = 2.0
+"""The wall clock follows a time server by less than this between two looks; more was set."""
+
+STEADY = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))
+"""Goes on while the computer sleeps; Windows' only monotonic clock does too."""
+
+
+def steady_s() -> float:
+    """Seconds of a clock that only goes forward."""
+    return time.monotonic() if STEADY is None else time.clock_gettime(STEADY)
+
+
+def wall() -> datetime:
+    """What the clock of the computer shows."""
+    return datetime.now(UTC)
+
+
+class SessionClock:
+    """Time of one session in the life of one program.
+
+    Across an interruption only the wall clock knows how long it was; where that went back, the
+    interruption counts nothing.
+    """
+
+    def __init__(
+        self,
+        events: Sequence[Event],
+        steady_s: Callable[[], float] = steady_s,
+        wall: Callable[[], datetime] = wall,
+    ) -> None:
+        self._steady_s = steady_s
+        self.wall = wall
+        self._began_s = steady_s() - _reached_s(events)
+        self._ahead_s = self._wall_ahead_s()
+
+    def time_s(self) -> float:
+        """Seconds since the session began."""
+        return self._steady_s() - self._began_s
+
+    def jump_s(self) -> float:
+        """By how much the wall clock was set since the last look; 0 where it was not."""
+        ahead_s = self._wall_ahead_s()
+        jump_s, self._ahead_s = ahead_s - self._ahead_s, ahead_s
+        return jump_s if abs(jump_s) > JUMP_S else 0.0
+
+    def _wall_ahead_s(self) -> float:
+        return self.wall().timestamp() - self._steady_s()
+
+
+def _reached_s(events: Sequence[Event]) -> float:
+    """Session time at the last event: of the last reading that has one, and the gaps since."""
+    reached_s = 0.0
+    for before, event in pairwise(events):
+        reached_s += max(0.0, (event.at - before.at).total_seconds())
+        if isinstance(event, Reading) and event.time_s is not None:
+            reached_s = event.time_s
+    return reached_s

@@ -10,7 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.evaluating.own_effects import known_effects
-from app.evaluating.solution import indicator_figures, load_sessions, solve_sessions
+from app.evaluating.solution import (
+    indicator_figures,
+    load_sessions,
+    refuse_leaning_planes,
+    solve_sessions,
+)
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.problem import Case
 from calib.diagnosis.results import Contender, Diagnosis, Finding
@@ -21,8 +26,7 @@ from calib.identify.tool_bound import ToolBound
 from calib.noise.reading import Noise, reading_noise, visits
 from calib.tripod.effects.effect import Effect, Kind
 from calib.tripod.effects.empirical import EMPIRICAL
-from calib.tripod.pipeline import Model, no_effects_over_plane
-from protocols.corrections import corrected_readings
+from calib.tripod.pipeline import Model
 from protocols.data_table import DataTable
 from protocols.files import write_files
 from protocols.journal import write_whole
@@ -39,7 +43,7 @@ from protocols.model_file import (
     with_solution,
     without_effect,
 )
-from protocols.observations import to_observations
+from protocols.observations import corrected_readings, to_observations
 from protocols.record import read_record
 from protocols.session import Closed, Line, Opened, Reading, Session, Superseded
 
@@ -154,12 +158,16 @@ def diagnose_sessions(
         found = read_model_file(model)
         known = to_model(found, f"model {model}", effects)
         warnings += [said] if (said := ambiguity(ambiguous_effects(found))) else []
+    measured = cases(sessions, known)
+    for name, session, case in zip(names, sessions, measured, strict=True):
+        if case.observed.over_plane.any():
+            refuse_leaning_planes([name], [session], case.fitted().model, case.observed)
     return SessionDiagnosis(
         names=tuple(names),
         held_out=tuple(aside),
         sessions=tuple(sessions),
         model=known,
-        diagnosis=diagnose(cases(sessions, known), effects, cases(others, known)),
+        diagnosis=diagnose(measured, effects, cases(others, known)),
         warnings=tuple(warnings),
     )
 
@@ -169,8 +177,6 @@ def cases(sessions: Sequence[Session], model: Model) -> list[Case]:
     found = []
     for session in sessions:
         observed = to_observations([session])
-        if observed.over_plane.any():
-            raise no_effects_over_plane()
         machine = session.opened.machine
         geometry = replace(model.geometry, load=machine.load)
         figures = indicator_figures([session])

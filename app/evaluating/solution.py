@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 from calib.arrays import Observations
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.accuracy import Decision, ToolError, ToolMap, decide, tool_map
+from calib.identify.fit import plane_tilts_mrad
 from calib.identify.identify import Method, Solution, Subset, Weights
 from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identify
 from calib.identify.subset_choice import SubsetChoice, choose_subset, left_after
@@ -74,6 +75,11 @@ class SessionSolution:
     def bound_after(self) -> ToolBound:
         """The same with the solution entered."""
         return self.choice.tool_bound(self.solution.subset)
+
+    @property
+    def helps(self) -> bool:
+        """Whether the tool is bounded more closely with the solution entered than now."""
+        return self.bound_after.bound_mm < self.bound_before.bound_mm
 
     @property
     def bound_of_noise_mm(self) -> float:
@@ -309,6 +315,7 @@ def _solved(
     if subset not in choice.solutions:
         raise choice.refused[subset]
     solution = choice.solutions[subset]
+    refuse_leaning_planes(names, sessions, solution.model, observed)
     nominal = Model(sessions[0].opened.machine.geometry())
     known = [(name, r) for name, one in zip(names, sessions, strict=True) for r in one.readings]
     starts: list[int] = visit_starts(observed).tolist()
@@ -334,6 +341,24 @@ def _solved(
         ambiguous=ambiguous,
         visits=tuple(known[row] for row in starts),
     )
+
+
+def refuse_leaning_planes(
+    names: Sequence[str], sessions: Sequence[Session], model: Model, observed: Observations
+) -> None:
+    """Raises RecordError for a reference plane that leans by more than the machine file allows."""
+    limit_mrad = sessions[0].opened.machine.plane_tilt_mrad
+    known = [(name, r) for name, one in zip(names, sessions, strict=True) for r in one.readings]
+    for row, tilt_mrad in plane_tilts_mrad(model, observed):
+        if abs(tilt_mrad) > limit_mrad:
+            name, reading = known[row]
+            raise RecordError(
+                f"session {name}, plane under leg {reading.leg.upper()} along "
+                f"{reading.axis.upper()}, from reading {reading.reading} on",
+                f"tilted by {tilt_mrad:+.1f} mrad",
+                f"up to {limit_mrad:g} mrad, plane_tilt_mrad in the machine file",
+                "Level it and measure this leg again, or state there what it may lean.",
+            )
 
 
 def indicator_figures(sessions: Sequence[Session]) -> IndicatorFigures:

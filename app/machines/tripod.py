@@ -15,10 +15,10 @@ from app.machines.options import (
     Answer,
     Family,
     Method,
+    PostureSearch,
     Protocol,
     Question,
     Say,
-    Search,
     Seed,
     Simulation,
     SubsetName,
@@ -51,7 +51,7 @@ def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer:
     from app.planning.tripod import tripod_planning
     from app.report.schema.planning import IdentifiabilityReport
     from app.report.text.planning import identifiability_text
-    from calib.design.planning import seen_by
+    from calib.design.identifiability import seen_by
 
     planned, _ = tripod_planning(asked.machine, asked.procedure, asked.machine_file, own.noise)
     seen = seen_by(planned)
@@ -76,7 +76,7 @@ class PostureOptions:
     ] = True
 
 
-def postures(asked: Question, search: Search, own: PostureOptions, say: Say) -> Answer:
+def postures(asked: Question, search: PostureSearch, own: PostureOptions, say: Say) -> Answer:
     """Postures from a list, and procedures that visit them."""
     from app.planning.tripod import procedure_files, tripod_planning
     from app.report.schema.planning import PosturesReport
@@ -228,7 +228,7 @@ class PlanOptions:
 
 def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: Say) -> Answer:
     """The mounting that is worth its minutes most."""
-    from app.planning.next_measurement import next_measurement
+    from app.planning.tripod import next_measurement
     from app.report.schema.plan import PlanReport
     from app.report.text.planning import plan_text
 

@@ -48,6 +48,7 @@ SHAPES: dict[str, tuple[int, ...]] = {
     "saw": (3,),  # mm from tooth to tooth
     "product": (3, 3),  # mm, travel of a leg times travel of another / 1000 mm²
     "smooth": (3, 3),  # mm, any smooth function of displacement
+    "plane": (3, 3),  # rad, a plane under a leg across an axis, upwards from the tool
 }
 
 
@@ -68,6 +69,12 @@ class Rows:
     visit: IntArray
     mount: IntArray
     moved: FloatArray
+    plane: NDArray[np.bool_] | None = None
+
+    @property
+    def over_plane(self) -> NDArray[np.bool_]:
+        """Read over a plane: the stand slides to the station in the posture itself."""
+        return np.zeros(len(self), dtype=np.bool_) if self.plane is None else self.plane
 
     def __len__(self) -> int:
         return len(self.leg)
@@ -187,9 +194,12 @@ def readings(rows: Rows, hidden: Hidden) -> FloatArray:
     foot = feet[every, rows.leg]
     stands = _touched(hidden, rows)
     part = (stands - tool)[every, rows.leg] / (foot - tool)[every, rows.leg]
+    part = np.where(rows.over_plane, rows.station, part)
     line = tool + part[:, None] * (foot - tool)
     bar = (part - 0.5) * np.linalg.norm(foot - tool, axis=1)
-    return _shown(rows, hidden, line, bar, (line - stands)[every, 3 - rows.leg - rows.axis])
+    leaning = hidden.amounts["plane"][rows.leg, rows.axis] * line[every, rows.leg]
+    sideways = (line - stands)[every, 3 - rows.leg - rows.axis]
+    return _shown(rows, hidden, line, bar, sideways) + leaning * rows.over_plane
 
 
 def _shown(

@@ -44,6 +44,7 @@ LENGTH_SPREAD_MM = 0.03
 LENGTH_TOLERANCE_MM = 0.1  # of the machine file
 TOLD_APART = 9.0  # noise variances below which two places are one for these readings
 ZERO_LIMIT_MM = 0.5
+TILT_LIMIT = 2e-3  # of a plane under a leg
 AROUND = ((2, 0), (0, 1), (1, 2))  # pairs of axes, each from one to the next
 TRIES = 400
 SEEN = 1e-7  # an effect whose columns vanish is drawn again at another place
@@ -159,6 +160,8 @@ def _machine(case: Case, rows: Rows, rng: np.random.Generator) -> tuple[Hidden, 
         lengths = case.bars * LENGTH_TOLERANCE_MM * rng.choice([-1.0, 1.0], 3)
     drawn = zip(BASE, [*offsets, *lengths], strict=True)
     base = Hidden().plus([(entry, float(amount)) for entry, amount in drawn])
+    if rows.over_plane.any():
+        base.amounts["plane"][:2, 2] = rng.uniform(-TILT_LIMIT, TILT_LIMIT, 2)
     waves = tuple((float(rng.uniform(0.03, 0.09)), float(rng.uniform(0, 6.3))) for _ in range(3))
     hidden = Hidden(base.amounts, 5.0, float(rng.uniform(17.0, 45.0)), waves)
     return hidden, Columns(rows, hidden)
@@ -260,8 +263,10 @@ def table_text(table: blunders.Table, resolution_mm: float | None) -> str:
     """The table of readings as CSV, in the order taken."""
     lines = io.StringIO()
     writer = csv.writer(lines, lineterminator="\n")
-    writer.writerow(("leg", "axis", "displacement_mm", "value_mm", "cycle", "time_s", "station"))
+    head = ("leg", "axis", "displacement_mm", "value_mm", "cycle", "time_s", "station")
     rows = table.rows
+    over = rows.over_plane
+    writer.writerow((*head, *(("plane",) if over.any() else ())))
     steps = RESOLUTION_MM if resolution_mm else 1e-6
     shown = np.round(table.values_mm / steps) * steps
     for k in range(len(rows)):
@@ -274,6 +279,7 @@ def table_text(table: blunders.Table, resolution_mm: float | None) -> str:
                 int(rows.cycle[k]),
                 f"{rows.time_s[k]:.1f}",
                 f"{rows.station[k]:g}",
+                *((int(over[k]),) if over.any() else ()),
             )
         )
     return lines.getvalue()

@@ -12,7 +12,7 @@ import serial
 
 from drivers.exchange import Exchange
 from drivers.port import SLICE_S
-from drivers.profile import Asked, Outcome, Profile, Reading, Spindle
+from drivers.profile import IndicatorReading, Outcome, Profile, Query, Spindle
 from drivers.twins import twin_of
 
 ROUND_S = 60.0
@@ -42,7 +42,7 @@ class Wire:
         spindle = Spindle(lambda: self.now_s % ROUND_S, 0.001)
         self._twin = twin_of(self.profile, spindle)
         self._extra = twin_of(self.profile, spindle)
-        self._request = self.profile.request(Asked()) if self.profile.request else b""
+        self._request = self.profile.request(Query()) if self.profile.request else b""
         self.coming: deque[tuple[float, bytes]] = deque()
         self._here = b""
         if self.unasked is None and self.profile.stream_s:
@@ -52,7 +52,7 @@ class Wire:
         self.exchange = Exchange(
             self.profile,
             "wire",
-            Asked(),
+            Query(),
             self.profile.interval_s,
             on_button=lambda _: self.presses.append(self.now_s),
             now=lambda: self.now_s,
@@ -98,7 +98,7 @@ class Wire:
         return came
 
 
-def age_s(reading: Reading, asked_s: float) -> float:
+def age_s(reading: IndicatorReading, asked_s: float) -> float:
     """How long before the question the device read its spindle; negative: after it."""
     since = (asked_s - reading.value_mm) % ROUND_S
     return since if since < ROUND_S / 2 else since - ROUND_S
@@ -120,7 +120,7 @@ class Tally:
         for _ in range(asks):
             start_s = wire.now_s
             outcome: Outcome = wire.exchange.taken()
-            if isinstance(outcome, Reading):
+            if isinstance(outcome, IndicatorReading):
                 self.readings += 1
                 age = age_s(outcome, start_s)
                 self.oldest_s = max(self.oldest_s, age)

@@ -423,7 +423,7 @@ from protocols.journal import Journal
 from protocols.record import read_record
 from tests.protocols.test_journal import opened, reading
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (1500, 1500))
+resource.setrlimit(resource.RLIMIT_FSIZE, (1600, 1600))
 path = Path({str(path)!r})
 journal = Journal.create(path, opened())
 taken = 0

@@ -10,7 +10,7 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input, OptionList, Select
 
-from app.measuring.indicators import LastUsed, last_used, port_is_gone, remember
+from app.measuring.indicators import RememberedIndicators, last_used, port_is_gone, remember
 from app.measuring.opening import open_indicators, start_session
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
@@ -22,8 +22,7 @@ from app.settings import data_path
 from calib.errors import RecordError
 from drivers.profile import Spindle
 from drivers.profiles import PROFILES
-from drivers.twin_port import TwinPort, default_transport
-from drivers.twins import Trouble, twin_of
+from drivers.twins import Trouble, TwinPort, default_transport, twin_of
 from protocols.machine import Instrument
 from protocols.record import read_record
 from tests.screens.driving import SIZE, fill_in, quick_plan, said, text, until
@@ -246,7 +245,7 @@ def test_a_session_that_was_begun_is_remembered_and_a_damaged_memory_does_no_har
     assert last_used(plan.machine.name) == (known,)
     assert last_used("another") == ()
     remember("another", [SYLVAC])
-    stored = LastUsed.model_validate_json(data_path().read_text(encoding="utf-8"))
+    stored = RememberedIndicators.model_validate_json(data_path().read_text(encoding="utf-8"))
     assert stored.machines == {plan.machine.name: (known,), "another": (SYLVAC,)}
 
 

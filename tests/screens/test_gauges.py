@@ -10,10 +10,10 @@ from textual.pilot import Pilot
 from textual.widget import Widget
 
 from app.measuring.gauges import Live, Motion, Trace
-from app.report.charts.strips import strip_rows
+from app.report.charts.charts import strip_rows
 from app.screens import interface
 from app.screens.session_view import GaugeDisplay, big_digits
-from drivers.profile import Fault, FaultKind, Outcome, Reading
+from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
 from protocols.machine import Instrument
 from tests.screens.driving import rows, strips
 
@@ -27,7 +27,7 @@ def live(outcome: Outcome, motion: Motion) -> Live:
 
 
 def shown(value_mm: float, motion: Motion = Motion.STABLE, *, age_s: float = 0.0) -> Live:
-    return Live(Reading(f"{value_mm}", value_mm, 0.001, False), age_s, motion, TRACE)
+    return Live(IndicatorReading(f"{value_mm}", value_mm, 0.001, False), age_s, motion, TRACE)
 
 
 class Panels(App[None]):

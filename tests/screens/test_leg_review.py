@@ -13,11 +13,11 @@ from app.screens.interface import Interface
 from app.screens.plot import ChartPlot
 from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
-from drivers.profile import Reading
+from drivers.profile import IndicatorReading
 from tests.screens.driving import numbers, press_for, quick_plan, take, text, to_measuring, until
 
 STEPS_OF_A_LEG = 10
-ELSEWHERE = Live(Reading("7.777", 7.777, 0.001, False), 0.0, Motion.STABLE)
+ELSEWHERE = Live(IndicatorReading("7.777", 7.777, 0.001, False), 0.0, Motion.STABLE)
 
 
 def charted(interface: Interface) -> str:

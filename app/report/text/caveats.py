@@ -107,10 +107,20 @@ def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
             f"All figures are valid only if {right}: these readings show neither an error there "
             "nor what it does at the tool."
         )
-    if not solved.tool_after.rms_mm < solved.tool_before.rms_mm:
+    if solution.beyond_tolerance:
+        found = ", ".join(
+            f"{name} {signed(value, 2)} mm (tolerance {within:g})"
+            for name, value, within in solution.beyond_tolerance
+        )
         yield (
-            "WARNING: these values are not expected to make the tool more accurate: the error "
-            "expected with them is not smaller than the error now."
+            f"WARNING: far beyond the tolerance that the machine file states: {found}. Either the "
+            "tolerance is wrong, or these values stand for something that is missing from the "
+            "model (glidecal diagnose)."
+        )
+    if not solved.helps:
+        yield (
+            "WARNING: these values are not expected to make the tool more accurate: the bound "
+            "with them is not smaller than the bound now."
         )
 
 
@@ -234,7 +244,7 @@ def _of_the_choice(solved: SessionSolution) -> Iterator[str]:
     same = solution.subset == choice.recommended
     begin = "Recommended set" if same else "RECOMMENDED instead"
     said = f"{begin}: {SUBSET_WORDS[choice.recommended]}"
-    errors_mm = choice.tool_error_mm
-    if any(mm < errors_mm[choice.recommended] for mm in errors_mm.values()):
+    expected_mm = choice.expected_mm
+    if min(expected_mm.values()) < expected_mm[choice.recommended]:
         said += f"; {choice.reasons[1]}"
     yield f"{said}."

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from app.planning.next_measurement import NextMeasurement
+from app.planning.tripod import MeasurementPlan
 from app.report.text.tables import new_table, table_text, uncertain, wrapped
 from calib.design.criteria import Criterion
-from calib.design.planning import Combination, SeenBy
+from calib.design.identifiability import Combination, SeenBy
 from calib.diagnosis.results import AliasMap
 from calib.identify.next_mounting import FurtherSetUp, Proposal, Reach
 from calib.stats import coverage_factor
@@ -147,7 +147,7 @@ def _figure(figures: Figures, kind: str) -> str:
     return "not identifiable" if value is None else f"{value:.4g}"
 
 
-def plan_text(plan: NextMeasurement) -> str:
+def plan_text(plan: MeasurementPlan) -> str:
     """One sentence, then the runners-up."""
     best = plan.best
     known = f"after {', '.join(plan.sessions)}" if plan.sessions else "with nothing measured yet"

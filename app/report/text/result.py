@@ -306,7 +306,7 @@ def next_text(solved: SessionSolution, *, exports: bool, measures: bool) -> str:
         return LOOK_FIRST
     if not exports:
         return ""
-    if not solved.tool_after.rms_mm < solved.tool_before.rms_mm:
+    if not solved.helps:
         return KEEP
     return f"{ENTER}{AGAIN if measures else ''}."
 
@@ -338,14 +338,6 @@ def export_caution(solved: SessionSolution, refused: str) -> str:
         return f"No files for LinuxCNC were written (any that are there are older): {refused}"
     stated = solved.sessions[0].opened.machine.home_at_mm() is not None
     return "" if stated else UNKNOWN_HOME_OFFSET
-
-
-def copied_text(text: str) -> str:
-    """How much was copied, and why it may not arrive."""
-    return (
-        f"{len(text.splitlines())} lines copied. If nothing arrives: some terminals do not allow "
-        "it, and tmux needs `set-clipboard on`."
-    )
 
 
 def comparison_report(comparison: Comparison) -> str:

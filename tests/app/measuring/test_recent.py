@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from app.measuring.recent import MOST, SMALL_BYTES, look_at, recent_sessions
+from app.measuring.recorded import MOST, SMALL_BYTES, look_at, recent_sessions
 from protocols import record
 from protocols.journal import Journal, write_whole
 from protocols.session import Event, Line, Noted

@@ -17,15 +17,14 @@ from app.measuring.gauges import Gauge
 from app.measuring.opening import Plan, demo_plan, measure_all, opened_event, start_session
 from app.measuring.session import Doubt, GuidedSession
 from app.measuring.simulated import BenchSettings
-from drivers.profile import Asked, FaultKind, Outcome, Reading
+from drivers.profile import FaultKind, IndicatorReading, Outcome, Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from protocols.expectation import Movement
 from protocols.journal import Journal
 from protocols.machine import Machine
 from protocols.procedure import Procedure
 from protocols.record import read_record
-from protocols.session import fold
-from protocols.session_clock import SessionClock
+from protocols.session import SessionClock, fold
 
 NOTES = 40
 
@@ -297,8 +296,8 @@ class Still(Gauge):
     """Shows what it is told."""
 
     def __init__(self, value_mm: float) -> None:
-        super().__init__(MITUTOYO_01A, "port", Asked(), window_s=0.1, tolerance_mm=0.004)
-        self.shown = Reading(f"{value_mm}", value_mm, 0.001, unit_assumed=True)
+        super().__init__(MITUTOYO_01A, "port", Query(), window_s=0.1, tolerance_mm=0.004)
+        self.shown = IndicatorReading(f"{value_mm}", value_mm, 0.001, unit_assumed=True)
 
     def ask(self) -> Future[Outcome]:
         given = Future[Outcome]()
@@ -306,7 +305,7 @@ class Still(Gauge):
         return given
 
     def show(self, value_mm: float, resolution_mm: float = 0.001) -> None:
-        self.shown = Reading(f"{value_mm}", value_mm, resolution_mm, unit_assumed=True)
+        self.shown = IndicatorReading(f"{value_mm}", value_mm, resolution_mm, unit_assumed=True)
 
 
 @dataclass

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from textual.app import App, ComposeResult
 
-from app.report.charts.drawings import Drawing, Look
+from app.report.charts.charts import Drawing, StrokeStyle
 from app.report.charts.tripod import drawn_set_up
 from app.report.text.session import set_up_text
-from app.screens.drawing import DrawingPlot
+from app.screens.plot import DrawingPlot
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Step, load_procedure
 from protocols.session import Opened, Session, fold
@@ -48,7 +48,7 @@ def test_every_step_shows_its_bar_the_point_on_it_and_the_axes() -> None:
     ups = {"x": (-1.0, -1.0), "y": (1.0, -1.0), "z": (0.0, 1.0)}
     for step in told.steps():
         drawing = picture(told, step)
-        (thick,) = [s.points for s in drawing.strokes if s.look is Look.THICK]
+        (thick,) = [s.points for s in drawing.strokes if s.style is StrokeStyle.THICK]
         end, foot = np.array(thick)
         assert tuple(foot) == tuple(place(drawing, step.leg.upper())), "the bar bears its letter"
         (series,) = drawing.series

@@ -223,8 +223,7 @@ def test_what_plan_and_next_propose_stays_on_the_bar(
 def test_further_set_ups_that_lower_the_bound_stay_on_the_bar(
     machine: Machine, wrong_mm: FloatArray
 ) -> None:
-    noise = Noise((NOISE,) if isinstance(NOISE, float) else NOISE.indicators, "")
-    found = reach_of(Model(machine.geometry()), None, noise, machine.tolerances_mm(), 2.0)
+    found = reach_of(Model(machine.geometry()), None, NOISE, machine.tolerances_mm(), 2.0)
     for one in found.further:
         for name in one.legs:
             leg = LEG_NAMES.index(name)

@@ -104,10 +104,10 @@ def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
         wrapped(adopted),
         wrapped(_next(diagnosed)),
         effects_text(found.effects),
+        wrapped(bound_text(diagnosed.tool_bound)),
         wrapped(gap_text(found)),
         pattern_text(diagnosed),
         *_support(found, " Key N."),
-        wrapped(bound_text(diagnosed.tool_bound)),
         detectable_text(found),
         *_remarks((*diagnosed.warnings, *found.remarks)),
     )

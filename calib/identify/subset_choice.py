@@ -77,11 +77,18 @@ class SubsetChoice:
 
         With fitted sizes of effects the controller is taken to compensate them.
         """
+        return self._claim.bound(self._entered(subset))
+
+    def tool_near_mm(self, subset: Subset | None) -> float:
+        """The same of the error relative to Zero, over a workpiece there."""
+        return self._claim.near_mm(self._entered(subset))
+
+    def _entered(self, subset: Subset | None) -> FloatArray:
         model = self.solutions[subset].model if subset else Model(self.told.model.geometry)
         sizes = [one.value(model) if subset else 0.0 for one in self.told.sizes]
         start = [*self.fitted.model.parameters_mm]
         start += [one.value(self.fitted.model) for one in self.told.sizes]
-        return self._claim.bound(np.array([*model.parameters_mm, *sizes]) - start)
+        return np.array([*model.parameters_mm, *sizes]) - start
 
     def tool_noise_mm(self, subset: Subset) -> float:
         """The part of that bound that is noise of the readings in the parameters of a subset."""

@@ -11,10 +11,10 @@ from app.machines.options import (
     AsJson,
     Force,
     Machine,
-    OnScreen,
     Place,
+    PostureSearch,
     Question,
-    Search,
+    ScreenAnswer,
     file,
     number,
     say,
@@ -50,7 +50,7 @@ def identifiability(
     family = family_of(machine)
     given = options_of(context, family, f"the machine {machine}", own)
     answer = family.identifiability(Question(machine, procedure or "", machine_file), given)
-    if isinstance(answer, OnScreen):
+    if isinstance(answer, ScreenAnswer):
         from app.screens.start import open_screen
 
         raise typer.Exit(open_screen(answer.screen(), LOOKS))
@@ -99,7 +99,9 @@ def postures(
 
     family = family_of(machine)
     given = options_of(context, family, f"the machine {machine}", own)
-    search = Search(count, Criterion(criterion or family.criterion), seed, starts, output, force)
+    search = PostureSearch(
+        count, Criterion(criterion or family.criterion), seed, starts, output, force
+    )
     asked = Question(machine, procedure, machine_file)
     typer.echo(family.postures(asked, search, given, say).shown(as_json=as_json))
 

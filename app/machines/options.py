@@ -123,20 +123,6 @@ def working(words: str) -> Iterator[None]:
             on_part.reset(token)
 
 
-@contextmanager
-def extra(name: str) -> Iterator[None]:
-    """For the imports of the verb ``name`` and what its extra installs. Raises UsageError."""
-    try:
-        yield
-    except ImportError as problem:
-        raise UsageError(
-            f"glidecal {name}",
-            f"no package {problem.name or problem}",
-            f"an installation with the extra {name}",
-            f'Install it with: pip install "glidecal[{name}]"',
-        ) from problem
-
-
 def say(text: str) -> None:
     """Progress and warnings go to standard error."""
     typer.echo(text, err=True)
@@ -188,7 +174,7 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class OnScreen:
+class ScreenAnswer:
     """A result that is looked at on a screen."""
 
     screen: MakeScreen
@@ -204,7 +190,7 @@ class Question:
 
 
 @dataclass(frozen=True)
-class Search:
+class PostureSearch:
     """How postures are looked for; None: not given. With ``force`` a file is replaced unasked."""
 
     count: int | None
@@ -217,7 +203,7 @@ class Search:
 
 @dataclass(frozen=True)
 class Simulation:
-    """The machine by its name or file, None: the usual one, and the file to write, as `Search`."""
+    """The machine by its name or file, None: the usual one, and the file to write."""
 
     output: Path
     machine: str | None = None
@@ -251,8 +237,8 @@ class Family:
     posture_file: str
     options: Mapping[str, type]
     reads: Callable[[Path], bool]
-    identifiability: Callable[[Question, Any], Answer | OnScreen]
-    postures: Callable[[Question, Search, Any, Say], Answer]
+    identifiability: Callable[[Question, Any], Answer | ScreenAnswer]
+    postures: Callable[[Question, PostureSearch, Any, Say], Answer]
     simulate: Callable[[Simulation, Any, Say], None]
     solve: Callable[[Sequence[Path], Any, Say], Answer]
     plan: Plan | None = None

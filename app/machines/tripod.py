@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -16,10 +16,10 @@ from app.machines.options import (
     Family,
     Method,
     Place,
+    PostureSearch,
     Protocol,
     Question,
     Say,
-    Search,
     Seed,
     Simulation,
     SubsetName,
@@ -52,7 +52,7 @@ def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer:
     from app.planning.tripod import tripod_planning
     from app.report.schema.planning import IdentifiabilityReport
     from app.report.text.planning import identifiability_text
-    from calib.design.planning import seen_by
+    from calib.design.identifiability import seen_by
 
     planned, _ = tripod_planning(asked.machine, asked.procedure, asked.machine_file, own.noise)
     seen = seen_by(planned)
@@ -77,7 +77,7 @@ class PostureOptions:
     ] = True
 
 
-def postures(asked: Question, search: Search, own: PostureOptions, say: Say) -> Answer:
+def postures(asked: Question, search: PostureSearch, own: PostureOptions, say: Say) -> Answer:
     """Postures from a list, and procedures that visit them."""
     from app.planning.tripod import procedure_files, tripod_planning
     from app.report.schema.planning import PosturesReport
@@ -131,39 +131,15 @@ class SimulateOptions:
 
 def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
     """A session of the nominal machine, or of that of a model file."""
-    from app.evaluating.own_effects import known_effects
-    from app.measuring.simulated import hidden_effect, planned_readings, simulated_session
-    from calib.errors import UsageError
-    from calib.tripod.pipeline import Model
+    from app.measuring.simulated import simulated_of_files
     from protocols.journal import write_whole
-    from protocols.machine import load_machine
-    from protocols.model_file import read_model
-    from protocols.procedure import load_procedure
 
-    if own.size is not None and own.effect is None:
-        raise UsageError("--size", "no --effect", "the size of an effect: both options, or none")
-    if own.model and asked.machine:
-        raise UsageError("--model and --machine", "both", "one: a model brings its own machine")
-    known = load_machine(asked.machine)
-    real = Model(known.geometry())
-    if own.model:
-        real, known = read_model(own.model, known_effects())
-    planned = load_procedure(own.protocol or known.usual_procedure, known.geometry())
-    if own.effect is not None:
-        hidden = hidden_effect(
-            own.effect,
-            real,
-            planned_readings(planned, known),
-            effects=known_effects(),
-            seed=asked.seed,
-            noise_mm=max(own.scatter, own.resolution),
-            size=own.size,
-        )
-        real = replace(real, effects=(*real.effects, *hidden))
-    opened, readings = simulated_session(
-        planned,
-        known,
-        real,
+    opened, readings = simulated_of_files(
+        own.protocol,
+        asked.machine,
+        own.model,
+        effect=own.effect,
+        size=own.size,
         seed=asked.seed,
         scatter_mm=own.scatter,
         resolution_mm=own.resolution,
@@ -253,7 +229,7 @@ class PlanOptions:
 
 def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: Say) -> Answer:
     """The mounting that is worth its minutes most."""
-    from app.planning.next_measurement import next_measurement
+    from app.planning.tripod import next_measurement
     from app.report.schema.plan import PlanReport
     from app.report.text.planning import plan_text
 

@@ -165,8 +165,7 @@ class ResultScreen(PagedScreen):
     def action_copy(self) -> None:
         compared = self.query_one(TabbedContent).active == COMPARISON
         text = str(self.query_one("#compared" if compared else "#text", Static).content)
-        self.app.copy_to_clipboard(text)
-        self.app.notify(texts.copied_text(text), timeout=8, markup=False)
+        self.app.copy(text)
 
     def action_back(self) -> None:
         """To the screen below, or home; from a served page nowhere else."""
@@ -215,5 +214,4 @@ class CompareScreen(Screen[None]):
         self.toggle_class("plotted")
 
     def action_copy(self) -> None:
-        self.app.copy_to_clipboard(self._text)
-        self.app.notify(texts.copied_text(self._text), markup=False)
+        self.app.copy(self._text)

@@ -54,7 +54,8 @@ class Geometry:
     these errors count from the tool's place at Zero, which is set by hand. ``gravity`` is the unit
     vector of the pull of weight, ``screw_lead_mm`` the travel of a carriage for one turn, None if
     not known. ``load`` is the weight carried now, in units of the usual one. ``usable_bar`` are the
-    fractions of each bar, from the tool end, between which an indicator may touch it.
+    fractions of each bar, from the tool end, between which an indicator may touch it;
+    ``plane_mm`` is from where to where along each leg a reference plane reaches, None: everywhere.
 
     Raises CalibrationError for a machine that cannot stand at Zero or is singular there.
     """
@@ -73,6 +74,7 @@ class Geometry:
     workspace_mm: tuple[Triple, Triple] | None = None
     set_at_zero: bool = False
     usable_bar: tuple[Pair, Pair, Pair] = (USABLE_BAR,) * 3
+    plane_mm: Pair | None = None
 
     def __post_init__(self) -> None:
         for name in ("parallelogram_width_mm", "tool_radius_mm"):

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from tests.blind.forward import LEG_MM, FloatArray, Hidden, _feet, _tool
+from tests.blind.forward import LEG_MM, FloatArray, Hidden, feet_of, tool_of
 
 LIMITS_MM = (-100.0, 60.0)
 HIGHEST_MM = 84.0
@@ -38,8 +38,8 @@ def tool_errors_mm(hidden: Hidden, offsets_mm: FloatArray, lengths_mm: FloatArra
     commanded = _joints(wanted, LEG_MM + lengths_mm) - offsets_mm
     found = []
     for way in (1.0, -1.0):
-        feet = _feet(hidden, commanded, np.full(commanded.shape, way))
-        found.append(_tool(hidden, feet) - wanted)
+        feet = feet_of(hidden, commanded, np.full(commanded.shape, way))
+        found.append(tool_of(hidden, feet) - wanted)
     return np.concatenate(found)
 
 

@@ -1,23 +1,39 @@
-"""The calibration report: what was measured, found, judged, and what limits it."""
+"""The calibration report: what was measured, found, judged and limits it; its figures; its page."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from io import StringIO
+from itertools import groupby
 from pathlib import Path
+from typing import Any
 
+import matplotlib as mpl
+from jinja2 import Environment, StrictUndefined, Template
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from rich.console import RenderableType
 from rich.table import Table
 
 from app.evaluating.comparison import Verification, verify_files
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_files
 from app.evaluating.solution import SessionSolution, judge, maps, solve_files
 from app.report.charts.charts import (
+    NOISE,
+    Chart,
+    Series,
     before_and_after,
     measured_and_predicted,
     residuals_before_and_after,
     residuals_over_time,
 )
-from app.report.pages.figures import maps_svg, svg_of
 from app.report.text.caveats import bound_made_of, caveats
 from app.report.text.diagnosis import candidates_table, effects_text, gap_text
 from app.report.text.result import (
@@ -35,12 +51,16 @@ from app.report.text.result import (
 )
 from app.report.text.tables import new_table, signed
 from app.version import program
+from calib.errors import UsageError
+from calib.printable import printable
+from calib.tripod.workspace import PlaneMap
+from protocols.files import write_files
 from protocols.record import read_record
 from protocols.session import Reading, Session
 
 
 @dataclass(frozen=True)
-class Figure:
+class Picture:
     """A picture as SVG, with the sentence below it."""
 
     svg: str
@@ -54,7 +74,7 @@ class Section:
     heading: str
     sentences: Sequence[str] = ()
     tables: Sequence[Table] = ()
-    figures: Sequence[Figure] = ()
+    figures: Sequence[Picture] = ()
 
 
 @dataclass(frozen=True)
@@ -154,7 +174,10 @@ def _result(solved: SessionSolution, judged: str) -> Section:
         "Expected error of the tool with these values, µm r.m.s., on three planes through Zero."
     )
     return Section(
-        "Result", [judged, noise_words(solution)], tables, [Figure(maps_svg(maps(solved)), caption)]
+        "Result",
+        [judged, noise_words(solution)],
+        tables,
+        [Picture(maps_svg(maps(solved)), caption)],
     )
 
 
@@ -166,7 +189,7 @@ def _again(verified: Verification) -> Section:
         "Measured again, with the offsets entered",
         [decided(verified), *what_to_do(verified), *compared.remarks],
         [offsets_table(verified)],
-        [Figure(svg_of(chart), "Each difference before and after the offsets were entered.")],
+        [Picture(svg_of(chart), "Each difference before and after the offsets were entered.")],
     )
 
 
@@ -178,20 +201,20 @@ def _missing(diagnosed: SessionDiagnosis) -> Section:
         "What is missing from the model",
         [gap_text(found), effects_text(found.effects)],
         [candidates_table(found.candidates)] if found.candidates else [],
-        [Figure(svg_of(residuals_before_and_after(found.residuals.cells)), caption)],
+        [Picture(svg_of(residuals_before_and_after(found.residuals.cells)), caption)],
     )
 
 
 def _fit(solved: SessionSolution) -> Section:
     """What the model makes of the readings."""
     figures = [
-        Figure(
+        Picture(
             svg_of(measured_and_predicted(solved.solution)),
             "Differences as measured, and what the model leaves of them.",
         )
     ]
     if (over_time := residuals_over_time(solved)).series:
-        figures.append(Figure(svg_of(over_time), "Residuals over time: drift shows here."))
+        figures.append(Picture(svg_of(over_time), "Residuals over time: drift shows here."))
     return Section("Differences", tables=[difference_table(solved.solution)], figures=figures)
 
 
@@ -217,3 +240,168 @@ def _state(session: Session, reading: Reading) -> str:
     if reading.reading in session.restored:
         return f"counts again: {session.restored[reading.reading]}"
     return ""
+
+
+STYLE: dict[Any, Any] = {
+    "svg.hashsalt": "glidecal",  # names inside the file by its contents, not by chance
+    "svg.fonttype": "path",  # looks alike where the fonts are others
+    "text.parse_math": False,
+    "font.size": 8.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "0.9",
+}
+COLOURS = ("#1b6ca8", "#c8501e", "#3a7d44", "#7a4fa0", "#8a6d1d", "#555555")
+MARKERS = "osD^vP"
+"""A series is told by its marker where a printer has no colours."""
+
+WIDTH_IN, HEIGHT_IN = 6.6, 2.6
+BAR = 0.22
+
+DARKEST = 1.8
+"""The colours end so far above the largest error: digits stay readable on all of them."""
+
+WHOLE_UM = 20.0
+"""From this size on tenths of a micrometre are not worth a digit."""
+
+
+def svg_of(chart: Chart) -> str:
+    """A chart of series; bars where the places have names and a series one value at each."""
+    with _figure(WIDTH_IN, HEIGHT_IN) as ((axes,), out):
+        shown = [series for series in chart.series if series.name != NOISE]
+        for series in chart.series:
+            if series.name == NOISE:
+                _band(axes, series)
+        barred = all(len(series.x) <= len(chart.x_names) for series in shown)
+        for number, series in enumerate(shown):
+            colour = COLOURS[number % len(COLOURS)]
+            if barred:
+                axes.bar(series.x, series.y, BAR, label=series.name, color=colour)
+            else:
+                marker = MARKERS[number % len(MARKERS)]
+                axes.plot(series.x, series.y, marker, ms=3, label=series.name, color=colour)
+        axes.axhline(0.0, color="0.4", lw=0.6)
+        for mark in chart.marks:
+            axes.axvline(mark, color="0.4", lw=0.6, ls="--")
+        axes.set(xlabel=chart.x_words, ylabel=chart.y_words)
+        if chart.x_names:
+            axes.set_xticks(chart.x_ticks(), chart.x_names)
+            axes.grid(visible=False, axis="x")
+        axes.legend(frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    return out.getvalue()
+
+
+def _band(axes: Axes, series: Series) -> None:
+    """Noise: a grey field at each place, as wide as its points."""
+    points = sorted(zip(series.x, series.y, strict=True))
+    for _, some in groupby(points, key=lambda point: round(point[0])):
+        x, y = zip(*some, strict=True)
+        axes.fill_between((min(x), max(x)), min(y), max(y), color="0.88", lw=0)
+
+
+def maps_svg(maps: Sequence[PlaneMap]) -> str:
+    """Planes of the workspace beside each other, the error of the tool in µm as colour and digits.
+
+    All have one scale, from 0. A dash stands where the tool does not reach.
+    """
+    told = [v for one in maps for row in one.value.tolist() for v in row if math.isfinite(v)]
+    most_um = 1000.0 * max(told)
+    decimals = 0 if most_um >= WHOLE_UM else 1
+    with _figure(WIDTH_IN, WIDTH_IN / len(maps), len(maps)) as (every, out):
+        for axes, one in zip(every, maps, strict=True):
+            grid = [[1000.0 * value for value in row] for row in one.value.tolist()]
+            axes.pcolormesh(
+                one.coordinate_mm, one.up_mm, grid, cmap="YlOrRd", vmin=0.0, vmax=DARKEST * most_um
+            )
+            for up_mm, row in zip(one.up_mm.tolist(), grid, strict=True):
+                for across_mm, value in zip(one.coordinate_mm.tolist(), row, strict=True):
+                    shown = f"{value:.{decimals}f}" if math.isfinite(value) else "–"
+                    axes.text(across_mm, up_mm, shown, ha="center", va="center", size=6)
+            axes.grid(visible=False)
+            axes.set(xlabel=f"{one.across}, mm", ylabel=f"{one.up}, mm", aspect="equal")
+    return out.getvalue()
+
+
+@contextmanager
+def _figure(
+    width_in: float, height_in: float, columns: int = 1
+) -> Iterator[tuple[list[Axes], StringIO]]:
+    """Axes to draw on, beside each other; the SVG is there once they are done."""
+    out = StringIO()
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        yield [figure.add_subplot(1, columns, 1 + k) for k in range(columns)], out
+        figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
+
+
+PDF_NEEDS = (
+    "the system's library Pango (Debian: libpangoft2-1.0-0); or write .html and print that "
+    "from a browser"
+)
+
+
+def html_of(report: CalibrationReport) -> str:
+    """One page without a script or anything from elsewhere; texts of strangers are inert."""
+    return _template().render(report=report)
+
+
+@cache
+def _template() -> Template:
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, finalize=_shown, keep_trailing_newline=True
+    )
+    environment.filters |= {"svg": _drawing, "cells": _cells}
+    text = resources.files("app.report.pages").joinpath("report.html").read_text(encoding="utf-8")
+    return environment.from_string(text)
+
+
+def _shown(value: object) -> object:
+    """Hidden characters are shown, as everywhere."""
+    return (
+        printable(value, keep="\n")
+        if isinstance(value, str) and not isinstance(value, Markup)
+        else value
+    )
+
+
+def _cells(table: Table) -> list[tuple[RenderableType, ...]]:
+    """Rows of a table."""
+    return list(zip(*(column.cells for column in table.columns), strict=True))
+
+
+def _drawing(svg: str) -> Markup:
+    """The element alone; it is ours, and the texts in it are paths."""
+    return Markup(svg[svg.index("<svg") :])
+
+
+def pdf_of(html: str) -> bytes:
+    """The page printed. Raises UsageError where the library cannot be loaded."""
+    # fontTools writes the time into the fonts that it cuts down, unless this tells it one
+    os.environ.setdefault("SOURCE_DATE_EPOCH", "0")
+    try:
+        from weasyprint import HTML
+    except OSError as problem:  # not ImportError: it looks for the library as it is imported
+        raise UsageError("a report as PDF", "no library to print it", PDF_NEEDS) from problem
+    printed: bytes = HTML(string=html).write_pdf()
+    return printed
+
+
+def write_report(
+    sessions: Sequence[Path],
+    output: Path,
+    model: Path | None = None,
+    after: Path | None = None,
+    *,
+    tolerance_mm: float | None = None,
+    replace: bool = False,
+) -> Path:
+    """Write the report of session files to a path that ends with ``.html`` or ``.pdf``.
+
+    Raises UsageError for another ending, and as `report_of` and `write_files`.
+    """
+    if output.suffix not in (".html", ".pdf"):
+        raise UsageError("--output", f"{output}", "a path that ends with .html or .pdf")
+    html = html_of(report_of(sessions, model=model, after=after, tolerance_mm=tolerance_mm))
+    written = pdf_of(html) if output.suffix == ".pdf" else html
+    return write_files(output, {"": written}, replace=replace)[0]

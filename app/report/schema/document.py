@@ -70,7 +70,7 @@ def rows(kind: Callable[..., R], names: Iterable[str], *columns: FloatArray) -> 
     return {name: kind(*row) for name, *row in zip(names, *lists, strict=True)}
 
 
-class LackOfFit(Report):
+class LackOfFitEntry(Report):
     """Variance ratio and its p-value; null where it cannot be tested."""
 
     statistic: float | None = None

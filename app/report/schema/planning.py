@@ -24,7 +24,7 @@ class Addition(Report):
     standard_uncertainty_mm: float = at("standard_uncertainty")
 
 
-class Direction(Report):
+class DirectionEntry(Report):
     """A combination of parameters that is lost or weak."""
 
     name: str
@@ -41,7 +41,7 @@ class PosturesSeen(Report):
     source: str
 
 
-class ClassicalQr(Report):
+class ClassicalQrEntry(Report):
     """The test of papers/001, in the order of the parameters."""
 
     tolerance: float
@@ -70,12 +70,12 @@ class IdentifiabilityReport(Report):
     )
     remark: str = at("seen.examined.remark")
     individually_identifiable: tuple[str, ...] = at("seen.found.individually_known")
-    lost_directions: tuple[Direction, ...] = at("seen.unidentifiable")
-    weak_directions: tuple[Direction, ...] = at("seen.weak")
+    lost_directions: tuple[DirectionEntry, ...] = at("seen.unidentifiable")
+    weak_directions: tuple[DirectionEntry, ...] = at("seen.weak")
     condition_number: Finite = at("seen.found.condition_number", "of the identifiable combinations")
     units: str = at("seen.examined.units")
     noise: str = at("seen.examined.noise_words")
-    classical_qr: ClassicalQr = at("seen.qr")
+    classical_qr: ClassicalQrEntry = at("seen.qr")
 
 
 class PosturesReport(Report):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
-from app.planning.next_measurement import NextMeasurement
+from app.planning.tripod import MeasurementPlan
 from app.report.text.tables import map_text, new_table, table_text, uncertain, wrapped
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.design.criteria import Criterion
-from calib.design.planning import Combination, SeenBy
+from calib.design.identifiability import Combination, SeenBy
 from calib.diagnosis.results import AliasMap
-from calib.identify.next_mounting import MOST_FURTHER, FurtherSetUp, NextMountings, Proposal
+from calib.identify.next_mounting import FurtherSetUp, Proposal, Reach
 from calib.stats import coverage_factor
 from calib.tripod.optimum import ChosenPostures, Figures
 from calib.tripod.workspace import PostureOfTool, Workspace
@@ -151,7 +151,7 @@ def _figure(figures: Figures, kind: str) -> str:
     return "not identifiable" if value is None else f"{value:.4g}"
 
 
-def plan_text(plan: NextMeasurement) -> str:
+def plan_text(plan: MeasurementPlan) -> str:
     """One sentence, then the runners-up."""
     best = plan.best
     known = f"after {', '.join(plan.sessions)}" if plan.sessions else "with nothing measured yet"
@@ -166,10 +166,10 @@ def plan_text(plan: NextMeasurement) -> str:
         table.add_row(
             one.leg, f"{one.station:g}", _levels(one), f"{one.minutes:.1f}", f"{one.tool_mm:.4g}"
         )
-    return f"{sentence}\n\n{table_text(table)}\n\n{_further_text(plan.found)}"
+    return f"{sentence}\n\n{table_text(table)}\n\n{further_text(plan.found.reach)}"
 
 
-def _further_text(found: NextMountings) -> str:
+def further_text(found: Reach) -> str:
     """What bound each further set-up reaches, and when more would not help."""
     table = new_table("further set-ups", "minutes in all", "tool at most, mm", "because of")
     table.add_row("none", "0", uncertain(found.bound_mm), found.open_name or PARTS)
@@ -177,17 +177,17 @@ def _further_text(found: NextMountings) -> str:
         where = f"leg {', '.join(one.legs)} at station {one.station:g}"
         bound = uncertain(one.bound_mm)
         table.add_row(where, f"{one.minutes:.0f}", bound, one.open_name or PARTS)
-    left = found.further[-1].open_name if found.further else found.open_name
-    stop = (
-        f"After that no set-up lowers the bound by a tenth: {left or PARTS} must be ruled out or "
-        "measured by other means than readings of legs."
-        if len(found.further) < MOST_FURTHER
-        else "More set-ups would lower it further."
-    )
+    stop = "More set-ups would lower it further."
+    if found.is_last:
+        stop = (
+            f"{'After that no' if found.further else 'No'} set-up lowers the bound by a tenth: "
+            f"{found.left_open or PARTS} must be ruled out or measured by other means than "
+            "readings of legs."
+        )
     if found.further:
         levels = _levels(found.further[0])
         stop = f"Each is read there and back, both axes ({levels} mm). {stop}"
-    told = "" if found.effects_told else ", without effects: none is modelled over a plane"
+    told = "" if found.bound.names else ", without effects: none is modelled over a plane"
     said = wrapped(
         "What the tool is off by at most, r.m.s. over the workspace (95 %), if the readings to "
         f"come show nothing new{told}:"

@@ -97,10 +97,9 @@ def _method_words(solution: Solution) -> str:
 def verdict_words(solved: SessionSolution) -> str:
     """How well the parameters are known, and what that is at legs and tool, a line each."""
     solution = solved.solution
-    of_tool = any(reading.leg == "tool" for one in solved.sessions for reading in one.readings)
     return (
         f"{_known_words(solution)}\n"
-        f"{'Tool' if of_tool else 'Leg'} deviations {solution.rms_before_mm:.4f} → "
+        f"{'Tool' if solved.reads_tool else 'Leg'} deviations {solution.rms_before_mm:.4f} → "
         f"{solution.rms_after_mm:.4f} mm r.m.s.\n"
         f"{bound_now_and_then(solved)}"
     )
@@ -308,7 +307,7 @@ def next_text(solved: SessionSolution, *, exports: bool, measures: bool) -> str:
         return LOOK_FIRST
     if not exports:
         return ""
-    if not solved.tool_after.rms_mm < solved.tool_before.rms_mm:
+    if not solved.helps:
         return KEEP
     return f"{ENTER}{AGAIN if measures else ''}."
 
@@ -340,14 +339,6 @@ def export_caution(solved: SessionSolution, refused: str) -> str:
         return f"No files for LinuxCNC were written (any that are there are older): {refused}"
     stated = solved.sessions[0].opened.machine.home_at_mm() is not None
     return "" if stated else UNKNOWN_HOME_OFFSET
-
-
-def copied_text(text: str) -> str:
-    """How much was copied, and why it may not arrive."""
-    return (
-        f"{len(text.splitlines())} lines copied. If nothing arrives: some terminals do not allow "
-        "it, and tmux needs `set-clipboard on`."
-    )
 
 
 def comparison_report(comparison: Comparison) -> str:

@@ -78,3 +78,11 @@ def uncertain(value_mm: float, least: int = 3) -> str:
 def signed(value: float, decimals: int = 3) -> str:
     """A number with its sign; zero is never shown as minus zero."""
     return f"{round(value, decimals) + 0.0:+.{decimals}f}"
+
+
+def copied_text(text: str) -> str:
+    """How much was copied, and why it may not arrive."""
+    return (
+        f"{len(text.splitlines())} lines copied. If nothing arrives: some terminals do not allow "
+        "it, and tmux needs `set-clipboard on`."
+    )

@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.planning.next_measurement import next_measurement
-from app.planning.tripod import tripod_planning
+from app.planning.tripod import next_measurement, tripod_planning
 from calib.arrays import conditions, descending
 from calib.design.criteria import Criterion
-from calib.design.planning import seen_by
+from calib.design.identifiability import seen_by
 from calib.tripod.geometry import Geometry
 from calib.tripod.optimum import optimum_postures
 from calib.tripod.pipeline import derivatives

@@ -13,11 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.evaluating.solution import solve_files
-from app.machines.options import extra
-from app.report.pages.page import html_of, pdf_of
-from app.report.pages.report import CalibrationReport, Figure, Section, report_of
+from app.report.pages.report import CalibrationReport, Picture, Section, html_of, pdf_of, report_of
 from app.report.text.tables import new_table
-from calib.errors import UsageError
+from calib.errors import UsageError, extra
 from calib.printable import HIDDEN
 from protocols.journal import write_whole
 from protocols.record import read_record
@@ -100,7 +98,7 @@ def _report_with(words: str) -> CalibrationReport:
     """A report that has these words wherever a text can stand."""
     table = new_table(words, words)
     table.add_row(words, words)
-    section = Section(words, [words], [table], [Figure("<svg></svg>", words)])
+    section = Section(words, [words], [table], [Picture("<svg></svg>", words)])
     return CalibrationReport(words, words, [words], [section], words)
 
 
@@ -186,6 +184,6 @@ def test_without_the_extra_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(builtins, "__import__", none)
     with (
         pytest.raises(UsageError, match=r"no package matplotlib.*glidecal\[report\]"),
-        extra("report"),
+        extra("glidecal report", "report"),
     ):
         import matplotlib.figure  # noqa: F401  (asked for once more)

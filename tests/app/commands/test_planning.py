@@ -364,11 +364,14 @@ def test_workspace_in_words_and_as_a_document() -> None:
     assert [len(one["factor"]) for one in found["maps"]] == [7, 7, 7]
 
 
+AT = ("--at", "70", "40", "0")
+
+
 def test_one_place_of_the_tool() -> None:
-    found = json.loads(glidecal("workspace", "orthoglide", "--at", 70, 40, 0, "--json").out)
+    found = json.loads(glidecal("workspace", "orthoglide", *AT, "--json").out)
     assert not found["stands"]
     assert found["working_modes"][0]["signs"] == [1, 1, 1]
-    said = " ".join(glidecal("workspace", "orthoglide", "--at", 70, 40, 0).out.split())
+    said = " ".join(glidecal("workspace", "orthoglide", *AT).out.split())
     assert "joint limits do NOT allow it" in said
     assert "glidecal.posture/1" in json.dumps(found)
 
@@ -378,9 +381,9 @@ def test_what_has_no_workspace_says_so(tmp_path: Path) -> None:
         2, "workspace", "hexaslide"
     )
     assert "tool at (900.000, 0.000, 0.000) mm" in refused(
-        5, "workspace", "orthoglide", "--at", 900, 0, 0
+        5, "workspace", "orthoglide", "--at", "900", "0", "0"
     )
-    for wrong in (("--limit", "nan"), ("--limit", "0.5"), ("--at", "nan", 0, 0)):
+    for wrong in (("--limit", "nan"), ("--limit", "0.5"), ("--at", "nan", "0", "0")):
         assert glidecal("workspace", "orthoglide", *wrong).status == 2
     path = tmp_path / "m.toml"
     path.write_text(

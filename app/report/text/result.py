@@ -269,6 +269,9 @@ def comparison_sentence(before: Solution, after: Solution) -> str:
     )
 
 
+WRITING_REPORT = "Writing the report …"
+REPORT_WRITTEN = "Report written: {}. Open it in a browser to read, print and sign it."
+
 RESULT_HELP = """\
 1 2 3         joint offsets, leg lengths, or both
 4             both, constrained by the tolerances of the parts
@@ -276,6 +279,7 @@ Tab, arrows   Result, Plot, and after a verification Before/after
 E             write the joint offsets, in every format, into a folder
               beside the session
 V             measure again after the offsets were entered, and compare
+R             write the report to sign (HTML) beside the session
 D             diagnose: where readings and model disagree, and why
 Y             copy the text to the clipboard
 Escape, H     back; to the home screen

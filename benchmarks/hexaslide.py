@@ -24,7 +24,7 @@ from calib.arrays import FloatArray
 from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.planning import best_postures, rows_seen
 from calib.hexaslide.procedures import Kind, Procedure
-from protocols.hexaslide_machine import load_hexaslide
+from protocols.hexaslide import load_hexaslide
 
 COUNTS = {
     Kind.POSE_INVERSE: 9,

@@ -104,7 +104,7 @@ def _show(found: SessionDiagnosis, *, further: bool, as_json: bool) -> None:
 
 def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> None:
     from app.evaluating.own_effects import known_effects
-    from app.planning.next_measurement import alias_map
+    from app.planning.tripod import alias_map
     from app.report.schema.diagnosis import AliasReport
     from app.report.schema.document import to_json
     from app.report.text.planning import alias_text

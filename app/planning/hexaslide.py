@@ -16,15 +16,16 @@ from calib.hexaslide.procedures import Kind, Procedure
 from calib.hexaslide.residuals import measured_names
 from calib.hexaslide.simulation import simulate
 from protocols.files import write_files
-from protocols.hexaslide_machine import HexaSlideMachine, load_hexaslide
-from protocols.hexaslide_postures import (
+from protocols.hexaslide import (
     SCHEMA,
     TRUTH_SCHEMA,
+    FileUnits,
+    HexaSlideMachine,
     HexaSlideMeasurements,
     HexaSlideTruth,
     MeasuredPosture,
     MeasuringNoise,
-    Units,
+    load_hexaslide,
     load_postures,
     machine_like,
     read_measurements,
@@ -142,7 +143,7 @@ def write_postures(found: BestPostures, path: Path, *, replace: bool = False) ->
 
 
 @dataclass(frozen=True)
-class Asked:
+class SimulationRequest:
     """What is to be simulated; ``angle_noise_mrad`` None: as many mrad as ``noise_mm`` has mm.
 
     ``postures`` are so many random ones, or a file of them.
@@ -158,7 +159,7 @@ class Asked:
     machine_file: Path | None = None
 
 
-def simulated(asked: Asked) -> tuple[HexaSlideMeasurements, HexaSlideTruth]:
+def simulated(asked: SimulationRequest) -> tuple[HexaSlideMeasurements, HexaSlideTruth]:
     """Measurements on a machine that differs from its file, and that machine.
 
     Raises UsageError for a procedure or noise, RecordError for the machine file, CalibrationError
@@ -185,7 +186,7 @@ def simulated(asked: Asked) -> tuple[HexaSlideMeasurements, HexaSlideTruth]:
         seed=asked.seed,
         procedure=procedure.kind,
         measured=measured_names(procedure),
-        units=Units(),
+        units=FileUnits(),
         noise=noise,
         machine_file=asked.machine_file.name if asked.machine_file else EXAMPLE,
         machine=own,
@@ -197,7 +198,7 @@ def simulated(asked: Asked) -> tuple[HexaSlideMeasurements, HexaSlideTruth]:
     )
 
 
-def _noise(asked: Asked) -> MeasuringNoise:
+def _noise(asked: SimulationRequest) -> MeasuringNoise:
     angle = asked.noise_mm if asked.angle_noise_mrad is None else asked.angle_noise_mrad
     if (angle == 0.0) != (asked.noise_mm == 0.0):
         raise UsageError(
@@ -207,7 +208,7 @@ def _noise(asked: Asked) -> MeasuringNoise:
 
 
 def write_simulated(
-    asked: Asked, output: Path, truth: Path | None, *, replace: bool = False
+    asked: SimulationRequest, output: Path, truth: Path | None, *, replace: bool = False
 ) -> HexaSlideMeasurements:
     """Simulate into files. Raises as `simulated` and `write_files`."""
     if truth is not None and truth.resolve() == output.resolve():

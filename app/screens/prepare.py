@@ -28,7 +28,7 @@ from app.measuring.indicators import (
     last_used,
     port_is_gone,
     serial_ports,
-    some_indicators,
+    simulated_indicators,
 )
 from app.measuring.opening import Plan, session_name
 from app.report.text import home as texts
@@ -37,14 +37,14 @@ from app.report.text.session import dry_run_text, procedure_sentence
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import Interface
 from calib.errors import GlidecalError, IndicatorError, UsageError
-from drivers.doctor import Finding, Trials, findings_of, refused, try_profiles
-from drivers.profile import Asked, Unit, Verified
+from drivers.doctor import PortFinding, Trials, findings_of, refused, try_profiles
+from drivers.profile import Evidence, Query, Unit
 from drivers.profiles import PROFILES
+from protocols.data_table import NUMBER
 from protocols.documents import MOST_LETTERS
 from protocols.machine import Instrument, Machine, load_machine
 from protocols.machine_files import USUAL_MACHINE, machine_names
 from protocols.procedure import Procedure, guided_procedure_names, load_procedure, shuffled
-from protocols.table import NUMBER
 
 Form = dict[str, object]
 """The values of an indicator by their names in the record, texts as typed; empty: none."""
@@ -173,7 +173,7 @@ class IndicatorScreen(LeftOnce[Form]):
             self._try(known.port, asked_of(known))
 
     @work(thread=True)
-    def _try(self, port: str, asked: Asked) -> None:
+    def _try(self, port: str, asked: Query) -> None:
         stop = self._stop or Event()
 
         def tell(*trial: object) -> None:
@@ -192,7 +192,7 @@ class IndicatorScreen(LeftOnce[Form]):
             return
         stopped, self._stop = self._stop is not None and self._stop.is_set(), None
         if isinstance(found, IndicatorError):
-            findings: Iterable[Finding] = [refused(port, found)]
+            findings: Iterable[PortFinding] = [refused(port, found)]
         else:
             findings = findings_of(found)
             self._propose(port, found)
@@ -205,7 +205,7 @@ class IndicatorScreen(LeftOnce[Form]):
         if not fitting:
             return
         self._answered[port] = ", ".join(profile.name for profile in fitting)
-        best = min(fitting, key=lambda profile: profile.verified is Verified.UNVERIFIED).name
+        best = min(fitting, key=lambda profile: profile.verified is Evidence.UNVERIFIED).name
         chosen = self._form.get("profile")
         others = [profile for profile in PROFILES.values() if profile not in fitting]
         profiles = self.query_one("#profile", Select)
@@ -294,7 +294,7 @@ class PrepareScreen(Screen[None]):
             for field in FIELDS:
                 yield from self._input(*field)
             yield Static("", id="summary", markup=False)
-        yield Footer()
+        yield Footer(compact=True, show_command_palette=False)
 
     def _input(self, name: str, label: str, hint: str) -> ComposeResult:
         typed = Input(placeholder=hint, id=name, compact=True, max_length=MOST_LETTERS)
@@ -416,12 +416,12 @@ class PrepareScreen(Screen[None]):
     def _instruments(self, procedure: Procedure) -> tuple[Instrument, ...]:
         instruments = tuple(indicator_of(form) for form in self._forms if form)
         if instruments:
-            check_indicators(instruments, legs=procedure.plate is None)
+            check_indicators(instruments, legs=bool(procedure.levels))
         return instruments
 
     def _some(self, procedure: Procedure) -> tuple[Instrument, ...]:
         """The indicators; without any, two."""
-        return self._instruments(procedure) or some_indicators(DEFAULT_PROFILE, needed=False)
+        return self._instruments(procedure) or simulated_indicators()
 
     def _plan(self) -> Plan:
         machine = self._machine()

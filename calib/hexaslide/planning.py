@@ -23,13 +23,17 @@ from calib.arrays import (
 from calib.clusters import in_parallel
 from calib.design.criteria import Aim, Criterion, Observability, observability
 from calib.design.identifiability import (
+    AddedMeasurement,
     ClassicalQr,
+    Combination,
+    Examination,
     Identifiability,
+    SeenBy,
     Sensitivity,
     analyse,
     classical_qr,
+    seen_by,
 )
-from calib.design.planning import AddedMeasurement, Combination, Examination, SeenBy, seen_by
 from calib.design.refinement import Pull, RefinedPostures, count_on_bound, judged, refine
 from calib.errors import CalibrationError, NotIdentifiable
 from calib.hexaslide.derivatives import RowMaker, jacobian

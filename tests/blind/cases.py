@@ -40,6 +40,8 @@ COUNTS = {
     "blunder": 18,
     "blunder-and-effect": 10,
     "mislabelled": 40,
+    "plane-none": 24,
+    "plane": 5,
 }
 
 
@@ -77,7 +79,7 @@ class Case:
 
 def plan(share: float = 1.0) -> list[Case]:
     """All cases; ``share`` of the full count, at least one of each combination."""
-    effects = (_none, _single, _pair, _look_alike, _left_out, _outside, _beside, _bars)
+    effects = (_none, _single, _pair, _look_alike, _left_out, _outside, _beside, _bars, _plane)
     mistakes = (_blunder, _mixed, _false)
     return [case for cell in (*effects, *mistakes) for case in cell(share)]
 
@@ -143,6 +145,16 @@ def _beside(share: float) -> Iterator[Case]:
         for also, cell in (((), "beside"), (tuple(BESIDE), "beside-named")):
             key = f"{cell}/{procedure}/{effect}/{k}/{n}"
             yield Case(key, cell, procedure, _usual(n), (effect,), (k,), also=also)
+
+
+def _plane(share: float) -> Iterator[Case]:
+    """Legs over a plane beside readings from Zero: nothing else, and single effects."""
+    procedure = "zero-max-min-plane"
+    for noise, n in product(NOISES, _counted("plane-none", share)):
+        yield Case(f"plane-none/{noise}/{n}", "plane-none", procedure, noise)
+    for effect, k, n in product(EFFECT_IDS, (2.0, 4.0), _counted("plane", share)):
+        key = f"plane/{effect}/{k}/{n}"
+        yield Case(key, "plane", procedure, _usual(n), (effect,), (k,))
 
 
 def _bars(share: float) -> Iterator[Case]:

@@ -24,7 +24,7 @@ def test_derivatives_wrong_by_1e_7_change_no_decision(procedure: str) -> None:
     for seed in range(10):
         wrong = np.random.default_rng(seed).uniform(-1e-7, 1e-7, exact.jacobian.shape)
         again = analyse(replace(exact, jacobian=exact.jacobian * (1.0 + wrong)))
-        assert again.rank == found.rank == 6
+        assert again.rank == found.rank == (4 if procedure == "plane" else 6)
         assert len(again.weak) == len(found.weak)
         assert again.individually_known == found.individually_known
         assert {d.combination for d in again.weak} == {d.combination for d in found.weak}

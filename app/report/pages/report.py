@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -54,8 +55,8 @@ from app.report.text.result import (
 from app.report.text.tables import new_table, signed, uncertain
 from app.version import program
 from calib.errors import UsageError
-from calib.identify.accuracy import ToolMap
 from calib.printable import printable
+from calib.tripod.workspace import PlaneMap
 from protocols.files import check_targets, write_files
 from protocols.procedure import Step
 from protocols.record import read_record
@@ -350,24 +351,24 @@ def _band(axes: Axes, series: Series) -> None:
         axes.fill_between((min(x), max(x)), min(y), max(y), color="0.88", lw=0)
 
 
-def maps_svg(maps: Sequence[ToolMap]) -> str:
+def maps_svg(maps: Sequence[PlaneMap]) -> str:
     """Planes of the workspace beside each other, the error of the tool in µm as colour and digits.
 
-    All have one scale, from 0.
+    All have one scale, from 0. A dash stands where the tool does not reach.
     """
-    most_um = 1000.0 * max(float(one.error_mm.max()) for one in maps)
+    told = [v for one in maps for row in one.value.tolist() for v in row if math.isfinite(v)]
+    most_um = 1000.0 * max(told)
     decimals = 0 if most_um >= WHOLE_UM else 1
     with _figure(WIDTH_IN, WIDTH_IN / len(maps), len(maps)) as (every, out):
         for axes, one in zip(every, maps, strict=True):
-            grid = [[1000.0 * value for value in row] for row in one.error_mm.tolist()]
+            grid = [[1000.0 * value for value in row] for row in one.value.tolist()]
             axes.pcolormesh(
                 one.coordinate_mm, one.up_mm, grid, cmap="YlOrRd", vmin=0.0, vmax=DARKEST * most_um
             )
             for up_mm, row in zip(one.up_mm.tolist(), grid, strict=True):
                 for across_mm, value in zip(one.coordinate_mm.tolist(), row, strict=True):
-                    axes.text(
-                        across_mm, up_mm, f"{value:.{decimals}f}", ha="center", va="center", size=6
-                    )
+                    shown = f"{value:.{decimals}f}" if math.isfinite(value) else "–"
+                    axes.text(across_mm, up_mm, shown, ha="center", va="center", size=6)
             axes.grid(visible=False)
             axes.set(xlabel=f"{one.across}, mm", ylabel=f"{one.up}, mm", aspect="equal")
     return out.getvalue()

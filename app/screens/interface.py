@@ -47,6 +47,7 @@ from protocols.files import FilesThere, unused_path
 
 if TYPE_CHECKING:
     from app.evaluating.comparison import Comparison
+    from app.evaluating.history import History
     from app.evaluating.solution import SessionSolution
 
 
@@ -413,6 +414,9 @@ class Interface(App[str]):
 
     @abstractmethod
     def diagnosis(self, paths: list[Path]) -> Screen[None]: ...
+
+    @abstractmethod
+    def history(self, found: History) -> Screen[None]: ...
 
     @abstractmethod
     def replay(self, path: Path) -> Screen[None]: ...

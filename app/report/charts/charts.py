@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
+from app.evaluating.history import JOINTS, MachineHistory
 from app.evaluating.solution import SessionSolution
 from app.measuring.gauges import SLOTS, Trace
 from app.measuring.leg_review import leg_rows
@@ -36,7 +37,8 @@ class Series:
 class Chart:
     """One plot: series over one horizontal axis with the words beside it.
 
-    With ``x_names`` the places 1, 2, … of ``x`` carry names in the place of numbers.
+    With ``x_names`` the places 1, 2, … of ``x`` carry names in the place of numbers. ``marks`` are
+    places of ``x`` with a line from top to bottom.
     """
 
     title: str
@@ -44,6 +46,7 @@ class Chart:
     y_words: str
     series: tuple[Series, ...]
     x_names: tuple[str, ...] = ()
+    marks: tuple[float, ...] = ()
 
     @property
     def heading(self) -> str:
@@ -302,6 +305,17 @@ def residuals_over_time(solved: SessionSolution) -> Chart:
             points.setdefault(name, []).append((reading.time_s / 60.0, 1000.0 * residual_mm))
     series = tuple(_series(name, found) for name, found in points.items())
     return Chart("Residuals", "minutes", "residual, µm", series)
+
+
+def offsets_over_time(found: MachineHistory) -> Chart:
+    """Change of each joint offset since the first session; lines where something was changed."""
+    series = tuple(
+        Series(f"joint {name}", found.days, tuple(1000.0 * mm for mm in one.change.tolist()))
+        for name, one in zip(JOINTS, found.joints, strict=True)
+    )
+    days = zip(found.days, found.points, strict=True)
+    marks = tuple(day for day, point in days if point.event)
+    return Chart("Change of the offsets", "days", "µm", series, marks=marks)
 
 
 BITS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))

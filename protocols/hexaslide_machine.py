@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
@@ -26,15 +28,29 @@ Coordinate = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Point = tuple[Coordinate, Coordinate, Coordinate]
 Length = Annotated[float, Field(ge=1e-6, le=1000.0)]
 Range = tuple[Coordinate, Coordinate]
+Angle = Annotated[float, Field(ge=-360.0, le=360.0)]
+
+
+def ordered(bounds: Range) -> Range:
+    """Raises ValueError for bounds in the wrong order."""
+    if not bounds[0] < bounds[1]:
+        raise ValueError("the lower bound first, then a larger one")
+    return bounds
 
 
 class Chain(Document):
-    """One chain, lengths in metres; ``rail`` is a unit vector, ``joint_m`` on the platform."""
+    """One chain, lengths in metres; ``rail`` is a unit vector, ``joint_m`` on the platform.
+
+    ``travel_m`` is from where to where the slider may go; ``zeros_deg`` what encoders in the joint
+    on the carriage read too much: of the turn about the rail, and of the angle to it.
+    """
 
     start_m: Point
     rail: Point
     joint_m: Point
     link_m: Length
+    travel_m: Range | None = None
+    zeros_deg: tuple[Angle, Angle] = (0.0, 0.0)
 
     @field_validator("rail")
     @classmethod
@@ -45,6 +61,11 @@ class Chain(Document):
         if abs(rail[2]) < LEVEL:
             raise ValueError(f"a rail that is not level, |z| ≥ {LEVEL:g}")
         return rail
+
+    @field_validator("travel_m")
+    @classmethod
+    def _forward(cls, travel: Range | None) -> Range | None:
+        return None if travel is None else ordered(travel)
 
 
 class PostureBox(Document):
@@ -60,9 +81,7 @@ class PostureBox(Document):
     @field_validator("*")
     @classmethod
     def _ordered(cls, bounds: Range) -> Range:
-        if not bounds[0] < bounds[1]:
-            raise ValueError("the lower bound first, then a larger one")
-        return bounds
+        return ordered(bounds)
 
     def bounds(self) -> Box:
         """The box in metres and radians."""
@@ -118,7 +137,23 @@ class HexaSlideMachine(Document):
         if ends is not None:
             platform_end, base_end = np.array(ends.platform_end_m), np.array(ends.base_end_m)
             link = ConstraintLink(platform_end, base_end, ends.length_m)
-        return HexaSlide(_geometry(self.chain), self.box.bounds(), link)
+        travel = [one.travel_m or (-np.inf, np.inf) for one in self.chain]
+        zeros = np.radians([one.zeros_deg for one in self.chain]).ravel()
+        return HexaSlide(_geometry(self.chain), self.box.bounds(), link, zeros, np.array(travel).T)
+
+
+def machine_text(machine: HexaSlideMachine, said: Iterable[str]) -> str:
+    """The machine file, below what is ``said`` of it."""
+    lines = [*(f"# {line}".rstrip() for line in said)]
+    tables: list[tuple[str, Document]] = [("[[chain]]", one) for one in machine.chain]
+    tables.append(("[box]", machine.box))
+    if machine.constraint_link is not None:
+        tables.append(("[constraint_link]", machine.constraint_link))
+    lines += [f'schema = "{machine.schema_id}"', f"name = {json.dumps(machine.name)}"]
+    for heading, table in tables:
+        values = table.model_dump(mode="json", exclude_none=True)
+        lines += ["", heading, *(f"{key} = {json.dumps(value)}" for key, value in values.items())]
+    return "\n".join(lines) + "\n"
 
 
 def _geometry(chain: tuple[Chain, ...]) -> Geometry:

@@ -19,11 +19,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from calib.arrays import FloatArray
 from calib.errors import CalibrationError, RecordError
-from calib.hexaslide.geometry import ConstraintLink, Geometry, Numbers
+from calib.hexaslide.arms import Numbers
+from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.procedures import Kind, Procedure
-from calib.hexaslide.residuals import Readings, measured_names
+from calib.hexaslide.residuals import Readings
 from protocols.documents import Document, Name, describe, read_text
-from protocols.hexaslide_machine import Chain, HexaSlideMachine, LinkEnds, Point
+from protocols.hexaslide_machine import HexaSlideMachine, LinkEnds, Point
 
 MOST_POSTURES = 10_000
 
@@ -156,7 +157,7 @@ class HexaSlideMeasurements(Document):
     @model_validator(mode="after")
     def _fits(self) -> HexaSlideMeasurements:
         try:
-            wanted = measured_names(self.as_procedure())
+            wanted = self.as_procedure().measured
         except CalibrationError as problem:
             raise ValueError(str(problem)) from problem
         if wanted != self.measured:
@@ -174,7 +175,7 @@ class HexaSlideMeasurements(Document):
 
     def as_procedure(self) -> Procedure:
         """The procedure with what it measures. Raises CalibrationError."""
-        fixed = self.procedure in (Kind.POSE_INVERSE, Kind.CONSTRAINT_LINK)
+        fixed = self.procedure is Kind.POSE_INVERSE
         return Procedure.of(self.procedure.value, () if fixed else self.measured)
 
     def readings(self) -> Readings:
@@ -250,18 +251,21 @@ def _read(path: Path, kind: type[D], what: str) -> D:
         ) from problem
 
 
-def machine_like(
-    nominal: HexaSlideMachine, name: str, geometry: Geometry, link: ConstraintLink | None
-) -> HexaSlideMachine:
-    """The machine file with other numbers, box and all else as they are."""
+def machine_like(nominal: HexaSlideMachine, name: str, machine: HexaSlide) -> HexaSlideMachine:
+    """The machine file with the numbers of another machine, box and all else as they are."""
+    geometry, link = machine.geometry, machine.link
+    zeros = np.degrees(machine.zeros_rad).reshape(-1, 2).tolist()
     chains = tuple(
-        Chain(
-            start_m=_point(geometry.base[k]),
-            rail=_point(geometry.rails[k]),
-            joint_m=_point(geometry.platform[k]),
-            link_m=float(geometry.links[k]),
+        one.model_copy(
+            update={
+                "start_m": _point(geometry.base[k]),
+                "rail": _point(geometry.rails[k]),
+                "joint_m": _point(geometry.platform[k]),
+                "link_m": float(geometry.links[k]),
+                "zeros_deg": tuple(zeros[k]),
+            }
         )
-        for k in range(len(geometry.links))
+        for k, one in enumerate(nominal.chain)
     )
     ends = None
     if link is not None:

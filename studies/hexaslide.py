@@ -21,14 +21,14 @@ from calib.errors import GlidecalError
 from calib.hexaslide.planning import (
     KINDS,
     PUBLISHED_SETS,
-    BestPostures,
     HexaSlideSeen,
-    best_postures,
+    Scale,
     conditions_by_units,
     look_at,
     sensitivity,
 )
 from calib.hexaslide.procedures import Kind
+from calib.hexaslide.search import BestPostures, Search, best_postures
 from protocols.hexaslide_machine import load_hexaslide
 from studies import THREADS, tables
 
@@ -107,18 +107,18 @@ def study(request: Request, effort: Effort) -> Studied:
 
 def searched(view: HexaSlideSeen, count: int, starts: int) -> BestPostures:
     """As ``glidecal postures hexaslide --criterion condition``."""
-    return best_postures(view.procedure, view.machine, count, seed=SEED, starts=starts)
+    return best_postures(view.procedure, view.machine, count, Search(seed=SEED, starts=starts))
 
 
 def random_conditions(view: HexaSlideSeen, count: int, sets: int) -> dict[str, FloatArray]:
     """Condition numbers ``(sets,)`` in each unit, of what so many random postures see."""
-    generator = np.random.default_rng(SEED)
+    generator, scale = np.random.default_rng(SEED), Scale.of(view.procedure, view.machine)
     found = []
     for _ in range(sets):
         postures = view.machine.box.random(count, generator)
         rows = sensitivity(view.procedure, view.machine, postures).jacobian
         rank = min(view.seen.found.rank, len(rows))
-        found.append(conditions_by_units(view.procedure, rows, rank))
+        found.append(conditions_by_units(view.procedure, rows, rank, scale))
     return {units: np.array([one[units] for one in found]) for units in found[0]}
 
 

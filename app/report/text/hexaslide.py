@@ -6,7 +6,14 @@ import math
 from statistics import median
 
 from app.report.text.tables import new_table, table_text, wrapped
-from calib.hexaslide.planning import DIFFERENCE_STEP, UNITS, BestPostures, HexaSlideSeen, PaperRule
+from calib.hexaslide.planning import (
+    DIFFERENCE_STEP,
+    SCALED,
+    SCALED_WORDS,
+    HexaSlideSeen,
+    PaperRule,
+)
+from calib.hexaslide.search import BestPostures
 
 PUBLISHED_WORDS = {
     "log10_determinant": "log10 det(JᵀJ)",
@@ -29,13 +36,21 @@ def _sentence(found: BestPostures) -> str:
     before = f" (start {found.refined.start_value:.4g})" if moved else ""
     condition = f"{found.condition_number:.4g}"
     condition += f", at the start {found.start_condition_number:.4g}" if moved else ""
-    return (
+    said = (
         f"hexaslide, {procedure.kind.value}, reading {', '.join(procedure.read)}: "
-        f"{len(found.postures)} postures for the {found.criterion.value} criterion, "
+        f"{len(found.postures)} postures for the {found.search.criterion.value} criterion, "
         f"{found.refined.value:.5g}{before}. "
-        f"Condition number {condition} ({UNITS}; of the {found.rank} combinations that are "
+        f"Condition number {condition} ({found.units}; of the {found.rank} combinations that are "
         "identifiable)."
     )
+    if found.rank < found.reachable_rank:
+        said += (
+            f"\nWARNING: so few postures show {found.rank} of the {found.reachable_rank} "
+            "combinations that more of them show: which are lost depends on the postures, no "
+            "calibration comes of them, and their condition number compares only with that of as "
+            "few."
+        )
+    return said
 
 
 def _criteria(found: BestPostures) -> str:
@@ -56,24 +71,29 @@ def _postures(postures: tuple[dict[str, float], ...]) -> str:
 
 def _search(found: BestPostures) -> str:
     size = found.coordinates.size
-    share = f"{100.0 * found.refined.on_bound / size:.0f} %"
+    where = "stand on a bound of the box"
+    kind = "coordinates"
+    if found.space == "joints":
+        where, kind = "stand at an end of their rails; the box was left out", "sliders"
+    share = f"{100.0 * found.refined.on_bound / size:.0f} % of the {kind} {where}"
     if not found.values:
-        return f"{share} of the coordinates stand on a bound of the box. From {found.source}."
+        return f"{share}. From {found.search.source}."
     return (
-        f"{share} of the coordinates stand on a bound of the box, at the start "
-        f"{100.0 * found.start_on_bound / size:.0f} %. {_starts(found)}, seed {found.seed}, "
-        f"{found.seconds:.1f} s."
+        f"{share}, at the start {100.0 * found.start_on_bound / size:.0f} %. {_starts(found)}, "
+        f"seed {found.search.seed}, {found.seconds:.1f} s."
     )
 
 
 def _starts(found: BestPostures) -> str:
-    values, random = found.values, found.source == "random"
+    values, source = found.values, found.search.source
+    random, left = source == "random", found.search.starts - len(found.values)
+    stopped = f"; stopped, {left} more were asked for" if left else ""
     if len(values) == 1:
-        return f"One start, {'random' if random else found.source}"
-    first = "" if random else f", the first of them {found.source}"
+        return f"One start, {'random' if random else source}{stopped}"
+    first = "" if random else f", the first of them {source}"
     return (
         f"Best of {len(values)} starts{first} ({min(values):.4g} to {max(values):.4g}, median "
-        f"{median(values):.4g})"
+        f"{median(values):.4g}){stopped}"
     )
 
 
@@ -156,16 +176,17 @@ def _known(found: HexaSlideSeen) -> str:
 
 
 def _conditions(found: HexaSlideSeen) -> str:
-    own = found.seen.found.condition_number
+    own, scaled = found.seen.found.condition_number, found.conditions[SCALED]
     told = {
         units: value
         for k, (units, value) in enumerate(found.conditions.items())
-        if k == 0 or not math.isclose(value, own)  # without angles their unit does nothing
+        if units != SCALED and (k == 0 or not math.isclose(value, own))  # no angles, no °
     }
     figures = "; ".join(f"{value:.4g} in {units}" for units, value in told.items())
     return (
         f"Condition number of the identifiable combinations: {figures} (columns not scaled; 1 is "
-        "the least possible). It depends on the units: compare only equal ones."
+        "the least possible). It depends on the units: compare only equal ones. Scaled "
+        f"({SCALED_WORDS}), where no unit matters: {scaled:.4g}."
     )
 
 

@@ -9,8 +9,9 @@ from app.report.text.hexaslide import grouped
 from app.report.text.tables import new_table, table_text, wrapped
 from calib.arrays import FloatArray
 from calib.hexaslide.geometry import COORDINATES
-from calib.hexaslide.planning import KINDS, Found, HexaSlideSeen, PublishedSet
-from calib.hexaslide.procedures import COMPONENTS, Kind
+from calib.hexaslide.planning import KINDS, HexaSlideSeen, PublishedSet
+from calib.hexaslide.procedures import MEASURABLE_WORDS, Kind
+from calib.hexaslide.search import BestPostures
 
 HEXASLIDE_HELP = """\
 1 2 3 4       the procedures: whole posture with residuals of the
@@ -40,7 +41,7 @@ LOOKING = "Computing what this procedure can identify …"
 NO_VIEW = "There is nothing to search: this machine or procedure cannot be used."
 NOT_YET = "No postures yet: O searches for the best ones."
 WHICH_MACHINE = "Machine file of the Hexa Slide; empty: the example H60."
-WHICH_COMPONENTS = f"What is measured of each posture: some of {','.join(COMPONENTS)}."
+WHICH_COMPONENTS = f"What is measured of each posture: some of {MEASURABLE_WORDS}."
 STOPPED = "Stopped. The best so far stays."
 DRAWING_WORDS = "· rail   ⡇ link and its number   ▀ platform   : box of the postures"
 
@@ -64,7 +65,9 @@ def problem_text(problem: Exception) -> str:
     return wrapped(f"This machine or procedure cannot be used.\n\n{problem}")
 
 
-def sees_text(view: HexaSlideSeen, found: Found | None, best: dict[str, float] | None) -> str:
+def sees_text(
+    view: HexaSlideSeen, found: BestPostures | None, best: dict[str, float] | None
+) -> str:
     """Rank, what is lost, what is known, how many postures it takes; the paper beside it."""
     seen = view.seen
     rank, count = seen.found.rank, len(seen.found.names)
@@ -103,15 +106,17 @@ def _known(view: HexaSlideSeen) -> str:
     return f"KNOWN ONE BY ONE ({len(known)}): {', '.join(known) or 'none'}."
 
 
-def _conditions(view: HexaSlideSeen, found: Found | None, best: dict[str, float] | None) -> str:
+def _conditions(
+    view: HexaSlideSeen, found: BestPostures | None, best: dict[str, float] | None
+) -> str:
     """Condition numbers in each unit, the paper's below."""
     table = new_table("condition number", *view.conditions)
     count = view.seen.examined.posture_count
     table.add_row(f"{count} random postures", *map(_number, view.conditions.values()))
     if found is not None and best is not None:
-        start = found.best.start_condition_number
-        table.add_row(f"{len(found.best.begin)} random, the start of the search", _number(start))
-        table.add_row(f"{len(found.best.begin)} optimum postures", *map(_number, best.values()))
+        start = found.start_condition_number
+        table.add_row(f"{len(found.begin)} random, the start of the search", _number(start))
+        table.add_row(f"{len(found.begin)} optimum postures", *map(_number, best.values()))
     published = view.published
     if published is not None:
         table.add_row(f"papers/001: {published.count} random", _number(published.random))
@@ -124,16 +129,18 @@ def _number(value: float) -> str:
     return f"{value:,.0f}".replace(",", " ") if value >= 1000.0 else f"{value:.1f}"
 
 
-def search_text(view: HexaSlideSeen, count: int, found: Found | None, *, searching: bool) -> str:
+def search_text(
+    view: HexaSlideSeen, count: int, found: BestPostures | None, *, searching: bool
+) -> str:
     """How the search stands, in one or two lines."""
     if found is None:
         waiting = f"Searching for {count} postures, the first start …  Escape stops."
         return waiting if searching else f"{NOT_YET} Now {count} of them; C changes that."
-    best = found.best
-    share = best.refined.on_bound / best.refined.coordinates.size
+    share = found.refined.on_bound / found.refined.coordinates.size
     said = (
-        f"{len(found.best.begin)} postures, start {found.done} of {found.starts}: condition number "
-        f"{_number(best.start_condition_number)} → {_number(best.condition_number)} (m, rad)"
+        f"{len(found.begin)} postures, start {len(found.values)} of {found.search.starts}: "
+        f"condition number {_number(found.start_condition_number)} → "
+        f"{_number(found.condition_number)} (m, rad)"
         f"{_beside(view.published)}; {share:.0%} of the coordinates on a bound."
     )
     return wrapped(f"{said} Escape stops." if searching else said)
@@ -143,11 +150,11 @@ def _beside(published: PublishedSet | None) -> str:
     return "" if published is None else f", papers/001 {_number(published.best)}"
 
 
-def list_text(found: Found | None) -> str:
+def list_text(found: BestPostures | None) -> str:
     """The best postures as a table."""
     if found is None:
         return NOT_YET
-    return postures_table(found.best.coordinates)
+    return postures_table(found.coordinates)
 
 
 def postures_table(postures: FloatArray) -> str:

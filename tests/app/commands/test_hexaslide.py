@@ -66,9 +66,8 @@ def test_too_few_postures_say_the_minimum_and_what_is_lost_in_whole() -> None:
     )
     lost = found["lost_directions"]
     assert [one["at_every_posture"] for one in lost] == [True, True, True, False]
-    machine = load_hexaslide()
-    geometry, box = machine.whole().geometry, machine.whole().box
-    rows = jacobian(Procedure.of("position"), geometry, held_postures(geometry, box, 15, 0))
+    machine = load_hexaslide().whole()
+    rows = jacobian(Procedure.of("position"), machine.geometry, held_postures(machine, 15, 0))
     names = found["parameters"]
     for one in lost:
         vector = np.array([one["combination"].get(name, 0.0) for name in names])

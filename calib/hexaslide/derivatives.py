@@ -219,8 +219,13 @@ class RowMaker:
         every: tuple[str, ...] = ALL_NAMES
         if procedure.kind is Kind.CONSTRAINT_LINK:
             every += (*END_NAMES, LENGTH_NAME)
-        self._encoders = tuple(name for name in procedure.measured if name in ENCODERS)
-        every += tuple(f"zero_{name}" for name in self._encoders)
+        encoders = [name for name in procedure.measured if name in ENCODERS]
+        every += tuple(f"zero_{name}" for name in encoders)
+        self._encoders = [ENCODERS.index(name) for name in encoders]
+        made = ["length", *(name for name in procedure.measured if name in COMPONENTS), *encoders]
+        made = [name for name in made if name in procedure.read]
+        self._order = [made.index(name) for name in procedure.read if name in made]
+        self._at: tuple[Numbers, Chains] | None = None
         self._basis = np.zeros((len(every), basis.shape[1]))
         self._basis[[every.index(name) for name in procedure.parameters]] = basis
 
@@ -229,13 +234,19 @@ class RowMaker:
         """How many combinations of the parameters the basis has."""
         return self._basis.shape[1]
 
+    def chains(self, postures: Numbers) -> Chains:
+        """At the postures ``(p, 6)``, kept for the next who asks. Raises UnreachablePosture."""
+        if self._at is None or self._at[0] is not postures:
+            self._at = (postures, Chains.at(self.geometry, postures))
+        return self._at[1]
+
     def __call__(self, postures: Numbers) -> tuple[Numbers, Pull]:
         """Rows ``(p, r, n)`` at postures ``(p, 6)``, and their pull, for real ones.
 
         Raises UnreachablePosture, and CalibrationError at a singular posture, without a link, or
         with an encoder where its link lies along the rail.
         """
-        chains = Chains.at(self.geometry, postures)
+        chains = self.chains(postures)
         if self.procedure.kind is Kind.POSE_INVERSE:
             rows, pull = self._sliders(chains)
         else:
@@ -258,29 +269,30 @@ class RowMaker:
         inverse of ``by_posture``; what is read moves with it, the link by its own ends, too.
         """
         held = _inverse(chains.by_posture, postures)
-        read, count = self.procedure.read, len(postures)
-        by_posture = np.zeros((count, len(read), 6), dtype=held.dtype)
-        for row, name in enumerate(read):
-            if name in COMPONENTS:
-                by_posture[:, row, COMPONENTS.index(name)] = 1.0
-        bar = None
+        places = [COMPONENTS.index(name) for name in self.procedure.measured if name in COMPONENTS]
+        bar, parts = None, [held[:, places]]
         if self.procedure.kind is Kind.CONSTRAINT_LINK:
             bar = Bar.at(present(self.link), postures, chains.legs.arms.turn)
-            by_posture[:, 0] = bar.by_posture
-        own = np.zeros((count, len(read), *chains.own.shape[1:]), dtype=held.dtype)
-        full = np.zeros((count, len(read), len(self._basis)), dtype=held.dtype)
-        if self._encoders:
-            joints = Joints.at(chains)
-            first = len(self._basis) - len(self._encoders)
-            for zero, name in enumerate(self._encoders, start=first):
-                row, k = read.index(name), ENCODERS.index(name)
-                by_posture[:, row], own[:, row, k // 2] = joints.by_posture[:, k], joints.own[:, k]
-                full[:, row, zero] = 1.0
-        some = by_posture @ held
-        moving = own - some[..., None] * chains.own[:, None]
-        full[..., :ALL] = moving.reshape(count, len(read), ALL)
+            parts.insert(0, bar.by_posture[:, None] @ held)
+        joints = Joints.at(chains) if self._encoders else None
+        if joints is not None:
+            parts.append(joints.by_posture[:, self._encoders] @ held)
+        some = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+        moving = -some[..., None] * chains.own[:, None]
+        count, rows = some.shape[:2]
+        full = moving.reshape(count, rows, ALL)
+        if bar is not None or joints is not None:
+            more = np.zeros((count, rows, len(self._basis) - ALL), dtype=held.dtype)
+            full = np.concatenate([full, more], axis=-1)
         if bar is not None:
             full[:, 0, ALL : ALL + OF_ENDS], full[:, 0, ALL + OF_ENDS] = bar.by_ends, -1.0
+        if joints is not None:
+            first = len(self._encoders)
+            for number, k in enumerate(self._encoders):
+                own = full[:, number - first, :ALL].reshape(count, CHAINS, -1)  # a view
+                own[:, k // 2] += joints.own[:, k]
+                full[:, number - first, number - first] = 1.0
+            full = full[:, self._order]
 
         def pull(weights: FloatArray) -> FloatArray:
             blocks, others = self._blocks(weights)

@@ -20,7 +20,7 @@ from calib.design.criteria import Aim, Criterion, Observability, observability
 from calib.design.refinement import Pull, RefinedPostures, count_on_bound, judged, refine
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
 from calib.hexaslide.arms import transposed
-from calib.hexaslide.derivatives import Chains, RowMaker
+from calib.hexaslide.derivatives import RowMaker
 from calib.hexaslide.geometry import HexaSlide, forward_near, in_degrees, inverse
 from calib.hexaslide.planning import (
     SCALED_WORDS,
@@ -164,10 +164,11 @@ class Space:
         """What passing limits costs, and its derivatives ``(p, 6)``."""
         if not self._limited:
             return 0.0, np.zeros_like(coordinates)
-        chains = Chains.at(self.machine.geometry, coordinates)
+        chains = self._maker.chains(coordinates)
         least, most = self.machine.travel_m
-        passed = np.maximum(chains.legs.sliders - most, 0.0)
-        passed -= np.maximum(least - chains.legs.sliders, 0.0)
+        passed = chains.legs.sliders - np.clip(chains.legs.sliders, least, most)
+        if not passed.any():
+            return 0.0, np.zeros_like(coordinates)
         share = passed / (most - least)
         by_slider = 2.0 * STEEP * share / (most - least)
         slopes = np.einsum("pk,pkx->px", by_slider, chains.by_posture)
@@ -219,12 +220,12 @@ class JointSpace(Space):
         """As `calib.design.refinement.RowsAndPull`, of sliders."""
         postures = self.postures(coordinates)
         rows, pull = self.read(postures)
-        by_posture = Chains.at(self.machine.geometry, postures).by_posture
+        by_posture = self._maker.chains(postures).by_posture
         return rows, lambda weights: _by_sliders(by_posture, pull(weights))
 
     def beyond(self, coordinates: FloatArray) -> tuple[float, FloatArray]:
         """The condition number in Frobenius' norm is smooth and no less than the usual one."""
-        chains = Chains.at(self.machine.geometry, self.postures(coordinates))
+        chains = self._maker.chains(self.postures(coordinates))
         slopes = chains.by_posture / self._size
         held = np.linalg.inv(slopes)
         squares = [(one**2).sum(axis=(1, 2)) for one in (slopes, held)]

@@ -120,7 +120,8 @@ def test_condition_numbers_have_their_units() -> None:
     assert figures["m, rad"] == pytest.approx(found.condition_number)
     assert figures["mm, rad"] > 10.0 * figures["m, rad"]
     said = told(Request("pose-forward"))
-    assert all(f"in {units}" in said for units in figures)
+    assert all(f"in {units}" in said for units in figures if units != "scaled")
+    assert f"no unit matters: {figures['scaled']:.4g}." in said
     assert "It depends on the units" in said
 
 

@@ -25,7 +25,7 @@ from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.planning import rows_seen
 from calib.hexaslide.procedures import Kind, Procedure
 from calib.hexaslide.search import Search, best_postures
-from protocols.hexaslide_machine import load_hexaslide
+from protocols.hexaslide import load_hexaslide
 
 COUNTS = {
     Kind.POSE_INVERSE: 9,

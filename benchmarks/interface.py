@@ -32,9 +32,8 @@ from app.screens.result import ResultScreen
 from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
 from benchmarks.picture_delays import TICK_S, Blocked, Delays, Terminal, listening
-from drivers.profile import Asked, Spindle
-from drivers.twin_port import TwinPort, default_transport
-from drivers.twins import twin_of
+from drivers.profile import Query, Spindle
+from drivers.twins import TwinPort, default_transport, twin_of
 from protocols.procedure import Step
 
 ROOT = Path(__file__).parent.parent
@@ -93,7 +92,7 @@ def open_indicators(plan: Plan, machine: Machine, undo: ExitStack) -> Indicators
         gauge = Gauge(
             profile,
             port.url,
-            Asked(),
+            Query(),
             interval_s=INTERVAL_S,
             window_s=plan.window_s or plan.procedure.window_s,
             tolerance_mm=plan.procedure.tolerance_mm,

@@ -17,7 +17,7 @@ from app.measuring.gauges import Gauge
 from app.report.text.tables import signed
 from app.screens.measure import MeasureScreen
 from app.screens.session_view import GaugeDisplay
-from drivers.profile import Outcome, Reading
+from drivers.profile import IndicatorReading, Outcome
 
 TICK_S = 0.005
 
@@ -86,11 +86,11 @@ class Delays:
 @contextmanager
 def listening(delays: Delays) -> Iterator[None]:
     """Within this, `delays` hears of every reading, every drawing and every flush."""
-    hear, render_line = Gauge._hear, GaugeDisplay.render_line
+    hear, render_line = Gauge.hear, GaugeDisplay.render_line
     reviewed = MeasureScreen._reviewed
 
     def heard(gauge: Gauge, outcome: Outcome) -> None:
-        if isinstance(outcome, Reading):
+        if isinstance(outcome, IndicatorReading):
             delays.hear(gauge.port, signed(outcome.value_mm, 3))
         hear(gauge, outcome)
 
@@ -105,7 +105,7 @@ def listening(delays: Delays) -> Iterator[None]:
         reviewed(screen, hold)
 
     with (
-        mock.patch.object(Gauge, "_hear", heard),
+        mock.patch.object(Gauge, "hear", heard),
         mock.patch.object(MeasureScreen, "_reviewed", uncovered),
         mock.patch.object(GaugeDisplay, "render_line", drawn),
         mock.patch.object(Terminal, "on_flush", delays.flush),

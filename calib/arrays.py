@@ -80,8 +80,12 @@ class Conditions:
 
     @cached_property
     def level(self) -> IntArray:
-        """Numbers ``(n_readings,)`` of what the controller was told, by displacement first."""
-        return numbered(self.displacement_mm, *self.position_mm.T)
+        """Numbers ``(n_readings,)`` of what the controller was told, by displacement first.
+
+        Over a plane each station counts as one of its own.
+        """
+        station = np.where(self.over_plane, self.station, 0.0)
+        return numbered(self.displacement_mm, *self.position_mm.T, station)
 
     @property
     def over_plane(self) -> NDArray[np.bool_]:
@@ -102,7 +106,8 @@ class Conditions:
         """``+60 mm`` for a leg, ``(0, 35, 10) mm`` for the tool."""
         if self.leg[row] == TOOL:
             return f"({', '.join(f'{v:g}' for v in self.position_mm[row])}) mm"
-        return f"{self.displacement_mm[row]:+g} mm"
+        at = f" and {self.station[row]:g} of the bar" if self.over_plane[row] else ""
+        return f"{self.displacement_mm[row]:+g} mm{at}"
 
     @property
     def posture(self) -> IntArray:

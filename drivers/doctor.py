@@ -11,14 +11,14 @@ from drivers.exchange import Exchange
 from drivers.line import IndicatorLine
 from drivers.port import carries_settings
 from drivers.profile import (
-    Asked,
+    Evidence,
     Fault,
     FaultKind,
+    IndicatorReading,
     Outcome,
     Profile,
-    Reading,
+    Query,
     Unit,
-    Verified,
     not_understood,
 )
 
@@ -47,7 +47,7 @@ NEXT_STEPS = {
 
 
 @dataclass(frozen=True)
-class Finding:
+class PortFinding:
     """One thing looked at: whether it is well, what was seen, what to do."""
 
     well: bool
@@ -56,8 +56,8 @@ class Finding:
 
 
 def examine(
-    profile: Profile, port: str, asked: Asked, others: Iterable[Profile] = ()
-) -> list[Finding]:
+    profile: Profile, port: str, asked: Query, others: Iterable[Profile] = ()
+) -> list[PortFinding]:
     """Everything that can be found out; ``others`` are profiles that might fit better.
 
     Opens only the named port.
@@ -68,7 +68,7 @@ def examine(
         line.start()
     except IndicatorError as problem:
         return [*findings, refused(port, problem)]
-    findings.append(Finding(True, f"port {port} opens"))
+    findings.append(PortFinding(True, f"port {port} opens"))
     try:
         outcomes = [line.ask().result() for _ in range(ATTEMPTS)]
     finally:
@@ -77,7 +77,7 @@ def examine(
 
 
 @dataclass(frozen=True)
-class Fit:
+class FittingProfile:
     """A profile that was asked in its own way and answered, twice alike.
 
     ``outcome`` is a reading, or a value in another unit or of another channel than asked for.
@@ -91,7 +91,7 @@ class Fit:
 class Trials:
     """What came of trying profiles: those that fit, and what was heard instead of a value."""
 
-    fits: tuple[Fit, ...]
+    fits: tuple[FittingProfile, ...]
     heard: tuple[tuple[Profile, Fault], ...]
     count: int
 
@@ -106,7 +106,7 @@ VALUE_KINDS = (FaultKind.WRONG_UNIT, FaultKind.WRONG_CHANNEL)
 def try_profiles(
     profiles: Iterable[Profile],
     port: str,
-    asked: Asked,
+    asked: Query,
     *,
     progress: Callable[[int, int, Group], object] = lambda *_: None,
     stopped: Callable[[], bool] = lambda: False,
@@ -118,13 +118,15 @@ def try_profiles(
     """
     waiting = _groups(profiles, port, asked)
     count, done = len(waiting), 0
-    fits: list[Fit] = []
+    fits: list[FittingProfile] = []
     heard: list[tuple[Profile, Fault]] = []
     while waiting and not stopped():
         group, done = waiting.pop(0), done + 1
         progress(done, count, group)
         outcome = _tried(group, port, asked, stopped)
-        found = [Fit(profile, said) for profile, said in _read(group, outcome.text, asked)]
+        found = [
+            FittingProfile(profile, said) for profile, said in _read(group, outcome.text, asked)
+        ]
         if found and _is_value(outcome):
             fits += found
             left = ([p for p, _ in _read(one, outcome.text, asked)] for one in waiting)
@@ -135,7 +137,7 @@ def try_profiles(
     return Trials(tuple(fits), tuple(heard), done)
 
 
-def _groups(profiles: Iterable[Profile], port: str, asked: Asked) -> list[Group]:
+def _groups(profiles: Iterable[Profile], port: str, asked: Query) -> list[Group]:
     """In the order of trying: first who only listens, then who asks for most profiles, quickly.
 
     A request without a line end comes last: what stays of it in a device spoils the next one.
@@ -154,7 +156,7 @@ def _groups(profiles: Iterable[Profile], port: str, asked: Asked) -> list[Group]
     return sorted(map(tuple, alike.values()), key=order)
 
 
-def _tried(group: Group, port: str, asked: Asked, stopped: Callable[[], bool]) -> Outcome:
+def _tried(group: Group, port: str, asked: Query, stopped: Callable[[], bool]) -> Outcome:
     """What a group's question brings, asked again where it was no value.
 
     The first question may end what others left in the device, and be lost with it. A value must
@@ -165,7 +167,7 @@ def _tried(group: Group, port: str, asked: Asked, stopped: Callable[[], bool]) -
     if listens and carries_settings(port):
         patience_s = LISTEN_S
 
-    def parse(text: str, wanted: Asked) -> Outcome | None:
+    def parse(text: str, wanted: Query) -> Outcome | None:
         return min((one.parse(text, wanted) for one in group), key=_rank)
 
     together = replace(group[0], timeout_s=patience_s, parse=parse)
@@ -177,14 +179,14 @@ def _tried(group: Group, port: str, asked: Asked, stopped: Callable[[], bool]) -
             outcome = exchange.taken()
         finally:
             exchange.hang_up()
-        if isinstance(outcome, Reading) or outcome.kind is before:
+        if isinstance(outcome, IndicatorReading) or outcome.kind is before:
             return outcome
         before = outcome.kind
     return not_understood(outcome.text)  # never the same twice
 
 
 def _rank(outcome: Outcome | None) -> int:
-    if isinstance(outcome, Reading):
+    if isinstance(outcome, IndicatorReading):
         return 0
     if outcome is None:  # an echo or an identification
         return 2
@@ -193,74 +195,76 @@ def _rank(outcome: Outcome | None) -> int:
 
 
 def _is_value(outcome: Outcome | None) -> bool:
-    return isinstance(outcome, Reading) or (outcome is not None and outcome.kind in VALUE_KINDS)
+    return isinstance(outcome, IndicatorReading) or (
+        outcome is not None and outcome.kind in VALUE_KINDS
+    )
 
 
-def _read(group: Sequence[Profile], text: str, asked: Asked) -> list[tuple[Profile, Outcome]]:
+def _read(group: Sequence[Profile], text: str, asked: Query) -> list[tuple[Profile, Outcome]]:
     """The profiles of a group that read a value in a line."""
     said = ((profile, profile.parse(text, asked)) for profile in group)
     return [(profile, outcome) for profile, outcome in said if outcome and _is_value(outcome)]
 
 
-def refused(port: str, problem: IndicatorError) -> Finding:
+def refused(port: str, problem: IndicatorError) -> PortFinding:
     """A port that does not open."""
     found = f"port {port}: {problem.found or problem.reason}"
-    return Finding(False, found, problem.next_step or str(problem.allowed))
+    return PortFinding(False, found, problem.next_step or str(problem.allowed))
 
 
 def examine_by_trial(
     port: str,
-    asked: Asked,
+    asked: Query,
     profiles: Iterable[Profile],
     progress: Callable[[int, int, Group], object],
-) -> list[Finding]:
+) -> list[PortFinding]:
     """Which profiles fit the indicator on a port, found by `try_profiles`."""
     try:
         trials = try_profiles(profiles, port, asked, progress=progress)
     except IndicatorError as problem:
         return [*keyboard_tools(), refused(port, problem)]
-    return [*keyboard_tools(), Finding(True, f"port {port} opens"), *findings_of(trials)]
+    return [*keyboard_tools(), PortFinding(True, f"port {port} opens"), *findings_of(trials)]
 
 
-def findings_of(trials: Trials) -> list[Finding]:
+def findings_of(trials: Trials) -> list[PortFinding]:
     """The profiles that fit, or why none does."""
     findings = [] if trials.fits else list(_of_silence(trials.heard))
-    readings = [fit.outcome for fit in trials.fits if isinstance(fit.outcome, Reading)]
+    readings = [fit.outcome for fit in trials.fits if isinstance(fit.outcome, IndicatorReading)]
     if readings:
         findings += _of_reading(readings[0])
     for profile, outcome in ((fit.profile, fit.outcome) for fit in trials.fits):
         fits = f"{profile.name} fits: {profile.title} ({profile.verified})"
         if isinstance(outcome, Fault):
             next_step = NEXT_STEPS[outcome.kind]
-            findings.append(Finding(False, f"{fits}, but {outcome.words}", next_step))
+            findings.append(PortFinding(False, f"{fits}, but {outcome.words}", next_step))
         else:
-            findings.append(Finding(True, fits))
+            findings.append(PortFinding(True, fits))
     if len(trials.fits) > 1:
         words = "these answer alike, only their names tell them apart: take that of your indicator"
-        findings.append(Finding(True, words))
+        findings.append(PortFinding(True, words))
     return findings
 
 
-def _of_silence(heard: Sequence[tuple[Profile, Fault]]) -> Iterable[Finding]:
+def _of_silence(heard: Sequence[tuple[Profile, Fault]]) -> Iterable[PortFinding]:
     for profile, fault in heard:
         said = f"asked as {profile.name}: {fault.kind}, {fault.text!r:.60}"
-        yield Finding(False, said, fault.words)
+        yield PortFinding(False, said, fault.words)
     found = "none of its answers is a value" if heard else "nothing came"
     next_step = "Check power, cable and plug. What is set at the device itself (speed, pattern)"
-    yield Finding(False, f"no profile fits: {found}", f"{next_step} needs --profile.")
+    yield PortFinding(False, f"no profile fits: {found}", f"{next_step} needs --profile.")
 
 
-def _trust(profile: Profile) -> Finding:
-    if profile.verified is Verified.UNVERIFIED:
-        return Finding(
+def _trust(profile: Profile) -> PortFinding:
+    if profile.verified is Evidence.UNVERIFIED:
+        return PortFinding(
             False,
             f"profile {profile.name} is unverified ({profile.source})",
             "Compare a few readings with the display before you trust it.",
         )
-    return Finding(True, f"profile {profile.name}: {profile.verified}")
+    return PortFinding(True, f"profile {profile.name}: {profile.verified}")
 
 
-def keyboard_tools(devices: Path = USB_DEVICES) -> list[Finding]:
+def keyboard_tools(devices: Path = USB_DEVICES) -> list[PortFinding]:
     """USB tools that type like a keyboard and therefore have no port (Linux only)."""
     findings = []
     for vendor_file in sorted(devices.glob("*/idVendor")):
@@ -271,37 +275,45 @@ def keyboard_tools(devices: Path = USB_DEVICES) -> list[Finding]:
             continue
         if identity in KEYBOARD_TOOLS:
             found = f"{KEYBOARD_TOOLS[identity]} found as a keyboard, without a serial port"
-            findings.append(Finding(False, found, "Install its VCP driver to get a port."))
+            findings.append(PortFinding(False, found, "Install its VCP driver to get a port."))
     return findings
 
 
 def _of_outcomes(
-    profile: Profile, asked: Asked, outcomes: list[Outcome], others: Iterable[Profile]
-) -> Iterable[Finding]:
+    profile: Profile, asked: Query, outcomes: list[Outcome], others: Iterable[Profile]
+) -> Iterable[PortFinding]:
     faults = {outcome.kind: outcome for outcome in outcomes if isinstance(outcome, Fault)}
     for kind, fault in faults.items():
         seen = f": {fault.text!r}" if fault.text else ""
-        yield Finding(False, f"{kind}: {fault.words}{seen}", f"{NEXT_STEPS[kind]} {profile.hint}")
+        yield PortFinding(
+            False, f"{kind}: {fault.words}{seen}", f"{NEXT_STEPS[kind]} {profile.hint}"
+        )
         if kind is FaultKind.NOT_UNDERSTOOD:
-            fitting = [p.name for p in others if isinstance(p.parse(fault.text, asked), Reading)]
+            fitting = [
+                p.name for p in others if isinstance(p.parse(fault.text, asked), IndicatorReading)
+            ]
             if fitting:
-                yield Finding(False, f"the answer fits {', '.join(fitting)}", "Try that profile.")
-    readings = [outcome for outcome in outcomes if isinstance(outcome, Reading)]
+                yield PortFinding(
+                    False, f"the answer fits {', '.join(fitting)}", "Try that profile."
+                )
+    readings = [outcome for outcome in outcomes if isinstance(outcome, IndicatorReading)]
     if readings:
         yield from _of_reading(readings[-1])
 
 
-def _of_reading(reading: Reading) -> Iterable[Finding]:
+def _of_reading(reading: IndicatorReading) -> Iterable[PortFinding]:
     shown = f"{reading.value_mm:+.6g} mm, step {reading.resolution_mm:.2g} mm ({reading.text!r})"
-    yield Finding(True, f"answers {shown}")
+    yield PortFinding(True, f"answers {shown}")
     if reading.unit_assumed:
         looks_inch = reading.unit is Unit.MM and reading.resolution_mm < 0.00005
-        yield Finding(
+        yield PortFinding(
             not looks_inch,
             f"the answer names no unit; {reading.unit} is assumed",
             "So many decimals look like inch: look at the display." if looks_inch else "",
         )
     if abs(reading.value_mm) > LONGEST_MM:
-        yield Finding(False, "further out than an indicator can be", "Set zero, check the unit.")
+        yield PortFinding(
+            False, "further out than an indicator can be", "Set zero, check the unit."
+        )
     if reading.warning:
-        yield Finding(False, reading.warning, "Change the battery before you measure.")
+        yield PortFinding(False, reading.warning, "Change the battery before you measure.")

@@ -9,7 +9,7 @@ import serial
 
 from calib.errors import IndicatorError
 from drivers.port import PORT_ERRORS, SLICE_S, ask_by_pulse, close_port, open_port
-from drivers.profile import Asked, Fault, FaultKind, Outcome, Profile, Reading
+from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome, Profile, Query
 
 REOPEN_S = 0.25
 """Pause between attempts to open a port that was lost."""
@@ -88,7 +88,7 @@ class Exchange:
         self,
         profile: Profile,
         port: str,
-        asked: Asked,
+        asked: Query,
         interval_s: float,
         *,
         on_button: Callable[[Outcome], None] = lambda _: None,
@@ -115,7 +115,7 @@ class Exchange:
         self._slowest_s = 0.0
         self._fault: Fault | None = None
         self._probed = self._pending = False
-        self._press: Reading | None = None
+        self._press: IndicatorReading | None = None
 
     def open(self) -> None:
         """Open the port. Raises IndicatorError."""
@@ -139,7 +139,7 @@ class Exchange:
         for _ in range(MOST_COMPARED):
             form = self._form
             outcome = self.outcome()
-            if form == self._form or not isinstance(outcome, Reading):
+            if form == self._form or not isinstance(outcome, IndicatorReading):
                 return outcome
         words = "answers of different length: bytes are lost, check cable, plugs and speed"
         return Fault(FaultKind.PARTIAL_LINE, outcome.text, words)
@@ -154,7 +154,7 @@ class Exchange:
                 break
             self._wait(self.profile.busy_wait_s)
             outcome = self._exchange()
-        if isinstance(outcome, Reading):
+        if isinstance(outcome, IndicatorReading):
             self._form = outcome.text.translate(FORM)
         return outcome
 
@@ -268,7 +268,7 @@ class Exchange:
             self._doubt(fault if owed else _unasked(unasked[-1]), silence_s)
             return
         (first, *others) = unasked
-        if self.profile.button and alone and isinstance(first, Reading) and not others:
+        if self.profile.button and alone and isinstance(first, IndicatorReading) and not others:
             self._press = first
         else:
             self._doubt(_unasked(unasked[-1]), APART_S)
@@ -321,7 +321,7 @@ class Exchange:
     def _said(self, line: bytes) -> Outcome | None:
         """What a line says; None for an empty one, an echo or an identification."""
         outcome = self.profile.parse(line.decode("latin-1"), self._asked) if line else None
-        return None if line == self._echo and not isinstance(outcome, Reading) else outcome
+        return None if line == self._echo and not isinstance(outcome, IndicatorReading) else outcome
 
     def _silence(self) -> Fault:
         """Why no line came: nothing at all, a broken line, or bytes of a wrong parity."""

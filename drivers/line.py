@@ -10,7 +10,7 @@ from concurrent.futures import Future
 
 from drivers.exchange import Exchange
 from drivers.port import SLICE_S
-from drivers.profile import Asked, Fault, FaultKind, Outcome, Profile
+from drivers.profile import Fault, FaultKind, Outcome, Profile, Query
 
 Heard = Callable[[Outcome], None]
 
@@ -29,7 +29,7 @@ class IndicatorLine:
         profile: Profile,
         port: str,
         *,
-        asked: Asked | None = None,
+        asked: Query | None = None,
         interval_s: float | None = None,
         listener: Heard = lambda _: None,
         on_button: Heard = lambda _: None,
@@ -42,7 +42,7 @@ class IndicatorLine:
         self._exchange = Exchange(
             profile,
             port,
-            asked or Asked(),
+            asked or Query(),
             profile.interval_s if interval_s is None else interval_s,
             on_button=on_button,
             wait=self._stop.wait,

@@ -36,7 +36,7 @@ LARGEST_MM = 100_000.0
 
 
 @dataclass(frozen=True)
-class Reading:
+class IndicatorReading:
     """A value with the text it came from.
 
     ``value_mm`` and ``resolution_mm`` are converted exactly from the decimal text and its ``unit``;
@@ -79,11 +79,11 @@ class Fault:
     words: str
 
 
-Outcome = Reading | Fault
+Outcome = IndicatorReading | Fault
 
 
 @dataclass(frozen=True)
-class Asked:
+class Query:
     """What was asked for: the channel of an interface and the unit that the display is set to."""
 
     channel: int = 1
@@ -91,7 +91,7 @@ class Asked:
 
 
 def reading(
-    text: str, number: str, asked: Asked, unit: Unit | None = None, warning: str = ""
+    text: str, number: str, asked: Query, unit: Unit | None = None, warning: str = ""
 ) -> Outcome:
     """A decimal number (sign and blanks allowed) as a reading, its unit compared with the asked.
 
@@ -110,7 +110,7 @@ def reading(
     if abs(value) * factor > LARGEST_MM:
         return not_understood(text)
     step = Decimal(1).scaleb(int(value.as_tuple().exponent)) * factor
-    return Reading(
+    return IndicatorReading(
         text=text,
         value_mm=float(value * factor),
         resolution_mm=float(step),
@@ -120,7 +120,7 @@ def reading(
     )
 
 
-def wrong_channel(text: str, found: str, asked: Asked) -> Fault:
+def wrong_channel(text: str, found: str, asked: Query) -> Fault:
     """The answer of another input than the one that was asked."""
     words = f"answer of channel {found} where channel {asked.channel} was asked"
     return Fault(FaultKind.WRONG_CHANNEL, text, words)
@@ -131,7 +131,7 @@ def not_understood(text: str) -> Fault:
     return Fault(FaultKind.NOT_UNDERSTOOD, text, "not an answer of this profile: wrong profile?")
 
 
-class Verified(StrEnum):
+class Evidence(StrEnum):
     """Where the facts of a profile come from."""
 
     VENDOR = "vendor document"
@@ -197,7 +197,7 @@ class Grammar:
     other_words: str = "fault {code}"
     kinds: Mapping[str, FaultKind] = field(default_factory=dict)
 
-    def parse(self, text: str, asked: Asked) -> Outcome | None:
+    def parse(self, text: str, asked: Query) -> Outcome | None:
         """The outcome of a line; None for one to pass over."""
         if re.fullmatch(self.passed_over, text, re.ASCII):
             return None
@@ -240,11 +240,11 @@ class Profile:
 
     name: str
     title: str
-    verified: Verified
+    verified: Evidence
     source: str
     line: LineSettings
-    request: Callable[[Asked], bytes] | None
-    parse: Callable[[str, Asked], Outcome | None]
+    request: Callable[[Query], bytes] | None
+    parse: Callable[[str, Query], Outcome | None]
     reply: Callable[[Spindle], str]
     otherwise: Callable[[str, Spindle], str] = lambda _request, _spindle: ""
     timeout_s: float = 1.0

@@ -1,12 +1,19 @@
-"""What simulated devices share: waiting for whole requests, and faults on demand."""
+"""Simulated indicators: devices with faults on demand, where they listen, a rig that moves them."""
 
 from __future__ import annotations
 
+import contextlib
+import math
+import os
+import selectors
+import socket
+import threading
 import time
+from collections.abc import Callable, Sequence
 from enum import StrEnum
-from typing import Protocol
+from typing import Literal, Protocol, Self
 
-from drivers.profile import Asked, Profile, Spindle
+from drivers.profile import Profile, Query, Spindle
 
 
 class Twin(Protocol):
@@ -22,7 +29,7 @@ class Device:
     def __init__(self, profile: Profile, spindle: Spindle) -> None:
         self._profile = profile
         self._spindle = spindle
-        asked = Asked(channel=spindle.channel)
+        asked = Query(channel=spindle.channel)
         self._request = profile.request(asked) if profile.request else b""
         self._received = b""
 
@@ -78,7 +85,7 @@ class Disconnected(Exception):
     """The device pulled its cable."""
 
 
-class SuspectData:
+class FaultyTwin:
     """A twin with a fault: one of `Trouble`, or the name of one of the profile's bad replies."""
 
     def __init__(self, twin: Twin, profile: Profile, fault: str) -> None:
@@ -124,4 +131,224 @@ def faults_of(profile: Profile) -> dict[str, str]:
 def twin_of(profile: Profile, spindle: Spindle, fault: str | None = None) -> Twin:
     """The simulated device, with a fault if one is named."""
     device = Device(profile, spindle)
-    return SuspectData(device, profile, fault) if fault else device
+    return FaultyTwin(device, profile, fault) if fault else device
+
+
+Transport = Literal["pty", "tcp"]
+CHUNK = 1024
+
+
+def default_transport() -> Transport:
+    """A pseudo-terminal where the system has them."""
+    return "pty" if os.name == "posix" else "tcp"
+
+
+class TwinPort:
+    """A twin that listens in a thread of its own until it is closed or pulls its cable.
+
+    ``url`` is what a real program opens: a device path or ``socket://``. A device that streams is
+    asked for its next frame every ``stream_s``. ``tcp_port`` 0 takes any free one.
+    """
+
+    def __init__(
+        self, twin: Twin, transport: Transport, *, stream_s: float = 0.0, tcp_port: int = 0
+    ) -> None:
+        self._wire: _PseudoTerminal | _LoopbackTcp
+        self._wire = _PseudoTerminal() if transport == "pty" else _LoopbackTcp(tcp_port)
+        self.url = self._wire.url
+        self._twin = twin
+        self._stream_s = stream_s or None
+        self._stop, self._wake = socket.socketpair()
+        self._thread = threading.Thread(target=self._serve, name=f"twin {self.url}", daemon=True)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        with contextlib.suppress(Disconnected):
+            while self._wake not in (ready := self._ready()):
+                for source in ready:
+                    request = self._wire.receive(source)
+                    if request and self._stream_s is None:
+                        self._wire.send(self._twin.receive(request))
+                if not ready:
+                    self._wire.send(self._twin.receive(b""))
+            return
+        self._wire.close()
+
+    def _ready(self) -> list[object]:
+        """Sources with something to read; empty when the next frame of a stream is due."""
+        with selectors.DefaultSelector() as selector:
+            for source in (*self._wire.sources(), self._wake):
+                selector.register(source, selectors.EVENT_READ)
+            found = selector.select(self._stream_s)
+            return [key.fileobj for key, _ in found]
+
+    def close(self) -> None:
+        """Stop answering and free the port."""
+        with contextlib.suppress(OSError):
+            self._stop.send(b"x")
+        self._thread.join()
+        self._stop.close()
+        self._wake.close()
+        self._wire.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class _PseudoTerminal:
+    """A pair of terminal devices; the other end is kept open so that clients may come and go.
+
+    As `_LoopbackTcp`: sources to wait for, bytes of a client, bytes to it.
+    """
+
+    def __init__(self) -> None:
+        import tty  # POSIX only
+
+        self._own_end, self._far_end = os.openpty()
+        tty.setraw(self._far_end)
+        self.url = os.ttyname(self._far_end)
+        self._open = True
+
+    def sources(self) -> tuple[int | socket.socket, ...]:
+        return (self._own_end,)
+
+    def receive(self, source: object) -> bytes:
+        return os.read(self._own_end, CHUNK) if source == self._own_end else b""
+
+    def send(self, answer: bytes) -> None:
+        if answer:
+            os.write(self._own_end, answer)
+
+    def close(self) -> None:
+        if self._open:
+            self._open = False
+            os.close(self._own_end)
+            os.close(self._far_end)
+
+
+class _LoopbackTcp:
+    """A listening socket on the loopback address, one client at a time."""
+
+    def __init__(self, port: int) -> None:
+        self._server = socket.create_server(("127.0.0.1", port))
+        self.url = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
+        self._client: socket.socket | None = None
+
+    def sources(self) -> tuple[int | socket.socket, ...]:
+        return (self._server,) if self._client is None else (self._server, self._client)
+
+    def receive(self, source: object) -> bytes:
+        if source is self._server:
+            self._drop()
+            self._client, _ = self._server.accept()
+            self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            return b""
+        request = b""
+        with contextlib.suppress(OSError):
+            request = self._client.recv(CHUNK) if self._client else b""
+        if not request:
+            self._drop()
+        return request
+
+    def send(self, answer: bytes) -> None:
+        try:
+            if self._client is not None:
+                self._client.sendall(answer)
+        except OSError:
+            self._drop()
+
+    def _drop(self) -> None:
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+    def close(self) -> None:
+        self._drop()
+        self._server.close()
+
+
+FAST_STREAM_S = 0.01
+"""Pace of streaming devices in compressed time."""
+
+PUSH_MM, PUSH_S = 1.0, 0.8
+"""How far a hand pushes a spindle in, and how long."""
+
+
+class SimulatedRig:
+    """Indicators whose spindles glide to wherever the machine is sent.
+
+    The rig knows nothing of machines: it is told where each spindle is to go. A motion takes
+    ``motion_s`` and follows a smooth curve, so a reading taken too early is a moving one.
+    ``fastest_stream`` compresses the time of devices that stream.
+    """
+
+    def __init__(
+        self,
+        profiles: Sequence[Profile],
+        *,
+        resolution_mm: float,
+        transport: Transport,
+        motion_s: float = 0.0,
+        fastest_stream: bool = False,
+    ) -> None:
+        self._motion_s = motion_s
+        self._lock = threading.Lock()
+        self._start_mm = [0.0] * len(profiles)
+        self._goal_mm = [0.0] * len(profiles)
+        self._departed = -math.inf
+        self._pushed = [-math.inf] * len(profiles)
+        self._ports = [
+            TwinPort(
+                twin_of(profile, Spindle(self._spindle(k), resolution_mm)),
+                transport,
+                stream_s=FAST_STREAM_S if fastest_stream and profile.stream_s else profile.stream_s,
+            )
+            for k, profile in enumerate(profiles)
+        ]
+
+    @property
+    def ports(self) -> tuple[str, ...]:
+        """What a program opens to reach each indicator."""
+        return tuple(port.url for port in self._ports)
+
+    def go(self, goal_mm: Sequence[float]) -> None:
+        """Send every spindle to a new position, in mm."""
+        with self._lock:
+            now = [self._position(k) for k in range(len(self._goal_mm))]
+            self._start_mm, self._goal_mm = now, list(goal_mm)
+            self._departed = time.monotonic()
+
+    def push(self, index: int) -> None:
+        """Push one spindle in and let it go, as a hand does; it reads larger meanwhile."""
+        with self._lock:
+            self._pushed[index] = time.monotonic()
+
+    def close(self) -> None:
+        """Unplug every indicator."""
+        for port in self._ports:
+            port.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _spindle(self, index: int) -> Callable[[], float]:
+        def position_mm() -> float:
+            with self._lock:
+                pushed = time.monotonic() - self._pushed[index] < PUSH_S
+                return self._position(index) + PUSH_MM * pushed
+
+        return position_mm
+
+    def _position(self, index: int) -> float:
+        elapsed = time.monotonic() - self._departed
+        if elapsed >= self._motion_s:
+            return self._goal_mm[index]
+        share = (1.0 - math.cos(math.pi * elapsed / self._motion_s)) / 2.0
+        start = self._start_mm[index]
+        return start + share * (self._goal_mm[index] - start)

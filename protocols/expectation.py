@@ -12,6 +12,7 @@ import numpy as np
 from calib.arrays import conditions
 from calib.tripod.prediction import DRIFT_MM_S, predict
 from protocols.documents import ZERO
+from protocols.observations import along_mm
 from protocols.procedure import Step, leg_number
 from protocols.session import Reading, Session
 
@@ -88,6 +89,8 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[Expected, ...
         position_mm=[r.position_mm or ZERO for r in known]
         + [step.position_mm or ZERO] * len(mounts),
     )
+    read: list[Reading | Step] = [*known, *(step for _ in mounts)]
+    along = [along_mm(one, machine) for one in read]
     times_s = [r.time_s or 0.0 for r in known] + [time_s] * len(mounts)
     limit_mm = procedure.repeat_limit_mm
     noise_mm = max(LEAST_NOISE_MM, min(procedure.tolerance_mm, limit_mm / (2.0 * REACH)))
@@ -95,9 +98,10 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[Expected, ...
     means, deviations = predict(
         machine.geometry(),
         machine.tolerances_mm(),
-        replace(taken, time_s=np.array(times_s)),
+        replace(taken, time_s=np.array(times_s), along_mm=np.array(along)),
         np.array([r.value_mm for r in known]),
         np.array(noises_mm + [noise_mm] * len(mounts)),
+        machine.plane_tilt_mrad,
     )
     calibrated = session.opened.verifies is not None or any(machine.entered_offsets_mm)
     return tuple(
@@ -125,7 +129,8 @@ def movement(
     """
     if not due:
         return Movement.UNKNOWN
-    if due[0].before.posture_mm == step.posture_mm:
+    before = due[0].before
+    if (before.posture_mm, before.station) == (step.posture_mm, step.station):
         return Movement.SEEN
     drift_mm = DRIFT_MM_S * max(0.0, time_s - (due[0].before.time_s or 0.0))
     bands = [rest_mm + drift_mm for rest_mm in rests_mm]

@@ -130,6 +130,8 @@ class Machine(Document):
     ``entered_offsets_mm`` are joint offsets already entered when the session is measured;
     ``offset_tolerance_mm`` and ``length_tolerance_mm`` are standard deviations of how far joint
     offsets and leg lengths of such machines are off, before anything is measured;
+    ``plane_tilt_mrad`` is the most that a reference plane leans along a leg, and ``plane_mm`` from
+    where to where along every leg, from the tool at Zero, a stand can slide on it; None: anywhere.
     ``gravity`` is the direction in which weight pulls, of any length;
     ``load`` is the weight that the tool has now, in units of its usual one: another in a session
     with a mass hung on it; ``screw_lead_mm`` is the travel of a carriage for one turn of its
@@ -152,6 +154,8 @@ class Machine(Document):
     entered_offsets_mm: Triple = ZERO
     offset_tolerance_mm: Tolerance = 2.0
     length_tolerance_mm: Tolerance = 0.1
+    plane_tilt_mrad: Annotated[float, Field(ge=0.01, le=100.0)] = 5.0
+    plane_mm: tuple[LengthMm, LengthMm] | None = None
     gravity: Direction = (0.0, 0.0, -1.0)
     load: Annotated[float, Field(ge=0.001, le=1000.0)] = 1.0
     screw_lead_mm: Annotated[float, Field(ge=0.001, le=1000.0)] | None = None
@@ -218,6 +222,7 @@ class Machine(Document):
             workspace_mm=self.workspace_mm,
             set_at_zero=self.set_at_zero or False,
             usable_bar=(usable[0], usable[1], usable[2]),
+            plane_mm=self.plane_mm,
         )
 
 

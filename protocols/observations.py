@@ -1,17 +1,23 @@
-"""The only place where records become arrays."""
+"""The only place where records become arrays, and what a diagnosis corrected readings again."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calib.arrays import FloatArray, Observations
+from calib.arrays import LEG_NAMES, TOUCHED_NAMES, FloatArray, Observations
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.tripod.movements import carriage_movement
-from protocols.procedure import leg_number
+from protocols.machine import Machine
+from protocols.procedure import Step, leg_number
 from protocols.session import Reading, Session
+
+if TYPE_CHECKING:
+    from calib.diagnosis.results import CleanedReadings
 
 
 def to_observations(sessions: Sequence[Session]) -> Observations:
@@ -55,18 +61,18 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
         indicator=np.array([used[name] for name in indicators], dtype=np.intp),
         position_mm=np.array([r.position_mm or (0.0, 0.0, 0.0) for r in readings]),
         movement=np.concatenate(movement),
-        along_mm=np.array([_along_mm(r, sessions[0]) for r in readings]),
+        along_mm=np.array([along_mm(r, sessions[0].opened.machine) for r in readings]),
         value_mm=np.array([r.value_mm for r in readings]),
         averaged=np.array([float(r.averaged) for r in readings]),
     )
 
 
-def _along_mm(reading: Reading, session: Session) -> float:
+def along_mm(read: Reading | Step, machine: Machine) -> float:
     """Where a leg is touched over a plane, from the tool at Zero; NaN elsewhere."""
-    if not reading.over_plane:
+    if not read.over_plane:
         return np.nan
-    covered = session.opened.machine.geometry().covered_mm[leg_number(reading.leg)]
-    return float(reading.displacement_mm + reading.station * covered)
+    covered = machine.geometry().covered_mm[leg_number(read.leg)]
+    return float(read.displacement_mm + read.station * covered)
 
 
 def _times_s(session: Session) -> list[float]:
@@ -81,9 +87,12 @@ def _indicators(session: Session) -> list[str]:
 
     A table does not tell; there each mounting counts as an indicator of its own.
     """
-    axes = {step.number: step.axes for step in session.steps()}
+    steps = {step.number: step for step in session.steps()}
     return [
-        str(axes[r.step].index(r.axis)) if r.step in axes else r.mount for r in session.readings
+        str(steps[r.step].indicators[steps[r.step].axes.index(r.axis)])
+        if r.step in steps
+        else r.mount
+        for r in session.readings
     ]
 
 
@@ -150,3 +159,59 @@ def _check_same_machine(sessions: Sequence[Session]) -> None:
                 "sessions of one machine with the same offsets entered",
                 "Solve them one at a time.",
             )
+
+
+SAME_MM = 1e-9
+AS_READ = "as_read"
+"""Beside a corrected reading: what the record that it is from says in its place."""
+
+
+def corrected_readings(session: Session, cleaned: CleanedReadings) -> Iterator[Reading]:
+    """The readings that differ from the session's, each with what that says of it.
+
+    A stand that moved gives a new mounting from there on.
+    """
+    before, after = to_observations([session]).take(cleaned.rows), cleaned.observed
+    readings = [session.readings[row] for row in cleaned.rows.tolist()]
+    values = _values_mm(before, cleaned)
+    mounts = _mount_names(readings, after)
+    for k, reading in enumerate(readings):
+        tool = TOUCHED_NAMES[after.leg[k]] == "tool"
+        mount = mounts[int(after.mount[k])]
+        now: dict[str, Any] = {
+            "value_mm": float(values[k]),
+            "leg": TOUCHED_NAMES[after.leg[k]],
+            "axis": LEG_NAMES[after.axis[k]],
+            "displacement_mm": float(after.displacement_mm[k]),
+            "position_mm": tuple(map(float, after.position_mm[k])) if tool else None,
+            "station": float(after.station[k]),
+            "mount": f"{mount}, moved {cleaned.slips[k]}" if cleaned.slips[k] else mount,
+        }
+        was = {name: value for name in now if (value := getattr(reading, name)) != now[name]}
+        if was:
+            if was.keys() & {"leg", "displacement_mm", "position_mm"}:
+                now |= {"step": None, "lift_mm": None}
+            said = ", ".join(f"{name} {value}" for name, value in was.items())
+            now["extra"] = {**reading.extra, AS_READ: said}
+            yield reading.model_copy(update=now)
+
+
+def _values_mm(before: Observations, cleaned: CleanedReadings) -> FloatArray:
+    """Corrected values ``(n,)``; as read where only the zero moved, for that is a new mounting."""
+    values = cleaned.observed.value_mm.copy()
+    change = values - before.value_mm
+    for mount in np.unique(before.mount[cleaned.slips > 0]):
+        for slip in range(1, int(cleaned.slips.max()) + 1):
+            rows = (before.mount == mount) & (cleaned.slips == slip)
+            if rows.any() and np.ptp(change[rows]) < SAME_MM:
+                values[rows] = before.value_mm[rows]
+    return np.where(np.abs(values - before.value_mm) < SAME_MM, before.value_mm, values)
+
+
+def _mount_names(readings: Sequence[Reading], after: Observations) -> list[str]:
+    """The name that most readings of each mounting have: one of another may have come to it."""
+    found = []
+    for mount in range(after.mount_count):
+        rows = np.flatnonzero(after.mount == mount).tolist()
+        found.append(Counter(readings[row].mount for row in rows).most_common(1)[0][0])
+    return found

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import math
 import random
-import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from itertools import chain, pairwise, product
 from pathlib import Path
-from typing import Annotated, Literal, Protocol, TypeVar
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from calib.arrays import LEG_NAMES, TOOL
-from calib.errors import RecordError, UnreachablePosture, UsageError
-from calib.tripod.geometry import Geometry, inverse
+from calib.errors import RecordError, UsageError
+from calib.tripod.geometry import Geometry
 from protocols.documents import (
     ZERO,
     Document,
@@ -30,6 +29,7 @@ from protocols.documents import (
     read_text,
     read_toml,
 )
+from protocols.machine import Instrument
 
 Leg = Literal["x", "y", "z"]
 Touched = Literal["x", "y", "z", "tool"]
@@ -121,17 +121,6 @@ class Plate(Document):
         return x, y, z
 
 
-class WithAxes(Protocol):
-    """An indicator, as far as a procedure knows it."""
-
-    @property
-    def axes(self) -> str:
-        """The directions it may measure along."""
-
-
-OneWithAxes = TypeVar("OneWithAxes", bound=WithAxes)
-
-
 class Procedure(Document):
     """What is measured, in which order. Levels and stations are visited in the order given.
 
@@ -207,17 +196,29 @@ class Procedure(Document):
         visits = self._of_tool(self.plate) if self.plate else self._of_legs(geometry, axes)
         if self.plane is not None:
             from_zero = visits if self.levels else ()
-            visits = chain(from_zero, self._over_plane(self.plane, geometry))
+            visits = chain(from_zero, self._over_plane(self.plane, geometry, axes))
         return tuple(Step(number, *visit) for number, visit in enumerate(visits, start=1))
 
-    def indicators_at_plate(self, instruments: Sequence[OneWithAxes]) -> tuple[OneWithAxes, ...]:
-        """The one of these that reads the tool. Raises UsageError where none may."""
-        axis = self.plate.axis if self.plate else ""
-        fitting = tuple(one for one in instruments if axis in one.axes)[:1]
-        if not fitting:
-            shown = " and ".join(f"@{one.axes}" for one in instruments) or "none"
-            raise UsageError(f"indicator of {self.name}", shown, f"one along {axis}, at the tool")
-        return fitting
+    def indicators_used(self, instruments: Sequence[Instrument]) -> tuple[Instrument, ...]:
+        """Those of these that read: the tool, or over planes alone, the first along each axis.
+
+        Raises UsageError where none may.
+        """
+        if self.levels:
+            return tuple(instruments)
+        along = self.plane.axes if self.plane else (self.plate.axis,) if self.plate else ()
+        axes = [one.axes for one in instruments]
+        used = {self._reading_along(axis, axes) for axis in along}
+        return tuple(one for number, one in enumerate(instruments) if number in used)
+
+    def _reading_along(self, axis: str, axes: Sequence[str]) -> int:
+        """Number of the first indicator that may measure along an axis."""
+        for number, allowed in enumerate(axes):
+            if axis in allowed:
+                return number
+        shown = " and ".join(f"@{allowed}" for allowed in axes) or "none"
+        at = "at the tool" if self.plate else "over the plane"
+        raise UsageError(f"indicator of {self.name}", shown, f"one along {axis}, {at}")
 
     def _of_tool(self, plate: Plate) -> Iterator[Visit]:
         for cycle in range(1, self.cycles + 1):
@@ -227,9 +228,9 @@ class Procedure(Document):
             if self.return_to_zero and places[0] != ZERO:
                 places.insert(0, ZERO)
             for place in places:
-                yield "tool", 0.0, cycle, 0.0, (plate.axis,), place, False
+                yield "tool", 0.0, cycle, 0.0, (plate.axis,), place, False, 0
         if self.return_to_zero:
-            yield "tool", 0.0, self.cycles, 0.0, (plate.axis,), ZERO, False
+            yield "tool", 0.0, self.cycles, 0.0, (plate.axis,), ZERO, False, 0
 
     def _of_legs(self, geometry: Geometry, axes: Sequence[str]) -> Iterator[Visit]:
         for station in self.stations:
@@ -238,21 +239,22 @@ class Procedure(Document):
                     for cycle in range(1, self.cycles + 1):
                         seed = f"{leg}/{station}/{cycle}"
                         for displacement in self._cycle(geometry, self.levels, seed):
-                            yield leg, displacement, cycle, station, together, None, False
+                            yield leg, displacement, cycle, station, together, None, False, 0
                     if self.return_to_zero:
-                        yield leg, 0.0, self.cycles, station, together, None, False
+                        yield leg, 0.0, self.cycles, station, together, None, False, 0
 
-    def _over_plane(self, plane: Plane, geometry: Geometry) -> Iterator[Visit]:
+    def _over_plane(self, plane: Plane, geometry: Geometry, axes: Sequence[str]) -> Iterator[Visit]:
         for axis, leg in product(plane.axes, self.legs):
             if leg == axis:
                 continue
+            first = self._reading_along(axis, axes)
             for cycle in range(1, self.cycles + 1):
                 for at in self._cycle(geometry, plane.levels, f"{leg}/over {axis}/{cycle}"):
                     for station in plane.stations:
-                        yield leg, at, cycle, station, (axis,), None, True
+                        yield leg, at, cycle, station, (axis,), None, True, first
             if self.return_to_zero:
                 for station in plane.stations:
-                    yield leg, 0.0, self.cycles, station, (axis,), None, True
+                    yield leg, 0.0, self.cycles, station, (axis,), None, True, first
 
     def _cycle(self, geometry: Geometry, told: Sequence[Level], seed: str) -> list[float]:
         """Displacements of one cycle: Zero first where it is checked, shuffled where asked for."""
@@ -316,6 +318,7 @@ class Procedure(Document):
         count = len(touched)
         if self.plane is not None:  # set anew in each posture, so as at Zero
             touched += [(leg, at, 0.0) for at, leg in product(self.plane.stations, self.legs)]
+            self._check_plane(self.plane, geometry, path)
         for number, words in off_bar(touched, geometry)[:1]:
             where = f"procedure {self.name}"
             if path is not None:
@@ -331,6 +334,27 @@ class Procedure(Document):
                 "Change the station or the levels, or usable_bar in the machine file.",
             )
 
+    def _check_plane(self, plane: Plane, geometry: Geometry, path: Path | None) -> None:
+        """Raises RecordError for the first touched point beyond the end of the plane."""
+        low, high = geometry.plane_mm or (-math.inf, math.inf)
+        levels = dict.fromkeys([0.0, *(_displacement(level, geometry) for level in plane.levels)])
+        for level, (number, station) in product(levels, enumerate(plane.stations)):
+            for leg in (leg for leg in self.legs if set(plane.axes) - {leg}):
+                at_mm = level + station * geometry.covered_mm[leg_number(leg)]
+                if low <= at_mm <= high:
+                    continue
+                where = f"procedure {self.name}"
+                if path is not None:
+                    key = ("plane", "stations", number)
+                    where = f"procedure file {path}, line {line_of(read_text(path, WHAT), key)}"
+                raise RecordError(
+                    f"{where}, stations over the plane",
+                    f"station {station:g} of leg {leg} in posture "
+                    f"{posture_name(level, geometry)} at {at_mm:.1f} mm along the leg",
+                    f"plane_mm of the machine file, {low:g} … {high:g} mm",
+                    "Change the station or the levels, or use a longer plane.",
+                )
+
     def read_in_place(self, geometry: Geometry) -> int:
         """How many steps repeat a posture without leaving it; they show the indicator only."""
         steps = self.steps(geometry)
@@ -345,7 +369,7 @@ class Procedure(Document):
         return len(self.steps(geometry, axes)) * self.seconds_per_step
 
 
-Visit = tuple[Touched, float, int, float, tuple[Leg, ...], Triple | None, bool]
+Visit = tuple[Touched, float, int, float, tuple[Leg, ...], Triple | None, bool, int]
 """A step but for its number."""
 
 
@@ -354,6 +378,7 @@ class Step:
     """One posture in which one or two indicators are read on one leg, or one at the tool.
 
     With ``over_plane`` the stand slides on a reference plane to the station, in this posture.
+    ``first`` is the number, from 0, of the indicator that reads the first of the axes.
     """
 
     number: int
@@ -364,6 +389,12 @@ class Step:
     axes: tuple[Leg, ...]
     position_mm: Triple | None = None
     over_plane: bool = False
+    first: int = 0
+
+    @property
+    def indicators(self) -> range:
+        """Numbers of the indicators that read, from 0, in the order of the axes."""
+        return range(self.first, self.first + len(self.axes))
 
     @property
     def posture_mm(self) -> tuple[float, Triple | None]:
@@ -464,10 +495,7 @@ def off_bar(
 
 def may_stand(geometry: Geometry, position_mm: Triple) -> bool:
     """Whether bars and joint limits allow a tool position from Zero."""
-    try:
-        return geometry.within_limits(inverse(geometry, position_mm))
-    except UnreachablePosture:
-        return False
+    return bool(geometry.stands(np.array([position_mm]))[0])
 
 
 def position_words(position_mm: Triple) -> str:
@@ -481,13 +509,16 @@ def procedure_names() -> tuple[str, ...]:
     return tuple(sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if _is_toml(f.name)))
 
 
-def leg_procedure_names() -> tuple[str, ...]:
-    """Those of them that read legs from Zero: a guided session can measure them."""
-    folder = resources.files("protocols") / "procedures"
-    texts = {name: (folder / f"{name}.toml").read_text("utf-8") for name in procedure_names()}
-    return tuple(
-        n for n, text in texts.items() if not {"plate", "plane"} & set(tomllib.loads(text))
-    )
+def guided_procedure_names(geometry: Geometry) -> tuple[str, ...]:
+    """Those of them that a guided session can measure on this machine: legs, or a plate."""
+    found = []
+    for name in procedure_names():
+        try:
+            load_procedure(name, geometry).steps(geometry)
+        except (RecordError, UsageError):  # beyond its limits, or legs that cannot be read
+            continue
+        found.append(name)
+    return tuple(found)
 
 
 def load_procedure(name: str, geometry: Geometry) -> Procedure:

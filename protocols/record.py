@@ -86,7 +86,7 @@ def check_record(path: Path, content: bytes) -> Record:
     meaning = _Meaning(path)
     digest = FIRST_DIGEST
     for number, line in enumerate(lines, start=1):
-        event = _parse_line(path, number, line)
+        event = parse_line(path, number, line)
         _check_order(path, number, event, events)
         _check_chain(path, number, lines, digest, event)
         meaning.check(number, event)
@@ -131,10 +131,10 @@ def read_ends(path: Path) -> tuple[Opened, list[Event]]:
             last = file.read(END_BYTES).split(b"\n")[1:-1]
     except OSError as problem:
         raise unreadable(f"session {path}", problem) from problem
-    opened = _parse_line(path, 1, first)
+    opened = parse_line(path, 1, first)
     if not isinstance(opened, Opened):
         raise RecordError(f"session {path}", f"first event '{opened.event}'", "'opened'")
-    return opened, [_parse_line(path, 0, line) for line in last]
+    return opened, [parse_line(path, 0, line) for line in last]
 
 
 def digest_of(line: bytes) -> str:
@@ -142,7 +142,7 @@ def digest_of(line: bytes) -> str:
     return hashlib.sha256(line).hexdigest()
 
 
-def _parse_line(path: Path, number: int, line: bytes) -> Event:
+def parse_line(path: Path, number: int, line: bytes) -> Event:
     """One line as an event; number 0 is somewhere in the file. Raises RecordError."""
     thing = f"session {path}, line {number}" if number else f"session {path}"
     try:

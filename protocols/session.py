@@ -1,19 +1,22 @@
-"""The typed events of a session, one line of the record each, and the state they fold into:
-what counts, what is done, what is next.
+"""The typed events of a session, one line of the record each, the state they fold into (what
+counts, what is done, what is next), and its clock, which nobody sets.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+import time
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cached_property
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, AwareDatetime, Field, TypeAdapter, model_validator
 
-from calib.errors import GlidecalError
+from calib.errors import GlidecalError, RecordError
+from protocols.data_table import Cell, DataTable
 from protocols.documents import (
     Celsius,
     Count,
@@ -27,6 +30,9 @@ from protocols.documents import (
 )
 from protocols.machine import Instrument, Machine
 from protocols.procedure import SLIDING, Leg, Procedure, Step, Touched, position_words
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 SCHEMA = "glidecal.session/1"
 FIRST_DIGEST = "0" * 64
@@ -99,6 +105,12 @@ class Mounted(Line):
     leg: Touched
     station: Annotated[float, Field(ge=0.0, le=1.0)]
     mounts: dict[Leg, Name]
+    over_plane: bool | None = None
+
+    @property
+    def place(self) -> tuple[str, float, set[str]]:
+        """Where the stand is: leg, station and axes; on a plane it slides."""
+        return self.leg, SLIDING if self.over_plane else self.station, set(self.mounts)
 
 
 class Reading(Line):
@@ -238,6 +250,21 @@ Event = Annotated[
 EVENT: TypeAdapter[Event] = TypeAdapter(Event)
 
 
+OF_LEG = ("leg", "axis", "displacement_mm", "station", "plane")
+OF_ANY = (
+    *("device_text", "counts", "counts_reason", "cycle", "time_s", "mount", "temperature_c"),
+    *("averaged", "resolution_mm", "unit_assumed", "seq"),
+)
+"""Columns of a table of readings behind place and value."""
+
+
+def _place(reading: Reading) -> tuple[Cell, ...]:
+    if reading.position_mm is not None:
+        return (*reading.position_mm, reading.axis, reading.lift_mm)
+    where = (reading.leg, reading.axis, reading.displacement_mm, reading.station)
+    return (*where, int(reading.over_plane or False))
+
+
 DECIMALS = re.compile(r"\d*\.(\d+)$", re.ASCII)
 
 
@@ -260,15 +287,19 @@ class Session:
     stand_untouched: bool
     notes: tuple[str, ...] = ()
 
+    @cached_property
+    def _steps(self) -> tuple[Step, ...]:
+        return self.opened.steps()  # the screen asks with every picture
+
     def steps(self) -> tuple[Step, ...]:
         """The steps of the session's procedure; none for an imported table."""
-        return self.opened.steps()
+        return self._steps
 
     def is_new_place(self, step: Step) -> bool:
         """Whether the stand must be set up for a step: another leg, station or axis."""
         last = self.mountings[-1] if self.mountings else None
-        here = (step.leg, step.station, set(step.axes))
-        return last is None or (last.leg, last.station, set(last.mounts)) != here
+        leg, station, axes = step.place
+        return last is None or last.place != (leg, station, set(axes))
 
     def needs_new_zero(self, step: Step) -> bool:
         """Whether readings from here on belong to a new mounting: a new place, or after a break.
@@ -300,6 +331,52 @@ class Session:
         """The first reading with an earlier ``time_s`` than the one before: the clock was set."""
         timed = [(r.time_s, r) for r in self.all_readings if r.time_s is not None]
         return next((r for (a, _), (b, r) in pairwise(timed) if b < a), None)
+
+    def table(self) -> DataTable:
+        """Every reading, as `protocols.table` reads it: columns of docs/session.md.
+
+        Those that do not count are among them: the machine was there. Raises RecordError for
+        readings of legs and of the tool in one session.
+        """
+        of_tool = {reading.leg == "tool" for reading in self.all_readings}
+        if len(of_tool) > 1:
+            raise RecordError("session", "readings of legs and of the tool", "one of both")
+        places = ("x_mm", "y_mm", "z_mm", "axis", "lift_mm") if True in of_tool else OF_LEG
+        known = (*places, "value_mm", *OF_ANY)
+        extra = list(dict.fromkeys(name for one in self.all_readings for name in one.extra))
+        # columns of an old table that nobody knew then, under names that are nobody's now
+        beside = (f"{name} (kept)" if name in known else name for name in extra)
+        return DataTable(
+            (*known, *beside),
+            tuple(
+                (
+                    *_place(reading),
+                    reading.value_mm,
+                    reading.text,
+                    *self._counting(reading.reading),
+                    reading.cycle,
+                    reading.time_s,
+                    reading.mount,
+                    reading.temperature_c,
+                    reading.averaged,
+                    reading.resolution_mm,
+                    int(reading.unit_assumed),
+                    reading.reading,
+                    *(reading.extra.get(name) for name in extra),
+                )
+                for reading in self.all_readings
+            ),
+        )
+
+    def _counting(self, number: int) -> tuple[str, str]:
+        """Whether a reading counts, and why or why not."""
+        if number in self.superseded:
+            return "no", self.superseded[number]
+        return ("again", self.restored[number]) if number in self.restored else ("yes", "")
+
+    def to_frame(self) -> DataFrame:
+        """`table` for pandas. Raises UsageError where that is not installed."""
+        return self.table().to_frame()
 
     @property
     def step_mm(self) -> float | None:
@@ -357,3 +434,62 @@ def fold(events: Iterable[Event]) -> Session:
 
 def _without(reasons: dict[int, str], numbers: tuple[int, ...]) -> dict[int, str]:
     return {number: reason for number, reason in reasons.items() if number not in numbers}
+
+
+JUMP_S = 2.0
+"""The wall clock follows a time server by less than this between two looks; more was set."""
+
+STEADY = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))
+"""Goes on while the computer sleeps; Windows' only monotonic clock does too."""
+
+
+def steady_s() -> float:
+    """Seconds of a clock that only goes forward."""
+    return time.monotonic() if STEADY is None else time.clock_gettime(STEADY)
+
+
+def wall() -> datetime:
+    """What the clock of the computer shows."""
+    return datetime.now(UTC)
+
+
+class SessionClock:
+    """Time of one session in the life of one program.
+
+    Across an interruption only the wall clock knows how long it was; where that went back, the
+    interruption counts nothing.
+    """
+
+    def __init__(
+        self,
+        events: Sequence[Event],
+        steady_s: Callable[[], float] = steady_s,
+        wall: Callable[[], datetime] = wall,
+    ) -> None:
+        self._steady_s = steady_s
+        self.wall = wall
+        self._began_s = steady_s() - _reached_s(events)
+        self._ahead_s = self._wall_ahead_s()
+
+    def time_s(self) -> float:
+        """Seconds since the session began."""
+        return self._steady_s() - self._began_s
+
+    def jump_s(self) -> float:
+        """By how much the wall clock was set since the last look; 0 where it was not."""
+        ahead_s = self._wall_ahead_s()
+        jump_s, self._ahead_s = ahead_s - self._ahead_s, ahead_s
+        return jump_s if abs(jump_s) > JUMP_S else 0.0
+
+    def _wall_ahead_s(self) -> float:
+        return self.wall().timestamp() - self._steady_s()
+
+
+def _reached_s(events: Sequence[Event]) -> float:
+    """Session time at the last event: of the last reading that has one, and the gaps since."""
+    reached_s = 0.0
+    for before, event in pairwise(events):
+        reached_s += max(0.0, (event.at - before.at).total_seconds())
+        if isinstance(event, Reading) and event.time_s is not None:
+            reached_s = event.time_s
+    return reached_s

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
 
-from calib.errors import RecordError, UsageError
+from calib.errors import RecordError, extra
 from protocols.documents import read_bytes
 
 SUFFIX = ".xlsx"
 MOST_UNPACKED_BYTES = 200_000_000
 MOST_COLUMNS = 100
+MOST_LETTERS = 32_767
 
 
 def read_rows(path: Path, most_rows: int) -> list[tuple[int, list[str]]]:
@@ -47,26 +48,34 @@ def _check_unpacked(content: BytesIO) -> None:
             raise ValueError("too large")
 
 
-def workbook(rows: Iterable[Sequence[str | float]], thing: str) -> bytes:
-    """A workbook with these rows. Raises UsageError where openpyxl is not installed."""
+def workbook(rows: Iterable[Sequence[str | float | None]], thing: str) -> bytes:
+    """A workbook with these rows; numbers of more digits than a spreadsheet has are texts.
+
+    Raises UsageError where openpyxl is not installed, RecordError for a text longer than a cell.
+    """
     book = _openpyxl(thing).Workbook()
     for row in rows:
-        book.active.append(row)
+        if longest := max((len(cell) for cell in row if isinstance(cell, str)), default=0):
+            _check_length(thing, longest)
+        book.active.append([_as_shown(cell) for cell in row])
     out = BytesIO()
     book.save(out)
     return out.getvalue()
 
 
+def _as_shown(cell: str | float | None) -> str | float | None:
+    same = not isinstance(cell, float) or float(f"{cell:.15g}") == cell
+    return cell if same else repr(cell)
+
+
+def _check_length(thing: str, longest: int) -> None:
+    if longest > MOST_LETTERS:
+        raise RecordError(thing, f"a text of {longest} letters", f"{MOST_LETTERS} in a workbook")
+
+
 def _openpyxl(thing: str) -> Any:  # noqa: ANN401 (a module)
-    try:
+    with extra(thing, "xlsx", ", or save the table as CSV"):
         import openpyxl
-    except ImportError as problem:
-        raise UsageError(
-            thing,
-            "no package openpyxl",
-            "an installation with the extra xlsx",
-            'Install it with: pip install "glidecal[xlsx]", or save the table as CSV',
-        ) from problem
     return openpyxl
 
 

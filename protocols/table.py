@@ -1,11 +1,11 @@
-"""Tables of readings (CSV, XLSX): one header line, one row a reading, in the order taken."""
+"""Tables of readings (CSV, XLSX, Parquet): a header, a row for each reading, in the order taken."""
 
 from __future__ import annotations
 
 import csv
 import re
 from collections import Counter
-from collections.abc import Callable, Container, Iterable, Sequence
+from collections.abc import Callable, Container, Sequence
 from io import StringIO
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,15 +14,19 @@ import numpy as np
 from pydantic import ValidationError
 
 from calib.errors import RecordError
-from calib.printable import printable
 from calib.tripod.geometry import Geometry
 from protocols import spreadsheet
+from protocols.data_table import NUMBER, csv_text, parquet_rows, unprotected
 from protocols.documents import describe, read_text
+from protocols.machine import Instrument, Machine
 from protocols.procedure import SLIDING, Leg, Procedure, default_mount, may_stand, off_bar
-from protocols.session import Reading
+from protocols.session import Event, Opened, Reading, Restored, Superseded
 
 REQUIRED = ("leg", "axis", "displacement_mm", "value_mm")
-OPTIONAL = ("cycle", "time_s", "mount", "station", "temperature_c", "averaged", "seq", "plane")
+OPTIONAL = (
+    *("cycle", "time_s", "mount", "station", "temperature_c", "averaged", "seq", "plane"),
+    *("device_text", "counts", "counts_reason", "resolution_mm", "unit_assumed"),
+)
 
 POSITION = ("x_mm", "y_mm", "z_mm")
 OF_TOOL = (*POSITION, "value_mm")
@@ -35,11 +39,12 @@ OPTIONAL_OF_TOOL = (
 
 NUMBERS = (
     *("displacement_mm", "value_mm", "time_s", "station", "temperature_c", "lift_mm"),
+    "resolution_mm",
     *POSITION,
 )
 
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 COMMA = re.compile(r"[+-]?\d*,\d+", re.ASCII)
+PARQUET = ".parquet"
 LARGEST_COUNT = 1_000_000
 MOST_ROWS = 100_000
 LARGEST_NUMBER = 1e9
@@ -117,12 +122,67 @@ def read_table(path: Path, geometry: Geometry) -> tuple[tuple[Reading, ...], tup
     Raises RecordError naming the line, the column and the value.
     """
     rows, unknown = _rows(path)
+    return _readings(rows, unknown, geometry), unknown
+
+
+def _readings(rows: list[Row], unknown: tuple[str, ...], geometry: Geometry) -> tuple[Reading, ...]:
     readings = tuple(
         _reading(row, number, unknown, geometry) for number, row in enumerate(rows, start=1)
     )
     _check_sequence(rows)
     _check_mounts(rows, readings)
-    return readings, unknown
+    return readings
+
+
+def _counting(rows: Sequence[Row]) -> list[Superseded | Restored]:
+    """What makes readings not count, or count again, a row each; rows are numbered from 1."""
+    events: list[Superseded | Restored] = []
+    for number, row in enumerate(rows, start=1):
+        counts = row.fields.get("counts") or "yes"
+        if counts not in ("yes", "no", "again"):
+            raise row.fault("counts", "yes, no or again, in column counts_reason why")
+        why = row.fields.get("counts_reason", "")
+        if counts != "yes":
+            events.append(Superseded(readings=(number,), reason=why))
+        if counts == "again":
+            events.append(Restored(readings=(number,), reason=why))
+    return events
+
+
+def is_table(path: Path) -> bool:
+    """Whether a path is that of a table, by its ending."""
+    return path.suffix.lower() in (".csv", spreadsheet.SUFFIX, PARQUET)
+
+
+def opened_table(
+    path: Path,
+    machine: Machine,
+    program: str,
+    *,
+    resolution_mm: float | None = None,
+    repeatability_mm: float | None = None,
+    remarks: tuple[str, ...] = (),
+) -> tuple[Opened, tuple[Event, ...], tuple[str, ...]]:
+    """First line and events of a session of a table, and the columns that are not used.
+
+    ``resolution_mm`` and ``repeatability_mm`` are stated of the indicators. Raises RecordError.
+    """
+    rows, unknown = _rows(path)
+    events = (*_readings(rows, unknown, machine.geometry()), *_counting(rows))
+    instrument = Instrument(
+        profile="table",
+        port=path.name,
+        resolution_mm=resolution_mm,
+        repeatability_mm=repeatability_mm,
+    )
+    opened = Opened(
+        program=program,
+        origin="imported",
+        machine=machine,
+        instruments=(instrument,),
+        remarks=remarks,
+    )
+    return opened, events, unknown
 
 
 def within_limits(reading: Reading, geometry: Geometry) -> bool:
@@ -142,7 +202,7 @@ def off_bar_words(readings: Sequence[Reading], geometry: Geometry) -> str:
 
 def _rows(path: Path) -> tuple[list[Row], tuple[str, ...]]:
     lines, semicolons = _lines(path)
-    header = [name.strip() for name in lines[0][1]] if lines else []
+    header = [unprotected(name.strip()) for name in lines[0][1]] if lines else []
     _check_header(path, header)
     filled = [(line, values) for line, values in lines[1:] if any(v.strip() for v in values)]
     fields = [(line, _fields(path, line, header, values)) for line, values in filled]
@@ -161,6 +221,8 @@ def _lines(path: Path) -> tuple[list[tuple[int, list[str]]], bool]:
     """Line numbers and fields; whether semicolons stand between them, as with decimal commas."""
     if path.suffix.lower() == spreadsheet.SUFFIX:
         return spreadsheet.read_rows(path, MOST_ROWS + 2), False
+    if path.suffix.lower() == PARQUET:
+        return parquet_rows(path, MOST_ROWS + 1), False
     text = read_text(path, "table")
     header = text.partition("\n")[0]
     semicolons = ";" in header and "," not in header
@@ -200,7 +262,7 @@ def _fields(path: Path, line: int, header: list[str], values: list[str]) -> dict
             f"{len(header)} fields as in the header",
             "With decimal commas put semicolons between columns.",
         )
-    return dict(zip(header, (value.strip() for value in values), strict=True))
+    return dict(zip(header, (unprotected(value.strip()) for value in values), strict=True))
 
 
 def _is_of_tool(names: Container[str]) -> bool:
@@ -286,7 +348,9 @@ def _of_any(row: Row, unknown: tuple[str, ...]) -> dict[str, Any]:
         raise row.fault("value_mm", f"a reading up to {LARGEST_READING_MM:g} mm")
     return {
         "value_mm": value,
-        "text": row.with_point("value_mm"),
+        "text": row.fields.get("device_text") or row.with_point("value_mm"),
+        "resolution_mm": row.optional("resolution_mm", row.number, None),
+        "unit_assumed": bool(row.optional("unit_assumed", lambda name: row.whole(name, 0), 0)),
         "cycle": row.optional("cycle", lambda name: row.whole(name, 1), 1),
         "time_s": row.optional("time_s", row.number, None),
         "temperature_c": row.optional("temperature_c", row.number, None),
@@ -340,29 +404,3 @@ def empty_table(procedure: Procedure, geometry: Geometry, path: Path) -> str | b
     if path.suffix.lower() == spreadsheet.SUFFIX:
         return spreadsheet.workbook(rows, f"table {path}")
     return csv_text([c if isinstance(c, str) else f"{c:.12g}" for c in row] for row in rows)
-
-
-FORMULA = re.compile(r"""["'\s]*[=+\-@]""")
-"""A spreadsheet computes a cell that begins so, quotes left out."""
-
-FORMULA_INSIDE = re.compile(rf"([,;]){FORMULA.pattern}")
-"""A line of notes is not quoted, so a spreadsheet may find cells in it."""
-
-
-def csv_text(rows: Iterable[Sequence[str]], notes: Iterable[str] = ()) -> str:
-    """Notes as one ``#`` line each, then the rows. No text is a formula in a spreadsheet."""
-    out = StringIO()
-    for note in notes:
-        line = printable(" ".join(note.split()))
-        out.write("# " + FORMULA_INSIDE.sub(lambda found: f"{found[1]} '{found[0][1:]}", line))
-        out.write("\n")
-    csv.writer(out, lineterminator="\n").writerows(
-        [_harmless(cell) for cell in row] for row in rows
-    )
-    return out.getvalue()
-
-
-def _harmless(cell: str) -> str:
-    """The text as a cell: what is no number and looks like a formula gets an apostrophe."""
-    text = printable(cell)
-    return f"'{text}" if FORMULA.match(text) and not NUMBER.fullmatch(text) else text

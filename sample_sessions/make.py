@@ -14,7 +14,7 @@ from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
 from protocols.journal import write_whole
 from protocols.machine import Instrument, load_machine
-from protocols.procedure import leg_procedure_names, load_procedure
+from protocols.procedure import guided_procedure_names, load_procedure
 from protocols.session import Opened
 from protocols.table import read_table
 
@@ -99,6 +99,6 @@ def _fresh(name: str) -> Path:
 if __name__ == "__main__":
     for experiment in PUBLISHED:
         published(experiment)
-    for procedure in leg_procedure_names():
+    for procedure in guided_procedure_names(Geometry()):
         simulated(procedure)
     damaged()

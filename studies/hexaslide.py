@@ -15,7 +15,7 @@ import jinja2
 import numpy as np
 
 from app.planning.hexaslide import Request, hexaslide_planning
-from app.report.text.hexaslide_screen import postures_table
+from app.report.text.hexaslide import postures_table
 from calib.arrays import FloatArray
 from calib.errors import GlidecalError
 from calib.hexaslide.planning import (
@@ -29,7 +29,7 @@ from calib.hexaslide.planning import (
 )
 from calib.hexaslide.procedures import Kind
 from calib.hexaslide.search import BestPostures, Search, best_postures
-from protocols.hexaslide_machine import load_hexaslide
+from protocols.hexaslide import load_hexaslide
 from studies import THREADS, tables
 
 PAGE = Path(__file__).parents[1] / "docs" / "hexaslide.md"

@@ -32,7 +32,7 @@ from app.screens.measure import HELD_KEY_S, MeasureScreen
 from app.screens.result import ResultScreen
 from app.screens.session_view import GaugeDisplay, LegReviewScreen
 from app.screens.start import Glidecal
-from drivers.profile import Outcome, Reading
+from drivers.profile import IndicatorReading, Outcome
 
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
 NARROW, WIDE = (80, 24), (120, 40)
@@ -97,7 +97,7 @@ async def take_wrong(pilot: Pilot[str], screen: MeasureScreen) -> None:
 
     def wrong(gauge: Gauge) -> Future[Outcome]:
         heard, given = ask(gauge).result(), Future[Outcome]()
-        if isinstance(heard, Reading):
+        if isinstance(heard, IndicatorReading):
             heard = replace(heard, value_mm=heard.value_mm + OFF_MM)
         given.set_result(heard)
         return given

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from app.planning.hexaslide import Request, hexaslide_planning
-from app.report.text.hexaslide_screen import lost_words
+from app.report.text.hexaslide import lost_words
 from calib.arrays import FloatArray
 from calib.design.identifiability import classical_qr
 from calib.design.refinement import ON_BOUND

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,6 +19,9 @@ from app.machines.options import (
 )
 from calib.errors import UsageError
 from protocols.machine_files import machine_names
+
+if TYPE_CHECKING:
+    from app.evaluating.diagnosis import SessionDiagnosis
 
 
 def diagnose(
@@ -54,9 +57,6 @@ def diagnose(
     """What is missing in the model, and where it shows. The gap before and after."""
     from app.evaluating import diagnosis as evaluated
     from app.evaluating.diagnosis import diagnose_files
-    from app.report.schema.diagnosis import DiagnosisReport
-    from app.report.schema.document import to_json
-    from app.report.text.diagnosis import diagnosis_text
 
     if aliases:
         _show_aliases(procedure, machine, as_json=as_json)
@@ -83,12 +83,28 @@ def diagnose(
     if correct:
         evaluated.correct(found, sessions[0], correct)
         say(f"corrected session written: {correct}")
-    typer.echo(to_json(DiagnosisReport.of(found=found)) if as_json else diagnosis_text(found))
+    _show(found, further=bool(next_procedure), as_json=as_json)
+
+
+def _show(found: SessionDiagnosis, *, further: bool, as_json: bool) -> None:
+    """The diagnosis; with it the bound at the tool after ``further`` set-ups."""
+    from app.report.schema.diagnosis import DiagnosisReport
+    from app.report.schema.document import to_json
+    from app.report.text.diagnosis import diagnosis_text
+    from app.report.text.planning import further_text
+
+    reach = found.reach() if further else None
+    if as_json:
+        typer.echo(to_json(DiagnosisReport.of(found=found, reach=reach)))
+        return
+    typer.echo(diagnosis_text(found))
+    if reach:
+        typer.echo(f"\n{further_text(reach)}")
 
 
 def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> None:
     from app.evaluating.own_effects import known_effects
-    from app.planning.next_measurement import alias_map
+    from app.planning.tripod import alias_map
     from app.report.schema.diagnosis import AliasReport
     from app.report.schema.document import to_json
     from app.report.text.planning import alias_text

@@ -16,7 +16,7 @@ from calib.errors import IndicatorError, UsageError
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.measuring.opening import Plan
-    from drivers.rig import SimulatedRig
+    from drivers.twins import SimulatedRig
 
 indicator_verbs = typer.Typer(help="One indicator outside any session.", no_args_is_help=True)
 
@@ -40,11 +40,11 @@ def read(
     from app.report.schema.readings import outcome_report
     from app.report.text.indicator import outcome_text
     from drivers.line import IndicatorLine
-    from drivers.profile import Fault, Verified
+    from drivers.profile import Evidence, Fault
     from drivers.profiles import profile_named
 
     known = profile_named(profile)
-    if known.verified is Verified.UNVERIFIED:
+    if known.verified is Evidence.UNVERIFIED:
         say(f"glidecal: profile {known.name} is unverified: {known.source}")
     line = IndicatorLine(known, port, asked=asked_for(unit, channel))
     line.start()
@@ -146,8 +146,7 @@ def simulate_indicator(
     from app.measuring.opening import rehearsal_plan
     from drivers.profile import Spindle
     from drivers.profiles import profile_named
-    from drivers.twin_port import TwinPort, default_transport
-    from drivers.twins import faults_of, twin_of
+    from drivers.twins import TwinPort, default_transport, faults_of, twin_of
 
     known = profile_named(profile)
     names = faults_of(known)

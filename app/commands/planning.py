@@ -1,4 +1,4 @@
-"""``glidecal identifiability``, ``postures`` and ``plan``: what is seen, what to measure."""
+"""``glidecal identifiability``, ``postures``, ``plan`` and ``workspace``: before measuring."""
 
 from __future__ import annotations
 
@@ -7,14 +7,25 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from app.machines.options import AsJson, Force, Machine, OnScreen, Question, Search, file, say
+from app.machines.options import (
+    AsJson,
+    Force,
+    Machine,
+    Place,
+    PostureSearch,
+    Question,
+    ScreenAnswer,
+    file,
+    number,
+    say,
+)
 from app.machines.registry import (
     CRITERIA,
     LISTED,
     LOOKS,
     POSTURE_FILES,
     family_of,
-    family_that_plans,
+    family_with,
     options_of,
     with_options_of_machines,
 )
@@ -39,7 +50,7 @@ def identifiability(
     family = family_of(machine)
     given = options_of(context, family, f"the machine {machine}", own)
     answer = family.identifiability(Question(machine, procedure or "", machine_file), given)
-    if isinstance(answer, OnScreen):
+    if isinstance(answer, ScreenAnswer):
         from app.screens.start import open_screen
 
         raise typer.Exit(open_screen(answer.screen(), LOOKS))
@@ -88,7 +99,9 @@ def postures(
 
     family = family_of(machine)
     given = options_of(context, family, f"the machine {machine}", own)
-    search = Search(count, Criterion(criterion or family.criterion), seed, starts, output, force)
+    search = PostureSearch(
+        count, Criterion(criterion or family.criterion), seed, starts, output, force
+    )
     asked = Question(machine, procedure, machine_file)
     typer.echo(family.postures(asked, search, given, say).shown(as_json=as_json))
 
@@ -105,7 +118,25 @@ def plan(
     **own: Any,  # noqa: ANN401 (as above)
 ) -> None:
     """The set-up that lowers the tool error most. Per minute, of those to be added."""
-    family, propose = family_that_plans(machine)
+    family, propose = family_with("plan", machine)
     given = options_of(context, family, f"the machine {machine}", own)
     answer = propose(machine, [*(sessions or ()), *(session or ())], given, say)
     typer.echo(answer.shown(as_json=as_json))
+
+
+def workspace(
+    machine: MachineName,
+    limit: Annotated[
+        float, number("Transmission factors wanted within 1/LIMIT … LIMIT.", 1.0, 1000.0)
+    ] = 2.0,
+    at: Annotated[
+        Place | None,
+        typer.Option(
+            metavar="X Y Z", help="One place of the tool, mm from Zero.", min=-1e5, max=1e5
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Where the tool can be, and how its drives move it there."""
+    _, told = family_with("workspace", machine)
+    typer.echo(told(machine, limit, at).shown(as_json=as_json))

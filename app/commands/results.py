@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from app.machines.options import (
+    Answer,
     AsJson,
     Force,
     Method,
@@ -16,7 +17,6 @@ from app.machines.options import (
     Sessions,
     SubsetName,
     argument,
-    extra,
     file,
     may_replace,
     number,
@@ -24,7 +24,11 @@ from app.machines.options import (
     working,
 )
 from app.machines.registry import NAMES, family_of_files, options_of, with_options_of_machines
-from calib.errors import UsageError
+from calib.errors import UsageError, extra
+
+if TYPE_CHECKING:  # heavy: imported where used
+    from app.evaluating.solution import TableName
+    from protocols.data_table import DataTable
 
 
 @with_options_of_machines
@@ -50,17 +54,12 @@ def compare(
 ) -> None:
     """The differences before and after a calibration. After: with the offsets entered."""
     from app.evaluating.comparison import compare_files
+    from app.report.schema.solution import ComparisonReport
+    from app.report.text.result import comparison_report
 
     found = compare_files(before, after)
-    if as_json:
-        from app.report.schema.document import to_json
-        from app.report.schema.solution import ComparisonReport
-
-        typer.echo(to_json(ComparisonReport.of(found=found)))
-    else:
-        from app.report.text.result import comparison_report
-
-        typer.echo(comparison_report(found))
+    answer = Answer(lambda: comparison_report(found), lambda: ComparisonReport.of(found=found))
+    typer.echo(answer.shown(as_json=as_json))
 
 
 def verify(
@@ -74,17 +73,12 @@ def verify(
 ) -> None:
     """Were the offsets entered, is the tool in tolerance?"""
     from app.evaluating.comparison import verify_files
+    from app.report.schema.solution import VerificationReport
+    from app.report.text.result import verification_text
 
     found = verify_files(before, after, tolerance)
-    if as_json:
-        from app.report.schema.document import to_json
-        from app.report.schema.solution import VerificationReport
-
-        typer.echo(to_json(VerificationReport.of(found=found)))
-    else:
-        from app.report.text.result import verification_text
-
-        typer.echo(verification_text(found))
+    answer = Answer(lambda: verification_text(found), lambda: VerificationReport.of(found=found))
+    typer.echo(answer.shown(as_json=as_json))
 
 
 def export(
@@ -100,14 +94,23 @@ def export(
             "lineardeltakins",
             "klipper",
             "reprapfirmware",
+            "xlsx",
+            "parquet",
         ],
         typer.Option(
             "--format",
             metavar="NAME",
             help="json, csv, model, linuxcnc, linuxcnc-kins, lineardeltakins, klipper, "
-            "reprapfirmware.",
+            "reprapfirmware; tables: csv, xlsx, parquet.",
         ),
     ],
+    table: Annotated[
+        Literal["readings", "differences", "residuals"] | None,
+        typer.Option(
+            help="A table instead: readings (what import reads), differences or residuals.",
+            show_default="readings for xlsx and parquet",
+        ),
+    ] = None,
     subset: Annotated[
         SubsetName | None,
         typer.Option(
@@ -138,13 +141,25 @@ def export(
     ] = False,
     force: Force = False,
 ) -> None:
-    """Offsets for the controller, as files. For linuxcnc a folder of includes and tables."""
+    """Offsets for the controller, as files. For linuxcnc a folder of includes and tables.
+
+    With --table the numbers of a session instead.
+    """
+    from protocols.files import targets_of, write_files
+
+    if table or format_name in ("xlsx", "parquet"):
+        told = {"--home-offset": home_offset, "--endstops": endstops, "--ini": ini}
+        _refuse_beside_table(table or "readings", format_name, {**told, "--ambiguous": ambiguous})
+        may = may_replace(force, output)
+        found = _table(source, table or "readings", subset, method, model)
+        write_files(output, {"": found.written(format_name)}, replace=may)
+        say(f"{len(found.rows)} rows written: {output}")
+        return
     from app.exports import FORMATS
     from app.exports.linuxcnc_ini import read_controller
     from app.report.offsets import offsets_from_file
     from app.report.text.caveats import UNKNOWN_HOME_OFFSET
     from calib.tripod.controller import Controller
-    from protocols.files import targets_of, write_files
 
     if sum(one is not None for one in (home_offset, endstops, ini)) > 1:
         raise UsageError("--home-offset, --endstops and --ini", "more than one", "one of them")
@@ -159,8 +174,7 @@ def export(
         offsets = replace(offsets, controller=Controller.homed_at(home, machine.joints))
     if ini:
         offsets = replace(offsets, controller=read_controller(ini))
-    if ambiguous:
-        offsets = replace(offsets, ambiguous=())
+    offsets = replace(offsets, ambiguous=() if ambiguous else offsets.ambiguous)
     for text in offsets.cautions:
         say(f"glidecal: {text}")
     if format_name.startswith("linuxcnc") and offsets.controller is None:
@@ -169,6 +183,71 @@ def export(
     may = may_replace(force, *targets_of(output, written))
     for path in write_files(output, written, replace=may):
         say(f"written: {path}")
+
+
+def history(
+    folder: Annotated[Path, argument("Folder with sessions, and those below it.")] = Path(),
+    effects: Annotated[
+        bool, typer.Option("--effects", help="Diagnose each session, too; takes its time once.")
+    ] = False,
+    screen: Annotated[bool, typer.Option("--screen", help="Look at it on a screen.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """All sessions of a folder: offsets over time, changes, drift. When the next one is due."""
+    from datetime import UTC, datetime
+
+    from app.evaluating.history import read_history
+
+    with working("Reading sessions"):
+        found = read_history(folder, effects=effects)
+    if screen:
+        from app.machines.registry import LOOKS
+        from app.report.streams import need_terminal
+        from app.screens.history import HistoryScreen
+        from app.screens.start import open_screen
+
+        need_terminal("history", "history without --screen")
+        raise typer.Exit(open_screen(HistoryScreen(found), LOOKS))
+    if as_json:
+        from app.report.schema.document import to_json
+        from app.report.schema.history import HistoryReport
+
+        typer.echo(to_json(HistoryReport.of(found=found)))
+    else:
+        from app.report.text.history import history_text
+
+        typer.echo(history_text(found, datetime.now(UTC)))
+
+
+def _refuse_beside_table(name: str, format_name: str, told: dict[str, object]) -> None:
+    """Raises UsageError for what a table cannot be written as, or has no use for."""
+    from protocols.data_table import FORMATS
+
+    if format_name not in FORMATS:
+        raise UsageError("--table", f"--format {format_name}", "csv, xlsx or parquet")
+    for option, given in told.items():
+        if given:
+            raise UsageError(option, f"a table of {name}", "with offsets alone")
+
+
+def _table(
+    source: Path,
+    name: TableName | Literal["readings"],
+    subset: SubsetName | None,
+    method: Literal["linear", "exact"],
+    model: Path | None,
+) -> DataTable:
+    from app.evaluating.solution import load_sessions, solve_files
+
+    if name == "readings":
+        (session,), warnings = load_sessions([source])
+        found = session.table()
+    else:
+        solved, warnings = solve_files([source], subset=subset, method=method, model=model)
+        found = solved.table(name)
+    for warning in warnings:
+        say(f"glidecal: {warning}")
+    return found
 
 
 def report(
@@ -183,24 +262,18 @@ def report(
     force: Force = False,
 ) -> None:
     """The calibration report to sign, as .html or .pdf."""
-    if output.suffix not in (".html", ".pdf"):
-        raise UsageError("--output", f"{output}", "a path that ends with .html or .pdf")
     may = may_replace(force, output)
-    with extra("report"):
-        from app.report.pages.page import write_page
-        from app.report.pages.report import report_of
-    from protocols.files import write_files
+    with extra("glidecal report", "report"):
+        from app.report.pages.report import write_report
 
     with working("Writing the report"):
-        found = report_of(sessions, model=model, after=after, tolerance_mm=tolerance)
-        written = write_page(found, output)
-    for path in write_files(output, written, replace=may):
-        say(f"written: {path}")
+        path = write_report(sessions, output, model, after, tolerance_mm=tolerance, replace=may)
+    say(f"written: {path}")
 
 
 def _triple(option: str, text: str | None) -> tuple[float, float, float] | None:
     from app.exports.linuxcnc_ini import LARGEST_MM
-    from protocols.table import NUMBER
+    from protocols.data_table import NUMBER
 
     if text is None:
         return None

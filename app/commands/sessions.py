@@ -23,7 +23,6 @@ from app.machines.options import (
     Sessions,
     Simulation,
     argument,
-    extra,
     figure,
     file,
     machine_option,
@@ -33,7 +32,7 @@ from app.machines.options import (
 )
 from app.machines.registry import LISTED, LOOKS, family_of, options_of, with_options_of_machines
 from app.report.streams import need_terminal
-from calib.errors import CalibrationError, GlidecalError, UsageError
+from calib.errors import CalibrationError, GlidecalError, UsageError, extra
 from protocols.machine_files import USUAL_MACHINE
 
 if TYPE_CHECKING:  # heavy: imported where used
@@ -78,12 +77,15 @@ def run(
     ] = False,
 ) -> None:
     """The guided session on real indicators. With --simulated on a simulated machine."""
-    from app.measuring.indicators import check_indicators, choose_indicators, some_indicators
+    from app.measuring.indicators import (
+        check_indicators,
+        choose_indicators,
+        simulated_indicators,
+    )
     from app.measuring.opening import (
         SIMULATED_INTERVAL_S,
         Plan,
         plan_to_continue,
-        refuse_plane,
         session_name,
     )
     from app.report.text.session import dry_run_text
@@ -98,22 +100,23 @@ def run(
         _measure(plan_to_continue(resume, chosen), headless=headless)
         return
     procedure = load_procedure(protocol or known.usual_procedure, known.geometry())
-    if not dry_run:
-        refuse_plane(procedure)
     if random_order is not None:
         procedure = shuffled(procedure, random_order)
+    if not (chosen or dry_run):
+        allowed = "--indicator PROFILE:PORT, [[indicator]] in the machine file"
+        raise UsageError("indicators", "none", allowed)
     plan = Plan(
         path=output or session_name(Path(), procedure.name),
         machine=known,
         procedure=procedure,
-        instruments=chosen or some_indicators(profile, needed=not dry_run),
+        instruments=chosen or simulated_indicators([profile]),
         operator=operator,
         temperature_c=temperature,
         note=note,
         seed=seed,
         interval_s=SIMULATED_INTERVAL_S,
     )
-    check_indicators(plan.instruments, legs=procedure.plate is None)
+    check_indicators(plan.instruments, legs=bool(procedure.levels))
     if dry_run:
         typer.echo(dry_run_text(plan.procedure, plan.machine, plan.instruments))
     else:
@@ -263,10 +266,10 @@ def import_table(
     from app.version import program
     from protocols.files import write_files
     from protocols.journal import write_whole
-    from protocols.machine import Instrument, load_machine
+    from protocols.machine import load_machine
     from protocols.procedure import load_procedure
-    from protocols.session import Opened
-    from protocols.table import empty_table, off_bar_words, read_table, within_limits
+    from protocols.session import fold
+    from protocols.table import empty_table, off_bar_words, opened_table, within_limits
 
     known = load_machine(machine)
     if template:
@@ -278,22 +281,16 @@ def import_table(
     if output is None or protocol is not None:
         found = "none" if output is None else "--protocol without --template"
         raise UsageError("--output", found, "-o SESSION, or --template to write an empty table")
-    readings, unknown = read_table(table, known.geometry())
-    opened = Opened(
-        program=program(),
-        origin="imported",
-        machine=known,
-        instruments=(
-            Instrument(
-                profile="table",
-                port=table.name,
-                resolution_mm=resolution,
-                repeatability_mm=repeatability,
-            ),
-        ),
+    opened, events, unknown = opened_table(
+        table,
+        known,
+        program(),
+        resolution_mm=resolution,
+        repeatability_mm=repeatability,
         remarks=tuple(remark or ()),
     )
-    write_whole(output, opened, list(readings))
+    write_whole(output, opened, [*events])
+    readings = fold([opened, *events]).all_readings
     if unknown:
         say(f"glidecal: columns kept but not used: {', '.join(unknown)}")
     outside = sum(not within_limits(reading, known.geometry()) for reading in readings)
@@ -313,7 +310,7 @@ def validate(sessions: Sessions) -> None:
     digests have no key.
     """
     from app.evaluating.solution import end_warning
-    from app.measuring.value_check import check_values
+    from app.measuring.recorded import check_values
     from protocols.record import read_record
     from protocols.session import fold
 
@@ -391,7 +388,7 @@ def serve(
 
     for path in sessions:
         read_record(path)
-    with extra("serve"):
+    with extra("glidecal serve", "serve"):
         from app.screens.serving import Pages, listen
     pages = Pages(sessions, listen(port))
     say(pages.announcement())

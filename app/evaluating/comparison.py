@@ -92,7 +92,7 @@ LESS_COMMON = "Joint offsets are compared less what all three share: a plate doe
 
 
 @dataclass(frozen=True)
-class LeftOffset:
+class RemainingOffset:
     """A joint offset before, and what is left; 0 within ``expanded_mm`` (95 %) is expected."""
 
     name: str
@@ -120,7 +120,7 @@ class Verification:
     """
 
     compared: Comparison
-    offsets: tuple[LeftOffset, ...]
+    offsets: tuple[RemainingOffset, ...]
     tolerance_mm: float | None
     decision: Decision | None
 
@@ -156,7 +156,8 @@ def verify_files(before: Path, after: Path, tolerance_mm: float | None = None) -
     spread = (first.enlarged_expanded_mm**2 + second.enlarged_expanded_mm**2) ** 0.5
     columns = zip(first.names, first.values_mm, second.values_mm, spread, strict=True)
     offsets = tuple(
-        LeftOffset(name, float(was), float(now), float(half)) for name, was, now, half in columns
+        RemainingOffset(name, float(was), float(now), float(half))
+        for name, was, now, half in columns
     )
     left, decision = compared.after, None
     if tolerance:

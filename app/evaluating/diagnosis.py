@@ -5,19 +5,29 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from app.evaluating.own_effects import known_effects
-from app.evaluating.solution import indicator_figures, load_sessions, solve_sessions
+from app.evaluating.solution import (
+    indicator_figures,
+    load_sessions,
+    refuse_leaning_planes,
+    solve_sessions,
+)
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.problem import Case
 from calib.diagnosis.results import Contender, Diagnosis, Finding
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.identify import Subset
+from calib.identify.next_mounting import MINUTES_PER_MOUNTING, Reach, bound_of, reach_of
+from calib.identify.tool_bound import ToolBound
+from calib.noise.reading import Noise, reading_noise, visits
 from calib.tripod.effects.effect import Effect, Kind
 from calib.tripod.effects.empirical import EMPIRICAL
-from calib.tripod.pipeline import Model, no_effects_over_plane
-from protocols.corrections import corrected_readings
+from calib.tripod.pipeline import Model
+from protocols.data_table import DataTable
 from protocols.files import write_files
 from protocols.journal import write_whole
 from protocols.model_file import (
@@ -33,9 +43,12 @@ from protocols.model_file import (
     with_solution,
     without_effect,
 )
-from protocols.observations import to_observations
+from protocols.observations import corrected_readings, to_observations
 from protocols.record import read_record
 from protocols.session import Closed, Line, Opened, Reading, Session, Superseded
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +62,54 @@ class SessionDiagnosis:
     diagnosis: Diagnosis
     warnings: tuple[str, ...]
 
+    def table(self) -> DataTable:
+        """A row for each size of what was named, then of the other candidates, best first."""
+        ranked: list[tuple[Finding | Contender, str]] = [
+            *((one, "named") for one in self.diagnosis.effects),
+            *((one, one.reason_rejected) for one in self.diagnosis.candidates),
+        ]
+        return DataTable(
+            (
+                *("effect", "where", "parameter", "value", "standard_uncertainty", "unit"),
+                *("p_value", "gap_rms_after_mm", "standing"),
+            ),
+            tuple(
+                (
+                    *(one.id, one.where, size.name, size.value, size.standard_uncertainty),
+                    *(size.unit, one.p_value, one.gap_rms_after_mm, standing),
+                )
+                for one, standing in ranked
+                for size in one.parameters
+            ),
+        )
+
+    def to_frame(self) -> DataFrame:
+        """`table` for pandas. Raises UsageError where that is not installed."""
+        return self.table().to_frame()
+
+    @cached_property
+    def tool_bound(self) -> ToolBound | None:
+        """What the tool is off by at most with the parameters of the last session entered.
+
+        Effects of the model are taken to be compensated. None where no noise is known.
+        """
+        case, noise = self._last
+        return bound_of(case.model, case.observed, noise, case.tolerance_mm) if noise else None
+
+    def reach(self, minutes_per_mounting: float = MINUTES_PER_MOUNTING) -> Reach | None:
+        """The same after further set-ups, and when more would not help."""
+        case, noise = self._last
+        if noise is None or not case.model.geometry.orthogonal:
+            return None
+        return reach_of(case.model, case.observed, noise, case.tolerance_mm, minutes_per_mounting)
+
+    @cached_property
+    def _last(self) -> tuple[Case, Noise | None]:
+        """The machine as it stands now, without mistakes that were found in its readings."""
+        (case,) = cases(self.sessions[-1:], self.model)
+        case = case.with_readings(self.diagnosis.cleaned[-1].observed)
+        return case, reading_noise(visits(case.observed), case.indicator)
+
 
 def diagnose_files(
     paths: Sequence[Path],
@@ -57,30 +118,57 @@ def diagnose_files(
     held_out: Sequence[Path] = (),
     effects: Sequence[Effect] | None = None,
 ) -> SessionDiagnosis:
+    """As `diagnose_sessions`, of files, with their warnings. Raises RecordError, too."""
+    sessions, warnings = load_sessions(paths)
+    others, more = load_sessions(held_out)
+    if {path.resolve() for path in paths} & {path.resolve() for path in held_out}:
+        raise _on_both_sides()
+    names, aside = [path.name for path in paths], [path.name for path in held_out]
+    found = diagnose_sessions(
+        names, sessions, model=model, held_out=(aside, others), effects=effects
+    )
+    return replace(found, warnings=(*warnings, *more, *found.warnings))
+
+
+NONE_HELD_OUT: tuple[Sequence[str], Sequence[Session]] = ((), ())
+
+
+def diagnose_sessions(
+    names: Sequence[str],
+    sessions: Sequence[Session],
+    *,
+    model: Path | None = None,
+    held_out: tuple[Sequence[str], Sequence[Session]] = NONE_HELD_OUT,
+    effects: Sequence[Effect] | None = None,
+) -> SessionDiagnosis:
     """Diagnose sessions against their nominal machine, or against a model with effects.
 
-    ``effects`` are looked for in place of all that are known. Sessions may have different joint
-    offsets entered; their geometry must be one. Raises RecordError, UsageError and NotIdentifiable.
+    ``held_out`` are names and sessions for the gap alone, ``effects`` are looked for in place of
+    all that are known. Sessions may have different joint offsets entered; their geometry must be
+    one. Raises UsageError and NotIdentifiable.
     """
-    sessions, warnings = load_sessions(paths)
     if not sessions:
         raise NotIdentifiable("sessions", "none", "at least one session")
-    others, more = load_sessions(held_out)
-    _check(paths, held_out, sessions, others)
+    aside, others = held_out
+    _check(sessions, others)
     effects = known_effects() if effects is None else effects
-    nominal = Model(sessions[0].opened.machine.geometry())
-    known = nominal
+    known = Model(sessions[0].opened.machine.geometry())
+    warnings: list[str] = []
     if model:
         found = read_model_file(model)
         known = to_model(found, f"model {model}", effects)
-        more += [said] if (said := ambiguity(ambiguous_effects(found))) else []
+        warnings += [said] if (said := ambiguity(ambiguous_effects(found))) else []
+    measured = cases(sessions, known)
+    for name, session, case in zip(names, sessions, measured, strict=True):
+        if case.observed.over_plane.any():
+            refuse_leaning_planes([name], [session], case.fitted().model, case.observed)
     return SessionDiagnosis(
-        names=tuple(path.name for path in paths),
-        held_out=tuple(path.name for path in held_out),
+        names=tuple(names),
+        held_out=tuple(aside),
         sessions=tuple(sessions),
         model=known,
-        diagnosis=diagnose(cases(sessions, known), effects, cases(others, known)),
-        warnings=(*warnings, *more),
+        diagnosis=diagnose(measured, effects, cases(others, known)),
+        warnings=tuple(warnings),
     )
 
 
@@ -89,8 +177,6 @@ def cases(sessions: Sequence[Session], model: Model) -> list[Case]:
     found = []
     for session in sessions:
         observed = to_observations([session])
-        if observed.over_plane.any():
-            raise no_effects_over_plane()
         machine = session.opened.machine
         geometry = replace(model.geometry, load=machine.load)
         figures = indicator_figures([session])
@@ -99,22 +185,20 @@ def cases(sessions: Sequence[Session], model: Model) -> list[Case]:
     return found
 
 
-def _check(
-    paths: Sequence[Path],
-    held_out: Sequence[Path],
-    sessions: Sequence[Session],
-    others: Sequence[Session],
-) -> None:
+def _on_both_sides() -> UsageError:
+    return UsageError(
+        "--held-out",
+        "a session that is also diagnosed",
+        "sessions that the choice does not see",
+        "Leave it out on one side.",
+    )
+
+
+def _check(sessions: Sequence[Session], others: Sequence[Session]) -> None:
     """One geometry for all, and no session on both sides."""
-    same_file = {path.resolve() for path in paths} & {path.resolve() for path in held_out}
     # a copy has another path, but it began at the same moment
-    if same_file or {one.opened.at for one in sessions} & {one.opened.at for one in others}:
-        raise UsageError(
-            "--held-out",
-            "a session that is also diagnosed",
-            "sessions that the choice does not see",
-            "Leave it out on one side.",
-        )
+    if {one.opened.at for one in sessions} & {one.opened.at for one in others}:
+        raise _on_both_sides()
     geometries = {
         replace(session.opened.machine.geometry(), load=1.0) for session in (*sessions, *others)
     }
@@ -284,7 +368,12 @@ def write_procedure(diagnosed: SessionDiagnosis, path: Path, *, replace: bool = 
     proposed = diagnosed.diagnosis.next_measurement
     if proposed is None or not proposed.protocol.startswith("schema"):
         if proposed is None:
-            raise UsageError("--next", "nothing that stayed ambiguous", "an ambiguous diagnosis")
+            raise UsageError(
+                "--next",
+                "nothing that stayed ambiguous",
+                "an ambiguous diagnosis",
+                "What lowers the bound at the tool all the same: glidecal plan SESSION.",
+            )
         raise UsageError(
             "--next",
             f"'{proposed.protocol}', a procedure that comes with the program",

@@ -6,11 +6,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from calib.arrays import Observations
 from calib.errors import NotIdentifiable, RecordError, UsageError
-from calib.identify.accuracy import Decision, ToolError, ToolMap, decide, tool_map
+from calib.identify.accuracy import Decision, ToolError, decide, tool_map
+from calib.identify.fit import plane_tilts_mrad
 from calib.identify.identify import Method, Solution, Subset, Weights
 from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identify
 from calib.identify.subset_choice import SubsetChoice, choose_subset, left_after
@@ -23,12 +24,16 @@ from calib.noise.reading import (
 )
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
+from calib.tripod.workspace import PLANES, PlaneMap
+from protocols.data_table import Cell, DataTable
 from protocols.observations import to_observations
 from protocols.record import Record, read_record
 from protocols.session import Reading, Session, fold
 from protocols.table import off_bar_words
 
 if TYPE_CHECKING:  # asked for by option only
+    from pandas import DataFrame
+
     from calib.identify.fit import Size
     from calib.identify.tool_bound import ToolBound
     from protocols.machine import Machine
@@ -72,6 +77,21 @@ class SessionSolution:
         """The same with the solution entered."""
         return self.choice.tool_bound(self.solution.subset)
 
+    @cached_property
+    def near_before_mm(self) -> float:
+        """What the tool is off by at most relative to Zero, on a workpiece there, as it is now."""
+        return self.choice.tool_near_mm(None)
+
+    @cached_property
+    def near_after_mm(self) -> float:
+        """The same with the solution entered."""
+        return self.choice.tool_near_mm(self.solution.subset)
+
+    @property
+    def helps(self) -> bool:
+        """Whether the tool is bounded more closely with the solution entered than now."""
+        return self.bound_after.bound_mm < self.bound_before.bound_mm
+
     @property
     def bound_of_noise_mm(self) -> float:
         """What of it is noise of the readings; tolerances may know better than weak readings."""
@@ -98,10 +118,28 @@ class SessionSolution:
         return len(self.visits)
 
     @property
+    def reads_tool(self) -> bool:
+        """Whether any reading is of the tool, as against a plate, and not of a leg."""
+        return any(r.leg == "tool" for session in self.sessions for r in session.readings)
+
+    @property
     def residuals(self) -> list[tuple[str, Reading, float]]:
         """What the model leaves of each visit, mm, with its session and first reading."""
         left = self.solution.residual_mm.tolist()
         return [(*visit, mm) for visit, mm in zip(self.visits, left, strict=True)]
+
+    def table(self, name: TableName) -> DataTable:
+        """Parameters, differences or residuals, mm; the columns are those of docs/python.md."""
+        make = {
+            "parameters": _parameters,
+            "differences": _differences,
+            "residuals": _residuals,
+        }
+        return make[name](self)
+
+    def to_frame(self, name: TableName = "parameters") -> DataFrame:
+        """`table` for pandas. Raises UsageError where that is not installed."""
+        return self.table(name).to_frame()
 
     @property
     def reading_count(self) -> int:
@@ -114,6 +152,62 @@ class SessionSolution:
         found = dict(zip(self.solution.names, map(float, self.solution.values_mm), strict=True))
         x, y, z = (found.get(name, 0.0) for name in PARAMETER_NAMES[:3])
         return x, y, z
+
+
+TableName = Literal["parameters", "differences", "residuals"]
+
+
+def _parameters(solved: SessionSolution) -> DataTable:
+    found = solved.solution
+    columns = (found.values_mm, found.uncertainty_mm, found.expanded_mm, found.coverage_factors)
+    rows: list[tuple[Cell, ...]] = [
+        (*row, "mm") for row in zip(found.names, *(c.tolist() for c in columns), strict=True)
+    ]
+    rows += [
+        (
+            f.name,
+            f.value,
+            f.standard_uncertainty,
+            f.coverage_factor * f.standard_uncertainty,
+            f.coverage_factor,
+            f.unit,
+        )
+        for f in found.sizes
+    ]
+    measured = ("value", "standard_uncertainty", "expanded_uncertainty", "coverage_factor")
+    return DataTable(("parameter", *measured, "unit"), tuple(rows))
+
+
+def _differences(solved: SessionSolution) -> DataTable:
+    found = solved.solution
+    measured = found.differences
+    u, predicted, left = found.difference_uncertainty_mm, found.predicted_mm, found.left_mm
+    columns = (measured.value_mm, u, predicted, left)
+    rows = list(zip(measured.names, *(column.tolist() for column in columns), strict=True))
+    names = ("difference", "value_mm", "standard_uncertainty_mm", "predicted_mm", "residual_mm")
+    return DataTable(names, tuple(rows[k] for k in measured.published_rows))
+
+
+PLACE = (
+    *("session", "reading", "leg", "axis", "displacement_mm", "x_mm", "y_mm", "z_mm", "station"),
+    *("mount", "cycle", "time_s", "temperature_c", "value_mm"),
+)
+
+
+def _residuals(solved: SessionSolution) -> DataTable:
+    nowhere = (None, None, None)
+    return DataTable(
+        (*PLACE, "residual_mm"),
+        tuple(
+            (
+                *(name, one.reading, one.leg, one.axis, one.displacement_mm),
+                *(one.position_mm or nowhere),
+                *(one.station, one.mount, one.cycle, one.time_s, one.temperature_c),
+                *(one.value_mm, left_mm),
+            )
+            for name, one, left_mm in solved.residuals
+        ),
+    )
 
 
 @dataclass(frozen=True)
@@ -237,6 +331,7 @@ def _solved(
     if subset not in choice.solutions:
         raise choice.refused[subset]
     solution = choice.solutions[subset]
+    refuse_leaning_planes(names, sessions, solution.model, observed)
     nominal = Model(sessions[0].opened.machine.geometry())
     known = [(name, r) for name, one in zip(names, sessions, strict=True) for r in one.readings]
     starts: list[int] = visit_starts(observed).tolist()
@@ -262,6 +357,24 @@ def _solved(
         ambiguous=ambiguous,
         visits=tuple(known[row] for row in starts),
     )
+
+
+def refuse_leaning_planes(
+    names: Sequence[str], sessions: Sequence[Session], model: Model, observed: Observations
+) -> None:
+    """Raises RecordError for a reference plane that leans by more than the machine file allows."""
+    limit_mrad = sessions[0].opened.machine.plane_tilt_mrad
+    known = [(name, r) for name, one in zip(names, sessions, strict=True) for r in one.readings]
+    for row, tilt_mrad in plane_tilts_mrad(model, observed):
+        if abs(tilt_mrad) > limit_mrad:
+            name, reading = known[row]
+            raise RecordError(
+                f"session {name}, plane under leg {reading.leg.upper()} along "
+                f"{reading.axis.upper()}, from reading {reading.reading} on",
+                f"tilted by {tilt_mrad:+.1f} mrad",
+                f"up to {limit_mrad:g} mrad, plane_tilt_mrad in the machine file",
+                "Level it and measure this leg again, or state there what it may lean.",
+            )
 
 
 def indicator_figures(sessions: Sequence[Session]) -> IndicatorFigures:
@@ -320,7 +433,6 @@ def solve_for_controller(path: Path) -> SessionSolution:
     return solve_files([path])[0].for_controller()
 
 
-PLANES = ((0, 1), (1, 2), (0, 2))
 POINTS = 5
 
 
@@ -348,7 +460,7 @@ def judge(solved: SessionSolution, tolerance_mm: float) -> Judgement:
     )
 
 
-def maps(solved: SessionSolution) -> tuple[ToolMap, ...]:
+def maps(solved: SessionSolution) -> tuple[PlaneMap, ...]:
     """Expected error of the tool with the solution entered, on the three planes through Zero."""
     geometry = solved.solution.model.geometry
     bias, covariance = left_after(solved.choice.solutions, solved.solution.subset)

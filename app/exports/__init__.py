@@ -9,14 +9,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from app.evaluating.solution import SessionSolution
-from app.exports import klipper, lineardeltakins, linuxcnc, reprapfirmware
+from app.exports import linuxcnc, towers
 from app.report.offsets import Offsets, offsets_from_solved
 from app.report.schema.document import to_json
 from app.report.schema.solution import OffsetsReport
 from calib.errors import UsageError
+from protocols.data_table import csv_text
 from protocols.files import Written, write_files
 from protocols.model_file import model_file
-from protocols.table import csv_text
 
 
 def as_json(offsets: Offsets) -> Written:
@@ -61,9 +61,9 @@ FORMATS = {
     "model": as_model,
     "linuxcnc": linuxcnc.joint_includes,
     "linuxcnc-kins": linuxcnc.with_kinematics,
-    "lineardeltakins": lineardeltakins.joints_and_pins,
-    "klipper": klipper.printer_cfg,
-    "reprapfirmware": reprapfirmware.config_g,
+    "lineardeltakins": towers.joints_and_pins,
+    "klipper": towers.printer_cfg,
+    "reprapfirmware": towers.config_g,
 }
 """Each takes offsets and gives the texts of the files to write, by name ('' is the path itself)."""
 
@@ -81,8 +81,8 @@ def export_offsets(
     offsets = offsets_from_solved(solved, [session])
     files = {file: FORMATS[name](offsets)[""] for name, file in FILE_NAMES.items()}
     if offsets.machine.position_endstop_mm:
-        files["klipper.cfg"] = klipper.printer_cfg(offsets)[""]
-        files["reprapfirmware.g"] = reprapfirmware.config_g(offsets)[""]
+        files["klipper.cfg"] = towers.printer_cfg(offsets)[""]
+        files["reprapfirmware.g"] = towers.config_g(offsets)[""]
         return write_files(folder, files, replace=replace), ""
     refused = ""
     try:

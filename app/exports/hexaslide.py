@@ -10,13 +10,12 @@ from pathlib import Path
 
 from app.exports.linuxcnc import short_lines
 from app.planning.hexaslide import CalibratedMachine, inside_box, posture_table, table
-from app.report.schema.hexaslide import CalibrationReport
+from app.report.schema.hexaslide import HexaSlideCalibrationReport
 from app.report.text.hexaslide_calibration import caveats
 from calib.hexaslide.calibration import corrected
 from calib.hexaslide.geometry import HexaSlide
 from protocols.files import Written
-from protocols.hexaslide_machine import machine_text
-from protocols.hexaslide_postures import load_postures, machine_like
+from protocols.hexaslide import load_postures, machine_like, machine_text
 
 MODULE = "hexaslidekins"
 
@@ -27,12 +26,12 @@ NOT_GENHEXKINS = (
 
 
 def calibrated_files(solved: CalibratedMachine, wanted: Path | None) -> Written:
-    """``machine.toml``, ``hexaslidekins.comp`` with ``calib.hal``; for a file of ``wanted`` postures
+    """``machine.toml``, ``hexaslidekins.comp`` with ``calib.hal``; for a file of ``wanted`` ones
     ``postures.csv``, to be commanded instead of them, and ``sliders.csv``.
 
     Raises RecordError for that file, CalibrationError for postures that cannot be reached.
     """
-    said = CalibrationReport.of(solved=solved)
+    said = HexaSlideCalibrationReport.of(solved=solved)
     head = [
         f"Calibrated from {said.measurements}, {said.procedure.value}: {said.rank} of "
         f"{said.parameter_count} combinations identified."

@@ -18,8 +18,8 @@ from app.report.offsets import MINUTE
 from calib.arrays import LEG_NAMES
 from calib.errors import RecordError
 from calib.tripod.controller import Controller, ControllerJoint
+from protocols.data_table import NUMBER
 from protocols.documents import read_text
-from protocols.table import NUMBER
 
 INCLUDE = "#INCLUDE"
 MM_OF_UNIT = {"mm": 1.0, "metric": 1.0, "in": 25.4, "inch": 25.4, "imperial": 25.4}
@@ -37,7 +37,10 @@ def read_controller(path: Path) -> Controller:
     if count < len(LEG_NAMES):
         raise RecordError(f"INI file {path}, [KINS] JOINTS", str(count), "three joints or more")
     joints = tuple(_joint(ini, f"JOINT_{n}", mm_per_unit) for n in range(count))
-    return Controller(joints, mm_per_unit, _axes(ini), max(ini.measured(), default=None))
+    # which joint moves which axis, where the kinematics are told
+    named = re.search(r"\bcoordinates=([a-zA-Z]+)", ini.find("KINS", "KINEMATICS") or "")
+    axes = named[1].upper() if named else None
+    return Controller(joints, mm_per_unit, axes, max(ini.measured(), default=None))
 
 
 def _unit(ini: Entries) -> float:
@@ -71,13 +74,6 @@ def _joint(ini: Entries, section: str, mm_per_unit: float) -> ControllerJoint:
         backlash_mm=ini.number(section, "BACKLASH") * mm_per_unit,
         compensated=ini.find(section, "COMP_FILE") is not None,
     )
-
-
-def _axes(ini: Entries) -> str | None:
-    """``"XYZ"`` where the kinematics are told which joint moves which axis."""
-    text = ini.find("KINS", "KINEMATICS") or ""
-    found = re.search(r"\bcoordinates=([a-zA-Z]+)", text)
-    return found[1].upper() if found else None
 
 
 class Entries:

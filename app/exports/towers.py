@@ -1,15 +1,27 @@
-"""What exports for upright towers share: which drive, what is held now, what is said."""
+"""Values for firmware of upright towers: Klipper, RepRapFirmware, LinuxCNC's lineardeltakins.
+
+A switch trips at the height of the tool over the middle; the carriage is then higher by
+sqrt(length^2 - radius^2).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
-from app.exports.linuxcnc import known_lines, origin, refuse_what_is_ambiguous, short_lines
+from app.exports.linuxcnc import (
+    joint_files,
+    known_lines,
+    origin,
+    refuse_what_is_ambiguous,
+    short_lines,
+)
 from app.report.offsets import Offsets
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import UsageError
-from calib.tripod.pipeline import Model
-from calib.tripod.towers import LEAST_MM, Entered, Towers, each_alone, entered
+from calib.tripod.pipeline import Model, Stage
+from calib.tripod.towers import LEAST_MM, Entered, Towers, each_alone, entered, tower_model
+from protocols.files import Written
 
 USUAL_ANGLES_DEG = (210.0, 330.0, 90.0)
 """Of the first, second and third tower of printers, from x, anticlockwise."""
@@ -116,3 +128,130 @@ def _left(model: Model, found: Entered, *, each_tower: bool) -> Iterator[str]:
 
 def _three(values: FloatArray, decimals: int = 3) -> str:
     return ", ".join(f"{value:.{decimals}f}" for value in values.tolist())
+
+
+STEPPERS = "abc"
+
+
+def printer_cfg(offsets: Offsets) -> Written:
+    """Klipper: a file to include at the end of ``printer.cfg``.
+
+    Of a key that is there twice the last counts (klippy/kinematics). Raises as `drives_of_towers`,
+    `endstops_now_mm` and `fitted`.
+    """
+    drives, now = drives_of_towers(offsets), endstops_now_mm(offsets)
+    found = fitted(offsets)
+    stops = found.endstops_mm(now)
+    steppers = [
+        f"stepper_{name} (tower {LEG_NAMES[drive]}) position_endstop {now[drive]:.6f} mm"
+        for name, drive in zip(STEPPERS, drives, strict=True)
+    ]
+    put = (
+        "put '[include FILE]' with the name of this file at the end of printer.cfg, where it wins "
+        "over what stands above and over saved values; then home. Later saved calibrations are "
+        "refused while it is included"
+    )
+    lines = [f"# {line}" for line in comments(offsets, found, put, ", ".join(steppers))]
+    lines += ["[printer]", f"delta_radius: {found.towers.radius_mm:.6f}"]
+    for name, drive in zip(STEPPERS, drives, strict=True):
+        lines += [
+            f"[stepper_{name}]",
+            f"position_endstop: {stops[drive]:.6f}",
+            f"arm_length: {found.towers.length_mm[drive]:.6f}",
+            f"angle: {found.towers.angle_deg[drive]:.6f}",
+        ]
+    return {"": "\n".join(lines) + "\n"}
+
+
+TOWERS = "XYZ"
+
+
+def config_g(offsets: Offsets) -> Written:
+    """RepRapFirmware: lines M665 and M666 for ``config.g``. Raises as `printer_cfg`.
+
+    A switch trips at H + M666. X, Y, Z of M665 turn the towers at 210, 330 and 90° anticlockwise,
+    in degrees (LinearDeltaKinematics.cpp). H is the mean, so that the corrections of M666 add up to
+    nothing, as automatic calibration leaves them.
+    """
+    drives, now = drives_of_towers(offsets), endstops_now_mm(offsets)
+    found = fitted(offsets)
+    stops, towers = [found.endstops_mm(now)[drive] for drive in drives], found.towers
+    height = sum(stops) / len(stops)
+    held = [
+        f"H + M666 of {name} (tower {LEG_NAMES[drive]}) {now[drive]:.6f} mm"
+        for name, drive in zip(TOWERS, drives, strict=True)
+    ]
+    put = (
+        "put these lines into config.g in the place of M665 and M666 there, each with the B that "
+        "it has (radius of the bed; tilt, which must be A0 B0 now); take them out of "
+        "config-override.g; then home. Saved by M500 they lose digits after the third"
+    )
+    turned = [
+        f"{name}{(towers.angle_deg[drive] - usual + 180.0) % 360.0 - 180.0:z.6f}"
+        for name, drive, usual in zip(TOWERS, drives, USUAL_ANGLES_DEG, strict=True)
+    ]
+    lengths = ":".join(f"{towers.length_mm[drive]:.6f}" for drive in drives)
+    raised = [f"{name}{stop - height:z.6f}" for name, stop in zip(TOWERS, stops, strict=True)]
+    lines = [f"; {line}" for line in comments(offsets, found, put, ", ".join(held))]
+    lines.append(f"M665 L{lengths} R{towers.radius_mm:.6f} H{height:.6f} {' '.join(turned)}")
+    lines.append(f"M666 {' '.join(raised)}")
+    return {"": "\n".join(lines) + "\n"}
+
+
+ANGLES_DEG = (90.0, 210.0, 330.0)
+EXACT_DEG = 0.01
+"""The kinematics have no angles of their own; numbers of a machine file are rounded."""
+
+
+def joints_and_pins(offsets: Offsets) -> Written:
+    """LinuxCNC with ``lineardeltakins``: includes and tables of the joints, ``calib.hal``.
+
+    Its two pins hold one length and one radius. Joints 0, 1, 2 are the towers at 90, 210 and 330°,
+    each coordinate the height of its carriage (lineardeltakins-common.h). Play, scale and screws
+    stay with the joints, as in `linuxcnc`.
+
+    Raises UsageError for bars that are held unequal now or a HOME_OFFSET that nobody stated (a
+    change of L or R without it would move the tool), and as `joint_files`.
+    """
+    refuse_what_is_ambiguous(offsets)
+    drives = drives_of_towers(offsets, ANGLES_DEG, EXACT_DEG)
+    held = offsets.controller
+    if held is None:
+        raise UsageError(
+            "present HOME_OFFSET",
+            "none stated",
+            "--ini, --home-offset, or home_offset_mm in the machine file",
+        )
+    of_joints = [LEG_NAMES[drive] for drive in drives]
+    if held.axes:  # by drives, else in the order of the joints already
+        named = [name.lower() for name in held.axes]
+        held = replace(
+            held, joints=tuple(held.joints[named.index(name)] for name in of_joints), axes=None
+        )
+    along = tuple(one for one in offsets.model.effects if one.stage == Stage.ACTUATOR)
+    across = tuple(one for one in offsets.model.effects if one.stage != Stage.ACTUATOR)
+    found = entered(offsets.model.with_effects(across), each_tower=False)
+    if max(found.now.length_mm) - min(found.now.length_mm) > LEAST_MM:
+        raise UsageError("lengths of the bars held now", "unequal ones", "one length, pin L")
+    joints = tower_model(offsets.model, found.change_mm, along)
+    machine = offsets.machine.model_copy(update={"joints": tuple(of_joints)})
+    told = replace(offsets, machine=machine, controller=held, model=joints)
+    unit = held.mm_per_unit
+    put = (
+        "name this file as HALFILE after the one that loads lineardeltakins, and put the includes "
+        "of the joints under their headings: neither is right without the other. Then home"
+    )
+    homes = ", ".join(f"{joint.home_offset_mm:.6f}" for joint in held.joints[:3])
+    said = comments(
+        replace(offsets, model=offsets.model.with_effects(across)),
+        found,
+        put,
+        f"HOME_OFFSET {homes} mm of joints 0, 1, 2",
+        each_tower=False,
+    )
+    pins = [
+        f"setp lineardeltakins.L {float(found.towers.length_mm[0]) / unit:.6f}",
+        f"setp lineardeltakins.R {found.towers.radius_mm / unit:.6f}",
+    ]
+    hal = "\n".join([*(f"# {line}" for line in said), *pins]) + "\n"
+    return {**joint_files(told, kinematics=False), "calib.hal": hal}

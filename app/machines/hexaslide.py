@@ -12,10 +12,10 @@ import typer
 from app.machines.options import (
     Answer,
     Family,
-    OnScreen,
+    PostureSearch,
     Question,
     Say,
-    Search,
+    ScreenAnswer,
     Simulation,
     file,
     may_replace,
@@ -70,7 +70,7 @@ class IdentifiabilityOptions:
     ] = False
 
 
-def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer | OnScreen:
+def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer | ScreenAnswer:
     """What the procedure sees, with what papers/001 says of it; on a screen where that is wished.
 
     Measured components alone are those of a posture. Raises UsageError without either.
@@ -98,7 +98,7 @@ def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer | On
         need_terminal("--screen", "the verb without it")
     planned = hexaslide_planning(request)
     if own.screen:
-        return OnScreen(lambda: _screen(request))
+        return ScreenAnswer(lambda: _screen(request))
     with working("Looking at the postures"):
         found = look_at(planned)
     return Answer(
@@ -148,12 +148,12 @@ class PostureOptions:
     ] = False
 
 
-def postures(asked: Question, search: Search, own: PostureOptions, say: Say) -> Answer:
+def postures(asked: Question, search: PostureSearch, own: PostureOptions, say: Say) -> Answer:
     """Postures anywhere in the box, or between the ends of the rails."""
     from app.planning.hexaslide import Request, asked_postures, posture_table
     from app.report.schema.hexaslide import HexaSlidePosturesReport
     from app.report.text.hexaslide import postures_text
-    from calib.hexaslide.search import Search as Wanted
+    from calib.hexaslide.search import Search
     from protocols.files import write_files
 
     request = Request(
@@ -164,7 +164,7 @@ def postures(asked: Question, search: Search, own: PostureOptions, say: Say) -> 
         posture_file=own.posture_file,
         seed=search.seed,
     )
-    wanted = Wanted(
+    wanted = Search(
         search.criterion,
         starts=search.starts,
         in_joints=own.space == "joints",
@@ -210,7 +210,7 @@ class SimulateOptions:
 
 def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
     """Measured postures into a file."""
-    from app.planning.hexaslide import Asked, write_simulated
+    from app.planning.hexaslide import SimulationRequest, write_simulated
     from app.report.text.hexaslide_calibration import simulated_text
 
     postures = own.posture_file or own.postures
@@ -220,7 +220,7 @@ def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
             "too few or too many",
             "with --machine hexaslide a procedure and either a number or a file of postures",
         )
-    wanted = Asked(
+    wanted = SimulationRequest(
         procedure=own.procedure,
         postures=postures,
         noise_mm=NOISE_MM if own.noise is None else own.noise,
@@ -260,7 +260,7 @@ class SolveOptions:
 def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
     """Identify from one file of measured postures."""
     from app.planning.hexaslide import calibrate_file
-    from app.report.schema.hexaslide import CalibrationReport
+    from app.report.schema.hexaslide import HexaSlideCalibrationReport
     from app.report.text.hexaslide_calibration import calibration_text
 
     if len(files) != 1:
@@ -279,7 +279,9 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
         for path in write_files(own.corrected, written, replace=may):
             say(f"written: {path}")
         say(NOT_GENHEXKINS)
-    return Answer(lambda: calibration_text(solved), lambda: CalibrationReport.of(solved=solved))
+    return Answer(
+        lambda: calibration_text(solved), lambda: HexaSlideCalibrationReport.of(solved=solved)
+    )
 
 
 MARK = b"glidecal.hexaslide-measurements"

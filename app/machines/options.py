@@ -123,20 +123,6 @@ def working(words: str) -> Iterator[None]:
             on_part.reset(token)
 
 
-@contextmanager
-def extra(name: str) -> Iterator[None]:
-    """For the imports of the verb ``name`` and what its extra installs. Raises UsageError."""
-    try:
-        yield
-    except ImportError as problem:
-        raise UsageError(
-            f"glidecal {name}",
-            f"no package {problem.name or problem}",
-            f"an installation with the extra {name}",
-            f'Install it with: pip install "glidecal[{name}]"',
-        ) from problem
-
-
 def say(text: str) -> None:
     """Progress and warnings go to standard error."""
     typer.echo(text, err=True)
@@ -188,7 +174,7 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class OnScreen:
+class ScreenAnswer:
     """A result that is looked at on a screen."""
 
     screen: MakeScreen
@@ -204,7 +190,7 @@ class Question:
 
 
 @dataclass(frozen=True)
-class Search:
+class PostureSearch:
     """How postures are looked for; None: not given. With ``force`` a file is replaced unasked."""
 
     count: int | None
@@ -217,13 +203,16 @@ class Search:
 
 @dataclass(frozen=True)
 class Simulation:
-    """The machine by its name or file, None: the usual one, and the file to write, as `Search`."""
+    """The machine by its name or file, None: the usual one, and the file to write."""
 
     output: Path
     machine: str | None = None
     seed: int = 1
     force: bool = False
 
+
+Place = tuple[float, float, float]
+"""Of the tool, mm from Zero."""
 
 Plan = Callable[[str | None, Sequence[Path], Any, Say], Answer]
 """Proposes the next measurement of a machine, None: that of the sessions."""
@@ -238,7 +227,7 @@ class Family:
     asked for, ``posture_file`` what they are written to. ``options`` are by verb a class of the
     options that not every kind takes, fields with their `typer.Option`; what a person gave of them
     is the ``Any`` of the verb. Without ``plan`` there is no next measurement to propose. ``look``
-    is its screen that needs no session.
+    is its screen that needs no session. ``workspace`` tells where the tool can be; None: not known.
     """
 
     name: str
@@ -248,9 +237,10 @@ class Family:
     posture_file: str
     options: Mapping[str, type]
     reads: Callable[[Path], bool]
-    identifiability: Callable[[Question, Any], Answer | OnScreen]
-    postures: Callable[[Question, Search, Any, Say], Answer]
+    identifiability: Callable[[Question, Any], Answer | ScreenAnswer]
+    postures: Callable[[Question, PostureSearch, Any, Say], Answer]
     simulate: Callable[[Simulation, Any, Say], None]
     solve: Callable[[Sequence[Path], Any, Say], Answer]
     plan: Plan | None = None
+    workspace: Callable[[str, float, Place | None], Answer] | None = None
     look: Look | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -15,10 +15,11 @@ from app.machines.options import (
     Answer,
     Family,
     Method,
+    Place,
+    PostureSearch,
     Protocol,
     Question,
     Say,
-    Search,
     Seed,
     Simulation,
     SubsetName,
@@ -51,7 +52,7 @@ def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer:
     from app.planning.tripod import tripod_planning
     from app.report.schema.planning import IdentifiabilityReport
     from app.report.text.planning import identifiability_text
-    from calib.design.planning import seen_by
+    from calib.design.identifiability import seen_by
 
     planned, _ = tripod_planning(asked.machine, asked.procedure, asked.machine_file, own.noise)
     seen = seen_by(planned)
@@ -76,7 +77,7 @@ class PostureOptions:
     ] = True
 
 
-def postures(asked: Question, search: Search, own: PostureOptions, say: Say) -> Answer:
+def postures(asked: Question, search: PostureSearch, own: PostureOptions, say: Say) -> Answer:
     """Postures from a list, and procedures that visit them."""
     from app.planning.tripod import procedure_files, tripod_planning
     from app.report.schema.planning import PosturesReport
@@ -130,39 +131,15 @@ class SimulateOptions:
 
 def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
     """A session of the nominal machine, or of that of a model file."""
-    from app.evaluating.own_effects import known_effects
-    from app.measuring.simulated import hidden_effect, planned_readings, simulated_session
-    from calib.errors import UsageError
-    from calib.tripod.pipeline import Model
+    from app.measuring.simulated import simulated_of_files
     from protocols.journal import write_whole
-    from protocols.machine import load_machine
-    from protocols.model_file import read_model
-    from protocols.procedure import load_procedure
 
-    if own.size is not None and own.effect is None:
-        raise UsageError("--size", "no --effect", "the size of an effect: both options, or none")
-    if own.model and asked.machine:
-        raise UsageError("--model and --machine", "both", "one: a model brings its own machine")
-    known = load_machine(asked.machine)
-    real = Model(known.geometry())
-    if own.model:
-        real, known = read_model(own.model, known_effects())
-    planned = load_procedure(own.protocol or known.usual_procedure, known.geometry())
-    if own.effect is not None:
-        hidden = hidden_effect(
-            own.effect,
-            real,
-            planned_readings(planned, known),
-            effects=known_effects(),
-            seed=asked.seed,
-            noise_mm=max(own.scatter, own.resolution),
-            size=own.size,
-        )
-        real = replace(real, effects=(*real.effects, *hidden))
-    opened, readings = simulated_session(
-        planned,
-        known,
-        real,
+    opened, readings = simulated_of_files(
+        own.protocol,
+        asked.machine,
+        own.model,
+        effect=own.effect,
+        size=own.size,
         seed=asked.seed,
         scatter_mm=own.scatter,
         resolution_mm=own.resolution,
@@ -252,7 +229,7 @@ class PlanOptions:
 
 def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: Say) -> Answer:
     """The mounting that is worth its minutes most."""
-    from app.planning.next_measurement import next_measurement
+    from app.planning.tripod import next_measurement
     from app.report.schema.plan import PlanReport
     from app.report.text.planning import plan_text
 
@@ -267,6 +244,29 @@ def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: S
     for warning in found.warnings:
         say(f"glidecal: {warning}")
     return Answer(lambda: plan_text(found), lambda: PlanReport.of(plan=found))
+
+
+def workspace(name: str, limit: float, at_mm: Place | None) -> Answer:
+    """What joint limits allow, the factors there, a cut at a limit of them; or one posture."""
+    from app.report.schema.planning import PostureReport, WorkspaceReport
+    from app.report.text.planning import posture_text, workspace_text
+    from calib.tripod.workspace import posture_of_tool, workspace_of
+    from protocols.machine import load_machine
+
+    machine = load_machine(name)
+    geometry = machine.geometry()
+    if at_mm is not None:
+        posture = posture_of_tool(geometry, at_mm)
+        return Answer(
+            lambda: posture_text(machine, posture),
+            lambda: PostureReport.of(machine=machine, posture=posture),
+        )
+    with working("Looking at the workspace"):
+        found = workspace_of(geometry, limit)
+    return Answer(
+        lambda: workspace_text(machine, found),
+        lambda: WorkspaceReport.of(machine=machine, found=found),
+    )
 
 
 FAMILY = Family(
@@ -288,4 +288,5 @@ FAMILY = Family(
     simulate=simulate,
     solve=solve,
     plan=plan,
+    workspace=workspace,
 )

@@ -16,12 +16,12 @@ from typing import Annotated
 from pydantic import Field, ValidationError
 
 from app.settings import data_path
-from calib.errors import GlidecalError, RecordError, UsageError
+from calib.errors import GlidecalError, UsageError
 from drivers.port import check_port
-from drivers.profile import Asked, Profile, Unit
+from drivers.profile import Profile, Query, Unit
 from drivers.profiles import profile_named
 from drivers.profiles.ascii_line import ascii_line
-from protocols.documents import Document, Name, describe, read_text
+from protocols.documents import Document, Name, describe, read_json
 from protocols.files import write_files
 from protocols.machine import Instrument, Machine
 from protocols.procedure import ALL_AXES, axes_on_leg
@@ -104,7 +104,7 @@ def serial_ports() -> list[tuple[str, str]]:
     return [(one.device, one.description or "") for one in sorted(list_ports.comports())]
 
 
-class LastUsed(Document):
+class RememberedIndicators(Document):
     """The indicators that were used last with each machine, by its name."""
 
     machines: dict[Name, Annotated[tuple[Instrument, ...], Field(max_length=2)]] = Field(
@@ -123,22 +123,17 @@ def last_used(machine: str) -> tuple[Instrument, ...]:
 def remember(machine: str, instruments: Sequence[Instrument]) -> None:
     """Keep what is used for `last_used`. Raises RecordError."""
     known = _last_used()
-    updated = LastUsed(machines=known.machines | {machine: tuple(instruments)})
+    updated = RememberedIndicators(machines=known.machines | {machine: tuple(instruments)})
     if updated != known:
         write_files(data_path(), {"": updated.model_dump_json(indent=1)}, replace=True)
 
 
-def _last_used() -> LastUsed:
+def _last_used() -> RememberedIndicators:
     path = data_path()
     if not path.exists():
-        return LastUsed()
-    try:
-        return LastUsed.model_validate_json(read_text(path, "indicators used last"))
-    except ValidationError as problem:
-        thing, next_step = f"indicators used last, {path}", "Remove the file; it is written anew"
-        raise RecordError(
-            thing, describe(problem), "what the program wrote", next_step
-        ) from problem
+        return RememberedIndicators()
+    allowed, next_step = "what the program wrote", "Remove the file; it is written anew"
+    return read_json(path, RememberedIndicators, "indicators used last,", allowed, next_step)
 
 
 def check_indicators(instruments: Sequence[Instrument], *, legs: bool = True) -> None:
@@ -230,15 +225,6 @@ def choose_indicators(
     return instruments
 
 
-def some_indicators(profile: str, *, needed: bool) -> tuple[Instrument, ...]:
-    """Two indicators for a dry run that names none. Raises UsageError where real ones count."""
-    if needed:
-        raise UsageError(
-            "indicators", "none", "--indicator PROFILE:PORT, [[indicator]] in the machine file"
-        )
-    return simulated_indicators([profile])
-
-
 def simulated_indicators(profiles: Sequence[str] = (DEFAULT_PROFILE,)) -> tuple[Instrument, ...]:
     """Two simulated indicators, of one profile or of two."""
     both = (*profiles, *profiles)[:2]
@@ -266,17 +252,17 @@ def profile_of(instrument: Instrument) -> Profile:
     return profile_named(instrument.profile)
 
 
-def asked_of(instrument: Instrument) -> Asked:
+def asked_of(instrument: Instrument) -> Query:
     """Channel and unit to ask for."""
-    return Asked(channel=instrument.channel, unit=Unit(instrument.unit))
+    return Query(channel=instrument.channel, unit=Unit(instrument.unit))
 
 
-def asked_for(unit: str, channel: int) -> Asked:
+def asked_for(unit: str, channel: int) -> Query:
     """What to ask for, from the command line. Raises UsageError for an unknown unit."""
     plain = {"um": Unit.MICROMETRE, "in": Unit.INCH} | {known.value: known for known in Unit}
     if unit not in plain:
         raise UsageError("--unit", repr(unit), ", ".join(known.value for known in Unit))
-    return Asked(channel=channel, unit=plain[unit])
+    return Query(channel=channel, unit=plain[unit])
 
 
 def swinging() -> Callable[[], float]:

@@ -19,8 +19,9 @@ from protocols.session import Reading, Session
 class LegRow:
     """One axis in one cycle: displacement → reading minus Zero, and the return to Zero, in mm.
 
-    For the tool numbers of its `positions` are in the place of displacements. ``kept_mm`` are those
-    where a reading counts that was questioned or superseded.
+    Over a plane it is the far end of the leg minus the near one, in every posture. For the tool
+    numbers of its `positions` are in the place of displacements. ``kept_mm`` are those where a
+    reading counts that was questioned or superseded.
     """
 
     axis: str
@@ -39,6 +40,8 @@ def positions(session: Session) -> list[Triple]:
 
 def leg_rows(session: Session, step: Step) -> list[LegRow]:
     """Rows for the leg and station of a step; each mounting has zeros of its own."""
+    if step.over_plane:
+        return _plane_rows(session, step)
     rows: list[LegRow] = []
     numbers = {place: float(k) for k, place in enumerate(positions(session))}
 
@@ -46,8 +49,7 @@ def leg_rows(session: Session, step: Step) -> list[LegRow]:
         return r.displacement_mm if r.position_mm is None else numbers[r.position_mm]
 
     for axis in step.axes:
-        place = (step.leg, axis, step.station)
-        here = [r for r in session.readings if (r.leg, r.axis, r.station) == place]
+        here = _read_there(session, step, axis)
         for mount in dict.fromkeys(r.mount for r in here):
             members = [r for r in here if r.mount == mount]
             for cycle in sorted({r.cycle for r in members}):
@@ -56,6 +58,38 @@ def leg_rows(session: Session, step: Step) -> list[LegRow]:
                     again = [r for r in members if r.reading in session.restored]
                     at_mm = frozenset(level(r) for r in again if r.cycle == cycle)
                     rows.append(replace(row, kept_mm=at_mm))
+    return rows
+
+
+def _read_there(session: Session, step: Step, axis: str) -> list[Reading]:
+    """Readings that count where the stand is for a step, along an axis."""
+    place = (step.leg, axis, step.place[1])
+    return [r for r in session.readings if r.set_up == place]
+
+
+def _plane_rows(session: Session, step: Step) -> list[LegRow]:
+    """Over a plane: displacement → reading farthest from the tool minus the nearest, Zero too."""
+    rows = []
+    stations = {s.station for s in session.steps() if s.place == step.place}
+    for axis in step.axes:
+        here = _read_there(session, step, axis)
+        ends = sorted(stations or {r.station for r in here})
+        for mount, cycle in dict.fromkeys((r.mount, r.cycle) for r in here):
+            members = [r for r in here if (r.mount, r.cycle) == (mount, cycle)]
+            near_mm: dict[float, float] = {}
+            found: dict[float, list[float]] = {}
+            for r in members:
+                if r.station == ends[0]:
+                    near_mm[r.displacement_mm] = r.value_mm
+                elif r.station == ends[-1] and r.displacement_mm in near_mm:
+                    slope_mm = r.value_mm - near_mm[r.displacement_mm]
+                    found.setdefault(r.displacement_mm, []).append(slope_mm)
+            zeros = found.get(0.0, [])
+            back_mm = zeros[-1] - zeros[0] if len(zeros) > 1 else None
+            kept = [r.displacement_mm for r in members if r.reading in session.restored]
+            first = {level: of_it[0] for level, of_it in found.items()}
+            if first:
+                rows.append(LegRow(axis, cycle, first, back_mm, frozenset(kept)))
     return rows
 
 
@@ -117,7 +151,7 @@ def review_leg(session: Session, step: Step) -> LegReview:
 
 
 def _review_axis(session: Session, step: Step, axis: str) -> AxisReview:
-    here = [(r.leg, r.axis, r.station) == (step.leg, axis, step.station) for r in session.readings]
+    here = [r.set_up == (step.leg, axis, step.place[1]) for r in session.readings]
     repeats = Repeats.of(visits(to_observations([session]).take(here)))
     returns = [
         row.back_at_zero_mm

@@ -6,10 +6,11 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
+from app.evaluating.comparison import partner_of
 from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import SessionSolution, solve_for_controller
 from app.measuring.gauges import Gauge
@@ -24,12 +25,12 @@ from app.measuring.indicators import (
     simulated_indicators,
     this_computer,
 )
-from app.measuring.session import GuidedSession, TakenStep
+from app.measuring.session import GuidedSession
 from app.measuring.simulated import BenchSettings, SimulatedBench, hidden_effect, planned_readings
 from app.version import program
 from calib.errors import GlidecalError, IndicatorError, RecordError, UsageError
 from calib.tripod.simulation import hidden_machine
-from drivers.twin_port import Transport, default_transport
+from drivers.twins import default_transport
 from protocols.files import reason_of, unused_path
 from protocols.journal import Journal
 from protocols.machine import Instrument, Machine, load_machine
@@ -64,14 +65,13 @@ class Plan:
     verifies: str | None = None
     continued: bool = False
     bench: BenchSettings = BenchSettings()
-    transport: Transport = field(default_factory=default_transport)
     interval_s: float = SIMULATED_INTERVAL_S
     window_s: float | None = None
 
     def __post_init__(self) -> None:
-        """Against a plate one indicator reads, the first that may along its axis."""
-        if self.procedure.plate is not None:
-            read = self.procedure.indicators_at_plate(self.instruments)
+        """Against a plate, or over planes alone, the first indicator reads that may along it."""
+        if not self.procedure.levels:
+            read = self.procedure.indicators_used(self.instruments)
             object.__setattr__(self, "instruments", read)
 
     @property
@@ -122,8 +122,7 @@ class Indicators:
 
 def open_indicators(plan: Plan) -> Indicators:
     """Open every port, all or none. Raises UsageError before, IndicatorError at a port."""
-    refuse_plane(plan.procedure)
-    check_indicators(plan.instruments, legs=plan.procedure.plate is None)
+    check_indicators(plan.instruments, legs=bool(plan.procedure.levels))
     profiles = [profile_of(instrument) for instrument in plan.instruments]
     ports = tuple(instrument.port for instrument in plan.instruments)
     with ExitStack() as undo:
@@ -157,7 +156,7 @@ def simulated_bench(plan: Plan) -> SimulatedBench:
     profiles = [profile_of(instrument) for instrument in plan.instruments]
     plate = plan.procedure.plate
     lift_mm = plate.lift_mm if plate else 0.0
-    known = (truth, plan.seed, plan.path.name, profiles, plan.transport, plan.bench)
+    known = (truth, plan.seed, plan.path.name, profiles, default_transport(), plan.bench)
     return SimulatedBench(*known, lift_mm)
 
 
@@ -166,17 +165,6 @@ def first_step(plan: Plan) -> Step | None:
     if plan.continued:
         return fold(read_record(plan.path).events).next_step()
     return plan.procedure.steps(plan.machine.geometry(), plan.axes)[0]
-
-
-def refuse_plane(procedure: Procedure) -> None:
-    """Raises UsageError for a procedure that no guided session can measure yet."""
-    if procedure.plane is not None:
-        raise UsageError(
-            f"guided session with {procedure.name}",
-            "readings of legs over a plane",
-            "procedures without [plane]",
-            "Measure by the list of --dry-run and read the table in with glidecal import.",
-        )
 
 
 def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
@@ -243,6 +231,7 @@ def plan_to_repeat(path: Path) -> Plan | None:
 def _planned(
     path: Path, opened: Opened, procedure: Procedure, instruments: tuple[Instrument, ...]
 ) -> Plan:
+    verified = partner_of(path, opened.verifies)
     return Plan(
         path=path,
         machine=opened.machine,
@@ -251,7 +240,7 @@ def _planned(
         operator=opened.operator,
         temperature_c=opened.temperature_c,
         seed=opened.seed or 0,
-        before=_verified(path, opened.verifies),
+        before=solve_for_controller(verified) if verified else None,
         verifies=opened.verifies,
     )
 
@@ -269,14 +258,6 @@ def _known_here(path: Path, opened: Opened) -> tuple[Instrument, ...]:
             "A machine file with [[indicator]] does it too: --machine FILE.",
         )
     return instruments
-
-
-def _verified(path: Path, verifies: str | None) -> SessionSolution | None:
-    """The solution that a session verifies, if its file is still beside it."""
-    beside = path.with_name(verifies) if verifies else None
-    if beside is None or not beside.is_file():
-        return None
-    return solve_for_controller(beside)
 
 
 def session_name(folder: Path, word: str) -> Path:
@@ -318,7 +299,6 @@ def demo_plan(
     """
     machine = load_machine(machine_name)
     procedure = load_procedure(protocol or machine.usual_procedure, machine.geometry())
-    refuse_plane(procedure)
     return Plan(
         path=session_name(folder, "demo"),
         machine=machine,
@@ -386,9 +366,7 @@ def verification_plan(plan: Plan, before: SessionSolution) -> Plan:
     )
 
 
-def measure_all(
-    guided: GuidedSession, progress: Callable[[TakenStep], None] = lambda _: None
-) -> None:
+def measure_all(guided: GuidedSession) -> None:
     """Take every step of a simulated session unattended, keep all, and close the record.
 
     Raises IndicatorError where an indicator gives no value.
@@ -399,6 +377,5 @@ def measure_all(
             raise IndicatorError("simulated indicator", taken.faults[0].words, "a reading")
         if taken.doubt:
             guided.keep(taken, "unattended: kept")
-        progress(taken)
         guided.go()
     guided.finish()

@@ -13,8 +13,7 @@ from statistics import median
 from app.evaluating.solution import end_warning
 from app.measuring.gauges import SLOTS, Live, Motion, Trace
 from calib.errors import UsageError
-from drivers.profile import Fault, FaultKind
-from drivers.profile import Reading as IndicatorReading
+from drivers.profile import Fault, FaultKind, IndicatorReading
 from protocols.procedure import Leg, Step
 from protocols.record import Record
 from protocols.session import (
@@ -208,7 +207,7 @@ class Playback:
     @property
     def gauge_count(self) -> int:
         """How many panels the picture needs."""
-        return max((len(step.axes) for step in self.steps), default=1)
+        return max((step.indicators.stop for step in self.steps), default=1)
 
     def toggle(self) -> None:
         """Play or pause; at the end play from the start."""
@@ -341,13 +340,14 @@ class Playback:
         axes = now.axes if now else ()
         mounts = self._mounts(now) if now else {}
         found = [self._fault(axis) or self._live(axis, mounts.get(axis)) for axis in axes]
-        missing = self.gauge_count - len(found)
-        return found + [Live(None, 0.0, Motion.WAITING)] * missing
+        waiting = Live(None, 0.0, Motion.WAITING)
+        shown = [waiting] * (now.first if now else 0) + found
+        return shown + [waiting] * (self.gauge_count - len(shown))
 
     def _mounts(self, step: Step) -> dict[Leg, str]:
         """The present mounting of each axis; none where the stand is not at this step."""
         last = self.shown.mountings[-1] if self.shown.mountings else None
-        here = last is not None and (last.leg, last.station) == (step.leg, step.station)
+        here = last is not None and last.place[:2] == step.place[:2]
         return last.mounts if last is not None and here else {}
 
     def _live(self, axis: Leg, mount: str | None) -> Live:
@@ -392,7 +392,16 @@ def _numbered(events: Sequence[Event]) -> tuple[Event, ...]:
 
 def _table_steps(events: Sequence[Event]) -> tuple[Step, ...]:
     return tuple(
-        Step(r.reading, r.leg, r.displacement_mm, r.cycle, r.station, (r.axis,), r.position_mm)
+        Step(
+            r.reading,
+            r.leg,
+            r.displacement_mm,
+            r.cycle,
+            r.station,
+            (r.axis,),
+            r.position_mm,
+            bool(r.over_plane),
+        )
         for r in events
         if isinstance(r, Reading)
     )
@@ -403,7 +412,7 @@ def _mounting(readings: Sequence[Reading]) -> Mounted:
     last = readings[-1]
     together = [r for r in readings[-2:] if r.step == last.step and r.station == last.station]
     mounts = {r.axis: r.mount for r in together}
-    return Mounted(leg=last.leg, station=last.station, mounts=mounts)
+    return Mounted(leg=last.leg, station=last.station, mounts=mounts, over_plane=last.over_plane)
 
 
 def _outcome(reading: Reading) -> IndicatorReading:

@@ -10,8 +10,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from app.measuring.gauges import Gauge
-from drivers.profile import Fault, FaultKind, Outcome
-from drivers.profile import Reading as IndicatorReading
+from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
 from protocols.expectation import Expected, Movement, expected, movement
 from protocols.journal import Journal
 from protocols.procedure import Leg, Step, default_mount
@@ -23,11 +22,11 @@ from protocols.session import (
     Reading,
     Restored,
     Session,
+    SessionClock,
     Skipped,
     Superseded,
     fold,
 )
-from protocols.session_clock import SessionClock
 
 
 class Doubt(StrEnum):
@@ -88,7 +87,7 @@ class GuidedSession:
         self.steps = self.session.steps()
         self._closed = False
         self._lock = threading.RLock()
-        self._clock = clock or SessionClock(journal.events)
+        self.clock = clock or SessionClock(journal.events)
         self._untold_jump_s = 0.0
         self._digits_mm: dict[int, float] = {}
         self._due: tuple[Session, tuple[Expected, ...]] | None = None
@@ -143,7 +142,7 @@ class GuidedSession:
             return jump_s
 
     def _mark_jump(self) -> None:
-        jump_s = self._clock.jump_s()
+        jump_s = self.clock.jump_s()
         if jump_s:
             self._untold_jump_s += jump_s
             way = "forward" if jump_s > 0.0 else "back"
@@ -152,14 +151,14 @@ class GuidedSession:
 
     def _take(self, step: Step) -> TakenStep:
         self._mark_jump()
-        asked = [gauge.ask() for gauge in self.gauges[: len(step.axes)]]
+        asked = [self.gauges[number].ask() for number in step.indicators]
         outcomes = [
             self._same_digits(number, axis, _plausible(one.result()))
-            for number, (axis, one) in enumerate(zip(step.axes, asked, strict=True))
+            for number, axis, one in zip(step.indicators, step.axes, asked, strict=True)
         ]
         faults = tuple(
             replace(outcome, words=f"{self.name_of(number)}: {outcome.words}")
-            for number, outcome in enumerate(outcomes)
+            for number, outcome in zip(step.indicators, outcomes, strict=True)
             if isinstance(outcome, Fault)
         )
         if faults:
@@ -188,7 +187,7 @@ class GuidedSession:
         """What is questionable about readings, and what to note of those that are not."""
         values_mm = [r.value_mm for r in readings]
         if self._go is None and due:
-            rests_mm = [gauge.rest_mm for gauge in self.gauges]
+            rests_mm = [self.gauges[number].rest_mm for number in step.indicators]
             moved = movement(step, due, values_mm, rests_mm, time_s)
             if moved is Movement.UNCHANGED:
                 return Doubt.UNCHANGED, []
@@ -228,14 +227,14 @@ class GuidedSession:
         step = self.step()
         if self._go is not None or step is None:
             return Movement.SEEN
-        time_s = self._clock.time_s()
+        time_s = self.clock.time_s()
         if self._due is None or self._due[0] is not self.session:
             self._due = self.session, expected(self.session, step, time_s)
-        shown = [gauge.live().outcome for gauge in self.gauges[: len(step.axes)]]
+        shown = [self.gauges[number].live().outcome for number in step.indicators]
         values_mm = [one.value_mm for one in shown if isinstance(one, IndicatorReading)]
         if len(values_mm) < len(shown):
             return Movement.UNKNOWN
-        rests_mm = [gauge.rest_mm for gauge in self.gauges]
+        rests_mm = [self.gauges[number].rest_mm for number in step.indicators]
         return movement(step, self._due[1], values_mm, rests_mm, time_s)
 
     def keep(self, taken: TakenStep, reason: str) -> None:
@@ -294,13 +293,10 @@ class GuidedSession:
         numbers = {s.number for s in there}
         mounts = [r.mount for r in self.session.readings if r.step in numbers]
         if mounts:
-            return self._taken_on(self._mounted_with(mounts[-1])) | alone
+            named = (set(m.mounts.values()) for m in self.session.mountings)
+            together = next((names for names in named if mounts[-1] in names), {mounts[-1]})
+            return self._taken_on(together) | alone
         return alone | {s.number for s in zeros if s.cycle == step.cycle}
-
-    def _mounted_with(self, mount: str) -> set[str]:
-        """All names of the mounting that has this one."""
-        named = (set(m.mounts.values()) for m in self.session.mountings)
-        return next((names for names in named if mount in names), {mount})
 
     def _taken_on(self, mounts: Collection[str]) -> frozenset[int]:
         """Steps whose counting readings were taken on these mountings."""
@@ -403,12 +399,13 @@ class GuidedSession:
         used = {name for mounted in self.session.mountings for name in mounted.mounts.values()}
         mounts: dict[Leg, str] = {}
         for axis in step.axes:
-            base = name = default_mount(step.leg, axis, step.station)
+            base = name = default_mount(step.leg, axis, step.place[1])
             number = 2
             while name in used:
                 name, number = f"{base}#{number}", number + 1
             mounts[axis] = name
-        return Mounted(leg=step.leg, station=step.station, mounts=mounts)
+        over = step.over_plane or None
+        return Mounted(leg=step.leg, station=step.station, mounts=mounts, over_plane=over)
 
     def _supersede_leftovers(self, step: Step) -> list[Superseded]:
         """A step cut off between its two readings is measured again as a whole."""
@@ -420,7 +417,7 @@ class GuidedSession:
     ) -> tuple[Reading, ...]:
         opened = self.session.opened
         plate = opened.procedure.plate if opened.procedure else None
-        time_s = round(self._clock.time_s(), 3)
+        time_s = round(self.clock.time_s(), 3)
         first = len(self.session.all_readings) + 1
         return tuple(
             Reading(
@@ -436,6 +433,7 @@ class GuidedSession:
                 cycle=step.cycle,
                 mount=mounts[axis],
                 station=step.station,
+                over_plane=step.over_plane or None,
                 time_s=time_s,
                 temperature_c=opened.temperature_c,
                 resolution_mm=outcome.resolution_mm,

@@ -5,25 +5,35 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
+from app.evaluating.own_effects import known_effects
 from app.measuring.indicators import SIMULATED
 from app.version import program
-from calib.arrays import TOOL, Conditions, Observations, conditions
+from calib.arrays import TOOL, Conditions, Observations, conditions, descending
 from calib.errors import RecordError, UsageError
 from calib.tripod.effects.candidates import candidates
 from calib.tripod.effects.catalogue import BESIDE_CATALOGUE
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.hidden import hidden_among
 from calib.tripod.pipeline import Model, StageEffect, measure
-from calib.tripod.sensitivity import excursion_mm
+from calib.tripod.sensitivity import excursion_mm, excursion_over_plane_mm
 from calib.tripod.simulation import SimulatedMachine
 from drivers.profile import LARGEST_MM, Profile
-from drivers.rig import SimulatedRig
-from drivers.twin_port import Transport
-from protocols.machine import Instrument, Machine
+from drivers.twins import SimulatedRig, Transport
+from protocols.machine import Instrument, Machine, load_machine
+from protocols.model_file import read_model
 from protocols.observations import to_observations
-from protocols.procedure import Leg, Procedure, Step, Touched, default_mount, leg_number
+from protocols.procedure import (
+    Leg,
+    Procedure,
+    Step,
+    Touched,
+    default_mount,
+    leg_number,
+    load_procedure,
+)
 from protocols.session import Opened, Reading, fold
 
 
@@ -104,6 +114,7 @@ class SimulatedBench:
         truth = truth.with_effects((*truth.effects, *settings.effects))
         self._machine = SimulatedMachine(truth, seed, run_name, settings.scatter_mm, lift_mm)
         self._clock_rate, self._start_s = settings.clock_rate, time.monotonic()
+        self._geometry, self._shown_mm = truth.geometry, [0.0] * len(profiles)
         self.rig = SimulatedRig(
             profiles,
             resolution_mm=settings.resolution_mm,
@@ -121,9 +132,15 @@ class SimulatedBench:
             station=step.station,
             position_mm=step.position_mm,
         )
-        mounts = [default_mount(step.leg, axis, step.station) for axis in step.axes]
+        if step.over_plane:
+            covered = self._geometry.covered_mm[leg_number(step.leg)]
+            to = replace(to, along_mm=to.displacement_mm + step.station * covered)
+        mounts = [default_mount(step.leg, axis, step.place[1]) for axis in step.axes]
         time_s = (time.monotonic() - self._start_s) * self._clock_rate
-        self.rig.go(self._machine.go(to, mounts, step.number, time_s))
+        values = self._machine.go(to, mounts, step.number, time_s)
+        for number, value in zip(step.indicators, values, strict=True):
+            self._shown_mm[number] = value
+        self.rig.go(self._shown_mm)
 
     def close(self) -> None:
         """Switch everything off."""
@@ -191,6 +208,51 @@ def simulated_session(
     )
 
 
+def simulated_of_files(
+    procedure: str | None,
+    machine: str | Path | None,
+    model: Path | None,
+    *,
+    effect: str | None = None,
+    size: float | None = None,
+    seed: int,
+    scatter_mm: float,
+    resolution_mm: float,
+) -> tuple[Opened, tuple[Reading, ...]]:
+    """As `simulated_session`, of names and files, None: the usual ones.
+
+    An ``effect`` (id, or id:where) of this ``size`` is hidden in the machine. Raises UsageError and
+    RecordError.
+    """
+    if size is not None and effect is None:
+        raise UsageError("--size", "no --effect", "the size of an effect: both options, or none")
+    if model and machine:
+        raise UsageError("--model and --machine", "both", "one: a model brings its own machine")
+    real, known = _real(machine, model)
+    planned = load_procedure(procedure or known.usual_procedure, known.geometry())
+    if effect is not None:
+        hidden = hidden_effect(
+            effect,
+            real,
+            planned_readings(planned, known),
+            effects=known_effects(),
+            seed=seed,
+            noise_mm=max(scatter_mm, resolution_mm),
+            size=size,
+        )
+        real = real.with_effects((*real.effects, *hidden))
+    return simulated_session(
+        planned, known, real, seed=seed, scatter_mm=scatter_mm, resolution_mm=resolution_mm
+    )
+
+
+def _real(machine: str | Path | None, model: Path | None) -> tuple[Model, Machine]:
+    if model:
+        return read_model(model, known_effects())
+    known = load_machine(machine)
+    return Model(known.geometry()), known
+
+
 def _blank_readings(
     procedure: Procedure, machine: Machine, resolution_mm: float
 ) -> tuple[Reading, ...]:
@@ -222,22 +284,34 @@ def short_travels(
     procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]
 ) -> list[tuple[Instrument, float, str]]:
     """Indicators whose travel may not do, with the most that is needed in mm, and where."""
-    if not procedure.levels or all(one.travel_mm is None for one in instruments):
+    if procedure.plate is not None or all(one.travel_mm is None for one in instruments):
         return []
     geometry = machine.geometry()
-    levels: dict[tuple[Touched, float, tuple[Leg, ...]], list[float]] = {}
+    places: dict[tuple[Touched, float, tuple[Leg, ...]], list[Step]] = {}
     for step in procedure.steps(geometry, [one.axes for one in instruments]):
-        if not step.over_plane:  # set anew in each posture
-            levels.setdefault(step.place, []).append(step.displacement_mm)
-    found = []
+        places.setdefault(step.place, []).append(step)
+    tolerance_mm, found = machine.tolerances_mm(), []
     for k, instrument in enumerate(instruments):
         needed = []
-        for (leg, station, axes), of_it in levels.items():
-            read = leg_number(leg), leg_number(axes[k])
-            moved_mm = excursion_mm(geometry, machine.tolerances_mm(), read, station, of_it)
-            where = f"along {axes[k].upper()} of leg {leg.upper()}, station {station:g}"
+        for steps in places.values():
+            first = steps[0]
+            if k not in first.indicators:
+                continue
+            axis = first.axes[first.indicators.index(k)]
+            read = leg_number(first.leg), leg_number(axis)
+            where = f"along {axis.upper()} of leg {first.leg.upper()}, "
+            at = [(step.displacement_mm, step.station) for step in steps]
+            if first.over_plane:
+                tilt = machine.plane_tilt_mrad
+                moved_mm = excursion_over_plane_mm(geometry, tolerance_mm, read, at, tilt)
+                where += "over the plane"
+            else:
+                moved_mm = excursion_mm(
+                    geometry, tolerance_mm, read, first.station, [mm for mm, _ in at]
+                )
+                where += f"station {first.station:g}"
             needed.append((instrument, moved_mm, where))
-        worst = max(needed, key=lambda one: one[1])
+        worst = descending(needed, lambda one: one[1])[0]
         if instrument.travel_mm is not None and worst[1] > instrument.travel_mm:
             found.append(worst)
     return found

@@ -17,15 +17,16 @@ from calib.hexaslide.procedures import Kind, Procedure
 from calib.hexaslide.search import BestPostures, Search, judged_postures, searches
 from calib.hexaslide.simulation import simulate
 from protocols.files import write_files
-from protocols.hexaslide_machine import HexaSlideMachine, load_hexaslide
-from protocols.hexaslide_postures import (
+from protocols.hexaslide import (
     SCHEMA,
     TRUTH_SCHEMA,
+    FileUnits,
+    HexaSlideMachine,
     HexaSlideMeasurements,
     HexaSlideTruth,
     MeasuredPosture,
     MeasuringNoise,
-    Units,
+    load_hexaslide,
     load_postures,
     machine_like,
     read_measurements,
@@ -146,7 +147,7 @@ def table(names: Sequence[str], rows: Sequence[Sequence[float]]) -> str:
 
 
 @dataclass(frozen=True)
-class Asked:
+class SimulationRequest:
     """What is to be simulated; ``angle_noise_mrad`` None: as many mrad as ``noise_mm`` has mm.
 
     ``postures`` are so many random ones, or a file of them.
@@ -162,7 +163,7 @@ class Asked:
     machine_file: Path | None = None
 
 
-def simulated(asked: Asked) -> tuple[HexaSlideMeasurements, HexaSlideTruth]:
+def simulated(asked: SimulationRequest) -> tuple[HexaSlideMeasurements, HexaSlideTruth]:
     """Measurements on a machine that differs from its file, and that machine.
 
     Raises UsageError for a procedure or noise, RecordError for the machine file, CalibrationError
@@ -189,7 +190,7 @@ def simulated(asked: Asked) -> tuple[HexaSlideMeasurements, HexaSlideTruth]:
         seed=asked.seed,
         procedure=procedure.kind,
         measured=procedure.measured,
-        units=Units(),
+        units=FileUnits(),
         noise=noise,
         machine_file=asked.machine_file.name if asked.machine_file else EXAMPLE,
         machine=own,
@@ -201,7 +202,7 @@ def simulated(asked: Asked) -> tuple[HexaSlideMeasurements, HexaSlideTruth]:
     )
 
 
-def _noise(asked: Asked) -> MeasuringNoise:
+def _noise(asked: SimulationRequest) -> MeasuringNoise:
     angle = asked.noise_mm if asked.angle_noise_mrad is None else asked.angle_noise_mrad
     if (angle == 0.0) != (asked.noise_mm == 0.0):
         raise UsageError(
@@ -211,7 +212,7 @@ def _noise(asked: Asked) -> MeasuringNoise:
 
 
 def write_simulated(
-    asked: Asked, output: Path, truth: Path | None, *, replace: bool = False
+    asked: SimulationRequest, output: Path, truth: Path | None, *, replace: bool = False
 ) -> HexaSlideMeasurements:
     """Simulate into files. Raises as `simulated` and `write_files`."""
     if truth is not None and truth.resolve() == output.resolve():

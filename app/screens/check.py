@@ -13,8 +13,8 @@ from textual.screen import Screen
 from textual.widgets import Footer, Static
 
 from app.exit_codes import exit_code
+from app.measuring.gauges import PushResult, Trial
 from app.measuring.opening import Indicators, Plan, begin, first_step, open_indicators
-from app.measuring.trial import Finding, Trial
 from app.report.text.home import CHECK_HELP
 from app.report.text.session import check_text, trial_text
 from app.screens.fast_keys import Title
@@ -108,7 +108,7 @@ class CheckScreen(Screen[None]):
 
     def action_exchange(self) -> None:
         """The spindle that moved is the one that was asked for: its port belongs there."""
-        if self._trial and self._trial.finding is Finding.OTHER:
+        if self._trial and self._trial.finding is PushResult.OTHER:
             self._trial.exchange()
             opened = self.app.indicators
             if opened:
@@ -124,7 +124,7 @@ class CheckScreen(Screen[None]):
         if action == "retry":
             return self._problem is not None
         if action == "exchange":
-            return self._trial is not None and self._trial.finding is Finding.OTHER
+            return self._trial is not None and self._trial.finding is PushResult.OTHER
         return action != "begin" or self.app.indicators is not None
 
     def action_retry(self) -> None:

@@ -25,7 +25,7 @@ from app.evaluating.solution import SessionSolution, solve_files
 from app.measuring.opening import Plan, plan_to_repeat
 from app.report.charts.charts import residuals_before_and_after
 from app.report.text import diagnosis as texts
-from app.report.text.result import ONLY_SHOWN, copied_text
+from app.report.text.result import ONLY_SHOWN
 from app.screens.interface import ChoiceDialog, Interface, TextDialog
 from app.screens.pages import PagedScreen, signalled
 from app.screens.plot import ChartPlot
@@ -245,5 +245,4 @@ class DiagnoseScreen(PagedScreen):
         if self._ready() is None:
             return
         text = str(self._page_text(self.query_one(TabbedContent).active).content)
-        self.app.copy_to_clipboard(text)
-        self.app.notify(copied_text(text), timeout=8, markup=False)
+        self.app.copy(text)

@@ -11,20 +11,18 @@ from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.events import Resize
 from textual.message import Message
-from textual.widgets import Footer, Static, TabbedContent, TabPane, Tabs
+from textual.widgets import Footer, Static, TabbedContent, TabPane
 
 from app.planning.hexaslide import Request, hexaslide_planning
 from app.report.charts.hexaslide import drawn_machine, drawn_postures
-from app.report.text.hexaslide_screen import (
+from app.report.text.hexaslide import (
     HEXASLIDE_HELP,
     LOOKING,
     NO_VIEW,
     STOPPED,
     WHICH_COMPONENTS,
     WHICH_MACHINE,
-    copied_text,
     count_problem,
     count_question,
     drawn_at_text,
@@ -35,9 +33,9 @@ from app.report.text.hexaslide_screen import (
     search_text,
     sees_text,
 )
-from app.screens.drawing import DrawingPlot
 from app.screens.interface import Interface, TextDialog
 from app.screens.pages import PagedScreen
+from app.screens.plot import DrawingPlot
 from calib.errors import GlidecalError
 from calib.hexaslide.planning import (
     KINDS,
@@ -49,9 +47,6 @@ from calib.hexaslide.procedures import Kind
 from calib.hexaslide.search import BestPostures, Search, searches
 
 STARTS = 8
-WIDE = 110
-"""Columns from which the machine is drawn beside the words."""
-
 MOST_POSTURES = 200
 TEXTS = {"sees": "sees-text", "machine": "drawn-text", "places": "search-text", "list": "list-text"}
 """What is copied from each page."""
@@ -70,7 +65,7 @@ class _Left(Exception):
 
 
 @dataclass
-class Heard(Message):
+class SearchNews(Message):
     """A start of the search is done; without a result the search has ended."""
 
     search: threading.Event
@@ -158,20 +153,11 @@ class HexaSlideScreen(PagedScreen):
         yield Footer(compact=True, show_command_palette=False)
 
     def on_mount(self) -> None:
-        self.query_one(Tabs).can_focus = False  # the keys of this screen turn the pages
         self._look(self.request)
-
-    def on_resize(self, event: Resize) -> None:
-        self.set_class(event.size.width >= WIDE, "wide")
 
     def on_unmount(self) -> None:
         """A search does not outlive its screen."""
         self._end_search()
-
-    def on_tabbed_content_tab_activated(self, event: TabbedContent.TabActivated) -> None:
-        """Up and down scroll the text of the page that is shown."""
-        scrolls = event.pane.query(VerticalScroll)
-        self.set_focus(scrolls.first() if scrolls else None)
 
     def _say(self, name: str, text: str) -> None:
         self.query_one(f"#{name}", Static).update(text)
@@ -316,15 +302,15 @@ class HexaSlideScreen(PagedScreen):
         problem: GlidecalError | None = None
         try:
             for found in searches(view.procedure, view.machine, count, wanted, watch):
-                self.post_message(Heard(stop, found))
+                self.post_message(SearchNews(stop, found))
         except _Left:
             return
         except GlidecalError as failure:
             problem = failure
-        self.post_message(Heard(stop, None, problem))
+        self.post_message(SearchNews(stop, None, problem))
 
-    @on(Heard)
-    def _show_found(self, message: Heard) -> None:
+    @on(SearchNews)
+    def _show_found(self, message: SearchNews) -> None:
         if message.search is not self._stop:
             return
         if message.found is None:
@@ -351,8 +337,7 @@ class HexaSlideScreen(PagedScreen):
         """The text of this page to the clipboard of the terminal."""
         page = TEXTS.get(self.query_one(TabbedContent).active, "list-text")
         text = str(self.query_one(f"#{page}", Static).content)
-        self.app.copy_to_clipboard(text)
-        self.app.notify(copied_text(text), timeout=8, markup=False)
+        self.app.copy(text)
 
     def action_back(self) -> None:
         """Stop the search, or go back to where this was opened from."""
@@ -363,7 +348,4 @@ class HexaSlideScreen(PagedScreen):
         elif self in self.app.screen_stack[2:]:  # Textual's blank one is the first
             self.app.pop_screen()
         else:
-            self._home()
-
-    def _home(self) -> None:
-        self.app.go_to(self.app.home())
+            self.app.go_to(self.app.home())

@@ -15,6 +15,7 @@ from textual.widgets import Footer, OptionList, Static
 from textual.widgets.option_list import Option
 
 from app.evaluating.comparison import compare_files, partner_of
+from app.evaluating.history import read_history
 from app.evaluating.solution import solve_files, solve_for_controller
 from app.exports import export_offsets
 from app.measuring.indicators import parse_indicator
@@ -26,7 +27,7 @@ from app.measuring.opening import (
     plan_to_repeat,
     writable_folder,
 )
-from app.measuring.recent import Recent, follow_up, look_at, recent_sessions
+from app.measuring.recorded import SessionFile, follow_up, look_at, recent_sessions
 from app.measuring.simulated import BenchSettings
 from app.report.text import home as texts
 from app.report.text.home import ELSEWHERE, NO_SESSIONS, PICK_KEYS, session_label
@@ -49,7 +50,7 @@ class HomeScreen(Screen[None]):
 
     def __init__(self) -> None:
         super().__init__()
-        self._recent: list[Recent] = []
+        self._recent: list[SessionFile] = []
         self._working = False
 
     def compose(self) -> ComposeResult:
@@ -99,7 +100,7 @@ class HomeScreen(Screen[None]):
         else:
             self._do(what, session)
 
-    def _ask_about(self, session: Recent) -> None:
+    def _ask_about(self, session: SessionFile) -> None:
         """A small choice of what can be done with one session."""
         if session.problem:
             self.app.complain(session.problem)
@@ -108,7 +109,7 @@ class HomeScreen(Screen[None]):
         dialog = ChoiceDialog(texts.session_label(session), choices)
         self.app.push_screen(dialog, lambda what: self._do(what, session) if what else None)
 
-    def _do(self, what: str, session: Recent | None) -> None:
+    def _do(self, what: str, session: SessionFile | None) -> None:
         """Carry a choice out, with a session or after asking which one."""
         with self.app.complaining():
             if what == "new":
@@ -117,6 +118,8 @@ class HomeScreen(Screen[None]):
                 self._demonstrate()
             elif what == "compare":
                 self._compare(session)
+            elif what == "history":
+                self._start(self._show_history)
             elif look := next((one for one in self.app.looks if one.name == what), None):
                 self.app.push_screen(look.screen())
             elif session is None:
@@ -154,15 +157,15 @@ class HomeScreen(Screen[None]):
     def _pick(
         self,
         question: str,
-        then: Callable[[Recent], None],
-        proposed: Recent | None = None,
-        left_out: Recent | None = None,
+        then: Callable[[SessionFile], None],
+        proposed: SessionFile | None = None,
+        left_out: SessionFile | None = None,
     ) -> None:
         sessions = [session for session in self._recent if session != left_out]
         picking = PickScreen(question, sessions, proposed)
         self.app.push_screen(picking, lambda session: then(session) if session else None)
 
-    def _compare(self, session: Recent | None) -> None:
+    def _compare(self, session: SessionFile | None) -> None:
         """Find the two sessions; one that verifies another brings its partner."""
         if session is None:
             self._pick(texts.WHICH["before"], self._compare)
@@ -181,8 +184,8 @@ class HomeScreen(Screen[None]):
 
         self.app.push_screen(dialog, answered)
 
-    def _pick_after(self, before: Recent) -> None:
-        def picked(after: Recent) -> None:
+    def _pick_after(self, before: SessionFile) -> None:
+        def picked(after: SessionFile) -> None:
             self._start(partial(self._show_comparison, before.path, after.path))
 
         question = f"{before.path}\n{texts.WHICH['after']}"
@@ -234,12 +237,16 @@ class HomeScreen(Screen[None]):
             return partial(self.app.push_screen, HelpDialog(f"{said}\n\nWARNING: {caution}"))
         return partial(self.app.notify, said, timeout=10, markup=False)
 
+    def _show_history(self) -> Callable[[], object]:
+        found = read_history(Path())
+        return lambda: self.app.push_screen(self.app.history(found))
+
     def _show_comparison(self, before: Path, after: Path) -> Callable[[], object]:
         comparison = compare_files(before, after)
         return lambda: self.app.push_screen(self.app.comparison(comparison))
 
 
-class PickScreen(LeftOnce[Recent]):
+class PickScreen(LeftOnce[SessionFile]):
     """Recent sessions with their state, or the path of another one; none by Escape."""
 
     app: Interface
@@ -254,7 +261,7 @@ class PickScreen(LeftOnce[Recent]):
     ]
 
     def __init__(
-        self, question: str, sessions: Sequence[Recent], proposed: Recent | None = None
+        self, question: str, sessions: Sequence[SessionFile], proposed: SessionFile | None = None
     ) -> None:
         super().__init__()
         self._question = question
@@ -287,7 +294,7 @@ class PickScreen(LeftOnce[Recent]):
         if path:
             self._choose(look_at(Path(path).expanduser()))
 
-    def _choose(self, session: Recent) -> None:
+    def _choose(self, session: SessionFile) -> None:
         if session.problem:
             self.app.complain(session.problem)
         else:

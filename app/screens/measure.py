@@ -12,8 +12,6 @@ from typing import ClassVar
 from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.events import Resize
-from textual.geometry import Size
 from textual.widgets import Footer
 
 from app.evaluating.solution import solve_recorded
@@ -25,10 +23,10 @@ from app.screens.corrections import Corrections
 from app.screens.interface import ChoiceDialog
 from app.screens.session_view import LegReviewScreen, SessionView
 from calib.errors import GlidecalError, sentence
-from drivers.profile import Fault, Reading
+from drivers.profile import Fault, IndicatorReading
 from protocols.expectation import Movement
 from protocols.procedure import Step
-from protocols.session_clock import steady_s
+from protocols.session import steady_s
 
 GATHER_S = 0.015
 """One picture shows all that is heard within so long after the first news."""
@@ -43,7 +41,6 @@ With GATHER_S alone waiting takes 7 % of a core (`make bench` allows 5), with th
 AGES_S = 0.2
 """Ages and stale indicators are looked at so often."""
 
-LEAST_SIZE = Size(80, 24)
 HELD_KEY_S = 0.15
 """Presses that follow this closely are one held key."""
 
@@ -68,7 +65,7 @@ class MeasureScreen(Corrections):
         Binding("p", "hold", "Hold", id="measure.hold"),
         Binding("m", "remount", "Moved", id="measure.remount"),
         Binding("n", "note", "Note", id="measure.note"),
-        Binding("w", "where", "Where", id="measure.where"),
+        Binding("w", "where", "Where", show=False, id="measure.where"),
         Binding("g", "plot", "Plot", show=False, id="measure.plot"),
         Binding("escape", "leave", "Home", show=False, id="measure.home"),
         Binding("f10", "app.quit", "Leave", id="measure.leave"),
@@ -78,7 +75,7 @@ class MeasureScreen(Corrections):
         super().__init__(guided)
         self.plan = plan
         self.view = SessionView(plan.instruments)
-        self.held = self._narrow = False
+        self.held = False
         self._lost: set[int] = set()
         self._waits: tuple[int, Movement] | None = None
         self._pressed_at = self._anyway_until = self._moved_at = self._shown_at = 0.0
@@ -132,16 +129,8 @@ class MeasureScreen(Corrections):
         if jump_s:
             self.say(texts.clock_set_text(jump_s))
 
-    def on_resize(self, event: Resize) -> None:
+    def on_resize(self) -> None:
         self._show_step()
-        narrow = event.size.width < LEAST_SIZE.width or event.size.height < LEAST_SIZE.height
-        if narrow:
-            self.say(
-                f"WARNING: this screen needs {LEAST_SIZE.width} × {LEAST_SIZE.height} characters."
-            )
-        elif self._narrow:
-            self.say("")
-        self._narrow = narrow
 
     def proceed(self) -> None:
         """Go to the present step, or finish when there is none."""
@@ -179,8 +168,13 @@ class MeasureScreen(Corrections):
             self.say("The readings are stable now: Space takes them.")
         if any(pressed):
             self.action_take()
-        elif self.automatic and all(live.motion is Motion.STABLE for live in states):
+        elif self.automatic and all(live.motion is Motion.STABLE for live in self._of_step(states)):
             self._take_if_moved()
+
+    def _of_step(self, states: Sequence[Live]) -> Sequence[Live]:
+        """Those of the indicators that read in this step."""
+        step = self.guided.step()
+        return [states[k] for k in step.indicators] if step else states
 
     def _tell_lost_and_found(self, states: Sequence[Live]) -> None:
         """One line when an indicator goes and when it comes back."""
@@ -191,7 +185,7 @@ class MeasureScreen(Corrections):
                 words = live.outcome.words if isinstance(live.outcome, Fault) else ""
                 name = self.guided.name_of(number)
                 self.say(f"FAULT: {name}: {sentence(words)} The session waits.")
-            elif isinstance(live.outcome, Reading) and number in self._lost:
+            elif isinstance(live.outcome, IndicatorReading) and number in self._lost:
                 self._lost.remove(number)
                 name = self.guided.name_of(number).capitalize()
                 self.say(f"{name} answers again. Continue with this step.")
@@ -225,7 +219,8 @@ class MeasureScreen(Corrections):
     def ready_by_hand(self) -> bool:
         """Whether a single press takes: nothing moves, or there is a fault to be shown."""
         moving = (Motion.MOVING, Motion.WAITING)
-        return all(gauge.live().motion not in moving for gauge in self.guided.gauges)
+        states = [gauge.live() for gauge in self.guided.gauges]
+        return all(live.motion not in moving for live in self._of_step(states))
 
     def _begin_take(self) -> None:
         if not self.busy:
@@ -246,7 +241,7 @@ class MeasureScreen(Corrections):
         if taken is None:
             return
         if taken.faults:
-            self.refused("Not taken: " + "; ".join(fault.words for fault in taken.faults))
+            self.refused(f"Not taken: {' '.join(sentence(one.words) for one in taken.faults)}")
             return
         self.app.bell()
         self.app.clear_notifications()

@@ -28,7 +28,7 @@ from app.measuring.indicators import (
     last_used,
     port_is_gone,
     serial_ports,
-    some_indicators,
+    simulated_indicators,
 )
 from app.measuring.opening import Plan, session_name
 from app.report.text import home as texts
@@ -37,13 +37,14 @@ from app.report.text.session import dry_run_text, procedure_sentence
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import Interface
 from calib.errors import GlidecalError, IndicatorError, UsageError
-from drivers.doctor import Finding, Trials, findings_of, refused, try_profiles
-from drivers.profile import Asked, Unit, Verified
+from drivers.doctor import PortFinding, Trials, findings_of, refused, try_profiles
+from drivers.profile import Evidence, Query, Unit
 from drivers.profiles import PROFILES
+from protocols.data_table import NUMBER
 from protocols.documents import MOST_LETTERS
 from protocols.machine import Instrument, Machine, load_machine
-from protocols.procedure import Procedure, leg_procedure_names, load_procedure, shuffled
-from protocols.table import NUMBER
+from protocols.machine_files import USUAL_MACHINE, machine_names
+from protocols.procedure import Procedure, guided_procedure_names, load_procedure, shuffled
 
 Form = dict[str, object]
 """The values of an indicator by their names in the record, texts as typed; empty: none."""
@@ -172,7 +173,7 @@ class IndicatorScreen(LeftOnce[Form]):
             self._try(known.port, asked_of(known))
 
     @work(thread=True)
-    def _try(self, port: str, asked: Asked) -> None:
+    def _try(self, port: str, asked: Query) -> None:
         stop = self._stop or Event()
 
         def tell(*trial: object) -> None:
@@ -191,7 +192,7 @@ class IndicatorScreen(LeftOnce[Form]):
             return
         stopped, self._stop = self._stop is not None and self._stop.is_set(), None
         if isinstance(found, IndicatorError):
-            findings: Iterable[Finding] = [refused(port, found)]
+            findings: Iterable[PortFinding] = [refused(port, found)]
         else:
             findings = findings_of(found)
             self._propose(port, found)
@@ -204,7 +205,7 @@ class IndicatorScreen(LeftOnce[Form]):
         if not fitting:
             return
         self._answered[port] = ", ".join(profile.name for profile in fitting)
-        best = min(fitting, key=lambda profile: profile.verified is Verified.UNVERIFIED).name
+        best = min(fitting, key=lambda profile: profile.verified is Evidence.UNVERIFIED).name
         chosen = self._form.get("profile")
         others = [profile for profile in PROFILES.values() if profile not in fitting]
         profiles = self.query_one("#profile", Select)
@@ -240,8 +241,9 @@ def choice(
     )
 
 
+OTHERS = ", ".join(name for name in machine_names() if name != USUAL_MACHINE)
+MACHINE = ("machine", "Machine", f"empty: {USUAL_MACHINE}; or {OTHERS}, or a file")
 FIELDS = (
-    ("machine", "Machine", "name or file; empty: the papers' prototype"),
     ("operator", "Operator", ""),
     ("temperature", "Temperature, °C", ""),
     ("note", "Note", "stands below the result"),
@@ -279,20 +281,24 @@ class PrepareScreen(Screen[None]):
         self._forms: list[Form] = [{}, {}]
         self._source = ""
         self._proposed_for: Machine | None = None
+        self._offered_for = load_machine(None)
         self._answered: dict[str, str] = {}
 
     def compose(self) -> ComposeResult:
-        names = [(name, name) for name in leg_procedure_names()]
         yield Title()
         with VerticalScroll(id="form"):
-            yield from row("Procedure", choice("procedure", names, "zero-max-min"))
+            yield from self._input(*MACHINE)
+            yield from row("Procedure", choice("procedure", _procedures(self._offered_for)))
             for name, words in zip(INDICATORS, texts.WHICH_INDICATOR, strict=True):
                 yield from row(words, IndicatorField(id=name, markup=False))
-            for name, label, hint in FIELDS:
-                typed = Input(placeholder=hint, id=name, compact=True, max_length=MOST_LETTERS)
-                yield from row(label, typed)
+            for field in FIELDS:
+                yield from self._input(*field)
             yield Static("", id="summary", markup=False)
-        yield Footer()
+        yield Footer(compact=True, show_command_palette=False)
+
+    def _input(self, name: str, label: str, hint: str) -> ComposeResult:
+        typed = Input(placeholder=hint, id=name, compact=True, max_length=MOST_LETTERS)
+        yield from row(label, typed)
 
     def on_mount(self) -> None:
         for name, words in texts.FIELD_HELP.items():
@@ -313,12 +319,15 @@ class PrepareScreen(Screen[None]):
         self.focus_next()
 
     def _summarise(self) -> None:
-        said = []
+        said, none = [], texts.NO_INDICATOR
         try:
             machine = self._machine()
+            self._offer(machine)
             self._propose(machine)
-            axes = [instrument.axes for instrument in self._some()]
-            said.append(procedure_sentence(self._procedure(machine), machine.geometry(), axes))
+            procedure = self._procedure(machine)
+            none = texts.NO_INDICATOR if procedure.plate is None else texts.NO_INDICATOR_AT_PLATE
+            axes = [instrument.axes for instrument in self._some(procedure)]
+            said.append(procedure_sentence(procedure, machine.geometry(), axes))
             if any(self._forms):
                 self._plan()
             else:
@@ -329,8 +338,19 @@ class PrepareScreen(Screen[None]):
         for k, (name, form) in enumerate(zip(INDICATORS, self._forms, strict=True)):
             gone = port_is_gone(str(form.get("port", "")))
             words = texts.form_words(form, self._source, gone=gone)
-            line = words if form else texts.NO_INDICATOR[k]
+            line = words if form else none[k]
             self.query_one(f"#{name}", IndicatorField).update(line)
+
+    def _offer(self, machine: Machine) -> None:
+        """What another machine can measure; a procedure that was chosen stays if it is there."""
+        before, self._offered_for = self._offered_for, machine
+        if machine == before:
+            return
+        procedures, rows = self.query_one("#procedure", Select), _procedures(machine)
+        chosen = str(procedures.value)
+        procedures.set_options((Content(words), name) for words, name in rows)
+        if chosen in [name for _, name in rows] and chosen != before.usual_procedure:
+            procedures.value = chosen
 
     def _propose(self, machine: Machine) -> None:
         """The indicators of the machine file, else those used last, until others are chosen."""
@@ -376,7 +396,8 @@ class PrepareScreen(Screen[None]):
         """Every step, before anything is opened."""
         with self.app.complaining():
             machine = self._machine()
-            text = dry_run_text(self._procedure(machine), machine, self._some())
+            procedure = self._procedure(machine)
+            text = dry_run_text(procedure, machine, self._some(procedure))
             self.app.push_screen(DryRunScreen(text))
 
     def _value(self, name: str) -> str:
@@ -392,20 +413,20 @@ class PrepareScreen(Screen[None]):
         seed = _seed(self._value("random"))
         return procedure if seed is None else shuffled(procedure, seed)
 
-    def _instruments(self) -> tuple[Instrument, ...]:
+    def _instruments(self, procedure: Procedure) -> tuple[Instrument, ...]:
         instruments = tuple(indicator_of(form) for form in self._forms if form)
         if instruments:
-            check_indicators(instruments)
+            check_indicators(instruments, legs=bool(procedure.levels))
         return instruments
 
-    def _some(self) -> tuple[Instrument, ...]:
+    def _some(self, procedure: Procedure) -> tuple[Instrument, ...]:
         """The indicators; without any, two."""
-        return self._instruments() or some_indicators(DEFAULT_PROFILE, needed=False)
+        return self._instruments(procedure) or simulated_indicators()
 
     def _plan(self) -> Plan:
         machine = self._machine()
         procedure = self._procedure(machine)
-        instruments = self._instruments()
+        instruments = self._instruments(procedure)
         if not instruments:
             raise UsageError("indicators", "none", "one or two", texts.CHOOSE_INDICATOR)
         return Plan(
@@ -443,6 +464,12 @@ class DryRunScreen(Screen[None]):
 
     def on_mount(self) -> None:
         self.query_one("#dry-run").focus()
+
+
+def _procedures(machine: Machine) -> list[tuple[str, str]]:
+    """What a guided session can measure on this machine, its usual procedure first."""
+    names = [machine.usual_procedure, *guided_procedure_names(machine.geometry())]
+    return [(name, name) for name in dict.fromkeys(names)]
 
 
 def _temperature(text: str) -> float | None:

@@ -22,19 +22,17 @@ from textual.widgets import Static
 
 from app.measuring.gauges import Live, Motion, Trace
 from app.measuring.leg_review import review_leg
-from app.report.charts.charts import readings_by_posture
-from app.report.charts.strips import strip_rows
+from app.report.charts.charts import readings_by_posture, strip_rows
 from app.report.charts.tripod import drawn_set_up
 from app.report.text.session import REVIEW_HELP, review_text, so_far_text, step_in_list, step_text
 from app.report.text.tables import signed
-from app.screens.drawing import DrawingPlot, SetUpScreen
 from app.screens.fast_keys import Dialog
 from app.screens.interface import WIDE
 from app.screens.pages import signalled
-from app.screens.plot import ChartPlot
+from app.screens.plot import ChartPlot, DrawingPlot, SetUpScreen
 from calib.errors import GlidecalError, sentence
 from calib.tripod.geometry import Geometry
-from drivers.profile import Fault, Reading
+from drivers.profile import Fault, IndicatorReading
 from protocols.machine import Instrument
 from protocols.procedure import Step
 from protocols.session import Session
@@ -120,7 +118,7 @@ class GaugeDisplay(Widget):
             self.set_classes(f"gauge {live.motion.value}")
         if time.monotonic() - self._strip_at > STRIP_S:
             self._draw_strip(live.trace)
-        assumed = isinstance(live.outcome, Reading) and live.outcome.unit_assumed
+        assumed = isinstance(live.outcome, IndicatorReading) and live.outcome.unit_assumed
         if assumed != self._assumed:
             self._assumed = assumed
             words = [self._port, "mm assumed"] if assumed else [self._port]
@@ -161,7 +159,7 @@ class GaugeDisplay(Widget):
         return ["".join(filter(str.isprintable, row.plain)) for row in rows] or [""]
 
     def _number(self, live: Live) -> str:
-        if not isinstance(live.outcome, Reading):
+        if not isinstance(live.outcome, IndicatorReading):
             return NO_NUMBER
         return signed(live.outcome.value_mm, decimals_of(live.outcome.resolution_mm))
 
@@ -195,7 +193,7 @@ class StepList(Static):
 
     def on_resize(self) -> None:
         """The present step stays in view."""
-        height = max(self.content_size.height, 5)
+        height = max(self.content_size.height, 4)
         first = max(0, min(self._at - height // 2, len(self._lines) - height))
         self.update("\n".join(self._lines[first : first + height]), layout=False)
 
@@ -232,8 +230,11 @@ class SessionView(Vertical):
         self.query_one("#step", Static).update(step_text(step, session), layout=False)
         self.query_one("#table", Static).update(so_far_text(session, steps, step), layout=False)
         self.set_timer(CHART_S, partial(self._show_chart, session, step))
-        for display, known, axis in zip(self._displays, self._instruments, step.axes, strict=False):
-            display.name_it(known, axis)
+        axes = dict(zip(step.indicators, step.axes, strict=True))
+        for number, (display, known) in enumerate(
+            zip(self._displays, self._instruments, strict=False)
+        ):
+            display.name_it(known, axes.get(number, ""))
 
     def _show_chart(self, session: Session, step: Step) -> None:
         """The readings of the leg; the picture of the set-up while there are none to show."""

@@ -263,7 +263,7 @@ def _groups(observed: Observations) -> Iterable[tuple[str, IntArray]]:
 def _swaps(observed: Observations) -> Iterator[GrossError]:
     """The two indicators of a leg exchanged, everywhere or at one of its several stations."""
     for leg in range(3):
-        of_leg = np.flatnonzero(observed.leg == leg)
+        of_leg = np.flatnonzero((observed.leg == leg) & ~observed.over_plane)
         stations = np.unique(observed.station[of_leg]).tolist()
         tried = [(of_leg, "indicators exchanged")]
         for station in stations if len(stations) > 1 else ():

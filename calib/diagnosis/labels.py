@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,7 @@ def other_labels(observed: Observations, row: int) -> Iterator[Label]:
             yield Label(own, posture, words)
     there = (observed.axis == observed.axis[row]) & (observed.leg != observed.leg[row])
     there &= observed.station == observed.station[row]
+    there &= observed.over_plane == observed.over_plane[row]
     for mount in np.unique(observed.mount[there]).tolist():
         leg = TOUCHED_NAMES[observed.leg[observed.mount == mount][0]].upper()
         yield Label(mount, level, f"leg {leg}")
@@ -105,11 +107,13 @@ def relabelled(observed: Observations, row: int, label: Label) -> Observations:
     model = _first(observed.mount == label.mount)
     there = _first(observed.level == label.posture)
     of_mount = ("leg", "station", "indicator", "mount")
-    of_level = ("displacement_mm", "position_mm", "movement")
-    arrays = {}
+    of_level: tuple[str, ...] = ("displacement_mm", "position_mm", "movement")
+    if observed.over_plane[model]:
+        of_level += ("station", "along_mm")
+    arrays: dict[str, NDArray[Any]] = {}
     for source, names in ((model, of_mount), (there, of_level)):
         for name in names:
-            arrays[name] = getattr(observed, name).copy()
+            arrays.setdefault(name, getattr(observed, name).copy())
             arrays[name][row] = arrays[name][source]
     moved = replace(observed, **arrays)
     old, new = _traced(observed), _traced(moved)

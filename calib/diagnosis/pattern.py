@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 from scipy.special import betainc
 
-from calib.arrays import DEPENDENT, FloatArray, basis_of, incidence
+from calib.arrays import DEPENDENT, FloatArray, basis_of
 from calib.diagnosis.policy import POLICY
 from calib.diagnosis.problem import FittedSession, Problem, Whitening
 from calib.diagnosis.results import PatternPair, SharedPattern
@@ -115,10 +115,7 @@ class _Patterns:
             ]
         )
         root = 1.0 / np.sqrt(variance.mean(axis=0))
-        zeros = [
-            average @ incidence(one.observed.mount)
-            for one, average in zip(sessions, averages, strict=True)
-        ]
+        zeros = [average @ one.set_ups for one, average in zip(sessions, averages, strict=True)]
         base = root[:, None] * (averages[0] @ sessions[0].base)
         free = basis_of(root[:, None] * np.hstack(zeros), DEPENDENT)
         whitening = Whitening.of(free, base[:, :3], base[:, 3:])

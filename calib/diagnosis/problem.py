@@ -1,6 +1,7 @@
 """Sessions and candidates as one whitened linear problem.
 
-Every reading is divided by its noise. Zeros and joint offsets of each session are projected out:
+Every reading is divided by its noise. Zeros of set-ups, tilts of planes under them and joint
+offsets of each session are projected out:
 offsets are what a calibration is for, however far they are off. Leg lengths, which all sessions
 share, are random effects as large as their tolerance: what they may do counts as noise, no more.
 What remains of a candidate effect is an orthonormal block; what remains of the readings is a
@@ -31,7 +32,9 @@ from calib.arrays import (
     numbered,
     onto,
     squares_in,
+    tilts,
     without,
+    without_means,
     without_zeros,
 )
 from calib.diagnosis.selection import KNOWN, Spread
@@ -120,6 +123,16 @@ class FittedSession:
         return self.of(replace(self.case, model=model), self.noise, self.weight)
 
     @property
+    def set_ups(self) -> FloatArray:
+        """Columns ``(n, m)`` of what is free in a set-up: its zero, and the tilt of its plane."""
+        observed = self.observed
+        if not observed.over_plane.any():
+            return incidence(observed.mount)
+        leaning = without_means(observed.mount, self.weight, tilts(observed))
+        seen = np.abs(leaning).max(axis=0, initial=0.0) > VISIBLE
+        return np.hstack([incidence(observed.mount), leaning[:, seen]])
+
+    @property
     def structure(self) -> FloatArray:
         """Basis ``(n, e)`` of cells and cycles of each mounting; without repeats, of everything."""
         observed, root, cell = self.observed, np.sqrt(self.weight), self.observed.cell
@@ -158,6 +171,8 @@ class Whitening:
         """From whitened columns, those of base parameters per tolerance."""
         seen = zeros[:, zeros.any(axis=0)]
         seen = seen / lengths(seen)
+        if np.abs(seen.T @ seen - np.eye(seen.shape[1])).max(initial=0.0) > DEPENDENT:
+            seen = basis_of(seen, DEPENDENT)  # tilts of planes on a part of the readings
         free = np.hstack([seen, basis_of(without(seen, offsets), SHOWS, 1.0)])
         basis, size, _ = np.linalg.svd(without(free, held), full_matrices=False)
         return cls(free, basis, 1.0 / np.hypot(1.0, size))
@@ -213,7 +228,7 @@ class Problem:
         """Stack the sessions; ``known`` is what others tell of the lengths."""
         root = np.sqrt(np.concatenate([one.weight for one in fitted_sessions]))
         residual = root * np.concatenate([one.residual_mm for one in fitted_sessions])
-        zeros = root[:, None] * block_diag(*(incidence(o.observed.mount) for o in fitted_sessions))
+        zeros = root[:, None] * block_diag(*(one.set_ups for one in fitted_sessions))
         offsets = root[:, None] * block_diag(*(one.base[:, :3] for one in fitted_sessions))
         bars = root[:, None] * np.vstack([one.base[:, 3:] for one in fitted_sessions])
         if known:

@@ -35,7 +35,7 @@ def with_searched_leads(problem: Problem, effects: Sequence[Effect]) -> tuple[Ef
     if geometry.screw_lead_mm is not None or not known:
         return tuple(effects)
     nothing = np.zeros((len(problem.y), 0))
-    leads = [best for screw in _screws(problem) if (best := screw.best_lead_mm(nothing))]
+    leads = [best for screw in screws_of(problem) if (best := screw.best_lead_mm(nothing))]
     return (*effects, *(ActuatorCyclic(lead) for lead in dict.fromkeys(leads) if lead not in known))
 
 
@@ -46,7 +46,7 @@ def other_leads_mm(
 
     ``basis`` ``(n, r)`` is what else was named; none where several screws were named together.
     """
-    screws = [one for one in _screws(problem) if [p.place for p in placed] == [one.place]]
+    screws = [one for one in screws_of(problem) if [p.place for p in placed] == [one.place]]
     effect = placed[0].effect if placed else None
     if not screws or not isinstance(effect, ActuatorCyclic):
         return []
@@ -54,7 +54,7 @@ def other_leads_mm(
 
 
 @dataclass(frozen=True, eq=False)
-class _Screw:
+class Screw:
     """A carriage: its travel ``(n,)``, mm, and what the readings change for each mm of it."""
 
     problem: Problem
@@ -119,7 +119,7 @@ class _Screw:
         return np.asarray((y @ sine) ** 2 / square + (y @ rest) ** 2 / (rest * rest).sum(axis=0))
 
 
-def _screws(problem: Problem) -> list[_Screw]:
+def screws_of(problem: Problem) -> list[Screw]:
     """The carriages that were read in enough postures."""
     sessions = [(one.model, one.observed) for one in problem.fitted_sessions]
     (columns,) = stacked_columns(sessions, [ActuatorScale()])
@@ -134,5 +134,5 @@ def _screws(problem: Problem) -> list[_Screw]:
         if len(levels) < LEAST_LEVELS:
             continue
         per_mm = np.where(moved, column[:, 0] / np.where(moved, PER_THOUSAND * own, 1.0), 0.0)
-        found.append(_Screw(problem, place, own, per_mm))
+        found.append(Screw(problem, place, own, per_mm))
     return found

@@ -20,13 +20,17 @@ from calib.arrays import (
     without,
 )
 from calib.design.identifiability import (
+    AddedMeasurement,
     ClassicalQr,
+    Combination,
+    Examination,
     Identifiability,
+    SeenBy,
     Sensitivity,
     analyse,
     classical_qr,
+    seen_by,
 )
-from calib.design.planning import AddedMeasurement, Combination, Examination, SeenBy, seen_by
 from calib.errors import CalibrationError
 from calib.hexaslide.derivatives import RowMaker, jacobian
 from calib.hexaslide.geometry import HexaSlide, forward_near, inverse, motions, present

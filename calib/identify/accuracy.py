@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from calib.arrays import FloatArray
 from calib.tripod.geometry import Geometry
-from calib.tripod.workspace import tool_jacobian_at, workspace_axes, workspace_jacobian
+from calib.tripod.workspace import PlaneMap, plane_map, tool_jacobian_at, workspace_jacobian
 
 Decision = Literal["pass", "fail", "undecided"]
 
@@ -59,42 +60,20 @@ def _mean_squares(
     return np.asarray(moved + spread)
 
 
-@dataclass(frozen=True, eq=False)
-class ToolMap:
-    """Expected tool error ``(n, n)`` on a plane through Zero, mm, rows upwards.
-
-    ``coordinate_mm`` ``(n,)`` are places across, ``up_mm`` ``(n,)`` upwards.
-    """
-
-    across: str
-    up: str
-    coordinate_mm: FloatArray
-    up_mm: FloatArray
-    error_mm: FloatArray
-
-    @property
-    def other_up_mm(self) -> FloatArray | None:
-        """``up_mm`` where it is not the same as across."""
-        return None if np.array_equal(self.coordinate_mm, self.up_mm) else self.up_mm
-
-
 def tool_map(
     geometry: Geometry,
     error_mm: FloatArray,
     covariance_mm2: FloatArray,
     plane: tuple[int, int] = (0, 1),
     points: int = 17,
-) -> ToolMap:
-    """Where in a plane the tool stands worse: r.m.s. distance at each place."""
-    axes = workspace_axes(geometry, points)
-    across, up = axes[plane[0]], axes[plane[1]]
-    tool = np.zeros((points, points, 3))
-    tool[:, :, plane[0]] = across[None, :]
-    tool[:, :, plane[1]] = up[:, None]
-    jacobian = tool_jacobian_at(geometry, tool.reshape(-1, 3))
-    square = _mean_squares(jacobian, error_mm, covariance_mm2)
-    error = np.sqrt(square).reshape(points, points)
-    return ToolMap("xyz"[plane[0]], "xyz"[plane[1]], across, up, error)
+) -> PlaneMap:
+    """Where in a plane the tool stands worse: r.m.s. distance at each place that it reaches."""
+
+    def off_mm(tool_mm: FloatArray) -> FloatArray:
+        jacobian = tool_jacobian_at(geometry, tool_mm)
+        return np.sqrt(_mean_squares(jacobian, error_mm, covariance_mm2))
+
+    return plane_map(geometry, plane, points, off_mm)
 
 
 def decide(
@@ -108,3 +87,17 @@ def decide(
     if bound_mm <= tolerance_mm:
         return "pass"
     return "fail" if found.rms_mm - guard_mm > tolerance_mm else "undecided"
+
+
+def days_in_tolerance(
+    geometry: Geometry, drift_mm: Sequence[float], bound_mm: float, tolerance_mm: float
+) -> float:
+    """How many days what the tool is off by at most stays in tolerance; 0 where it is not now.
+
+    ``drift_mm`` are joints x, y, z per day; the bound grows by no more than their r.m.s. error at
+    the tool. Infinite without drift.
+    """
+    error_mm = np.concatenate([np.asarray(drift_mm, dtype=np.float64), np.zeros(3)])
+    growth_mm = tool_error(geometry, error_mm, np.zeros((6, 6))).rms_mm
+    left_mm = max(0.0, tolerance_mm - bound_mm)
+    return left_mm / growth_mm if growth_mm else math.inf

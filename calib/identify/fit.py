@@ -72,6 +72,18 @@ class Fit:
         return np.array(self.model.parameters_mm)
 
 
+def plane_tilts_mrad(model: Model, observed: Observations) -> list[tuple[int, float]]:
+    """First row of each mounting over a plane, and how far the plane leans along the leg there."""
+    left = observed.value_mm - model.readings(observed)
+    found = []
+    for rows in observed.mountings:
+        along = observed.along_mm[rows]
+        if not np.isnan(along).any() and np.ptp(along) > 0.0:
+            slope = np.polynomial.Polynomial.fit(along, left[rows], 1).convert().coef[-1]
+            found.append((int(rows[0]), 1e3 * float(slope)))
+    return found
+
+
 def papers_fit(
     model: Model, observed: Observations, free: tuple[int, ...], measured: Differences
 ) -> Fit:

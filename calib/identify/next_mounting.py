@@ -30,6 +30,7 @@ from calib.tripod.pool import FREE, PARAMETERS, STATIONS, LegPool, leg_pool
 from calib.tripod.sensitivity import sensitivity_of_readings, tool_metric
 
 SECONDS_PER_STEP = 20.0
+MINUTES_PER_MOUNTING = 2.0
 RUNNERS_UP = 5
 
 WAY = (0.0, 0.37, 1.0, 0.7, 0.37, 0.0, -0.37, -0.7, -1.0, -0.7, -0.37, 0.0)
@@ -73,22 +74,44 @@ class FurtherSetUp:
 
 
 @dataclass(frozen=True)
-class NextMountings:
-    """The best proposal first; ``tool_before_mm`` without any of them.
+class Reach:
+    """What the tool is off by at most (95 %) with the values of readings and tolerances entered.
 
-    ``bound_mm`` is what the tool is off by at most (95 %) with the values of these readings and
-    tolerances entered; ``open_name`` and ``further`` as in `FurtherSetUp`, as long as a set-up
-    lowers it to `WORTH` of what it was. ``effects_told`` is False over a plane, where the bounds
-    are of the parameters alone.
+    ``further`` are set-ups in turn, as long as one lowers the bound to `WORTH` of what it was.
     """
+
+    bound: ToolBound
+    further: tuple[FurtherSetUp, ...]
+
+    @property
+    def bound_mm(self) -> float:
+        """Before any further set-up."""
+        return self.bound.bound_mm
+
+    @property
+    def open_name(self) -> str:
+        """As in `FurtherSetUp`, before any."""
+        return _open_words(self.bound)
+
+    @property
+    def left_open(self) -> str:
+        """The same after the last one."""
+        return self.further[-1].open_name if self.further else self.open_name
+
+    @property
+    def is_last(self) -> bool:
+        """Whether more set-ups would not help."""
+        return len(self.further) < MOST_FURTHER
+
+
+@dataclass(frozen=True)
+class NextMountings:
+    """The best proposal first; ``tool_before_mm`` without any of them."""
 
     tool_before_mm: float
     noise_words: str
     proposals: tuple[Proposal, ...]
-    bound_mm: float
-    open_name: str
-    further: tuple[FurtherSetUp, ...]
-    effects_told: bool
+    reach: Reach
 
 
 def next_mountings(
@@ -118,31 +141,41 @@ def next_mountings(
     found = _judged(model, covariance, metric, stated.standard_deviation_mm, minutes_per_mounting)
     if observed is not None:  # what a model leaves is no noise of the bound
         stated = (figures and reading_noise(visited, figures)) or stated
-    now, further = _further(model, observed, stated, tolerance_mm, minutes_per_mounting)
     return NextMountings(
         tool_before_mm=before**0.5,
         noise_words=words,
         proposals=tuple(found),
-        bound_mm=now.bound_mm,
-        open_name=_open_words(now),
-        further=tuple(further),
-        effects_told=bool(now.names),
+        reach=reach_of(model, observed, stated, tolerance_mm, minutes_per_mounting),
     )
 
 
-def _further(
+def bound_of(
+    model: Model, observed: Observations, noise: Noise, tolerance_mm: FloatArray
+) -> ToolBound:
+    """The bound at the tool with what the readings tell of the six parameters entered."""
+    fitted = _fitted(model, observed, noise, tolerance_mm)
+    claim = claim_of(fitted, observed, noise, tolerance_mm, model.parameters_mm)[0]
+    return claim.bound(claim.expected)
+
+
+def _fitted(
+    model: Model, observed: Observations | None, noise: Noise, tolerance_mm: FloatArray
+) -> Model:
+    if observed is None:
+        return model
+    visited = visits(observed)
+    return prior_fit(model, visited, reading_weights(visited, noise), tolerance_mm).model
+
+
+def reach_of(
     model: Model,
     observed: Observations | None,
     noise: Noise,
     tolerance_mm: FloatArray,
     minutes_per_mounting: float,
-) -> tuple[ToolBound, list[FurtherSetUp]]:
+) -> Reach:
     """The bound now, and after set-ups that each lower it most for its time."""
-    fitted = model
-    if observed is not None:
-        visited = visits(observed)
-        weight = reading_weights(visited, noise)
-        fitted = prior_fit(model, visited, weight, tolerance_mm).model
+    fitted = _fitted(model, observed, noise, tolerance_mm)
     places = [
         (leg, station)
         for station in STATIONS
@@ -194,7 +227,7 @@ def _further(
                 _open_words(bound),
             )
         )
-    return now, found
+    return Reach(now, tuple(found))
 
 
 def _open_words(bound: ToolBound) -> str:

@@ -28,8 +28,9 @@ from calib.arrays import (
     Observations,
     descending,
     joined,
+    set_up_unknowns,
     without,
-    without_means,
+    without_zeros,
 )
 from calib.identify.fit import Size, design_of
 from calib.noise.reading import Noise, visits
@@ -37,11 +38,11 @@ from calib.stats import COVERAGE
 from calib.tripod.effects.candidates import place_columns, tool_columns
 from calib.tripod.effects.catalogue import CATALOGUE, effects_of
 from calib.tripod.effects.effect import Effect, EffectInstance
-from calib.tripod.effects.empirical import AT_MM, BASES, Empirical
+from calib.tripod.effects.empirical import AT_MM, BASES, Coupling, Empirical
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Model
-from calib.tripod.workspace import reachable_points, tool_jacobian_at
+from calib.tripod.workspace import tool_jacobian_at, workspace_points
 
 BASE = len(PARAMETER_NAMES)
 
@@ -51,16 +52,23 @@ TOLERATED = 10.0
 FREE = 50.0
 """Unremarkable sizes that a fitted size may have: readings tell it, no tolerance."""
 
-LARGER = (1.0, 4.0)
-"""Times the smallest size that would have been found: readings may show more than that."""
+LARGER = (1.0, 4.0, math.inf)
+"""Times the smallest size that would have been found: readings may show more than that, and of
+several sizes together those are unlike that hardly show."""
 
 FOUND = 5.5
 """Standard deviations of a size found nine times in ten among some hundred at 1 % over all."""
 
+SHOWN = 17.8
+"""Noise variances explained from which noise alone is not the reason: (FOUND - 1.28) squared."""
+
 LEAST_NOISE_MM = 1e-5
 """No indicator reads better; with less, rounding would be taken for what readings show."""
 
-NAMELESS = tuple(Empirical((f"travel_{name}_at_100mm",)) for name in ("square", "cube", "fourth"))
+NAMELESS: tuple[Effect, ...] = (
+    *(Empirical((f"travel_{name}_at_100mm",)) for name in ("square", "cube", "fourth")),
+    Coupling(),
+)
 """Laws of travel without a name: what is in no catalogue is mostly near one of them."""
 
 Placed = tuple[Effect, str]
@@ -68,12 +76,17 @@ Placed = tuple[Effect, str]
 
 @dataclass(frozen=True)
 class OpenName:
-    """A name that readings leave open, where, and the bound at the tool if it is the one."""
+    """A name that readings leave open, where, and the bound at the tool if it is the one.
+
+    ``shown`` is True where readings show it, or something that looks like it; else they could not
+    have seen it.
+    """
 
     id: str
     where: str
     title: str
     bound_mm: float
+    shown: bool
 
 
 @dataclass(frozen=True)
@@ -94,6 +107,16 @@ class ToolBound:
         """The name that the bound is for; None where parameters alone may do as much."""
         first = next(iter(self.names), None)
         return first if first and first.bound_mm > self.parameters_mm else None
+
+    @property
+    def worst_shown(self) -> OpenName | None:
+        """Of the names that fit what readings show."""
+        return next((one for one in self.names if one.shown), None)
+
+    @property
+    def worst_unseen(self) -> OpenName | None:
+        """Of the names that readings could not have seen."""
+        return next((one for one in self.names if not one.shown), None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +148,8 @@ class Claim:
 
     ``prior_mm`` ``(b,)`` are expected base parameters and sizes, ``spread`` ``(b,)`` their standard
     deviations, both from the point of linearisation; ``size`` ``(k,)`` are unremarkable sizes of
-    the effects' columns, ``metric`` ``(b + k, b + k)`` mean squares at the tool.
+    the effects' columns, ``metric`` ``(b + k, b + k)`` mean squares at the tool, ``near`` those of
+    where it is relative to Zero, over the part of the workspace about it.
     """
 
     seen: Seen
@@ -134,6 +158,7 @@ class Claim:
     size: FloatArray
     names: tuple[_Name, ...]
     metric: FloatArray
+    near: FloatArray
 
     def adding(self, more: Sequence[Seen]) -> Claim:
         """The same after readings that show what these let expect."""
@@ -229,7 +254,15 @@ class Claim:
         order = descending(range(len(log)), lambda k: float(log[k]))
         inside = np.cumsum(weight[order]) / weight.sum()
         kept = order[: int(np.searchsorted(inside, COVERAGE)) + 1]
-        return [self._posterior(self.names[k % len(ids)], scales[k // len(ids)]) for k in kept]
+        shown = explained.ravel() >= SHOWN
+        return [
+            replace(
+                self._posterior(self.names[k % len(ids)], scales[k // len(ids)]),
+                weight=float(weight[k]),
+                shown=bool(shown[k]),
+            )
+            for k in kept
+        ]
 
     def _posterior(self, name: _Name, expected: FloatArray) -> _Posterior:
         """Base parameters, then the sizes of a name, of which ``expected`` ``(k,)`` are likely."""
@@ -248,6 +281,12 @@ class Claim:
             np.block([[covariance - beside @ moved.T, beside], [beside.T, spread]]),
         )
 
+    def expected_mm(self, entered: FloatArray) -> float:
+        """R.m.s. error of the tool to expect, over the names that are open."""
+        every = self._open or [self._plain]
+        square = sum(one.weight * self._square_mm2(one, entered) for one in every)
+        return math.sqrt(square / sum(one.weight for one in every))
+
     def bound(self, entered: FloatArray) -> ToolBound:
         """With parameters and sizes ``(b,)`` entered, from the point of linearisation."""
         plain = self._quantile_mm(self._plain, entered)
@@ -257,16 +296,34 @@ class Claim:
                 continue
             effect, at_most = one.name.effect, self._quantile_mm(one, entered)
             if effect.id not in worst or at_most > worst[effect.id].bound_mm:
-                worst[effect.id] = OpenName(effect.id, one.name.where, effect.title, at_most)
+                what = effect.id, one.name.where, effect.title
+                worst[effect.id] = OpenName(*what, at_most, one.shown)
         names = tuple(descending(worst.values(), lambda one: one.bound_mm))
         return ToolBound(max([plain, *(one.bound_mm for one in names)]), plain, names)
 
+    def near_mm(self, entered: FloatArray) -> float:
+        """The bound of the error relative to Zero, over a workpiece there: what milling shows."""
+        every = [self._plain, *self._open]
+        return max(
+            quantile_mm(*self._off(one, entered, self.near), one.covariance) for one in every
+        )
+
     def _quantile_mm(self, one: _Posterior, entered: FloatArray) -> float:
+        return quantile_mm(*self._off(one, entered), one.covariance)
+
+    def _square_mm2(self, one: _Posterior, entered: FloatArray) -> float:
+        metric, off = self._off(one, entered)
+        return float(np.trace(metric @ one.covariance) + off @ metric @ off)
+
+    def _off(
+        self, one: _Posterior, entered: FloatArray, metric: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """The metric of a name's parameters and sizes, and what they are off by."""
         count = len(self.spread)
         index = [*range(count), *(count + k for k in one.columns)]
         off = one.mean.copy()
         off[:count] -= entered
-        return quantile_mm(self.metric[np.ix_(index, index)], off, one.covariance)
+        return (self.metric if metric is None else metric)[np.ix_(index, index)], off
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,6 +334,8 @@ class _Posterior:
     columns: tuple[int, ...]
     mean: FloatArray
     covariance: FloatArray
+    weight: float = 1.0
+    shown: bool = False
 
 
 def quantile_mm(metric: FloatArray, mean: FloatArray, covariance: FloatArray) -> float:
@@ -303,14 +362,11 @@ def claim_of(
     """What the readings tell, linear about a fitted ``model``, whose ``sizes`` are free.
 
     Base parameters are expected at ``nominal_mm`` ``(6,)`` within their tolerances ``(6,)``. With
-    it what single readings taken like ``more`` would add, each set-up with zeros of its own. Where
-    any are over a plane no effect is asked about: none is modelled there.
+    it what single readings taken like ``more`` would add, each set-up with zeros of its own.
     """
     taken = [] if observed is None else [_means(with_first_movements(visits(observed)))]
     every = joined([*taken, *more])
-    effects: tuple[Effect, ...] = ()
-    if not every.over_plane.any():
-        effects = (*effects_of(CATALOGUE, model.geometry), *NAMELESS)
+    effects: tuple[Effect, ...] = (*effects_of(CATALOGUE, model.geometry), *NAMELESS)
     placed, columns = [], []
     for effect, places in zip(effects, place_columns(model, every, effects), strict=True):
         placed += [(effect, place) for place in places]
@@ -326,11 +382,11 @@ def claim_of(
     off = [one.value_mm - model.readings(one) for one in taken]
     off += [np.zeros(len(one)) for one in more]
     rows = np.column_stack([np.concatenate(off), base, *columns])
-    rows = np.sqrt(weight)[:, None] * without_means(every.mount, weight, rows)
+    rows = np.sqrt(weight)[:, None] * without_zeros(every, weight, rows)
     last = 1 + base.shape[1]
     ends = np.cumsum([len(one) for one in (*taken, *more)])[:-1]
     parts = [
-        Seen(part[:, 0], part[:, 1:last], part[:, last:], len(one) - one.mount_count)
+        Seen(part[:, 0], part[:, 1:last], part[:, last:], len(one) - set_up_unknowns(one))
         for one, part in zip((*taken, *more), np.split(rows, ends), strict=True)
     ]
     nothing = Seen(rows[:0, 0], rows[:0, 1:last], rows[:0, last:], 0)
@@ -344,6 +400,7 @@ def claim_of(
         np.array(size),
         _names(known),
         _metric(model, known, sizes),
+        _metric(model, known, sizes, near_zero=True),
     )
     misfit = claim.misfit
     return (claim.noisier(misfit) if misfit > 1.0 else claim), tuple(others)
@@ -352,9 +409,10 @@ def claim_of(
 def _unremarkable(effect: Effect, geometry: Geometry) -> list[float]:
     """Sizes of an effect; that of an unnamed law counts at the end of a longer travel."""
     size, longest = [one.tolerance for one in effect.parameters], 1.0
-    if isinstance(effect, Empirical):
+    if effect in NAMELESS:
         reach_mm = max(geometry.travel_max_mm, -geometry.travel_min_mm)
-        longest = max(1.0, reach_mm / AT_MM) ** BASES[effect.bases[0]].power
+        power = BASES[effect.bases[0]].power if isinstance(effect, Empirical) else 2
+        longest = max(1.0, reach_mm / AT_MM) ** power
     return [one / longest for one in size]
 
 
@@ -389,12 +447,14 @@ def _names(placed: Sequence[Placed]) -> tuple[_Name, ...]:
     return tuple(found)
 
 
-def _metric(model: Model, placed: tuple[Placed, ...], sizes: tuple[Size, ...]) -> FloatArray:
+def _metric(
+    model: Model, placed: tuple[Placed, ...], sizes: tuple[Size, ...], *, near_zero: bool = False
+) -> FloatArray:
     """Mean squares at the tool ``(6 + s + k, 6 + s + k)`` with columns of fitted sizes between."""
     acting = [model.effects[effect] for size in sizes for effect, _ in size.at]
     own = tuple((one.effect, one.place) for one in acting if isinstance(one, EffectInstance))
     count = sum(len(effect.parameters) for effect, _ in placed)
-    metric = _tool_metric(model.geometry, (*placed, *own))
+    metric = _tool_metric(model.geometry, (*placed, *own), near_zero=near_zero)
     if not sizes:
         return metric
     # each size moves the tool by the sum over its places
@@ -408,15 +468,23 @@ def _metric(model: Model, placed: tuple[Placed, ...], sizes: tuple[Size, ...]) -
     return np.asarray(into.T @ metric @ into)
 
 
-@lru_cache(maxsize=8)
-def _tool_metric(geometry: Geometry, placed: tuple[Placed, ...]) -> FloatArray:
+@lru_cache(maxsize=16)
+def _tool_metric(
+    geometry: Geometry, placed: tuple[Placed, ...], *, near_zero: bool = False
+) -> FloatArray:
     """Mean over the workspace of products of movements ``(6 + k, 6 + k)``; of the nominal machine.
 
-    Half of the postures are reached with all carriages coming up, half down.
+    Half of the postures are reached with all carriages coming up, half down. With ``near_zero``
+    over a workpiece there, less what they are at Zero, which is reached coming up.
     """
-    points = reachable_points(geometry)
-    base = tool_jacobian_at(geometry, points)
-    ways = [tool_columns(geometry, points, placed, way) for way in (1.0, -1.0)]
-    rows = np.concatenate([np.concatenate([base, one], axis=2) for one in ways])
+    points = workspace_points(geometry, near_zero=near_zero)
+
+    def moved(tool_mm: FloatArray, way: float) -> FloatArray:
+        base = tool_jacobian_at(geometry, tool_mm)
+        return np.concatenate([base, tool_columns(geometry, tool_mm, placed, way)], axis=2)
+
+    rows = np.concatenate([moved(points, way) for way in (1.0, -1.0)])
+    if near_zero:
+        rows = rows - moved(np.zeros((1, 3)), 1.0)
     flat = rows.reshape(-1, rows.shape[2])
     return np.asarray(flat.T @ flat / len(rows))

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import fdtrc
 
-from calib.arrays import FloatArray, IntArray, Observations, descending, ranks
+from calib.arrays import FloatArray, IntArray, Observations, descending, numbered, ranks
 from calib.noise.repeats import Outlier, Repeats, cycle_drift, outlying_readings
 from calib.noise.rounding import quantisation_of_repeatability, quantisation_variance
 
@@ -319,4 +319,5 @@ def noisy_indicators(observed: Observations, noise: Noise) -> list[NoisyIndicato
 
 def single_posture_rows(observed: Observations) -> list[IntArray]:
     """Rows of each mounting of a single posture: without another one they say nothing."""
-    return [rows for rows in observed.mountings if len(np.unique(observed.level[rows])) == 1]
+    told = numbered(observed.displacement_mm, *observed.position_mm.T)
+    return [rows for rows in observed.mountings if len(np.unique(told[rows])) == 1]

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calib.arrays import TOOL, Conditions, FloatArray
-from calib.errors import CalibrationError, UsageError
+from calib.errors import CalibrationError
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry, inverse, trilaterate
 
 COMPLEX_STEP_MM = 1e-30
@@ -89,24 +89,12 @@ def simulate(
     Order of the parameters: `PARAMETER_NAMES`. A reading is relative to the point of the straight
     bar, or of the tool, that is touched in the Zero posture, so it is zero there but for effects;
     the unknown zero of each mounting is not added. Over a plane it is the coordinate itself. Raises
-    UnreachablePosture, and UsageError for effects over a plane.
+    UnreachablePosture.
     """
-    if effects and taken.over_plane.any():
-        raise no_effects_over_plane()
     with_zero = _append_zero_row(taken)
     flow = posture(geometry, parameters_mm, with_zero, command(geometry, with_zero), effects)
     flow = replace(flow, fraction=touched_fraction(flow))
     return reading(flow, touched_point(flow))[..., :-1]
-
-
-def no_effects_over_plane() -> UsageError:
-    """Effects are told for readings from Zero: a surface of a bar, a guide that is not straight."""
-    return UsageError(
-        "effects and diagnosis",
-        "readings of legs over a plane",
-        "readings from Zero",
-        "glidecal solve takes both together; diagnose a session of zero-max-min or two-station.",
-    )
 
 
 def posture(

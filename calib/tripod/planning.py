@@ -21,7 +21,7 @@ from calib.arrays import (
 )
 from calib.design.criteria import Aim, covariances_after, inverse
 from calib.design.exchange import Candidates, Choice, choose
-from calib.design.planning import AddedMeasurement, Examination
+from calib.design.identifiability import AddedMeasurement, Examination
 from calib.errors import ImpossibleRequest, NotIdentifiable
 from calib.noise.reading import Noise, reading_weights, visits
 from calib.tripod.geometry import TOLERANCE_MM, Geometry, Pair

@@ -31,12 +31,14 @@ def predict(
     taken: Conditions,
     value_mm: FloatArray,
     noise_mm: FloatArray,
+    tilt_mrad: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
     """Mean and standard deviation ``(k,)`` of the last k readings from the n before them, mm.
 
     ``taken`` has n + k rows, in time; every mounting has one among the n. ``value_mm`` ``(n,)`` are
     what was read, ``tolerance_mm`` ``(6,)`` standard deviations of the parameters, ``noise_mm``
-    ``(n + k,)`` of each reading. The first derivatives at the nominal machine serve as its model.
+    ``(n + k,)`` of each reading, ``tilt_mrad`` the most that a reference plane leans. The first
+    derivatives at the nominal machine serve as its model.
     """
     n = len(value_mm)
     first = np.unique(taken.mount, return_index=True)[1][taken.mount]
@@ -44,10 +46,13 @@ def predict(
     nominal = (0.0,) * len(PARAMETER_NAMES)
     by_tolerance = derivatives(geometry, nominal, taken) * tolerance_mm
     one_mount = taken.mount[:, None] == taken.mount
-    place = numbered(taken.leg, taken.axis, taken.station, taken.level)
+    place = numbered(taken.leg, taken.axis, taken.station, taken.level, taken.over_plane)
+    leaning_mm = 1e-3 * tilt_mrad / 2.0 * np.nan_to_num(taken.along_mm - taken.along_mm[first])
+    drifted_mm = DRIFT_MM_S / 2.0 * since_s
+    since_first = np.outer(drifted_mm, drifted_mm) + np.outer(leaning_mm, leaning_mm)
     covariance = (
         by_tolerance @ by_tolerance.T
-        + one_mount * (ZERO_MM**2 + (DRIFT_MM_S / 2.0) ** 2 * np.outer(since_s, since_s))
+        + one_mount * (ZERO_MM**2 + since_first)
         + (place[:, None] == place) * (LEFT_OUT * float(tolerance_mm[0])) ** 2
         + np.diag(noise_mm**2)
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -40,6 +41,27 @@ def excursion_mm(
     count = len(way)
     taken = conditions([leg] * count, [axis] * count, way.tolist(), station=station)
     moved = derivatives(geometry, np.zeros(len(PARAMETER_NAMES)), taken) * tolerance_mm
+    return 2.0 * float(np.linalg.norm(moved[:, None] - moved, axis=-1).max())
+
+
+def excursion_over_plane_mm(
+    geometry: Geometry,
+    tolerance_mm: FloatArray,
+    read: tuple[int, int],
+    places: Sequence[tuple[float, float]],
+    tilt_mrad: float,
+) -> float:
+    """The same of a stand that slides on a plane, between displacements (mm) with their stations.
+
+    ``tilt_mrad`` is the most that the plane leans.
+    """
+    leg, axis = read
+    at_mm, station = (np.array(column) for column in zip(*places, strict=True))
+    count, along = len(places), at_mm + station * geometry.covered_mm[leg]
+    taken = conditions([leg] * count, [axis] * count, at_mm.tolist(), station=station.tolist())
+    taken = replace(taken, along_mm=along)
+    moved = derivatives(geometry, np.zeros(len(PARAMETER_NAMES)), taken) * tolerance_mm
+    moved = np.hstack([moved, 1e-3 * tilt_mrad / 2.0 * along[:, None]])
     return 2.0 * float(np.linalg.norm(moved[:, None] - moved, axis=-1).max())
 
 

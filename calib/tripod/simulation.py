@@ -15,7 +15,7 @@ import numpy as np
 from calib.arrays import TOOL, Conditions, FloatArray
 from calib.tripod.geometry import Geometry
 from calib.tripod.movements import carriage_movement
-from calib.tripod.pipeline import ZERO_SPREAD_MM, Model
+from calib.tripod.pipeline import TILT_SPREAD, ZERO_SPREAD_MM, Model
 
 OFFSET_LIMIT_MM = 2.0
 LENGTH_SPREAD_MM = 0.03
@@ -63,7 +63,10 @@ class SimulatedMachine:
         self._visits += 1
         run = zlib.crc32(self.run_name.encode())
         generator = np.random.default_rng([self.seed, run, step, self._visits])
-        zeros = [self._zero_mm(mount) for mount in mounts]
+        zeros = [
+            self._zero_mm(mount) + np.nan_to_num(self._tilt(mount) * along)
+            for mount, along in zip(mounts, to.along_mm.tolist(), strict=True)
+        ]
         scatter = generator.normal(scale=self.scatter_mm, size=len(zeros))
         values: list[float] = (exact + zeros + scatter).tolist()
         return values
@@ -71,6 +74,11 @@ class SimulatedMachine:
     def _zero_mm(self, mount: str) -> float:
         generator = np.random.default_rng([self.seed, 3, zlib.crc32(mount.encode())])
         return float(generator.normal(scale=ZERO_SPREAD_MM))
+
+    def _tilt(self, mount: str) -> float:
+        """Of the plane under a leg, mm per mm."""
+        generator = np.random.default_rng([self.seed, 4, zlib.crc32(mount.encode())])
+        return float(generator.normal(scale=TILT_SPREAD))
 
     def _movement_to(self, to: Conditions) -> FloatArray:
         """Sign of each carriage's last movement ``(n, 3)`` of a tool that is read; else 0."""
@@ -88,9 +96,10 @@ class SimulatedMachine:
         What did not move keeps the approach that it had.
         """
         before, self._before = self._before, to
+        names = ("leg", "axis") if to.over_plane.all() else ("leg", "axis", "station")
         if before is None or any(
             not np.array_equal(getattr(before, name), getattr(to, name))
-            for name in ("leg", "axis", "station")
+            for name in (*names, "over_plane")
         ):
             self._approach = 0.0
         else:

@@ -16,13 +16,13 @@ import re2
 from calib.errors import IndicatorError
 from drivers.profile import (
     UNITS,
-    Asked,
     BadReply,
+    Evidence,
     FaultKind,
     LineSettings,
     Outcome,
     Profile,
-    Verified,
+    Query,
     not_understood,
     reading,
 )
@@ -79,7 +79,7 @@ def ascii_line(pattern: str, *, request: bytes = b"") -> Profile:
     """A profile for this pattern; without a request the device streams. Raises IndicatorError."""
     compiled = checked(pattern)
 
-    def parse(text: str, asked: Asked) -> Outcome | None:
+    def parse(text: str, asked: Query) -> Outcome | None:
         found = compiled.fullmatch(text)
         groups = found.groupdict() if found else {}
         number, unit = groups.get("number") or "", groups.get("unit")
@@ -90,7 +90,7 @@ def ascii_line(pattern: str, *, request: bytes = b"") -> Profile:
     return Profile(
         name="ascii-line",
         title="Bridge that prints one number a line",
-        verified=Verified.CODE,
+        verified=Evidence.CODE,
         source="open-source Arduino bridges; a pattern of your own is yours to verify",
         line=LineSettings(baud=9600),
         request=(lambda _: request) if request else None,

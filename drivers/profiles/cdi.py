@@ -6,7 +6,7 @@ vendor counts 8 characters of number and prints 9, so both are read.
 
 from __future__ import annotations
 
-from drivers.profile import BadReply, FaultKind, Grammar, LineSettings, Profile, Verified
+from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile
 
 GRAMMAR = Grammar(
     value=r"(?P<number>[+-](?=[ \d.]{8,9},) *(?:\d+\.\d+|\.\d+)), (?P<unit>IN|MM)",
@@ -16,7 +16,7 @@ GRAMMAR = Grammar(
 CDI = Profile(
     name="cdi",
     title="CDI Logic and Plus",
-    verified=Verified.VENDOR,
+    verified=Evidence.VENDOR,
     source="technical support page of dialindicator.com",
     line=LineSettings(baud=9600),
     request=lambda _: b"R\r",

@@ -10,15 +10,15 @@ from __future__ import annotations
 import re
 
 from drivers.profile import (
-    Asked,
     BadReply,
+    Evidence,
     Fault,
     FaultKind,
     LineSettings,
     Outcome,
     Profile,
+    Query,
     Unit,
-    Verified,
     not_understood,
     reading,
 )
@@ -33,7 +33,7 @@ REFUSED = re.compile(r"[\x02\x06]*(\x15|\?|[A-Z]+\.ERR\.)", re.ASCII)
 PASSED_OVER = re.compile(r"[\x02\x06]+", re.ASCII)
 
 
-def parse(text: str, asked: Asked) -> Outcome | None:
+def parse(text: str, asked: Query) -> Outcome | None:
     """A line without its end; None for an echo and for the acknowledgement of a key."""
     if PASSED_OVER.fullmatch(text):
         return None
@@ -52,7 +52,7 @@ def parse(text: str, asked: Asked) -> Outcome | None:
 HEIDENHAIN_ND28X = Profile(
     name="heidenhain-nd28x",
     title="Heidenhain ND 280, ND 281",
-    verified=Verified.VENDOR,
+    verified=Evidence.VENDOR,
     source="ND 280/281B/221B manual p. 39 and 47",
     line=LineSettings(9600, 7, "E", 2),
     request=lambda _: b"\x02",

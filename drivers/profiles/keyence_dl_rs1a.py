@@ -9,15 +9,15 @@ from __future__ import annotations
 import re
 
 from drivers.profile import (
-    Asked,
     BadReply,
+    Evidence,
     Fault,
     FaultKind,
     LineSettings,
     Outcome,
     Profile,
+    Query,
     Spindle,
-    Verified,
     not_understood,
     reading,
 )
@@ -37,7 +37,7 @@ FAULT_WORDS = {
 }
 
 
-def parse(text: str, asked: Asked) -> Outcome | None:
+def parse(text: str, asked: Query) -> Outcome | None:
     """A line without CR LF; None for the echo."""
     if text == "M0":
         return None
@@ -67,7 +67,7 @@ def reply(spindle: Spindle) -> str:
 KEYENCE_DL_RS1A = Profile(
     name="keyence-dl-rs1a",
     title="Keyence DL-RS1A with GT2 amplifiers",
-    verified=Verified.VENDOR,
+    verified=Evidence.VENDOR,
     source="DL-RS1A manual; its line settings are chosen on the unit, ±999.9999 is from memory",
     line=LineSettings(baud=9600),
     request=lambda _: b"M0\r\n",

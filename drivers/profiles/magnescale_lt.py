@@ -11,15 +11,15 @@ import re
 
 from drivers.profile import (
     UNITS,
-    Asked,
     BadReply,
+    Evidence,
     Fault,
     FaultKind,
     LineSettings,
     Outcome,
     Profile,
+    Query,
     Spindle,
-    Verified,
     not_understood,
     reading,
 )
@@ -31,7 +31,7 @@ ALARM = re.compile(r'E[FO]?|[NPIA][MI]E?"? *Error *"?', re.ASCII)
 LINE = re.compile(r"(?:A(?P<A>[^B]+?))?(?:[ ,;]?B(?P<B>[^B]+))?", re.ASCII)
 
 
-def parse(text: str, asked: Asked) -> Outcome | None:
+def parse(text: str, asked: Query) -> Outcome | None:
     """A line without CR LF; None for the echo."""
     if text == "*r":
         return None
@@ -50,7 +50,7 @@ def _known(field: str) -> bool:
     return any(grammar.fullmatch(field) for grammar in (VALUE, OVERFLOW, ALARM))
 
 
-def _outcome(text: str, field: str, asked: Asked) -> Outcome:
+def _outcome(text: str, field: str, asked: Query) -> Outcome:
     if found := VALUE.fullmatch(field):
         return reading(text, found["number"], asked, UNITS.get(found["unit"] or ""))
     if OVERFLOW.fullmatch(field):
@@ -70,7 +70,7 @@ def reply(spindle: Spindle) -> str:
 MAGNESCALE_LT = Profile(
     name="magnescale-lt",
     title="Magnescale LT30, LT20A, LT10A displays",
-    verified=Verified.CODE,
+    verified=Evidence.CODE,
     source="reply: manuals of LT20A (p. 100) and LT10A (p. 16); request: open-source LT30 reader",
     line=LineSettings(baud=9600),
     request=lambda _: b"*r\r\n",

@@ -9,16 +9,16 @@ from __future__ import annotations
 import re
 
 from drivers.profile import (
-    Asked,
     BadReply,
+    Evidence,
     Fault,
     FaultKind,
     Grammar,
     LineSettings,
     Outcome,
     Profile,
+    Query,
     Spindle,
-    Verified,
     wrong_channel,
 )
 
@@ -40,7 +40,7 @@ ANGLE = re.compile(
 )
 
 
-def parse_c1202(text: str, asked: Asked) -> Outcome | None:
+def parse_c1202(text: str, asked: Query) -> Outcome | None:
     """The line of one feature without CR; None for an echo."""
     angle = ANGLE.fullmatch(text)
     if not angle:
@@ -60,7 +60,7 @@ def other_feature(request: str, _: Spindle) -> str:
 MAHR_OPTORSD = Profile(
     name="mahr-optorsd",
     title="Mahr Millimar C1208, C1216, 1240 (OPTORSD)",
-    verified=Verified.VENDOR,
+    verified=Evidence.VENDOR,
     source="Millimar C1216 and 1240 manuals p. 67-70; speed and parity here are an assumption",
     line=LineSettings(9600, 7, "E", 2),
     request=lambda _: b"?\r",
@@ -73,7 +73,7 @@ MAHR_OPTORSD = Profile(
 MAHR_C1202 = Profile(
     name="mahr-c1202",
     title="Mahr Millimar C1202",
-    verified=Verified.VENDOR,
+    verified=Evidence.VENDOR,
     source="Millimar C1202 manual p. 82",
     line=LineSettings(9600, 7, "E", 2),
     request=lambda asked: f"M{asked.channel}?\r".encode(),

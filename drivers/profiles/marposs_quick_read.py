@@ -6,7 +6,7 @@ may follow. A single letter tells why there is no value, ``ERRn`` refuses a comm
 
 from __future__ import annotations
 
-from drivers.profile import BadReply, FaultKind, Grammar, LineSettings, Profile, Spindle, Verified
+from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile, Spindle
 
 GRAMMAR = Grammar(
     value=r"(?P<number>[+-](?=[\d.]{7}[<>@X]?$)\d+\.\d+)[<>@X]?",
@@ -31,7 +31,7 @@ def reply(spindle: Spindle) -> str:
 MARPOSS_QUICK_READ = Profile(
     name="marposs-quick-read",
     title="Marposs Quick Read",
-    verified=Verified.VENDOR,
+    verified=Evidence.VENDOR,
     source="Quick Read manual p. 195-202; line settings are chosen on the unit",
     line=LineSettings(baud=9600),
     request=lambda _: b"M?\r",

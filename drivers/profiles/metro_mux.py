@@ -7,7 +7,7 @@ sign than its layout, so both are read. ``Nxy:En`` is a fault.
 
 from __future__ import annotations
 
-from drivers.profile import BadReply, FaultKind, Grammar, LineSettings, Profile, Verified
+from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile
 
 GRAMMAR = Grammar(
     value=(
@@ -26,7 +26,7 @@ GRAMMAR = Grammar(
 METRO_MUX = Profile(
     name="metro-mux",
     title="Metro MUX4 and MUX8",
-    verified=Verified.VENDOR,
+    verified=Evidence.VENDOR,
     source="Metro MUX2/4/8 manuals",
     line=LineSettings(baud=9600),
     request=lambda asked: str(asked.channel).encode(),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drivers.profile import BadReply, FaultKind, Grammar, LineSettings, Profile, Verified
+from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile
 
 GRAMMAR = Grammar(
     value=r"0(?P<channel>\d)A(?P<number>[+-](?=[\d.]{8,9}$)\d+\.\d+)",
@@ -27,7 +27,7 @@ GRAMMAR = Grammar(
 MITUTOYO_01A = Profile(
     name="mitutoyo-01a",
     title="Mitutoyo USB input tool in VCP mode",
-    verified=Verified.CODE,
+    verified=Evidence.CODE,
     source="frame: QM-Height manual 99MAF600B; request and status codes: open-source readers",
     line=LineSettings(baud=9600),
     request=lambda asked: f"{asked.channel}\r".encode(),
@@ -62,7 +62,7 @@ MITUTOYO_MUX = replace(
     MITUTOYO_01A,
     name="mitutoyo-mux",
     title="Mitutoyo multiplexer MUX-10F",
-    verified=Verified.UNVERIFIED,
+    verified=Evidence.UNVERIFIED,
     source="reply: vendor document; request and line settings: from memory only",
     request=lambda asked: f"{asked.channel}".encode(),
     timeout_s=2.0,

@@ -10,17 +10,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 from drivers.profile import (
-    Asked,
     BadReply,
+    Evidence,
     Fault,
     FaultKind,
     Grammar,
+    IndicatorReading,
     LineSettings,
     Outcome,
     Profile,
-    Reading,
+    Query,
     Spindle,
-    Verified,
 )
 
 GRAMMAR = Grammar(
@@ -33,10 +33,10 @@ GRAMMAR = Grammar(
 MODES = {"X": "the maximum", "M": "the minimum", "W": "the difference of maximum and minimum"}
 
 
-def parse(text: str, asked: Asked) -> Outcome | None:
+def parse(text: str, asked: Query) -> Outcome | None:
     """A line without its end; None for an echo and for ``CH``, which acknowledges a command."""
     outcome = GRAMMAR.parse(text, asked)
-    if isinstance(outcome, Reading) and text[1] in MODES:
+    if isinstance(outcome, IndicatorReading) and text[1] in MODES:
         words = f"the display holds {MODES[text[1]]}: switch it to the current value"
         return Fault(FaultKind.DEVICE_FAULT, text, words)
     return outcome
@@ -56,7 +56,7 @@ def otherwise(request: str, spindle: Spindle) -> str:
 MITUTOYO_COUNTER = Profile(
     name="mitutoyo-counter",
     title="Mitutoyo ID-H and counters EH, EV (GA/GN)",
-    verified=Verified.CODE,
+    verified=Evidence.CODE,
     source=(
         "commands and replies: ID-H manual 99MAH016B p. 4-5; several channels and line settings: "
         "open-source readers; form of the error reply: from memory"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drivers.profile import BadReply, FaultKind, Grammar, LineSettings, Profile, Verified
+from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile
 
 GRAMMAR = Grammar(
     value=(
@@ -24,7 +24,7 @@ GRAMMAR = Grammar(
 MUX = Profile(
     name="mux",
     title="MUX 2 and MUX 4 (IBR type)",
-    verified=Verified.VENDOR,
+    verified=Evidence.VENDOR,
     source="supplier's note on MUX 2 & 4 (adeptscience.co.uk, 68CE)",
     line=LineSettings(baud=9600),
     request=lambda asked: str(asked.channel).encode(),
@@ -42,7 +42,7 @@ DMX = replace(
     MUX,
     name="dmx",
     title="DMX-2 and DMX-8 boxes",
-    verified=Verified.CODE,
+    verified=Evidence.CODE,
     source="open-source DMX-8 reader with a captured reply",
     request=lambda asked: f"C{asked.channel}\r\n".encode(),
     reply=lambda spindle: f"{spindle.channel} MW {spindle.text(7)} mm    \r\n",

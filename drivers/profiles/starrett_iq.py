@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from drivers.profile import BadReply, FaultKind, Grammar, LineSettings, Profile, Verified
+from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile
 
 GRAMMAR = Grammar(
     value=r"(?P<number>[+-](?=[ \d.]{7,8},) *(?:\d+\.\d+|\.\d+)), (?P<unit>IN|MM)",
@@ -23,7 +23,7 @@ GRAMMAR = Grammar(
 STARRETT_IQ = Profile(
     name="starrett-iq",
     title="Starrett IQ",
-    verified=Verified.VENDOR,
+    verified=Evidence.VENDOR,
     source="Starrett IQ manual p. 17",
     line=LineSettings(baud=9600),
     request=lambda _: b"R\r",

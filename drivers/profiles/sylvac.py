@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drivers.profile import BadReply, FaultKind, Grammar, LineSettings, Profile, Verified
+from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile
 
 GRAMMAR = Grammar(
     value=r"(?P<number>[+\- ]\d+\.\d+)[<=>]?",
@@ -26,7 +26,7 @@ GRAMMAR = Grammar(
 SYLVAC = Profile(
     name="sylvac",
     title="Sylvac opto-RS duplex and clones",
-    verified=Verified.VENDOR,
+    verified=Evidence.VENDOR,
     source="Bowers/Sylvac Opto manual p. 12-13, Power manual p. 15",
     line=LineSettings(4800, 7, "E", 2, dtr=True, rts=False),
     request=lambda _: b"?\r",
@@ -56,7 +56,7 @@ MAHR_MARCATOR = replace(
     SYLVAC,
     name="mahr-marcator",
     title="Mahr MarCator 1075R, 1086, 1087 (opto RS-232)",
-    verified=Verified.UNVERIFIED,
+    verified=Evidence.UNVERIFIED,
     source="from memory, supposed to be alike Sylvac opto-RS duplex; no vendor document found",
     button=False,
     hint="Unverified: compare some readings with the display, in mm, before you trust it.",

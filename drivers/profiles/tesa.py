@@ -9,15 +9,15 @@ from __future__ import annotations
 import re
 
 from drivers.profile import (
-    Asked,
     BadReply,
+    Evidence,
     FaultKind,
     Grammar,
     LineSettings,
     Outcome,
     Profile,
+    Query,
     Unit,
-    Verified,
     reading,
 )
 
@@ -30,7 +30,7 @@ GRAMMAR = Grammar(
 INCHES = re.compile(r"[+-]\.\d{6}", re.ASCII)
 
 
-def parse(text: str, asked: Asked) -> Outcome | None:
+def parse(text: str, asked: Query) -> Outcome | None:
     """A line without its end; None for an echo."""
     inches = INCHES.fullmatch(text)
     return reading(text, text, asked, Unit.INCH) if inches else GRAMMAR.parse(text, asked)
@@ -39,7 +39,7 @@ def parse(text: str, asked: Asked) -> Outcome | None:
 TESA = Profile(
     name="tesa",
     title="TESA TT20, TT80, TT90",
-    verified=Verified.VENDOR,
+    verified=Evidence.VENDOR,
     source="TT80 manual p. 94-95 and TT20 manual p. 54; DIGICO and TLC: nothing found",
     line=LineSettings(4800, 7, "E", 2),
     request=lambda _: b"?\r",

@@ -6,7 +6,7 @@ Data: ``DT1``, group, channel, sign, digits with a point, unit letter (``0``: no
 
 from __future__ import annotations
 
-from drivers.profile import BadReply, FaultKind, Grammar, LineSettings, Profile, Verified
+from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile
 
 GRAMMAR = Grammar(
     value=r"DT1\d\d(?P<channel>\d\d)(?P<number>[+-]\d{1,8}\.\d{1,7})(?:(?P<unit>[MI])|0)",
@@ -29,7 +29,7 @@ GRAMMAR = Grammar(
 U_WAVE = Profile(
     name="u-wave",
     title="Mitutoyo U-WAVE-R radio receiver",
-    verified=Verified.CODE,
+    verified=Evidence.CODE,
     source="frames, status codes and speed: two open-source readers that cite manual 99MAL216A",
     line=LineSettings(baud=57600),
     request=None,

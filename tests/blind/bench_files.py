@@ -72,7 +72,8 @@ def lines(path: Path) -> list[Json]:
 def seal(folder: Folder, wanted: Iterable[str]) -> tuple[dict[str, Json], str]:
     """Truths of these sessions in one sorted file, and its SHA-256."""
     names = set(wanted)
-    truths = {t["session"]: t["truth"] for t in lines(folder.truths) if t["session"] in names}
+    known = [line for line in lines(folder.truths) if "truth" in line]
+    truths = {line["session"]: line["truth"] for line in known if line["session"] in names}
     text = json.dumps(truths, sort_keys=True, ensure_ascii=False, indent=0)
     folder.sealed.write_text(text, encoding="utf-8")
     return truths, hashlib.sha256(text.encode()).hexdigest()

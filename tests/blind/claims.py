@@ -26,13 +26,13 @@ from tests.blind.forward import FloatArray, Hidden, readings
 from tests.blind.generator import (
     LENGTH_SPREAD_MM,
     ZERO_LIMIT_MM,
-    _changes,
-    _check_size,
-    _drawn,
-    _fixed,
-    _outside,
-    _scatter,
-    _text,
+    changes_of,
+    check_size,
+    drawn_outside,
+    drawn_place,
+    scatter_mm,
+    settings_of,
+    table_text,
 )
 from tests.blind.noise import draw
 from tests.blind.scoring import Rate, detection_ncp
@@ -69,7 +69,7 @@ def claim(case: Case, seed: int, length_spread_mm: float = LENGTH_SPREAD_MM) -> 
 
 def _attempt(case: Case, rng: np.random.Generator, length_spread_mm: float) -> Claim:
     rows = rows_of(PLANS[case.procedure], rng, homed=case.homed)
-    sigma_mm = float(rng.uniform(0.0007, 0.0015) if case.noise == "quantised" else _scatter(rng))
+    sigma_mm = float(rng.uniform(0.0007, 0.0015) if case.noise == "quantised" else scatter_mm(rng))
     noise = draw(case.noise, rows, sigma_mm, rng)
     drawn = [*rng.uniform(-OFFSET_LIMIT_MM, OFFSET_LIMIT_MM, 3)]
     drawn += [*(length_spread_mm * rng.standard_normal(3))]
@@ -80,7 +80,7 @@ def _attempt(case: Case, rng: np.random.Generator, length_spread_mm: float) -> C
     for effect, strength in zip(
         case.effects or (case.shape,) * bool(case.shape), case.strengths, strict=True
     ):
-        candidate = (_outside if effect in SHAPES else _drawn)(effect, rng)
+        candidate = (drawn_outside if effect in SHAPES else drawn_place)(effect, rng)
         raw = columns.raw(candidate)
         shown = np.sqrt((_held(columns, raw, noise.rms_mm) ** 2).sum(axis=0))
         weights = rng.standard_normal(len(shown)) / np.maximum(shown, 1e-9)
@@ -88,12 +88,12 @@ def _attempt(case: Case, rng: np.random.Generator, length_spread_mm: float) -> C
             weights = np.abs(weights)
         seen = _held(columns, raw @ weights, noise.rms_mm)
         weights *= strength * np.sqrt(detection_ncp(len(shown)) / float(seen @ seen))
-        changes = _changes(candidate.directions, weights, rng)
-        _check_size(changes)
-        hidden = Hidden(hidden.plus(changes).amounts, candidate.lead_mm, *_fixed(hidden))
+        changes = changes_of(candidate.directions, weights, rng)
+        check_size(changes)
+        hidden = Hidden(hidden.plus(changes).amounts, candidate.lead_mm, *settings_of(hidden))
     zeros = rng.uniform(-ZERO_LIMIT_MM, ZERO_LIMIT_MM, rows.mount.max() + 1)
     values = readings(rows, hidden) + zeros[rows.mount] + noise.values_mm
-    text = _text(blunders.Table(rows, values), noise.resolution_mm)
+    text = table_text(blunders.Table(rows, values), noise.resolution_mm)
     return Claim(text, noise.resolution_mm, hidden)
 
 
@@ -170,7 +170,9 @@ NAMES = ("d_rho_x", "d_rho_y", "d_rho_z", "d_L_x", "d_L_y", "d_L_z")
 SPREADS_MM = (0.03, 0.1, 0.15)
 
 
-def effect_cases(count: int, shapes: Sequence[str] = ("cubic", "sawtooth")) -> Iterator[Case]:
+def effect_cases(
+    count: int, shapes: Sequence[str] = ("cubic", "sawtooth", "product")
+) -> Iterator[Case]:
     """Every procedure, effect and strength so many times."""
     for number, (n, procedure, effect, k) in enumerate(
         product(range(count), PROCEDURES, (*EFFECT_IDS, *shapes), STRENGTHS)

@@ -48,6 +48,7 @@ SHAPES: dict[str, tuple[int, ...]] = {
     "saw": (3,),  # mm from tooth to tooth
     "product": (3, 3),  # mm, travel of a leg times travel of another / 1000 mm²
     "smooth": (3, 3),  # mm, any smooth function of displacement
+    "plane": (3, 3),  # rad, a plane under a leg across an axis, upwards from the tool
 }
 
 
@@ -68,6 +69,12 @@ class Rows:
     visit: IntArray
     mount: IntArray
     moved: FloatArray
+    plane: NDArray[np.bool_] | None = None
+
+    @property
+    def over_plane(self) -> NDArray[np.bool_]:
+        """Read over a plane: the stand slides to the station in the posture itself."""
+        return np.zeros(len(self), dtype=np.bool_) if self.plane is None else self.plane
 
     def __len__(self) -> int:
         return len(self.leg)
@@ -127,7 +134,7 @@ def _dots(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray((a * b).sum(axis=1))
 
 
-def _feet(hidden: Hidden, commanded: FloatArray, moved: FloatArray) -> FloatArray:
+def feet_of(hidden: Hidden, commanded: FloatArray, moved: FloatArray) -> FloatArray:
     """Feet of the three legs ``(n, 3, 3)`` for commanded joints ``(n, 3)``."""
     amounts = hidden.amounts
     travel = commanded - LEG_MM
@@ -154,7 +161,7 @@ def _travel_error(hidden: Hidden, travel: FloatArray) -> FloatArray:
     )
 
 
-def _tool(hidden: Hidden, feet: FloatArray) -> FloatArray:
+def tool_of(hidden: Hidden, feet: FloatArray) -> FloatArray:
     """The tool ``(n, 3)`` where the legs, shortened by the weight they carry, meet."""
     lengths = np.broadcast_to(LEG_MM + hidden.amounts["length"], feet.shape[:2])
     tool = three_spheres(feet, lengths)
@@ -172,8 +179,8 @@ def _tool(hidden: Hidden, feet: FloatArray) -> FloatArray:
 
 def _touched(hidden: Hidden, rows: Rows) -> FloatArray:
     """The point of the bar ``(n, 3)`` at which each indicator was set up, at Zero."""
-    feet = _feet(hidden, np.full((1, 3), LEG_MM), np.zeros((1, 3)))
-    tool = _tool(hidden, feet)[0]
+    feet = feet_of(hidden, np.full((1, 3), LEG_MM), np.zeros((1, 3)))
+    tool = tool_of(hidden, feet)[0]
     return np.asarray(tool + rows.station[:, None] * (feet[0] - tool)[rows.leg])
 
 
@@ -182,14 +189,17 @@ def readings(rows: Rows, hidden: Hidden) -> FloatArray:
     point = np.zeros((len(rows), 3))
     every = np.arange(len(rows))
     point[every, rows.leg] = rows.displacement_mm
-    feet = _feet(hidden, carriages(point), rows.moved)
-    tool = _tool(hidden, feet)
+    feet = feet_of(hidden, carriages(point), rows.moved)
+    tool = tool_of(hidden, feet)
     foot = feet[every, rows.leg]
     stands = _touched(hidden, rows)
     part = (stands - tool)[every, rows.leg] / (foot - tool)[every, rows.leg]
+    part = np.where(rows.over_plane, rows.station, part)
     line = tool + part[:, None] * (foot - tool)
     bar = (part - 0.5) * np.linalg.norm(foot - tool, axis=1)
-    return _shown(rows, hidden, line, bar, (line - stands)[every, 3 - rows.leg - rows.axis])
+    leaning = hidden.amounts["plane"][rows.leg, rows.axis] * line[every, rows.leg]
+    sideways = (line - stands)[every, 3 - rows.leg - rows.axis]
+    return _shown(rows, hidden, line, bar, sideways) + leaning * rows.over_plane
 
 
 def _shown(

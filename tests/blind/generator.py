@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -42,6 +44,7 @@ LENGTH_SPREAD_MM = 0.03
 LENGTH_TOLERANCE_MM = 0.1  # of the machine file
 TOLD_APART = 9.0  # noise variances below which two places are one for these readings
 ZERO_LIMIT_MM = 0.5
+TILT_LIMIT = 2e-3  # of a plane under a leg
 AROUND = ((2, 0), (0, 1), (1, 2))  # pairs of axes, each from one to the next
 TRIES = 400
 SEEN = 1e-7  # an effect whose columns vanish is drawn again at another place
@@ -49,21 +52,30 @@ SEEN = 1e-7  # an effect whose columns vanish is drawn again at another place
 SHAPE_ENTRIES = {"cubic": "cubic", "sawtooth": "saw"}
 
 
+class NotDrawn(ValueError):
+    """No draw of a case gave a machine that a workshop could have."""
+
+
 @dataclass(frozen=True)
 class Made:
     """One session: the table as text, the indicators' resolution, and what scoring may know.
 
-    ``rows`` and ``values_mm`` hold what the table says, for the baselines. ``hidden`` is the
-    machine and ``sigma_mm`` the scatter of one reading, for measuring it again.
+    The truth costs more than the session and is worked out where it is asked for. ``rows`` and
+    ``values_mm`` hold what the table says, for the baselines. ``hidden`` is the machine and
+    ``sigma_mm`` the scatter of one reading, for measuring it again.
     """
 
     table: str
     resolution_mm: float | None
-    truth: Json
+    tell: Callable[[], Json]
     rows: Rows
     values_mm: FloatArray
     hidden: Hidden
     sigma_mm: float
+
+    @cached_property
+    def truth(self) -> Json:
+        return self.tell()
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,19 +89,19 @@ class EffectInstance:
 
 
 def make(case: Case, seed: int) -> Made:
-    """The session of a case; the same for the same seed. Raises ValueError if none can be drawn."""
+    """The session of a case; the same for the same seed. Raises NotDrawn where none comes out."""
     rng = case.generator(seed)
     for _ in range(TRIES):
         try:
             return _attempt(case, rng)
         except ValueError:
             continue
-    raise ValueError(f"case {case.key}: no session in {TRIES} draws")
+    raise NotDrawn(f"{case.key}: no session in {TRIES} draws")
 
 
 def _attempt(case: Case, rng: np.random.Generator) -> Made:
     rows = rows_of(PLANS[case.procedure], rng, case.noise == "locked", case.homed)
-    sigma_mm = float(rng.uniform(0.0007, 0.0015) if case.noise == "quantised" else _scatter(rng))
+    sigma_mm = float(rng.uniform(0.0007, 0.0015) if case.noise == "quantised" else scatter_mm(rng))
     noise = draw(case.noise, rows, sigma_mm, rng)
     hidden, columns = _machine(case, rows, rng)
     placed = [
@@ -97,11 +109,11 @@ def _attempt(case: Case, rng: np.random.Generator) -> Made:
         for effect, k in zip(case.effects or _shapes(case), case.strengths, strict=True)
     ]
     for each in placed:
-        hidden = Hidden(hidden.plus(each.changes).amounts, each.lead_mm, *_fixed(hidden))
+        hidden = Hidden(hidden.plus(each.changes).amounts, each.lead_mm, *settings_of(hidden))
     table, where = _table(case, rows, hidden, noise, rng)
-    truth = _truth(case, columns, placed, noise, where)
-    text = _text(table, noise.resolution_mm)
-    return Made(text, noise.resolution_mm, truth, table.rows, table.values_mm, hidden, sigma_mm)
+    tell = partial(_truth, case, columns, placed, noise, where)
+    text = table_text(table, noise.resolution_mm)
+    return Made(text, noise.resolution_mm, tell, table.rows, table.values_mm, hidden, sigma_mm)
 
 
 @dataclass(frozen=True)
@@ -122,17 +134,17 @@ def made_again(made: Made, again: Again, noise_kind: str, rng: np.random.Generat
     sag = made.hidden.amounts["sag"]
     heavier = [(("sag", (leg,)), (again.load - 1.0) * float(sag[leg])) for leg in range(3)]
     plain = made.hidden
-    hidden = Hidden(plain.plus([*less, *heavier]).amounts, plain.lead_mm, *_fixed(plain))
+    hidden = Hidden(plain.plus([*less, *heavier]).amounts, plain.lead_mm, *settings_of(plain))
     values = readings(rows, hidden) + zeros[rows.mount] + noise.values_mm
-    text = _text(blunders.Table(rows, values), noise.resolution_mm)
+    text = table_text(blunders.Table(rows, values), noise.resolution_mm)
     return replace(made, table=text, resolution_mm=noise.resolution_mm, rows=rows, values_mm=values)
 
 
-def _scatter(rng: np.random.Generator) -> float:
+def scatter_mm(rng: np.random.Generator) -> float:
     return float(np.exp(rng.uniform(np.log(0.0008), np.log(0.003))))
 
 
-def _fixed(hidden: Hidden) -> tuple[float, tuple[tuple[float, float], ...]]:
+def settings_of(hidden: Hidden) -> tuple[float, tuple[tuple[float, float], ...]]:
     return hidden.saw_period_mm, hidden.waves
 
 
@@ -148,6 +160,8 @@ def _machine(case: Case, rows: Rows, rng: np.random.Generator) -> tuple[Hidden, 
         lengths = case.bars * LENGTH_TOLERANCE_MM * rng.choice([-1.0, 1.0], 3)
     drawn = zip(BASE, [*offsets, *lengths], strict=True)
     base = Hidden().plus([(entry, float(amount)) for entry, amount in drawn])
+    if rows.over_plane.any():
+        base.amounts["plane"][:2, 2] = rng.uniform(-TILT_LIMIT, TILT_LIMIT, 2)
     waves = tuple((float(rng.uniform(0.03, 0.09)), float(rng.uniform(0, 6.3))) for _ in range(3))
     hidden = Hidden(base.amounts, 5.0, float(rng.uniform(17.0, 45.0)), waves)
     return hidden, Columns(rows, hidden)
@@ -157,7 +171,7 @@ def _placed(
     case: Case, effect: str, size_mm: float, columns: Columns, rng: np.random.Generator
 ) -> EffectInstance:
     """The effect at a drawn place with r.m.s. ``size_mm`` after base and zeros are refitted."""
-    candidate = _outside(effect, rng) if case.shape else _drawn(effect, rng)
+    candidate = drawn_outside(effect, rng) if case.shape else drawn_place(effect, rng)
     left = columns.left_over(columns.raw(candidate))
     visible = np.linalg.norm(left, axis=0)
     if np.any(visible < SEEN):
@@ -167,10 +181,10 @@ def _placed(
         weights = np.abs(weights)
     weights *= size_mm / _rms(left @ weights)
     for _ in range(5):  # the effect itself may be nonlinear
-        changes = _changes(candidate.directions, weights, rng)
+        changes = changes_of(candidate.directions, weights, rng)
         signal = _signal(columns, candidate, changes)
         weights *= size_mm / _rms(signal)
-    _check_size(changes)
+    check_size(changes)
     return EffectInstance(candidate, changes, signal, candidate.lead_mm)
 
 
@@ -178,7 +192,7 @@ def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _drawn(effect: str, rng: np.random.Generator) -> Candidate:
+def drawn_place(effect: str, rng: np.random.Generator) -> Candidate:
     """A place for the effect: mostly one leg, axis or mounting, sometimes all alike."""
     every = [c for c in (*candidates(), *beside()) if c.id == effect]
     single = [c for c in every if c.where != "all"]
@@ -189,7 +203,7 @@ def _drawn(effect: str, rng: np.random.Generator) -> Candidate:
     return chosen[int(rng.integers(len(chosen)))]
 
 
-def _outside(shape: str, rng: np.random.Generator) -> Candidate:
+def drawn_outside(shape: str, rng: np.random.Generator) -> Candidate:
     leg = int(rng.integers(3))
     side = (leg + int(rng.integers(1, 3))) % 3
     index = (leg,) if shape in SHAPE_ENTRIES else (leg, side)
@@ -197,7 +211,7 @@ def _outside(shape: str, rng: np.random.Generator) -> Candidate:
     return Candidate(shape, LETTERS[leg], ((((entry, index), 1.0),),))
 
 
-def _changes(
+def changes_of(
     directions: tuple[Direction, ...], weights: FloatArray, rng: np.random.Generator
 ) -> list[Change]:
     found: dict[Hypothesis, float] = {}
@@ -219,11 +233,11 @@ def _shared(entry: Hypothesis, amount: float, rng: np.random.Generator) -> list[
 def _signal(columns: Columns, candidate: Candidate, changes: list[Change]) -> FloatArray:
     """What the effect leaves in the readings, computed without linearising it."""
     plain = columns.hidden
-    machine = Hidden(plain.plus(changes).amounts, candidate.lead_mm, *_fixed(plain))
+    machine = Hidden(plain.plus(changes).amounts, candidate.lead_mm, *settings_of(plain))
     return columns.left_over(readings(columns.rows, machine) - readings(columns.rows, plain))
 
 
-def _check_size(changes: list[Change]) -> None:
+def check_size(changes: list[Change]) -> None:
     for (name, _), amount in changes:
         if abs(amount) > LARGEST.get(name, np.inf):
             raise ValueError(f"{name} of {amount:g} is larger than any workshop would have")
@@ -245,12 +259,14 @@ def _table(
     return table, place.where
 
 
-def _text(table: blunders.Table, resolution_mm: float | None) -> str:
+def table_text(table: blunders.Table, resolution_mm: float | None) -> str:
     """The table of readings as CSV, in the order taken."""
     lines = io.StringIO()
     writer = csv.writer(lines, lineterminator="\n")
-    writer.writerow(("leg", "axis", "displacement_mm", "value_mm", "cycle", "time_s", "station"))
+    head = ("leg", "axis", "displacement_mm", "value_mm", "cycle", "time_s", "station")
     rows = table.rows
+    over = rows.over_plane
+    writer.writerow((*head, *(("plane",) if over.any() else ())))
     steps = RESOLUTION_MM if resolution_mm else 1e-6
     shown = np.round(table.values_mm / steps) * steps
     for k in range(len(rows)):
@@ -263,6 +279,7 @@ def _text(table: blunders.Table, resolution_mm: float | None) -> str:
                 int(rows.cycle[k]),
                 f"{rows.time_s[k]:.1f}",
                 f"{rows.station[k]:g}",
+                *((int(over[k]),) if over.any() else ()),
             )
         )
     return lines.getvalue()

@@ -30,7 +30,7 @@ from tests.blind.bench_files import (
 )
 from tests.blind.cases import Case, plan
 from tests.blind.documents import of_the_program, row_of
-from tests.blind.generator import make
+from tests.blind.generator import NotDrawn, make
 from tests.blind.table import Told, page
 
 QUICK_SHARE = 0.04
@@ -45,7 +45,10 @@ Work = Callable[[Case], Json]
 
 def generated(folder: Folder, seed: int, case: Case) -> Json:
     """Make one session; hands its truth back, which goes to the sealed file only."""
-    made = make(case, seed)
+    try:
+        made = make(case, seed)
+    except NotDrawn as problem:
+        return {"session": case.session, "not_drawn": str(problem)}
     write_session(made, folder.session(case.session))
     return {"session": case.session, "truth": made.truth}
 
@@ -86,9 +89,10 @@ def run(cases: Sequence[Case], folder: Folder, seed: int, workers: int) -> Told:
     start = time.monotonic()
     with joblib.parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
         do(partial(generated, folder, seed), cases, folder.truths, "sessions")
-        seal(folder, (case.session for case in cases))
-        do(partial(diagnosed, folder), cases, folder.results, "diagnosed")
-        some = [case for case in cases if for_baselines(case)]
+        made, _ = seal(folder, (case.session for case in cases))
+        drawn = [case for case in cases if case.session in made]
+        do(partial(diagnosed, folder), drawn, folder.results, "diagnosed")
+        some = [case for case in drawn if for_baselines(case)]
         do(partial(compared, seed), some, folder.baselines, "baselines")
     return told(cases, folder, seed, time.monotonic() - start)
 
@@ -99,7 +103,9 @@ def told(cases: Sequence[Case], folder: Folder, seed: int, seconds: float) -> To
     names = {case.session for case in cases}
     rows = [row for row in lines(folder.results) if row["session"] in names]
     baselines = [row for row in lines(folder.baselines) if row["session"] in names]
-    return Told(truths, rows, baselines, seed, digest, seconds)
+    made = [line for line in lines(folder.truths) if line["session"] in names]
+    not_drawn = [line["not_drawn"] for line in made if "not_drawn" in line]
+    return Told(truths, rows, baselines, seed, digest, seconds, not_drawn)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -39,7 +39,9 @@ class Columns:
         zeros = np.equal.outer(rows.mount, np.arange(rows.mount.max() + 1)).astype(np.float64)
         self._plain: dict[float, FloatArray] = {}
         self._spans: dict[Candidate, FloatArray] = {}
-        base = np.column_stack([self._entry(entry, hidden.lead_mm) for entry in BASE])
+        leaning = [("plane", (leg, 2)) for leg in (0, 1) if rows.over_plane.any()]
+        entries = (*BASE, *leaning)
+        base = np.column_stack([self._entry(entry, hidden.lead_mm) for entry in entries])
         self.base = np.column_stack([base, zeros])
         self.nuisance = np.linalg.qr(self.base)[0]
 

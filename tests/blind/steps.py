@@ -21,24 +21,34 @@ class Plan:
     levels_mm: tuple[float, ...]
     cycles: int
     stations: tuple[float, ...] = (0.5,)
+    over_plane: tuple[float, ...] = ()
 
 
 PLANS = {
     "zero-max-min": Plan((0.0, 60.0, -100.0), 3),
     "sweep": Plan(UNEVEN, 2),
     "two-station": Plan(UNEVEN, 2, (0.5, 0.35)),
+    "zero-max-min-plane": Plan((0.0, 60.0, -100.0), 3, (0.5,), (0.1, 0.9)),
 }
 
 
 @dataclass(frozen=True)
 class Visit:
-    """One posture driven to (or kept: ``repeat`` > 0), read by both indicators."""
+    """One posture driven to (or kept: ``repeat`` > 0), read by both indicators.
+
+    Over a plane one indicator reads along z, at a station to which its stand slides.
+    """
 
     leg: int
     station: float
     displacement_mm: float
     cycle: int
     repeat: int = 0
+    over_plane: bool = False
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        return (2,) if self.over_plane else tuple(k for k in range(3) if k != self.leg)
 
 
 def visits(plan: Plan, in_place: bool) -> list[Visit]:
@@ -47,6 +57,13 @@ def visits(plan: Plan, in_place: bool) -> list[Visit]:
     for leg in range(3):
         for station in plan.stations:
             found += _one_mounting(plan, leg, station, in_place)
+    for leg in (0, 1) if plan.over_plane else ():
+        cycles = [(d, c) for c in range(1, plan.cycles + 1) for d in plan.levels_mm]
+        found += [
+            Visit(leg, station, at, cycle, over_plane=True)
+            for at, cycle in (*cycles, (0.0, plan.cycles))
+            for station in plan.over_plane
+        ]
     return found
 
 
@@ -68,22 +85,23 @@ def rows_of(
 
 
 def rows_of_visits(taken: list[Visit], rng: np.random.Generator, homed: float = 1.0) -> Rows:
-    """Two rows for each of these visits."""
-    moved = np.repeat(_movements(taken, homed), 2, axis=0)
-    time_s = np.repeat(_times(taken, rng), 2)
-    both = [(v, axis) for v in taken for axis in range(3) if axis != v.leg]
-    places = {key: k for k, key in enumerate(dict.fromkeys((v.leg, a, v.station) for v, a in both))}
+    """Two rows for each of these visits, one over a plane."""
+    both = [(number, v, axis) for number, v in enumerate(taken) for axis in v.axes]
+    of = np.array([number for number, _, _ in both])
+    keys = [(v.leg, axis, -1.0 if v.over_plane else v.station) for _, v, axis in both]
+    places = {key: k for k, key in enumerate(dict.fromkeys(keys))}
     number = np.cumsum([v.repeat == 0 for v in taken]) - 1
     return Rows(
-        leg=np.array([v.leg for v, _ in both], dtype=np.intp),
-        axis=np.array([axis for _, axis in both], dtype=np.intp),
-        displacement_mm=np.array([v.displacement_mm for v, _ in both]),
-        station=np.array([v.station for v, _ in both]),
-        time_s=time_s,
-        cycle=np.array([v.cycle for v, _ in both], dtype=np.intp),
-        visit=np.repeat(number, 2).astype(np.intp),
-        mount=np.array([places[v.leg, axis, v.station] for v, axis in both], dtype=np.intp),
-        moved=moved,
+        leg=np.array([v.leg for _, v, _ in both], dtype=np.intp),
+        axis=np.array([axis for _, _, axis in both], dtype=np.intp),
+        displacement_mm=np.array([v.displacement_mm for _, v, _ in both]),
+        station=np.array([v.station for _, v, _ in both]),
+        time_s=_times(taken, rng)[of],
+        cycle=np.array([v.cycle for _, v, _ in both], dtype=np.intp),
+        visit=number[of].astype(np.intp),
+        mount=np.array([places[key] for key in keys], dtype=np.intp),
+        moved=_movements(taken, homed)[of],
+        plane=np.array([v.over_plane for _, v, _ in both]),
     )
 
 
@@ -105,8 +123,10 @@ def _movements(taken: list[Visit], homed: float) -> FloatArray:
         there = np.zeros(3)
         there[visit.leg] = visit.displacement_mm
         parts = np.linspace(0.0, 1.0, PATH_POINTS)[:, None]
-        for step in np.sign(np.diff(carriages(here + parts * (there - here)), axis=0).round(9)):
-            last = np.where(step == 0, last, step)
+        steps = np.sign(np.diff(carriages(here + parts * (there - here)), axis=0).round(9))
+        from_end = np.argmax(steps[::-1] != 0, axis=0)
+        ended = steps[-1 - from_end, np.arange(3)]
+        last = np.where(ended == 0, last, ended)
         found.append(last)
         here = there
     return np.array(found)

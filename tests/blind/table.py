@@ -51,6 +51,7 @@ class Told:
     seed: int
     digest: str
     seconds: float
+    not_drawn: Sequence[str] = ()
 
     @cached_property
     def scored(self) -> list[Scored]:
@@ -123,6 +124,7 @@ def _head(told: Told) -> str:
             "",
             f"- {len(told.scored)} of the {len(plan())} planned sessions, seed {told.seed};",
             f"  {left} not run for want of a way to leave an effect out; {failed} ended in error.",
+            *[f"- Could not be drawn: {why}." for why in told.not_drawn],
             f"- SHA-256 of the sealed truths: `{told.digest}`",
             f"- The last run took {told.seconds:.0f} s on two processes; what an earlier run had",
             "  finished is not counted.",
@@ -178,6 +180,8 @@ def _false_lines(told: Told) -> list[Line]:
             for off in BARS
         ),
         Line("blunder claimed, no effect", told.cell("none"), blunder_claimed, 0.0, True),
+        Line("over a plane: false name", told.cell("plane-none"), false_name, 0.01, True),
+        Line("over a plane: wrong confident name", told.cell("plane"), wrong_confident, 0.01, True),
         Line("false name, mislabelled repeats", told.cell("mislabelled"), false_name, None),
     ]
 
@@ -212,6 +216,18 @@ def _true_lines(told: Told) -> list[Line]:
         Line("two effects, exact", pairs, exact, 0.85),
         Line("two effects, exact, separable", [o for o in pairs if separable(o)], exact, 0.85),
         Line("look-alikes, truth in the set", told.cell("look-alike"), truth_in_set, 0.95),
+        Line(
+            "over a plane: truth in the set",
+            [o for o in told.cell("plane") if detectable(o)],
+            truth_in_set,
+            0.95,
+        ),
+        Line(
+            "over a plane: single name and place, separable",
+            [o for o in told.cell("plane") if separable(o)],
+            single_name,
+            0.95,
+        ),
         Line("blunder named with its place", told.cell("blunder"), blunder_named, 0.99),
         Line(
             "blunder named beside an effect", told.cell("blunder-and-effect"), blunder_named, 0.99

@@ -6,15 +6,17 @@ from itertools import product
 
 import numpy as np
 
-from tests.blind.forward import LEG_MM, FloatArray, Hidden, _feet, _tool
+from tests.blind.forward import LEG_MM, FloatArray, Hidden, feet_of, tool_of
 
 LIMITS_MM = (-100.0, 60.0)
+HIGHEST_MM = 84.0
+"""Of the tool: drives at their upper limits hold it at 83 mm along each coordinate."""
 PER_AXIS = 9
 
 
 def reachable_mm() -> FloatArray:
-    """Middles ``(n, 3)`` of the cells of the cube where nominal joints keep their limits."""
-    low, high = LIMITS_MM
+    """Middles ``(n, 3)`` of the cells where nominal joints keep their limits."""
+    low, high = LIMITS_MM[0], HIGHEST_MM
     axis = low + (np.arange(PER_AXIS) + 0.5) * (high - low) / PER_AXIS
     points = np.array(list(product(axis, repeat=3)))
     travel = _joints(points, np.full(3, LEG_MM)) - LEG_MM
@@ -36,8 +38,8 @@ def tool_errors_mm(hidden: Hidden, offsets_mm: FloatArray, lengths_mm: FloatArra
     commanded = _joints(wanted, LEG_MM + lengths_mm) - offsets_mm
     found = []
     for way in (1.0, -1.0):
-        feet = _feet(hidden, commanded, np.full(commanded.shape, way))
-        found.append(_tool(hidden, feet) - wanted)
+        feet = feet_of(hidden, commanded, np.full(commanded.shape, way))
+        found.append(tool_of(hidden, feet) - wanted)
     return np.concatenate(found)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.hexaslide.procedures import Procedure
 from calib.hexaslide.search import BestPostures, Search, best_postures
-from protocols.hexaslide_machine import load_hexaslide
+from protocols.hexaslide import load_hexaslide
 
 
 def search() -> BestPostures:

@@ -12,7 +12,7 @@ import serial
 
 from drivers.exchange import Exchange
 from drivers.port import SLICE_S
-from drivers.profile import Asked, Outcome, Profile, Reading, Spindle
+from drivers.profile import IndicatorReading, Outcome, Profile, Query, Spindle
 from drivers.twins import twin_of
 
 ROUND_S = 60.0
@@ -42,8 +42,8 @@ class Wire:
         spindle = Spindle(lambda: self.now_s % ROUND_S, 0.001)
         self._twin = twin_of(self.profile, spindle)
         self._extra = twin_of(self.profile, spindle)
-        self._request = self.profile.request(Asked()) if self.profile.request else b""
-        self._coming: deque[tuple[float, bytes]] = deque()
+        self._request = self.profile.request(Query()) if self.profile.request else b""
+        self.coming: deque[tuple[float, bytes]] = deque()
         self._here = b""
         if self.unasked is None and self.profile.stream_s:
             self.unasked = iter(lambda: self.profile.stream_s, None)
@@ -52,7 +52,7 @@ class Wire:
         self.exchange = Exchange(
             self.profile,
             "wire",
-            Asked(),
+            Query(),
             self.profile.interval_s,
             on_button=lambda _: self.presses.append(self.now_s),
             now=lambda: self.now_s,
@@ -65,40 +65,40 @@ class Wire:
         until = self.now_s + seconds
         while self._next_s <= until:
             self.now_s = max(self.now_s, self._next_s)
-            self._send(self._extra.receive(self._request))
+            self.send(self._extra.receive(self._request))
             assert self.unasked is not None
             self._next_s = self.now_s + next(self.unasked, float("inf"))
         self.now_s = until
 
     def press(self) -> None:
         """The DATA button, now."""
-        self._send(self._extra.receive(self._request))
+        self.send(self._extra.receive(self._request))
 
-    def _send(self, line: bytes) -> None:
+    def send(self, line: bytes) -> None:
         out = self.stalled(self.now_s + self.delay(self.now_s))
         if line and out is not None:
-            self._coming.append((max(out, self._coming[-1][0] if self._coming else 0.0), line))
+            self.coming.append((max(out, self.coming[-1][0] if self.coming else 0.0), line))
 
     def write(self, request: bytes) -> None:
         self.questions += 1
-        self._send(self._twin.receive(request))
+        self.send(self._twin.receive(request))
 
     @property
     def in_waiting(self) -> int:
-        while self._coming and self._coming[0][0] <= self.now_s:
-            self._here += self._coming.popleft()[1]
+        while self.coming and self.coming[0][0] <= self.now_s:
+            self._here += self.coming.popleft()[1]
         return len(self._here)
 
     def read(self, size: int) -> bytes:
         until = self.now_s + SLICE_S
         while self.in_waiting < size and self.now_s < until:
-            following = min(self._coming[0][0] if self._coming else until, self._next_s, until)
+            following = min(self.coming[0][0] if self.coming else until, self._next_s, until)
             self.wait(max(0.0, following - self.now_s))
         came, self._here = self._here[:size], self._here[size:]
         return came
 
 
-def age_s(reading: Reading, asked_s: float) -> float:
+def age_s(reading: IndicatorReading, asked_s: float) -> float:
     """How long before the question the device read its spindle; negative: after it."""
     since = (asked_s - reading.value_mm) % ROUND_S
     return since if since < ROUND_S / 2 else since - ROUND_S
@@ -120,7 +120,7 @@ class Tally:
         for _ in range(asks):
             start_s = wire.now_s
             outcome: Outcome = wire.exchange.taken()
-            if isinstance(outcome, Reading):
+            if isinstance(outcome, IndicatorReading):
                 self.readings += 1
                 age = age_s(outcome, start_s)
                 self.oldest_s = max(self.oldest_s, age)

@@ -12,11 +12,10 @@ from pathlib import Path
 import pytest
 
 from drivers.line import IndicatorLine
-from drivers.profile import Fault, FaultKind, Outcome, Reading, Spindle
+from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.profiles.sylvac import SYLVAC
-from drivers.twin_port import TwinPort
-from drivers.twins import twin_of
+from drivers.twins import TwinPort, twin_of
 
 PATIENCE_S = 30.0
 
@@ -50,8 +49,8 @@ def test_a_pressed_button_is_a_take_and_not_an_answer(monkeypatch: pytest.Monkey
                 client.sendall(b"+000.300\r")
             until(lambda: len(heard) == 3)
             line.close()
-    assert [o.value_mm for o in heard if isinstance(o, Reading)] == [0.1, 0.3, 0.3]
-    assert [o.value_mm for o in pressed if isinstance(o, Reading)] == [0.2]
+    assert [o.value_mm for o in heard if isinstance(o, IndicatorReading)] == [0.1, 0.3, 0.3]
+    assert [o.value_mm for o in pressed if isinstance(o, IndicatorReading)] == [0.2]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals and links")
@@ -64,7 +63,7 @@ def test_replugged_under_the_same_name(tmp_path: Path) -> None:
     name.symlink_to(first.url)
     line = IndicatorLine(quick, str(name), interval_s=0.02, listener=heard.append)
     line.start()
-    until(lambda: bool(heard) and isinstance(heard[-1], Reading))
+    until(lambda: bool(heard) and isinstance(heard[-1], IndicatorReading))
     pulled = time.monotonic()
     first.close()
     name.unlink()
@@ -75,8 +74,8 @@ def test_replugged_under_the_same_name(tmp_path: Path) -> None:
     assert lost.kind is FaultKind.DISCONNECTED
     with TwinPort(twin_of(MITUTOYO_01A, Spindle(lambda: 2.0, 0.001)), "pty") as second:
         name.symlink_to(second.url)
-        until(lambda: isinstance(heard[-1], Reading))
+        until(lambda: isinstance(heard[-1], IndicatorReading))
         line.close()
     back = heard[-1]
-    assert isinstance(back, Reading)
+    assert isinstance(back, IndicatorReading)
     assert back.value_mm == 2.0

@@ -13,10 +13,9 @@ from functools import partial
 import pytest
 
 from drivers.line import IndicatorLine
-from drivers.profile import Asked, Fault, FaultKind, Outcome, Profile, Reading, Spindle
+from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome, Profile, Query, Spindle
 from drivers.profiles import PROFILES
-from drivers.twin_port import Transport, TwinPort
-from drivers.twins import Trouble, twin_of
+from drivers.twins import Transport, Trouble, TwinPort, twin_of
 
 TRANSPORTS = (["pty"] if os.name == "posix" else []) + ["tcp"]
 QUICK_S = 0.4
@@ -68,7 +67,7 @@ def test_values(profile: Profile, transport: Transport) -> None:
     positions = (1.234, -0.567, 0.0)
     ports = (plugged(profile, transport, position) for position in positions)
     for position, found in zip(positions, outcomes(profile, ports), strict=True):
-        assert isinstance(found, Reading), found
+        assert isinstance(found, IndicatorReading), found
         assert found.value_mm == pytest.approx(position, abs=0.0005 + found.resolution_mm / 2)
 
 
@@ -112,9 +111,9 @@ def test_troubles_that_a_reader_must_stand(profile: Profile, transport: Transpor
     ports = (plugged(profile, transport, -0.321, trouble) for trouble in troubles)
     for trouble, found in zip(troubles, outcomes(profile, ports, timeout_s=2.0), strict=True):
         if trouble is Trouble.ECHO and profile.request is not None:
-            ended = profile.request(Asked()).endswith((b"\r", b"\n"))
-            assert isinstance(found, Reading) or not ended
-        if isinstance(found, Reading):
+            ended = profile.request(Query()).endswith((b"\r", b"\n"))
+            assert isinstance(found, IndicatorReading) or not ended
+        if isinstance(found, IndicatorReading):
             assert found.value_mm == pytest.approx(-0.321, abs=0.001), trouble
 
 
@@ -131,6 +130,6 @@ def test_no_reading_is_stale(profile: Profile, transport: Transport) -> None:
             position[0] = 0.25 * step
             time.sleep(2 * profile.stream_s)
             found = line.ask().result(timeout=10)
-            assert isinstance(found, Reading)
+            assert isinstance(found, IndicatorReading)
             assert found.value_mm == pytest.approx(0.25 * step, abs=0.001)
         line.close()

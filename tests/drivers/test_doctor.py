@@ -12,7 +12,7 @@ import pytest
 
 from calib.errors import IndicatorError
 from drivers.doctor import (
-    Finding,
+    PortFinding,
     Trials,
     examine,
     examine_by_trial,
@@ -20,18 +20,17 @@ from drivers.doctor import (
     keyboard_tools,
     try_profiles,
 )
-from drivers.profile import Asked, BadReply, FaultKind, Profile, Spindle, Unit, Verified
+from drivers.profile import BadReply, Evidence, FaultKind, Profile, Query, Spindle, Unit
 from drivers.profiles import PROFILES
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A, MITUTOYO_MUX
 from drivers.profiles.sylvac import SYLVAC
-from drivers.twin_port import TwinPort, default_transport
-from drivers.twins import Trouble, Twin, twin_of
+from drivers.twins import Trouble, Twin, TwinPort, default_transport, twin_of
 
 QUICK = replace(MITUTOYO_01A, timeout_s=0.3, interval_s=0.0)
 
 
-def told(profile: Profile, port: str, asked: Asked | None = None) -> str:
-    findings = examine(profile, port, asked or Asked(), PROFILES.values())
+def told(profile: Profile, port: str, asked: Query | None = None) -> str:
+    findings = examine(profile, port, asked or Query(), PROFILES.values())
     assert all(finding.next_step for finding in findings if not finding.well)
     return "\n".join(f"{f.well} {f.what} {f.next_step}" for f in findings)
 
@@ -87,7 +86,7 @@ def test_wrong_unit_and_inch_that_looks_like_it() -> None:
     )
     assert "look like inch" in examined(in_inch, "inch")
     with TwinPort(twin_of(QUICK, Spindle(lambda: 0.5, 0.001)), "tcp") as port:
-        assert "+12.7 mm" in told(QUICK, port.url, Asked(unit=Unit.INCH))
+        assert "+12.7 mm" in told(QUICK, port.url, Query(unit=Unit.INCH))
 
 
 def test_missing_and_busy_ports() -> None:
@@ -96,7 +95,7 @@ def test_missing_and_busy_ports() -> None:
 
 
 def test_unverified_profiles_say_so() -> None:
-    assert MITUTOYO_MUX.verified is Verified.UNVERIFIED
+    assert MITUTOYO_MUX.verified is Evidence.UNVERIFIED
     assert "unverified" in told(replace(MITUTOYO_MUX, timeout_s=0.2), "socket://127.0.0.1:1")
 
 
@@ -110,7 +109,7 @@ def test_usb_tool_that_is_a_keyboard(tmp_path: Path) -> None:
     (device / "idVendor").write_text("0fe7\n")
     (device / "idProduct").write_text("4001\n")
     (found,) = keyboard_tools(tmp_path)
-    assert isinstance(found, Finding)
+    assert isinstance(found, PortFinding)
     assert not found.well
     assert "VCP driver" in found.next_step
 
@@ -151,7 +150,7 @@ ALIKE = {name: alike for alike in SETS for name in alike} | {
 
 def tried(twin: Twin, stream_s: float = 0.0) -> Trials:
     with TwinPort(twin, default_transport(), stream_s=stream_s) as port:
-        return try_profiles(HASTY, port.url, Asked())
+        return try_profiles(HASTY, port.url, Query())
 
 
 def names(trials: Trials) -> set[str]:
@@ -217,7 +216,7 @@ def test_trying_on_a_line_with_speed_and_parity(name: str, monkeypatch: pytest.M
     cable = Cable(profile, twin_of(profile, Spindle(lambda: 0.5, 0.001)), [])
     monkeypatch.setattr("serial.serial_for_url", cable)
     monkeypatch.setattr("drivers.doctor.LISTEN_S", 0.2)
-    found = try_profiles(HASTY, "/dev/ttyUSB7", Asked())
+    found = try_profiles(HASTY, "/dev/ttyUSB7", Query())
     assert name in names(found)
     own = (profile.line.baud, profile.line.parity)
     assert {(fit.profile.line.baud, fit.profile.line.parity) for fit in found.fits} == {own}
@@ -266,14 +265,14 @@ def test_trying_names_a_profile_in_another_unit_and_says_so() -> None:
 
 
 def test_trying_stops_when_asked_and_ends_where_the_port_is_gone() -> None:
-    stopped = try_profiles(HASTY, "socket://127.0.0.1:1", Asked(), stopped=lambda: True)
+    stopped = try_profiles(HASTY, "socket://127.0.0.1:1", Query(), stopped=lambda: True)
     assert (stopped.fits, stopped.count) == ((), 0)
     twin = twin_of(QUICK, Spindle(lambda: 0.5, 0.001), Trouble.DISCONNECT)
     with TwinPort(twin, "tcp") as port, pytest.raises(IndicatorError, match="no device answers"):
-        try_profiles(HASTY, port.url, Asked())
+        try_profiles(HASTY, port.url, Query())
 
 
 def test_trying_a_port_that_does_not_open() -> None:
-    (*_, finding) = examine_by_trial("/dev/ttyNONE9", Asked(), HASTY, lambda *_: None)
+    (*_, finding) = examine_by_trial("/dev/ttyNONE9", Query(), HASTY, lambda *_: None)
     assert not finding.well
     assert "no such port" in finding.what

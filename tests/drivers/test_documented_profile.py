@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from drivers.profile import Asked, FaultKind, Profile, Reading, Spindle
+from drivers.profile import FaultKind, IndicatorReading, Profile, Query, Spindle
 from drivers.twins import twin_of
 from tests.conftest import ROOT
 
@@ -18,12 +18,12 @@ def test_example_of_the_documentation() -> None:
     exec(compile(code, "docs/indicators.md", "exec"), names)
     example: Profile = names["EXAMPLE"]
     reply = twin_of(example, Spindle(lambda: -1.5, 0.001)).receive(b"R\r")
-    found = example.parse(reply.decode().strip(), Asked())
-    assert isinstance(found, Reading)
+    found = example.parse(reply.decode().strip(), Query())
+    assert isinstance(found, IndicatorReading)
     assert found.value_mm == -1.5
     for bad in example.bad_replies.values():
-        fault = example.parse(bad.reply.decode().strip(), Asked())
-        assert not isinstance(fault, Reading)
+        fault = example.parse(bad.reply.decode().strip(), Query())
+        assert not isinstance(fault, IndicatorReading)
         assert fault is not None
         assert fault.kind is bad.kind
     assert example.bad_replies["inch"].kind is FaultKind.WRONG_UNIT

@@ -7,11 +7,10 @@ import tracemalloc
 from collections.abc import Callable
 
 from drivers.line import IndicatorLine
-from drivers.profile import Outcome, Reading, Spindle
+from drivers.profile import IndicatorReading, Outcome, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.profiles.sylvac import SYLVAC
-from drivers.twin_port import TwinPort, default_transport
-from drivers.twins import twin_of
+from drivers.twins import TwinPort, default_transport, twin_of
 
 EXCHANGES = 3000
 """Ten minutes at five readings a second, the fastest that these profiles allow."""
@@ -40,7 +39,7 @@ def test_two_indicators_for_ten_minutes() -> None:
 
     def listener(number: int) -> Callable[[Outcome], None]:
         def hear(outcome: Outcome) -> None:
-            assert isinstance(outcome, Reading)
+            assert isinstance(outcome, IndicatorReading)
             heard[number].append(outcome.value_mm)
             if len(heard[number]) >= EXCHANGES:
                 done[number].set()

@@ -14,7 +14,7 @@ from itertools import chain, count, product, repeat
 
 import pytest
 
-from drivers.profile import Asked, Fault, FaultKind, Profile, Reading, Spindle
+from drivers.profile import Fault, FaultKind, IndicatorReading, Profile, Query, Spindle
 from drivers.profiles import PROFILES
 from drivers.profiles.ascii_line import ascii_line
 from drivers.twins import twin_of
@@ -163,7 +163,7 @@ def test_a_take_in_between_is_what_the_press_was_meant_for() -> None:
     polled(wire, 6.0)
     wire.press()
     polled(wire, 0.5)
-    assert isinstance(wire.exchange.taken(), Reading)
+    assert isinstance(wire.exchange.taken(), IndicatorReading)
     assert not polled(wire, 5.0)
     assert not wire.presses
 
@@ -195,7 +195,7 @@ def losing(*answers: bytes) -> Callable[[Spindle], str]:
 
 
 def frames(profile: Profile) -> Iterator[bytes]:
-    request = profile.request(Asked()) if profile.request else b""
+    request = profile.request(Query()) if profile.request else b""
     for position in (1.234, -0.567, 12.345, -23.456, 0.012, -0.002):
         for resolution in (0.01, 0.001, 0.0001):
             spindle = Spindle(partial(float, position), resolution)
@@ -204,8 +204,8 @@ def frames(profile: Profile) -> Iterator[bytes]:
 
 
 def value(profile: Profile, frame: bytes) -> float | None:
-    outcome = profile.parse(frame.strip(b"\r\n").decode("latin-1"), Asked())
-    return outcome.value_mm if isinstance(outcome, Reading) else None
+    outcome = profile.parse(frame.strip(b"\r\n").decode("latin-1"), Query())
+    return outcome.value_mm if isinstance(outcome, IndicatorReading) else None
 
 
 def shortened(profile: Profile) -> Iterator[tuple[bytes, bytes]]:
@@ -231,7 +231,8 @@ def test_a_lost_byte_changes_no_reading_that_is_kept(profile: Profile) -> None:
             wire.exchange.outcome()
             found = [wire.exchange.taken() for _ in range(3)]
             changed += sum(
-                isinstance(o, Reading) and o.value_mm != value(profile, frame) for o in found
+                isinstance(o, IndicatorReading) and o.value_mm != value(profile, frame)
+                for o in found
             )
     assert changed == 0
 
@@ -249,9 +250,9 @@ def test_the_rest_of_a_line_begun_before_the_question_is_no_answer() -> None:
     """Of a stream ``-10.012`` the tail ``.012`` is a number too."""
 
     class Cut(Wire):
-        def _send(self, line: bytes) -> None:
+        def send(self, line: bytes) -> None:
             for at in range(len(line)):
-                self._coming.append((self.now_s + 0.001 * at, line[at : at + 1]))
+                self.coming.append((self.now_s + 0.001 * at, line[at : at + 1]))
 
     for phase in range(40):
         profile = replace(PROFILES["ascii-line"], reply=losing(b"-10.012\r\n"))
@@ -259,7 +260,7 @@ def test_the_rest_of_a_line_begun_before_the_question_is_no_answer() -> None:
         wire.wait(0.2 + 0.0005 * phase)
         for _ in range(5):
             found = wire.exchange.outcome()
-            assert isinstance(found, Reading)
+            assert isinstance(found, IndicatorReading)
             assert found.value_mm == -10.012
             wire.wait(0.0305)
 
@@ -298,9 +299,9 @@ def test_a_number_of_hundreds_of_digits_is_none(profile: Profile) -> None:
             if sign.isdigit():
                 for digit in "09":
                     long = text[:at] + digit * 400 + text[at:]
-                    assert not isinstance(profile.parse(long, Asked()), Reading)
+                    assert not isinstance(profile.parse(long, Query()), IndicatorReading)
 
 
 @pytest.mark.parametrize("pattern", [r"(?P<number>(\d+)+)", r"(?P<number>(\d|\d\d)*(\.?\d+)*)"])
 def test_a_pattern_of_the_user_takes_no_longer_than_the_line(pattern: str) -> None:
-    assert isinstance(ascii_line(pattern).parse("1" * 500 + "x", Asked()), Fault)
+    assert isinstance(ascii_line(pattern).parse("1" * 500 + "x", Query()), Fault)

@@ -12,7 +12,7 @@ from functools import partial
 
 import pytest
 
-from drivers.profile import MILLIMETRES, Asked, Fault, Profile, Reading, Spindle, Unit
+from drivers.profile import MILLIMETRES, Fault, IndicatorReading, Profile, Query, Spindle, Unit
 from drivers.profiles import PROFILES
 from drivers.twins import twin_of
 from tests.drivers.shapes import SHAPES
@@ -25,7 +25,7 @@ def seeds_of(profile: Profile) -> list[bytes]:
     replies = [bad.reply for bad in profile.bad_replies.values()]
     for position in (1.234, -0.5, 0.0):
         twin = twin_of(profile, Spindle(partial(float, position), 0.001))
-        replies.append(twin.receive(profile.request(Asked()) if profile.request else b""))
+        replies.append(twin.receive(profile.request(Query()) if profile.request else b""))
     return [reply.strip(b"\r\n") for reply in replies]
 
 
@@ -60,9 +60,9 @@ def test_fuzz(profile: Profile) -> None:
         else:
             line = mutated(generator, generator.choice(seeds))
         text = line.decode("latin-1")
-        found = profile.parse(text, Asked())
-        assert found is None or isinstance(found, Reading | Fault)
-        if isinstance(found, Reading):
+        found = profile.parse(text, Query())
+        assert found is None or isinstance(found, IndicatorReading | Fault)
+        if isinstance(found, IndicatorReading):
             values += 1
             match = shape.fullmatch(text)
             assert match, (profile.name, text)

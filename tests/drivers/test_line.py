@@ -16,13 +16,11 @@ import pytest
 from calib.errors import IndicatorError
 from drivers.line import IndicatorLine
 from drivers.port import open_port
-from drivers.profile import Fault, FaultKind, Outcome, Profile, Reading, Spindle
+from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome, Profile, Spindle
 from drivers.profiles import profile_named
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.profiles.sylvac import SYLVAC
-from drivers.rig import SimulatedRig
-from drivers.twin_port import Transport, TwinPort
-from drivers.twins import twin_of
+from drivers.twins import SimulatedRig, Transport, TwinPort, twin_of
 
 QUICK = replace(MITUTOYO_01A, timeout_s=0.3, interval_s=60.0)
 POSIX = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals need POSIX")
@@ -89,7 +87,7 @@ def test_faults(transport: Transport, answer: bytes, kind: FaultKind) -> None:
 def test_terminators(transport: Transport, end: bytes) -> None:
     with TwinPort(Scripted(b"\x00\r\n01A+0001.500" + end), transport) as twin:
         outcome = first_outcome(twin.url)
-    assert isinstance(outcome, Reading)
+    assert isinstance(outcome, IndicatorReading)
     assert outcome.value_mm == 1.5
 
 
@@ -98,7 +96,7 @@ def test_busy_is_asked_again(transport: Transport) -> None:
     device = Scripted(b"918\r", b"918\r", b"01A-0000.250\r")
     with TwinPort(device, transport) as twin:
         outcome = first_outcome(twin.url)
-    assert isinstance(outcome, Reading)
+    assert isinstance(outcome, IndicatorReading)
 
 
 @pytest.mark.parametrize("transport", BOTH)
@@ -115,7 +113,7 @@ def test_a_late_answer_is_not_taken_for_the_next_reading(transport: Transport) -
         while len(heard) < 2 and time.monotonic() < deadline:
             time.sleep(0.01)
         opened.close()
-    values = [outcome.value_mm for outcome in heard if isinstance(outcome, Reading)]
+    values = [outcome.value_mm for outcome in heard if isinstance(outcome, IndicatorReading)]
     assert isinstance(heard[0], Fault)
     assert 1.0 not in values
 
@@ -124,7 +122,7 @@ def test_a_late_answer_is_not_taken_for_the_next_reading(transport: Transport) -
 def test_unplugged_and_plugged_in_again(transport: Transport) -> None:
     twin = TwinPort(twin_of(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), transport)
     with line(twin.url, replace(QUICK, interval_s=0.05)) as opened:
-        assert isinstance(opened.ask().result(timeout=5), Reading)
+        assert isinstance(opened.ask().result(timeout=5), IndicatorReading)
         twin.close()
         gone = opened.ask().result(timeout=5)
         assert isinstance(gone, Fault)
@@ -141,7 +139,7 @@ def test_two_indicators_on_a_moving_rig(transport: Transport) -> None:
         for goal in ((0.1, -0.1), (1.234, 5.678), (-0.5, 0.0)):
             rig.go(goal)
             values = [opened.ask().result(timeout=5) for opened in lines]
-            assert [v.value_mm for v in values if isinstance(v, Reading)] == list(goal)
+            assert [v.value_mm for v in values if isinstance(v, IndicatorReading)] == list(goal)
         for opened in lines:
             opened.close()
 
@@ -153,8 +151,8 @@ def test_motion_takes_its_time() -> None:
             early = opened.ask().result(timeout=5)
             time.sleep(0.6)
             late = opened.ask().result(timeout=5)
-    assert isinstance(early, Reading)
-    assert isinstance(late, Reading)
+    assert isinstance(early, IndicatorReading)
+    assert isinstance(late, IndicatorReading)
     assert early.value_mm < 10.0 == late.value_mm
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.profile import Asked, Fault, FaultKind, Reading, Spindle
+from drivers.profile import Fault, FaultKind, IndicatorReading, Query, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.twins import twin_of
 
@@ -24,8 +24,8 @@ from drivers.twins import twin_of
     ],
 )
 def test_values(frame: bytes, value: float, resolution: float) -> None:
-    found = MITUTOYO_01A.parse(frame.decode("latin-1"), Asked())
-    assert isinstance(found, Reading)
+    found = MITUTOYO_01A.parse(frame.decode("latin-1"), Query())
+    assert isinstance(found, IndicatorReading)
     assert found.value_mm == value
     assert found.resolution_mm == pytest.approx(resolution)
     assert found.unit_assumed
@@ -52,15 +52,15 @@ def test_values(frame: bytes, value: float, resolution: float) -> None:
     ],
 )
 def test_what_is_not_a_value(frame: bytes, kind: FaultKind) -> None:
-    found = MITUTOYO_01A.parse(frame.decode("latin-1"), Asked())
+    found = MITUTOYO_01A.parse(frame.decode("latin-1"), Query())
     assert isinstance(found, Fault)
     assert found.kind is kind
 
 
 @given(st.binary(max_size=20))
 def test_no_value_from_outside_the_grammar(frame: bytes) -> None:
-    found = MITUTOYO_01A.parse(frame.decode("latin-1"), Asked())
-    if isinstance(found, Reading):
+    found = MITUTOYO_01A.parse(frame.decode("latin-1"), Query())
+    if isinstance(found, IndicatorReading):
         assert re.fullmatch(rb"01A[+-][0-9]+\.[0-9]+", frame)
 
 
@@ -68,8 +68,8 @@ def test_no_value_from_outside_the_grammar(frame: bytes) -> None:
 def test_the_twin_speaks_what_the_profile_reads(position: float, resolution: float) -> None:
     reply = twin_of(MITUTOYO_01A, Spindle(lambda: position, resolution)).receive(b"1\r")
     assert reply.endswith(b"\r")
-    found = MITUTOYO_01A.parse(reply[:-1].decode(), Asked())
-    assert isinstance(found, Reading)
+    found = MITUTOYO_01A.parse(reply[:-1].decode(), Query())
+    assert isinstance(found, IndicatorReading)
     assert abs(found.value_mm - position) <= resolution / 2 + 1e-9
     assert found.resolution_mm == pytest.approx(resolution)
 

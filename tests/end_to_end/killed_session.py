@@ -23,7 +23,7 @@ from app.measuring.indicators import simulated_indicators
 from app.measuring.opening import Indicators, Plan, begin
 from app.measuring.session import GuidedSession
 from drivers.line import IndicatorLine
-from drivers.profile import Asked, Fault, FaultKind, Outcome, Reading
+from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome, Query
 from drivers.profiles import PROFILES
 from protocols.machine import Machine
 from protocols.procedure import Procedure
@@ -45,7 +45,7 @@ class InstantLine(IndicatorLine):
         answer: Future[Outcome] = Future()
         self._next_mm += 0.002
         value_mm = round(self._next_mm, 3)
-        outcome: Outcome = Reading(f"01A{value_mm:+.3f}", value_mm, 0.001, True)
+        outcome: Outcome = IndicatorReading(f"01A{value_mm:+.3f}", value_mm, 0.001, True)
         if self._chance.random() < 0.04:
             outcome = Fault(FaultKind.DEVICE_FAULT, "err", "the device says so")
         answer.set_result(outcome)
@@ -56,7 +56,7 @@ class InstantGauge(Gauge):
     """A gauge without a port."""
 
     def __init__(self, line: InstantLine) -> None:
-        super().__init__(PROFILE, "", Asked(), window_s=0.1, tolerance_mm=0.004)
+        super().__init__(PROFILE, "", Query(), window_s=0.1, tolerance_mm=0.004)
         self._line = line
 
 

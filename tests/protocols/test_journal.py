@@ -215,9 +215,18 @@ def test_two_who_write_at_the_same_moment_lose_nothing(
     monkeypatch.setattr(files, "lock", lambda _: None)
     first = Journal.create(path, opened())
     first.append(reading(1))
+    before = path.read_bytes()
     second = Journal.resume(path, "second" * 100)
+    after = path.read_bytes()
+
+    def later(file: io.FileIO, lines: bytes) -> None:
+        path.write_bytes(after)
+        write_all(file, lines)
+
+    write_all = files.write_all
     with monkeypatch.context() as patched:
-        patched.setattr(first, "_check", lambda: None)
+        path.write_bytes(before)  # as the first finds it; the second writes a moment later
+        patched.setattr(files, "write_all", later)
         first.append(reading(2))
     for journal, place in ((first, "s-kept.jsonl"), (second, "s-kept-2.jsonl")):
         with pytest.raises(RecordError, match=re.escape(place)):
@@ -414,7 +423,7 @@ from protocols.journal import Journal
 from protocols.record import read_record
 from tests.protocols.test_journal import opened, reading
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (1500, 1500))
+resource.setrlimit(resource.RLIMIT_FSIZE, (1600, 1600))
 path = Path({str(path)!r})
 journal = Journal.create(path, opened())
 taken = 0
@@ -458,18 +467,19 @@ def test_a_failed_take_back_does_not_spoil_what_comes_after(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Neither the write nor the cut succeeds; the next write cuts first."""
+
+    class Stubborn(io.FileIO):
+        cuts = True
+
+        def truncate(self, size: int | None = None) -> int:
+            if not self.cuts:
+                raise OSError(errno.EIO, "Input/output error")
+            return super().truncate(size)
+
+    monkeypatch.setattr(files, "open_to_write", Stubborn)
     journal = Journal.create(path, opened())
-    real = journal._file
-
-    class Broken:
-        def __getattr__(self, name: str) -> object:
-            return getattr(real, name)
-
-        def truncate(self, size: int) -> int:
-            raise OSError(errno.EIO, "Input/output error")
-
     with monkeypatch.context() as patched:
-        patched.setattr(journal, "_file", Broken())
+        patched.setattr(Stubborn, "cuts", False)
         patched.setattr(os, "fsync", lambda _: (_ for _ in ()).throw(OSError(errno.EIO, "I/O")))
         with pytest.raises(RecordError):
             journal.append(*[reading(n) for n in range(1, 6)])

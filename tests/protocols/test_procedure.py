@@ -10,7 +10,8 @@ from pydantic import ValidationError
 
 from calib.errors import RecordError, UsageError
 from calib.tripod.geometry import Geometry
-from protocols.procedure import Procedure, leg_procedure_names, load_procedure
+from protocols.machine import load_machine
+from protocols.procedure import Procedure, guided_procedure_names, load_procedure
 
 FILE = """
 schema = "glidecal.procedure/1"
@@ -36,7 +37,7 @@ def test_one_indicator_measures_each_leg_twice() -> None:
     assert {step.axes for step in steps if step.leg == "y"} == {("x",), ("z",)}
 
 
-@pytest.mark.parametrize("name", leg_procedure_names())
+@pytest.mark.parametrize("name", guided_procedure_names(Geometry()))
 def test_every_procedure_respects_the_limits_and_returns_to_zero(name: str) -> None:
     procedure = load_procedure(name, Geometry())
     steps = procedure.steps(Geometry())
@@ -222,3 +223,12 @@ def test_limits_are_those_of_the_machine_at_hand(tmp_path: Path) -> None:
     assert load_procedure(str(path), Geometry()).levels[2] == 58.0
     with pytest.raises(RecordError, match=r"line 9, level: found 58 mm.*-100 … 50 mm"):
         load_procedure(str(path), Geometry(travel_max_mm=50.0))
+
+
+def test_a_machine_is_offered_what_it_can_measure() -> None:
+    both = "zero-max-min", "zero-max-min-plane"
+    legs = ("plane", "sweep", "two-station", "verify", *both, "zero-min-max")
+    assert guided_procedure_names(Geometry()) == legs
+    assert guided_procedure_names(load_machine("linear-delta").geometry()) == ("plate-rings",)
+    short = Geometry(travel_max_mm=10.0)  # the levels of the sweep go further
+    assert "sweep" not in guided_procedure_names(short)

@@ -11,8 +11,7 @@ import pytest
 from app.evaluating.solution import load_sessions
 from protocols.journal import write_whole
 from protocols.observations import to_observations
-from protocols.session import Continued, Event, Noted, fold
-from protocols.session_clock import SessionClock
+from protocols.session import Continued, Event, Noted, SessionClock, fold
 from tests.protocols.test_journal import opened, reading
 
 BEGIN = datetime(2026, 3, 1, 8, 0, tzinfo=UTC)

@@ -14,8 +14,7 @@ from app.screens.session_view import GaugeDisplay
 from app.screens.start import Glidecal
 from drivers.profile import Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
-from drivers.twin_port import TwinPort
-from drivers.twins import twin_of
+from drivers.twins import TwinPort, twin_of
 from protocols.machine import Instrument
 from protocols.record import read_record
 from protocols.session import fold

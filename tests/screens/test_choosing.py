@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 from textual.pilot import Pilot
-from textual.widgets import Input, Select
+from textual.widgets import Input, OptionList, Select
 
-from app.measuring.indicators import LastUsed, last_used, port_is_gone, remember
+from app.measuring.indicators import RememberedIndicators, last_used, port_is_gone, remember
 from app.measuring.opening import open_indicators, start_session
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
@@ -22,8 +22,7 @@ from app.settings import data_path
 from calib.errors import RecordError
 from drivers.profile import Spindle
 from drivers.profiles import PROFILES
-from drivers.twin_port import TwinPort, default_transport
-from drivers.twins import Trouble, twin_of
+from drivers.twins import Trouble, TwinPort, default_transport, twin_of
 from protocols.machine import Instrument
 from protocols.record import read_record
 from tests.screens.driving import SIZE, fill_in, quick_plan, said, text, until
@@ -82,7 +81,7 @@ async def test_profiles_are_tried_where_asked_and_those_that_fit_stand_first(
         await pilot.pause()
         profile = screen.query_one("#profile", Select)
         assert profile.value == "sylvac"  # the first that somebody verified
-        words = [str(prompt) for prompt, _ in profile._options]
+        words = [str(option.prompt) for option in profile.query_one(OptionList).options]
         assert [w.split()[1] for w in words if w.startswith("fits:")] == [
             "mahr-marcator",
             "sylvac",
@@ -246,7 +245,7 @@ def test_a_session_that_was_begun_is_remembered_and_a_damaged_memory_does_no_har
     assert last_used(plan.machine.name) == (known,)
     assert last_used("another") == ()
     remember("another", [SYLVAC])
-    stored = LastUsed.model_validate_json(data_path().read_text(encoding="utf-8"))
+    stored = RememberedIndicators.model_validate_json(data_path().read_text(encoding="utf-8"))
     assert stored.machines == {plan.machine.name: (known,), "another": (SYLVAC,)}
 
 
@@ -261,3 +260,30 @@ def test_a_port_is_gone_where_the_system_has_none(twin: TwinPort) -> None:
     assert not port_is_gone(twin.url)
     assert port_is_gone("/dev/ttyNONE7")
     assert not port_is_gone("socket://127.0.0.1:1")
+
+
+async def test_a_linear_delta_is_offered_plates_and_begins_with_one_indicator(
+    twin: TwinPort,
+) -> None:
+    interface = Glidecal(HomeScreen())
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        screen = await form(pilot, interface)
+        procedure = screen.query_one("#procedure", Select)
+        assert procedure.value == "zero-max-min"
+        procedure.value = "sweep"
+        screen.query_one("#machine", Input).value = "linear-delta"
+        await until(pilot, "plates", lambda: procedure.value == "plate-rings")
+        await until(pilot, "words", lambda: "58 steps with 1" in text(interface, "#summary"))
+        assert text(interface, "#indicator2") == "none: one reads the tool. Enter chooses"
+        fits_no_leg = {"profile": "tesa", "port": twin.url, "axes": "z"}
+        await fill_in(pilot, interface, "indicator1", **fits_no_leg)
+        await pilot.press("f5")
+        await until(pilot, "check", lambda: isinstance(interface.screen, CheckScreen))
+        await until(pilot, "indicators open", lambda: interface.indicators is not None)
+        assert "along Z at the tool" in text(interface, "#trial")
+        await pilot.press("escape")
+        await until(pilot, "back", lambda: isinstance(interface.screen, PrepareScreen))
+        screen.query_one("#machine", Input).value = ""
+        await until(pilot, "legs", lambda: procedure.value == "zero-max-min")
+        assert "@z do not fit leg z" in text(interface, "#summary")
+        await pilot.press("f10")

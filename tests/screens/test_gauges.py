@@ -10,11 +10,12 @@ from textual.pilot import Pilot
 from textual.widget import Widget
 
 from app.measuring.gauges import Live, Motion, Trace
-from app.report.charts.strips import strip_rows
+from app.report.charts.charts import strip_rows
 from app.screens import interface
 from app.screens.session_view import GaugeDisplay, big_digits
-from drivers.profile import Fault, FaultKind, Outcome, Reading
+from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
 from protocols.machine import Instrument
+from tests.screens.driving import rows, strips
 
 SIZE = (80, 24)
 TRACE = Trace(((2, 0.0, 0.0), (1, 0.5, 0.5)), (0.498, 0.502))
@@ -26,7 +27,7 @@ def live(outcome: Outcome, motion: Motion) -> Live:
 
 
 def shown(value_mm: float, motion: Motion = Motion.STABLE, *, age_s: float = 0.0) -> Live:
-    return Live(Reading(f"{value_mm}", value_mm, 0.001, False), age_s, motion, TRACE)
+    return Live(IndicatorReading(f"{value_mm}", value_mm, 0.001, False), age_s, motion, TRACE)
 
 
 class Panels(App[None]):
@@ -45,15 +46,9 @@ class Panels(App[None]):
         return left, right
 
 
-def picture(app: App[None]) -> list[str]:
-    """The rows of the screen as the compositor has them."""
-    return [strip.text for strip in app.screen._compositor.render_strips()]
-
-
 def rows_of(app: App[None], widget: Widget) -> list[str]:
     region = widget.region
-    rows = picture(app)[region.y : region.bottom]
-    return [row[region.x : region.right] for row in rows]
+    return [row[region.x : region.right] for row in rows(app.screen)[region.y : region.bottom]]
 
 
 async def test_a_panel_shows_digits_state_and_trend_within_its_border() -> None:
@@ -62,16 +57,16 @@ async def test_a_panel_shows_digits_state_and_trend_within_its_border() -> None:
         left, right = app.panels
         left.show(shown(-12.345))
         await pilot.pause()
-        rows = rows_of(app, left)
-        assert len({len(row) for row in rows}) == 1
-        assert "─ 1 sylvac ─" in rows[0]
-        assert "─ /dev/tty[USB]0 ─" in rows[-1]
-        for row, digits in zip(rows[1:4], big_digits("-12.345"), strict=True):
+        panel = rows_of(app, left)
+        assert len({len(row) for row in panel}) == 1
+        assert "─ 1 sylvac ─" in panel[0]
+        assert "─ /dev/tty[USB]0 ─" in panel[-1]
+        for row, digits in zip(panel[1:4], big_digits("-12.345"), strict=True):
             assert row[2:-2].strip() == digits.strip()
-        assert rows[4][2:-2].rstrip() == "= STABLE"
-        assert rows[5][2:-2] == strip_rows(TRACE, left.size.width, 1)[0]
+        assert panel[4][2:-2].rstrip() == "= STABLE"
+        assert panel[5][2:-2] == strip_rows(TRACE, left.size.width, 1)[0]
         assert rows_of(app, right)[4][2:-2].strip() == "", "the other has nothing to show"
-        assert await as_drawn_anew(pilot, app) == picture(app)
+        assert await as_drawn_anew(pilot, app) == rows(app.screen)
 
 
 async def as_drawn_anew(pilot: Pilot[None], app: App[None]) -> list[str]:
@@ -79,7 +74,7 @@ async def as_drawn_anew(pilot: Pilot[None], app: App[None]) -> list[str]:
     for widget in app.screen.walk_children(Widget):
         widget.refresh()
     await pilot.pause()
-    return picture(app)
+    return rows(app.screen)
 
 
 async def test_every_change_is_drawn_and_nothing_old_stays() -> None:
@@ -92,7 +87,7 @@ async def test_every_change_is_drawn_and_nothing_old_stays() -> None:
             left.show(change)
             right.show(shown(0.25))
             await pilot.pause()
-            kept = picture(app)
+            kept = rows(app.screen)
             assert await as_drawn_anew(pilot, app) == kept
             first = rows_of(app, left)[1][2:-2].strip()
             words = left.state.replace("\x1b", "")
@@ -109,9 +104,9 @@ async def test_faults_are_whole_sentences_without_control_codes() -> None:
         left.show(live(Fault(FaultKind.NO_ANSWER, "", f"{words} look again"), Motion.FAULT))
         await pilot.pause()
         assert left.number == "------"
-        rows = rows_of(app, left)[1:-1]
-        assert {len(row) for row in rows} == {40}, "nothing reaches beyond the border"
-        said = " ".join(" ".join(row[2:-2] for row in rows).split())
+        panel = rows_of(app, left)[1:-1]
+        assert {len(row) for row in panel} == {40}, "nothing reaches beyond the border"
+        said = " ".join(" ".join(row[2:-2] for row in panel).split())
         assert said == f"! FAULT {words} look again.".replace("\x1b", "")
 
 
@@ -128,10 +123,10 @@ async def test_another_theme_and_another_size_leave_nothing_kept() -> None:
         await pilot.resize_terminal(120, 30)
         await pilot.pause()
         assert {len(row) for row in rows_of(app, left)} == {60}
-        assert await as_drawn_anew(pilot, app) == picture(app)
+        assert await as_drawn_anew(pilot, app) == rows(app.screen)
 
 
 def grounds(app: App[None], widget: Widget) -> set[object]:
     """Colours behind the digits."""
-    strips = app.screen._compositor.render_strips()[widget.region.y + 1 : widget.region.y + 4]
-    return {segment.style.bgcolor for strip in strips for segment in strip if segment.style}
+    digits = strips(app.screen)[widget.region.y + 1 : widget.region.y + 4]
+    return {segment.style.bgcolor for strip in digits for segment in strip if segment.style}

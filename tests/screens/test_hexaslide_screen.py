@@ -19,10 +19,10 @@ from textual.widgets import Input, OptionList, TabbedContent
 import app.screens.hexaslide as searching
 from app.machines.registry import LOOKS
 from app.planning.hexaslide import Request
-from app.screens.drawing import DrawingPlot
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import HelpDialog, Interface, TextDialog
+from app.screens.plot import DrawingPlot
 from app.screens.start import Glidecal
 from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.geometry import HexaSlide

@@ -18,7 +18,7 @@ from app.screens.start import Glidecal
 from calib.printable import HIDDEN
 from tests.app.commands.hostile_files import ESCAPES, chained
 from tests.conftest import SAMPLES
-from tests.screens.driving import SIZE, text, until
+from tests.screens.driving import SIZE, strips, text, until
 
 
 def hostile_record(folder: Path) -> Path:
@@ -37,9 +37,9 @@ def hostile_record(folder: Path) -> Path:
 
 def shown(screen: Screen[Any]) -> str:
     """Everything that is sent to the terminal of this screen, without its styles."""
-    strips = screen._compositor.render_strips()
-    assert all(strip.cell_length == SIZE[0] for strip in strips)
-    return "\n".join(segment.text for strip in strips for segment in strip)
+    sent = strips(screen)
+    assert all(strip.cell_length == SIZE[0] for strip in sent)
+    return "\n".join(segment.text for strip in sent for segment in strip)
 
 
 async def assert_clean(pilot: Pilot[str], interface: Interface) -> None:

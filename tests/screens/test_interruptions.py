@@ -15,8 +15,7 @@ from app.screens.home import HomeScreen
 from app.screens.start import Glidecal
 from drivers.profile import Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
-from drivers.twin_port import TwinPort, default_transport
-from drivers.twins import twin_of
+from drivers.twins import TwinPort, default_transport, twin_of
 from protocols.record import read_record
 from protocols.session import fold
 from tests.screens.driving import (

@@ -13,11 +13,11 @@ from app.screens.interface import Interface
 from app.screens.plot import ChartPlot
 from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
-from drivers.profile import Reading
+from drivers.profile import IndicatorReading
 from tests.screens.driving import numbers, press_for, quick_plan, take, text, to_measuring, until
 
 STEPS_OF_A_LEG = 10
-ELSEWHERE = Live(Reading("7.777", 7.777, 0.001, False), 0.0, Motion.STABLE)
+ELSEWHERE = Live(IndicatorReading("7.777", 7.777, 0.001, False), 0.0, Motion.STABLE)
 
 
 def charted(interface: Interface) -> str:
@@ -38,12 +38,20 @@ async def test_the_review_is_whole_and_gives_the_session_back(
         )
         await until(pilot, "words", lambda: "Leg X is done." in text(interface, "#review-text"))
         wide = size[0] > 80
-        assert interface.screen.query_one(ChartPlot).display == wide
+        beside = interface.screen.query_one(ChartPlot)
+        await until(pilot, "its place", lambda: beside.display == wide)
         await until(pilot, "chart", lambda: not wide or "along Y" in charted(interface))
         before = numbers(screen)
         with monkeypatch.context() as patched:
-            patched.setattr(Gauge, "live", lambda _: ELSEWHERE)
-            screen._show_live()
+            looked: list[Gauge] = []
+
+            def live(gauge: Gauge) -> Live:
+                looked.append(gauge)
+                return ELSEWHERE
+
+            patched.setattr(Gauge, "live", live)
+            screen.guided.gauges[0].on_news()
+            await until(pilot, "a look", lambda: len(looked) > len(screen.guided.gauges))
             assert numbers(screen) == before, "drawn in vain behind the review"
             await pilot.press("space")
             await until(pilot, "digits", lambda: numbers(screen) == ["+7.777", "+7.777"])

@@ -11,6 +11,7 @@ from textual.color import Color
 from textual.pilot import Pilot
 from textual.screen import Screen
 from textual.theme import BUILTIN_THEMES
+from textual.widgets import Label
 
 from app.evaluating.comparison import compare_files
 from app.evaluating.solution import solve_files
@@ -29,7 +30,7 @@ from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
 from protocols.record import read_record
 from protocols.session import fold
-from tests.screens.driving import text, until
+from tests.screens.driving import rows, strips, text, until
 
 SIZES = [(80, 24), (100, 30), (120, 40)]
 
@@ -41,17 +42,10 @@ def interface_on(first: Screen[None], theme: str = "textual-dark") -> Interface:
     return interface
 
 
-def shown(interface: Interface) -> list[str]:
-    """The rows of the terminal as a person sees them."""
-    size = interface.size
-    strips = interface.screen._compositor.render_strips(size)
-    return ["".join(segment.text for segment in strip) for strip in strips]
-
-
 def contrasts(interface: Interface, word: str) -> list[float]:
     """Contrast of a word with its ground wherever it is on the screen, as rendered."""
     found = []
-    for strip in interface.screen._compositor.render_strips(interface.size):
+    for strip in strips(interface.screen):
         for segment in strip:
             style = segment.style
             if word in segment.text and style and style.color and style.bgcolor:
@@ -93,9 +87,9 @@ async def test_a_result_opens_on_the_gravest_sentence_and_the_numbers(
     async with interface.run_test(size=size) as pilot:
         await until(pilot, "text", lambda: "Next: D" in text(interface, "#text"))
         await pilot.pause()
-        rows = shown(interface)
+        seen = rows(interface.screen)
         first = [
-            next(k for k, row in enumerate(rows) if row.lstrip().startswith(words))
+            next(k for k, row in enumerate(seen) if row.lstrip().startswith(words))
             for words in ("Next: D", "WARNING: the residual", "parameter", "d_rho_z")
         ]
         assert first == sorted(first)
@@ -117,12 +111,26 @@ async def test_a_review_is_as_large_as_its_text(samples: Path, size: tuple[int, 
         review = interface.screen.query_one("#review")
         assert review.max_scroll_y == 0, "all twelve differences without scrolling"
         said = text(interface, "#review-text").splitlines()
-        rows = "\n".join(shown(interface))
-        assert all(line.strip() in rows for line in said)
+        seen = "\n".join(rows(interface.screen))
+        assert all(line.strip() in seen for line in said)
         assert review.size.height <= max(len(said), 20), "no empty dialog around few lines"
         await pilot.press("g")
         await pilot.pause()
         assert interface.screen.query_one("#review-chart").size.height >= 10
+
+
+async def test_the_label_of_the_field_with_the_focus_stands_out() -> None:
+    interface = interface_on(HomeScreen())
+    async with interface.run_test(size=(80, 24)) as pilot:
+        interface.push_screen(PrepareScreen())
+        await until(pilot, "form", lambda: bool(interface.screen.query(Label)))
+        for name in ("indicator1", "indicator2", "operator", "temperature"):
+            await pilot.pause()
+            field = interface.screen.query_one(f"#{name}")
+            assert field.has_focus
+            marked = [one for one in interface.screen.query(Label) if one.styles.text_style.reverse]
+            assert [one.parent for one in marked] == [field.parent]
+            await pilot.press("tab")
 
 
 def over_home(samples: Path, folder: Path) -> dict[str, Callable[[], Screen[Any]]]:

@@ -19,7 +19,7 @@ from app.screens.start import Glidecal
 from protocols.record import read_record
 from protocols.session import fold
 from tests.recorded import REASON, story, write
-from tests.screens.driving import SIZE, numbers, text, until
+from tests.screens.driving import SIZE, numbers, said, text, until
 
 
 @pytest.fixture
@@ -150,7 +150,7 @@ async def test_jump(told: Path) -> None:
     interface = Glidecal(ReplayScreen(told))
     async with interface.run_test(size=SIZE) as pilot:
         await begin(pilot, interface)
-        for typed, place, said in (
+        for typed, place, words in (
             ("4", "step 4 of 30", "Taken, step 4"),
             ("77", "step 4 of 30", "step: found 77. Allowed: 1 … 30"),
             ("[b]", "step 4 of 30", "step: found '[b]'. Allowed: a whole number"),
@@ -161,7 +161,7 @@ async def test_jump(told: Path) -> None:
             await pilot.press(*typed, "enter")
             await until(pilot, "back", lambda: isinstance(interface.screen, ReplayScreen))
             assert place in text(interface, "#progress")
-            assert text(interface, "#said").startswith(said)
+            assert text(interface, "#said").startswith(words)
         await pilot.press("j")
         await until(pilot, "a dialog", lambda: isinstance(interface.screen, TextDialog))
         await pilot.press("escape")
@@ -261,7 +261,7 @@ async def test_several_sessions_open_a_list(told: Path, samples: Path) -> None:
         await until(pilot, "list", lambda: isinstance(interface.screen, ReplayChoiceScreen))
         told.write_bytes(b"nothing")
         await pilot.press("up", "enter")
-        await until(pilot, "words", lambda: list(interface._notifications))
+        await until(pilot, "words", lambda: bool(said(interface)))
         assert isinstance(interface.screen, ReplayChoiceScreen)
         await pilot.press("f10")
 

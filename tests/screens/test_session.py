@@ -18,10 +18,9 @@ from app.screens.interface import ChoiceDialog, Interface
 from app.screens.prepare import PrepareScreen
 from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
-from drivers.profile import Fault, FaultKind, Reading, Spindle
+from drivers.profile import Fault, FaultKind, IndicatorReading, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
-from drivers.twin_port import TwinPort
-from drivers.twins import twin_of
+from drivers.twins import TwinPort, twin_of
 from protocols.record import read_record
 from protocols.session import fold
 from tests.screens.driving import (
@@ -267,7 +266,7 @@ async def test_a_reading_from_another_world_is_a_fault(
     interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE) as pilot:
         screen = await to_measuring(pilot, interface)
-        far = Reading("+99999.999", 99999.999, 0.001, unit_assumed=True)
+        far = IndicatorReading("+99999.999", 99999.999, 0.001, unit_assumed=True)
         with monkeypatch.context() as patched:
             patched.setattr(Gauge, "ask", lambda _: answered(far))
             await press_for(

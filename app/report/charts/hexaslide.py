@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from app.report.charts.charts import Series
-from app.report.charts.drawings import Drawing, Label, Look, Point, Stroke
+from app.report.charts.charts import Caption, Drawing, Point, Series, Stroke, StrokeStyle
 from calib.arrays import FloatArray
 from calib.hexaslide.drawing import lines_at, outline
 from calib.hexaslide.geometry import Box, HexaSlide
@@ -26,9 +25,9 @@ def drawn_machine(machine: HexaSlide, posture: FloatArray) -> tuple[Drawing, Dra
     Rails are drawn as far as the sliders go in the box.
     """
     lines = lines_at(machine, posture)
-    strokes = [(Look.DOTTED, rail) for rail in lines.rails]
-    strokes += [(Look.THIN, link) for link in lines.links]
-    strokes.append((Look.THICK, lines.platform))
+    strokes = [(StrokeStyle.DOTTED, rail) for rail in lines.rails]
+    strokes += [(StrokeStyle.THIN, link) for link in lines.links]
+    strokes.append((StrokeStyle.THICK, lines.platform))
     return (
         _seen_from("From the front", FRONT, machine.box, strokes, lines.carriages),
         _seen_from("From above", ABOVE, machine.box, strokes, lines.carriages),
@@ -39,7 +38,7 @@ def _seen_from(
     title: str,
     axes: tuple[int, int],
     box: Box,
-    strokes: list[tuple[Look, FloatArray]],
+    strokes: list[tuple[StrokeStyle, FloatArray]],
     carriages: FloatArray,
 ) -> Drawing:
     """Lines in space ``(n, 3)`` seen along the axis that is left out."""
@@ -52,7 +51,7 @@ def _seen_from(
         y_words=f"{'xyz'[axes[1]]} in m",
         series=(),
         strokes=(_outline(box, axes), *flat),
-        labels=tuple(Label(f"{chain}", at) for chain, at in numbers),
+        labels=tuple(Caption(f"{chain}", at) for chain, at in numbers),
         even=True,
     )
 
@@ -83,7 +82,7 @@ def _projected(
 
 def _outline(box: Box, axes: tuple[int, int]) -> Stroke:
     """Dots on the edges of the box."""
-    return Stroke(Look.MARKED, _points(_scale_of(axes)[0] * outline(box, axes)))
+    return Stroke(StrokeStyle.MARKED, _points(_scale_of(axes)[0] * outline(box, axes)))
 
 
 def _scale_of(axes: tuple[int, int]) -> tuple[float, str]:

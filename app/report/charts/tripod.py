@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from app.report.charts.charts import Series
-from app.report.charts.drawings import Drawing, Label, Look, Point, Stroke
+from app.report.charts.charts import Caption, Drawing, Point, Series, Stroke, StrokeStyle
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.tripod.drawing import set_up_lines, view
 from protocols.machine import Instrument
@@ -32,22 +31,27 @@ def drawn_set_up(
     if leg not in range(3) or not geometry.orthogonal:
         return None
     axes = [leg_number(axis) for axis in step.axes]
-    sides = [side_of(one) for one in instruments[: len(axes)]]
-    lines = set_up_lines(geometry, leg, axes, sides, step.station, step.displacement_mm)
+    numbers = list(step.indicators)
+    known = [*instruments, None, None]
+    sides = [side_of(known[number]) for number in numbers]
+    station = step.station
+    if step.over_plane:  # in the posture itself; the picture is told the station at Zero
+        station += step.displacement_mm / float(geometry.covered_mm[leg])
+    lines = set_up_lines(geometry, leg, axes, sides, station, step.displacement_mm)
     lines = lines.seen(view(geometry))
-    strokes = [Stroke(Look.DOTTED, _points(rail)) for rail in lines.rails]
+    strokes = [Stroke(StrokeStyle.DOTTED, _points(rail)) for rail in lines.rails]
     thin = [*lines.platform, *(bar for k, bar in enumerate(lines.bars) if k != leg)]
-    strokes += [Stroke(Look.THIN, _points(line)) for line in thin]
-    strokes.append(Stroke(Look.THICK, _points(lines.bars[leg])))
-    strokes += [Stroke(Look.BEADED, _points(spindle)) for spindle in lines.spindles]
+    strokes += [Stroke(StrokeStyle.THIN, _points(line)) for line in thin]
+    strokes.append(Stroke(StrokeStyle.THICK, _points(lines.bars[leg])))
+    strokes += [Stroke(StrokeStyle.BEADED, _points(spindle)) for spindle in lines.spindles]
     names = zip(LEG_NAMES, lines.bars, strict=True)
-    labels = [Label(name.upper(), _points(bar)[1]) for name, bar in names]
+    labels = [Caption(name.upper(), _points(bar)[1]) for name, bar in names]
     for k, side in enumerate(sides):
         axis = f"+{step.axes[k].upper()}"
         together = side > 0.0
-        body = f"{k + 1} {axis}" if together else f"{k + 1}"
-        labels.append(Label(body, _points(lines.spindles[k])[1]))
-        labels += [Label(axis, _points(lines.ahead[k])[1])] * (not together)
+        body = f"{numbers[k] + 1} {axis}" if together else f"{numbers[k] + 1}"
+        labels.append(Caption(body, _points(lines.spindles[k])[1]))
+        labels += [Caption(axis, _points(lines.ahead[k])[1])] * (not together)
     (touched,) = _points(lines.touched[None])
     return Drawing(
         title=f"Leg {step.leg.upper()} at {step.posture(geometry)}",

@@ -5,7 +5,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Annotated, Literal
 
-from app.report.schema.document import Finite, Report, at, called, made, schema
+from app.report.schema.document import Finite, Report, asked, at, called, made, schema
+from app.report.schema.solution import OpenNameEntry
 from calib.diagnosis.results import (
     Detectable,
     Gap,
@@ -16,6 +17,7 @@ from calib.diagnosis.results import (
     Value,
     Verdict,
 )
+from calib.identify.next_mounting import FurtherSetUp
 
 OrNone = Annotated[str | None, made(lambda name: name or None)]
 
@@ -28,7 +30,7 @@ class GapNoise(Report):
     source: str = at("noise_source")
 
 
-class Where(Report):
+class GapPartEntry(Report):
     """A part of the gap: which leg, axis or pattern, its share and its chance."""
 
     leg: OrNone
@@ -38,7 +40,7 @@ class Where(Report):
     p_value: float
 
 
-class Effect(Report):
+class FindingEntry(Report):
     """An effect or a blunder that was named, and what adopting it does to the gap.
 
     A ``where`` with commas lists legs or places that have values of their own.
@@ -55,7 +57,7 @@ class Effect(Report):
     indistinguishable_from: tuple[Named, ...]
 
 
-class UnnamedLaw(Effect):
+class UnnamedEffectEntry(FindingEntry):
     """What is left without a name, like an effect."""
 
     instead_of_what_was_named: bool
@@ -68,7 +70,7 @@ def _unnamed(left: ModelDiscrepancy) -> SimpleNamespace:
     )
 
 
-class Contender(Report):
+class ContenderEntry(Report):
     """A candidate as it stands in the race, and why it was not named."""
 
     id: str
@@ -80,14 +82,14 @@ class Contender(Report):
     reason_rejected: str
 
 
-class Entered(Report):
+class ControllerEntry(Report):
     """What to set in the controller and at the tool before that measurement."""
 
     add_to_entered_offsets_mm: tuple[float, float, float] = at("entered_mm")
     load: float = at("load", "times the tool's weight")
 
 
-class Next(Report):
+class NextMeasurementEntry(Report):
     """The measurement that would separate what stayed ambiguous."""
 
     reason: str = at("next.reason")
@@ -96,7 +98,17 @@ class Next(Report):
         "next.expected_separation", "noise variances of the hardest pair in between"
     )
     between: tuple[Named, ...] = at("next.between")
-    before: Entered = at("next")
+    before: ControllerEntry = at("next")
+
+
+class BoundLeft(Report):
+    """R.m.s. over the reachable workspace that 95 of 100 machines keep, parameters entered."""
+
+    bound_mm: float
+    parameters_mm: float = at(
+        "parameters_mm", "of it, where nothing is missing: noise, and parts within tolerance"
+    )
+    open: tuple[OpenNameEntry, ...] = at("names", "the worst first, one for each id")
 
 
 class DiagnosisReport(Report):
@@ -111,16 +123,22 @@ class DiagnosisReport(Report):
     gap_before: Gap = at("found.diagnosis.gap_before")
     gap_after: Gap = at("found.diagnosis.gap_after")
     held_out_gap: HeldOutGap | None = at("found.diagnosis.held_out")
-    where: tuple[Where, ...] = at("found.diagnosis.where")
-    effects: tuple[Effect, ...] = at(
+    where: tuple[GapPartEntry, ...] = at("found.diagnosis.where")
+    effects: tuple[FindingEntry, ...] = at(
         "found.diagnosis.effects", "in the order adopted; empty where nothing may be claimed"
     )
-    candidates: tuple[Contender, ...] = at("found.diagnosis.candidates")
-    next_measurement: Annotated[Next | None, called("next")] = at(
+    candidates: tuple[ContenderEntry, ...] = at("found.diagnosis.candidates")
+    next_measurement: Annotated[NextMeasurementEntry | None, called("next")] = at(
         "found.diagnosis.next_measurement"
     )
     smallest_detectable: tuple[Detectable, ...] = at("found.diagnosis.smallest_detectable")
-    left_over: Annotated[UnnamedLaw | None, made(_unnamed)] = at("found.diagnosis.left_over")
+    tool_bound: BoundLeft | None = at("found.tool_bound", "null where no noise is known")
+    further: tuple[FurtherSetUp, ...] | None = asked(
+        "reach.further", "with --next: set-ups in turn, each with the bound after it"
+    )
+    left_over: Annotated[UnnamedEffectEntry | None, made(_unnamed)] = at(
+        "found.diagnosis.left_over"
+    )
     pattern: SharedPattern | None = at(
         "found.diagnosis.pattern",
         "of several sessions: how alike is what is left of each; numbered from 0, held-out last",
@@ -131,7 +149,7 @@ class DiagnosisReport(Report):
 Place = Annotated[Named, made(lambda pair: Named(*pair))]
 
 
-class Imitating(Report):
+class ImitationEntry(Report):
     """How well one effect is imitated by another."""
 
     effect: Place
@@ -145,5 +163,5 @@ class AliasReport(Report):
 
     schema_id: Literal["glidecal.aliases/1"] = schema("glidecal.aliases/1")
     effects: tuple[Place, ...] = at("found.effects")
-    imitations: tuple[Imitating, ...] = at("found.imitations")
+    imitations: tuple[ImitationEntry, ...] = at("found.imitations")
     invisible: tuple[Place, ...] = at("found.invisible")

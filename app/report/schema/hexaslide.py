@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from app.planning.hexaslide import CalibratedMachine
 from app.report.schema.document import (
     Count,
-    LackOfFit,
+    LackOfFitEntry,
     Report,
     Thousandths,
     at,
@@ -19,7 +19,7 @@ from app.report.schema.document import (
     rows,
     schema,
 )
-from app.report.schema.planning import ClassicalQr, Direction, IdentifiabilityReport
+from app.report.schema.planning import ClassicalQrEntry, DirectionEntry, IdentifiabilityReport
 from calib.design.criteria import Criterion, Observability
 from calib.hexaslide.checked import PAIRS, inner_lengths
 from calib.hexaslide.geometry import unit_of
@@ -28,7 +28,7 @@ from calib.hexaslide.procedures import ANGLES, Kind
 from calib.hexaslide.residuals import Residuals
 
 
-class HexaSlideDirection(Direction):
+class HexaSlideDirection(DirectionEntry):
     """A lost combination, whole; other postures may show it."""
 
     at_every_posture: bool
@@ -55,7 +55,7 @@ class ForwardDifferences(Report):
     errors_in_tolerances: tuple[float, float] | None = at("errors", "least and largest")
 
 
-class PaperRules(ClassicalQr):
+class PaperRules(ClassicalQrEntry):
     """The rule of papers/001 on exact derivatives, and as the paper took them."""
 
     tolerance: float = at("seen.qr.tolerance")
@@ -136,7 +136,7 @@ class PosturesUsed(Report):
 
 
 @dataclass(frozen=True)
-class MeasuringNoise:
+class MeasuringNoiseEntry:
     """Of one measured value; null where nothing tells it or no angle is measured."""
 
     length_mm: float | None
@@ -145,13 +145,13 @@ class MeasuringNoise:
     degrees_of_freedom: float | None
 
 
-def _noise(solved: CalibratedMachine) -> MeasuringNoise:
+def _noise(solved: CalibratedMachine) -> MeasuringNoiseEntry:
     found, own = solved.found, solved.source.noise
     stated = math.isinf(found.degrees_of_freedom)
     length = None if found.noise_m is None else 1000.0 * found.noise_m
     angles = any(name in ANGLES for name in solved.source.measured)
     ratio = own.angle_mrad / own.length_mm if stated else 1.0
-    return MeasuringNoise(
+    return MeasuringNoiseEntry(
         length,
         length * ratio if angles and length is not None else None,
         "stated" if stated else "residuals",
@@ -159,11 +159,11 @@ def _noise(solved: CalibratedMachine) -> MeasuringNoise:
     )
 
 
-def _lack_of_fit(solved: CalibratedMachine) -> LackOfFit:
+def _lack_of_fit(solved: CalibratedMachine) -> LackOfFitEntry:
     """Variance that is left by the stated one."""
     if solved.p_value is None:
-        return LackOfFit()
-    return LackOfFit(statistic=solved.found.lack_of_fit, p_value=solved.p_value)
+        return LackOfFitEntry()
+    return LackOfFitEntry(statistic=solved.found.lack_of_fit, p_value=solved.p_value)
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,7 @@ def _inner(solved: CalibratedMachine) -> dict[str, InnerLength]:
 
 
 @dataclass(frozen=True)
-class ComponentLeft:
+class ComponentResidual:
     """What is left of one component, or of one chain with pose-inverse."""
 
     component: str
@@ -222,33 +222,33 @@ class ComponentLeft:
     share: float
 
 
-def _by_component(solved: CalibratedMachine) -> tuple[ComponentLeft, ...]:
+def _by_component(solved: CalibratedMachine) -> tuple[ComponentResidual, ...]:
     after = solved.found.after
     sizes = 1000.0 * (after.values**2).mean(axis=0) ** 0.5
     columns = zip(
         after.names, sizes.tolist(), after.angular, solved.by_column.tolist(), strict=True
     )
     return tuple(
-        ComponentLeft(name, size, "mrad" if angular else "mm", share)
+        ComponentResidual(name, size, "mrad" if angular else "mm", share)
         for name, size, angular, share in columns
     )
 
 
 @dataclass(frozen=True)
-class PostureLeft:
+class PostureResidual:
     """What is left at one posture."""
 
     posture: int
     share: float
 
 
-class LeftReport(Report):
+class ResidualReport(Report):
     """Shares of what is left."""
 
-    by_component: Annotated[tuple[ComponentLeft, ...], made(_by_component)] = at("solved")
+    by_component: Annotated[tuple[ComponentResidual, ...], made(_by_component)] = at("solved")
     by_posture: Annotated[
-        tuple[PostureLeft, ...],
-        made(lambda one: tuple(map(PostureLeft, one.numbers, one.by_posture.tolist()))),
+        tuple[PostureResidual, ...],
+        made(lambda one: tuple(map(PostureResidual, one.numbers, one.by_posture.tolist()))),
     ] = at("solved")
     effects: tuple[str, ...] = ()
     remark: str = (
@@ -264,7 +264,7 @@ class HeldOutReport(Report):
     rms_after: RmsOf = at("after")
 
 
-class Apart(Report):
+class MachineDistance(Report):
     """A machine against the true one; constant motions are laid over first."""
 
     position_rms_mm: Thousandths = at("places_rms_m")
@@ -281,8 +281,8 @@ class TruthReport(Report):
     postures: Annotated[
         Literal["held out", "all"], made(lambda kept_out: "held out" if kept_out else "all")
     ] = at("kept_out")
-    before: Apart
-    after: Apart
+    before: MachineDistance
+    after: MachineDistance
     individually_known_within_95_percent: int | None = at("within")
     individually_known_count: Count = at("misses")
     individually_known_worst: Annotated[
@@ -293,7 +293,7 @@ class TruthReport(Report):
     ] = at("inner_m")
 
 
-class CalibrationReport(Report):
+class HexaSlideCalibrationReport(Report):
     """``solve --json`` of a Hexa Slide."""
 
     schema_id: Literal["glidecal.hexaslide-calibration/1"] = schema(
@@ -313,8 +313,8 @@ class CalibrationReport(Report):
     converged: bool = at("solved.found.converged")
     rms_before: RmsOf = at("solved.found.before")
     rms_after: RmsOf = at("solved.found.after")
-    noise: Annotated[MeasuringNoise, made(_noise)] = at("solved")
-    lack_of_fit: Annotated[LackOfFit, made(_lack_of_fit)] = at("solved")
+    noise: Annotated[MeasuringNoiseEntry, made(_noise)] = at("solved")
+    lack_of_fit: Annotated[LackOfFitEntry, made(_lack_of_fit)] = at("solved")
     condition_number: float = at("solved.found.condition_number")
     units: str = UNITS
     parameters: Annotated[dict[str, HexaSlideParameter], made(_parameters)] = at("solved")
@@ -324,6 +324,6 @@ class CalibrationReport(Report):
     inner_lengths: Annotated[dict[str, InnerLength], made(_inner)] = at(
         "solved", "26 that no frame changes"
     )
-    residuals: Annotated[LeftReport, called("solved")] = at("solved")
+    residuals: Annotated[ResidualReport, called("solved")] = at("solved")
     held_out: HeldOutReport | None = at("solved.held_out")
     truth: TruthReport | None = at("solved.truth")

@@ -22,11 +22,14 @@ class PlanReport(Report):
         "plan.found.proposals"
     )
     bound_mm: float = at(
-        "plan.found.bound_mm",
+        "plan.found.reach.bound_mm",
         "what the tool is off by at most now (95 %) with the values that are known entered",
     )
-    bound_for: str = at("plan.found.open_name", "the name it is for; empty: noise and tolerances")
+    bound_for: str = at(
+        "plan.found.reach.open_name", "the name it is for; empty: noise and tolerances"
+    )
     further: tuple[FurtherSetUp, ...] = at(
-        "plan.found.further", "set-ups in turn, each with the bound after it; no more are worth it"
+        "plan.found.reach.further",
+        "set-ups in turn, each with the bound after it; no more are worth it",
     )
     stations: tuple[float, ...] = STATIONS

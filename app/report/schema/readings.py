@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import Annotated, Literal
 
 from app.report.schema.document import Report, asked, at, made, schema
-from drivers.profile import Fault, FaultKind, Outcome, Unit, Verified
+from drivers.profile import Evidence, Fault, FaultKind, Outcome, Unit
 from protocols.session import Session
 
 POSITION = "of a reading of the tool, from Zero"
@@ -124,7 +124,7 @@ class KnownProfile(Report):
 
     name: str
     title: str
-    verified: Verified
+    verified: Evidence
     source: str
 
 

@@ -10,7 +10,8 @@ from app.evaluating.comparison import Comparison, Entered
 from app.evaluating.solution import Judgement
 from app.report.schema.document import (
     Finite,
-    LackOfFit,
+    Holes,
+    LackOfFitEntry,
     Matrix,
     Numbers,
     Report,
@@ -23,7 +24,7 @@ from app.report.schema.document import (
     schema,
 )
 from calib.identify.accuracy import Decision, ToolError
-from calib.identify.identify import Method, Solution, Subset, Weights
+from calib.identify.identify import FittedSize, Method, Solution, Subset, Weights
 from calib.noise.reading import NoiseSource, Repeated
 from protocols.machine import Instrument
 
@@ -96,7 +97,7 @@ class SuspectReading(Report):
     studentised: float
 
 
-class LostReadings(Report):
+class IsolatedReadingsEntry(Report):
     """Alone in their mounting: without another posture they say nothing."""
 
     session: str
@@ -115,16 +116,17 @@ class ToolErrors(Report):
     coverage_factor: float = at("tool_factor", "for both, 95 %")
 
 
-class OpenName(Report):
+class OpenNameEntry(Report):
     """What the readings do not rule out, and the bound if it is the one."""
 
     id: str
     where: str
     title: str
     bound_mm: float
+    shown: bool = at("shown", "it fits what the readings show; false: they could not have seen it")
 
 
-class ToolBound(Report):
+class ToolBoundEntry(Report):
     """R.m.s. over the reachable workspace that 95 of 100 machines keep.
 
     Of noise, of parts within their tolerances, and of every effect of the catalogue that these
@@ -137,7 +139,11 @@ class ToolBound(Report):
     parameters_mm: float = at(
         "bound_after.parameters_mm", "of it, where nothing is missing and parts keep tolerances"
     )
-    open: tuple[OpenName, ...] = at("bound_after.names", "the worst first, one for each id")
+    near_before_mm: float = at(
+        "near_before_mm", "as before_mm, relative to Zero over a workpiece of 100 mm about it"
+    )
+    near_after_mm: float = at("near_after_mm", "the same with the solution entered")
+    open: tuple[OpenNameEntry, ...] = at("bound_after.names", "the worst first, one for each id")
 
 
 class WeakDirection(Report):
@@ -148,7 +154,7 @@ class WeakDirection(Report):
     tool_mm: float
 
 
-class ToolMap(Report):
+class ToolMapEntry(Report):
     """Expected tool error on a plane through Zero; rows go up."""
 
     across: str
@@ -157,11 +163,11 @@ class ToolMap(Report):
     up_mm: Annotated[list[float] | None, made(lambda array: array.tolist())] = asked(
         "other_up_mm", "upwards, where these places are others than those across"
     )
-    error_mm: Matrix
+    error_mm: Holes = at("value", "null beyond the joint limits")
 
 
 @dataclass(frozen=True)
-class Covered:
+class Coverage:
     """Share of the 95 % intervals that held the truth, true and stated standard uncertainty."""
 
     covered: float
@@ -175,19 +181,9 @@ class SimulatedSessions(Report):
     sessions: int = at("simulated.sessions")
     failed: int = at("simulated.failed")
     parameters: Annotated[
-        dict[str, Covered],
-        made(lambda it: rows(Covered, it.names, it.covered, it.true_mm, it.stated_mm)),
+        dict[str, Coverage],
+        made(lambda it: rows(Coverage, it.names, it.covered, it.true_mm, it.stated_mm)),
     ] = at("simulated")
-
-
-class FittedSize(Report):
-    """A size of an effect of the model, fitted with the parameters."""
-
-    name: str
-    unit: str
-    value: float
-    standard_uncertainty: float
-    coverage_factor: float
 
 
 class MeasuredSession(Report):
@@ -222,9 +218,9 @@ class SolutionReport(Report):
     degrees_of_freedom: int = at("solved.solution.degrees_of_freedom")
     noise: ReadingNoise = at("solved.solution.noise")
     suspect_readings: tuple[SuspectReading, ...] = at("solved.suspects")
-    lost_readings: tuple[LostReadings, ...] = at("solved.isolated")
+    lost_readings: tuple[IsolatedReadingsEntry, ...] = at("solved.isolated")
     tool_error: ToolErrors = at("solved")
-    tool_bound: ToolBound = at("solved")
+    tool_bound: ToolBoundEntry = at("solved")
     enlarged_by_lack_of_fit: float = at(
         "solved.solution.enlarged",
         "factor on the standard deviation of the noise if what the model leaves is taken for "
@@ -246,9 +242,9 @@ class SolutionReport(Report):
         "expanded uncertainty (95 %) of d_rho - d_L of x, y, z where the readings tell little of "
         "d_rho but that; else null",
     )
-    lack_of_fit: Annotated[LackOfFit, made(lambda one: one.lack_of_fit or LackOfFit())] = at(
-        "solved.solution"
-    )
+    lack_of_fit: Annotated[
+        LackOfFitEntry, made(lambda one: one.lack_of_fit or LackOfFitEntry())
+    ] = at("solved.solution")
     condition_number: float = at("solved.solution.condition_number")
     weak_directions: tuple[WeakDirection, ...] = at("solved.solution.weak_directions")
     recommended_subset: Subset = at("solved.choice.recommended")
@@ -258,7 +254,7 @@ class SolutionReport(Report):
         "solved.ambiguous", "those of the model that are one of several that would do"
     )
     tolerance: Judgement | None = asked("judged", "with --tolerance")
-    tool_maps: tuple[ToolMap, ...] | None = asked("maps", "with --map")
+    tool_maps: tuple[ToolMapEntry, ...] | None = asked("maps", "with --map")
     monte_carlo: Annotated[SimulatedSessions | None, called("simulated")] = asked(
         "simulated", "with --monte-carlo"
     )
@@ -299,7 +295,7 @@ class ComparisonReport(Report):
     remarks: tuple[str, ...] = at("found.remarks")
 
 
-class LeftOffset(Report):
+class RemainingOffsetEntry(Report):
     """A joint offset before, and what is left of it, mm."""
 
     name: str
@@ -323,9 +319,15 @@ class VerificationReport(Report):
     bound_found_mm: float = at(
         "found.compared.after.bound_before.bound_mm", "by the second one; what is decided by"
     )
+    near_expected_mm: float = at(
+        "found.compared.before.near_after_mm", "as bound_expected_mm, relative to Zero near it"
+    )
+    near_found_mm: float = at(
+        "found.compared.after.near_before_mm", "as bound_found_mm, relative to Zero near it"
+    )
     tolerance_mm: float | None = at("found.tolerance_mm")
     decision: Decision | None = at("found.decision", "null: no tolerance")
-    offsets: tuple[LeftOffset, ...] = at("found.offsets")
+    offsets: tuple[RemainingOffsetEntry, ...] = at("found.offsets")
     something_missing: bool = at("found.something_missing", "more than noise is left: diagnose")
     remarks: tuple[str, ...] = at("found.compared.remarks")
 

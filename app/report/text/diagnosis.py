@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.table import Table
 
 from app.evaluating.diagnosis import SessionDiagnosis, mistakes_of
-from app.report.text.tables import hanging, new_table, signed, table_text, wrapped
+from app.report.text.tables import hanging, new_table, signed, table_text, uncertain, wrapped
 from calib.arrays import descending
 from calib.diagnosis.pattern import once_in
 from calib.diagnosis.results import (
@@ -22,6 +22,7 @@ from calib.diagnosis.results import (
     ModelDiscrepancy,
     Share,
 )
+from calib.identify.tool_bound import ToolBound
 from calib.tripod.effects.effect import remedies
 from calib.tripod.effects.empirical import EMPIRICAL
 
@@ -87,6 +88,7 @@ def diagnosis_text(diagnosed: SessionDiagnosis) -> str:
         effects_text(found.effects),
         pattern_text(diagnosed),
         *_support(found),
+        wrapped(bound_text(diagnosed.tool_bound)),
         "Where readings and model disagree\n" + shares_text(found.where),
         "Candidates, best first\n" + listed if found.candidates else "",
         detectable_text(found),
@@ -105,6 +107,7 @@ def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
         wrapped(gap_text(found)),
         pattern_text(diagnosed),
         *_support(found, " Key N."),
+        wrapped(bound_text(diagnosed.tool_bound)),
         detectable_text(found),
         *_remarks((*diagnosed.warnings, *found.remarks)),
     )
@@ -143,6 +146,28 @@ def _support(found: Diagnosis, key: str = "") -> list[str]:
         discrepancy_text(found.left_over) if found.left_over else "",
         wrapped(f"Next measurement: {proposed.reason}.{key}") if proposed else "",
     ]
+
+
+def bound_text(bound: ToolBound | None) -> str:
+    """What the tool may still be off by, and where that comes from; empty where no noise is known.
+
+    Noise and tolerances, names that fit what the readings show, names that they cannot see.
+    """
+    if bound is None:
+        return ""
+    said = (
+        f"Tool over the workspace, r.m.s. (95 %): at most {uncertain(bound.bound_mm)} mm with the "
+        f"offsets and lengths of these readings entered. Noise and parts within tolerance: "
+        f"{uncertain(bound.parameters_mm)} mm"
+    )
+    for worst, why in (
+        (bound.worst_shown, "which fits what they show"),
+        (bound.worst_unseen, "of a size that they could not have seen"),
+    ):
+        if worst and worst.bound_mm > bound.parameters_mm:
+            said += f"; {uncertain(worst.bound_mm)} mm if {worst.title} ({worst.id}"
+            said += f", {worst.where}), {why}"
+    return f"{said}."
 
 
 def _remarks(remarks: Iterable[str]) -> list[str]:

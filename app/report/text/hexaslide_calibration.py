@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from app.planning.hexaslide import CalibratedMachine
-from app.report.schema.hexaslide import CalibrationReport, Rms
+from app.report.schema.hexaslide import HexaSlideCalibrationReport, Rms
 from app.report.text.tables import new_table, signed, table_text, wrapped
 from calib.hexaslide.procedures import Kind
-from protocols.hexaslide_postures import HexaSlideMeasurements
+from protocols.hexaslide import HexaSlideMeasurements
 
 LACK_OF_FIT_LEVEL = 0.01
 MOST_POSTURES = 5
@@ -33,7 +33,7 @@ def simulated_text(measured: HexaSlideMeasurements) -> str:
 
 def calibration_text(solved: CalibratedMachine) -> str:
     """The sentences that matter, parameters, what is left, then the checks."""
-    said = CalibrationReport.of(solved=solved)  # words and JSON tell the same numbers
+    said = HexaSlideCalibrationReport.of(solved=solved)  # words and JSON tell the same numbers
     factor = solved.factor
     parts = [
         wrapped(_heading(said)),
@@ -46,7 +46,7 @@ def calibration_text(solved: CalibratedMachine) -> str:
     return "\n\n".join(part for part in parts if part)
 
 
-def _heading(said: CalibrationReport) -> str:
+def _heading(said: HexaSlideCalibrationReport) -> str:
     linked = said.procedure is Kind.CONSTRAINT_LINK
     read = ", ".join(["sliders on the constraint link" if linked else "sliders", *said.measured])
     return (
@@ -55,7 +55,7 @@ def _heading(said: CalibrationReport) -> str:
     )
 
 
-def _verdict(said: CalibrationReport) -> list[str]:
+def _verdict(said: HexaSlideCalibrationReport) -> list[str]:
     return [
         f"{said.rank} of {said.parameter_count} combinations of the parameters identified from "
         f"{said.postures.fitted} postures in {said.steps} steps.",
@@ -76,12 +76,12 @@ def _both(before: Rms, after: Rms) -> str:
     )
 
 
-def caveats(said: CalibrationReport) -> list[str]:
+def caveats(said: HexaSlideCalibrationReport) -> list[str]:
     """What stands against the result, and what it leaves out."""
     return [*_warnings(said), *_lost(said)]
 
 
-def _warnings(said: CalibrationReport) -> list[str]:
+def _warnings(said: HexaSlideCalibrationReport) -> list[str]:
     p_value = said.lack_of_fit.p_value
     if p_value is not None and p_value < LACK_OF_FIT_LEVEL:
         ratio = math.sqrt(said.lack_of_fit.statistic or 0.0)
@@ -98,7 +98,7 @@ def _warnings(said: CalibrationReport) -> list[str]:
     return []
 
 
-def _lost(said: CalibrationReport) -> list[str]:
+def _lost(said: HexaSlideCalibrationReport) -> list[str]:
     if not said.lost_count:
         return ["Every parameter is known by itself."]
     lines, motions = [], said.lost_motions
@@ -114,7 +114,7 @@ def _lost(said: CalibrationReport) -> list[str]:
     return lines
 
 
-def _parameters(said: CalibrationReport) -> str:
+def _parameters(said: HexaSlideCalibrationReport) -> str:
     """Individually known parameters in thousandths of their units."""
     if not said.individually_known:
         return "No parameter is known by itself."
@@ -132,7 +132,7 @@ def _parameters(said: CalibrationReport) -> str:
     return table_text(table)
 
 
-def _figures(said: CalibrationReport, factor: float | None) -> list[str]:
+def _figures(said: HexaSlideCalibrationReport, factor: float | None) -> list[str]:
     lines = []
     others = [name for name, one in said.parameters.items() if not one.individually_known]
     if others:
@@ -146,7 +146,7 @@ def _figures(said: CalibrationReport, factor: float | None) -> list[str]:
     return lines
 
 
-def _noise(said: CalibrationReport, factor: float | None) -> list[str]:
+def _noise(said: HexaSlideCalibrationReport, factor: float | None) -> list[str]:
     noise, link = said.noise, said.procedure is Kind.CONSTRAINT_LINK
     if noise.length_mm is None:
         return []
@@ -160,7 +160,7 @@ def _noise(said: CalibrationReport, factor: float | None) -> list[str]:
     return [f"{words}; coverage factor {factor:.3f}."]
 
 
-def _inner(said: CalibrationReport, factor: float | None) -> list[str]:
+def _inner(said: HexaSlideCalibrationReport, factor: float | None) -> list[str]:
     known = {name: one.standard_uncertainty_m for name, one in said.inner_lengths.items()}
     joints = [u for name, u in known.items() if name.startswith("B") and u is not None]
     if not joints or factor is None:
@@ -172,7 +172,7 @@ def _inner(said: CalibrationReport, factor: float | None) -> list[str]:
     ]
 
 
-def _left(said: CalibrationReport) -> str:
+def _left(said: HexaSlideCalibrationReport) -> str:
     residuals = said.residuals
     heading = "chain" if said.procedure is Kind.POSE_INVERSE else "measured"
     table = new_table(heading, "residual r.m.s.", "unit", "share")
@@ -193,7 +193,7 @@ def _left(said: CalibrationReport) -> str:
     )
 
 
-def _held_out(said: CalibrationReport) -> str:
+def _held_out(said: HexaSlideCalibrationReport) -> str:
     count, total = len(said.postures.held_out), said.postures.count
     if said.held_out is None:
         return "No posture was kept out of the fit as a check."
@@ -204,7 +204,7 @@ def _held_out(said: CalibrationReport) -> str:
     )
 
 
-def _truth(document: CalibrationReport) -> list[str]:
+def _truth(document: HexaSlideCalibrationReport) -> list[str]:
     said = document.truth
     if said is None:
         return []

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from app.measuring.recent import Recent
+from app.measuring.recorded import SessionFile
 from app.report.text.tables import new_table, table_text
 from app.settings import FILE_VARIABLE, Settings
-from drivers.profile import Profile, Verified
+from drivers.profile import Evidence, Profile
 
 WORDS_OF_LOOKS = "{looks}"
 """Where the help has the lines of the machines' own screens."""
@@ -20,6 +20,7 @@ Demonstration  the same on a simulated machine, in demo-sessions
 Compare        the session before the offsets were entered in the
                controller with the one after
 Diagnose       where readings and model disagree, and what is missing
+History        all sessions here and below: offsets over time, drift
 {WORDS_OF_LOOKS}
 
 Sessions of this folder and of demo-sessions stand below, newest
@@ -37,8 +38,9 @@ HOME_CHOICES = (
     ("compare", "Compare before and after"),
     ("export", "Export offsets of a session"),
     ("diagnose", "Diagnose: what is missing in the model"),
+    ("history", "History: sessions of this folder over time"),
 )
-READING_ONLY = ("result", "replay", "compare", "diagnose")
+READING_ONLY = ("result", "replay", "compare", "diagnose", "history")
 """What is left where nothing may be written."""
 
 WHICH = {
@@ -54,13 +56,13 @@ ELSEWHERE = "A session in another place: type its path"
 PICK_KEYS = "Arrow keys and Enter. Escape goes back."
 
 
-def session_label(session: Recent) -> str:
+def session_label(session: SessionFile) -> str:
     """Path and state on two lines."""
     verifies = f", verifies {session.verifies}" if session.verifies else ""
     return f"{session.path}\n    {session.state}{verifies}"
 
 
-def session_choices(session: Recent, *, read_only: bool) -> list[tuple[str, str]]:
+def session_choices(session: SessionFile, *, read_only: bool) -> list[tuple[str, str]]:
     """What can be done with a session: answers and words for a dialog."""
     able = [
         ("continue", "Continue measuring"),
@@ -108,7 +110,10 @@ FIELD_HELP = {
     "procedure": "Procedure: what is measured, in which order. Enter opens the list.",
     "indicator1": f"First indicator. {OF_AN_INDICATOR}",
     "indicator2": f"Second indicator: without one each leg is measured twice. {OF_AN_INDICATOR}",
-    "machine": "Machine: a name or a file. Without one, the prototype of the papers.",
+    "machine": (
+        "Machine: a name or a file. Without one, the prototype of the papers.\n"
+        "It decides which procedures can be chosen."
+    ),
     "operator": "Operator: a name for the record.",
     "temperature": "Temperature of the machine for the record, in °C.",
     "note": "Note for the record; it stands below the result.",
@@ -122,6 +127,7 @@ FIELD_HELP = {
 
 WHICH_INDICATOR = ("First indicator", "Second indicator")
 NO_INDICATOR = ("none yet: Enter chooses", "none: each leg is measured twice. Enter chooses")
+NO_INDICATOR_AT_PLATE = (NO_INDICATOR[0], "none: one reads the tool. Enter chooses")
 SOURCES = {"": "", "file": ", of the machine file", "last": ", as last time"}
 CHOOSE_INDICATOR = "Choose an indicator: Enter on its line. The demonstration needs none."
 NOT_HERE = " (not plugged in)"
@@ -171,7 +177,7 @@ def profile_rows(profiles: Iterable[Profile], before: str = "") -> list[tuple[st
     ]
 
 
-UNSURE = {Verified.VENDOR: "", Verified.CODE: "", Verified.UNVERIFIED: " (unverified)"}
+UNSURE = {Evidence.VENDOR: "", Evidence.CODE: "", Evidence.UNVERIFIED: " (unverified)"}
 
 
 def axes_words(axes: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from app.report.text.tables import hanging
-from drivers.doctor import Finding
+from drivers.doctor import PortFinding
 from drivers.profile import Fault, Outcome, Profile
 
 INDENT = " " * 9
@@ -21,7 +21,7 @@ def outcome_text(outcome: Outcome) -> str:
     return f"{outcome.value_mm:+.{decimals}f} mm{assumed}  {outcome.text!r}{warning}"
 
 
-def findings_text(findings: Iterable[Finding]) -> str:
+def findings_text(findings: Iterable[PortFinding]) -> str:
     """Every finding on a line of its own, the next step below what is wrong."""
     lines = []
     for finding in findings:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import math
 
-from app.planning.next_measurement import NextMeasurement
-from app.report.text.tables import new_table, table_text, uncertain, wrapped
+from app.planning.tripod import MeasurementPlan
+from app.report.text.tables import map_text, new_table, table_text, uncertain, wrapped
+from calib.arrays import LEG_NAMES, FloatArray
 from calib.design.criteria import Criterion
-from calib.design.planning import Combination, SeenBy
+from calib.design.identifiability import Combination, SeenBy
 from calib.diagnosis.results import AliasMap
-from calib.identify.next_mounting import MOST_FURTHER, FurtherSetUp, NextMountings, Proposal
+from calib.identify.next_mounting import FurtherSetUp, Proposal, Reach
 from calib.stats import coverage_factor
 from calib.tripod.optimum import ChosenPostures, Figures
+from calib.tripod.workspace import PostureOfTool, Workspace
+from protocols.machine import Machine
+from protocols.procedure import position_words
 
 COVERAGE = coverage_factor(math.inf)
 """Factor from standard to expanded uncertainty (95 %) with a known noise."""
@@ -147,7 +151,7 @@ def _figure(figures: Figures, kind: str) -> str:
     return "not identifiable" if value is None else f"{value:.4g}"
 
 
-def plan_text(plan: NextMeasurement) -> str:
+def plan_text(plan: MeasurementPlan) -> str:
     """One sentence, then the runners-up."""
     best = plan.best
     known = f"after {', '.join(plan.sessions)}" if plan.sessions else "with nothing measured yet"
@@ -162,10 +166,10 @@ def plan_text(plan: NextMeasurement) -> str:
         table.add_row(
             one.leg, f"{one.station:g}", _levels(one), f"{one.minutes:.1f}", f"{one.tool_mm:.4g}"
         )
-    return f"{sentence}\n\n{table_text(table)}\n\n{_further_text(plan.found)}"
+    return f"{sentence}\n\n{table_text(table)}\n\n{further_text(plan.found.reach)}"
 
 
-def _further_text(found: NextMountings) -> str:
+def further_text(found: Reach) -> str:
     """What bound each further set-up reaches, and when more would not help."""
     table = new_table("further set-ups", "minutes in all", "tool at most, mm", "because of")
     table.add_row("none", "0", uncertain(found.bound_mm), found.open_name or PARTS)
@@ -173,17 +177,17 @@ def _further_text(found: NextMountings) -> str:
         where = f"leg {', '.join(one.legs)} at station {one.station:g}"
         bound = uncertain(one.bound_mm)
         table.add_row(where, f"{one.minutes:.0f}", bound, one.open_name or PARTS)
-    left = found.further[-1].open_name if found.further else found.open_name
-    stop = (
-        f"After that no set-up lowers the bound by a tenth: {left or PARTS} must be ruled out or "
-        "measured by other means than readings of legs."
-        if len(found.further) < MOST_FURTHER
-        else "More set-ups would lower it further."
-    )
+    stop = "More set-ups would lower it further."
+    if found.is_last:
+        stop = (
+            f"{'After that no' if found.further else 'No'} set-up lowers the bound by a tenth: "
+            f"{found.left_open or PARTS} must be ruled out or measured by other means than "
+            "readings of legs."
+        )
     if found.further:
         levels = _levels(found.further[0])
         stop = f"Each is read there and back, both axes ({levels} mm). {stop}"
-    told = "" if found.effects_told else ", without effects: none is modelled over a plane"
+    told = "" if found.bound.names else ", without effects: none is modelled over a plane"
     said = wrapped(
         "What the tool is off by at most, r.m.s. over the workspace (95 %), if the readings to "
         f"come show nothing new{told}:"
@@ -214,3 +218,69 @@ def alias_text(found: AliasMap) -> str:
         shown = ", ".join(f"{name} ({where})" for name, where in found.invisible)
         lines.append(wrapped(f"No reading shows: {shown}"))
     return "\n".join(lines)
+
+
+def workspace_text(machine: Machine, found: Workspace) -> str:
+    """The box and how much of it is reached, the factors, the cut, the angles, then maps."""
+    low, high = machine.travel_min_mm, machine.travel_max_mm
+    whose = "stated in the machine file" if found.stated else "all that joint limits allow"
+    box = ", ".join(
+        f"{axis} {a:.0f} … {b:.0f}"
+        for axis, a, b in zip(LEG_NAMES, found.low_mm, found.high_mm, strict=True)
+    )
+    parts = [
+        f"{machine.name}: workspace {box} mm, {whose} (carriages {low:g} … {high:g} mm from Zero). "
+        f"{found.reached:.0%} of this box is reached, {1e-6 * found.volume_mm3:.2f} dm³.",
+        f"Velocity transmission factors, tool over carriages: {found.lowest_factor:.2f} … "
+        f"{found.highest_factor:.2f}; at Zero {_factors(found.at_zero)}. "
+        f"{found.inside:.1%} of the workspace keeps 1/{found.limit:g} … {found.limit:g}.",
+        _cube_words(found),
+        "Passive joints over the workspace:",
+    ]
+    joints = new_table("leg", "θ, °", "β, °")
+    for leg, theta, beta in zip(LEG_NAMES, found.theta_deg, found.beta_deg, strict=True):
+        joints.add_row(leg, *(f"{a:+.1f} … {b:+.1f}" for a, b in (theta, beta)))
+    title = "The factor furthest from 1, or its inverse, on planes through Zero (–: not reached)"
+    maps = (map_text(one, lambda factor: f"{factor:.2f}") for one in found.maps)
+    return "\n\n".join([*map(wrapped, parts), table_text(joints), wrapped(title), *maps])
+
+
+def _cube_words(found: Workspace) -> str:
+    limits = f"within 1/{found.limit:g} … {found.limit:g}"
+    if found.cube is None:
+        return (
+            f"No cube that the joint limits allow has its factors {limits}: take a larger --limit."
+        )
+    side, lowest = found.cube.side_mm, found.cube.low_mm
+    corners = [[float(f"{v:.1f}") for v in corner] for corner in (lowest, lowest + side)]
+    return (
+        f"Largest cube found that the joint limits allow, factors {limits}: {side:.1f} mm. For the "
+        f"machine file: workspace_mm = {corners}"
+    )
+
+
+def posture_text(machine: Machine, posture: PostureOfTool) -> str:
+    """Angles and factors at a place of the tool, then the other solutions."""
+    stands = "allow" if posture.stands else "do NOT allow"
+    heading = (
+        f"{machine.name}, tool at {position_words(posture.tool_mm)}: joint limits {stands} it. "
+        f"Velocity transmission factors {_factors(posture.factors)}."
+    )
+    own = posture.modes[0]
+    joints = new_table("leg", "carriage from Zero, mm", "θ, °", "β, °")
+    for row in zip(LEG_NAMES, own.carriage_mm, posture.theta_deg, posture.beta_deg, strict=True):
+        joints.add_row(row[0], f"{row[1]:+.3f}", f"{row[2]:+.3f}", f"{row[3]:+.3f}")
+    modes = new_table("working mode", *(f"carriage {leg}, mm" for leg in LEG_NAMES))
+    for mode in posture.modes:
+        signs = " ".join("+" if sign > 0 else "−" for sign in mode.signs)
+        modes.add_row(signs, *(f"{v:+.3f}" for v in mode.carriage_mm))
+    x, y, z = (round(v, 3) for v in posture.assembly_mm.tolist())
+    other = (
+        "This machine is + + +: each carriage ahead of the platform. The same carriages could also "
+        f"be assembled with the tool at {position_words((x, y, z))}."
+    )
+    return "\n\n".join([wrapped(heading), table_text(joints), table_text(modes), wrapped(other)])
+
+
+def _factors(factors: FloatArray) -> str:
+    return ", ".join(f"{factor:.3f}" for factor in factors)

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from app.measuring.gauges import PushResult, Trial
 from app.measuring.indicators import indicator_words, profile_of
 from app.measuring.leg_review import LegReview, LegRow, leg_rows, positions
 from app.measuring.opening import Plan
 from app.measuring.session import Doubt, TakenStep
 from app.measuring.simulated import short_travels
-from app.measuring.trial import Finding, Trial
 from app.report.schema.readings import ReplayReport
 from app.report.text.tables import new_table, signed, table_text, uncertain, wrapped
 from calib.arrays import LEG_NAMES, conditions
 from calib.tripod.geometry import Geometry, inverse
 from calib.tripod.pipeline import command
-from drivers.profile import Verified
+from drivers.profile import Evidence
 from protocols.expectation import Movement
 from protocols.machine import Instrument, Machine
 from protocols.procedure import (
@@ -112,15 +112,23 @@ def travel_text(procedure: Procedure, machine: Machine, instruments: Sequence[In
 def dry_run_text(procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]) -> str:
     """Every step of a procedure with the line to type at the controller."""
     geometry, axes = machine.geometry(), [instrument.axes for instrument in instruments]
-    table = new_table("step", "leg", "posture", "cycle", "station", "axes", "controller", left=7)
     steps = procedure.steps(geometry, axes)
-    used = instruments[: max(len(step.axes) for step in steps)]
+    same = {"leg", "station", "axes"} if procedure.plate else set()  # of every step
+    columns = ("step", "leg", "posture", "cycle", "station", "axes", "controller")
+    headings = [name for name in columns if name not in same]
+    table = new_table(*headings, left=len(headings))
+    used = instruments[: max(step.indicators.stop for step in steps)]
     names = [f"{k} {one.profile} ({one.port})" for k, one in enumerate(used, start=1)]
     order = " Axes stand in this order." if len(names) > 1 else ""
+    if procedure.plane is not None:
+        order += " p: the stand is on the plane." + " 2: the second one reads." * (len(names) > 1)
     who = wrapped(f"Indicators: {', '.join(names)}.{order}")
     for step in steps:
         place = (str(step.number), step.leg, step.posture(geometry), str(step.cycle))
-        table.add_row(*place, f"{step.station:g}", " ".join(step.axes), _mdi_line(step, machine))
+        station = f"p {step.station:g}" if step.over_plane else f"{step.station:g}"
+        axes_words = f"{step.axes[0]} 2" if step.first else " ".join(step.axes)
+        cells = (*place, station, axes_words, _mdi_line(step, machine))
+        table.add_row(*(one for name, one in zip(columns, cells, strict=True) if name not in same))
     sentence = wrapped(procedure_sentence(procedure, geometry, axes))
     travel = travel_text(procedure, machine, instruments)
     return f"{sentence}\n\n{who}\n\n{travel}{table_text(table)}"
@@ -152,7 +160,7 @@ def check_text(plan: Plan) -> str:
     unverified = [
         instrument.profile
         for instrument in plan.instruments
-        if profile_of(instrument).verified is Verified.UNVERIFIED
+        if profile_of(instrument).verified is Evidence.UNVERIFIED
     ]
     if unverified:
         check += f"\nUNVERIFIED profile: {', '.join(unverified)}. Compare with the display first."
@@ -177,15 +185,18 @@ def trial_text(trial: Trial, step: Step) -> str:
     named = [indicator_words(k, one) for k, one in enumerate(trial.instruments)]
     which, other = named[trial.asked], named[trial.asked - 1]
     one = trial.instruments[trial.asked]
-    axis = f"along {step.axes[min(trial.asked, len(step.axes) - 1)].upper()}"
+    reads = trial.asked in step.indicators
+    axis = step.axes[step.indicators.index(trial.asked)] if reads else one.axes[0]
+    axis = f"along {axis.upper()}"
     told = {
-        Finding.OTHER: f"{other.capitalize()} moved. Was it the one {axis}? Then X exchanges the "
-        "ports. Else: ",
-        Finding.BOTH: "More than one moved. One at a time: ",
-        Finding.SIGN: f"Pushed in it reads {trial.last}, {one.pushed_in} is stated: turn its sign, "
-        "or pushed_in in the machine file. Then: ",
+        PushResult.OTHER: f"{other.capitalize()} moved. Was it the one {axis}? Then X exchanges "
+        "the ports. Else: ",
+        PushResult.BOTH: "More than one moved. One at a time: ",
+        PushResult.SIGN: f"Pushed in it reads {trial.last}, {one.pushed_in} is stated: turn its "
+        "sign, or pushed_in in the machine file. Then: ",
     }
-    said = told.get(trial.finding, "") + f"push in the spindle {axis} of {step.touched}"
+    where = "at the tool" if step.leg == "tool" else f"of {step.touched}"
+    said = told.get(trial.finding, "") + f"push in the spindle {axis} {where}"
     return f"{said[0].upper()}{said[1:]} and let it go: {which}. Enter begins without."
 
 
@@ -219,18 +230,28 @@ def step_text(step: Step, session: Session) -> str:
     to = f"{leg} {step.displacement_mm:+.2f} mm" if plate is None else "the position"
     lines = [
         f"{step.touched.upper()}   {step.posture(geometry)}   cycle {step.cycle} of {cycles}",
-        f"Move the tool to {to}. Press Space when the readings are stable.",
+        f"Move the tool to {to}. When stable, press Space.",
         _mdi_line(step, machine),
         "joints " + "  ".join(f"{name} {value:.3f}" for name, value in joints.items()),
     ]
+    if step.over_plane:
+        at = _from_tool_end(step, geometry)
+        lines[1] = f"Move the tool to {to}. Slide the stand to"
+        last = session.readings[-1] if session.readings and not session.is_new_place(step) else None
+        if last and last.posture_mm == step.posture_mm:
+            lines[1] = "The machine stays. Slide the stand to"
+        lines[1] += f" {at}; Space."
     if plate is not None and plate.lift_mm:
         lines[1] = f"Lift off by {plate.lift_mm:g} mm, go above the position, come down; take."
         lines.insert(2, _mdi_line(step, machine, plate.lift_mm))
     if session.is_new_place(step):
-        axes = " and ".join(f"{axis.upper()} ({k})" for k, axis in enumerate(step.axes, start=1))
+        read = zip(step.axes, step.indicators, strict=True)
+        axes = " and ".join(f"{axis.upper()} ({k + 1})" for axis, k in read)
         first = (
             f"indicators on leg {leg} along {axes}, {_from_tool_end(step, geometry)}. W shows it"
         )
+        if step.over_plane:
+            first = f"stand on the plane under leg {leg}, indicator along {axes}. W shows it"
         if plate is not None:
             first = f"indicator at the tool, plate under it; + is towards +{step.axes[0].upper()}"
         lines.insert(1, f"First, at Zero: {first}.")
@@ -248,8 +269,11 @@ def set_up_text(session: Session, step: Step, instruments: Sequence[Instrument |
     """Where each indicator stands for a step, to be read beside the picture of it."""
     at = _from_tool_end(step, session.opened.machine.geometry())
     lines = [f"Bar {step.leg.upper()}, {at}. Set up with the machine at Zero."]
-    known = list(zip(step.axes, instruments, strict=False))
-    for number, (axis, one) in enumerate(known, start=1):
+    if step.over_plane:
+        lines = [f"Bar {step.leg.upper()}, {at}. The stand slides on the plane."]
+    have = [*instruments, None, None]
+    known = [(axis, have[k]) for axis, k in zip(step.axes, step.indicators, strict=True)]
+    for number, (axis, one) in enumerate(known, start=step.first + 1):
         side = "−" if one and one.pushed_in == "smaller" else "+"
         name = f"{one.profile} {one.port}: " if one else ""
         lines.append(f"{number}  {name}along {axis.upper()}, on the {side}{axis.upper()} side")
@@ -258,15 +282,22 @@ def set_up_text(session: Session, step: Step, instruments: Sequence[Instrument |
     return "\n".join([*lines, f"A reading must grow when the bar moves towards +.{usual}"])
 
 
-def leg_table_text(rows: Sequence[LegRow], levels_mm: Sequence[float], geometry: Geometry) -> str:
+def leg_table_text(
+    rows: Sequence[LegRow],
+    levels_mm: Sequence[float],
+    geometry: Geometry,
+    *,
+    over_plane: bool = False,
+) -> str:
     """The present leg so far: readings minus the Zero of their cycle, in mm.
 
-    Columns in the order of ``levels_mm``, whatever was measured again. Six levels, as many as the
-    program's own procedures have, fit in 80 columns.
+    Over a plane the far end minus the near one. Columns in the order of ``levels_mm``, whatever was
+    measured again. Six levels, as many as the program's own procedures have, fit in 80 columns.
     """
     measured = [level for row in rows for level in row.minus_zero_mm]
-    levels = [level for level in dict.fromkeys([*levels_mm, *measured]) if level]
-    heading = f"{'minus Zero':<11}" + "".join(f"{posture_name(v, geometry):>8}" for v in levels)
+    levels = [v for v in dict.fromkeys([*levels_mm, *measured]) if v or over_plane]
+    what = "far − near" if over_plane else "minus Zero"
+    heading = f"{what:<11}" + "".join(f"{posture_name(v, geometry):>8}" for v in levels)
     marked = " *kept" if any(row.kept_mm for row in rows) else ""
     lines = [heading + f"{'back at Zero':>13}" + marked]
     for row in rows:
@@ -286,8 +317,9 @@ def so_far_text(session: Session, steps: Sequence[Step], step: Step) -> str:
     """What was read where a step is, minus the Zero of its cycle, in mm."""
     rows, geometry = leg_rows(session, step), session.opened.machine.geometry()
     if step.position_mm is None:
-        levels_mm = [one.displacement_mm for one in steps if one.leg == step.leg]
-        return leg_table_text(rows, levels_mm, geometry)
+        here = [one for one in steps if one.leg == step.leg and one.over_plane == step.over_plane]
+        levels_mm = [one.displacement_mm for one in here]
+        return leg_table_text(rows, levels_mm, geometry, over_plane=step.over_plane)
     places, shown = positions(session), rows[-PLATE_CYCLES:]
     first = min(places.index(step.position_mm) - 2, len(places) - PLATE_POSITIONS)
     heading = "".join(f"{f'cycle {row.cycle}':>10}" for row in shown)
@@ -331,9 +363,13 @@ def replay_text(report: ReplayReport) -> str:
 
 
 def step_in_list(step: Step, geometry: Geometry) -> str:
-    """Leg, posture and cycle of a step; for the list is narrow, a position alone in whole mm."""
+    """Leg, posture and cycle of a step, over a plane station for cycle; the list is narrow.
+
+    A position stands alone, in whole mm.
+    """
     if step.position_mm is None:
-        return f"{step.leg.upper()} {step.posture(geometry)} {step.cycle}"
+        last = f"{step.station:g}" if step.over_plane else str(step.cycle)
+        return f"{step.leg.upper()} {step.posture(geometry)} {last}"
     return "ZERO" if step.at_zero else " ".join(f"{mm:.0f}" for mm in step.position_mm)
 
 
@@ -342,6 +378,10 @@ def question_text(taken: TakenStep, session: Session) -> str:
     geometry = session.opened.machine.geometry()
     before = posture_words(taken.due[0].before.posture_mm, geometry)
     posture = taken.step.posture(geometry)
+    mover = "the machine"
+    if taken.step.over_plane:
+        before = f"{before} {taken.due[0].before.station:g}"
+        posture, mover = f"{posture} {taken.step.station:g}", "machine or stand"
     lines = [f"Step {taken.step.number}, {taken.step.touched} {posture}:"]
     for reading, due in zip(taken.readings, taken.due, strict=True):
         line = f"along {reading.axis.upper()} {signed(reading.value_mm, 4)} mm"
@@ -351,7 +391,7 @@ def question_text(taken: TakenStep, session: Session) -> str:
             line += f" where {signed(due.mean_mm)} ± {uncertain(due.limit_mm)} mm is expected"
         lines.append(line)
     asked = {
-        Doubt.UNCHANGED: f"Unchanged since {before}: did the machine move?",
+        Doubt.UNCHANGED: f"Unchanged since {before}: did {mover} move?",
         Doubt.TOO_SOON: f"So soon after {before} the machine cannot be there: did it move?",
         Doubt.BEYOND: f"Other {'position' if taken.step.position_mm else 'leg'}, other unit, other "
         "direction? Or did the stand move?",
@@ -363,6 +403,8 @@ LEAVE_QUESTION = (
     "Pause this session? Every reading taken is on the disk, and you can continue later."
 )
 LEAVE_CHOICES = (("stay", "1  No, stay here"), ("home", "2  Yes, to the home screen"))
+RESTORE_QUESTION = "The readings of step {} do not count ({}). Use them all the same?"
+RESTORE_CHOICES = (("no", "1  No, nothing changes"), ("use", "2  Yes, use them again"))
 MOVED_QUESTION = "Was the stand moved or touched? If so, readings get a new zero from here on."
 MOVED_CHOICES = (("no", "1  No, continue as before"), ("moved", "2  Yes, start a new zero"))
 
@@ -415,6 +457,7 @@ def automatic_waits_text(moved: Movement, step: Step, session: Session) -> str:
 def point_text(step: Step, session: Session) -> str:
     """One step that was measured or skipped, in one line."""
     posture = step.posture(session.opened.machine.geometry())
+    posture += f" {step.station:g}" * step.over_plane
     where = f"{step.number:>3}  {step.touched}  {posture:<9} cycle {step.cycle}"
     if step.number in session.skipped:
         return f"{where}   skipped: {session.skipped[step.number]}"

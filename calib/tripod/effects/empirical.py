@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from calib.arrays import LEG_NAMES, Conditions, FloatArray
 from calib.tripod.effects.effect import (
+    DIRECTIONS,
     PER_THOUSAND,
     EffectParameter,
     Kind,
@@ -113,6 +114,37 @@ class Empirical:
         part = travel(flow, leg) / AT_MM
         columns = [part ** BASES[name].power for name in self.bases]
         return moved_carriage(stage_input, leg, _grown_mm(values, columns))
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A carriage off by the product of its travel and another's: a frame that bends, say.
+
+    No session looks for it: readings of legs, where the others stand nearly still, hardly show it.
+    The bound at the tool counts with it.
+    """
+
+    id: str = EMPIRICAL
+    kind: Kind = Kind.EMPIRICAL
+    stage: Stage = Stage.ACTUATOR
+    title: str = "an unnamed effect: a carriage is off with its travel times another's"
+    parameters: tuple[EffectParameter, ...] = (
+        EffectParameter("travel_product_at_100mm", MICROMETRES, 10.0),
+    )
+    invariances: tuple[str, ...] = ()
+    controller: str = "nothing to enter before it has a name"
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """The carriage, then the other one."""
+        return DIRECTIONS if len(taken) else ()
+
+    def change(
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """The carriage goes so much further."""
+        leg, other = map(LEG_NAMES.index, place)
+        part = travel(flow, leg) * travel(flow, other) / AT_MM**2
+        return moved_carriage(stage_input, leg, _grown_mm(values, [part]))
 
 
 def _grown_mm(values: Sequence[Any], columns: Sequence[FloatArray]) -> NDArray[Any]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arrays import DEPENDENT, Conditions, FloatArray, basis_of, incidence, without
+from calib.arrays import DEPENDENT, Conditions, FloatArray, basis_of, incidence, tilts, without
 from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model, derivatives
@@ -100,4 +100,4 @@ def _plain_ones(known: Sequence[Candidate], truth: Model, taken: Conditions) -> 
 def _not_effects(truth: Model, taken: Conditions) -> FloatArray:
     """Orthonormal basis of zeros, joint offsets and leg lengths ``(n_readings, k)``."""
     base = derivatives(truth.geometry, truth.parameters_mm, taken)
-    return basis_of(np.hstack([incidence(taken.mount), base]), DEPENDENT)
+    return basis_of(np.hstack([incidence(taken.mount), tilts(taken), base]), DEPENDENT)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +80,27 @@ def test_the_first_line_is_the_verdict(tmp_path: Path) -> None:
     assert run.out.splitlines()[0].startswith("EXPLAINED. What was missing is:")
     quiet = glidecal("diagnose", simulated(tmp_path, "q"))
     assert quiet.out.splitlines()[0].startswith("AGREES.")
+
+
+def test_the_bound_at_the_tool_and_what_lowers_it(tmp_path: Path) -> None:
+    """`plan` works the same bound out from the readings alone; each set-up lowers it by a tenth."""
+    session = simulated(tmp_path, "s", "--effect", "actuator_scale:all", "--size", "0.8")
+    run = glidecal("diagnose", session, "--next", tmp_path / "next.toml", "--json")
+    assert run.status == 0, run.err
+    found = json.loads(run.out)
+    planned = json.loads(glidecal("plan", session, "--json").out)
+    bound = found["tool_bound"]
+    assert bound["bound_mm"] == pytest.approx(planned["bound_mm"], rel=1e-6)
+    assert found["further"] == planned["further"]
+    after = [bound["bound_mm"], *(one["bound_mm"] for one in found["further"])]
+    assert all(b < 0.9 * a for a, b in pairwise(after))
+    assert bound["parameters_mm"] < bound["bound_mm"] == bound["open"][0]["bound_mm"]
+    assert any(one["shown"] for one in bound["open"])
+    assert "further" not in diagnosed(session)
+    text = " ".join(glidecal("diagnose", session).out.split())
+    assert re.search(
+        r"Tool over the workspace, .* at most [\d.]+ mm .*, which fits what they", text
+    )
 
 
 def test_a_session_on_both_sides_is_refused(tmp_path: Path, samples: Path) -> None:

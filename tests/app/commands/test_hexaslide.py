@@ -19,8 +19,7 @@ from calib.errors import RecordError
 from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.planning import HexaSlideSeen, look_at
 from calib.hexaslide.procedures import Procedure, held_postures
-from protocols.hexaslide_machine import load_hexaslide
-from protocols.hexaslide_postures import load_postures
+from protocols.hexaslide import load_hexaslide, load_postures
 from tests.app.cli import glidecal, refused
 
 TEXT = (resources.files("protocols") / "machines" / "hexaslide-h60.toml").read_text("utf-8")

@@ -15,13 +15,12 @@ from typer.testing import CliRunner
 from app.cli import cli
 from app.exit_codes import exit_code
 from app.machines.hexaslide import reads
-from app.planning.hexaslide import Asked, calibrate_file, write_simulated
-from app.report.schema.hexaslide import CalibrationReport
+from app.planning.hexaslide import SimulationRequest, calibrate_file, write_simulated
+from app.report.schema.hexaslide import HexaSlideCalibrationReport
 from app.report.text.hexaslide_calibration import calibration_text
 from calib.errors import GlidecalError, NotIdentifiable, RecordError, UsageError
 from calib.hexaslide.geometry import forward
-from protocols.hexaslide_machine import load_hexaslide
-from protocols.hexaslide_postures import read_measurements, read_truth
+from protocols.hexaslide import load_hexaslide, read_measurements, read_truth
 from tests.app.cli import glidecal, refused
 from tests.conftest import ROOT
 
@@ -42,7 +41,7 @@ class Other(TypedDict, total=False):
 def written(folder: Path, procedure: str, postures: int, **own: Unpack[Other]) -> tuple[Path, Path]:
     """Measurements and truth, in new files."""
     path, truth = folder / f"{procedure}.json", folder / f"{procedure}-truth.json"
-    asked = replace(Asked(procedure, postures, 0.01), **own)
+    asked = replace(SimulationRequest(procedure, postures, 0.01), **own)
     write_simulated(asked, path, truth)
     return path, truth
 
@@ -58,7 +57,7 @@ def told(status: int, *arguments: str | Path) -> str:
 
 def document(path: Path, truth: Path | None = None, share: float = 0.2) -> dict[str, Any]:
     solved = calibrate_file(path, truth, share)
-    return CalibrationReport.of(solved=solved).model_dump(mode="json")
+    return HexaSlideCalibrationReport.of(solved=solved).model_dump(mode="json")
 
 
 def test_simulate_and_solve_as_a_person_would(tmp_path: Path) -> None:
@@ -156,7 +155,7 @@ def test_words_of_what_is_lost_left_and_checked(tmp_path: Path) -> None:
     path, truth = written(tmp_path, "position", 40)
     solved = calibrate_file(path, truth, 0.25)
     said = calibration_text(solved).replace("\n", " ")
-    found = CalibrationReport.of(solved=solved).model_dump(mode="json")
+    found = HexaSlideCalibrationReport.of(solved=solved).model_dump(mode="json")
     assert (
         "NOT IDENTIFIABLE, left as the machine file has it: platform frame turned about its X; "
         "platform frame turned about its Y; platform frame turned about its Z." in said
@@ -295,7 +294,7 @@ def test_postures_of_a_file_are_measured(tmp_path: Path) -> None:
     header = "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg"
     np.savetxt(table, chosen, fmt="%.17g", delimiter=",", header=header, comments="")
     file, truth = tmp_path / "m.json", tmp_path / "t.json"
-    asked = Asked("position", table, 0.01, errors_mm=0.5)
+    asked = SimulationRequest("position", table, 0.01, errors_mm=0.5)
     write_simulated(asked, file, truth)
     values = np.array([posture.values for posture in read_measurements(file).postures])
     assert np.abs(values - chosen[:, :3]).max() < 0.05, "where the true machine stands, metres"
@@ -348,7 +347,7 @@ def test_files_are_neither_overwritten_nor_mixed_up(tmp_path: Path) -> None:
     assert "two files" in told(2, *SIMULATE, *asked, "-o", other, "--truth", other)
     assert path.read_bytes() == before
     assert not other.exists()
-    write_simulated(Asked("position", 20, 0.01, seed=9), other, None)
+    write_simulated(SimulationRequest("position", 20, 0.01, seed=9), other, None)
     with pytest.raises(RecordError, match="the truth of other measurements"):
         calibrate_file(other, truth, 0.2)
     with pytest.raises(RecordError, match="truth file"):

@@ -16,8 +16,7 @@ from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.procedures import Procedure
 from calib.hexaslide.search import Search
-from protocols.hexaslide_machine import load_hexaslide
-from protocols.hexaslide_postures import load_postures
+from protocols.hexaslide import load_hexaslide, load_postures
 from tests.app.cli import glidecal, refused
 
 VERB = ("postures", "hexaslide", "--procedure", "pose-inverse")

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from calib.errors import RecordError
+from protocols.data_table import csv_text
 from protocols.files import write_files
-from protocols.table import csv_text
 from tests.app.cli import glidecal, refused
 from tests.conftest import ROOT
 
@@ -363,11 +363,11 @@ def test_cells_that_look_like_formulas_are_text() -> None:
     rows = [["=1+1", "-0.5", "+1e-3", "-1+cmd|' /C calc'!A0", "@A1", "a\nb", "\t=2"]]
     (read,) = csv.reader(csv_text(rows).splitlines())
     assert read == [
-        "'=1+1",
+        "'=1+1'",
         "-0.5",
         "+1e-3",
-        "'-1+cmd|' /C calc'!A0",
-        "'@A1",
+        "'-1+cmd|' /C calc'!A0'",
+        "'@A1'",
         r"a\u000ab",
         "\\u0009=2",
     ]

@@ -19,15 +19,14 @@ import pytest
 
 from app.measuring.gauges import Gauge, Motion
 from app.measuring.session import GuidedSession, TakenStep
-from drivers.profile import Asked, Outcome, Reading
+from drivers.profile import IndicatorReading, Outcome, Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from protocols.expectation import Movement
 from protocols.journal import Journal
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Step, leg_number, load_procedure
 from protocols.record import read_record
-from protocols.session import Opened
-from protocols.session_clock import SessionClock
+from protocols.session import Opened, SessionClock
 from tests.blind.forward import Hidden, Rows, readings
 
 PACE_S = 0.2
@@ -113,7 +112,7 @@ class Bench:
         size_mm = self.chance.choice([-1, 1]) * self.chance.uniform(0.01, 0.3)
         self.bump = (self.now_s, float(self.chance.uniform(0.1, 0.4)), float(size_mm))
 
-    def show(self, number: int) -> Reading:
+    def show(self, number: int) -> IndicatorReading:
         start_s, end_s = self.moving_s
         part = 1.0 if self.now_s >= end_s else (self.now_s - start_s) / (end_s - start_s)
         value = self.from_mm[number] + part * (self.shown_mm[number] - self.from_mm[number])
@@ -125,7 +124,9 @@ class Bench:
         digits = round(value / self.digit_mm) + int(
             self.chance.integers(0, self.flicker[number] + 1)
         )
-        return Reading(f"{digits}", digits * self.digit_mm, self.digit_mm, unit_assumed=True)
+        return IndicatorReading(
+            f"{digits}", digits * self.digit_mm, self.digit_mm, unit_assumed=True
+        )
 
 
 class BenchGauge(Gauge):
@@ -133,12 +134,12 @@ class BenchGauge(Gauge):
 
     def __init__(self, bench: Bench, number: int) -> None:
         super().__init__(
-            MITUTOYO_01A, "", Asked(), interval_s=PACE_S, window_s=1.0, tolerance_mm=0.004
+            MITUTOYO_01A, "", Query(), interval_s=PACE_S, window_s=1.0, tolerance_mm=0.004
         )
         self._bench, self._number = bench, number
 
     def listen(self) -> None:
-        self._hear(self._bench.show(self._number))
+        self.hear(self._bench.show(self._number))
 
     def ask(self) -> Future[Outcome]:
         given = Future[Outcome]()

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from app.measuring.gauges import SLOT_S, SLOTS, Gauge, Motion, Trace
-from drivers.profile import Asked, Fault, FaultKind, Outcome, Reading
+from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome, Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 
 TOLERANCE_MM = 0.004
@@ -15,8 +15,8 @@ INTERVAL_S = 0.05
 WINDOW_S = 0.3
 
 
-def reading(value_mm: float) -> Reading:
-    return Reading(f"{value_mm}", value_mm, 0.001, False)
+def reading(value_mm: float) -> IndicatorReading:
+    return IndicatorReading(f"{value_mm}", value_mm, 0.001, False)
 
 
 class Told:
@@ -26,7 +26,7 @@ class Told:
         self.gauge = Gauge(
             MITUTOYO_01A,
             "nowhere",
-            Asked(),
+            Query(),
             interval_s=INTERVAL_S,
             window_s=WINDOW_S,
             tolerance_mm=TOLERANCE_MM,
@@ -43,7 +43,7 @@ class Told:
         before = self.news
         for outcome in outcomes:
             self.now_s += INTERVAL_S
-            self.gauge._hear(outcome)
+            self.gauge.hear(outcome)
         return self.news - before
 
     def motion(self) -> Motion:

@@ -18,7 +18,7 @@ from calib.errors import UsageError
 from calib.tripod.geometry import Geometry
 from calib.tripod.simulation import hidden_machine
 from drivers.line import IndicatorLine
-from drivers.profile import Reading
+from drivers.profile import IndicatorReading
 from drivers.profiles import profile_named
 from drivers.twins import Trouble
 from protocols.machine import Instrument
@@ -167,7 +167,7 @@ def _at_rest(line: IndicatorLine) -> float:
     values: list[float] = []
     while len(values) < 10 or len(set(values[-10:])) > 1:
         outcome = line.ask().result(timeout=10.0)
-        if isinstance(outcome, Reading):
+        if isinstance(outcome, IndicatorReading):
             values.append(outcome.value_mm)
     return values[-1]
 

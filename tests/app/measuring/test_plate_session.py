@@ -28,10 +28,9 @@ from app.report.text.session import (
 )
 from app.version import program
 from calib.errors import UsageError
-from drivers.profile import Asked
+from drivers.profile import Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
-from drivers.rig import SimulatedRig
-from drivers.twin_port import default_transport
+from drivers.twins import SimulatedRig, default_transport
 from protocols.journal import Journal
 from protocols.machine import Instrument, load_machine
 from protocols.procedure import Procedure, Step, load_procedure
@@ -68,7 +67,7 @@ def session(
             rig.go([float(there[2]) + 0.7 + chance.normal(scale=SCATTER_MM)])
 
         gauge = Gauge(
-            MITUTOYO_01A, rig.ports[0], Asked(), interval_s=0.0, window_s=0.1, tolerance_mm=0.004
+            MITUTOYO_01A, rig.ports[0], Query(), interval_s=0.0, window_s=0.1, tolerance_mm=0.004
         )
         gauge.start()
         known = plan(path, procedure)

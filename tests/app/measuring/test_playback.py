@@ -14,7 +14,7 @@ from app.measuring.gauges import Live, Motion
 from app.measuring.playback import BREAK_S, SHORTEST_S, SPEEDS, Playback, State, frames_of
 from app.report.text.replay import reading_lines, said_text
 from calib.errors import RecordError, UsageError
-from drivers.profile import Fault, FaultKind, Reading
+from drivers.profile import Fault, FaultKind, IndicatorReading
 from protocols.record import Record, read_record
 from protocols.session import Event, fold
 from protocols.session import Reading as Recorded
@@ -213,7 +213,7 @@ def test_jump_in_a_table_counts_readings(samples: Path) -> None:
     assert not playback.shown.is_new_place(now)
     (live,) = playback.live
     assert shown(live) == [0.0, 0.08, -0.34]
-    assert isinstance(live.outcome, Reading)
+    assert isinstance(live.outcome, IndicatorReading)
     assert live.outcome.resolution_mm == pytest.approx(0.01)
     playback.step(1)
     assert shown(playback.live[0]) == [0.0]
@@ -237,7 +237,7 @@ def test_panels_show_readings_of_the_present_mounting() -> None:
     assert [live.motion for live in playback.live] == [Motion.WAITING] * 2
     playback.jump_to("2")
     assert [shown(live) for live in playback.live] == [[0.1, 0.2], [-0.1, -0.2]]
-    assert playback.live[0].outcome == Reading("0.200", 0.2, 0.001, unit_assumed=False)
+    assert playback.live[0].outcome == IndicatorReading("0.200", 0.2, 0.001, unit_assumed=False)
     playback.toggle()
     playback.advance(4.0 / playback.speed)
     assert [live.age_s for live in playback.live] == [4.0, 4.0]

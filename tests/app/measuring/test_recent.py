@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from app.measuring.recent import MOST, SMALL_BYTES, look_at, recent_sessions
+from app.measuring.recorded import MOST, SMALL_BYTES, look_at, recent_sessions
 from protocols import record
 from protocols.journal import Journal, write_whole
 from protocols.session import Event, Line, Noted
@@ -59,13 +59,13 @@ def test_a_thousand_large_sessions_are_listed_by_few_bytes(
     for number in range(1, 1000):
         (tmp_path / f"{number}.jsonl").hardlink_to(path)
     read: list[int] = []
-    real = record._parse_line
+    real = record.parse_line
 
     def counted(path: Path, number: int, line: bytes) -> Event:
         read.append(len(line))
         return real(path, number, line)
 
-    monkeypatch.setattr(record, "_parse_line", counted)
+    monkeypatch.setattr(record, "parse_line", counted)
     began_s = time.perf_counter()
     assert len(recent_sessions(tmp_path)) == MOST
     assert time.perf_counter() - began_s < 5.0

@@ -17,15 +17,14 @@ from app.measuring.gauges import Gauge
 from app.measuring.opening import Plan, demo_plan, measure_all, opened_event, start_session
 from app.measuring.session import Doubt, GuidedSession
 from app.measuring.simulated import BenchSettings
-from drivers.profile import Asked, FaultKind, Outcome, Reading
+from drivers.profile import FaultKind, IndicatorReading, Outcome, Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from protocols.expectation import Movement
 from protocols.journal import Journal
 from protocols.machine import Machine
 from protocols.procedure import Procedure
 from protocols.record import read_record
-from protocols.session import fold
-from protocols.session_clock import SessionClock
+from protocols.session import SessionClock, fold
 
 NOTES = 40
 
@@ -297,8 +296,8 @@ class Still(Gauge):
     """Shows what it is told."""
 
     def __init__(self, value_mm: float) -> None:
-        super().__init__(MITUTOYO_01A, "port", Asked(), window_s=0.1, tolerance_mm=0.004)
-        self.shown = Reading(f"{value_mm}", value_mm, 0.001, unit_assumed=True)
+        super().__init__(MITUTOYO_01A, "port", Query(), window_s=0.1, tolerance_mm=0.004)
+        self.shown = IndicatorReading(f"{value_mm}", value_mm, 0.001, unit_assumed=True)
 
     def ask(self) -> Future[Outcome]:
         given = Future[Outcome]()
@@ -306,7 +305,7 @@ class Still(Gauge):
         return given
 
     def show(self, value_mm: float, resolution_mm: float = 0.001) -> None:
-        self.shown = Reading(f"{value_mm}", value_mm, resolution_mm, unit_assumed=True)
+        self.shown = IndicatorReading(f"{value_mm}", value_mm, resolution_mm, unit_assumed=True)
 
 
 @dataclass
@@ -397,9 +396,9 @@ def test_the_time_of_readings_does_not_follow_the_wall_clock(
     """Set back an hour between two steps: told, noted, and the times go on."""
     with start_session(quick(tmp_path)) as guided:
         take(guided, 2)
-        clock = guided._clock
-        shown = clock._wall
-        monkeypatch.setattr(clock, "_wall", lambda: shown() - timedelta(hours=1))
+        clock = guided.clock
+        shown = clock.wall
+        monkeypatch.setattr(clock, "wall", lambda: shown() - timedelta(hours=1))
         take(guided, 2)
         assert guided.look_at_clock() == pytest.approx(-3600.0, abs=5.0)
         assert guided.look_at_clock() == 0.0

@@ -7,9 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.measuring.gauges import Live, Motion
-from app.measuring.trial import HELD_S, Finding, Trial
-from drivers.profile import Fault, FaultKind, Reading
+from app.measuring.gauges import HELD_S, Live, Motion, PushResult, Trial
+from drivers.profile import Fault, FaultKind, IndicatorReading
 from protocols.machine import Instrument
 
 FIRST = Instrument(profile="sylvac", port="A", axes="yx")
@@ -35,7 +34,9 @@ class Bench:
         moving = self.now_s - self.moved_s < WINDOW_S
         motion = Motion.MOVING if moving else Motion.STABLE
         shown = self.at_mm + away_mm + 0.001 * self.chance.integers(0, 4, 2)
-        return trial.look([Live(Reading("", v, 0.001, False), 0.0, motion) for v in shown.tolist()])
+        return trial.look(
+            [Live(IndicatorReading("", v, 0.001, False), 0.0, motion) for v in shown.tolist()]
+        )
 
     def rest(self, trial: Trial, seconds: float) -> int:
         """How many pushes come to their end meanwhile."""
@@ -57,7 +58,7 @@ class Bench:
 def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
     one = Bench(np.random.default_rng(4))
     clock = SimpleNamespace(monotonic=lambda: one.now_s)
-    monkeypatch.setattr("app.measuring.trial.time", clock)
+    monkeypatch.setattr("app.measuring.gauges.time", clock)
     return one
 
 
@@ -72,7 +73,7 @@ def test_pushes_of_every_kind_are_told_apart(bench: Bench) -> None:
         wrong = bool(bench.chance.integers(0, 2))
         assert bench.push(trial, int(wrong), size_mm, other=0.2) == 1
         if wrong:
-            assert trial.finding is Finding.OTHER
+            assert trial.finding is PushResult.OTHER
             assert not trial.found
             continue
         assert trial.found == {0: way}
@@ -88,7 +89,7 @@ def test_flicker_a_touched_table_and_drift_are_no_push(bench: Bench) -> None:
         bench.at_mm += 0.05
         assert bench.rest(trial, 0.3) == 0
         assert bench.push(trial, 0, float(bench.chance.uniform(-0.15, 0.15)), other=0.9) == 0
-    assert trial.finding is Finding.NOTHING
+    assert trial.finding is PushResult.NOTHING
     assert not trial.found
 
 
@@ -96,7 +97,7 @@ def test_two_that_move_together_are_asked_for_one_at_a_time(bench: Bench) -> Non
     trial = Trial((FIRST, SECOND))
     bench.rest(trial, 0.5)
     assert bench.push(trial, 0, 2.0, other=0.8) == 1
-    assert trial.finding is Finding.BOTH
+    assert trial.finding is PushResult.BOTH
     assert not trial.found
 
 
@@ -104,7 +105,7 @@ def test_exchanged_ports(bench: Bench) -> None:
     trial = Trial((FIRST, SECOND))
     bench.rest(trial, 0.5)
     bench.push(trial, 1, 2.0)
-    assert trial.finding is Finding.OTHER
+    assert trial.finding is PushResult.OTHER
     trial.exchange()
     assert [(one.port, one.axes) for one in trial.instruments] == [("B", "yx"), ("A", "zy")]
     assert (trial.found, trial.asked) == ({0: "larger"}, 1)
@@ -120,7 +121,7 @@ def test_a_sign_that_is_not_the_stated_one_is_not_found(bench: Bench) -> None:
     trial = Trial((FIRST.model_copy(update={"pushed_in": "larger"}), SECOND))
     bench.rest(trial, 0.5)
     bench.push(trial, 0, -2.0)
-    assert (trial.finding, trial.last, trial.found) == (Finding.SIGN, "smaller", {})
+    assert (trial.finding, trial.last, trial.found) == (PushResult.SIGN, "smaller", {})
     bench.push(trial, 0, 2.0)
     assert trial.found == {0: "larger"}
 

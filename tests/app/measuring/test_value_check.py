@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from app.measuring.opening import begin, demo_plan, open_indicators
+from app.measuring.recorded import check_values
 from app.measuring.simulated import BenchSettings
-from app.measuring.value_check import check_values
 from calib.errors import RecordError
 from protocols.journal import Journal
 from protocols.record import Record, check_record, read_record

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from app.planning.hexaslide import Request, hexaslide_planning
-from app.report.charts.drawings import (
+from app.report.charts.charts import (
     Drawing,
-    Look,
     Stroke,
+    StrokeStyle,
     ticks_within,
 )
 from app.report.charts.hexaslide import drawn_machine, drawn_postures
@@ -22,7 +22,7 @@ from calib.hexaslide.geometry import HexaSlide
 from calib.hexaslide.planning import KINDS, look_at
 from calib.hexaslide.procedures import DEGREES, MILLIMETRES, Procedure, in_units
 from calib.hexaslide.search import Search, searches
-from protocols.hexaslide_machine import load_hexaslide
+from protocols.hexaslide import load_hexaslide
 from tests.app.cli import refused
 
 LINK_M = 0.88
@@ -35,16 +35,16 @@ def machine() -> HexaSlide:
     return own.whole()
 
 
-def strokes(drawing: Drawing, look: Look) -> list[np.ndarray]:
-    return [np.array(one.points) for one in drawing.strokes if one.look is look]
+def strokes(drawing: Drawing, look: StrokeStyle) -> list[np.ndarray]:
+    return [np.array(one.points) for one in drawing.strokes if one.style is look]
 
 
 def test_drawn_links_have_their_length_and_end_on_the_platform(machine: HexaSlide) -> None:
     posture = machine.box.random(1, np.random.default_rng(5))[0]
     front, above = drawn_machine(machine, posture)
-    seen_in_front, seen_above = strokes(front, Look.THIN), strokes(above, Look.THIN)
+    seen_in_front, seen_above = strokes(front, StrokeStyle.THIN), strokes(above, StrokeStyle.THIN)
     assert len(seen_in_front) == len(seen_above) == 6
-    (ring,) = strokes(above, Look.THICK)
+    (ring,) = strokes(above, StrokeStyle.THICK)
     assert ring[0] == pytest.approx(ring[-1])
     for xz, xy in zip(seen_in_front, seen_above, strict=True):
         (dx, dz), dy = xz[1] - xz[0], (xy[1] - xy[0])[1]
@@ -55,14 +55,14 @@ def test_drawn_links_have_their_length_and_end_on_the_platform(machine: HexaSlid
 def test_labels_stand_on_the_rails(machine: HexaSlide) -> None:
     _, above = drawn_machine(machine, machine.box.centre)
     assert [label.words for label in above.labels] == list("123456")
-    for label, rail in zip(above.labels, strokes(above, Look.DOTTED), strict=True):
+    for label, rail in zip(above.labels, strokes(above, StrokeStyle.DOTTED), strict=True):
         along = rail[-1] - rail[0]
         off = np.array(label.at) - rail[0]
         assert along[0] * off[1] - along[1] * off[0] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_an_even_scale_draws_a_square_square() -> None:
-    square = Stroke(Look.THIN, ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)))
+    square = Stroke(StrokeStyle.THIN, ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)))
     drawing = Drawing("a square", "", "m", (), strokes=(square,), even=True)
     for columns, rows in ((40, 10), (20, 30), (1, 1)):
         across, upwards = drawing.limits(columns, rows)
@@ -94,7 +94,7 @@ def test_postures_of_nothing_found_show_the_box_alone(machine: HexaSlide) -> Non
         "phi over theta, °",
     ]
     assert all(not one.series for one in drawings)
-    (outline,) = strokes(drawings[3], Look.MARKED)
+    (outline,) = strokes(drawings[3], StrokeStyle.MARKED)
     assert outline.min(axis=0) == pytest.approx([-15.0, -30.0])
     assert outline.max(axis=0) == pytest.approx([15.0, 30.0])
 

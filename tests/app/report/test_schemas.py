@@ -18,7 +18,7 @@ from app.report.schema.document import Report, to_json
 from app.report.schema.readings import outcome_report
 from app.report.schema.schemas import schemas
 from calib.diagnosis.results import Gap
-from drivers.profile import Fault, FaultKind, Reading
+from drivers.profile import Fault, FaultKind, IndicatorReading
 from tests.app.cli import glidecal
 from tests.conftest import ROOT
 
@@ -111,7 +111,7 @@ def test_every_line_of_a_record_keeps_its_schema() -> None:
 
 
 def test_readings_and_faults_keep_their_schema() -> None:
-    whole = to_json(outcome_report("p", Reading("+1.5", 1.5, 0.1, unit_assumed=True)))
+    whole = to_json(outcome_report("p", IndicatorReading("+1.5", 1.5, 0.1, unit_assumed=True)))
     fault = to_json(outcome_report("p", Fault(FaultKind.NO_ANSWER, "", "none: is it on?")))
     assert kept(whole) == kept(fault) == "reading"
     assert "value_mm" not in json.loads(fault)

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from textual.app import App, ComposeResult
 
-from app.report.charts.drawings import Drawing, Look
+from app.report.charts.charts import Drawing, StrokeStyle
 from app.report.charts.tripod import drawn_set_up
 from app.report.text.session import set_up_text
-from app.screens.drawing import DrawingPlot
+from app.screens.plot import DrawingPlot
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Step, load_procedure
 from protocols.session import Opened, Session, fold
+from tests.screens.driving import rows
 
 FIRST = Instrument(profile="sylvac", port="/dev/ttyUSB1", axes="yx", pushed_in="larger")
 SECOND = Instrument(profile="mitutoyo-01a", port="COM5", axes="zy", pushed_in="smaller")
@@ -47,7 +48,7 @@ def test_every_step_shows_its_bar_the_point_on_it_and_the_axes() -> None:
     ups = {"x": (-1.0, -1.0), "y": (1.0, -1.0), "z": (0.0, 1.0)}
     for step in told.steps():
         drawing = picture(told, step)
-        (thick,) = [s.points for s in drawing.strokes if s.look is Look.THICK]
+        (thick,) = [s.points for s in drawing.strokes if s.style is StrokeStyle.THICK]
         end, foot = np.array(thick)
         assert tuple(foot) == tuple(place(drawing, step.leg.upper())), "the bar bears its letter"
         (series,) = drawing.series
@@ -99,10 +100,10 @@ async def test_a_terminal_marks_the_touched_point_where_the_machine_says(
         app = Page()
         async with app.run_test(size=size) as pilot:
             await pilot.pause()
-            rows = [strip.text for strip in app.screen._compositor.render_strips()]
+            sent = rows(app.screen)
         cells = {}
         for mark in "xXYZ":  # a letter after + is that of an axis
-            rest = [re.sub(r"\+[XYZ]", "  ", row) for row in rows[1:-1]]
+            rest = [re.sub(r"\+[XYZ]", "  ", row) for row in sent[1:-1]]
             ((x, y),) = [(row.index(mark), k) for k, row in enumerate(rest) if mark in row]
             cells[mark] = (float(x), float(y))
         # three points tell the whole linear map from the drawing to cells

@@ -11,7 +11,7 @@ import pytest
 from app.evaluating.diagnosis import diagnose_files
 from calib.arrays import FloatArray, observe
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.pattern import _Patterns, shared_pattern
+from calib.diagnosis.pattern import shared_pattern
 from calib.diagnosis.problem import Case
 from calib.diagnosis.results import SharedPattern
 from calib.tripod.effects import CATALOGUE
@@ -114,10 +114,12 @@ def test_the_diagnosis_says_that_a_nameless_error_repeats() -> None:
 
 
 def test_chance_of_two_directions_is_that_of_drawn_ones() -> None:
-    patterns = _Patterns.of([session(1, shape(7)).fitted(), session(2, shape(8)).fitted()])
-    assert patterns is not None
-    drawn = np.random.default_rng(0).normal(size=(20000, 2, patterns.directions))
-    assert patterns._reached(drawn) == pytest.approx(patterns.chance_of_directions(), abs=0.015)
+    found = shared_pattern([session(1, shape(7)).fitted(), session(2, shape(8)).fitted()])
+    assert found is not None
+    drawn = np.random.default_rng(0).normal(size=(2, 20000, found.directions))
+    one, other = drawn / np.linalg.norm(drawn, axis=2, keepdims=True)
+    reached = np.abs((one * other).sum(axis=1)) >= abs(found.pairs[0].cosine)
+    assert found.p_value_directions == pytest.approx(reached.mean(), abs=0.015)
 
 
 def test_postures_that_only_one_session_has_do_not_count() -> None:

@@ -10,7 +10,7 @@ import pytest
 from calib.arrays import Observations
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.problem import Problem
-from calib.diagnosis.screws import with_searched_leads
+from calib.diagnosis.screws import screws_of, with_searched_leads
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.actuators import ActuatorCyclic, ActuatorScale
 from calib.tripod.effects.candidates import place_columns
@@ -52,12 +52,10 @@ def test_a_known_lead_is_not_searched() -> None:
 
 def test_columns_of_any_lead_are_those_of_the_simulation() -> None:
     """From one derivative by the place of a carriage, at Zero nothing moves."""
-    from calib.diagnosis.screws import _screws
-
     made = problem(TWO_STATION, 0)
     model, taken = made.fitted_sessions[0].model, made.fitted_sessions[0].observed
     (columns,) = place_columns(model, taken, [ActuatorCyclic(13.3)])
-    screw = next(one for one in _screws(made) if one.place == "y")
+    screw = next(one for one in screws_of(made) if one.place == "y")
     turn = 2.0 * np.pi * screw.travel_mm / 13.3
     assert screw.per_mm * np.sin(turn) * 1e-3 == pytest.approx(columns["y"][:, 0], abs=1e-12)
     assert ActuatorScale().places(taken)

@@ -37,7 +37,7 @@ from calib.hexaslide.procedures import (
     held_postures,
 )
 from calib.hexaslide.search import Search, best_postures
-from protocols.hexaslide_machine import load_hexaslide
+from protocols.hexaslide import load_hexaslide
 from tests.calib.hexaslide.hexaslide_draws import SHAPES, drawn_machine, jacobian_and_slopes
 
 RANKS = {

@@ -19,7 +19,7 @@ from calib.hexaslide.planning import (
     sensitivity,
 )
 from calib.hexaslide.procedures import COMPONENTS, ENDS, Kind, Procedure
-from protocols.hexaslide_machine import load_hexaslide
+from protocols.hexaslide import load_hexaslide
 from tests.calib.hexaslide import prime_field as exact
 from tests.calib.hexaslide.hexaslide_draws import SHAPES, drawn_machine
 

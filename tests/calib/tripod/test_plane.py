@@ -15,10 +15,13 @@ import pytest
 
 from app.measuring.simulated import planned_readings
 from calib.arrays import Conditions, FloatArray, Observations, observe, set_up_unknowns
-from calib.errors import NotIdentifiable, UsageError
+from calib.diagnosis.problem import Case, Problem
+from calib.errors import NotIdentifiable
 from calib.identify.fit import PlainFit
 from calib.identify.identify import identify
 from calib.noise.reading import IndicatorFigures, visits
+from calib.tripod.effects.bars import LegBow
+from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, command, derivatives, simulate
 from calib.tripod.plain import TripodDesign, plain_design
@@ -130,12 +133,28 @@ def test_what_the_plane_shows_alone() -> None:
         )
 
 
-def test_effects_and_diagnosis_are_refused() -> None:
-    from calib.tripod.effects.candidates import candidates
-    from calib.tripod.effects.catalogue import CATALOGUE
+def test_zero_and_tilt_of_a_plane_never_reach_the_diagnosis() -> None:
+    """They are in its base: the same readings on other planes leave the same."""
+    figures = IndicatorFigures(repeatability_mm=SIGMA_MM)
+    tolerance = np.repeat([2.0, 0.1], 3)
+    left = []
+    for tilt in (0.0, 4e-3):
+        observed = measured("zero-max-min-plane", OFF, tilt=tilt, scatter=SIGMA_MM)
+        left.append(Problem.of([Case(Model(), observed, figures, tolerance).fitted()]))
+    assert left[1].y == pytest.approx(left[0].y, abs=1e-5)
+    assert float(np.abs(left[0].y).max()) > 0.5
+    free = left[0].whitening.free
+    assert free.T @ free == pytest.approx(np.eye(free.shape[1]), abs=1e-9)
+    assert free.shape[1] == 6 + 2 * 2 + 3  # zeros, zeros and tilts over planes, joint offsets
 
-    with pytest.raises(UsageError, match="over a plane"):
-        candidates(Model(), taken_by("plane"), CATALOGUE)
+
+def test_a_bowed_bar_over_a_plane_by_hand() -> None:
+    """A parabola over the bar: at s it stands 4 s (1 - s) out, wherever the posture is."""
+    taken = taken_by("plane")
+    bow = EffectInstance(LegBow(), "xz", (0.05,))
+    shown = Model(effects=(bow,)).readings(taken) - Model().readings(taken)
+    expected = np.where(taken.leg == 0, 0.05 * 4 * taken.station * (1 - taken.station), 0.0)
+    assert shown == pytest.approx(expected, abs=1e-12)
 
 
 def uncertainty(rows: FloatArray, zeros: FloatArray, free: range = range(6)) -> FloatArray:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from drivers.profile import Asked, Fault, FaultKind, Profile, Reading, Spindle, Unit
+from drivers.profile import Fault, FaultKind, IndicatorReading, Profile, Query, Spindle, Unit
 from drivers.profiles.heidenhain_nd28x import HEIDENHAIN_ND28X
 from drivers.profiles.mahr_millimar import MAHR_C1202, MAHR_OPTORSD
 from drivers.profiles.mitutoyo_counter import MITUTOYO_COUNTER, MITUTOYO_VL50
@@ -49,50 +49,50 @@ A_VALUE = {
 @pytest.mark.parametrize(
     ("profile", "line", "asked", "value_mm", "resolution_mm", "assumed"),
     [
-        (MITUTOYO_COUNTER, "GN01,+0016.2345", Asked(), 16.2345, 1e-4, True),
-        (MITUTOYO_COUNTER, "GN01,-0016.2345", Asked(), -16.2345, 1e-4, True),
-        (MITUTOYO_COUNTER, "GN06,+0016.2345", Asked(channel=6), 16.2345, 1e-4, True),
-        (MITUTOYO_COUNTER, "GN01,+000.50000", Asked(unit=INCH), 12.7, 25.4e-5, True),
-        (MITUTOYO_VL50, "GN01,+0016.2345", Asked(), 16.2345, 1e-4, True),
-        (U_WAVE, "DT10005+00000020.06M", Asked(channel=5), 20.06, 0.01, False),
-        (U_WAVE, "DT10005-00000001.25M", Asked(channel=5), -1.25, 0.01, False),
-        (U_WAVE, "DT10012+0000.12345I", Asked(12, INCH), 3.13563, 25.4e-5, False),
-        (U_WAVE, "DT10005+00000020.060", Asked(channel=5), 20.06, 0.01, True),
-        (MAHR_OPTORSD, "12.345mm", Asked(), 12.345, 1e-3, False),
-        (MAHR_OPTORSD, "-12.345mm", Asked(), -12.345, 1e-3, False),
-        (MAHR_OPTORSD, "-0.5in", Asked(unit=INCH), -12.7, 2.54, False),
-        (MAHR_OPTORSD, "12.3\xb5m", Asked(unit=UM), 0.0123, 1e-4, False),
-        (MAHR_C1202, "1 +012.34 um =", Asked(unit=UM), 0.01234, 1e-5, False),
-        (MAHR_C1202, "2 -012.34 mm <", Asked(channel=2), -12.34, 0.01, False),
-        (MAHR_C1202, "1 +012.34 mm", Asked(), 12.34, 0.01, False),
-        (MAHR_C1202, "1 +012.34 mm = <", Asked(), 12.34, 0.01, False),
-        (MAHR_C1202, "1 +000.50 inch", Asked(unit=INCH), 12.7, 0.254, False),
-        (MAHR_MARCATOR, "+012.345", Asked(), 12.345, 1e-3, True),
-        (MAHR_MARCATOR, " 12.345", Asked(), 12.345, 1e-3, True),
-        (MAHR_MARCATOR, "-0.001", Asked(), -0.001, 1e-3, True),
-        (MAHR_MARCATOR, "+012.345=", Asked(), 12.345, 1e-3, True),
-        (TESA, "+0012.34", Asked(), 12.34, 0.01, True),
-        (TESA, "-.001250", Asked(unit=INCH), -0.03175, 25.4e-6, False),
-        (TESA, "+000.125", Asked(unit=UM), 0.000125, 1e-6, True),
-        (HEIDENHAIN_ND28X, "-      5.23   =A", Asked(), -5.23, 0.01, False),
-        (HEIDENHAIN_ND28X, "-      .801    ", Asked(), -0.801, 1e-3, False),
-        (HEIDENHAIN_ND28X, "+   12.3456    ", Asked(), 12.3456, 1e-4, False),
-        (HEIDENHAIN_ND28X, "\x02+   12.3456    ", Asked(), 12.3456, 1e-4, False),
-        (HEIDENHAIN_ND28X, "\x06+   12.3456  < ", Asked(), 12.3456, 1e-4, False),
-        (HEIDENHAIN_ND28X, '+   0.50000 "  ', Asked(unit=INCH), 12.7, 25.4e-5, False),
-        (HEIDENHAIN_ND28X, '-      5.23  "=A', Asked(unit=INCH), -132.842, 0.254, False),
+        (MITUTOYO_COUNTER, "GN01,+0016.2345", Query(), 16.2345, 1e-4, True),
+        (MITUTOYO_COUNTER, "GN01,-0016.2345", Query(), -16.2345, 1e-4, True),
+        (MITUTOYO_COUNTER, "GN06,+0016.2345", Query(channel=6), 16.2345, 1e-4, True),
+        (MITUTOYO_COUNTER, "GN01,+000.50000", Query(unit=INCH), 12.7, 25.4e-5, True),
+        (MITUTOYO_VL50, "GN01,+0016.2345", Query(), 16.2345, 1e-4, True),
+        (U_WAVE, "DT10005+00000020.06M", Query(channel=5), 20.06, 0.01, False),
+        (U_WAVE, "DT10005-00000001.25M", Query(channel=5), -1.25, 0.01, False),
+        (U_WAVE, "DT10012+0000.12345I", Query(12, INCH), 3.13563, 25.4e-5, False),
+        (U_WAVE, "DT10005+00000020.060", Query(channel=5), 20.06, 0.01, True),
+        (MAHR_OPTORSD, "12.345mm", Query(), 12.345, 1e-3, False),
+        (MAHR_OPTORSD, "-12.345mm", Query(), -12.345, 1e-3, False),
+        (MAHR_OPTORSD, "-0.5in", Query(unit=INCH), -12.7, 2.54, False),
+        (MAHR_OPTORSD, "12.3\xb5m", Query(unit=UM), 0.0123, 1e-4, False),
+        (MAHR_C1202, "1 +012.34 um =", Query(unit=UM), 0.01234, 1e-5, False),
+        (MAHR_C1202, "2 -012.34 mm <", Query(channel=2), -12.34, 0.01, False),
+        (MAHR_C1202, "1 +012.34 mm", Query(), 12.34, 0.01, False),
+        (MAHR_C1202, "1 +012.34 mm = <", Query(), 12.34, 0.01, False),
+        (MAHR_C1202, "1 +000.50 inch", Query(unit=INCH), 12.7, 0.254, False),
+        (MAHR_MARCATOR, "+012.345", Query(), 12.345, 1e-3, True),
+        (MAHR_MARCATOR, " 12.345", Query(), 12.345, 1e-3, True),
+        (MAHR_MARCATOR, "-0.001", Query(), -0.001, 1e-3, True),
+        (MAHR_MARCATOR, "+012.345=", Query(), 12.345, 1e-3, True),
+        (TESA, "+0012.34", Query(), 12.34, 0.01, True),
+        (TESA, "-.001250", Query(unit=INCH), -0.03175, 25.4e-6, False),
+        (TESA, "+000.125", Query(unit=UM), 0.000125, 1e-6, True),
+        (HEIDENHAIN_ND28X, "-      5.23   =A", Query(), -5.23, 0.01, False),
+        (HEIDENHAIN_ND28X, "-      .801    ", Query(), -0.801, 1e-3, False),
+        (HEIDENHAIN_ND28X, "+   12.3456    ", Query(), 12.3456, 1e-4, False),
+        (HEIDENHAIN_ND28X, "\x02+   12.3456    ", Query(), 12.3456, 1e-4, False),
+        (HEIDENHAIN_ND28X, "\x06+   12.3456  < ", Query(), 12.3456, 1e-4, False),
+        (HEIDENHAIN_ND28X, '+   0.50000 "  ', Query(unit=INCH), 12.7, 25.4e-5, False),
+        (HEIDENHAIN_ND28X, '-      5.23  "=A', Query(unit=INCH), -132.842, 0.254, False),
     ],
 )
 def test_values(
     profile: Profile,
     line: str,
-    asked: Asked,
+    asked: Query,
     value_mm: float,
     resolution_mm: float,
     assumed: bool,
 ) -> None:
     found = profile.parse(line, asked)
-    assert isinstance(found, Reading)
+    assert isinstance(found, IndicatorReading)
     assert found.value_mm == pytest.approx(value_mm, rel=1e-12)
     assert found.resolution_mm == pytest.approx(resolution_mm, rel=1e-12)
     assert found.unit_assumed is assumed
@@ -171,7 +171,7 @@ def test_values(
     ],
 )
 def test_what_is_not_a_value(profile: Profile, line: str, kind: FaultKind) -> None:
-    found = profile.parse(line, Asked())
+    found = profile.parse(line, Query())
     assert isinstance(found, Fault)
     assert found.kind is kind
     assert found.text == line
@@ -195,7 +195,7 @@ def test_what_is_not_a_value(profile: Profile, line: str, kind: FaultKind) -> No
     ],
 )
 def test_passed_over(profile: Profile, line: str) -> None:
-    assert profile.parse(line, Asked()) is None
+    assert profile.parse(line, Query()) is None
 
 
 @EVERY
@@ -219,14 +219,14 @@ def test_passed_over(profile: Profile, line: str) -> None:
     ],
 )
 def test_strangers_are_not_understood(profile: Profile, line: str) -> None:
-    found = profile.parse(line, Asked())
+    found = profile.parse(line, Query())
     assert isinstance(found, Fault)
     assert found.kind is STRANGE
 
 
 def test_statuses_of_u_wave_have_words_of_their_own() -> None:
     codes = ("00", "01", "02", "03", "04", "05", "50", "51", "99", "77")
-    outcomes = [U_WAVE.parse(f"ST10006FFFFFFFFFF{code}", Asked(channel=6)) for code in codes]
+    outcomes = [U_WAVE.parse(f"ST10006FFFFFFFFFF{code}", Query(channel=6)) for code in codes]
     words = {outcome.words for outcome in outcomes if isinstance(outcome, Fault)}
     assert len(words) == len(codes)
     assert "battery" in min(words, key=lambda text: "battery" not in text)
@@ -236,14 +236,14 @@ def test_statuses_of_u_wave_have_words_of_their_own() -> None:
 def test_bad_replies_are_the_faults_that_they_claim_to_be(profile: Profile) -> None:
     assert profile.bad_replies
     for bad in profile.bad_replies.values():
-        found = profile.parse(bad.reply.strip(b"\r\n").decode("latin-1"), Asked())
+        found = profile.parse(bad.reply.strip(b"\r\n").decode("latin-1"), Query())
         assert isinstance(found, Fault)
         assert found.kind is bad.kind
 
 
 def answer(profile: Profile, spindle: Spindle) -> bytes:
     """What the twin sends when asked, or of its own accord."""
-    request = profile.request(Asked(channel=spindle.channel)) if profile.request else b""
+    request = profile.request(Query(channel=spindle.channel)) if profile.request else b""
     return twin_of(profile, spindle).receive(request)
 
 
@@ -278,8 +278,8 @@ def test_round_trip(
 ) -> None:
     sent = answer(profile, Spindle(lambda: position_mm, resolution_mm, channel))
     assert sent.endswith(b"\r\n") or sent.endswith(b"\r")
-    found = profile.parse(sent.rstrip(b"\r\n").decode("latin-1"), Asked(channel=channel))
-    assert isinstance(found, Reading)
+    found = profile.parse(sent.rstrip(b"\r\n").decode("latin-1"), Query(channel=channel))
+    assert isinstance(found, IndicatorReading)
     assert abs(found.value_mm - position_mm) <= resolution_mm / 2 + 1e-9
     assert found.resolution_mm <= resolution_mm * (1 + 1e-9)
 
@@ -311,9 +311,9 @@ ANYTHING = st.binary(max_size=40).map(lambda sent: sent.decode("latin-1"))
 
 def assert_anchored(profile: Profile, line: str) -> None:
     """A typed outcome, and a value only from a line of the grammar and with its very digits."""
-    found = profile.parse(line, Asked())
-    assert found is None or isinstance(found, Reading | Fault)
-    if isinstance(found, Reading):
+    found = profile.parse(line, Query())
+    assert found is None or isinstance(found, IndicatorReading | Fault)
+    if isinstance(found, IndicatorReading):
         assert re.fullmatch(A_VALUE[profile.name], line)
         numbers = re.findall(r"[+-]? *[0-9]*\.[0-9]+", line)
         assert len(numbers) == 1

@@ -9,7 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.errors import IndicatorError
-from drivers.profile import Asked, Fault, FaultKind, Outcome, Profile, Reading, Spindle, Unit
+from drivers.profile import (
+    Fault,
+    FaultKind,
+    IndicatorReading,
+    Outcome,
+    Profile,
+    Query,
+    Spindle,
+    Unit,
+)
 from drivers.profiles.ascii_line import ASCII_LINE, ascii_line
 from drivers.profiles.cdi import CDI
 from drivers.profiles.keyence_dl_rs1a import KEYENCE_DL_RS1A
@@ -46,7 +55,7 @@ PROFILES = {name: profile for name, (profile, _) in GRAMMARS.items()}
 
 
 def heard(name: str, text: str, channel: int = 1, unit: Unit = Unit.MM) -> Outcome | None:
-    return PROFILES[name].parse(text, Asked(channel, unit))
+    return PROFILES[name].parse(text, Query(channel, unit))
 
 
 @pytest.mark.parametrize(
@@ -74,7 +83,7 @@ def heard(name: str, text: str, channel: int = 1, unit: Unit = Unit.MM) -> Outco
 )
 def test_values_without_a_unit(name: str, text: str, value: float, step: float) -> None:
     found = heard(name, text)
-    assert isinstance(found, Reading)
+    assert isinstance(found, IndicatorReading)
     assert (found.value_mm, found.resolution_mm) == (value, step)
     assert found.unit_assumed
     assert found.text == text
@@ -83,38 +92,38 @@ def test_values_without_a_unit(name: str, text: str, value: float, step: float) 
 @pytest.mark.parametrize(
     ("name", "text", "asked", "value", "step"),
     [
-        ("magnescale-lt", "ANM+12.3456", Asked(), 12.3456, 1e-4),
-        ("magnescale-lt", "APMG-12.3456", Asked(), -12.3456, 1e-4),
-        ("magnescale-lt", "AAI+0.12345", Asked(unit=Unit.INCH), 3.13563, 2.54e-4),
-        ("magnescale-lt", "ANM+12.3456 BNM-01.2345", Asked(), 12.3456, 1e-4),
-        ("magnescale-lt", "ANM+12.3456,BNM-01.2345", Asked(2), -1.2345, 1e-4),
-        ("cdi", "+   2.1380, MM", Asked(), 2.138, 1e-4),
-        ("cdi", "+  2.1380, MM", Asked(), 2.138, 1e-4),
-        ("cdi", "-   0.0050, IN", Asked(unit=Unit.INCH), -0.127, 2.54e-3),
-        ("starrett-iq", "+ 2.1380, MM", Asked(), 2.138, 1e-4),
-        ("starrett-iq", "-12.1380, MM", Asked(), -12.138, 1e-4),
-        ("starrett-iq", "- 0.0050, IN", Asked(unit=Unit.INCH), -0.127, 2.54e-3),
-        ("mux", "1 MW+003.4665 inch", Asked(unit=Unit.INCH), 88.0491, 2.54e-3),
-        ("mux", "2 MW-00088.29 mm", Asked(2), -88.29, 0.01),
-        ("mux", "4 MW +00001.55 mm", Asked(4), 1.55, 0.01),
-        ("mux", "1 MW+00012.50 um", Asked(unit=Unit.MICROMETRE), 0.0125, 1e-5),
-        ("dmx", "1 MW +001.378 mm    ", Asked(), 1.378, 1e-3),
-        ("dmx", "8 MW +001.378 mm    ", Asked(8), 1.378, 1e-3),
-        ("metro-mux", "V2: mm        -00001.250000", Asked(2), -1.25, 1e-6),
-        ("metro-mux", "V2: mm       -00001.250000", Asked(2), -1.25, 1e-6),
-        ("metro-mux", "V2: mm    >  +00001.250000", Asked(2), 1.25, 1e-6),
-        ("metro-mux", "V1: inch     +00001.000000", Asked(unit=Unit.INCH), 25.4, 2.54e-5),
-        ("ascii-line", "1.47 mm", Asked(), 1.47, 0.01),
-        ("ascii-line", "-3.07 mm", Asked(), -3.07, 0.01),
-        ("ascii-line", "0.0390 inches", Asked(unit=Unit.INCH), 0.9906, 2.54e-3),
-        ("ascii-line", "12.5 µm", Asked(unit=Unit.MICROMETRE), 0.0125, 1e-4),
+        ("magnescale-lt", "ANM+12.3456", Query(), 12.3456, 1e-4),
+        ("magnescale-lt", "APMG-12.3456", Query(), -12.3456, 1e-4),
+        ("magnescale-lt", "AAI+0.12345", Query(unit=Unit.INCH), 3.13563, 2.54e-4),
+        ("magnescale-lt", "ANM+12.3456 BNM-01.2345", Query(), 12.3456, 1e-4),
+        ("magnescale-lt", "ANM+12.3456,BNM-01.2345", Query(2), -1.2345, 1e-4),
+        ("cdi", "+   2.1380, MM", Query(), 2.138, 1e-4),
+        ("cdi", "+  2.1380, MM", Query(), 2.138, 1e-4),
+        ("cdi", "-   0.0050, IN", Query(unit=Unit.INCH), -0.127, 2.54e-3),
+        ("starrett-iq", "+ 2.1380, MM", Query(), 2.138, 1e-4),
+        ("starrett-iq", "-12.1380, MM", Query(), -12.138, 1e-4),
+        ("starrett-iq", "- 0.0050, IN", Query(unit=Unit.INCH), -0.127, 2.54e-3),
+        ("mux", "1 MW+003.4665 inch", Query(unit=Unit.INCH), 88.0491, 2.54e-3),
+        ("mux", "2 MW-00088.29 mm", Query(2), -88.29, 0.01),
+        ("mux", "4 MW +00001.55 mm", Query(4), 1.55, 0.01),
+        ("mux", "1 MW+00012.50 um", Query(unit=Unit.MICROMETRE), 0.0125, 1e-5),
+        ("dmx", "1 MW +001.378 mm    ", Query(), 1.378, 1e-3),
+        ("dmx", "8 MW +001.378 mm    ", Query(8), 1.378, 1e-3),
+        ("metro-mux", "V2: mm        -00001.250000", Query(2), -1.25, 1e-6),
+        ("metro-mux", "V2: mm       -00001.250000", Query(2), -1.25, 1e-6),
+        ("metro-mux", "V2: mm    >  +00001.250000", Query(2), 1.25, 1e-6),
+        ("metro-mux", "V1: inch     +00001.000000", Query(unit=Unit.INCH), 25.4, 2.54e-5),
+        ("ascii-line", "1.47 mm", Query(), 1.47, 0.01),
+        ("ascii-line", "-3.07 mm", Query(), -3.07, 0.01),
+        ("ascii-line", "0.0390 inches", Query(unit=Unit.INCH), 0.9906, 2.54e-3),
+        ("ascii-line", "12.5 µm", Query(unit=Unit.MICROMETRE), 0.0125, 1e-4),
     ],
 )
 def test_values_with_their_unit(
-    name: str, text: str, asked: Asked, value: float, step: float
+    name: str, text: str, asked: Query, value: float, step: float
 ) -> None:
     found = heard(name, text, asked.channel, asked.unit)
-    assert isinstance(found, Reading)
+    assert isinstance(found, IndicatorReading)
     assert found.value_mm == pytest.approx(value, abs=1e-12)
     assert found.resolution_mm == pytest.approx(step)
     assert not found.unit_assumed
@@ -218,13 +227,15 @@ def test_passed_over(name: str, text: str) -> None:
 )
 def test_traps_are_no_values(name: str, text: str) -> None:
     if (name, text) != ("ascii-line asked", "999999.99"):  # its pattern allows this one
-        assert not isinstance(heard(name, text), Reading)
+        assert not isinstance(heard(name, text), IndicatorReading)
 
 
 def test_the_channel_picks_the_amplifier() -> None:
     text = "M0,+001.0000,-002.0000,+999.9999"
     found = [heard("keyence-dl-rs1a", text, channel) for channel in (0, 1, 2, 3, 4)]
-    kinds = [one.value_mm if isinstance(one, Reading) else one and one.kind for one in found]
+    kinds = [
+        one.value_mm if isinstance(one, IndicatorReading) else one and one.kind for one in found
+    ]
     wrong, beyond = FaultKind.WRONG_CHANNEL, FaultKind.OVER_RANGE
     assert kinds == [wrong, 1.0, -2.0, beyond, wrong]
 
@@ -245,7 +256,7 @@ def test_the_channel_picks_the_amplifier() -> None:
 def test_requests(name: str, channel: int, request_bytes: bytes) -> None:
     request = PROFILES[name].request
     assert request is not None
-    assert request(Asked(channel)) == request_bytes
+    assert request(Query(channel)) == request_bytes
 
 
 @pytest.mark.parametrize(
@@ -278,7 +289,7 @@ def spoken(profile: Profile, position: float, resolution: float, channel: int = 
         assert twin.receive(b"anything") == b""
         return twin.receive(b"")
     assert twin.receive(b"") == b""
-    return twin.receive(profile.request(Asked(channel)))
+    return twin.receive(profile.request(Query(channel)))
 
 
 @pytest.mark.parametrize("name", PROFILES)
@@ -290,7 +301,7 @@ def spoken(profile: Profile, position: float, resolution: float, channel: int = 
 def test_round_trip(name: str, position: float, resolution: float, channel: int) -> None:
     reply = spoken(PROFILES[name], position, resolution, channel)
     found = heard(name, reply.decode("latin-1").rstrip("\r\n"), 1 if "A+" in name else channel)
-    assert isinstance(found, Reading)
+    assert isinstance(found, IndicatorReading)
     assert abs(found.value_mm - position) <= resolution / 2 + 1e-9
     assert found.resolution_mm <= resolution * (1 + 1e-9)
 
@@ -309,7 +320,7 @@ def test_bad_replies_are_what_they_say(name: str) -> None:
 def test_twins_answer_nothing_else_with_a_value(name: str) -> None:
     twin = twin_of(PROFILES[name], Spindle(lambda: 1.5, 0.001))
     reply = twin.receive(b"?9\r\n").decode("latin-1").strip()
-    assert not reply or not isinstance(heard(name, reply), Reading)
+    assert not reply or not isinstance(heard(name, reply), IndicatorReading)
 
 
 SIGNS = st.sampled_from([*'+-. 0159AFMBERNVOTWIX<>=:,;"x\r\nµ', "mm", "MM", "\xff", "٣"])
@@ -332,8 +343,8 @@ def damaged(draw: st.DrawFn) -> str:
 @given(text=damaged() | st.text(SIGNS.map(lambda sign: sign[0]), max_size=24) | st.text())
 def test_no_value_from_outside_the_grammar(name: str, text: str) -> None:
     profile, grammar = GRAMMARS[name]
-    found = profile.parse(text, Asked())
-    if isinstance(found, Reading):
+    found = profile.parse(text, Query())
+    if isinstance(found, IndicatorReading):
         assert re.fullmatch(grammar, text)
         assert abs(found.value_mm) < 1e9
 
@@ -374,13 +385,13 @@ def test_patterns_that_cannot_work(pattern: str, words: str) -> None:
 )
 def test_patterns_of_the_user(pattern: str, text: str, value: float) -> None:
     profile = ascii_line(pattern)
-    found = profile.parse(text, Asked())
-    assert isinstance(found, Reading)
+    found = profile.parse(text, Query())
+    assert isinstance(found, IndicatorReading)
     assert found.value_mm == value
-    assert isinstance(profile.parse(f"{text}x", Asked()), Fault)
+    assert isinstance(profile.parse(f"{text}x", Query()), Fault)
 
 
 def test_a_pattern_that_lets_in_what_is_no_number() -> None:
     profile = ascii_line(r"(?P<number>.*?)(?P<unit> [a-z]+)?")
     for text in ("nan", "1,25", "1e5", "", "1" * 400, "1.5 furlong"):
-        assert isinstance(profile.parse(text, Asked()), Fault)
+        assert isinstance(profile.parse(text, Query()), Fault)

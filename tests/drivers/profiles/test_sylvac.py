@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.profile import Asked, Fault, FaultKind, Reading
+from drivers.profile import Fault, FaultKind, IndicatorReading, Query
 from drivers.profiles.sylvac import SYLVAC
 
 
@@ -20,8 +20,8 @@ from drivers.profiles.sylvac import SYLVAC
     ],
 )
 def test_values(text: str, value: float, step: float) -> None:
-    found = SYLVAC.parse(text, Asked())
-    assert isinstance(found, Reading)
+    found = SYLVAC.parse(text, Query())
+    assert isinstance(found, IndicatorReading)
     assert (found.value_mm, found.resolution_mm) == (value, step)
     assert found.unit_assumed
 
@@ -40,11 +40,11 @@ def test_values(text: str, value: float, step: float) -> None:
     ],
 )
 def test_what_is_not_a_value(text: str, kind: FaultKind) -> None:
-    found = SYLVAC.parse(text, Asked())
+    found = SYLVAC.parse(text, Query())
     assert isinstance(found, Fault)
     assert found.kind is kind
 
 
 @pytest.mark.parametrize("text", ["SY276", "SY123.opt.opt", "?", "PRI"])
 def test_identification_and_echo_are_passed_over(text: str) -> None:
-    assert SYLVAC.parse(text, Asked()) is None
+    assert SYLVAC.parse(text, Query()) is None

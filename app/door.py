@@ -1,0 +1,172 @@
+"""What ``import glidecal`` offers: the verbs of the command line on paths and sessions.
+
+What is worth knowing beside a result is given as a Python warning. Every function raises
+`GlidecalError` with one paragraph for a person.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from calib.errors import GlidecalError
+from protocols.machine import Machine
+from protocols.session import Session
+
+if TYPE_CHECKING:  # heavy: imported where used
+    from app.evaluating.diagnosis import SessionDiagnosis
+    from app.evaluating.solution import SessionSolution
+    from app.planning.tripod import MeasurementPlan
+    from calib.identify.identify import Method, Subset
+
+__all__ = [
+    "GlidecalError",
+    "Machine",
+    "Session",
+    "diagnose",
+    "load",
+    "plan",
+    "report",
+    "simulate",
+    "solve",
+]
+
+File = str | Path
+
+
+def load(path: File, machine: File | None = None) -> Session:
+    """A session from its record, or from a table of readings (.csv, .xlsx, .parquet).
+
+    A table is of the named ``machine``, or of that of a machine file; None: the usual one.
+    """
+    from app.evaluating.solution import load_sessions
+    from app.version import program
+    from protocols.machine import load_machine
+    from protocols.session import fold
+    from protocols.table import is_table, opened_table
+
+    if is_table(Path(path)):
+        opened, events, unknown = opened_table(Path(path), load_machine(machine), program())
+        _warn([f"columns kept but not used: {', '.join(unknown)}"] if unknown else [])
+        return fold([opened, *events])
+    (session,), said = load_sessions([Path(path)])
+    _warn(said)
+    return session
+
+
+def solve(
+    *sessions: File | Session,
+    subset: Subset | None = None,
+    method: Method = "exact",
+    model: File | None = None,
+) -> SessionSolution:
+    """Parameters with uncertainties; without a ``subset`` the recommended one.
+
+    With a ``model`` the sizes of its effects are fitted, too. `SessionSolution.solution` holds
+    ``values_mm`` ``(k,)`` and ``covariance_mm2`` ``(k, k)`` by ``names``.
+    """
+    from app.evaluating.solution import solve_sessions
+    from protocols.model_file import read_model_file
+
+    names, loaded = _given(sessions)
+    known = read_model_file(Path(model)) if model else None
+    return solve_sessions(names, loaded, subset=subset, method=method, model=known)
+
+
+def diagnose(
+    *sessions: File | Session,
+    model: File | None = None,
+    held_out: Sequence[File | Session] = (),
+) -> SessionDiagnosis:
+    """What is missing in the model, and where it shows; ``held_out`` are for the gap alone."""
+    from app.evaluating.diagnosis import diagnose_sessions
+
+    names, loaded = _given(sessions)
+    known = Path(model) if model else None
+    found = diagnose_sessions(names, loaded, model=known, held_out=_given(held_out))
+    _warn(found.warnings)
+    return found
+
+
+def simulate(
+    procedure: File | None = None,
+    *,
+    machine: File | None = None,
+    model: File | None = None,
+    effect: str | None = None,
+    size: float | None = None,
+    seed: int = 1,
+    scatter_mm: float = 0.002,
+    resolution_mm: float = 0.001,
+) -> Session:
+    """A session of a simulated machine, of that of a ``model`` or with an ``effect`` hidden in it.
+
+    ``scatter_mm`` is the standard deviation of a re-approach, ``resolution_mm`` the step of the
+    display, 0 none.
+    """
+    from app.measuring.simulated import simulated_of_files
+    from protocols.session import fold
+
+    opened, readings = simulated_of_files(
+        None if procedure is None else str(procedure),
+        machine,
+        Path(model) if model else None,
+        effect=effect,
+        size=size,
+        seed=seed,
+        scatter_mm=scatter_mm,
+        resolution_mm=resolution_mm,
+    )
+    return fold([opened, *readings])
+
+
+def plan(
+    *sessions: File | Session,
+    machine: File | None = None,
+    model: File | None = None,
+    noise_mm: float | None = None,
+) -> MeasurementPlan:
+    """The set-up that lowers the error of the tool most, after these sessions or before any."""
+    from app.planning.tripod import next_after
+
+    names, loaded = _given(sessions)
+    known = Path(model) if model else None
+    return next_after(names, loaded, machine_file=machine, model_file=known, noise_mm=noise_mm)
+
+
+def report(
+    *sessions: File,
+    output: File,
+    model: File | None = None,
+    after: File | None = None,
+    tolerance_mm: float | None = None,
+    replace: bool = False,
+) -> Path:
+    """Write the calibration report of session files, .html or .pdf; it names their digests."""
+    from app.report.pages.report import write_report
+
+    found = [Path(path) for path in sessions]
+    paths = [Path(path) if path else None for path in (model, after)]
+    return write_report(found, Path(output), *paths, tolerance_mm=tolerance_mm, replace=replace)
+
+
+def _given(sessions: Iterable[File | Session]) -> tuple[list[str], list[Session]]:
+    """Names and sessions; records are read and may not be one session twice."""
+    from app.evaluating.solution import load_sessions
+
+    given = list(sessions)
+    loaded, said = load_sessions([Path(one) for one in given if not isinstance(one, Session)])
+    _warn(said)
+    read = iter(loaded)
+    numbered = enumerate(given, start=1)
+    return (
+        [f"session {k}" if isinstance(one, Session) else Path(one).name for k, one in numbered],
+        [one if isinstance(one, Session) else next(read) for one in given],
+    )
+
+
+def _warn(said: Iterable[str]) -> None:
+    for text in said:
+        warnings.warn(text, stacklevel=3)

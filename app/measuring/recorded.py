@@ -1,0 +1,156 @@
+"""Records looked at from outside: their state in a folder, and whether values fit their texts."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from itertools import takewhile
+from pathlib import Path
+
+from app.measuring.indicators import SIMULATED, asked_of, profile_of
+from calib.errors import GlidecalError, RecordError
+from drivers.profile import IndicatorReading, Profile, Query
+from protocols.machine import Instrument
+from protocols.record import END_BYTES, Record, read_ends, read_record
+from protocols.session import Closed, Continued, Reading, fold
+
+MOST = 12
+
+SMALL_BYTES = 2 * END_BYTES
+"""Up to here, 400 readings, a record is read whole and checked; of others both ends."""
+
+
+@dataclass(frozen=True)
+class SessionFile:
+    """One session file: its state in words, whether it can go on, what it verifies.
+
+    ``empty``: it was left before its first reading. ``problem`` is the reason why a file cannot be
+    used; empty for a readable session.
+    """
+
+    path: Path
+    state: str
+    interrupted: bool = False
+    empty: bool = False
+    verifies: str | None = None
+    problem: str = ""
+
+
+def recent_sessions(*folders: Path) -> list[SessionFile]:
+    """The newest sessions of these folders; unreadable ones are there with their reason."""
+    paths = {path for folder in folders for path in _session_files(folder)}
+    return [look_at(path) for path in sorted(paths, key=_changed_at, reverse=True)[:MOST]]
+
+
+def _session_files(folder: Path) -> list[Path]:
+    try:
+        return list(folder.glob("*.jsonl"))
+    except OSError:
+        return []
+
+
+def _changed_at(path: Path) -> float:
+    found = _stat(path)
+    return found.st_mtime if found else 0.0
+
+
+def _stat(path: Path) -> os.stat_result | None:
+    """None for what is gone meanwhile, or a link to nothing: reading it tells why."""
+    try:
+        return path.stat()
+    except OSError:
+        return None
+
+
+def look_at(path: Path) -> SessionFile:
+    """The state of one session file."""
+    try:
+        found = _stat(path)
+        large = found is not None and found.st_size > SMALL_BYTES
+        return _state_by_ends(path) if large else _state(read_record(path))
+    except GlidecalError as problem:
+        return SessionFile(path, "unreadable", problem=str(problem))
+
+
+def _state_by_ends(path: Path) -> SessionFile:
+    """The state of a large record: superseded readings count here, and no line is checked."""
+    opened, last = read_ends(path)
+    end = next((event for event in reversed(last) if isinstance(event, Closed | Reading)), None)
+    if isinstance(end, Closed):
+        return SessionFile(path, f"{end.readings} readings, closed", verifies=opened.verifies)
+    state = f"{end.reading} readings, not closed" if end else "not closed"
+    can_go_on = opened.procedure is not None
+    return SessionFile(path, state, interrupted=can_go_on, verifies=opened.verifies)
+
+
+def _state(record: Record) -> SessionFile:
+    session = fold(record.events)
+    readings = f"{len(session.readings)} readings"
+    verifies = record.opened.verifies
+    if record.end == "closed":
+        return SessionFile(record.path, f"{readings}, closed", verifies=verifies)
+    steps, following = session.steps(), session.next_step()
+    if not steps:
+        return SessionFile(record.path, f"{readings}, cut", verifies=verifies)
+    where = f"interrupted at step {following.number} of {len(steps)}" if following else "not closed"
+    state, empty = f"{readings}, {where}", not session.all_readings
+    return SessionFile(record.path, state, interrupted=True, empty=empty, verifies=verifies)
+
+
+def follow_up(session: SessionFile, among: list[SessionFile]) -> SessionFile | None:
+    """The session that verifies this one, if it is there."""
+    beside = (other for other in among if other.path.parent == session.path.parent)
+    return next((other for other in beside if other.verifies == session.path.name), None)
+
+
+Parser = Callable[[str], float | None]
+
+SAME_MM = 1e-9
+
+
+def check_values(record: Record) -> None:
+    """Read every text again, as its profile does. Raises RecordError at the first other value.
+
+    A text that the profile of today does not read tells nothing, nor do texts after an
+    interruption: there another indicator may have been used.
+    """
+    session = fold(record.events)
+    steps = {step.number: step for step in session.steps()}
+    parsers = [_parser(instrument) for instrument in session.opened.instruments]
+    before_a_break = takewhile(lambda event: not isinstance(event, Continued), record.events)
+    for reading in (event for event in before_a_break if isinstance(event, Reading)):
+        step = steps.get(reading.step or 0)
+        number = step.indicators[step.axes.index(reading.axis)] if step else None
+        read = _plain if number is None else parsers[number]
+        said_mm = read(reading.text)
+        if said_mm is not None and abs(said_mm - reading.value_mm) > SAME_MM:
+            raise RecordError(
+                f"session {record.path}, line {reading.line}",
+                f"value_mm {reading.value_mm} beside the text {reading.text!r}",
+                f"{said_mm}, as the text says",
+                "Use an unaltered copy.",
+            )
+
+
+def _parser(instrument: Instrument) -> Parser:
+    if instrument.profile == SIMULATED:
+        return _plain
+    try:
+        return partial(_as_read, profile_of(instrument), asked_of(instrument))
+    except GlidecalError:  # of a program with other profiles
+        return lambda _: None
+
+
+def _as_read(profile: Profile, asked: Query, text: str) -> float | None:
+    outcome = profile.parse(text, asked)
+    return outcome.value_mm if isinstance(outcome, IndicatorReading) else None
+
+
+def _plain(text: str) -> float | None:
+    """Millimetres, as tables and simulations have them."""
+    try:
+        return float(text)
+    except ValueError:
+        return None

@@ -1,0 +1,97 @@
+"""glidecal in Python: sessions, solutions, diagnoses, tables (docs/python.md).
+
+Lengths are mm, angles rad, times s, temperatures °C. Importing this loads nothing heavy: each name
+is loaded when it is first used.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from app.door import (
+        GlidecalError,
+        Machine,
+        Session,
+        diagnose,
+        load,
+        plan,
+        report,
+        simulate,
+        solve,
+    )
+
+__all__ = [
+    "GlidecalError",
+    "Machine",
+    "Session",
+    "diagnose",
+    "load",
+    "plan",
+    "report",
+    "simulate",
+    "solve",
+]
+
+ROOMS = ("app", "calib", "drivers", "protocols")
+
+
+if not TYPE_CHECKING:  # a type checker would take any name for one that is offered
+
+    def __getattr__(name: str) -> object:
+        if name not in __all__:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        if said := conflict():
+            raise ImportError(said)
+        from app import door
+
+        return getattr(door, name)
+
+
+def __dir__() -> list[str]:
+    return __all__
+
+
+def conflict() -> str:
+    """Which folder of the program belongs to another package, in one sentence; else empty.
+
+    Two packages with a folder of one name overwrite each other's files, and pip does not tell.
+    """
+    home = Path(__file__).parent.parent
+    ours = _installed(home)
+    for room in ROOMS:
+        loaded = sys.modules.get(room)
+        spec = loaded.__spec__ if loaded else find_spec(room)
+        place = Path(spec.origin).parent if spec and spec.origin else None
+        if place is None or place.resolve() != (home / room).resolve():
+            return _said(room, f"found in {place}" if place else "not found")
+        if not ours:  # not installed from a wheel: the folder is the project's own
+            continue
+        strange = [one.name for one in place.iterdir() if f"{room}/{one.name}" not in ours]
+        if strange:
+            return _said(room, f"holds {min(strange)} of another package, in {home}")
+        if place.joinpath("__init__.py").stat().st_size != ours[f"{room}/__init__.py"]:
+            return _said(room, f"written over by another package, in {home}")
+    return ""
+
+
+def _installed(home: Path) -> dict[str, int]:
+    """Sizes of what pip installed in the rooms, by the two first parts of their paths."""
+    found = {f"{room}/__pycache__": 0 for room in ROOMS}
+    for record in home.glob("glidecal-*.dist-info/RECORD"):
+        for line in record.read_text(encoding="utf-8").splitlines():
+            path, _, size = line.rsplit(",", 2)
+            room, *rest = path.split("/")
+            if room in ROOMS and rest:
+                found[f"{room}/{rest[0]}"] = int(size or 0)
+    return found if len(found) > len(ROOMS) else {}
+
+
+def _said(room: str, found: str) -> str:
+    return (
+        f"package '{room}': {found}. Allowed: the '{room}' that comes with glidecal. Install "
+        "glidecal by itself: pipx install glidecal, or uv tool install glidecal."
+    )

@@ -1,0 +1,139 @@
+"""Tables to compute with: for pandas, and for files that other programs read."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from io import BytesIO, StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from calib.errors import RecordError, extra
+from calib.printable import printable
+from protocols import spreadsheet
+from protocols.documents import read_bytes
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+Cell = str | float | None
+"""A whole number is an int, a missing value None."""
+
+FORMATS = ("csv", "xlsx", "parquet")
+
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+FORMULA = re.compile(r"""["'\s]*[=+\-@]""")
+"""A spreadsheet computes a cell that begins so, quotes left out."""
+
+FORMULA_INSIDE = re.compile(rf"([,;]){FORMULA.pattern}")
+"""A line of notes is not quoted, so a spreadsheet may find cells in it."""
+
+SEMICOLON = re.compile(rf";(?={FORMULA.pattern})")
+"""Where spreadsheets part cells by semicolons, a cell of commas is parted here, quoted or not."""
+
+AMBIGUOUS = re.compile(r"\\(?=u003b|u005c)")
+SHOWN = re.compile(r"\\u(003b|005c)")
+
+
+@dataclass(frozen=True)
+class DataTable:
+    """Columns with names that carry their units, and rows ``(n, n_columns)`` in their order."""
+
+    names: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+
+    def to_frame(self) -> DataFrame:
+        """For pandas. Raises UsageError where that is not installed."""
+        with extra("to_frame()", "frames"):
+            import pandas
+        return pandas.DataFrame.from_records(list(self.rows), columns=list(self.names))
+
+    def written(self, as_format: str) -> str | bytes:
+        """The table as a file of one of `FORMATS`, its texts `protected`: they are read as here.
+
+        Raises UsageError where the library for it is not installed.
+        """
+        if as_format == "csv":
+            return csv_text(["" if c is None else str(c) for c in row] for row in self._lines)
+        safe = [[protected(c) if isinstance(c, str) else c for c in row] for row in self._lines]
+        if as_format == "xlsx":
+            return spreadsheet.workbook(safe, "export")
+        arrow, parquet = _pyarrow("export")
+        header, *rows = safe
+        columns = zip(*rows, strict=True) if rows else ([] for _ in header)
+        out = BytesIO()
+        table = arrow.table(dict(zip(header, map(list, columns), strict=True)))
+        parquet.write_table(table, out)
+        return out.getvalue()
+
+    @property
+    def _lines(self) -> tuple[tuple[Cell, ...], ...]:
+        return (self.names, *self.rows)
+
+
+def csv_text(rows: Iterable[Sequence[str]], notes: Iterable[str] = ()) -> str:
+    """Notes as one ``#`` line each, then the rows. No text is a formula in a spreadsheet."""
+    out = StringIO()
+    for note in notes:
+        line = printable(" ".join(note.split()))
+        out.write("# " + FORMULA_INSIDE.sub(lambda found: f"{found[1]} '{found[0][1:]}", line))
+        out.write("\n")
+    csv.writer(out, lineterminator="\n").writerows(map(protected, row) for row in rows)
+    return out.getvalue()
+
+
+def protected(text: str) -> str:
+    """A text as a cell that nothing computes and nothing strips; `unprotected` is the way back.
+
+    Apostrophes around what looks like a formula, begins or ends with a space, or has apostrophes
+    there itself. Hidden characters are shown, for good.
+    """
+    safe = SEMICOLON.sub(r"\\u003b", AMBIGUOUS.sub(r"\\u005c", printable(text)))
+    formula = FORMULA.match(safe) and not NUMBER.fullmatch(safe)
+    return f"'{safe}'" if formula or safe != safe.strip() or _is_quoted(safe) else safe
+
+
+def unprotected(cell: str) -> str:
+    """The text that `protected` made this of; a cell that it could not have made, as it is."""
+    inside = cell[1:-1] if _is_quoted(cell) else cell
+    return SHOWN.sub(lambda found: ";" if found[1] == "003b" else "\\", inside)
+
+
+def _is_quoted(text: str) -> bool:
+    return len(text) > 1 and text[0] == text[-1] == "'"
+
+
+def parquet_rows(path: Path, most_rows: int) -> list[tuple[int, list[str]]]:
+    """Line numbers and texts of a table of columns, its header first.
+
+    Raises RecordError, and UsageError where pyarrow is not installed.
+    """
+    thing = f"table {path}"
+    content = BytesIO(read_bytes(path, "table"))
+    _, parquet = _pyarrow(thing)
+    try:
+        file = parquet.ParquetFile(content)
+        size = sum(file.metadata.row_group(k).total_byte_size for k in range(file.num_row_groups))
+        wide = file.metadata.num_columns > spreadsheet.MOST_COLUMNS
+        large = file.metadata.num_rows > most_rows or size > spreadsheet.MOST_UNPACKED_BYTES
+        read: Any = None if wide or large else file.read()  # None: refused as what is broken
+        columns = [list(map(_text, column.to_pylist())) for column in read.columns]
+        rows = list(map(list, zip(*columns, strict=True)))
+    except Exception as problem:  # a broken file meets the library in any of its parts
+        raise RecordError(
+            thing, next_step="Save the table anew, or as CSV", reason="no readable Parquet file"
+        ) from problem
+    return list(enumerate([list(map(str, read.column_names)), *rows], start=1))
+
+
+def _text(value: object) -> str:
+    return "" if value is None or value != value else str(value)  # noqa: PLR0124 (NaN)
+
+
+def _pyarrow(thing: str) -> tuple[Any, Any]:
+    with extra(thing, "parquet"):
+        import pyarrow
+        from pyarrow import parquet
+    return pyarrow, parquet

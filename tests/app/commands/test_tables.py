@@ -1,0 +1,51 @@
+"""``glidecal export`` of tables, and import of what it wrote."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from protocols.data_table import FORMATS
+from tests.app.cli import glidecal, refused
+from tests.conftest import SAMPLES
+
+SESSION = SAMPLES / "experiment_2_six.jsonl"
+
+
+def parameters(session: Path) -> object:
+    return json.loads(glidecal("solve", session, "--json").out)["parameters"]
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_readings_come_back_through_import(form: str, tmp_path: Path) -> None:
+    table, again = tmp_path / f"r.{form}", tmp_path / "again.jsonl"
+    told = glidecal("export", SESSION, "--format", form, "--table", "readings", "-o", table)
+    assert told.status == 0, told.err
+    known = ("--resolution", "0.01", "--repeatability", "0.01")
+    assert glidecal("import", table, "-o", again, *known).status == 0
+    found, was = (json.loads(glidecal("replay", one, "--json").out) for one in (again, SESSION))
+    assert [r["value_mm"] for r in found["readings"]] == [r["value_mm"] for r in was["readings"]]
+    assert refused(2, "export", SESSION, "--format", form, "--table", "readings", "-o", table)
+
+
+def test_differences_and_residuals_are_those_of_solve(tmp_path: Path) -> None:
+    said = json.loads(glidecal("solve", SESSION, "--json").out)["differences"]
+    table = tmp_path / "d.csv"
+    asked = ("--format", "csv", "--table")
+    assert glidecal("export", SESSION, *asked, "differences", "-o", table).status == 0
+    rows = list(csv.DictReader(table.read_text("utf-8").splitlines()))
+    found = {row["difference"]: float(row["value_mm"]) for row in rows}
+    assert found == {name: one["value"] for name, one in said.items()}
+    assert glidecal("export", SESSION, *asked, "residuals", "-o", tmp_path / "r.csv").status == 0
+    assert "residual_mm" in (tmp_path / "r.csv").read_text("utf-8").splitlines()[0]
+
+
+def test_what_does_not_go_with_a_table_is_refused(tmp_path: Path) -> None:
+    out = tmp_path / "t"
+    table = ("export", SESSION, "--table", "readings", "-o", out)
+    assert "csv, xlsx or parquet" in refused(2, *table, "--format", "json")
+    assert "--home-offset" in refused(2, *table, "--format", "csv", "--home-offset", "1,2,3")
+    assert not out.exists()

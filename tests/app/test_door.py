@@ -1,0 +1,105 @@
+"""``import glidecal``: ten names, the verbs on paths and sessions, tables for pandas."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import glidecal
+from app.report.schema.document import to_json
+from app.report.schema.solution import SolutionReport
+from tests.app.cli import glidecal as command
+from tests.app.test_house import imported
+from tests.conftest import ROOT, SAMPLES
+
+SESSION = SAMPLES / "experiment_2_six.jsonl"
+
+
+def test_it_offers_ten_names_at_most_and_each_is_there() -> None:
+    assert len(glidecal.__all__) <= 10
+    assert sorted(glidecal.__all__) == dir(glidecal)
+    for name in glidecal.__all__:
+        assert getattr(glidecal, name).__doc__
+    with pytest.raises(AttributeError):
+        glidecal.nothing  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_importing_it_loads_nothing_heavy() -> None:
+    heavy = {"numpy", "scipy", "pydantic", "pandas", "textual", "matplotlib", "typer", "rich"}
+    assert not imported("import glidecal") & heavy
+    screens = {"textual", "matplotlib", "pandas", "typer"}
+    assert not imported(f"import glidecal; glidecal.solve({str(SESSION)!r})") & screens
+
+
+def test_it_is_typed() -> None:
+    assert all((ROOT / room / "py.typed").is_file() for room in glidecal.ROOMS)
+    assert (ROOT / "glidecal/py.typed").is_file()
+
+
+def test_solving_a_path_or_a_session_is_what_the_command_says() -> None:
+    said = json.loads(command("solve", SESSION, "--json").out)
+    for given in (str(SESSION), glidecal.load(SESSION)):
+        solved = glidecal.solve(given)
+        found = json.loads(to_json(SolutionReport.of(solved=solved)))
+        assert found["parameters"] == said["parameters"]
+    frame = solved.to_frame()
+    values = {name: one["value"] for name, one in said["parameters"].items()}
+    assert dict(zip(frame["parameter"], frame["value"], strict=True)) == values
+
+
+def test_tables_of_a_solution_are_its_numbers() -> None:
+    solved = glidecal.solve(SESSION)
+    said = json.loads(command("solve", SESSION, "--json").out)["differences"]
+    differences = solved.to_frame("differences").set_index("difference")
+    assert {name: row["value_mm"] for name, row in differences.iterrows()} == {
+        name: one["value"] for name, one in said.items()
+    }
+    residuals = solved.to_frame("residuals")
+    assert residuals["residual_mm"].tolist() == solved.solution.residual_mm.tolist()
+    assert residuals["value_mm"].tolist() == [one.value_mm for _, one in solved.visits]
+
+
+def test_a_simulated_session_is_planned_for_and_diagnosed() -> None:
+    session = glidecal.simulate("two-station", effect="backlash", size=0.2, seed=3)
+    assert len(session.to_frame()) == len(session.readings)
+    found = glidecal.diagnose(session)
+    assert found.diagnosis.effects[0].id == "backlash"
+    frame = found.to_frame()
+    assert frame["effect"][0] == "backlash"
+    assert frame["standing"][0] == "named"
+    planned = glidecal.plan(session)
+    assert planned.to_frame()["tool_mm"].iloc[0] == planned.best.tool_mm
+
+
+def test_what_is_doubtful_is_a_warning_and_what_is_wrong_an_error(tmp_path: Path) -> None:
+    torn = tmp_path / "torn.jsonl"
+    torn.write_bytes(SESSION.read_bytes()[:-20])
+    with pytest.warns(UserWarning, match=r"torn\.jsonl: cut inside line"):
+        glidecal.load(torn)
+    with pytest.raises(glidecal.GlidecalError, match="the same session twice"):
+        glidecal.solve(SESSION, SESSION)
+    with pytest.raises(glidecal.GlidecalError, match=r"nowhere\.jsonl"):
+        glidecal.solve(tmp_path / "nowhere.jsonl")
+
+
+def test_a_table_is_loaded_as_the_import_does(tmp_path: Path) -> None:
+    table = tmp_path / "readings.csv"
+    table.write_text("leg,axis,displacement_mm,value_mm,who\nx,y,0,0.1,a\nx,y,60,0.2,a\n", "utf-8")
+    with pytest.warns(UserWarning, match="not used: who"):
+        session = glidecal.load(table, machine="orthoglide")
+    assert session.to_frame()["value_mm"].tolist() == [0.1, 0.2]
+
+
+def test_without_pandas_a_frame_is_refused_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+    with pytest.raises(glidecal.GlidecalError, match=r"glidecal\[frames\]"):
+        glidecal.load(SESSION).to_frame()
+
+
+def test_the_report_is_written_from_python(tmp_path: Path) -> None:
+    page = glidecal.report(SESSION, output=tmp_path / "page.html")
+    assert "Calibration report" in page.read_text("utf-8")
+    with pytest.raises(glidecal.GlidecalError, match="there already"):
+        glidecal.report(SESSION, output=page)

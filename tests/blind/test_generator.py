@@ -1,0 +1,66 @@
+"""Every session of the plan can be drawn; a case that cannot is told and does not end the run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.blind import generator
+from tests.blind.bench_files import Folder, lines
+from tests.blind.cases import TOO_STRONG, Case, plan
+from tests.blind.generator import NotDrawn, make
+from tests.blind.run import run
+from tests.blind.table import page
+
+SEED = 11
+TOO_MUCH = Case("too/much", "beside", "sweep", "gaussian", ("joint_clearance",), (40.0,))
+
+
+def hardest() -> dict[tuple[str, ...], Case]:
+    """Of each procedure and hidden effects of the plan, the case where they are strongest."""
+    found: dict[tuple[str, ...], Case] = {}
+    for case in plan(0.001):
+        if case.cell in ("pair", "mislabelled", "blunder", "bars", "none"):
+            continue
+        of = (case.procedure, *case.effects, case.shape)
+        if of not in found or case.strengths > found[of].strengths:
+            found[of] = case
+    return found
+
+
+HARDEST = hardest()
+
+
+@pytest.mark.parametrize("procedure", ["zero-max-min", "sweep", "two-station"])
+def test_the_strongest_of_each_effect_can_be_drawn(procedure: str) -> None:
+    """What is left to weaker ones, or to two of 3:1, can be drawn where this can."""
+    every = [case for case in HARDEST.values() if case.procedure == procedure]
+    assert len(every) == 12 + 5 + 4
+    assert [len(make(case, SEED).rows) > 0 for case in every] == [True] * len(every)
+
+
+def test_what_is_too_strong_stands_in_no_case() -> None:
+    named = {(case.effects, case.strengths) for case in plan(0.001)}
+    for effect, strength in TOO_STRONG:
+        assert ((effect,), (strength,)) not in named
+        assert ((effect,), (strength / 2,)) in named
+
+
+def test_a_case_that_cannot_be_drawn_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(generator, "TRIES", 3)
+    with pytest.raises(NotDrawn, match="too/much: no session in 3 draws"):
+        make(TOO_MUCH, SEED)
+
+
+def test_a_run_goes_on_without_what_cannot_be_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(generator, "TRIES", 3)
+    plain = Case("plain", "none", "zero-max-min", "gaussian")
+    folder = Folder(tmp_path)
+    told = run([TOO_MUCH, plain, replace(plain, key="other")], folder, SEED, workers=1)
+    assert len(told.scored) == len(lines(folder.results)) == 2
+    assert told.not_drawn == ["too/much: no session in 3 draws"]
+    assert "- Could not be drawn: too/much: no session in 3 draws." in page(told)

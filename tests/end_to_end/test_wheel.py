@@ -1,0 +1,133 @@
+"""The wheel in an environment of its own, alone and beside a package that owns ``app``."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import venv
+import zipfile
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ROOT, SAMPLES
+
+PATIENCE_S = 120.0
+PIP = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
+OFFLINE = ["--no-deps", "--no-index"]
+
+
+def run(*words: str | Path, **more: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*map(str, words)],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+        env={"PATH": "/usr/bin:/bin", **more} if sys.platform != "win32" else None,
+    )
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built from a copy: what a build leaves in a folder gets into the next wheel."""
+    if run(*PIP, "--version").returncode:
+        pytest.skip("this environment has no pip")
+    if int(version("setuptools").split(".")[0]) < 77:
+        pytest.skip("setuptools is older than the project's build asks for")
+    source, target = (tmp_path_factory.mktemp(name) for name in ("source", "wheels"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    for room in ("app", "calib", "drivers", "glidecal", "protocols"):
+        shutil.copytree(ROOT / room, source / room, ignore=shutil.ignore_patterns("__pycache__"))
+    done = run(*PIP, "wheel", *OFFLINE, "--no-build-isolation", "-w", target, source)
+    assert done.returncode == 0, done.stderr
+    (made,) = target.glob("glidecal-*.whl")
+    return made
+
+
+@pytest.fixture(scope="module")
+def foreign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A stranger's package with a folder ``app``, as many have."""
+    path = tmp_path_factory.mktemp("foreign") / "shop-1.0-py3-none-any.whl"
+    info = "shop-1.0.dist-info"
+    written = {
+        "app/__init__.py": "NAME = 'shop'\n",
+        "app/orders.py": "",
+        f"{info}/METADATA": "Metadata-Version: 2.1\nName: shop\nVersion: 1.0\n",
+        f"{info}/WHEEL": "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+    }
+    record = "".join(f"{name},,\n" for name in (*written, f"{info}/RECORD"))
+    with zipfile.ZipFile(path, "w") as packed:
+        for name, text in {**written, f"{info}/RECORD": record}.items():
+            packed.writestr(name, text)
+    return path
+
+
+class Environment:
+    """An environment that has the libraries of this one, and what is installed here."""
+
+    def __init__(self, folder: Path) -> None:
+        venv.create(folder, with_pip=False, symlinks=sys.platform != "win32")
+        scripts = folder / ("Scripts" if sys.platform == "win32" else "bin")
+        self.python, self.glidecal = scripts / "python", scripts / "glidecal"
+        (self.site,) = (path for path in folder.rglob("site-packages"))
+        libraries = next(path for path in sys.path if path.endswith("site-packages"))
+        (self.site / "libraries.pth").write_text(f"{libraries}\n", "utf-8")  # its own .pth unread
+
+    def install(self, *wheels: Path) -> None:
+        target = ["--python", str(self.python), "install", "--no-compile", *OFFLINE]
+        for one in wheels:
+            done = run(*PIP, *target, one)
+            assert done.returncode == 0, done.stderr
+
+    def refused(self, *words: str, **more: str) -> str:
+        done = run(*(words or (self.glidecal, "--version")), **more)
+        assert (done.returncode, done.stdout) == (2, ""), done.stderr
+        (said,) = done.stderr.splitlines()
+        assert said.startswith("glidecal: package 'app': ")
+        assert "pipx install glidecal" in said
+        return said
+
+
+@pytest.fixture
+def environment(tmp_path: Path) -> Environment:
+    return Environment(tmp_path / "environment")
+
+
+def test_the_wheel_alone_runs_and_a_stranger_over_it_is_told(
+    environment: Environment, wheel: Path, foreign: Path, tmp_path: Path
+) -> None:
+    environment.install(wheel)
+    done = run(environment.glidecal, "solve", SAMPLES / "experiment_2_six.jsonl", "--json")
+    assert done.returncode == 0, done.stderr
+    script = "import glidecal, app; print(glidecal.load.__module__, app.__file__)"
+    assert str(environment.site) in run(environment.python, "-P", "-c", script).stdout
+    with zipfile.ZipFile(foreign) as packed:
+        packed.extractall(tmp_path / "other")
+    earlier = environment.refused(PYTHONPATH=str(tmp_path / "other"))
+    assert f"found in {tmp_path / 'other' / 'app'}" in earlier
+    (environment.site / "app/__init__.py").write_text("NAME = 'shop'\n", "utf-8")
+    assert "written over by another package" in environment.refused()
+    environment.install(foreign)
+    assert "holds orders.py of another package" in environment.refused()
+
+
+def test_installed_over_a_package_that_owns_app_it_refuses_to_start(
+    environment: Environment, wheel: Path, foreign: Path
+) -> None:
+    environment.install(foreign, wheel)
+    assert "holds orders.py of another package" in environment.refused()
+    done = run(environment.python, "-P", "-c", "import glidecal; glidecal.load")
+    assert done.stderr.splitlines()[-1].startswith("ImportError: package 'app': ")
+
+
+def test_the_wheel_holds_every_file_of_data(wheel: Path) -> None:
+    names = set(zipfile.ZipFile(wheel).namelist())
+    kinds = ("html", "tcss", "toml", "comp", "typed")
+    rooms = [ROOT / room for room in ("app", "calib", "drivers", "glidecal", "protocols")]
+    data = {p.relative_to(ROOT).as_posix() for r in rooms for k in kinds for p in r.rglob(f"*.{k}")}
+    assert len(data) > 10
+    assert data <= names

@@ -65,6 +65,13 @@ def data_path() -> Path:
     return user_data_path("glidecal", appauthor=False) / "indicators.json"
 
 
+def cache_path() -> Path:
+    """Where what can be made again is kept; it need not exist."""
+    from platformdirs import user_cache_path
+
+    return user_cache_path("glidecal", appauthor=False)
+
+
 def read_settings(path: Path) -> Settings:
     """The settings of a file; the defaults where there is none. Raises RecordError."""
     return read_toml(path, Settings, WHAT) if path.exists() else Settings()

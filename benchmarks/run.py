@@ -13,11 +13,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import closing
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
 from scipy.optimize import root
 
+from app.evaluating.history import Index, key_of, read_history
 from benchmarks.controller import controller
 from benchmarks.hexaslide import hexaslide
 from benchmarks.identification import table as identification
@@ -138,6 +141,36 @@ def processes() -> list[str]:
     ]
 
 
+KNOWN_SESSIONS = 1000
+
+
+def histories() -> list[str]:
+    """A folder of sessions that the index knows, each looked up by the digest of its bytes."""
+    import tempfile
+
+    content = SAMPLE.read_bytes()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "0.jsonl").write_bytes(content)
+        once = seconds(lambda: read_history(folder, index=folder / str(time.time_ns())), 3)
+        read_history(folder, index=folder / "known")
+        with closing(Index(folder / "known")) as index:
+            entry = index.get(key_of(content))
+            assert entry is not None
+            for k in range(1, KNOWN_SESSIONS):
+                other = content.replace(b'"text":"', b'"text":"%d' % k, 1)
+                (folder / f"{k}.jsonl").write_bytes(other)
+                later = {"began": entry.began + timedelta(days=k)}
+                index.put(key_of(other), entry.model_copy(update=later))
+        known = seconds(lambda: read_history(folder, index=folder / "known"), 3)
+    return [
+        "| history | s | ratio |",
+        "|---|---|---|",
+        f"| {KNOWN_SESSIONS} sessions that the index knows | {known:.2f} | {known / once:.1f} |",
+        f"| one session that it does not know | {once:.2f} | 1 |",
+    ]
+
+
 def run(*arguments: str) -> None:
     """One Python process; its output is thrown away."""
     subprocess.run([sys.executable, *arguments], capture_output=True, check=True, cwd=ROOT)
@@ -157,6 +190,7 @@ PARTS: dict[str, Callable[[], list[str]]] = {
     "whole": whole_identification,
     "indicators": indicators,
     "processes": processes,
+    "history": histories,
     "postures": postures,
     "hexaslide": hexaslide,
     "interface": interface,

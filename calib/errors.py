@@ -15,6 +15,9 @@ do next.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from calib.printable import printable
 
 LONGEST_FOUND = 300
@@ -92,3 +95,17 @@ class UsageError(GlidecalError):
 
 class IndicatorError(GlidecalError):
     """An indicator or port that cannot be used."""
+
+
+@contextmanager
+def extra(thing: str, name: str, otherwise: str = "") -> Iterator[None]:
+    """For imports of what the extra ``name`` installs. Raises UsageError about the ``thing``."""
+    try:
+        yield
+    except ImportError as problem:
+        raise UsageError(
+            thing,
+            f"no package {problem.name or problem}",
+            f"an installation with the extra {name}",
+            f'Install it with: pip install "glidecal[{name}]"{otherwise}',
+        ) from problem

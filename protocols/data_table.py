@@ -10,7 +10,7 @@ from io import BytesIO, StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calib.errors import RecordError, UsageError
+from calib.errors import RecordError, extra
 from calib.printable import printable
 from protocols import spreadsheet
 from protocols.documents import read_bytes
@@ -46,10 +46,8 @@ class DataTable:
 
     def to_frame(self) -> DataFrame:
         """For pandas. Raises UsageError where that is not installed."""
-        try:
+        with extra("to_frame()", "frames"):
             import pandas
-        except ImportError as problem:
-            raise _missing("to_frame()", "pandas", "frames") from problem
         return pandas.DataFrame.from_records(list(self.rows), columns=list(self.names))
 
     def written(self, as_format: str) -> str | bytes:
@@ -135,18 +133,7 @@ def _text(value: object) -> str:
 
 
 def _pyarrow(thing: str) -> tuple[Any, Any]:
-    try:
+    with extra(thing, "parquet"):
         import pyarrow
         from pyarrow import parquet
-    except ImportError as problem:
-        raise _missing(thing, "pyarrow", "parquet") from problem
     return pyarrow, parquet
-
-
-def _missing(thing: str, package: str, extra: str) -> UsageError:
-    return UsageError(
-        thing,
-        f"no package {package}",
-        f"an installation with the extra {extra}",
-        f'Install it with: pip install "glidecal[{extra}]"',
-    )

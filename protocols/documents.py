@@ -83,6 +83,14 @@ def read_toml(path: Path, kind: type[D], what: str) -> D:
         ) from problem
 
 
+def read_json(path: Path, kind: type[D], what: str, allowed: str, next_step: str = "") -> D:
+    """The document in a JSON file. Raises RecordError naming the file, the place and the value."""
+    try:
+        return kind.model_validate_json(read_text(path, what))
+    except ValidationError as problem:
+        raise RecordError(f"{what} {path}", describe(problem), allowed, next_step) from problem
+
+
 def read_text(path: Path, what: str, most_bytes: int = MOST_BYTES) -> str:
     """The text of a file as UTF-8, line breaks as ``\\n``. Raises as `read_bytes`."""
     try:

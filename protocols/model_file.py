@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import AwareDatetime, Field, ValidationError
+from pydantic import AwareDatetime, Field
 
 from calib.arrays import TOOL, conditions
 from calib.errors import RecordError, UsageError
@@ -26,8 +26,7 @@ from protocols.documents import (
     Document,
     LengthMm,
     Name,
-    describe,
-    read_text,
+    read_json,
     unreadable,
 )
 from protocols.files import open_to_read
@@ -300,13 +299,7 @@ def is_model(path: Path) -> bool:
 
 def read_model_file(path: Path) -> ModelFile:
     """A model file as it stands. Raises RecordError naming the file and the fault."""
-    text = read_text(path, "model")
-    try:
-        return ModelFile.model_validate_json(text)
-    except ValidationError as problem:
-        raise RecordError(
-            f"model {path}", describe(problem), "schema glidecal.model/1"
-        ) from problem
+    return read_json(path, ModelFile, "model", "schema glidecal.model/1")
 
 
 def read_model(path: Path, effects: Sequence[Effect] = CATALOGUE) -> tuple[Model, Machine]:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -313,9 +314,13 @@ class Session:
             return f"{self.changes[-1].at:%Y-%m-%d %H:%M:%S}"
         return self.opened.machine.adjusted
 
+    @cached_property
+    def _steps(self) -> tuple[Step, ...]:
+        return self.opened.steps()  # the screen asks with every picture
+
     def steps(self) -> tuple[Step, ...]:
         """The steps of the session's procedure; none for an imported table."""
-        return self.opened.steps()
+        return self._steps
 
     def is_new_place(self, step: Step) -> bool:
         """Whether the stand must be set up for a step: another leg, station or axis."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
 
-from calib.errors import RecordError, UsageError
+from calib.errors import RecordError, extra
 from protocols.documents import read_bytes
 
 SUFFIX = ".xlsx"
@@ -74,15 +74,8 @@ def _check_length(thing: str, longest: int) -> None:
 
 
 def _openpyxl(thing: str) -> Any:  # noqa: ANN401 (a module)
-    try:
+    with extra(thing, "xlsx", ", or save the table as CSV"):
         import openpyxl
-    except ImportError as problem:
-        raise UsageError(
-            thing,
-            "no package openpyxl",
-            "an installation with the extra xlsx",
-            'Install it with: pip install "glidecal[xlsx]", or save the table as CSV',
-        ) from problem
     return openpyxl
 
 

@@ -18,6 +18,7 @@ os.environ.setdefault("TEXTUAL_ANIMATIONS", "none")
 """Nobody watches; and whoever leaves while a line glides is waited for until it has glided."""
 
 os.environ["XDG_DATA_HOME"] = tempfile.mkdtemp(prefix="glidecal-tests-")
+os.environ["XDG_CACHE_HOME"] = os.environ["XDG_DATA_HOME"]
 """What the program remembers of a user is none of a test's business."""
 
 ROOT = Path(__file__).parent.parent

@@ -17,7 +17,6 @@ from app.machines.options import (
     Sessions,
     SubsetName,
     argument,
-    extra,
     file,
     may_replace,
     number,
@@ -25,7 +24,7 @@ from app.machines.options import (
     working,
 )
 from app.machines.registry import NAMES, family_of_files, options_of, with_options_of_machines
-from calib.errors import UsageError
+from calib.errors import UsageError, extra
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.evaluating.solution import TableName
@@ -186,6 +185,40 @@ def export(
         say(f"written: {path}")
 
 
+def history(
+    folder: Annotated[Path, argument("Folder with sessions, and those below it.")] = Path(),
+    effects: Annotated[
+        bool, typer.Option("--effects", help="Diagnose each session, too; takes its time once.")
+    ] = False,
+    screen: Annotated[bool, typer.Option("--screen", help="Look at it on a screen.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """All sessions of a folder: offsets over time, changes, drift. When the next one is due."""
+    from datetime import UTC, datetime
+
+    from app.evaluating.history import read_history
+
+    with working("Reading sessions"):
+        found = read_history(folder, effects=effects)
+    if screen:
+        from app.machines.registry import LOOKS
+        from app.report.streams import need_terminal
+        from app.screens.history import HistoryScreen
+        from app.screens.start import open_screen
+
+        need_terminal("history", "history without --screen")
+        raise typer.Exit(open_screen(HistoryScreen(found), LOOKS))
+    if as_json:
+        from app.report.schema.document import to_json
+        from app.report.schema.history import HistoryReport
+
+        typer.echo(to_json(HistoryReport.of(found=found)))
+    else:
+        from app.report.text.history import history_text
+
+        typer.echo(history_text(found, datetime.now(UTC)))
+
+
 def _refuse_beside_table(name: str, format_name: str, told: dict[str, object]) -> None:
     """Raises UsageError for what a table cannot be written as, or has no use for."""
     from protocols.data_table import FORMATS
@@ -230,7 +263,7 @@ def report(
 ) -> None:
     """The calibration report to sign, as .html or .pdf."""
     may = may_replace(force, output)
-    with extra("report"):
+    with extra("glidecal report", "report"):
         from app.report.pages.report import write_report
 
     with working("Writing the report"):

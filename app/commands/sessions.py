@@ -23,7 +23,6 @@ from app.machines.options import (
     Sessions,
     Simulation,
     argument,
-    extra,
     figure,
     file,
     machine_option,
@@ -33,7 +32,7 @@ from app.machines.options import (
 )
 from app.machines.registry import LISTED, LOOKS, family_of, options_of, with_options_of_machines
 from app.report.streams import need_terminal
-from calib.errors import CalibrationError, GlidecalError, UsageError
+from calib.errors import CalibrationError, GlidecalError, UsageError, extra
 from protocols.machine_files import USUAL_MACHINE
 
 if TYPE_CHECKING:  # heavy: imported where used
@@ -453,7 +452,7 @@ def serve(
 
     for path in sessions:
         read_record(path)
-    with extra("serve"):
+    with extra("glidecal serve", "serve"):
         from app.screens.serving import Pages, listen
     pages = Pages(sessions, listen(port))
     say(pages.announcement())

@@ -77,6 +77,11 @@ class SessionSolution:
         return self.choice.tool_bound(self.solution.subset)
 
     @property
+    def helps(self) -> bool:
+        """Whether the tool is bounded more closely with the solution entered than now."""
+        return self.bound_after.bound_mm < self.bound_before.bound_mm
+
+    @property
     def bound_of_noise_mm(self) -> float:
         """What of it is noise of the readings; tolerances may know better than weak readings."""
         noise_mm = self.choice.tool_noise_mm(self.solution.subset)
@@ -100,6 +105,11 @@ class SessionSolution:
     def visit_count(self) -> int:
         """How many readings there are, those without a movement between them counted as one."""
         return len(self.visits)
+
+    @property
+    def reads_tool(self) -> bool:
+        """Whether any reading is of the tool, as against a plate, and not of a leg."""
+        return any(r.leg == "tool" for session in self.sessions for r in session.readings)
 
     @property
     def residuals(self) -> list[tuple[str, Reading, float]]:

@@ -123,20 +123,6 @@ def working(words: str) -> Iterator[None]:
             on_part.reset(token)
 
 
-@contextmanager
-def extra(name: str) -> Iterator[None]:
-    """For the imports of the verb ``name`` and what its extra installs. Raises UsageError."""
-    try:
-        yield
-    except ImportError as problem:
-        raise UsageError(
-            f"glidecal {name}",
-            f"no package {problem.name or problem}",
-            f"an installation with the extra {name}",
-            f'Install it with: pip install "glidecal[{name}]"',
-        ) from problem
-
-
 def say(text: str) -> None:
     """Progress and warnings go to standard error."""
     typer.echo(text, err=True)

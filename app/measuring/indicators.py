@@ -16,12 +16,12 @@ from typing import Annotated
 from pydantic import Field, ValidationError
 
 from app.settings import data_path
-from calib.errors import GlidecalError, RecordError, UsageError
+from calib.errors import GlidecalError, UsageError
 from drivers.port import check_port
 from drivers.profile import Profile, Query, Unit
 from drivers.profiles import profile_named
 from drivers.profiles.ascii_line import ascii_line
-from protocols.documents import Document, Name, describe, read_text
+from protocols.documents import Document, Name, describe, read_json
 from protocols.files import write_files
 from protocols.machine import Instrument, Machine
 from protocols.procedure import ALL_AXES, axes_on_leg
@@ -132,13 +132,8 @@ def _last_used() -> RememberedIndicators:
     path = data_path()
     if not path.exists():
         return RememberedIndicators()
-    try:
-        return RememberedIndicators.model_validate_json(read_text(path, "indicators used last"))
-    except ValidationError as problem:
-        thing, next_step = f"indicators used last, {path}", "Remove the file; it is written anew"
-        raise RecordError(
-            thing, describe(problem), "what the program wrote", next_step
-        ) from problem
+    allowed, next_step = "what the program wrote", "Remove the file; it is written anew"
+    return read_json(path, RememberedIndicators, "indicators used last,", allowed, next_step)
 
 
 def check_indicators(instruments: Sequence[Instrument], *, legs: bool = True) -> None:

@@ -14,6 +14,8 @@ from app.report.text.session import (
     LEAVE_QUESTION,
     MOVED_CHOICES,
     MOVED_QUESTION,
+    RESTORE_CHOICES,
+    RESTORE_QUESTION,
     point_text,
 )
 from app.screens.interface import ChoiceDialog, Interface, TextDialog
@@ -98,7 +100,13 @@ class Corrections(Screen[None]):
                 question += f" Its stand is gone: {gone} steps are measured, to share one zero."
             dialog = TextDialog(question, "reason", without=self._as_before())
             self.ask(dialog, lambda why: self._repeat(step, why))
-        elif self.write(lambda: self.guided.restore(step, "restored by the operator")):
+        else:
+            why = session.superseded[max(r.reading for r in session.all_readings if r.step == step)]
+            again = ChoiceDialog(RESTORE_QUESTION.format(step, why), RESTORE_CHOICES)
+            self.ask(again, lambda answer: self._restore(step) if answer == "use" else None)
+
+    def _restore(self, step: int) -> None:
+        if self.write(lambda: self.guided.restore(step, "restored by the operator")):
             counts = step in self.guided.session.done()
             self.say(
                 f"The readings of step {step} are used again."

@@ -15,6 +15,7 @@ from textual.widgets import Footer, OptionList, Static
 from textual.widgets.option_list import Option
 
 from app.evaluating.comparison import compare_files, partner_of
+from app.evaluating.history import read_history
 from app.evaluating.solution import solve_files, solve_for_controller
 from app.exports import export_offsets
 from app.measuring.indicators import parse_indicator
@@ -117,6 +118,8 @@ class HomeScreen(Screen[None]):
                 self._demonstrate()
             elif what == "compare":
                 self._compare(session)
+            elif what == "history":
+                self._start(self._show_history)
             elif look := next((one for one in self.app.looks if one.name == what), None):
                 self.app.push_screen(look.screen())
             elif session is None:
@@ -233,6 +236,10 @@ class HomeScreen(Screen[None]):
         if caution:  # stays until it is read
             return partial(self.app.push_screen, HelpDialog(f"{said}\n\nWARNING: {caution}"))
         return partial(self.app.notify, said, timeout=10, markup=False)
+
+    def _show_history(self) -> Callable[[], object]:
+        found = read_history(Path())
+        return lambda: self.app.push_screen(self.app.history(found))
 
     def _show_comparison(self, before: Path, after: Path) -> Callable[[], object]:
         comparison = compare_files(before, after)

@@ -23,8 +23,9 @@ from textual.color import Color
 from textual.command import CommandPalette
 from textual.containers import Vertical, VerticalScroll
 from textual.dom import DOMNode
-from textual.events import Event, InputEvent
+from textual.events import Event, InputEvent, Resize
 from textual.filter import LineFilter
+from textual.geometry import Size
 from textual.screen import Screen
 from textual.theme import ThemeProvider
 from textual.widget import Widget
@@ -46,6 +47,7 @@ from protocols.files import FilesThere, unused_path
 
 if TYPE_CHECKING:
     from app.evaluating.comparison import Comparison
+    from app.evaluating.history import History
     from app.evaluating.solution import SessionSolution
 
 
@@ -150,6 +152,7 @@ PALETTE = (
 WIDE = 110
 """Columns from which text and plot stand side by side."""
 
+LEAST_SIZE = Size(80, 24)
 TALL = 30
 """Rows from which panels have room for more than their digits."""
 
@@ -251,6 +254,14 @@ class Interface(App[str]):
         """Those of the theme, with colours of words that can be read in light themes, too."""
         self.theme_variables = (found := super().get_css_variables()) | legible(found)
         return self.theme_variables
+
+    def on_resize(self, event: Resize) -> None:
+        """Smaller than every screen is made for: said, and again when it is still too small."""
+        columns, rows = event.size
+        if columns < LEAST_SIZE.width or rows < LEAST_SIZE.height:
+            here = f"This window has {columns} × {rows} characters, and words are cut. "
+            needed = f"glidecal needs {LEAST_SIZE.width} × {LEAST_SIZE.height}: make it larger."
+            self.notify(here + needed, severity="warning", timeout=10, markup=False)
 
     def get_line_filters(self) -> Sequence[LineFilter]:
         return [*super().get_line_filters(), PRINTABLE_ROWS]
@@ -406,6 +417,9 @@ class Interface(App[str]):
 
     @abstractmethod
     def diagnosis(self, paths: list[Path]) -> Screen[None]: ...
+
+    @abstractmethod
+    def history(self, found: History) -> Screen[None]: ...
 
     @abstractmethod
     def replay(self, path: Path) -> Screen[None]: ...

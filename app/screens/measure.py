@@ -12,8 +12,6 @@ from typing import ClassVar
 from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.events import Resize
-from textual.geometry import Size
 from textual.widgets import Footer
 
 from app.evaluating.solution import solve_recorded
@@ -43,7 +41,6 @@ With GATHER_S alone waiting takes 7 % of a core (`make bench` allows 5), with th
 AGES_S = 0.2
 """Ages and stale indicators are looked at so often."""
 
-LEAST_SIZE = Size(80, 24)
 HELD_KEY_S = 0.15
 """Presses that follow this closely are one held key."""
 
@@ -68,7 +65,7 @@ class MeasureScreen(Corrections):
         Binding("p", "hold", "Hold", id="measure.hold"),
         Binding("m", "remount", "Moved", id="measure.remount"),
         Binding("n", "note", "Note", id="measure.note"),
-        Binding("w", "where", "Where", id="measure.where"),
+        Binding("w", "where", "Where", show=False, id="measure.where"),
         Binding("g", "plot", "Plot", show=False, id="measure.plot"),
         Binding("escape", "leave", "Home", show=False, id="measure.home"),
         Binding("f10", "app.quit", "Leave", id="measure.leave"),
@@ -78,7 +75,7 @@ class MeasureScreen(Corrections):
         super().__init__(guided)
         self.plan = plan
         self.view = SessionView(plan.instruments)
-        self.held = self._narrow = False
+        self.held = False
         self._lost: set[int] = set()
         self._waits: tuple[int, Movement] | None = None
         self._pressed_at = self._anyway_until = self._moved_at = self._shown_at = 0.0
@@ -132,16 +129,8 @@ class MeasureScreen(Corrections):
         if jump_s:
             self.say(texts.clock_set_text(jump_s))
 
-    def on_resize(self, event: Resize) -> None:
+    def on_resize(self) -> None:
         self._show_step()
-        narrow = event.size.width < LEAST_SIZE.width or event.size.height < LEAST_SIZE.height
-        if narrow:
-            self.say(
-                f"WARNING: this screen needs {LEAST_SIZE.width} × {LEAST_SIZE.height} characters."
-            )
-        elif self._narrow:
-            self.say("")
-        self._narrow = narrow
 
     def proceed(self) -> None:
         """Go to the present step, or finish when there is none."""
@@ -252,7 +241,7 @@ class MeasureScreen(Corrections):
         if taken is None:
             return
         if taken.faults:
-            self.refused("Not taken: " + "; ".join(fault.words for fault in taken.faults))
+            self.refused(f"Not taken: {' '.join(sentence(one.words) for one in taken.faults)}")
             return
         self.app.bell()
         self.app.clear_notifications()

@@ -133,6 +133,10 @@ class ChartPlot(PlotextPlot):
         places = spread(chart.x_ticks(), self._columns, chart.x_label_cells)
         plot.xticks(list(places), chart.x_labels(places))
         plot.plot([lower, upper], [0.0, 0.0], marker="─", color=self._colour("foreground"))
+        for mark in chart.marks:
+            plot.plot(
+                [mark, mark], [ticks[0], ticks[-1]], marker="│", color=self._colour("foreground")
+            )
 
     def _scale_on_side(self, chart: Chart) -> None:
         plot, ticks = self.plt, chart.y_ticks()

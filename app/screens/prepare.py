@@ -294,7 +294,7 @@ class PrepareScreen(Screen[None]):
             for field in FIELDS:
                 yield from self._input(*field)
             yield Static("", id="summary", markup=False)
-        yield Footer()
+        yield Footer(compact=True, show_command_palette=False)
 
     def _input(self, name: str, label: str, hint: str) -> ComposeResult:
         typed = Input(placeholder=hint, id=name, compact=True, max_length=MOST_LETTERS)

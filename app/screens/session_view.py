@@ -193,7 +193,7 @@ class StepList(Static):
 
     def on_resize(self) -> None:
         """The present step stays in view."""
-        height = max(self.content_size.height, 5)
+        height = max(self.content_size.height, 4)
         first = max(0, min(self._at - height // 2, len(self._lines) - height))
         self.update("\n".join(self._lines[first : first + height]), layout=False)
 

@@ -24,6 +24,7 @@ from protocols.record import read_record
 
 if TYPE_CHECKING:
     from app.evaluating.comparison import Comparison
+    from app.evaluating.history import History
     from app.evaluating.solution import SessionSolution
     from app.measuring.session import GuidedSession
 
@@ -63,6 +64,11 @@ class Glidecal(Interface):
         from app.screens.result import CompareScreen
 
         return CompareScreen(compared)
+
+    def history(self, found: History) -> Screen[None]:
+        from app.screens.history import HistoryScreen
+
+        return HistoryScreen(found)
 
     def diagnosis(self, paths: list[Path]) -> Screen[None]:
         from app.screens.diagnose import DiagnoseScreen

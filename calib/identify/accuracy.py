@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -108,3 +109,17 @@ def decide(
     if bound_mm <= tolerance_mm:
         return "pass"
     return "fail" if found.rms_mm - guard_mm > tolerance_mm else "undecided"
+
+
+def days_in_tolerance(
+    geometry: Geometry, drift_mm: Sequence[float], bound_mm: float, tolerance_mm: float
+) -> float:
+    """How many days what the tool is off by at most stays in tolerance; 0 where it is not now.
+
+    ``drift_mm`` are joints x, y, z per day; the bound grows by no more than their r.m.s. error at
+    the tool. Infinite without drift.
+    """
+    error_mm = np.concatenate([np.asarray(drift_mm, dtype=np.float64), np.zeros(3)])
+    growth_mm = tool_error(geometry, error_mm, np.zeros((6, 6))).rms_mm
+    left_mm = max(0.0, tolerance_mm - bound_mm)
+    return left_mm / growth_mm if growth_mm else math.inf

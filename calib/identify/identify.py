@@ -151,6 +151,16 @@ class Solution:
         return np.asarray(np.hypot(self.expanded_mm, off))
 
     @property
+    def beyond_tolerance(self) -> tuple[tuple[str, float, float], ...]:
+        """Parameters surely more than `BELIEVED` tolerances off: name, value and tolerance, mm."""
+        if self.tolerance_mm is None:
+            return ()
+        tolerance = self.tolerance_mm[list(SUBSETS[self.subset])]
+        beyond = np.abs(self.values_mm) - self.expanded_mm > BELIEVED * tolerance
+        rows = zip(self.names, self.values_mm.tolist(), tolerance.tolist(), beyond, strict=True)
+        return tuple((name, value, within) for name, value, within, off in rows if off)
+
+    @property
     def lacks_fit(self) -> bool:
         """Whether the model leaves more than noise: something is missing from it."""
         return self.lack_of_fit is not None and self.lack_of_fit.p_value < LACK_OF_FIT_LEVEL
@@ -224,6 +234,9 @@ class Solution:
             held_mm2=take @ self.held_mm2 @ take,
         )
 
+
+BELIEVED = 3.0
+"""Tolerances, each a standard deviation, by which a part may be off before something is wrong."""
 
 LACK_OF_FIT_LEVEL = 0.01
 """Chance from which down the model is said to leave more than the noise."""

@@ -28,7 +28,7 @@ CLEARLY_BETTER = 0.9
 
 @dataclass(frozen=True, eq=False)
 class SubsetChoice:
-    """The recommended subset, why, and the solution of every subset that the data determine.
+    """The solution of every subset that the data determine, and which of them is recommended.
 
     ``tool_after`` is the error of the tool to expect over the workspace with the values of each
     entered, and for ``with-tolerances`` where the tolerances of the parts are stated. ``refused``
@@ -38,16 +38,41 @@ class SubsetChoice:
 
     told: Told
     tolerance_mm: FloatArray
-    recommended: Subset
-    reasons: tuple[str, ...]
     solutions: dict[Subset, Solution]
     tool_after: dict[Subset, ToolError]
     refused: dict[Subset, NotIdentifiable]
 
+    @cached_property
+    def expected_mm(self) -> dict[Subset, float]:
+        """R.m.s. error of the tool to expect with each subset entered, whatever may be missing."""
+        claim = self._claim
+        return {subset: claim.expected_mm(self._entered(subset)) for subset in self.solutions}
+
+    @cached_property
+    def recommended(self) -> Subset:
+        """The subset with the smallest expectation; joint offsets unless it is clearly better.
+
+        On 80 hidden machines (those of ``tests/blind/claims.py``) the tool is nearer by a tenth
+        than with the set that noise and the full set's bias would choose.
+        """
+        expected_mm = self.expected_mm
+        best = min(expected_mm, key=lambda subset: expected_mm[subset])
+        if expected_mm[best] > CLEARLY_BETTER * expected_mm.get("joint-offsets", math.inf):
+            return "joint-offsets"
+        return best
+
     @property
-    def tool_error_mm(self) -> dict[Subset, float]:
-        """The expected r.m.s. error of the tool for each subset, mm."""
-        return {subset: found.rms_mm for subset, found in self.tool_after.items()}
+    def reasons(self) -> tuple[str, ...]:
+        """What is expected of each set, why not the smallest, why others are missing."""
+        expected_mm = self.expected_mm
+        promised = ", ".join(f"{subset} {mm:.3g} mm" for subset, mm in expected_mm.items())
+        reasons = [f"expected tool error over the workspace: {promised}"]
+        if min(expected_mm.values()) < expected_mm[self.recommended]:
+            reasons.append(
+                "no other set is clearly better, and any controller can hold joint offsets"
+            )
+        reasons += [f"{subset} left out: {one.found}" for subset, one in self.refused.items()]
+        return tuple(reasons)
 
     def tool_factor(self, subset: Subset) -> float:
         """Coverage factor (95 %) of what the tool's error is worked out from: of the full set, or
@@ -60,7 +85,8 @@ class SubsetChoice:
     @cached_property
     def fitted(self) -> Solution:
         """The solution nearest to the machine: held by tolerances, where it can be."""
-        return self.solutions.get("with-tolerances", self.solutions[self.recommended])
+        order: tuple[Subset, ...] = ("with-tolerances", "both", "joint-offsets", "leg-lengths")
+        return next(self.solutions[subset] for subset in order if subset in self.solutions)
 
     @cached_property
     def _claim(self) -> Claim:
@@ -77,11 +103,15 @@ class SubsetChoice:
 
         With fitted sizes of effects the controller is taken to compensate them.
         """
+        return self._claim.bound(self._entered(subset))
+
+    def _entered(self, subset: Subset | None) -> FloatArray:
+        """Parameters and sizes, from the point at which the claim is linear."""
         model = self.solutions[subset].model if subset else Model(self.told.model.geometry)
         sizes = [one.value(model) if subset else 0.0 for one in self.told.sizes]
         start = [*self.fitted.model.parameters_mm]
         start += [one.value(self.fitted.model) for one in self.told.sizes]
-        return self._claim.bound(np.array([*model.parameters_mm, *sizes]) - start)
+        return np.array([*model.parameters_mm, *sizes]) - start
 
     def tool_noise_mm(self, subset: Subset) -> float:
         """The part of that bound that is noise of the readings in the parameters of a subset."""
@@ -115,14 +145,10 @@ def choose_subset(
     tolerance_mm: FloatArray | None = None,
     sizes: tuple[Size, ...] = (),
 ) -> SubsetChoice:
-    """Identify all subsets and compare variance plus squared bias at the tool.
+    """Identify all subsets, and say what the tool would be off by with each.
 
-    ``sizes`` of the model's effects are fitted with each of them.
-
-    Bias of a smaller set is what the full set would change at the tool, less what chance alone
-    would change; noise is the larger of the reading noise and what the full set leaves. Effects
-    outside the six parameters are not in these figures. Raises NotIdentifiable where not even one
-    subset is determined.
+    ``sizes`` of the model's effects are fitted with each of them. Raises NotIdentifiable where not
+    even one subset is determined.
     """
     told = Told.of(model, observed, indicator or IndicatorFigures(), sizes)
     solutions: dict[Subset, Solution] = {}
@@ -141,15 +167,9 @@ def choose_subset(
         subset: tool_error(one.model.geometry, *left_after(solutions, subset))
         for subset, one in solutions.items()
     }
-    errors = {subset: found.rms_mm for subset, found in after.items()}
-    best = min(errors, key=lambda subset: errors[subset])
-    if errors[best] > CLEARLY_BETTER * errors.get("joint-offsets", math.inf):
-        best = "joint-offsets"
     return SubsetChoice(
         told,
         np.full(len(PARAMETER_NAMES), TOLERANCE_MM) if tolerance_mm is None else tolerance_mm,
-        best,
-        _reasons(best, errors, refused),
         solutions,
         after,
         refused,
@@ -196,16 +216,3 @@ def full_covariance(solution: Solution, factor: float = 1.0) -> FloatArray:
     covariance = np.zeros((len(PARAMETER_NAMES),) * 2)
     covariance[np.ix_(index, index)] = solution.enlarged_mm2(factor)
     return covariance
-
-
-def _reasons(
-    best: Subset, errors: dict[Subset, float], refused: dict[Subset, NotIdentifiable]
-) -> tuple[str, ...]:
-    promised = ", ".join(f"{subset} {error:.3g} mm" for subset, error in errors.items())
-    reasons = [f"expected tool error over the workspace: {promised}"]
-    if best == "joint-offsets" and min(errors.values()) < errors[best]:
-        reasons.append("no other set is clearly better, and any controller can hold joint offsets")
-    reasons += [f"{subset} left out: {problem.found}" for subset, problem in refused.items()]
-    if "both" in refused:
-        reasons.append("what the smaller sets miss of the other parameters cannot be assessed")
-    return tuple(reasons)

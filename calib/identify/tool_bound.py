@@ -52,8 +52,9 @@ TOLERATED = 10.0
 FREE = 50.0
 """Unremarkable sizes that a fitted size may have: readings tell it, no tolerance."""
 
-LARGER = (1.0, 4.0)
-"""Times the smallest size that would have been found: readings may show more than that."""
+LARGER = (1.0, 4.0, math.inf)
+"""Times the smallest size that would have been found: readings may show more than that, and of
+several sizes together those are unlike that hardly show."""
 
 FOUND = 5.5
 """Standard deviations of a size found nine times in ten among some hundred at 1 % over all."""
@@ -253,11 +254,15 @@ class Claim:
         kept = order[: int(np.searchsorted(inside, COVERAGE)) + 1]
         shown = explained.ravel() >= SHOWN
         return [
-            self._posterior(self.names[k % len(ids)], scales[k // len(ids)], shown=bool(shown[k]))
+            replace(
+                self._posterior(self.names[k % len(ids)], scales[k // len(ids)]),
+                weight=float(weight[k]),
+                shown=bool(shown[k]),
+            )
             for k in kept
         ]
 
-    def _posterior(self, name: _Name, expected: FloatArray, *, shown: bool) -> _Posterior:
+    def _posterior(self, name: _Name, expected: FloatArray) -> _Posterior:
         """Base parameters, then the sizes of a name, of which ``expected`` ``(k,)`` are likely."""
         covariance, answer, left, residual = self._solved
         index = list(name.columns)
@@ -272,8 +277,13 @@ class Claim:
             name.columns,
             np.concatenate([answer[:, -1] - moved @ value, value]),
             np.block([[covariance - beside @ moved.T, beside], [beside.T, spread]]),
-            shown,
         )
+
+    def expected_mm(self, entered: FloatArray) -> float:
+        """R.m.s. error of the tool to expect, over the names that are open."""
+        every = self._open or [self._plain]
+        square = sum(one.weight * self._square_mm2(one, entered) for one in every)
+        return math.sqrt(square / sum(one.weight for one in every))
 
     def bound(self, entered: FloatArray) -> ToolBound:
         """With parameters and sizes ``(b,)`` entered, from the point of linearisation."""
@@ -290,11 +300,19 @@ class Claim:
         return ToolBound(max([plain, *(one.bound_mm for one in names)]), plain, names)
 
     def _quantile_mm(self, one: _Posterior, entered: FloatArray) -> float:
+        return quantile_mm(*self._off(one, entered), one.covariance)
+
+    def _square_mm2(self, one: _Posterior, entered: FloatArray) -> float:
+        metric, off = self._off(one, entered)
+        return float(np.trace(metric @ one.covariance) + off @ metric @ off)
+
+    def _off(self, one: _Posterior, entered: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The metric of a name's parameters and sizes, and what they are off by."""
         count = len(self.spread)
         index = [*range(count), *(count + k for k in one.columns)]
         off = one.mean.copy()
         off[:count] -= entered
-        return quantile_mm(self.metric[np.ix_(index, index)], off, one.covariance)
+        return self.metric[np.ix_(index, index)], off
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,6 +323,7 @@ class _Posterior:
     columns: tuple[int, ...]
     mean: FloatArray
     covariance: FloatArray
+    weight: float = 1.0
     shown: bool = False
 
 

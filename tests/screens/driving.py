@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import pytest
+from textual.map_geometry import MapGeometry
 from textual.pilot import Pilot
 from textual.screen import Screen
 from textual.strip import Strip
+from textual.widget import Widget
 from textual.widgets import Input, Select, Static
 
 from app.measuring.opening import Plan, demo_plan
@@ -51,6 +53,11 @@ def said(interface: Interface) -> str:
 def strips(screen: Screen[Any]) -> list[Strip]:
     """The rows of a screen as they are sent to the terminal; Textual has no public door to them."""
     return screen._compositor.render_strips(screen.size)
+
+
+def placed(screen: Screen[Any]) -> dict[Widget, MapGeometry]:
+    """Where each part of a screen is, and what of it the parts around it let through."""
+    return screen._compositor.full_map
 
 
 def rows(screen: Screen[Any]) -> list[str]:

@@ -11,6 +11,7 @@ from textual.color import Color
 from textual.pilot import Pilot
 from textual.screen import Screen
 from textual.theme import BUILTIN_THEMES
+from textual.widgets import Label
 
 from app.evaluating.comparison import compare_files
 from app.evaluating.solution import solve_files
@@ -116,6 +117,20 @@ async def test_a_review_is_as_large_as_its_text(samples: Path, size: tuple[int, 
         await pilot.press("g")
         await pilot.pause()
         assert interface.screen.query_one("#review-chart").size.height >= 10
+
+
+async def test_the_label_of_the_field_with_the_focus_stands_out() -> None:
+    interface = interface_on(HomeScreen())
+    async with interface.run_test(size=(80, 24)) as pilot:
+        interface.push_screen(PrepareScreen())
+        await until(pilot, "form", lambda: bool(interface.screen.query(Label)))
+        for name in ("indicator1", "indicator2", "operator", "temperature"):
+            await pilot.pause()
+            field = interface.screen.query_one(f"#{name}")
+            assert field.has_focus
+            marked = [one for one in interface.screen.query(Label) if one.styles.text_style.reverse]
+            assert [one.parent for one in marked] == [field.parent]
+            await pilot.press("tab")
 
 
 def over_home(samples: Path, folder: Path) -> dict[str, Callable[[], Screen[Any]]]:

@@ -244,7 +244,6 @@ async def test_a_set_that_is_not_seen_is_refused(
     solved = solved.with_subset("with-tolerances")
     choice = replace(
         solved.choice,
-        recommended="with-tolerances",
         solutions={"with-tolerances": solved.solution},
         tool_after={"with-tolerances": solved.tool_after},
         refused=refused,

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
+from app.evaluating.history import JOINTS, MachineHistory
 from app.evaluating.solution import SessionSolution
 from app.measuring.gauges import SLOTS, Trace
 from app.measuring.leg_review import leg_rows
@@ -36,7 +37,8 @@ class Series:
 class Chart:
     """One plot: series over one horizontal axis with the words beside it.
 
-    With ``x_names`` the places 1, 2, … of ``x`` carry names in the place of numbers.
+    With ``x_names`` the places 1, 2, … of ``x`` carry names in the place of numbers. ``marks`` are
+    places of ``x`` with a line from top to bottom.
     """
 
     title: str
@@ -44,6 +46,7 @@ class Chart:
     y_words: str
     series: tuple[Series, ...]
     x_names: tuple[str, ...] = ()
+    marks: tuple[float, ...] = ()
 
     @property
     def heading(self) -> str:
@@ -304,6 +307,17 @@ def residuals_over_time(solved: SessionSolution) -> Chart:
     return Chart("Residuals", "minutes", "residual, µm", series)
 
 
+def offsets_over_time(found: MachineHistory) -> Chart:
+    """Change of each joint offset since the first session; lines where something was changed."""
+    series = tuple(
+        Series(f"joint {name}", found.days, tuple(1000.0 * mm for mm in one.change.tolist()))
+        for name, one in zip(JOINTS, found.joints, strict=True)
+    )
+    days = zip(found.days, found.points, strict=True)
+    marks = tuple(day for day, point in days if point.event)
+    return Chart("Change of the offsets", "days", "µm", series, marks=marks)
+
+
 BITS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
 LEFT, RIGHT = (
     tuple(sum(bit for k, bit in enumerate(four) if dots >> k & 1) for dots in range(16))
@@ -419,7 +433,8 @@ class Drawing(Chart):
     scaled: bool = True
 
     def limits(self, columns: int, rows: int) -> tuple[Limits, Limits]:
-        """Ends of both axes in a place of so many cells."""
+        """Ends of both axes in a place of so many cells; none is taken for one."""
+        columns, rows = max(1, columns), max(1, rows)
         points = [point for stroke in self.strokes for point in stroke.points]
         points += [p for one in self.series for p in zip(one.x, one.y, strict=True)]
         horizontal = _ends([x for x, _ in points])
@@ -427,8 +442,8 @@ class Drawing(Chart):
         if not self.even:
             return horizontal, vertical
         cell = max(
-            (horizontal[1] - horizontal[0]) / max(1, columns),
-            (vertical[1] - vertical[0]) / (CELL_HEIGHT * max(1, rows)),
+            (horizontal[1] - horizontal[0]) / columns,
+            (vertical[1] - vertical[0]) / (CELL_HEIGHT * rows),
         )
         return _around(horizontal, cell * columns), _around(vertical, cell * CELL_HEIGHT * rows)
 

@@ -281,6 +281,8 @@ def svg_of(chart: Chart) -> str:
                 marker = MARKERS[number % len(MARKERS)]
                 axes.plot(series.x, series.y, marker, ms=3, label=series.name, color=colour)
         axes.axhline(0.0, color="0.4", lw=0.6)
+        for mark in chart.marks:
+            axes.axvline(mark, color="0.4", lw=0.6, ls="--")
         axes.set(xlabel=chart.x_words, ylabel=chart.y_words)
         if chart.x_names:
             axes.set_xticks(chart.x_ticks(), chart.x_names)

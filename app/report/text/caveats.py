@@ -55,8 +55,7 @@ def bound_made_of(solved: SessionSolution) -> str:
         return f"{said}. Effects are not in these figures: none is modelled over a plane."
     if (worst := after.worst) is None:
         return f"{said}. No effect that these readings leave open does more."
-    reads_tool = any(r.leg == "tool" for session in solved.sessions for r in session.readings)
-    lowers = "" if reads_tool else " What lowers it: glidecal plan."
+    lowers = "" if solved.reads_tool else " What lowers it: glidecal plan."
     return (
         f"{said}; up to {uncertain(worst.bound_mm)} mm if {worst.title} ({worst.id}, "
         f"{worst.where}), which these readings do not rule out.{lowers}"
@@ -107,10 +106,20 @@ def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
             f"All figures are valid only if {right}: these readings show neither an error there "
             "nor what it does at the tool."
         )
-    if not solved.tool_after.rms_mm < solved.tool_before.rms_mm:
+    if solution.beyond_tolerance:
+        found = ", ".join(
+            f"{name} {signed(value, 2)} mm (tolerance {within:g})"
+            for name, value, within in solution.beyond_tolerance
+        )
         yield (
-            "WARNING: these values are not expected to make the tool more accurate: the error "
-            "expected with them is not smaller than the error now."
+            f"WARNING: far beyond the tolerance that the machine file states: {found}. Either the "
+            "tolerance is wrong, or these values stand for something that is missing from the "
+            "model (glidecal diagnose)."
+        )
+    if not solved.helps:
+        yield (
+            "WARNING: these values are not expected to make the tool more accurate: the bound "
+            "with them is not smaller than the bound now."
         )
 
 
@@ -124,8 +133,7 @@ def _of_noise(solved: SessionSolution) -> Iterator[str]:
         )
     for direction in solution.weak_directions:
         yield _weak(direction, solution.coverage_factor)
-    reads_tool = any(r.leg == "tool" for session in solved.sessions for r in session.readings)
-    if solution.weak_directions and not reads_tool:
+    if solution.weak_directions and not solved.reads_tool:
         yield "What to measure to improve this: glidecal plan."
     if solved.noisy:
         shown = "; ".join(map(_noisy, solved.noisy[:MOST_NAMED]))
@@ -234,7 +242,7 @@ def _of_the_choice(solved: SessionSolution) -> Iterator[str]:
     same = solution.subset == choice.recommended
     begin = "Recommended set" if same else "RECOMMENDED instead"
     said = f"{begin}: {SUBSET_WORDS[choice.recommended]}"
-    errors_mm = choice.tool_error_mm
-    if any(mm < errors_mm[choice.recommended] for mm in errors_mm.values()):
+    expected_mm = choice.expected_mm
+    if min(expected_mm.values()) < expected_mm[choice.recommended]:
         said += f"; {choice.reasons[1]}"
     yield f"{said}."

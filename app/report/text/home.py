@@ -20,6 +20,7 @@ Demonstration  the same on a simulated machine, in demo-sessions
 Compare        the session before the offsets were entered in the
                controller with the one after
 Diagnose       where readings and model disagree, and what is missing
+History        all sessions here and below: offsets over time, drift
 {WORDS_OF_LOOKS}
 
 Sessions of this folder and of demo-sessions stand below, newest
@@ -37,8 +38,9 @@ HOME_CHOICES = (
     ("compare", "Compare before and after"),
     ("export", "Export offsets of a session"),
     ("diagnose", "Diagnose: what is missing in the model"),
+    ("history", "History: sessions of this folder over time"),
 )
-READING_ONLY = ("result", "replay", "compare", "diagnose")
+READING_ONLY = ("result", "replay", "compare", "diagnose", "history")
 """What is left where nothing may be written."""
 
 WHICH = {

@@ -88,10 +88,9 @@ def _method_words(solution: Solution) -> str:
 def verdict_words(solved: SessionSolution) -> str:
     """How well the parameters are known, and what that is at legs and tool, a line each."""
     solution = solved.solution
-    of_tool = any(reading.leg == "tool" for one in solved.sessions for reading in one.readings)
     return (
         f"{_known_words(solution)}\n"
-        f"{'Tool' if of_tool else 'Leg'} deviations {solution.rms_before_mm:.4f} → "
+        f"{'Tool' if solved.reads_tool else 'Leg'} deviations {solution.rms_before_mm:.4f} → "
         f"{solution.rms_after_mm:.4f} mm r.m.s.\n"
         f"{bound_now_and_then(solved)}"
     )
@@ -309,7 +308,7 @@ def next_text(solved: SessionSolution, *, exports: bool, measures: bool) -> str:
         return LOOK_FIRST
     if not exports:
         return ""
-    if not solved.tool_after.rms_mm < solved.tool_before.rms_mm:
+    if not solved.helps:
         return KEEP
     return f"{ENTER}{AGAIN if measures else ''}."
 

@@ -230,7 +230,7 @@ def step_text(step: Step, session: Session) -> str:
     to = f"{leg} {step.displacement_mm:+.2f} mm" if plate is None else "the position"
     lines = [
         f"{step.touched.upper()}   {step.posture(geometry)}   cycle {step.cycle} of {cycles}",
-        f"Move the tool to {to}. Press Space when the readings are stable.",
+        f"Move the tool to {to}. When stable, press Space.",
         _mdi_line(step, machine),
         "joints " + "  ".join(f"{name} {value:.3f}" for name, value in joints.items()),
     ]
@@ -403,6 +403,8 @@ LEAVE_QUESTION = (
     "Pause this session? Every reading taken is on the disk, and you can continue later."
 )
 LEAVE_CHOICES = (("stay", "1  No, stay here"), ("home", "2  Yes, to the home screen"))
+RESTORE_QUESTION = "The readings of step {} do not count ({}). Use them all the same?"
+RESTORE_CHOICES = (("no", "1  No, nothing changes"), ("use", "2  Yes, use them again"))
 MOVED_QUESTION = "Was the stand moved or touched? If so, readings get a new zero from here on."
 MOVED_CHOICES = (("no", "1  No, continue as before"), ("moved", "2  Yes, start a new zero"))
 

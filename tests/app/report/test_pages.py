@@ -13,10 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.evaluating.solution import solve_files
-from app.machines.options import extra
 from app.report.pages.report import CalibrationReport, Picture, Section, html_of, pdf_of, report_of
 from app.report.text.tables import new_table
-from calib.errors import UsageError
+from calib.errors import UsageError, extra
 from calib.printable import HIDDEN
 from protocols.journal import write_whole
 from protocols.record import read_record
@@ -185,6 +184,6 @@ def test_without_the_extra_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(builtins, "__import__", none)
     with (
         pytest.raises(UsageError, match=r"no package matplotlib.*glidecal\[report\]"),
-        extra("report"),
+        extra("glidecal report", "report"),
     ):
         import matplotlib.figure  # noqa: F401  (asked for once more)

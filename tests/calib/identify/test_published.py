@@ -133,8 +133,11 @@ def test_accuracy_of_equations_12_and_14(
 
 @pytest.mark.parametrize("name", ["experiment_1_six", "experiment_2_six", "experiment_2_twelve"])
 def test_joint_offsets_alone_are_recommended(samples: Path, name: str) -> None:
-    """As the authors chose for experiment 2, here by computation."""
-    choice = choose_subset(MODEL, published(samples, name), indicator=STATED)
+    """As the authors chose for experiment 2, here by computation with the machine's tolerances."""
+    tolerance_mm = np.array([2.0] * 3 + [0.1] * 3)
+    choice = choose_subset(
+        MODEL, published(samples, name), indicator=STATED, tolerance_mm=tolerance_mm
+    )
     assert choice.recommended == "joint-offsets"
 
 

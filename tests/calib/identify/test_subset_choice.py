@@ -12,13 +12,16 @@ from calib.arrays import FloatArray
 from calib.identify.identify import Subset, identify
 from calib.identify.subset_choice import choose_subset
 from calib.noise.reading import IndicatorFigures
+from calib.tripod.effects.actuators import Backlash
+from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry, direct, inverse
+from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Model
 from calib.tripod.workspace import workspace_points
 from protocols.observations import to_observations
 from protocols.record import read_record
 from protocols.session import fold
-from tests.builders import observed, postures
+from tests.builders import conditions_of, observed, postures
 
 TOLERANCES = np.array([2.0] * 3 + [0.1] * 3)
 LONG = (18.0, -18.0, 18.0, 18.0, -18.0, 18.0)
@@ -43,17 +46,31 @@ def test_what_a_set_cannot_say_is_in_its_promise(subset: Subset) -> None:
     truth, entered = np.array(LONG), np.array(choice.solutions[subset].model.parameters_mm)
     real = tool_rms_mm(truth, entered)
     assert real > 1.0, "far beyond the reading noise"
-    assert choice.tool_error_mm[subset] == pytest.approx(real, rel=0.15)
+    assert choice.tool_after[subset].rms_mm == pytest.approx(real, rel=0.15)
     now = choice.error_before(subset, MODEL)
     assert now.rms_mm == pytest.approx(tool_rms_mm(truth, np.zeros(6)), rel=0.15)
-    assert choice.recommended == "both"
 
 
 def test_a_set_whose_values_hold_promises_little() -> None:
     data = observed([0.5, -0.8, 0.3, 0.0, 0.0, 0.0], postures(repeats=3), scatter_mm=0.004, seed=1)
     choice = choose_subset(MODEL, data, tolerance_mm=TOLERANCES)
-    assert choice.tool_error_mm["joint-offsets"] < 0.02
-    assert choice.tool_error_mm["with-tolerances"] < 0.02
+    assert choice.tool_after["joint-offsets"].rms_mm < 0.02
+    assert choice.tool_after["with-tolerances"].rms_mm < 0.02
+
+
+def test_play_that_looks_like_lengths_recommends_no_lengths() -> None:
+    """50 µm of play at every carriage: lengths of a millimetre fit it better than offsets do."""
+    taken = with_first_movements(conditions_of("two-station"))
+    lost = tuple(EffectInstance(Backlash(), leg, (0.05,)) for leg in "xyz")
+    truth = Model(parameters_mm=(-0.66, 0.46, 0.05, 0.0, 0.0, 0.0), effects=lost)
+    noise = np.random.default_rng(4).normal(scale=0.002, size=len(taken))
+    data = replace(taken, value_mm=truth.readings(taken) + noise)
+    choice = choose_subset(MODEL, data, tolerance_mm=TOLERANCES)
+    held = choice.solutions["with-tolerances"]
+    assert held.rms_after_mm < 0.8 * choice.solutions["joint-offsets"].rms_after_mm
+    assert [name for name, *_ in held.beyond_tolerance] == ["d_L_x", "d_L_y", "d_L_z"]
+    assert choice.recommended == "joint-offsets"
+    assert not choice.solutions["joint-offsets"].beyond_tolerance
 
 
 def test_weak_directions_of_a_set_with_tolerances_are_those_of_its_covariance() -> None:

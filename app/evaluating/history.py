@@ -1,0 +1,259 @@
+"""All sessions of a folder: what each says of its machine, what changed, what drifts.
+
+The index remembers what a record said, by the digest of all its bytes and the program's version. It
+is never asked about a record that is not there byte for byte, and it may be deleted at any time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sqlite3
+from collections.abc import Iterable, Sequence
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from itertools import pairwise
+from pathlib import Path
+
+from pydantic import AwareDatetime, ValidationError
+
+from app.settings import cache_path
+from app.version import VERSION
+from calib.control_chart import Watched, watch
+from calib.errors import GlidecalError, RecordError
+from calib.identify.accuracy import days_in_tolerance
+from protocols.documents import Document, read_bytes
+from protocols.machine import Machine
+from protocols.record import MOST_BYTES, check_record
+from protocols.session import Session, fold
+
+JOINTS = ("x", "y", "z")
+DAY_S = 86_400.0
+LONGEST_DAYS = 36_500.0
+"""A date beyond a hundred years is none."""
+
+
+class Entry(Document):
+    """What one record says; ``problem`` in place of a result where it gives none.
+
+    ``offsets_mm`` are d_rho with what was entered before added: where the joints truly stand, so
+    that entering offsets changes nothing. ``expanded_mm`` (95 %) counts what the model leaves as
+    noise. ``effects`` are None where nobody asked for a diagnosis.
+    """
+
+    began: AwareDatetime
+    machine: Machine
+    temperature_c: float | None = None
+    verifies: str | None = None
+    offsets_mm: tuple[float, float, float] | None = None
+    expanded_mm: tuple[float, float, float] | None = None
+    bound_before_mm: float = 0.0
+    bound_after_mm: float = 0.0
+    effects: tuple[str, ...] | None = None
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Point:
+    """A session with a result; ``event`` is what changed before it, empty for nothing known."""
+
+    path: Path
+    entry: Entry
+    event: str
+
+
+@dataclass(frozen=True, eq=False)
+class MachineHistory:
+    """Sessions of one machine by their date; ``joints`` are offsets x, y, z over ``days``.
+
+    ``due`` is when the drift that is shown will have used up the tolerance, None where there is no
+    drift, no tolerance or no end to be seen.
+    """
+
+    machine: str
+    points: tuple[Point, ...]
+    days: tuple[float, ...]
+    joints: tuple[Watched, ...]
+    due: datetime | None
+
+    @property
+    def last(self) -> Entry:
+        """Of the last session."""
+        return self.points[-1].entry
+
+
+@dataclass(frozen=True)
+class History:
+    """Machines by name; ``problems`` are files that cannot be used, or not as they are."""
+
+    folder: Path
+    machines: tuple[MachineHistory, ...]
+    problems: tuple[tuple[Path, str], ...]
+
+
+def read_history(folder: Path, *, effects: bool = False, index: Path | None = None) -> History:
+    """Every record below a folder; with ``effects`` each one is diagnosed, too.
+
+    What is not in the ``index`` (None: that of the user) is solved and remembered. Raises
+    RecordError where there is no such folder, or no session in it.
+    """
+    if not folder.is_dir():
+        raise RecordError(f"folder {folder}", reason="no such folder")
+    paths = sorted(folder.rglob("*.jsonl"), key=lambda path: (len(path.parts), path))
+    if not paths:
+        raise RecordError(f"folder {folder}", "no session file", "files that end with .jsonl")
+    problems: list[tuple[Path, str]] = []
+    found: dict[str, list[tuple[Path, Entry]]] = {}
+    seen: dict[str, Path] = {}
+    with closing(Index(index or cache_path() / "history-1.sqlite")) as remembered:
+        for path in paths:
+            try:
+                digest, entry = _entry_of(path, remembered, effects=effects)
+            except GlidecalError as problem:
+                problems.append((path, str(problem)))
+                continue
+            if (same := seen.setdefault(digest, path)) != path:
+                problems.append((path, f"{path}: the same session as {same}, counted once."))
+                continue
+            if entry.problem:
+                problems.append((path, entry.problem))
+            if entry.offsets_mm is not None:
+                found.setdefault(entry.machine.name, []).append((path, entry))
+    machines = [_of_machine(name, entries) for name, entries in sorted(found.items())]
+    return History(folder, tuple(machines), tuple(problems))
+
+
+def _entry_of(path: Path, remembered: Index, *, effects: bool) -> tuple[str, Entry]:
+    content = read_bytes(path, "session", MOST_BYTES)
+    key = key_of(content)
+    entry = remembered.get(key)
+    if entry is None or (effects and entry.effects is None and entry.offsets_mm is not None):
+        entry = _told_by(path, content, effects=effects)
+        remembered.put(key, entry)
+    return key, entry
+
+
+def key_of(content: bytes) -> str:
+    """Under which the index has a record with this content."""
+    return hashlib.sha256(VERSION.encode() + content).hexdigest()
+
+
+def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:
+    """What a record says. Raises RecordError for one that is altered."""
+    from app.evaluating.solution import end_warning, solve_sessions  # heavy: not for what is known
+
+    record = check_record(path, content)
+    session = fold(record.events)
+    opened = record.opened
+    entry = Entry(
+        began=opened.at,
+        machine=opened.machine,
+        temperature_c=opened.temperature_c,
+        verifies=opened.verifies,
+    )
+    try:
+        solved = solve_sessions([path.name], [session]).for_controller()
+        named = _named(path.name, session) if effects else None
+    except GlidecalError as problem:
+        return entry.model_copy(update={"problem": f"{path.name}: {problem}"})
+    x, y, z = solved.solution.enlarged_expanded_mm.tolist()[:3]
+    totals = zip(opened.machine.entered_offsets_mm, solved.joint_offsets_mm, strict=True)
+    return Entry.model_validate(
+        {
+            **dict(entry),
+            "offsets_mm": tuple(entered + left for entered, left in totals),
+            "expanded_mm": (x, y, z),
+            "bound_before_mm": solved.bound_before.bound_mm,
+            "bound_after_mm": solved.bound_after.bound_mm,
+            "effects": named,
+            "problem": "" if record.end == "closed" else end_warning(record),
+        }
+    )
+
+
+def _named(name: str, session: Session) -> tuple[str, ...]:
+    from app.evaluating.diagnosis import diagnose_sessions
+
+    found = diagnose_sessions([name], [session]).diagnosis.effects
+    return tuple(f"{one.id}:{one.where}" for one in found)
+
+
+def _of_machine(name: str, entries: Iterable[tuple[Path, Entry]]) -> MachineHistory:
+    ordered = sorted(entries, key=lambda one: (one[1].began, one[0]))
+    events = ["", *(_event(a, b) for (_, a), (_, b) in pairwise(ordered))]
+    points = tuple(Point(*one, event) for one, event in zip(ordered, events, strict=True))
+    first = ordered[0][1].began
+    days = [(entry.began - first).total_seconds() / DAY_S for _, entry in ordered]
+    rebuilt = [event.startswith(MECHANICAL) for event in events]
+    columns = zip(
+        zip(*(entry.offsets_mm or () for _, entry in ordered), strict=True),
+        zip(*(entry.expanded_mm or () for _, entry in ordered), strict=True),
+        strict=True,
+    )
+    joints = tuple(watch(days, values, expanded, rebuilt) for values, expanded in columns)
+    return MachineHistory(name, points, tuple(days), joints, _due(ordered[-1][1], joints))
+
+
+MECHANICAL, ENTERED = "machine changed", "offsets entered"
+
+
+def _event(before: Entry, after: Entry) -> str:
+    """What the records say was changed between two sessions."""
+    one, two = before.machine, after.machine
+    if one == two:
+        return ""
+    if one.geometry() != two.geometry():
+        keys = [key for key in Machine.model_fields if getattr(one, key) != getattr(two, key)]
+        return f"{MECHANICAL}: {', '.join(keys)}"
+    return ENTERED if one.entered_offsets_mm != two.entered_offsets_mm else ""
+
+
+def _due(last: Entry, joints: Sequence[Watched]) -> datetime | None:
+    shown = [one.drift.per_day if one.drift and one.drift.shown else 0.0 for one in joints]
+    tolerance_mm = last.machine.tool_tolerance_mm
+    if tolerance_mm is None or not any(shown):
+        return None
+    # with the offsets of the last session entered
+    days = days_in_tolerance(last.machine.geometry(), shown, last.bound_after_mm, tolerance_mm)
+    return last.began + timedelta(days=days) if days < LONGEST_DAYS else None
+
+
+class Index:
+    """Entries by digest in one SQLite file; without a file that can be used, for this time only."""
+
+    def __init__(self, path: Path) -> None:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._data = self._opened(path)
+        except sqlite3.OperationalError:  # no such place, or somebody else has it
+            self._data = self._opened(":memory:")
+        except (OSError, sqlite3.DatabaseError) as problem:
+            if isinstance(problem, sqlite3.DatabaseError):  # no index any more: made again
+                path.unlink()
+            self._data = self._opened(":memory:" if isinstance(problem, OSError) else path)
+
+    @staticmethod
+    def _opened(path: Path | str) -> sqlite3.Connection:
+        data = sqlite3.connect(path, isolation_level=None, timeout=2.0)
+        data.execute("PRAGMA synchronous = OFF")
+        data.execute("CREATE TABLE IF NOT EXISTS entry (digest TEXT PRIMARY KEY, said TEXT)")
+        data.execute("SELECT digest, said FROM entry LIMIT 1").fetchone()
+        return data
+
+    def get(self, digest: str) -> Entry | None:
+        """None where there is none that can be read."""
+        with suppress(sqlite3.Error, ValidationError):
+            found = self._data.execute("SELECT said FROM entry WHERE digest = ?", (digest,))
+            for (said,) in found:
+                return Entry.model_validate_json(said)
+        return None
+
+    def put(self, digest: str, entry: Entry) -> None:
+        """Remember, where that can be done."""
+        with suppress(sqlite3.Error):  # another process writes, the disk is full: next time
+            row = (digest, entry.model_dump_json())
+            self._data.execute("INSERT OR REPLACE INTO entry VALUES (?, ?)", row)
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._data.close()

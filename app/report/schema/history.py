@@ -1,0 +1,76 @@
+"""What ``history`` tells."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Literal
+
+from app.report.schema.document import Finite, Report, at, made, schema
+from protocols.documents import Triple
+
+FileName = Annotated[str, made(lambda path: path.name)]
+Flags = Annotated[list[bool], made(lambda array: array.tolist())]
+Changes = Annotated[list[float], made(lambda array: array.tolist())]
+OrNull = Annotated[list[Finite], made(lambda array: array.tolist())]
+
+
+class PastSession(Report):
+    """One session; offsets with what was entered before added, mm."""
+
+    session: FileName = at("path")
+    began: datetime = at("entry.began")
+    event: str = at("event", "what changed before it, as the records tell; empty: nothing known")
+    offsets_mm: Triple = at("entry.offsets_mm", "d_rho of joints x, y, z plus entered offsets")
+    expanded_mm: Triple = at("entry.expanded_mm", "expanded uncertainties (95 %)")
+    tool_bound_mm: float = at("entry.bound_before_mm", "r.m.s., as the machine was found")
+    temperature_c: float | None = at("entry.temperature_c")
+    effects: tuple[str, ...] | None = at("entry.effects", "null: not diagnosed")
+
+
+class Steady(Report):
+    """mm per day with its expanded uncertainty (95 %); ``shown`` where it is beyond that."""
+
+    per_day: float
+    expanded: float
+    shown: bool
+
+
+class WatchedJoint(Report):
+    """Control chart of one joint offset, a value for each session."""
+
+    change_mm: Changes = at("change", "from the first session")
+    changed: Flags = at("chart.changed", "beyond its uncertainty and the limits so far")
+    centre_mm: Changes = at("chart.centre", "mean of the phase that the session is in")
+    limit_mm: OrNull = at("chart.limit", "limits from it; null for a phase of one session")
+    drift: Steady | None
+
+
+class PastMachine(Report):
+    """Sessions of one machine by their date."""
+
+    machine: str
+    sessions: tuple[PastSession, ...] = at("points")
+    days: tuple[float, ...] = at("days", "since the first session")
+    joints: tuple[WatchedJoint, ...] = at("joints", "x, y, z")
+    due: datetime | None = at("due", "null: no drift, no tolerance or no end to be seen")
+
+
+class Unusable(Report):
+    """A file that is altered, cut or gives no result."""
+
+    file: str
+    problem: str
+
+
+def _unusable(problems: tuple[tuple[Path, str], ...]) -> list[dict[str, str]]:
+    return [{"file": str(path), "problem": text} for path, text in problems]
+
+
+class HistoryReport(Report):
+    """``history --json``."""
+
+    schema_id: Literal["glidecal.history/1"] = schema("glidecal.history/1")
+    folder: Annotated[str, made(str)] = at("found.folder")
+    machines: tuple[PastMachine, ...] = at("found.machines")
+    problems: Annotated[list[Unusable], made(_unusable)] = at("found.problems")

@@ -1,0 +1,86 @@
+"""What the history of a machine says."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from app.evaluating.history import JOINTS, History, MachineHistory
+from app.report.text.tables import hanging, new_table, signed, table_text, wrapped
+
+DAYS_A_MONTH = 30.44
+
+HISTORY_HELP = """\
+All sessions of a folder: where the joints stood, what the tool was off by,
+what was changed in between, and what drifts. Tab turns to the plots, where
+a line from top to bottom stands for offsets that were entered or a machine
+that was changed. Files that are altered or cut are named first."""
+
+
+def history_text(found: History, now: datetime) -> str:
+    """Files that cannot be used first, then each machine."""
+    said = [hanging(f"WARNING: {text}", "  ") for _, text in found.problems]
+    machines = [machine_text(one, now) for one in found.machines]
+    return "\n\n".join([*(["\n".join(said)] if said else []), *machines])
+
+
+def machine_text(found: MachineHistory, now: datetime) -> str:
+    """Due when, drift, then a row for each session and what changed before it."""
+    last = found.last
+    ago = max(0, (now - last.began).days)
+    first = (
+        f"{found.machine}: {len(found.points)} sessions. Last calibrated {ago} days ago: "
+        f"{found.points[-1].path.name}. {due_words(found)}"
+    )
+    return "\n\n".join([wrapped(first), "\n".join(_drifts(found)), *_sessions(found)])
+
+
+def due_words(found: MachineHistory) -> str:
+    """When the next calibration is due, or why that cannot be told."""
+    if found.due is not None:
+        return f"Due in {found.due:%B %Y}: by then drift will have used up the tolerance."
+    if not any(one.drift and one.drift.shown for one in found.joints):
+        return "No drift beyond its uncertainty."
+    if found.last.machine.tool_tolerance_mm is None:
+        return "When it is due cannot be told: the machine file states no tool_tolerance_mm."
+    return "Drift does not use up the tolerance within a hundred years."
+
+
+def _drifts(found: MachineHistory) -> list[str]:
+    said = []
+    for name, one in zip(JOINTS, found.joints, strict=True):
+        if one.drift is None:
+            said.append(f"Drift of joint {name}: cannot be told, too few days")
+            continue
+        um, half_um = (1000.0 * DAYS_A_MONTH * v for v in (one.drift.per_day, one.drift.expanded))
+        weak = "" if one.drift.shown else ", no more than its uncertainty"
+        said.append(f"Drift of joint {name}: {signed(um, 1)} ± {half_um:.1f} µm a month{weak}")
+    return said
+
+
+def _sessions(found: MachineHistory) -> list[str]:
+    table = new_table("", "began", *(f"{n}, mm" for n in JOINTS), "±", "tool", "°C", left=2)
+    notes = []
+    for number, point in enumerate(found.points, start=1):
+        entry = point.entry
+        offsets, expanded = entry.offsets_mm or (), entry.expanded_mm or ()
+        changed = [bool(one.chart.changed[number - 1]) for one in found.joints]
+        marked = zip(offsets, changed, strict=True)
+        table.add_row(
+            f"{number}",
+            f"{entry.began:%Y-%m-%d}",
+            *(f"{signed(mm, 4)}{'!' if new else ' '}" for mm, new in marked),
+            f"{max(expanded):.4f}",
+            f"{entry.bound_before_mm:.3f}",
+            "" if entry.temperature_c is None else f"{entry.temperature_c:g}",
+        )
+        said = [point.path.name, point.event, *(entry.effects or ())]
+        if any(changed):
+            joints = ", ".join(name for name, new in zip(JOINTS, changed, strict=True) if new)
+            said.append(f"joint {joints} changed beyond uncertainty")
+        notes.append(hanging(f"{number}  {'; '.join(filter(None, said))}", "   "))
+    below = (
+        "Offsets with what was entered added, so that entering them changes nothing; ± for 95 %. "
+        "!: changed beyond its uncertainty and the limits of its chart. tool: what it was off by "
+        "at most, mm r.m.s., as it was found."
+    )
+    return [table_text(table), wrapped(below), "\n".join(notes)]

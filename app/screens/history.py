@@ -1,0 +1,53 @@
+"""The history of the machines of a folder: text, and offsets over time."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import VerticalScroll
+from textual.widgets import Footer, Static, TabbedContent, TabPane
+
+from app.evaluating.history import History
+from app.report.charts.charts import offsets_over_time
+from app.report.text.history import HISTORY_HELP, history_text
+from app.screens.interface import Interface
+from app.screens.pages import PagedScreen, signalled
+from app.screens.plot import ChartPlot
+
+
+class HistoryScreen(PagedScreen):
+    """A page of text, then a plot for each machine."""
+
+    app: Interface
+    HELP = HISTORY_HELP
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("tab,right", "turn_to(1)", "Next page", id="history.next"),
+        Binding("shift+tab,left", "turn_to(-1)", "Previous", show=False, id="history.previous"),
+        Binding("escape", "back", "Back", id="history.back"),
+        Binding("f10", "app.quit", "Quit", id="history.quit"),
+    ]
+
+    def __init__(self, found: History) -> None:
+        super().__init__()
+        self._found = found
+
+    def compose(self) -> ComposeResult:
+        with TabbedContent():
+            with TabPane("History"), VerticalScroll():
+                text = history_text(self._found, datetime.now(UTC))
+                yield Static(signalled(text), id="history", markup=False)
+            for number, machine in enumerate(self._found.machines, start=1):
+                with TabPane(f"Plot {number}"):
+                    yield Static(machine.machine, markup=False)
+                    yield ChartPlot(offsets_over_time(machine))
+        yield Footer()
+
+    def action_back(self) -> None:
+        """To the screen below, or home; from a served page nowhere else."""
+        if len(self.app.screen_stack) > 2:
+            self.app.pop_screen()
+        elif not self.app.read_only:
+            self.app.go_to(self.app.home())

@@ -1,0 +1,143 @@
+"""A quantity over months: individuals and moving range, changes beyond their uncertainty, drift."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.arrays import FloatArray
+from calib.stats import coverage_factor
+
+TO_LIMITS = 2.66
+"""Mean moving range to three standard deviations, 3 / 1.128 (ISO 7870-2; Montgomery, 6.4)."""
+
+TO_LIMITS_BY_MEDIAN = 3.145
+"""The same of the median moving range, which a jump does not move: 3 / 0.954."""
+
+TO_THREE_SIGMA = 1.5
+"""The same of an expanded uncertainty (95 %, about two standard deviations)."""
+
+
+FEWEST = 3
+"""Values that a drift is told from."""
+
+
+@dataclass(frozen=True, eq=False)
+class ControlChart:
+    """Of values ``(n,)`` in their order; a new phase begins with each change.
+
+    ``centre`` and ``limit`` ``(n,)`` are mean and distance of the limits of the value's phase, NaN
+    where a phase has one value alone.
+    """
+
+    changed: NDArray[np.bool_]
+    centre: FloatArray
+    limit: FloatArray
+
+
+def control_chart(
+    values: FloatArray, expanded: FloatArray, begins: NDArray[np.bool_]
+) -> ControlChart:
+    """Individuals and moving range of values ``(n,)`` with expanded uncertainties (95 %) ``(n,)``.
+
+    ``begins`` ``(n,)`` says where something is known to have changed. A value is a change of itself
+    where it is farther from the mean of its phase so far than three standard deviations, both of
+    what the other moving ranges show and of what the uncertainties say.
+    """
+    changed = np.zeros(len(values), dtype=np.bool_)
+    phase = np.zeros(len(values), dtype=np.intp)
+    known = np.cumsum(begins)
+    first = 0
+    for k in range(1, len(values)):
+        before = slice(first, k)
+        mean, mean_u = _mean(values[before], expanded[before])
+        shown = _scatter(values[known == known[k]], k - int(np.argmax(known == known[k])))
+        shown *= np.sqrt(1.0 + 1.0 / (k - first))  # the mean so far scatters, too
+        allowed = max(shown, TO_THREE_SIGMA * float(np.hypot(expanded[k], mean_u)))
+        changed[k] = not begins[k] and abs(values[k] - mean) > allowed
+        if begins[k] or changed[k]:
+            first = k
+        phase[k] = first
+    every = [values[phase == first] for first in phase]
+    centre = np.array([one.mean() for one in every])
+    limit = np.array([_limit(one) if len(one) > 1 else np.nan for one in every])
+    return ControlChart(changed, centre, limit)
+
+
+def _scatter(values: FloatArray, k: int) -> float:
+    """Three standard deviations by the moving ranges that value ``k`` is no part of."""
+    ranges = np.delete(
+        np.abs(np.diff(values)), [one for one in (k - 1, k) if 0 <= one < len(values) - 1]
+    )
+    return TO_LIMITS_BY_MEDIAN * float(np.median(ranges)) if len(ranges) else 0.0
+
+
+def _mean(values: FloatArray, expanded: FloatArray) -> tuple[float, float]:
+    return float(values.mean()), float(np.sqrt((expanded**2).sum()) / len(values))
+
+
+def _limit(values: FloatArray) -> float:
+    return TO_LIMITS * float(np.abs(np.diff(values)).mean())
+
+
+@dataclass(frozen=True)
+class Drift:
+    """A steady change per day with its expanded uncertainty (95 %)."""
+
+    per_day: float
+    expanded: float
+
+    @property
+    def shown(self) -> bool:
+        """Whether it is beyond its uncertainty."""
+        return abs(self.per_day) > self.expanded
+
+
+def drift(days: FloatArray, values: FloatArray, expanded: FloatArray) -> Drift | None:
+    """A straight line through values ``(n,)``, weighted by their uncertainties (95 %).
+
+    Its uncertainty grows with what the line leaves. None for fewer than three values, for values
+    without uncertainty, and where all are of one day.
+    """
+    if len(values) < FEWEST or not (expanded > 0.0).all() or np.ptp(days) == 0.0:
+        return None
+    weight = (2.0 / expanded) ** 2
+    away = days - np.average(days, weights=weight)
+    moment = float((weight * away**2).sum())
+    mean = np.average(values, weights=weight)
+    slope = float((weight * away * (values - mean)).sum()) / moment
+    left = values - mean - slope * away
+    freedom = len(values) - 2
+    spread = max(1.0, float((weight * left**2).sum()) / freedom)
+    return Drift(slope, coverage_factor(freedom) * float(np.sqrt(spread / moment)))
+
+
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """One quantity over days: ``change`` ``(n,)`` from the first value, its chart, its drift.
+
+    The drift is since the last time that something is known to have changed, or jumped and was
+    measured often enough since.
+    """
+
+    change: FloatArray
+    chart: ControlChart
+    drift: Drift | None
+
+
+def watch(
+    days: Sequence[float],
+    values: Sequence[float],
+    expanded: Sequence[float],
+    begins: Sequence[bool],
+) -> Watched:
+    """What values ``(n,)`` of these days, with expanded uncertainties (95 %), tell together."""
+    t, x, u = (np.array(one, dtype=np.float64) for one in (days, values, expanded))
+    new = np.array(begins, dtype=np.bool_)
+    chart = control_chart(x, u, new)
+    jumps = np.flatnonzero(chart.changed[: max(0, len(x) - FEWEST + 1)])
+    last = max(np.flatnonzero(new).max(initial=0), jumps.max(initial=0))
+    return Watched(x - x[0], chart, drift(t[last:], x[last:], u[last:]))

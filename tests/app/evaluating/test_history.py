@@ -1,0 +1,194 @@
+"""The history of a folder: offsets over time, files that cannot be used, the index."""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.evaluating import history
+from app.evaluating.history import Entry, MachineHistory, read_history
+from app.measuring.simulated import simulated_session
+from app.report.charts.charts import offsets_over_time
+from app.report.text.history import history_text
+from calib.printable import HIDDEN, printable
+from calib.tripod.pipeline import Model
+from protocols.journal import write_whole
+from protocols.machine import load_machine
+from protocols.procedure import load_procedure
+from tests.app.cli import glidecal, refused
+
+BEGAN = datetime(2026, 1, 1, tzinfo=UTC)
+NOW = BEGAN + timedelta(days=200)
+
+
+def measured(
+    folder: Path, number: int, offsets_mm: tuple[float, float, float], **known: object
+) -> Path:
+    """A session 30 days after the one before, on a machine that stands so."""
+    machine = load_machine(None).model_copy(update={"tool_tolerance_mm": 0.5, **known})
+    left = (a - b for a, b in zip(offsets_mm, machine.entered_offsets_mm, strict=True))
+    truth = Model(machine.geometry(), (*left, 0.0, 0.0, 0.0))
+    procedure = load_procedure("zero-max-min", machine.geometry())
+    opened, readings = simulated_session(
+        procedure, machine, truth, seed=number, scatter_mm=0.002, resolution_mm=0.001
+    )
+    when = {"at": BEGAN + timedelta(days=30 * number), "temperature_c": 20.0 + number}
+    path = folder / f"s{number}.jsonl"
+    write_whole(path, opened.model_copy(update=when), list(readings))
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Joint x drifts by 20 µm a month, z jumps by 60 µm, offsets are entered before session 3."""
+    folder = tmp_path_factory.mktemp("history")
+    for number in range(6):
+        truth = (0.5 + 0.02 * number, -0.3, 0.2 + (0.06 if number > 1 else 0.0))
+        entered = {"entered_offsets_mm": (0.54, -0.3, 0.26)} if number > 2 else {}
+        measured(folder, number, truth, **entered)
+    damaged = folder / "below"
+    damaged.mkdir()
+    whole = (folder / "s1.jsonl").read_text("utf-8")
+    line = whole.splitlines()[5]
+    (damaged / "altered.jsonl").write_text(
+        whole.replace(line, line.replace('"cycle":1', '"cycle":2')), "utf-8"
+    )
+    (damaged / "copy.jsonl").write_text(whole, "utf-8")
+    torn = measured(damaged, 9, (0.5, -0.3, 0.2), name="another")
+    torn.rename(damaged / "torn.jsonl").write_bytes((damaged / "torn.jsonl").read_bytes()[:-9])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def index(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cache") / "deep" / "history.sqlite"
+
+
+def orthoglide(folder: Path, index: Path) -> MachineHistory:
+    found = read_history(folder, index=index)
+    return next(one for one in found.machines if one.machine == "orthoglide")
+
+
+def test_offsets_are_followed_through_what_is_entered(folder: Path, index: Path) -> None:
+    found = orthoglide(folder, index)
+    assert [point.path.name for point in found.points] == [f"s{k}.jsonl" for k in range(6)]
+    assert [point.event for point in found.points] == ["", "", "", "offsets entered", "", ""]
+    assert found.days == (0.0, 30.0, 60.0, 90.0, 120.0, 150.0)
+    for number, point in enumerate(found.points):
+        assert point.entry.offsets_mm is not None
+        assert point.entry.expanded_mm is not None
+        truth = (0.5 + 0.02 * number, -0.3, 0.2 + (0.06 if number > 1 else 0.0))
+        for value, true, half in zip(
+            point.entry.offsets_mm, truth, point.entry.expanded_mm, strict=True
+        ):
+            assert abs(value - true) < 2.0 * half
+        assert point.entry.temperature_c == 20.0 + number
+
+
+def test_a_jump_is_flagged_where_it_is_and_a_drift_is_dated(folder: Path, index: Path) -> None:
+    found = orthoglide(folder, index)
+    x, y, z = found.joints
+    assert z.chart.changed.tolist() == [False, False, True, False, False, False]
+    assert not y.chart.changed.any()
+    assert x.drift is not None
+    assert x.drift.shown
+    assert x.drift.per_day == pytest.approx(0.02 / 30.0, rel=0.2)
+    assert y.drift is not None
+    assert not y.drift.shown
+    assert found.due is not None
+    last = found.last
+    left_days = (0.5 - last.bound_after_mm) / x.drift.per_day
+    assert (found.due - last.began).days == pytest.approx(left_days, rel=0.15)
+    assert offsets_over_time(found).marks == (90.0,)
+
+
+def test_what_is_altered_torn_or_doubled_is_named_and_the_rest_shown(
+    folder: Path, index: Path
+) -> None:
+    found = read_history(folder, index=index)
+    said = {path.name: text for path, text in found.problems}
+    assert said.keys() == {"altered.jsonl", "copy.jsonl", "torn.jsonl"}
+    assert said["copy.jsonl"].endswith("s1.jsonl, counted once.")
+    assert "line 6" in said["altered.jsonl"]
+    assert "not fit its digest" in said["altered.jsonl"]
+    assert said["torn.jsonl"].startswith("torn.jsonl: cut inside line")
+    assert [len(one.points) for one in found.machines] == [1, 6]  # what the torn one still says
+    text = " ".join(history_text(found, NOW).split())
+    assert "Last calibrated 50 days ago: s5.jsonl. Due in " in text
+    assert "joint z changed beyond uncertainty" in text
+
+
+def test_a_rebuilt_machine_is_an_event(tmp_path: Path) -> None:
+    measured(tmp_path, 0, (0.1, 0.1, 0.1))
+    measured(tmp_path, 1, (0.1, 0.1, 0.1), leg_length_mm=311.0)
+    found = orthoglide(tmp_path, tmp_path / "index")
+    assert found.points[1].event == "machine changed: leg_length_mm"
+
+
+def test_the_index_is_never_the_truth(tmp_path: Path) -> None:
+    path = measured(tmp_path, 0, (0.1, 0.1, 0.1))
+    index = tmp_path / "index"
+    before = history_text(read_history(tmp_path, index=index), NOW)
+    for damage in (b"no database, but long enough to be taken for one", index.read_bytes()[:5000]):
+        index.write_bytes(damage)
+        assert history_text(read_history(tmp_path, index=index), NOW) == before
+    with sqlite3.connect(index) as data:  # another program wrote nonsense into it
+        data.execute("UPDATE entry SET said = '{}'")
+    data.close()
+    assert history_text(read_history(tmp_path, index=index), NOW) == before
+    assert history_text(read_history(tmp_path, index=tmp_path), NOW) == before  # a folder
+    content, times = path.read_bytes(), path.stat()
+    path.write_bytes(content.replace(b'"cycle":1', b'"cycle":2', 1))  # as long as before
+    os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+    ((_, said),) = read_history(tmp_path, index=index).problems
+    assert "was changed" in said
+
+
+def test_what_is_known_is_not_solved_again(
+    folder: Path, index: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read_history(folder, index=index)
+    monkeypatch.setattr(history, "fold", None)
+    assert len(orthoglide(folder, index).points) == 6
+
+
+def test_the_command(folder: Path, tmp_path: Path) -> None:
+    said = json.loads(glidecal("history", folder, "--json").out)
+    assert said["schema"] == "glidecal.history/1"
+    (machine,) = (one for one in said["machines"] if one["machine"] == "orthoglide")
+    assert machine["joints"][2]["changed"][2] is True
+    assert len(said["problems"]) == 3
+    assert "no session file" in refused(3, "history", tmp_path)
+    assert "no such folder" in refused(3, "history", tmp_path / "nowhere")
+
+
+def test_effects_are_diagnosed_where_asked_for(tmp_path: Path) -> None:
+    measured(tmp_path, 0, (0.1, 0.1, 0.1))
+    index = tmp_path / "index"
+    assert orthoglide(tmp_path, index).last.effects is None
+    found = read_history(tmp_path, effects=True, index=index)
+    assert found.machines[0].last.effects == ()
+
+
+@given(words=st.text(max_size=30))
+@settings(max_examples=100, deadline=None)
+def test_hostile_names_are_inert(words: str) -> None:
+    entry = Entry(
+        began=BEGAN,
+        machine=load_machine(None).model_copy(update={"name": f"=1+1[b]\x1b]0;{words}"}),
+        offsets_mm=(0.0, 0.0, 0.0),
+        expanded_mm=(0.1, 0.1, 0.1),
+        effects=("[red]x[/red]",),
+    )
+    found = history._of_machine(entry.machine.name, [(Path(f"[blink]{words}\u202e.jsonl"), entry)])
+    text = history_text(history.History(Path(), (found,), ()), NOW)
+    shown = printable(text, keep="\n")  # as it leaves the program, and every screen
+    assert not HIDDEN.search(shown.replace("\n", ""))
+    assert "[red]x[/red]" in shown

@@ -1,0 +1,89 @@
+"""Control chart and drift against numbers worked out by hand and against chance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.control_chart import control_chart, drift, watch
+from calib.identify.accuracy import days_in_tolerance
+from calib.tripod.geometry import Geometry
+
+
+def test_limits_are_those_of_a_worked_example() -> None:
+    """Montgomery, Introduction to Statistical Quality Control, example 6.5: cost of processing
+    a mortgage loan, 20 weeks: mean 300.5, mean moving range 7.79, limits 321.22 and 279.78.
+    """
+    weeks = [310, 288, 297, 298, 307, 303, 294, 297, 308, 306]
+    weeks += [294, 299, 297, 299, 314, 295, 293, 306, 301, 304]
+    chart = control_chart(np.array(weeks, float), np.full(20, 1.0), np.zeros(20, bool))
+    assert not chart.changed.any()
+    assert chart.centre[0] == pytest.approx(300.5)
+    assert chart.centre[0] + chart.limit[0] == pytest.approx(321.22, abs=0.01)
+    assert chart.centre[0] - chart.limit[0] == pytest.approx(279.78, abs=0.01)
+
+
+def test_a_change_within_its_uncertainty_is_none() -> None:
+    values = np.array([0.0, 0.001, -0.001, 0.0, 0.020, 0.021])
+    begins = np.zeros(6, bool)
+    chart = control_chart(values, np.full(6, 0.002), begins)
+    assert chart.changed.tolist() == [False] * 4 + [True, False]
+    assert chart.centre[[0, 5]] == pytest.approx([0.0, 0.0205])
+    assert not control_chart(values, np.full(6, 0.020), begins).changed.any()
+    for few in ([0.0, 0.02], [0.0, 0.001, 0.02], [0.0, 0.02, 0.021]):  # ranges know little yet
+        no = np.zeros(len(few), bool)
+        found = control_chart(np.array(few), np.full(len(few), 0.002), no).changed
+        assert found.tolist() == (np.abs(np.diff(few, prepend=0.0)) > 0.01).tolist()
+    begins[4] = True  # somebody said so
+    assert not control_chart(values, np.full(6, 0.002), begins).changed.any()
+
+
+def test_chance_is_rarely_called_a_change() -> None:
+    generator = np.random.default_rng(1)
+    flagged = 0
+    for _ in range(200):
+        chart = control_chart(generator.normal(0.0, 1.0, 20), np.full(20, 2.0), np.zeros(20, bool))
+        flagged += int(chart.changed.sum())
+    assert flagged < 0.01 * 200 * 20  # three standard deviations: 0.3 % with a known spread
+
+
+def test_drift_is_that_of_a_weighted_line() -> None:
+    days = np.array([0.0, 10.0, 20.0, 40.0])
+    expanded = np.array([0.002, 0.004, 0.002, 0.002])
+    values = 0.5 + 0.001 * days + np.array([0.0002, -0.0002, 0.0001, -0.0001])
+    found = drift(days, values, expanded)
+    assert found is not None
+    line = np.polynomial.Polynomial.fit(days, values, 1, w=1.0 / expanded).convert()
+    assert found.per_day == pytest.approx(line.coef[1])
+    assert found.shown
+    assert drift(days[:2], values[:2], expanded[:2]) is None
+    assert drift(np.zeros(4), values, expanded) is None
+
+
+def test_the_interval_of_a_drift_holds_it_in_95_of_100() -> None:
+    generator = np.random.default_rng(2)
+    days = np.linspace(0.0, 300.0, 8)
+    held = 0
+    for _ in range(400):
+        found = drift(days, 1e-4 * days + generator.normal(0.0, 0.002, 8), np.full(8, 0.004))
+        assert found is not None
+        held += abs(found.per_day - 1e-4) <= found.expanded
+    assert 0.93 <= held / 400 <= 1.0
+
+
+def test_a_jump_is_no_drift_once_there_are_values_after_it() -> None:
+    values = [0.0, 0.0005, 0.0, 0.0505, 0.05, 0.0505, 0.05]
+    found = watch([30.0 * k for k in range(7)], values, [0.002] * 7, [False] * 7)
+    assert found.chart.changed.tolist() == [k == 3 for k in range(7)]
+    assert found.drift is not None
+    assert not found.drift.shown
+    assert found.change.tolist() == values
+
+
+def test_a_tolerance_lasts_as_long_as_the_drift_takes() -> None:
+    """On the Orthoglide near its isotropic point an offset of a joint is one of the tool."""
+    per_day = (0.001, 0.0, 0.0)
+    days = days_in_tolerance(Geometry(), per_day, 0.02, 0.07)
+    assert days == pytest.approx(50.0, rel=0.1)
+    assert days_in_tolerance(Geometry(), per_day, 0.08, 0.07) == 0.0
+    assert days_in_tolerance(Geometry(), (0.0, 0.0, 0.0), 0.02, 0.07) == float("inf")

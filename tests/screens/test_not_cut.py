@@ -1,0 +1,223 @@
+"""Every screen, page and help at the sizes of usual terminals: no word is cut, no row of a table
+broken, no key beyond the edge. What stands below the last row must be reached by scrolling.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.cells import cell_len
+from textual.map_geometry import MapGeometry
+from textual.pilot import Pilot
+from textual.screen import Screen
+from textual.widget import Widget
+from textual.widgets import Footer, Input, Static, TabbedContent, TabPane
+
+from app.evaluating.comparison import compare_files
+from app.evaluating.solution import solve_files
+from app.machines.registry import LOOKS
+from app.measuring.opening import demo_plan
+from app.measuring.recorded import recent_sessions
+from app.measuring.session import Doubt
+from app.measuring.simulated import BenchSettings
+from app.report.text.session import dry_run_text, question_choices
+from app.screens.check import CheckScreen
+from app.screens.corrections import Corrections
+from app.screens.diagnose import DiagnoseScreen
+from app.screens.fast_keys import Dialog, LeftOnce, Palette
+from app.screens.hexaslide import HexaSlideScreen
+from app.screens.home import HomeScreen, PickScreen, ReplayChoiceScreen
+from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
+from app.screens.measure import MeasureScreen
+from app.screens.pages import PagedScreen
+from app.screens.plot import SetUpScreen
+from app.screens.prepare import DryRunScreen, IndicatorScreen, PrepareScreen
+from app.screens.replay import ReplayScreen
+from app.screens.result import CompareScreen, ResultScreen
+from app.screens.session_view import GaugeDisplay, LegReviewScreen
+from app.screens.start import Glidecal
+from protocols.machine import load_machine
+from protocols.procedure import load_procedure
+from protocols.record import read_record
+from protocols.session import Session, fold
+from tests.conftest import SAMPLES
+from tests.screens.driving import placed, quick_plan, said, take, to_measuring, until
+
+SIZES = [(80, 24), (100, 30), (120, 40)]
+ROW = re.compile(r"\S {2,}\S.* {2,}\S")
+"""A row of a table; prose has no such gaps and may be wrapped."""
+
+ONE, TWO = (SAMPLES / f"experiment_{n}_twelve.jsonl" for n in (2, 3))
+SWEEP = SAMPLES / "simulated_sweep.jsonl"
+
+
+def simulated() -> Session:
+    return fold(read_record(SAMPLES / "simulated_zero-max-min.jsonl").events)
+
+
+def result(folder: Path) -> Screen[Any]:
+    """With a comparison beside it, as after a verification."""
+    plan = demo_plan(folder, "zero-max-min", 1, BenchSettings())
+    return ResultScreen(solve_files([TWO])[0], replace(plan, before=solve_files([ONE])[0]), TWO)
+
+
+def set_up(_: Path) -> Screen[Any]:
+    session = simulated()
+    return SetUpScreen(session, session.steps()[3], session.opened.instruments)
+
+
+def dry_run(_: Path) -> Screen[Any]:
+    machine = load_machine(None)
+    procedure = load_procedure("two-station", machine.geometry())
+    return DryRunScreen(dry_run_text(procedure, machine, simulated().opened.instruments))
+
+
+QUESTION = "Step 4, leg X ZERO:\nalong Y +0.2000 mm where +0.000 ± 0.050 mm is expected"
+FORM = {"port": "/dev/ttyUSB0", "profile": "mitutoyo-01a", "certificate": "D-K-15123 2025-11"}
+MAKERS: dict[type[Screen[Any]], Callable[[Path], Screen[Any]]] = {
+    HomeScreen: lambda _: HomeScreen(),
+    PickScreen: lambda folder: PickScreen("Which?", recent_sessions(folder, folder)),
+    ReplayChoiceScreen: lambda _: ReplayChoiceScreen([ONE, TWO]),
+    PrepareScreen: lambda _: PrepareScreen(),
+    IndicatorScreen: lambda _: IndicatorScreen("Second indicator", FORM, {}),
+    DryRunScreen: dry_run,
+    CheckScreen: lambda _: CheckScreen(demo_plan(Path(), "sweep", 1, BenchSettings())),
+    ResultScreen: result,
+    CompareScreen: lambda _: CompareScreen(compare_files(ONE, TWO)),
+    DiagnoseScreen: lambda _: DiagnoseScreen([SWEEP]),
+    ReplayScreen: lambda _: ReplayScreen(SAMPLES / "simulated_zero-max-min.jsonl"),
+    HexaSlideScreen: lambda _: HexaSlideScreen(),
+    LegReviewScreen: lambda _: LegReviewScreen(simulated(), simulated().steps()[-1]),
+    SetUpScreen: set_up,
+    ChoiceDialog: lambda _: ChoiceDialog(QUESTION, question_choices(Doubt.BEYOND)),
+    TextDialog: lambda _: TextDialog("Why? " * 30, "reason", without="step 12 stays the next."),
+    HelpDialog: lambda _: HelpDialog("words"),
+}
+PARTS = {Corrections, Dialog, LeftOnce, PagedScreen, Palette}
+"""What screens are made of; the palette is Textual's."""
+
+
+def kinds(of: type[Any]) -> Iterator[type[Any]]:
+    for kind in of.__subclasses__():
+        yield from kinds(kind)
+        if kind.__module__.startswith("app."):
+            yield kind
+
+
+def test_every_screen_is_looked_at() -> None:
+    """`MeasureScreen` has a test of its own: it needs a session under way."""
+    assert {*kinds(Screen)} - PARTS == {*MAKERS, MeasureScreen}
+
+
+def cut(interface: Interface) -> list[str]:
+    """What of the screen on top cannot be read."""
+    places = placed(interface.screen)
+    shown = [(one, place) for one, place in places.items() if one.display and one.size]
+    return [f"{one!r}: {what}" for one, place in shown for what in of_widget(one, place)]
+
+
+def of_widget(one: Widget, place: MapGeometry) -> Iterator[str]:
+    room, region, clip = one.content_size, place.region, place.clip
+    scrolled = any(isinstance(a, Widget) and a.allow_vertical_scroll for a in one.ancestors)
+    if region.x < clip.x or region.right > clip.right:
+        yield f"beyond the side, {region} of {clip}"
+    if not scrolled and (region.y < clip.y or region.bottom > clip.bottom):
+        yield f"beyond the end, {region} of {clip}"
+    if isinstance(one, Input) and cell_len(one.value or str(one.placeholder)) > room.width:
+        yield f"{one.value or one.placeholder!r} in {room.width} cells"
+    for title in (one.border_title, one.border_subtitle):
+        if title and cell_len(str(title)) > region.width - 4:
+            yield f"title {title!r} in {region.width - 4} cells"
+    if isinstance(one, Static) and str(one.content):
+        words, rules = one.visual, one.styles.get_rules()
+        if (needed := words.get_height(rules, room.width)) > room.height:
+            yield f"{needed} rows in {room.height}"
+        whole = rules.get("text_wrap") == "nowrap"
+        optimal = words.get_optimal_width(rules, room.width)
+        if (needed := optimal if whole else words.get_minimal_width(rules)) > room.width:
+            yield f"a word of {needed} in {room.width} cells"
+        rows = [row for row in str(one.content).splitlines() if ROW.search(row)]
+        yield from (f"broken {row!r}" for row in rows if cell_len(row.rstrip()) > room.width)
+
+
+async def look(pilot: Pilot[str], interface: Interface) -> list[str]:
+    await pilot.pause()
+    await pilot.pause(0.05)
+    return cut(interface)
+
+
+async def pages(pilot: Pilot[str], interface: Interface) -> list[str]:
+    """Of every page of the screen, and of its help."""
+    screen = interface.screen
+    found = await look(pilot, interface)
+    for page in screen.query(TabPane):
+        screen.query_one(TabbedContent).active = str(page.id)
+        found += await look(pilot, interface)
+    if screen.query(Footer):
+        await pilot.press("f1")
+        await until(pilot, "help", lambda: isinstance(interface.screen, HelpDialog))
+        found += await look(pilot, interface)
+        await pilot.press("escape")
+        await until(pilot, "back", lambda: interface.screen is screen)
+    return found
+
+
+@pytest.mark.parametrize("kind", MAKERS, ids=lambda kind: kind.__name__)
+async def test_nothing_is_cut(
+    kind: type[Screen[Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for path in (ONE, SWEEP):
+        shutil.copy(path, tmp_path)
+    interface = Glidecal(HomeScreen(), looks=LOOKS)
+    async with interface.run_test(size=SIZES[-1]) as pilot:
+        interface.push_screen(screen := MAKERS[kind](tmp_path))
+        await until(pilot, "the screen", lambda: interface.screen is screen)
+        await until(pilot, "its words", lambda: not getattr(screen, "looking", False))
+        if kind is CheckScreen:
+            await until(pilot, "readings", lambda: interface.indicators is not None)
+        for size in SIZES:
+            await pilot.resize_terminal(*size)
+            assert not (found := await pages(pilot, interface)), (size, found)
+        assert isinstance(interface.screen, kind)
+
+
+async def test_nothing_is_cut_while_measuring(tmp_path: Path) -> None:
+    """With the longest words: a new set-up, a fault, what was taken, every page."""
+    interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
+    async with interface.run_test(size=SIZES[0]) as pilot:
+        screen = await to_measuring(pilot, interface)
+        for size in SIZES:
+            await pilot.resize_terminal(*size)
+            assert not (found := await pages(pilot, interface)), (size, found)
+        await take(pilot, screen)
+        for size in SIZES:
+            await pilot.resize_terminal(*size)
+            for key in ("g", "g", "g", "w", "s"):
+                await pilot.press(key)
+                assert not await look(pilot, interface), (size, key)
+                if interface.screen is not screen:
+                    await pilot.press("escape")
+                    await until(pilot, "back", lambda: interface.screen is screen)
+        await pilot.resize_terminal(*SIZES[0])
+        screen.say(f"Noted: {'as long as a note may be, ' * 8}")
+        assert not [one for one in await look(pilot, interface) if "'said'" in one]
+        displays = screen.query(GaugeDisplay)
+        assert all(cell_len(one.number) <= one.content_size.width for one in displays)
+
+
+async def test_a_terminal_that_is_too_small_says_what_is_needed() -> None:
+    interface = Glidecal(HomeScreen(), looks=LOOKS)
+    async with interface.run_test(size=(60, 18), notifications=True) as pilot:
+        await until(pilot, "words", lambda: "60 × 18" in said(interface))
+        assert "needs 80 × 24" in said(interface)
+        interface.clear_notifications()
+        await pilot.resize_terminal(80, 24)
+        await pilot.pause()
+        assert not said(interface)

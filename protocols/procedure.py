@@ -15,8 +15,8 @@ import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from calib.arrays import LEG_NAMES, TOOL
-from calib.errors import RecordError, UnreachablePosture, UsageError
-from calib.tripod.geometry import Geometry, inverse
+from calib.errors import RecordError, UsageError
+from calib.tripod.geometry import Geometry
 from protocols.documents import (
     ZERO,
     Document,
@@ -495,10 +495,7 @@ def off_bar(
 
 def may_stand(geometry: Geometry, position_mm: Triple) -> bool:
     """Whether bars and joint limits allow a tool position from Zero."""
-    try:
-        return geometry.within_limits(inverse(geometry, position_mm))
-    except UnreachablePosture:
-        return False
+    return bool(geometry.stands(np.array([position_mm]))[0])
 
 
 def position_words(position_mm: Triple) -> str:

@@ -1,4 +1,4 @@
-"""``glidecal identifiability``, ``postures`` and ``plan``: what is seen, what to measure."""
+"""``glidecal identifiability``, ``postures``, ``plan`` and ``workspace``: before measuring."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from app.machines.options import (
     AsJson,
     Force,
     Machine,
+    Place,
     PostureSearch,
     Question,
     ScreenAnswer,
     file,
+    number,
     say,
 )
 from app.machines.registry import (
@@ -23,7 +25,7 @@ from app.machines.registry import (
     LOOKS,
     POSTURE_FILES,
     family_of,
-    family_that_plans,
+    family_with,
     options_of,
     with_options_of_machines,
 )
@@ -116,7 +118,25 @@ def plan(
     **own: Any,  # noqa: ANN401 (as above)
 ) -> None:
     """The set-up that lowers the tool error most. Per minute, of those to be added."""
-    family, propose = family_that_plans(machine)
+    family, propose = family_with("plan", machine)
     given = options_of(context, family, f"the machine {machine}", own)
     answer = propose(machine, [*(sessions or ()), *(session or ())], given, say)
     typer.echo(answer.shown(as_json=as_json))
+
+
+def workspace(
+    machine: MachineName,
+    limit: Annotated[
+        float, number("Transmission factors wanted within 1/LIMIT … LIMIT.", 1.0, 1000.0)
+    ] = 2.0,
+    at: Annotated[
+        Place | None,
+        typer.Option(
+            metavar="X Y Z", help="One place of the tool, mm from Zero.", min=-1e5, max=1e5
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Where the tool can be, and how its drives move it there."""
+    _, told = family_with("workspace", machine)
+    typer.echo(told(machine, limit, at).shown(as_json=as_json))

@@ -19,7 +19,7 @@ from app.evaluating.solution import (
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.problem import Case
 from calib.diagnosis.results import Contender, Diagnosis, Finding
-from calib.errors import NotIdentifiable, RecordError, UsageError
+from calib.errors import CalibrationError, NotIdentifiable, RecordError, UsageError
 from calib.identify.identify import Subset
 from calib.identify.next_mounting import MINUTES_PER_MOUNTING, Reach, bound_of, reach_of
 from calib.identify.tool_bound import ToolBound
@@ -91,15 +91,21 @@ class SessionDiagnosis:
     def tool_bound(self) -> ToolBound | None:
         """What the tool is off by at most with the parameters of the last session entered.
 
-        Effects of the model are taken to be compensated. None where no noise is known.
+        Effects of the model are taken to be compensated. None where no noise is known, or where the
+        parameters that fit belong to no machine.
         """
         case, noise = self._last
-        return bound_of(case.model, case.observed, noise, case.tolerance_mm) if noise else None
+        if noise is None:
+            return None
+        try:
+            return bound_of(case.model, case.observed, noise, case.tolerance_mm)
+        except CalibrationError:
+            return None
 
     def reach(self, minutes_per_mounting: float = MINUTES_PER_MOUNTING) -> Reach | None:
         """The same after further set-ups, and when more would not help."""
         case, noise = self._last
-        if noise is None or not case.model.geometry.orthogonal:
+        if self.tool_bound is None or noise is None or not case.model.geometry.orthogonal:
             return None
         return reach_of(case.model, case.observed, noise, case.tolerance_mm, minutes_per_mounting)
 

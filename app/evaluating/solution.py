@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 from calib.arrays import Observations
 from calib.errors import NotIdentifiable, RecordError, UsageError
-from calib.identify.accuracy import Decision, ToolError, ToolMap, decide, tool_map
+from calib.identify.accuracy import Decision, ToolError, decide, tool_map
 from calib.identify.fit import plane_tilts_mrad
 from calib.identify.identify import Method, Solution, Subset, Weights
 from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identify
@@ -24,6 +24,7 @@ from calib.noise.reading import (
 )
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
+from calib.tripod.workspace import PLANES, PlaneMap
 from protocols.data_table import Cell, DataTable
 from protocols.observations import to_observations
 from protocols.record import Record, read_record
@@ -75,6 +76,16 @@ class SessionSolution:
     def bound_after(self) -> ToolBound:
         """The same with the solution entered."""
         return self.choice.tool_bound(self.solution.subset)
+
+    @cached_property
+    def near_before_mm(self) -> float:
+        """What the tool is off by at most relative to Zero, on a workpiece there, as it is now."""
+        return self.choice.tool_near_mm(None)
+
+    @cached_property
+    def near_after_mm(self) -> float:
+        """The same with the solution entered."""
+        return self.choice.tool_near_mm(self.solution.subset)
 
     @property
     def helps(self) -> bool:
@@ -422,7 +433,6 @@ def solve_for_controller(path: Path) -> SessionSolution:
     return solve_files([path])[0].for_controller()
 
 
-PLANES = ((0, 1), (1, 2), (0, 2))
 POINTS = 5
 
 
@@ -450,7 +460,7 @@ def judge(solved: SessionSolution, tolerance_mm: float) -> Judgement:
     )
 
 
-def maps(solved: SessionSolution) -> tuple[ToolMap, ...]:
+def maps(solved: SessionSolution) -> tuple[PlaneMap, ...]:
     """Expected error of the tool with the solution entered, on the three planes through Zero."""
     geometry = solved.solution.model.geometry
     bias, covariance = left_after(solved.choice.solutions, solved.solution.subset)

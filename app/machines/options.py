@@ -211,6 +211,9 @@ class Simulation:
     force: bool = False
 
 
+Place = tuple[float, float, float]
+"""Of the tool, mm from Zero."""
+
 Plan = Callable[[str | None, Sequence[Path], Any, Say], Answer]
 """Proposes the next measurement of a machine, None: that of the sessions."""
 
@@ -224,7 +227,7 @@ class Family:
     asked for, ``posture_file`` what they are written to. ``options`` are by verb a class of the
     options that not every kind takes, fields with their `typer.Option`; what a person gave of them
     is the ``Any`` of the verb. Without ``plan`` there is no next measurement to propose. ``look``
-    is its screen that needs no session.
+    is its screen that needs no session. ``workspace`` tells where the tool can be; None: not known.
     """
 
     name: str
@@ -239,4 +242,5 @@ class Family:
     simulate: Callable[[Simulation, Any, Say], None]
     solve: Callable[[Sequence[Path], Any, Say], Answer]
     plan: Plan | None = None
+    workspace: Callable[[str, float, Place | None], Answer] | None = None
     look: Look | None = None

@@ -11,7 +11,7 @@ from typing import Any, TypeVar, get_type_hints
 import typer
 
 from app.machines import hexaslide, tripod
-from app.machines.options import Family, Plan
+from app.machines.options import Family
 from calib.errors import UsageError
 
 FAMILIES = (tripod.FAMILY, hexaslide.FAMILY)
@@ -54,17 +54,17 @@ def family_of_files(name: str | None, files: Sequence[Path]) -> Family:
     return family_of(name)
 
 
-def family_that_plans(name: str | None) -> tuple[Family, Plan]:
-    """That of a name, None: the first, with what proposes its next measurement.
+def family_with(verb: str, name: str | None) -> tuple[Family, Any]:
+    """That of a name, None: the first, with what it answers a verb by that not all kinds have.
 
-    Raises UsageError for one that has none, and for an unknown name.
+    Raises UsageError for one that has not, and for an unknown name.
     """
-    able = [family for family in FAMILIES if family.plan is not None]
+    able = [family for family in FAMILIES if getattr(family, verb) is not None]
     family = able[0] if name is None else family_of(name)
-    if family.plan is None:
+    if family not in able:
         listed = ", ".join(each for one in able for each in one.names)
         raise UsageError("machine", repr(name), f"{listed}, or the path of a machine file")
-    return family, family.plan
+    return family, getattr(family, verb)
 
 
 def with_options_of_machines(command: C) -> C:

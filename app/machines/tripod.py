@@ -15,6 +15,7 @@ from app.machines.options import (
     Answer,
     Family,
     Method,
+    Place,
     PostureSearch,
     Protocol,
     Question,
@@ -245,6 +246,29 @@ def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: S
     return Answer(lambda: plan_text(found), lambda: PlanReport.of(plan=found))
 
 
+def workspace(name: str, limit: float, at_mm: Place | None) -> Answer:
+    """What joint limits allow, the factors there, a cut at a limit of them; or one posture."""
+    from app.report.schema.planning import PostureReport, WorkspaceReport
+    from app.report.text.planning import posture_text, workspace_text
+    from calib.tripod.workspace import posture_of_tool, workspace_of
+    from protocols.machine import load_machine
+
+    machine = load_machine(name)
+    geometry = machine.geometry()
+    if at_mm is not None:
+        posture = posture_of_tool(geometry, at_mm)
+        return Answer(
+            lambda: posture_text(machine, posture),
+            lambda: PostureReport.of(machine=machine, posture=posture),
+        )
+    with working("Looking at the workspace"):
+        found = workspace_of(geometry, limit)
+    return Answer(
+        lambda: workspace_text(machine, found),
+        lambda: WorkspaceReport.of(machine=machine, found=found),
+    )
+
+
 FAMILY = Family(
     name=USUAL_MACHINE,
     names=machine_names(),
@@ -264,4 +288,5 @@ FAMILY = Family(
     simulate=simulate,
     solve=solve,
     plan=plan,
+    workspace=workspace,
 )

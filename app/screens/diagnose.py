@@ -102,6 +102,7 @@ class DiagnoseScreen(PagedScreen):
         worker = get_current_worker()
         try:
             found = diagnose_files(self.paths, model=self.model)
+            found.tool_bound  # worked out here, not while the page is drawn  # noqa: B018
         except GlidecalError as problem:
             if not worker.is_cancelled:
                 self.app.call_from_thread(self._found, partial(self._fail, problem))

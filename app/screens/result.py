@@ -13,7 +13,7 @@ from textual.containers import Horizontal, VerticalScroll
 from textual.screen import Screen
 from textual.widgets import Footer, Static, TabbedContent, TabPane
 
-from app.evaluating.comparison import Comparison
+from app.evaluating.comparison import Comparison, partner_of
 from app.evaluating.solution import SessionSolution
 from app.exports import export_offsets
 from app.measuring.opening import Plan, verification_plan
@@ -23,7 +23,7 @@ from app.screens.fast_keys import Title
 from app.screens.interface import Interface
 from app.screens.pages import PagedScreen, signalled
 from app.screens.plot import ChartPlot
-from calib.errors import GlidecalError
+from calib.errors import GlidecalError, extra
 from calib.identify.identify import Subset
 from protocols.files import FilesThere
 
@@ -44,10 +44,12 @@ class ResultScreen(PagedScreen):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("e", "export", "Export", id="result.export"),
         Binding("v", "verify", "Verify", id="result.verify"),
+        Binding("r", "report", "Report", id="result.report"),
         Binding("e", "refuse_export", show=False),
         Binding("v", "refuse_verify", show=False),
+        Binding("r", "refuse_export", show=False),
         Binding("1", "choose('1')", "Offsets", id="result.offsets"),
-        Binding("2", "choose('2')", "Lengths", id="result.lengths"),
+        Binding("2", "choose('2')", "Legs", id="result.lengths"),
         Binding("3", "choose('3')", "Both", show=False, id="result.both"),
         Binding("4", "choose('4')", "Tolerances", show=False, id="result.tolerances"),
         Binding("tab,right", "turn_to(1)", "Next", show=False, id="result.next"),
@@ -104,7 +106,7 @@ class ResultScreen(PagedScreen):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Nothing is offered that this program will not do; its key says why."""
-        if action in ("export", "home"):
+        if action in ("export", "report", "home"):
             return not self.app.read_only
         if action == "verify":
             return not self.app.read_only and self.plan is not None
@@ -158,6 +160,30 @@ class ResultScreen(PagedScreen):
         with self.app.complaining():
             plan = verification_plan(self.plan, self._joint_offsets())
             self.app.push_screen(self.app.check(plan))
+
+    def action_report(self) -> None:
+        """Write the report beside the session; after a verification that of both sessions."""
+        self.app.notify(texts.WRITING_REPORT, markup=False)
+        self._report()
+
+    @work(thread=True, group="export")
+    def _report(self, *, replace: bool = False) -> None:
+        first = partner_of(self.path, self.solved.sessions[0].opened.verifies)
+        target = self.path.with_suffix(".html")
+        try:
+            with extra("glidecal report", "report"):
+                from app.report.pages.report import write_report
+            write_report(
+                [first or self.path], target, after=self.path if first else None, replace=replace
+            )
+        except FilesThere as problem:
+            again = partial(self._report, replace=True)
+            self.app.call_from_thread(self.app.ask_to_replace, problem, again)
+        except GlidecalError as problem:
+            self.app.call_from_thread(self.app.complain, problem)
+        else:
+            said = texts.REPORT_WRITTEN.format(target)
+            self.app.call_from_thread(partial(self.app.notify, said, timeout=10, markup=False))
 
     def action_diagnose(self) -> None:
         self.app.push_screen(self.app.diagnosis([self.path]))

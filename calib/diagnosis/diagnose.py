@@ -15,7 +15,6 @@ from calib.diagnosis.cleaning import clean
 from calib.diagnosis.discrepancy import discrepancy
 from calib.diagnosis.gap import left_out_postures, locate, on_other_sessions, residuals, where_words
 from calib.diagnosis.hypotheses import (
-    LONE,
     causes_of,
     hypotheses_of,
     is_known,
@@ -23,7 +22,6 @@ from calib.diagnosis.hypotheses import (
 )
 from calib.diagnosis.model_selection import ModelSelection, Outcome
 from calib.diagnosis.next_measurement import propose
-from calib.diagnosis.outliers import belongs_elsewhere
 from calib.diagnosis.pattern import repeats_words, shared_pattern
 from calib.diagnosis.policy import POLICY
 from calib.diagnosis.problem import Case, FittedSession, Problem
@@ -39,7 +37,6 @@ from calib.diagnosis.results import (
 from calib.diagnosis.screws import other_leads_mm
 from calib.diagnosis.selection import LEAST_LOG, heaviest_first
 from calib.errors import NotIdentifiable
-from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import Effect, EffectInstance, Kind
 
 FAR_OFF = 5.0
@@ -184,24 +181,12 @@ class _Report:
         found = []
         for k, member in enumerate(ordered):
             one = self.candidates[member]
-            name, title = self._label(one)
             parameters, effects = values[member]
             p = step_p[min(k, len(step_p) - 1)]
             rivals = self.attribution.rivals[member]
-            what = name, str(one.kind), title, one.where
+            what = one.id, str(one.kind), one.title, one.where
             found.append(Finding(*what, parameters, p, gaps[k], gaps[k + 1], rivals, effects))
         return found
-
-    def _label(self, one: Candidate) -> tuple[str, str]:
-        """A lone outlier may be one under a wrong label."""
-        row = int(one.columns[:, 0].argmax())
-        observed = self.problem.fitted_sessions[0].observed
-        if one.id != LONE or row >= len(observed):
-            return one.id, one.title
-        belongs = belongs_elsewhere(observed, row)
-        if belongs is None:
-            return one.id, one.title
-        return "label_error", f"{one.title}: it belongs to {belongs}"
 
     def _contenders(self) -> tuple[Contender, ...]:
         found: dict[tuple[str, str], Contender] = {}

@@ -1,4 +1,4 @@
-"""What may be missing: the catalogue at every place, and lone readings that may be outliers.
+"""What may be missing: the catalogue at every place, powers of travel, other bars.
 
 What each costs before any reading, and which a procedure cannot tell apart.
 """
@@ -12,13 +12,8 @@ import numpy as np
 
 from calib.arrays import (
     BLIND,
-    LEG_NAMES,
-    TOUCHED_LETTERS,
     FloatArray,
     Observations,
-    numbered,
-    rows_of,
-    squares_in,
     without,
 )
 from calib.diagnosis.policy import POLICY
@@ -40,8 +35,6 @@ MOST_LOSS = 200.0
 
 ALL = "all"
 LENGTHS = "leg_length"
-LONE = "wild_reading"
-SHIFT = EffectParameter("shift", "mm", 1.0)
 LENGTH = EffectParameter("length", "mm", 0.1)
 
 ALIAS_NOISE_MM = 0.002
@@ -52,16 +45,15 @@ TOLERANCE_MM = (2.0, 2.0, 2.0, 0.1, 0.1, 0.1)
 
 
 def hypotheses_of(problem: Problem, effects: Sequence[Effect]) -> list[Candidate]:
-    """Every candidate that the sessions can show, stacked over them; mistakes that remain.
+    """Every candidate that the sessions can show, stacked over them; other bars in one of them.
 
     Powers of one carriage's travel run beside them: what they do as well is not claimed by name.
     """
     sessions = [(one.model, one.observed) for one in problem.fitted_sessions]
-    lone = _lone_readings(problem) if problem.has_repeats() else []
     powers = [Empirical((name,)) for name in BASES if BASES[name].stage == Stage.ACTUATOR]
     nameless = [one for one in candidates_together(sessions, powers) if one.arrangement == "one"]
     laws = with_searched_leads(problem, effects)
-    return [*candidates_together(sessions, laws), *nameless, *lone, *_other_bars(problem)]
+    return [*candidates_together(sessions, laws), *nameless, *_other_bars(problem)]
 
 
 def is_known(candidate: Candidate) -> bool:
@@ -80,27 +72,6 @@ def _other_bars(problem: Problem) -> list[Candidate]:
         columns[of_row == k] = one.base[:, 3:] / one.case.tolerance_mm[3:]
         what = "other_bars", title, Kind.BLUNDER, f"session {k + 1}", "one"
         found.append(Candidate(*what, (LENGTH,) * 3, columns))
-    return found
-
-
-def _lone_readings(problem: Problem) -> list[Candidate]:
-    """The first and the last reading of each mounting, where no repeat has judged it.
-
-    Only one that is farther off than heavy tails reach.
-    """
-    found = []
-    leg, axis = problem.conditions("leg"), problem.conditions("axis")
-    posture = numbered(problem.mount, problem.conditions("level"))
-    for rows in rows_of(problem.mount):
-        where = TOUCHED_LETTERS[leg[rows[0]]] + LEG_NAMES[axis[rows[0]]]
-        for row, word in ((rows[0], "first"), (rows[-1], "last")):
-            columns = np.zeros((len(problem.y), 1))
-            columns[row, 0] = 1.0
-            off = squares_in(problem.block(columns), problem.y) > POLICY.wild_sd**2
-            if off and np.count_nonzero(posture == posture[row]) == 1:
-                title = f"the {word} reading of this set-up is an outlier"
-                what = LONE, title, Kind.BLUNDER, where, "one"
-                found.append(Candidate(*what, (SHIFT,), columns))
     return found
 
 
@@ -132,7 +103,8 @@ def log_choices(candidates: Sequence[Candidate]) -> FloatArray:
     """What it costs to choose each ``(J,)``, every cause of it anew, before any reading.
 
     All effects are equally likely; then whether one part errs or identical parts err alike; then
-    which, and in which arrangement. Variants, such as screws of other leads, count as one.
+    which, and in which arrangement. Variants, such as screws of other leads, count as one. Bars
+    need not be chosen: that they are off is known, only not how far.
     """
     causes = [causes_of(one) for one in candidates]
     simple = {
@@ -144,7 +116,9 @@ def log_choices(candidates: Sequence[Candidate]) -> FloatArray:
     kinds = Counter(name for name, _ in ways)
     effects = len({one.id for one in candidates})
     choices = [
-        effects * max(kinds[one.id], 1) * max(ways[one.id, one.where == ALL], 1)
+        (1 if one.id == LENGTHS else effects)
+        * max(kinds[one.id], 1)
+        * max(ways[one.id, one.where == ALL], 1)
         for one in candidates
     ]
     return np.asarray(np.array(causes) * np.log(np.array(choices, dtype=np.float64)))

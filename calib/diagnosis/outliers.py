@@ -40,9 +40,6 @@ from calib.diagnosis.labels import (
 from calib.diagnosis.policy import POLICY
 from calib.diagnosis.results import Named
 
-SAME_VALUE = 4.0
-"""A reading that no repeat judges may belong where it is within so many standard deviations."""
-
 LEAST_SHARE = 0.15
 """A reading that its own cell follows more closely cannot be judged by it."""
 
@@ -223,15 +220,6 @@ def _mislabelled_or_wild(
         _without(observed, rows),
         (Named(second.id, second.where), *wild.or_else),
     )
-
-
-def belongs_elsewhere(observed: Observations, row: int) -> str | None:
-    """The posture of the same mounting, or the other leg, whose repeats this reading fits."""
-    for label in nearer_labels(observed, row):
-        moved = relabelled(observed, row, label)
-        if 0.0 < _Judged.of(moved, LEAST_VARIANCE_MM2).fit[row] < SAME_VALUE:
-            return label.words
-    return None
 
 
 def _wild(observed: Observations, suspects: IntArray, least_mm2: float) -> GrossError:

@@ -255,6 +255,11 @@ class Diagnosis:
     pattern: SharedPattern | None = None
     cleaned: tuple[CleanedReadings, ...] = field(default=(), repr=False)
 
+    @property
+    def known_noise_mm(self) -> float | None:
+        """`noise_mm`; None where repeats and indicators tell nothing and it is a mere weight."""
+        return self.noise_mm if self.noise_df > 0.0 else None
+
 
 @dataclass(frozen=True)
 class Imitation:

@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.arrays import FloatArray
 from calib.tripod.geometry import Geometry
-from calib.tripod.workspace import tool_jacobian_at, workspace_axes, workspace_jacobian
+from calib.tripod.workspace import PlaneMap, plane_map, tool_jacobian_at, workspace_jacobian
 
 Decision = Literal["pass", "fail", "undecided"]
 
@@ -60,42 +60,20 @@ def _mean_squares(
     return np.asarray(moved + spread)
 
 
-@dataclass(frozen=True, eq=False)
-class ToolMap:
-    """Expected tool error ``(n, n)`` on a plane through Zero, mm, rows upwards.
-
-    ``coordinate_mm`` ``(n,)`` are places across, ``up_mm`` ``(n,)`` upwards.
-    """
-
-    across: str
-    up: str
-    coordinate_mm: FloatArray
-    up_mm: FloatArray
-    error_mm: FloatArray
-
-    @property
-    def other_up_mm(self) -> FloatArray | None:
-        """``up_mm`` where it is not the same as across."""
-        return None if np.array_equal(self.coordinate_mm, self.up_mm) else self.up_mm
-
-
 def tool_map(
     geometry: Geometry,
     error_mm: FloatArray,
     covariance_mm2: FloatArray,
     plane: tuple[int, int] = (0, 1),
     points: int = 17,
-) -> ToolMap:
-    """Where in a plane the tool stands worse: r.m.s. distance at each place."""
-    axes = workspace_axes(geometry, points)
-    across, up = axes[plane[0]], axes[plane[1]]
-    tool = np.zeros((points, points, 3))
-    tool[:, :, plane[0]] = across[None, :]
-    tool[:, :, plane[1]] = up[:, None]
-    jacobian = tool_jacobian_at(geometry, tool.reshape(-1, 3))
-    square = _mean_squares(jacobian, error_mm, covariance_mm2)
-    error = np.sqrt(square).reshape(points, points)
-    return ToolMap("xyz"[plane[0]], "xyz"[plane[1]], across, up, error)
+) -> PlaneMap:
+    """Where in a plane the tool stands worse: r.m.s. distance at each place that it reaches."""
+
+    def off_mm(tool_mm: FloatArray) -> FloatArray:
+        jacobian = tool_jacobian_at(geometry, tool_mm)
+        return np.sqrt(_mean_squares(jacobian, error_mm, covariance_mm2))
+
+    return plane_map(geometry, plane, points, off_mm)
 
 
 def decide(

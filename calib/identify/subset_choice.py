@@ -105,6 +105,10 @@ class SubsetChoice:
         """
         return self._claim.bound(self._entered(subset))
 
+    def tool_near_mm(self, subset: Subset | None) -> float:
+        """The same of the error relative to Zero, over a workpiece there."""
+        return self._claim.near_mm(self._entered(subset))
+
     def _entered(self, subset: Subset | None) -> FloatArray:
         """Parameters and sizes, from the point at which the claim is linear."""
         model = self.solutions[subset].model if subset else Model(self.told.model.geometry)

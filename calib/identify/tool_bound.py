@@ -42,7 +42,7 @@ from calib.tripod.effects.empirical import AT_MM, BASES, Coupling, Empirical
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Model
-from calib.tripod.workspace import reachable_points, tool_jacobian_at
+from calib.tripod.workspace import tool_jacobian_at, workspace_points
 
 BASE = len(PARAMETER_NAMES)
 
@@ -148,7 +148,8 @@ class Claim:
 
     ``prior_mm`` ``(b,)`` are expected base parameters and sizes, ``spread`` ``(b,)`` their standard
     deviations, both from the point of linearisation; ``size`` ``(k,)`` are unremarkable sizes of
-    the effects' columns, ``metric`` ``(b + k, b + k)`` mean squares at the tool.
+    the effects' columns, ``metric`` ``(b + k, b + k)`` mean squares at the tool, ``near`` those of
+    where it is relative to Zero, over the part of the workspace about it.
     """
 
     seen: Seen
@@ -157,6 +158,7 @@ class Claim:
     size: FloatArray
     names: tuple[_Name, ...]
     metric: FloatArray
+    near: FloatArray
 
     def adding(self, more: Sequence[Seen]) -> Claim:
         """The same after readings that show what these let expect."""
@@ -299,6 +301,13 @@ class Claim:
         names = tuple(descending(worst.values(), lambda one: one.bound_mm))
         return ToolBound(max([plain, *(one.bound_mm for one in names)]), plain, names)
 
+    def near_mm(self, entered: FloatArray) -> float:
+        """The bound of the error relative to Zero, over a workpiece there: what milling shows."""
+        every = [self._plain, *self._open]
+        return max(
+            quantile_mm(*self._off(one, entered, self.near), one.covariance) for one in every
+        )
+
     def _quantile_mm(self, one: _Posterior, entered: FloatArray) -> float:
         return quantile_mm(*self._off(one, entered), one.covariance)
 
@@ -306,13 +315,15 @@ class Claim:
         metric, off = self._off(one, entered)
         return float(np.trace(metric @ one.covariance) + off @ metric @ off)
 
-    def _off(self, one: _Posterior, entered: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _off(
+        self, one: _Posterior, entered: FloatArray, metric: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
         """The metric of a name's parameters and sizes, and what they are off by."""
         count = len(self.spread)
         index = [*range(count), *(count + k for k in one.columns)]
         off = one.mean.copy()
         off[:count] -= entered
-        return self.metric[np.ix_(index, index)], off
+        return (self.metric if metric is None else metric)[np.ix_(index, index)], off
 
 
 @dataclass(frozen=True, eq=False)
@@ -389,6 +400,7 @@ def claim_of(
         np.array(size),
         _names(known),
         _metric(model, known, sizes),
+        _metric(model, known, sizes, near_zero=True),
     )
     misfit = claim.misfit
     return (claim.noisier(misfit) if misfit > 1.0 else claim), tuple(others)
@@ -435,12 +447,14 @@ def _names(placed: Sequence[Placed]) -> tuple[_Name, ...]:
     return tuple(found)
 
 
-def _metric(model: Model, placed: tuple[Placed, ...], sizes: tuple[Size, ...]) -> FloatArray:
+def _metric(
+    model: Model, placed: tuple[Placed, ...], sizes: tuple[Size, ...], *, near_zero: bool = False
+) -> FloatArray:
     """Mean squares at the tool ``(6 + s + k, 6 + s + k)`` with columns of fitted sizes between."""
     acting = [model.effects[effect] for size in sizes for effect, _ in size.at]
     own = tuple((one.effect, one.place) for one in acting if isinstance(one, EffectInstance))
     count = sum(len(effect.parameters) for effect, _ in placed)
-    metric = _tool_metric(model.geometry, (*placed, *own))
+    metric = _tool_metric(model.geometry, (*placed, *own), near_zero=near_zero)
     if not sizes:
         return metric
     # each size moves the tool by the sum over its places
@@ -454,15 +468,23 @@ def _metric(model: Model, placed: tuple[Placed, ...], sizes: tuple[Size, ...]) -
     return np.asarray(into.T @ metric @ into)
 
 
-@lru_cache(maxsize=8)
-def _tool_metric(geometry: Geometry, placed: tuple[Placed, ...]) -> FloatArray:
+@lru_cache(maxsize=16)
+def _tool_metric(
+    geometry: Geometry, placed: tuple[Placed, ...], *, near_zero: bool = False
+) -> FloatArray:
     """Mean over the workspace of products of movements ``(6 + k, 6 + k)``; of the nominal machine.
 
-    Half of the postures are reached with all carriages coming up, half down.
+    Half of the postures are reached with all carriages coming up, half down. With ``near_zero``
+    over a workpiece there, less what they are at Zero, which is reached coming up.
     """
-    points = reachable_points(geometry)
-    base = tool_jacobian_at(geometry, points)
-    ways = [tool_columns(geometry, points, placed, way) for way in (1.0, -1.0)]
-    rows = np.concatenate([np.concatenate([base, one], axis=2) for one in ways])
+    points = workspace_points(geometry, near_zero=near_zero)
+
+    def moved(tool_mm: FloatArray, way: float) -> FloatArray:
+        base = tool_jacobian_at(geometry, tool_mm)
+        return np.concatenate([base, tool_columns(geometry, tool_mm, placed, way)], axis=2)
+
+    rows = np.concatenate([moved(points, way) for way in (1.0, -1.0)])
+    if near_zero:
+        rows = rows - moved(np.zeros((1, 3)), 1.0)
     flat = rows.reshape(-1, rows.shape[2])
     return np.asarray(flat.T @ flat / len(rows))

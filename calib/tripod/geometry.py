@@ -50,7 +50,7 @@ class Geometry:
     carriage is ahead, in the drive's direction. ``travel_max_mm`` and ``travel_min_mm`` are limits
     of every carriage about Zero; on an Orthoglide at the same time the displacements of the
     postures Max and Min. ``workspace_mm`` is the box, lowest and highest corner, that errors of the
-    tool are judged over; None: between the limits along each coordinate. With ``set_at_zero``
+    tool are judged over; None: all that the joint limits allow. With ``set_at_zero``
     these errors count from the tool's place at Zero, which is set by hand. ``gravity`` is the unit
     vector of the pull of weight, ``screw_lead_mm`` the travel of a carriage for one turn, None if
     not known. ``load`` is the weight carried now, in units of the usual one. ``usable_bar`` are the
@@ -126,10 +126,25 @@ class Geometry:
         low, high = self.workspace_mm
         if not all(a < b for a, b in zip(low, high, strict=True)):
             raise CalibrationError(
-                "workspace", f"{low} … {high} mm", "the lowest corner first, then the highest"
+                "workspace_mm",
+                f"{low} … {high} mm, which is empty",
+                "the lowest corner first, then the highest",
             )
         for corner in product(*zip(low, high, strict=True)):
-            self._check_posture((corner[0], corner[1], corner[2]), f"with the tool at {corner} mm")
+            tool_mm = (corner[0], corner[1], corner[2])
+            self._check_posture(tool_mm, f"with the tool at {corner} mm")
+            self._check_travel(tool_mm)
+
+    def _check_travel(self, tool_mm: Triple) -> None:
+        travel = inverse(self, tool_mm) - self.zero_mm
+        for name, way in zip(LEG_NAMES, travel.tolist(), strict=True):
+            if not self.travel_min_mm - UNIT <= way <= self.travel_max_mm + UNIT:
+                raise CalibrationError(
+                    f"workspace_mm, corner {tool_mm} mm",
+                    f"carriage {name} at {way:+.3f} mm from Zero",
+                    f"its joint limits {self.travel_min_mm:g} … {self.travel_max_mm:g} mm",
+                    "glidecal workspace tells the largest cube that they allow.",
+                )
 
     def _check_posture(self, tool_mm: Triple, where: str) -> None:
         reach = self.reach_mm2(np.array(tool_mm))
@@ -142,18 +157,42 @@ class Geometry:
                     "the distance from the platform's joint to the line of the drive",
                     "Check the bar's length, the drive's origin and direction, and the platform.",
                 )
-        slope = np.sqrt(reach) / self.lengths
-        across = np.array(tool_mm) - self.anchors
-        along = (across * self.directions).sum(axis=-1)
-        bars = across - (along + np.sqrt(reach))[:, None] * self.directions
-        volume = abs(float(np.linalg.det(bars / self.lengths[:, None])))
-        if volume < LEAST_VOLUME or float(slope.min()) < LEAST_SLOPE:
+        volume = abs(float(np.linalg.det(self.bars(np.array(tool_mm)))))
+        slope = float((np.sqrt(reach) / self.lengths).min())
+        if volume < LEAST_VOLUME or slope < LEAST_SLOPE:
             raise CalibrationError(
                 "geometry of the machine",
                 f"a singular posture {where}: the drives do not move the tool every way",
                 "bars that do not lie in one plane, and none square to its drive",
                 "Check origins, directions and the platform; two drives may be the same.",
             )
+
+    def bars(self, tool_mm: FloatArray) -> FloatArray:
+        """Each bar from its carriage to the platform over its length ``(..., 3 bars, 3)``.
+
+        For tools ``(..., 3)`` that the bars reach, else NaN.
+        """
+        with np.errstate(invalid="ignore"):
+            covered = np.sqrt(self.reach_mm2(tool_mm))
+        ray = tool_mm[..., None, :] - self.anchors
+        across = ray - (ray * self.directions).sum(axis=-1)[..., None] * self.directions
+        return np.asarray((across - covered[..., None] * self.directions) / self.lengths[:, None])
+
+    def stands(self, tool_mm: FloatArray) -> NDArray[np.bool_]:
+        """Whether bars and joint limits allow these places of the tool ``(n, 3)``.
+
+        On the same side of singular postures as Zero.
+        """
+        bars = self.bars(tool_mm)
+        slope = -(bars * self.directions).sum(axis=-1)
+        along = ((tool_mm[..., None, :] - self.anchors) * self.directions).sum(axis=-1)
+        travel = along + slope * self.lengths - self.zero_mm
+        limits = self.travel_min_mm - UNIT, self.travel_max_mm + UNIT
+        kept = ((travel >= limits[0]) & (travel <= limits[1]) & (slope >= LEAST_SLOPE)).all(axis=-1)
+        same = float(np.sign(np.linalg.det(self.bars(np.zeros(3)))))
+        volume = np.zeros(kept.shape)
+        volume[kept] = same * np.linalg.det(bars[kept])
+        return np.asarray(kept & (volume >= LEAST_VOLUME))
 
     @cached_property
     def of_papers(self) -> bool:
@@ -277,11 +316,6 @@ class Geometry:
     def covered_mm(self) -> FloatArray:
         """What each bar covers along its drive at Zero, and moving along it ``(3,)``, mm."""
         return np.sqrt(self.reach_mm2(np.zeros(3)))
-
-    def within_limits(self, carriage_mm: FloatArray) -> bool:
-        """Whether joint coordinates ``(..., 3)`` keep the joint limits."""
-        travel = carriage_mm - self.zero_mm
-        return bool(((travel >= self.travel_min_mm) & (travel <= self.travel_max_mm)).all())
 
     def _radial(self, drive: int) -> FloatArray:
         """Across a drive, away from the tool; where it goes through it, away from the others."""

@@ -64,32 +64,39 @@ class Told:
 
 @dataclass(frozen=True)
 class Line:
-    """One line of the table: what must hold, over which sessions, and its limit if it has one."""
+    """One line of the table: what must hold, over which sessions, and its limit if it has one.
+
+    ``poor_limit`` is that of zero-max-min, where it is another one.
+    """
 
     what: str
     chosen: list[Scored]
     hit: Choice
     limit: float | None
     at_most: bool = False
+    poor_limit: float | None = None
 
     def markdown(self) -> str:
         # A diagnosis that broke has missed what it should find, but earns nothing by silence.
         counted = [o for o in self.chosen if not (self.at_most and o.verdict == "error")]
         rich = rate((one for one in counted if one.rich), self.hit)
         poor = rate((one for one in counted if not one.rich), self.hit)
-        sign = "≤" if self.at_most else "≥"
-        target = "–" if self.limit is None else f"{sign} {100 * self.limit:g} %"
-        return f"| {self.what} | {target} | {shown(rich)} | {shown(poor)} | {self._holds(rich)} |"
+        sign, poor_limit = "≤" if self.at_most else "≥", self.poor_limit or self.limit
+        limits = dict.fromkeys((self.limit, poor_limit))
+        target = "; ".join("–" if one is None else f"{sign} {100 * one:g} %" for one in limits)
+        both = self._holds(rich, self.limit), self._holds(poor, poor_limit)
+        holds = "; ".join(dict.fromkeys(both)) if self.limit is not None else "–"
+        return f"| {self.what} | {target} | {shown(rich)} | {shown(poor)} | {holds} |"
 
-    def _holds(self, found: Rate) -> str:
-        if not found.count or self.limit is None:
+    def _holds(self, found: Rate, limit: float | None) -> str:
+        if not found.count or limit is None:
             return "–"
-        good = found.share <= self.limit if self.at_most else found.share >= self.limit
+        good = found.share <= limit if self.at_most else found.share >= limit
         low, high = found.bounds
-        sure = high <= self.limit if self.at_most else low >= self.limit
+        sure = high <= limit if self.at_most else low >= limit
         if good:
             return "yes, surely" if sure else "yes"
-        excused = low <= self.limit if self.at_most else high >= self.limit
+        excused = low <= limit if self.at_most else high >= limit
         return "not shown" if excused else "**no**"
 
 
@@ -154,7 +161,7 @@ def _false_lines(told: Told) -> list[Line]:
         Line("false name, no effect", told.cell("none"), false_name, 0.01, True),
         Line("wrong confident name", told.cell(*known), wrong_confident, 0.01, True),
         Line("wrong confident name or place", told.cell(*known), wrong_name_or_place, 0.01, True),
-        Line("not in the catalogue, called explained", unknown, called_explained, 0.05, True),
+        Line("not in the catalogue, called explained", unknown, called_explained, 0.03, True, 0.05),
         Line(
             "the same, nearly imitated by a known effect",
             [o for o in told.cell("outside", "left-out") if not _foreign(o)],
@@ -195,7 +202,7 @@ def _true_lines(told: Told) -> list[Line]:
     large = [o for o in single if min(o.truth["strengths"]) >= 2]
     pairs = [o for o in told.cell("pair") if detectable(o)]
     return [
-        Line("truth in the set", [o for o in single if detectable(o)], truth_in_set, 0.95),
+        Line("truth in the set", [o for o in single if detectable(o)], truth_in_set, 0.97),
         Line("the same, with its place", [o for o in single if detectable(o)], placed_in_set, None),
         Line(
             "beside the catalogue and looked for, in the set",
@@ -207,14 +214,14 @@ def _true_lines(told: Told) -> list[Line]:
             "single name and place, separable",
             [o for o in large if separable(o)],
             single_name,
-            0.95,
+            0.96,
         ),
         Line("the same, whether separable or not", large, single_name, None),
         Line("single effects, exact", large, exact, None),
-        Line("two effects, both in the set", pairs, truth_in_set, 0.95),
+        Line("two effects, both in the set", pairs, truth_in_set, 0.97, poor_limit=0.9),
         Line("the same, with their places", pairs, placed_in_set, None),
-        Line("two effects, exact", pairs, exact, 0.85),
-        Line("two effects, exact, separable", [o for o in pairs if separable(o)], exact, 0.85),
+        Line("two effects, exact", pairs, exact, None),
+        Line("two effects, exact, separable", [o for o in pairs if separable(o)], exact, 0.95),
         Line("look-alikes, truth in the set", told.cell("look-alike"), truth_in_set, 0.95),
         Line(
             "over a plane: truth in the set",
@@ -252,7 +259,9 @@ def _figures(told: Told) -> str:
     rows.append(_split("parameter inside its 95 % interval", "≥ 93 %", single, _coverage))
     rows.append(_split("held-out gap over the true model's, median", "≤ 1.1", large, _held_out))
     rows.append(
-        _split("processor time inside one process, median and 95th", "≤ 0.5 s", told.scored, _times)
+        _split(
+            "processor time inside one process, median and 95th", "≤ 0.25 s", told.scored, _times
+        )
     )
     return "\n".join(rows)
 

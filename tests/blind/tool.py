@@ -9,12 +9,14 @@ import numpy as np
 from tests.blind.forward import LEG_MM, FloatArray, Hidden, feet_of, tool_of
 
 LIMITS_MM = (-100.0, 60.0)
+HIGHEST_MM = 84.0
+"""Of the tool: drives at their upper limits hold it at 83 mm along each coordinate."""
 PER_AXIS = 9
 
 
 def reachable_mm() -> FloatArray:
-    """Middles ``(n, 3)`` of the cells of the cube where nominal joints keep their limits."""
-    low, high = LIMITS_MM
+    """Middles ``(n, 3)`` of the cells where nominal joints keep their limits."""
+    low, high = LIMITS_MM[0], HIGHEST_MM
     axis = low + (np.arange(PER_AXIS) + 0.5) * (high - low) / PER_AXIS
     points = np.array(list(product(axis, repeat=3)))
     travel = _joints(points, np.full(3, LEG_MM)) - LEG_MM

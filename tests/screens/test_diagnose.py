@@ -27,6 +27,8 @@ async def test_pages_by_keys(bowed: Path) -> None:
         assert re.search(r"leg_bow \(xy\), machine", verdict(interface))
         assert re.search(r"gap 0\.\d{4} → 0\.\d{4} mm", verdict(interface))
         assert "Held out (one side" in verdict(interface)
+        bound = r"Tool over the workspace, .*: at most 0\.\d+ mm .* fits what they show"
+        assert re.search(bound, " ".join(verdict(interface).split()))
         tabs = screen.query_one(TabbedContent)
         pages = []
         for key in ("2", "3", "4", "1", "right", "tab", "left", "shift+tab"):

@@ -299,6 +299,26 @@ async def test_export_asks_before_it_replaces(
     assert mine.read_text(encoding="utf-8") != "mine"
 
 
+async def test_report_asks_before_it_replaces(
+    published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solved, path = published
+    mine = path.with_suffix(".html")
+    interface = Glidecal(ResultScreen(solved, None, path))
+    said = hear(interface, monkeypatch)
+    async with interface.run_test(size=SIZE) as pilot:
+        mine.write_text("mine", encoding="utf-8")
+        await pilot.press("r")
+        await until(pilot, "question", lambda: isinstance(interface.screen, ChoiceDialog))
+        await pilot.press("1")
+        assert mine.read_text(encoding="utf-8") == "mine"
+        await pilot.press("r")
+        await until(pilot, "question", lambda: isinstance(interface.screen, ChoiceDialog))
+        await pilot.press("2")
+        await until(pilot, "written", lambda: any("Report written" in one for one in said))
+    assert "Calibration report" in mine.read_text(encoding="utf-8")
+
+
 async def test_export_that_the_disk_refuses(
     published: tuple[SessionSolution, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -321,9 +341,9 @@ async def test_a_program_that_only_shows(
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.pause()
         assert {"1", "2", "escape", "f10"} <= offered(interface)
-        assert not {"e", "v"} & offered(interface)
-        await pilot.press("e", "v")
-        await until(pilot, "two refusals", lambda: len(said) == 2)
+        assert not {"e", "v", "r"} & offered(interface)
+        await pilot.press("e", "v", "r")
+        await until(pilot, "three refusals", lambda: len(said) == 3)
         assert all("nothing is written and nothing is measured" in one for one in said)
         assert isinstance(interface.screen, ResultScreen)
     assert [p.name for p in path.parent.iterdir()] == ["published.jsonl"]
@@ -399,6 +419,7 @@ async def test_home(
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("h")
         await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
+        assert "What do you want to do?" in text(interface, "#question")
 
 
 async def test_comparison_is_a_page_of_its_own(verified: tuple[SessionSolution, Plan]) -> None:

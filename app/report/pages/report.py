@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -27,12 +28,15 @@ from app.evaluating.solution import SessionSolution, judge, maps, solve_files
 from app.report.charts.charts import (
     NOISE,
     Chart,
+    Drawing,
     Series,
+    StrokeStyle,
     before_and_after,
     measured_and_predicted,
     residuals_before_and_after,
     residuals_over_time,
 )
+from app.report.charts.tripod import drawn_set_up
 from app.report.text.caveats import bound_made_of, caveats
 from app.report.text.diagnosis import candidates_table, effects_text, gap_text
 from app.report.text.result import (
@@ -48,12 +52,13 @@ from app.report.text.result import (
     verdict_words,
     what_to_do,
 )
-from app.report.text.tables import new_table, signed
+from app.report.text.tables import new_table, signed, uncertain
 from app.version import program
 from calib.errors import UsageError
-from calib.identify.accuracy import ToolMap
 from calib.printable import printable
-from protocols.files import write_files
+from calib.tripod.workspace import PlaneMap
+from protocols.files import check_targets, write_files
+from protocols.procedure import Step
 from protocols.record import read_record
 from protocols.session import Reading, Session
 
@@ -103,7 +108,7 @@ def report_of(
     verified = verify_files(paths[-1], after, tolerance_mm) if after else None
     machine = solved.sessions[0].opened.machine
     tolerance = tolerance_mm or machine.tool_tolerance_mm
-    judged = judged_text(judge(solved, tolerance)) if tolerance else ""
+    judged = " ".join(judged_text(judge(solved, tolerance)).split()) if tolerance else ""
     found = diagnosed.diagnosis
     everything = [solved, *([verified.compared.after] if verified else [])]
     names = [name for one in everything for name in one.names]
@@ -113,8 +118,10 @@ def report_of(
         Section(
             "What was measured",
             tables=[_sessions(names, sessions), _digests([*paths, *([after] if after else [])])],
+            figures=_set_ups(solved.sessions[0]),
         ),
         _result(solved, judged),
+        _budget(solved),
         *([_again(verified)] if verified else []),
         Section("What limits this result", [*warnings, *caveats(solved), *remarks]),
         _missing(diagnosed),
@@ -174,10 +181,41 @@ def _result(solved: SessionSolution, judged: str) -> Section:
     )
     return Section(
         "Result",
-        [judged, noise_words(solution)],
+        [judged, DECISION_RULE if judged else "", noise_words(solution)],
         tables,
         [Picture(maps_svg(maps(solved)), caption)],
     )
+
+
+def _budget(solved: SessionSolution) -> Section:
+    """What the uncertainties are made of."""
+    solution, bound = solved.solution, solved.bound_after
+    parts = ("noise and steps", "noise and what is left", "noise and parts")
+    of_values = new_table("± in mm (95 %)", *parts)
+    columns = (
+        solution.expanded_mm,
+        solution.enlarged_expanded_mm,
+        solution.expanded_with_tolerances_mm,
+    )
+    for name, *row in zip(solution.names, *(one.tolist() for one in columns), strict=True):
+        of_values.add_row(name, *map(uncertain, row))
+    of_tool = new_table("bound at the tool with these values, mm r.m.s.", "")
+    of_tool.add_row("noise of the readings alone", uncertain(solved.bound_of_noise_mm))
+    of_tool.add_row("and parts within tolerance", uncertain(bound.parameters_mm))
+    for one in bound.names[:MOST_OPEN]:
+        of_tool.add_row(f"and {one.title} ({one.id}, {one.where})", uncertain(one.bound_mm))
+    return Section("Uncertainty budget", [BUDGET_WORDS], [of_values, of_tool])
+
+
+def _set_ups(session: Session) -> list[Picture]:
+    """The machine with the indicators at each leg, as the first step there was measured."""
+    first: dict[str, Step] = {}
+    for step in session.steps():
+        first.setdefault(step.leg, step)
+    drawn = [drawn_set_up(session, step, session.opened.instruments) for step in first.values()]
+    shown = [one for one in drawn if one is not None]
+    caption = "Where the indicators stood; + is where readings grow."
+    return [Picture(drawings_svg(shown), caption)] if shown else []
 
 
 def _again(verified: Verification) -> Section:
@@ -241,6 +279,18 @@ def _state(session: Session, reading: Reading) -> str:
     return ""
 
 
+DECISION_RULE = (
+    "Decision rule (ISO 14253-1): passed where the bound, which 95 of 100 such machines keep, is "
+    "within the tolerance; failed where the error that is shown exceeds it by more than its "
+    "expanded uncertainty (95 %); undecided in between."
+)
+BUDGET_WORDS = (
+    "Noise holds the steps of the display. To it comes, each by itself, what the model leaves if "
+    "that is taken for noise, and what parts within tolerance do. At the tool each effect stands "
+    "by itself with noise and parts: the bound is the largest line."
+)
+MOST_OPEN = 8
+
 STYLE: dict[Any, Any] = {
     "svg.hashsalt": "glidecal",  # names inside the file by its contents, not by chance
     "svg.fonttype": "path",  # looks alike where the fonts are others
@@ -249,6 +299,7 @@ STYLE: dict[Any, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
+    "axes.axisbelow": True,
     "grid.color": "0.9",
 }
 COLOURS = ("#1b6ca8", "#c8501e", "#3a7d44", "#7a4fa0", "#8a6d1d", "#555555")
@@ -256,6 +307,7 @@ MARKERS = "osD^vP"
 """A series is told by its marker where a printer has no colours."""
 
 WIDTH_IN, HEIGHT_IN = 6.6, 2.6
+MARGINS = {"left": 0.09, "right": 0.99, "bottom": 0.18, "top": 0.87, "wspace": 0.3}
 BAR = 0.22
 
 DARKEST = 1.8
@@ -299,26 +351,50 @@ def _band(axes: Axes, series: Series) -> None:
         axes.fill_between((min(x), max(x)), min(y), max(y), color="0.88", lw=0)
 
 
-def maps_svg(maps: Sequence[ToolMap]) -> str:
+def maps_svg(maps: Sequence[PlaneMap]) -> str:
     """Planes of the workspace beside each other, the error of the tool in µm as colour and digits.
 
-    All have one scale, from 0.
+    All have one scale, from 0. A dash stands where the tool does not reach.
     """
-    most_um = 1000.0 * max(float(one.error_mm.max()) for one in maps)
+    told = [v for one in maps for row in one.value.tolist() for v in row if math.isfinite(v)]
+    most_um = 1000.0 * max(told)
     decimals = 0 if most_um >= WHOLE_UM else 1
     with _figure(WIDTH_IN, WIDTH_IN / len(maps), len(maps)) as (every, out):
         for axes, one in zip(every, maps, strict=True):
-            grid = [[1000.0 * value for value in row] for row in one.error_mm.tolist()]
+            grid = [[1000.0 * value for value in row] for row in one.value.tolist()]
             axes.pcolormesh(
                 one.coordinate_mm, one.up_mm, grid, cmap="YlOrRd", vmin=0.0, vmax=DARKEST * most_um
             )
             for up_mm, row in zip(one.up_mm.tolist(), grid, strict=True):
                 for across_mm, value in zip(one.coordinate_mm.tolist(), row, strict=True):
-                    axes.text(
-                        across_mm, up_mm, f"{value:.{decimals}f}", ha="center", va="center", size=6
-                    )
+                    shown = f"{value:.{decimals}f}" if math.isfinite(value) else "–"
+                    axes.text(across_mm, up_mm, shown, ha="center", va="center", size=6)
             axes.grid(visible=False)
             axes.set(xlabel=f"{one.across}, mm", ylabel=f"{one.up}, mm", aspect="equal")
+    return out.getvalue()
+
+
+STROKES: dict[StrokeStyle, dict[str, Any]] = {
+    StrokeStyle.DOTTED: {"lw": 0.7, "ls": ":", "color": "0.4"},
+    StrokeStyle.THIN: {"lw": 0.7, "color": "0.3"},
+    StrokeStyle.THICK: {"lw": 2.2, "color": "0.1"},
+    StrokeStyle.MARKED: {"lw": 0.7, "color": "0.1", "marker": "o", "ms": 2},
+    StrokeStyle.BEADED: {"lw": 1.6, "color": COLOURS[1], "marker": "o", "ms": 2},
+}
+
+
+def drawings_svg(drawings: Sequence[Drawing]) -> str:
+    """Pictures without scales beside each other."""
+    with _figure(WIDTH_IN, WIDTH_IN / max(3, len(drawings)), len(drawings)) as (every, out):
+        for axes, one in zip(every, drawings, strict=True):
+            for stroke in one.strokes:
+                axes.plot(*zip(*stroke.points, strict=True), **STROKES[stroke.style])
+            for label in one.labels:
+                ground = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}
+                axes.text(*label.at, label.words, ha="center", va="center", size=7, bbox=ground)
+            axes.set_axis_off()
+            axes.set_aspect("equal")
+            axes.set_title(one.title, size=7)
     return out.getvalue()
 
 
@@ -329,7 +405,8 @@ def _figure(
     """Axes to draw on, beside each other; the SVG is there once they are done."""
     out = StringIO()
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        figure = Figure(figsize=(width_in, height_in))
+        figure.subplots_adjust(**MARGINS)  # a layout worked out would draw everything twice
         yield [figure.add_subplot(1, columns, 1 + k) for k in range(columns)], out
         figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
 
@@ -401,6 +478,7 @@ def write_report(
     """
     if output.suffix not in (".html", ".pdf"):
         raise UsageError("--output", f"{output}", "a path that ends with .html or .pdf")
+    check_targets([output], replace=replace)  # before long work
     html = html_of(report_of(sessions, model=model, after=after, tolerance_mm=tolerance_mm))
     written = pdf_of(html) if output.suffix == ".pdf" else html
     return write_files(output, {"": written}, replace=replace)[0]

@@ -25,7 +25,9 @@ OrNone = Annotated[str | None, made(lambda name: name or None)]
 class GapNoise(Report):
     """Of a single reading."""
 
-    standard_deviation_mm: float = at("noise_mm")
+    standard_deviation_mm: float | None = at(
+        "known_noise_mm", "null: no repeats and none stated, so no p-value means anything"
+    )
     degrees_of_freedom: Finite = at("noise_df", "null: stated, taken as known")
     source: str = at("noise_source")
 

@@ -85,6 +85,11 @@ Thousandths = Annotated[float, made(lambda value: 1000.0 * float(value))]
 
 Numbers = Annotated[list[float], made(lambda array: array.tolist())]
 Matrix = Annotated[list[list[float]], made(lambda array: array.tolist())]
+Holes = Annotated[
+    list[list[float | None]],
+    made(lambda rows: [[v if math.isfinite(v) else None for v in row] for row in rows.tolist()]),
+]
+"""A matrix with nothing in some places."""
 
 
 def to_json(document: BaseModel) -> str:

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from typing import Literal
 
-from app.report.schema.document import Count, Finite, Report, at, schema
+from app.report.schema.document import (
+    Count,
+    Finite,
+    Holes,
+    Matrix,
+    Numbers,
+    Report,
+    at,
+    schema,
+)
 from calib.design.criteria import Criterion
 
 
@@ -98,3 +107,62 @@ class PosturesReport(Report):
     seconds: float = at("chosen.seconds")
     starts: int = at("chosen.starts")
     seed: int = at("chosen.seed")
+
+
+class Cube(Report):
+    """The largest one found with every factor within the limit, inside the joint limits."""
+
+    low_mm: Numbers
+    side_mm: float
+
+
+class FactorMap(Report):
+    """On a plane through Zero; rows go up. The factor furthest from 1, or its inverse."""
+
+    across: str
+    up: str
+    coordinate_mm: Numbers = at("coordinate_mm", "across")
+    up_mm: Numbers = at("up_mm", "upwards")
+    factor: Holes = at("value", "null where the tool does not reach")
+
+
+class WorkspaceReport(Report):
+    """``workspace --json``: where the tool can be, and how its drives move it there."""
+
+    schema_id: Literal["glidecal.workspace/1"] = schema("glidecal.workspace/1")
+    machine: str = at("machine.name")
+    low_mm: Numbers = at("found.low_mm", "lowest corner of its box")
+    high_mm: Numbers = at("found.high_mm")
+    stated: bool = at("found.stated", "the box is workspace_mm of the machine file")
+    reached: float = at("found.reached", "share of the box that joint limits and bars allow")
+    volume_mm3: float = at("found.volume_mm3", "of that share")
+    lowest_factor: float = at("found.lowest_factor", "velocity transmission, tool over carriages")
+    highest_factor: float = at("found.highest_factor")
+    factors_at_zero: Numbers = at("found.at_zero")
+    limit: float = at("found.limit")
+    within_limit: float = at("found.inside", "share of the workspace, factors 1/limit … limit")
+    largest_cube: Cube | None = at("found.cube", "null: none")
+    theta_deg: Matrix = at("found.theta_deg", "of legs x, y, z, lowest and highest; papers/000 (1)")
+    beta_deg: Matrix = at("found.beta_deg")
+    maps: tuple[FactorMap, ...] = at("found.maps")
+
+
+class WorkingMode(Report):
+    """Signs in papers/000 (3), and the carriages from Zero that give the same tool."""
+
+    signs: tuple[int, ...]
+    carriage_mm: tuple[float, ...]
+
+
+class PostureReport(Report):
+    """``workspace --at --json``: one place of the tool."""
+
+    schema_id: Literal["glidecal.posture/1"] = schema("glidecal.posture/1")
+    machine: str = at("machine.name")
+    tool_mm: tuple[float, float, float] = at("posture.tool_mm")
+    stands: bool = at("posture.stands", "joint limits and bars allow it")
+    theta_deg: Numbers = at("posture.theta_deg", "of legs x, y, z; papers/000 (1)")
+    beta_deg: Numbers = at("posture.beta_deg")
+    factors: Numbers = at("posture.factors", "velocity transmission, tool over carriages")
+    working_modes: tuple[WorkingMode, ...] = at("posture.modes", "the machine's own first")
+    other_assembly_mm: Numbers = at("posture.assembly_mm", "where the same bars meet as well")

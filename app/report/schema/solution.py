@@ -10,6 +10,7 @@ from app.evaluating.comparison import Comparison, Entered
 from app.evaluating.solution import Judgement
 from app.report.schema.document import (
     Finite,
+    Holes,
     LackOfFitEntry,
     Matrix,
     Numbers,
@@ -138,6 +139,10 @@ class ToolBoundEntry(Report):
     parameters_mm: float = at(
         "bound_after.parameters_mm", "of it, where nothing is missing and parts keep tolerances"
     )
+    near_before_mm: float = at(
+        "near_before_mm", "as before_mm, relative to Zero over a workpiece of 100 mm about it"
+    )
+    near_after_mm: float = at("near_after_mm", "the same with the solution entered")
     open: tuple[OpenNameEntry, ...] = at("bound_after.names", "the worst first, one for each id")
 
 
@@ -158,7 +163,7 @@ class ToolMapEntry(Report):
     up_mm: Annotated[list[float] | None, made(lambda array: array.tolist())] = asked(
         "other_up_mm", "upwards, where these places are others than those across"
     )
-    error_mm: Matrix
+    error_mm: Holes = at("value", "null beyond the joint limits")
 
 
 @dataclass(frozen=True)
@@ -314,6 +319,12 @@ class VerificationReport(Report):
     )
     bound_found_mm: float = at(
         "found.compared.after.bound_before.bound_mm", "by the second one; what is decided by"
+    )
+    near_expected_mm: float = at(
+        "found.compared.before.near_after_mm", "as bound_expected_mm, relative to Zero near it"
+    )
+    near_found_mm: float = at(
+        "found.compared.after.near_before_mm", "as bound_found_mm, relative to Zero near it"
     )
     tolerance_mm: float | None = at("found.tolerance_mm")
     decision: Decision | None = at("found.decision", "null: no tolerance")

@@ -11,6 +11,7 @@ from calib.arrays import LEG_NAMES
 from calib.design.identifiability import Direction
 from calib.identify.identify import Subset
 from calib.noise.reading import LEAST_NOISE_MM
+from calib.tripod.workspace import NEAR_ZERO_MM
 from protocols.procedure import position_words
 from protocols.session import Reading
 
@@ -40,7 +41,16 @@ def bound_now_and_then(solved: SessionSolution) -> str:
     before, after = solved.bound_before, solved.bound_after
     return (
         f"Tool over the workspace, r.m.s. (95 %): at most {uncertain(before.bound_mm)} mm now, at "
-        f"most {uncertain(after.bound_mm)} mm with these values."
+        f"most {uncertain(after.bound_mm)} mm with these values; "
+        f"{near_words(solved.near_before_mm, solved.near_after_mm)}."
+    )
+
+
+def near_words(now_mm: float, then_mm: float) -> str:
+    """The error without the shift of the whole, which milling does not show."""
+    return (
+        f"relative to Zero, on a workpiece of {2.0 * NEAR_ZERO_MM:g} mm there, {uncertain(now_mm)} "
+        f"and {uncertain(then_mm)} mm"
     )
 
 

@@ -104,10 +104,10 @@ def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
         wrapped(adopted),
         wrapped(_next(diagnosed)),
         effects_text(found.effects),
+        wrapped(bound_text(diagnosed.tool_bound)),
         wrapped(gap_text(found)),
         pattern_text(diagnosed),
         *_support(found, " Key N."),
-        wrapped(bound_text(diagnosed.tool_bound)),
         detectable_text(found),
         *_remarks((*diagnosed.warnings, *found.remarks)),
     )
@@ -197,7 +197,12 @@ def pattern_text(diagnosed: SessionDiagnosis) -> str:
 
 def gap_text(found: Diagnosis) -> str:
     """The gap in the readings and its chance, before and after what was named or guessed."""
-    before, after, noise_mm = found.gap_before, found.gap_after, found.noise_mm
+    before, after, noise_mm = found.gap_before, found.gap_after, found.known_noise_mm
+    if noise_mm is None:
+        return (
+            f"Gap {before.rms_mm:.4f} mm r.m.s., {before.degrees_of_freedom} degrees of freedom; "
+            "without repeats or a stated noise nothing tells whether that is chance."
+        )
     said = (
         f"Gap {before.rms_mm:.4f} mm r.m.s. beyond the scatter of repeats (noise of a reading "
         f"{noise_mm:.4f} mm), {before.degrees_of_freedom} degrees of freedom; it "

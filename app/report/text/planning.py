@@ -5,13 +5,17 @@ from __future__ import annotations
 import math
 
 from app.planning.tripod import MeasurementPlan
-from app.report.text.tables import new_table, table_text, uncertain, wrapped
+from app.report.text.tables import map_text, new_table, table_text, uncertain, wrapped
+from calib.arrays import LEG_NAMES, FloatArray
 from calib.design.criteria import Criterion
 from calib.design.identifiability import Combination, SeenBy
 from calib.diagnosis.results import AliasMap
 from calib.identify.next_mounting import FurtherSetUp, Proposal, Reach
 from calib.stats import coverage_factor
 from calib.tripod.optimum import ChosenPostures, Figures
+from calib.tripod.workspace import PostureOfTool, Workspace
+from protocols.machine import Machine
+from protocols.procedure import position_words
 
 COVERAGE = coverage_factor(math.inf)
 """Factor from standard to expanded uncertainty (95 %) with a known noise."""
@@ -214,3 +218,69 @@ def alias_text(found: AliasMap) -> str:
         shown = ", ".join(f"{name} ({where})" for name, where in found.invisible)
         lines.append(wrapped(f"No reading shows: {shown}"))
     return "\n".join(lines)
+
+
+def workspace_text(machine: Machine, found: Workspace) -> str:
+    """The box and how much of it is reached, the factors, the cut, the angles, then maps."""
+    low, high = machine.travel_min_mm, machine.travel_max_mm
+    whose = "stated in the machine file" if found.stated else "all that joint limits allow"
+    box = ", ".join(
+        f"{axis} {a:.0f} … {b:.0f}"
+        for axis, a, b in zip(LEG_NAMES, found.low_mm, found.high_mm, strict=True)
+    )
+    parts = [
+        f"{machine.name}: workspace {box} mm, {whose} (carriages {low:g} … {high:g} mm from Zero). "
+        f"{found.reached:.0%} of this box is reached, {1e-6 * found.volume_mm3:.2f} dm³.",
+        f"Velocity transmission factors, tool over carriages: {found.lowest_factor:.2f} … "
+        f"{found.highest_factor:.2f}; at Zero {_factors(found.at_zero)}. "
+        f"{found.inside:.1%} of the workspace keeps 1/{found.limit:g} … {found.limit:g}.",
+        _cube_words(found),
+        "Passive joints over the workspace:",
+    ]
+    joints = new_table("leg", "θ, °", "β, °")
+    for leg, theta, beta in zip(LEG_NAMES, found.theta_deg, found.beta_deg, strict=True):
+        joints.add_row(leg, *(f"{a:+.1f} … {b:+.1f}" for a, b in (theta, beta)))
+    title = "The factor furthest from 1, or its inverse, on planes through Zero (–: not reached)"
+    maps = (map_text(one, lambda factor: f"{factor:.2f}") for one in found.maps)
+    return "\n\n".join([*map(wrapped, parts), table_text(joints), wrapped(title), *maps])
+
+
+def _cube_words(found: Workspace) -> str:
+    limits = f"within 1/{found.limit:g} … {found.limit:g}"
+    if found.cube is None:
+        return (
+            f"No cube that the joint limits allow has its factors {limits}: take a larger --limit."
+        )
+    side, lowest = found.cube.side_mm, found.cube.low_mm
+    corners = [[float(f"{v:.1f}") for v in corner] for corner in (lowest, lowest + side)]
+    return (
+        f"Largest cube found that the joint limits allow, factors {limits}: {side:.1f} mm. For the "
+        f"machine file: workspace_mm = {corners}"
+    )
+
+
+def posture_text(machine: Machine, posture: PostureOfTool) -> str:
+    """Angles and factors at a place of the tool, then the other solutions."""
+    stands = "allow" if posture.stands else "do NOT allow"
+    heading = (
+        f"{machine.name}, tool at {position_words(posture.tool_mm)}: joint limits {stands} it. "
+        f"Velocity transmission factors {_factors(posture.factors)}."
+    )
+    own = posture.modes[0]
+    joints = new_table("leg", "carriage from Zero, mm", "θ, °", "β, °")
+    for row in zip(LEG_NAMES, own.carriage_mm, posture.theta_deg, posture.beta_deg, strict=True):
+        joints.add_row(row[0], f"{row[1]:+.3f}", f"{row[2]:+.3f}", f"{row[3]:+.3f}")
+    modes = new_table("working mode", *(f"carriage {leg}, mm" for leg in LEG_NAMES))
+    for mode in posture.modes:
+        signs = " ".join("+" if sign > 0 else "−" for sign in mode.signs)
+        modes.add_row(signs, *(f"{v:+.3f}" for v in mode.carriage_mm))
+    x, y, z = (round(v, 3) for v in posture.assembly_mm.tolist())
+    other = (
+        "This machine is + + +: each carriage ahead of the platform. The same carriages could also "
+        f"be assembled with the tool at {position_words((x, y, z))}."
+    )
+    return "\n\n".join([wrapped(heading), table_text(joints), table_text(modes), wrapped(other)])
+
+
+def _factors(factors: FloatArray) -> str:
+    return ", ".join(f"{factor:.3f}" for factor in factors)

@@ -17,8 +17,17 @@ from app.report.text.caveats import (
     bound_made_of,
     bound_now_and_then,
     caveats,
+    near_words,
 )
-from app.report.text.tables import decimals_for, new_table, signed, table_text, uncertain, wrapped
+from app.report.text.tables import (
+    decimals_for,
+    map_text,
+    new_table,
+    signed,
+    table_text,
+    uncertain,
+    wrapped,
+)
 from calib.identify.identify import SUBSETS, Solution
 from calib.noise.reading import Noise
 from protocols.machine import Instrument
@@ -27,8 +36,8 @@ from protocols.session import Session
 if TYPE_CHECKING:  # asked for by option only, and heavy
     from app.evaluating.comparison import Verification
     from app.evaluating.solution import Judgement
-    from calib.identify.accuracy import ToolMap
     from calib.identify.monte_carlo import MonteCarlo
+    from calib.tripod.workspace import PlaneMap
 
 
 def solution_text(solved: SessionSolution) -> str:
@@ -223,18 +232,11 @@ def judged_text(judged: Judgement) -> str:
     )
 
 
-def maps_text(maps: tuple[ToolMap, ...]) -> str:
+def maps_text(maps: tuple[PlaneMap, ...]) -> str:
     """Expected tool error in µm on planes through Zero."""
-    parts = []
-    for one in maps:
-        table = new_table(
-            f"{one.up} \\ {one.across}, mm", *(f"{v:+.0f}" for v in one.coordinate_mm)
-        )
-        for k in range(len(one.up_mm) - 1, -1, -1):
-            row = (f"{1000.0 * v:.0f}" for v in one.error_mm[k])
-            table.add_row(f"{one.up_mm[k]:+.0f}", *row)
-        parts.append(table_text(table))
-    return "Expected tool error with these values, µm\n\n" + "\n\n".join(parts)
+    title = "Expected tool error with these values, µm (–: beyond the joint limits)"
+    drawn = (map_text(one, lambda mm: f"{1000.0 * mm:.0f}") for one in maps)
+    return "\n\n".join([title, *drawn])
 
 
 def monte_carlo_text(found: MonteCarlo) -> str:
@@ -270,6 +272,9 @@ def comparison_sentence(before: Solution, after: Solution) -> str:
     )
 
 
+WRITING_REPORT = "Writing the report …"
+REPORT_WRITTEN = "Report written: {}. Open it in a browser to read, print and sign it."
+
 RESULT_HELP = """\
 1 2 3         joint offsets, leg lengths, or both
 4             both, constrained by the tolerances of the parts
@@ -277,6 +282,7 @@ Tab, arrows   Result, Plot, and after a verification Before/after
 E             write the joint offsets, in every format, into a folder
               beside the session
 V             measure again after the offsets were entered, and compare
+R             write the report to sign (HTML) beside the session
 D             diagnose: where readings and model disagree, and why
 Y             copy the text to the clipboard
 Escape, H     back; to the home screen
@@ -378,7 +384,8 @@ def verification_text(found: Verification) -> str:
     said = (
         f"{decided(found)} Tool over the workspace, r.m.s. (95 %): at most "
         f"{uncertain(before.bound_after.bound_mm)} mm was expected, at most "
-        f"{uncertain(after.bound_before.bound_mm)} mm is left."
+        f"{uncertain(after.bound_before.bound_mm)} mm is left; "
+        f"{near_words(before.near_after_mm, after.near_before_mm)}."
     )
     remarks = [wrapped(f"Remark: {remark}") for remark in found.compared.remarks]
     heading = f"before: {before.names[0]}\nafter:  {after.names[0]}"

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from io import StringIO
 from textwrap import fill
+from typing import TYPE_CHECKING
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
+
+if TYPE_CHECKING:
+    from calib.tripod.workspace import PlaneMap
 
 WIDTH = 76
 """Fits a terminal of 80 columns inside borders and scroll bar."""
@@ -30,6 +35,16 @@ def table_text(table: Table) -> str:
     )
     console.print(table)
     return "\n".join(line.rstrip() for line in out.getvalue().strip("\n").splitlines()).strip("\n")
+
+
+def map_text(one: PlaneMap, shown: Callable[[float], str]) -> str:
+    """Values on a plane through Zero; a dash where the tool does not reach."""
+    places = (f"{v:+.0f}" for v in one.coordinate_mm)
+    table = new_table(f"{one.up} \\ {one.across}, mm", *places)
+    for k in range(len(one.up_mm) - 1, -1, -1):
+        row = ("–" if math.isnan(v) else shown(v) for v in one.value[k])
+        table.add_row(f"{one.up_mm[k]:+.0f}", *row)
+    return table_text(table)
 
 
 def wrapped(text: str) -> str:

@@ -176,6 +176,21 @@ def test_one_leg_and_one_posture(tmp_path: Path, samples: Path, column: str, val
         assert any("measure others too" in said for said in found["remarks"])
 
 
+def test_without_any_noise_no_chance_is_told(tmp_path: Path, samples: Path) -> None:
+    """One reading a posture, nothing stated: the weight that the fit needs is no noise."""
+    table = tmp_path / "bare.csv"
+    with (samples / "tables" / "experiment_2_twelve.csv").open(encoding="utf-8") as lines:
+        table.write_text("".join(line.rsplit(",", 1)[0] + "\n" for line in lines), encoding="utf-8")
+    session = table.with_suffix(".jsonl")
+    assert glidecal("import", table, "-o", session).status == 0
+    found = diagnosed(session)
+    assert found["verdict"] == "cannot-tell"
+    assert found["noise"]["standard_deviation_mm"] is found["tool_bound"] is None
+    text = " ".join(glidecal("diagnose", session).out.split())
+    assert "nothing tells whether that is chance" in text
+    assert "by chance in" not in text
+
+
 def nameless(folder: Path) -> tuple[Path, Path]:
     """A session of a machine with a law that no name of the catalogue has, and its model."""
     model = folder / "truth.json"

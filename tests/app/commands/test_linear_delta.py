@@ -75,7 +75,7 @@ def test_an_effect_is_hidden_and_found_by_its_name(tmp_path: Path) -> None:
 def test_a_dry_run_lists_positions_with_one_indicator() -> None:
     said = ran("run", "--dry-run", *MACHINE)
     assert "58 steps with 1 indicator" in " ".join(said.split())
-    assert "(0, 30, 0) mm          1       G53 G0 X0.000 Y30.000 Z0.000" in said
+    assert "2 (0, 30, 0) mm 1 G53 G0 X0.000 Y30.000 Z0.000" in " ".join(said.split())
 
 
 def test_movements_of_carriages_follow_from_positions_and_lifts(tmp_path: Path) -> None:

@@ -349,3 +349,45 @@ def test_the_way_reaches_every_posture_from_its_side(seed: int) -> None:
     ]
     for visit in set(visits):
         assert made.count(visit) >= visits.count(visit)
+
+
+def test_workspace_in_words_and_as_a_document() -> None:
+    said = " ".join(glidecal("workspace", "orthoglide").out.split())
+    assert "all that joint limits allow (carriages -100 … 60 mm from Zero)" in said
+    assert "factors within 1/2 … 2: 139.0 mm" in said
+    assert "at Zero 1.000, 1.000, 1.000" in said
+    found = json.loads(glidecal("workspace", "linear-delta", "--limit", "1.6", "--json").out)
+    assert found["stated"]
+    assert (found["low_mm"], found["high_mm"]) == ([-60.0, -60.0, 0.0], [60.0, 60.0, 200.0])
+    assert found["within_limit"] == 0.0  # upwards 0.577 at Zero, and never more: beyond 1/1.6
+    assert found["largest_cube"] is None
+    assert [len(one["factor"]) for one in found["maps"]] == [7, 7, 7]
+
+
+AT = ("--at", "70", "40", "0")
+
+
+def test_one_place_of_the_tool() -> None:
+    found = json.loads(glidecal("workspace", "orthoglide", *AT, "--json").out)
+    assert not found["stands"]
+    assert found["working_modes"][0]["signs"] == [1, 1, 1]
+    said = " ".join(glidecal("workspace", "orthoglide", *AT).out.split())
+    assert "joint limits do NOT allow it" in said
+    assert "glidecal.posture/1" in json.dumps(found)
+
+
+def test_what_has_no_workspace_says_so(tmp_path: Path) -> None:
+    assert "found 'hexaslide'. Allowed: linear-delta, orthoglide" in refused(
+        2, "workspace", "hexaslide"
+    )
+    assert "tool at (900.000, 0.000, 0.000) mm" in refused(
+        5, "workspace", "orthoglide", "--at", "900", "0", "0"
+    )
+    for wrong in (("--limit", "nan"), ("--limit", "0.5"), ("--at", "nan", "0", "0")):
+        assert glidecal("workspace", "orthoglide", *wrong).status == 2
+    path = tmp_path / "m.toml"
+    path.write_text(
+        'schema = "glidecal.machine/1"\nworkspace_mm = [[-50, -50, -50], [70, 50, 50]]\n',
+        encoding="utf-8",
+    )
+    assert "carriage x at +61.835 mm from Zero" in refused(3, "workspace", path)

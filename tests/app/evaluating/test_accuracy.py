@@ -27,11 +27,11 @@ def test_another_set_comes_from_the_choice_and_tells_what_a_solution_of_its_own_
 
 def test_everything_at_once(samples: Path) -> None:
     session = samples / "simulated_zero-max-min.jsonl"
-    asked = ("--tolerance", "0.05", "--map", "--monte-carlo", "3000")
+    asked = ("--tolerance", "0.08", "--map", "--monte-carlo", "3000")
     run = glidecal("solve", session, "--json", *asked)
     assert run.status == 0, run.err
     found = json.loads(run.out)
-    assert found["tolerance"] == {"tolerance_mm": 0.05, "before": "fail", "after": "pass"}
+    assert found["tolerance"] == {"tolerance_mm": 0.08, "before": "fail", "after": "pass"}
     assert [len(one["error_mm"]) for one in found["tool_maps"]] == [5, 5, 5]
     centre = found["tool_maps"][0]["error_mm"][2][2]
     assert 0.0 < centre < 0.05

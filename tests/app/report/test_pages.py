@@ -81,6 +81,27 @@ def test_the_result_stands_in_it(experiment: CalibrationReport) -> None:
     assert len(rows) == 18, "three postures on three legs along two axes"
 
 
+def test_the_budget_grows_to_what_is_stated(experiment: CalibrationReport) -> None:
+    (section,) = (one for one in experiment.sections if one.heading == "Uncertainty budget")
+    of_values, of_tool = section.tables
+    solved = solve_files([EXPERIMENT])[0]
+    rows = list(zip(*(column.cells for column in of_values.columns), strict=True))
+    stated = zip(solved.solution.names, solved.solution.expanded_with_tolerances_mm, strict=True)
+    for row, (name, expanded_mm) in zip(rows, stated, strict=True):
+        assert row[0] == name
+        noise, left, parts = (float(str(cell)) for cell in row[1:])
+        assert noise <= left
+        assert parts == pytest.approx(expanded_mm, rel=0.05)
+    lines = [float(str(cell)) for cell in list(of_tool.columns)[1].cells]
+    assert max(lines) == pytest.approx(solved.bound_after.bound_mm, rel=0.05)
+
+
+def test_the_decision_rule_stands_with_the_decision() -> None:
+    with_rule = Page(html_of(report_of([SIMULATED], tolerance_mm=0.05))).text
+    assert "Decision rule (ISO 14253-1)" in with_rule
+    assert "Where the indicators stood" in with_rule
+
+
 def test_the_same_bytes_twice(experiment: CalibrationReport) -> None:
     html = html_of(experiment)
     assert html == html_of(report_of([EXPERIMENT]))

@@ -107,6 +107,7 @@ def test_without_repeats_and_noise_nothing_is_judged() -> None:
     assert found.verdict == "cannot-tell"
     assert found.effects == ()
     assert found.next_measurement is not None
+    assert found.known_noise_mm is None
 
 
 @pytest.mark.parametrize(

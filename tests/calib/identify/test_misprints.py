@@ -297,3 +297,16 @@ def test_the_sign_of_1_contradicts_3() -> None:
     from calib.tripod.geometry import Geometry, inverse
 
     assert inverse(Geometry(), tool)[0] == pytest.approx(by_3, abs=1e-10)
+
+
+def test_table_1_agrees_with_what_was_expected_and_table_2_does_not() -> None:
+    """Expected of experiment 3 is what joint offsets leave of experiment 2."""
+    expected, found = (np.array(part) for part in (TABLE_1[2][1], TABLE_1[3][0]))
+    assert rms(found - expected) == pytest.approx(0.063, abs=0.002)
+    assert expected @ found / np.linalg.norm(expected) / np.linalg.norm(found) > 0.95
+    measured, predicted = (np.array(TABLE_2[2][k]) for k in (0, 2))
+    predicted[TWELVE.index("y_z-")] *= -1.0  # a misprint
+    expected, found = measured - predicted, np.array(TABLE_2[3][0])
+    assert (rms(expected), rms(found)) == pytest.approx((0.14, 0.15), abs=0.005)
+    assert rms(found - expected) == pytest.approx(0.145, abs=0.002)
+    assert expected @ found / np.linalg.norm(expected) / np.linalg.norm(found) < 0.55

@@ -153,12 +153,13 @@ def test_map_and_decision() -> None:
     geometry = Geometry()
     shift = np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
     drawn = tool_map(geometry, shift, np.zeros((6, 6)), plane=(0, 1), points=9)
-    assert drawn.error_mm.shape == (9, 9)
-    for i, j in product((0, 4, 8), repeat=2):
+    assert drawn.value.shape == (9, 9)
+    assert np.isnan(drawn.value[8, 8])  # at (83, 83, 0) mm carriage x would be at 83 - 11 mm
+    for i, j in product((2, 4, 6), repeat=2):
         place = np.array([drawn.coordinate_mm[j], drawn.coordinate_mm[i], 0.0])
         carriage = inverse(geometry, place)
         moved = direct(geometry, carriage + shift[:3])
-        assert drawn.error_mm[i, j] == pytest.approx(float(np.linalg.norm(moved - place)), rel=0.01)
+        assert drawn.value[i, j] == pytest.approx(float(np.linalg.norm(moved - place)), rel=0.01)
     found = tool_error(geometry, shift, 1e-4 * np.eye(6))
     guard = 2.0 * found.standard_uncertainty_mm
     bound = found.rms_mm + 3.0 * guard

@@ -21,6 +21,7 @@ from app.measuring.session import GuidedSession, TakenStep
 from app.report.text import session as texts
 from app.screens.corrections import Corrections
 from app.screens.interface import ChoiceDialog
+from app.screens.pages import Resting
 from app.screens.session_view import LegReviewScreen, SessionView
 from calib.errors import GlidecalError, sentence
 from drivers.profile import Fault, IndicatorReading
@@ -51,7 +52,11 @@ SLEPT_S = 5.0
 """Between two looks: after so long the computer slept."""
 
 
-class MeasureScreen(Corrections):
+class KeysInForce(Resting, Footer):
+    """The keys, at the bottom."""
+
+
+class MeasureScreen(Resting, Corrections):
     """One step after the other; Space takes it."""
 
     HELP = texts.MEASURE_HELP
@@ -83,7 +88,7 @@ class MeasureScreen(Corrections):
 
     def compose(self) -> ComposeResult:
         yield self.view
-        yield Footer(compact=True, show_command_palette=False)
+        yield KeysInForce(compact=True, show_command_palette=False)
 
     def on_mount(self) -> None:
         # Collections pass over all that is loaded by now. `make bench`, event loop blocked while

@@ -28,7 +28,7 @@ from app.report.text.session import REVIEW_HELP, review_text, so_far_text, step_
 from app.report.text.tables import signed
 from app.screens.fast_keys import Dialog
 from app.screens.interface import WIDE
-from app.screens.pages import signalled
+from app.screens.pages import Resting, signalled
 from app.screens.plot import ChartPlot, DrawingPlot, SetUpScreen
 from calib.errors import GlidecalError, sentence
 from calib.tripod.geometry import Geometry
@@ -170,7 +170,15 @@ class GaugeDisplay(Widget):
         return f"{state}  {live.age_s:.0f} s old" if live.age_s >= OLD_S else state
 
 
-class StepList(Static):
+class Row(Resting, Horizontal):
+    """Widgets side by side."""
+
+
+class Words(Resting, Static):
+    """Lines of text."""
+
+
+class StepList(Words):
     """The steps around the present one, as many as fit: + done, - skipped, > now."""
 
     def __init__(self) -> None:
@@ -198,7 +206,7 @@ class StepList(Static):
         self.update("\n".join(self._lines[first : first + height]), layout=False)
 
 
-class SessionView(Vertical):
+class SessionView(Resting, Vertical):
     """The same picture whether a session is measured or replayed."""
 
     def __init__(self, instruments: Sequence[Instrument | None]) -> None:
@@ -207,14 +215,14 @@ class SessionView(Vertical):
         self._displays = tuple(GaugeDisplay(k, one) for k, one in enumerate(self._instruments))
 
     def compose(self) -> ComposeResult:
-        yield Static("", id="progress", markup=False)
-        yield Static("", id="step", markup=False)
+        yield Words("", id="progress", markup=False)
+        yield Words("", id="step", markup=False)
         yield StepList()
-        with Horizontal(id="gauges"):
+        with Row(id="gauges"):
             yield from self._displays
-        yield Static("", id="said", markup=False)
-        with Horizontal(id="lower"):
-            yield Static("", id="table", markup=False)
+        yield Words("", id="said", markup=False)
+        with Row(id="lower"):
+            yield Words("", id="table", markup=False)
             yield DrawingPlot(plot_id="chart")
 
     def show_progress(self, text: str) -> None:

@@ -18,6 +18,7 @@ check: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/mkdocs build --strict
 
 # the kernels of OpenBLAS and numpy that other processors take
 processors: $(VENV)/dev.stamp

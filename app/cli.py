@@ -64,6 +64,7 @@ def settings() -> None:
 
 cli.command("demo")(sessions.demo)
 cli.command("run")(sessions.run)
+cli.command("align")(sessions.align)
 cli.command("import")(sessions.import_table)
 cli.command("replay")(sessions.replay)
 cli.command("serve")(sessions.serve)

@@ -18,6 +18,7 @@ from protocols.session import Session
 if TYPE_CHECKING:  # heavy: imported where used
     from app.evaluating.diagnosis import SessionDiagnosis
     from app.evaluating.solution import SessionSolution
+    from app.evaluating.what_if import WhatIf
     from app.planning.tripod import MeasurementPlan
     from calib.identify.identify import Method, Subset
 
@@ -31,6 +32,7 @@ __all__ = [
     "report",
     "simulate",
     "solve",
+    "what_if",
 ]
 
 File = str | Path
@@ -88,6 +90,24 @@ def diagnose(
     found = diagnose_sessions(names, loaded, model=known, held_out=_given(held_out))
     _warn(found.warnings)
     return found
+
+
+def what_if(
+    *sessions: File | Session,
+    effect: str,
+    size: float | Sequence[float],
+    subset: Subset | None = None,
+) -> WhatIf:
+    """Solve with an effect (``id:where``, as `diagnose` names them) of this size held.
+
+    Predicted differences, residuals and the error at the tool follow from it; a size for each of
+    its parameters, in their units. Nothing is adopted.
+    """
+    from app.evaluating.what_if import what_if as evaluated
+
+    names, loaded = _given(sessions)
+    values = [size] if isinstance(size, int | float) else list(size)
+    return evaluated(names, loaded, effect, values, subset)
 
 
 def simulate(

@@ -22,8 +22,9 @@ from scipy.optimize import minimize
 
 from calib.arrays import FloatArray
 from calib.hexaslide.geometry import HexaSlide
-from calib.hexaslide.planning import best_postures, rows_seen
+from calib.hexaslide.planning import rows_seen
 from calib.hexaslide.procedures import Kind, Procedure
+from calib.hexaslide.search import Search, best_postures
 from protocols.hexaslide import load_hexaslide
 
 COUNTS = {
@@ -89,10 +90,10 @@ class ConditionNumber:
 
 
 def ours(procedure: Procedure, machine: HexaSlide, starts: int, seed: int = SEED) -> Found:
-    """`calib.hexaslide.planning.best_postures`."""
+    """`calib.hexaslide.search.best_postures`."""
     begin = time.process_time()
     count = COUNTS[procedure.kind]
-    best = best_postures(procedure, machine, count, seed=seed, starts=starts)
+    best = best_postures(procedure, machine, count, Search(seed=seed, starts=starts))
     return Found("glidecal", best.values, (time.process_time() - begin) / starts)
 
 

@@ -21,6 +21,7 @@ from functools import partial
 from pathlib import Path
 
 from textual.pilot import Pilot
+from textual.widgets import Tabs
 
 from app.measuring.gauges import Gauge
 from app.measuring.indicators import profile_of
@@ -200,6 +201,8 @@ async def operate(
             await until(lambda: isinstance(interface.screen, LegReviewScreen))
             await pilot.press("space")
             await until(lambda: isinstance(interface.screen, ResultScreen))
+        # whole before it goes: Textual 8.2.8 fails where a screen of tabs goes half made
+        await until(lambda: any(tabs.active for tabs in interface.screen.query(Tabs)))
     figures.blocked_s, figures.blocked_by_result_s = blocked.longest_s, closing.longest_s
     return figures
 

@@ -9,10 +9,12 @@ from typing import TypeVar
 T = TypeVar("T")
 R = TypeVar("R")
 
-on_part: ContextVar[Callable[[int, int], object]] = ContextVar(
+on_part: ContextVar[Callable[[float, int], object]] = ContextVar(
     "on_part", default=lambda _done, _parts: None
 )
-"""Is told how many parts are done, of how many: whoever waits may set it."""
+"""Is told how many parts are done, and perhaps a share of the next, of how many: whoever waits may
+set it.
+"""
 
 
 def in_parallel(work: Callable[[T], R], parts: Sequence[T]) -> Iterator[R]:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         report,
         simulate,
         solve,
+        what_if,
     )
 
 __all__ = [
@@ -34,6 +35,7 @@ __all__ = [
     "report",
     "simulate",
     "solve",
+    "what_if",
 ]
 
 ROOMS = ("app", "calib", "drivers", "protocols")

@@ -10,6 +10,7 @@ import csv
 import hashlib
 import json
 import re
+from collections.abc import Iterable
 from importlib import resources
 from io import StringIO
 from pathlib import Path
@@ -28,6 +29,7 @@ from pydantic import (
 
 from calib.arrays import FloatArray
 from calib.errors import CalibrationError, RecordError
+from calib.hexaslide.arms import Numbers
 from calib.hexaslide.geometry import (
     CHAINS,
     LEVEL,
@@ -36,26 +38,39 @@ from calib.hexaslide.geometry import (
     ConstraintLink,
     Geometry,
     HexaSlide,
-    Numbers,
     inverse,
 )
 from calib.hexaslide.procedures import Kind, Procedure
-from calib.hexaslide.residuals import Readings, measured_names
+from calib.hexaslide.residuals import Readings
 from protocols.documents import Document, Name, describe, read_text, read_toml
 
 Coordinate = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Point = tuple[Coordinate, Coordinate, Coordinate]
 Length = Annotated[float, Field(ge=1e-6, le=1000.0)]
 Range = tuple[Coordinate, Coordinate]
+Angle = Annotated[float, Field(ge=-360.0, le=360.0)]
+
+
+def ordered(bounds: Range) -> Range:
+    """Raises ValueError for bounds in the wrong order."""
+    if not bounds[0] < bounds[1]:
+        raise ValueError("the lower bound first, then a larger one")
+    return bounds
 
 
 class Chain(Document):
-    """One chain, lengths in metres; ``rail`` is a unit vector, ``joint_m`` on the platform."""
+    """One chain, lengths in metres; ``rail`` is a unit vector, ``joint_m`` on the platform.
+
+    ``travel_m`` is from where to where the slider may go; ``zeros_deg`` what encoders in the joint
+    on the carriage read too much: of the turn about the rail, and of the angle to it.
+    """
 
     start_m: Point
     rail: Point
     joint_m: Point
     link_m: Length
+    travel_m: Range | None = None
+    zeros_deg: tuple[Angle, Angle] = (0.0, 0.0)
 
     @field_validator("rail")
     @classmethod
@@ -66,6 +81,11 @@ class Chain(Document):
         if abs(rail[2]) < LEVEL:
             raise ValueError(f"a rail that is not level, |z| ≥ {LEVEL:g}")
         return rail
+
+    @field_validator("travel_m")
+    @classmethod
+    def _forward(cls, travel: Range | None) -> Range | None:
+        return None if travel is None else ordered(travel)
 
 
 class PostureBox(Document):
@@ -81,9 +101,7 @@ class PostureBox(Document):
     @field_validator("*")
     @classmethod
     def _ordered(cls, bounds: Range) -> Range:
-        if not bounds[0] < bounds[1]:
-            raise ValueError("the lower bound first, then a larger one")
-        return bounds
+        return ordered(bounds)
 
     def bounds(self) -> Box:
         """The box in metres and radians."""
@@ -139,7 +157,23 @@ class HexaSlideMachine(Document):
         if ends is not None:
             platform_end, base_end = np.array(ends.platform_end_m), np.array(ends.base_end_m)
             link = ConstraintLink(platform_end, base_end, ends.length_m)
-        return HexaSlide(_geometry(self.chain), self.box.bounds(), link)
+        travel = [one.travel_m or (-np.inf, np.inf) for one in self.chain]
+        zeros = np.radians([one.zeros_deg for one in self.chain]).ravel()
+        return HexaSlide(_geometry(self.chain), self.box.bounds(), link, zeros, np.array(travel).T)
+
+
+def machine_text(machine: HexaSlideMachine, said: Iterable[str]) -> str:
+    """The machine file, below what is ``said`` of it."""
+    lines = [*(f"# {line}".rstrip() for line in said)]
+    tables: list[tuple[str, Document]] = [("[[chain]]", one) for one in machine.chain]
+    tables.append(("[box]", machine.box))
+    if machine.constraint_link is not None:
+        tables.append(("[constraint_link]", machine.constraint_link))
+    lines += [f'schema = "{machine.schema_id}"', f"name = {json.dumps(machine.name)}"]
+    for heading, table in tables:
+        values = table.model_dump(mode="json", exclude_none=True)
+        lines += ["", heading, *(f"{key} = {json.dumps(value)}" for key, value in values.items())]
+    return "\n".join(lines) + "\n"
 
 
 def _geometry(chain: tuple[Chain, ...]) -> Geometry:
@@ -292,7 +326,7 @@ class HexaSlideMeasurements(Document):
     @model_validator(mode="after")
     def _fits(self) -> HexaSlideMeasurements:
         try:
-            wanted = measured_names(self.as_procedure())
+            wanted = self.as_procedure().measured
         except CalibrationError as problem:
             raise ValueError(str(problem)) from problem
         if wanted != self.measured:
@@ -310,7 +344,7 @@ class HexaSlideMeasurements(Document):
 
     def as_procedure(self) -> Procedure:
         """The procedure with what it measures. Raises CalibrationError."""
-        fixed = self.procedure in (Kind.POSE_INVERSE, Kind.CONSTRAINT_LINK)
+        fixed = self.procedure is Kind.POSE_INVERSE
         return Procedure.of(self.procedure.value, () if fixed else self.measured)
 
     def readings(self) -> Readings:
@@ -386,18 +420,21 @@ def _read(path: Path, kind: type[D], what: str) -> D:
         ) from problem
 
 
-def machine_like(
-    nominal: HexaSlideMachine, name: str, geometry: Geometry, link: ConstraintLink | None
-) -> HexaSlideMachine:
-    """The machine file with other numbers, box and all else as they are."""
+def machine_like(nominal: HexaSlideMachine, name: str, machine: HexaSlide) -> HexaSlideMachine:
+    """The machine file with the numbers of another machine, box and all else as they are."""
+    geometry, link = machine.geometry, machine.link
+    zeros = np.degrees(machine.zeros_rad).reshape(-1, 2).tolist()
     chains = tuple(
-        Chain(
-            start_m=_point(geometry.base[k]),
-            rail=_point(geometry.rails[k]),
-            joint_m=_point(geometry.platform[k]),
-            link_m=float(geometry.links[k]),
+        one.model_copy(
+            update={
+                "start_m": _point(geometry.base[k]),
+                "rail": _point(geometry.rails[k]),
+                "joint_m": _point(geometry.platform[k]),
+                "link_m": float(geometry.links[k]),
+                "zeros_deg": tuple(zeros[k]),
+            }
         )
-        for k in range(len(geometry.links))
+        for k, one in enumerate(nominal.chain)
     )
     ends = None
     if link is not None:

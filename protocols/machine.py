@@ -130,6 +130,9 @@ class Machine(Document):
     ``entered_offsets_mm`` are joint offsets already entered when the session is measured;
     ``offset_tolerance_mm`` and ``length_tolerance_mm`` are standard deviations of how far joint
     offsets and leg lengths of such machines are off, before anything is measured;
+    ``adjusted`` is any name, such as a date, of the state since parts of the machine were last
+    moved: sessions with other names are of another machine; ``rail_mm`` are the two places along
+    every rail, from where the axes meet, at which it rests on shims or screws.
     ``plane_tilt_mrad`` is the most that a reference plane leans along a leg, and ``plane_mm`` from
     where to where along every leg, from the tool at Zero, a stand can slide on it; None: anywhere.
     ``gravity`` is the direction in which weight pulls, of any length;
@@ -154,6 +157,8 @@ class Machine(Document):
     entered_offsets_mm: Triple = ZERO
     offset_tolerance_mm: Tolerance = 2.0
     length_tolerance_mm: Tolerance = 0.1
+    adjusted: Name | None = None
+    rail_mm: tuple[Length, Length] | None = None
     plane_tilt_mrad: Annotated[float, Field(ge=0.01, le=100.0)] = 5.0
     plane_mm: tuple[LengthMm, LengthMm] | None = None
     gravity: Direction = (0.0, 0.0, -1.0)
@@ -174,6 +179,8 @@ class Machine(Document):
             self.geometry()
         except CalibrationError as problem:
             raise ValueError(str(problem)) from problem
+        if self.rail_mm and self.rail_mm[0] >= self.rail_mm[1]:
+            raise ValueError("rail_mm: the nearer end first, then the other")
         if self.home_offset_mm and self.position_endstop_mm:
             raise ValueError("home_offset_mm and position_endstop_mm: the same switches; state one")
         return self
@@ -192,6 +199,11 @@ class Machine(Document):
     def tolerances_mm(self) -> FloatArray:
         """Tolerance of each base parameter ``(6,)``, in their order."""
         return np.repeat([self.offset_tolerance_mm, self.length_tolerance_mm], 3)
+
+    def rails_rest_mm(self) -> tuple[float, float]:
+        """Where rails rest; without ``rail_mm`` the ends of the carriages' travel."""
+        zero_mm = float(self.geometry().zero_mm.mean())
+        return self.rail_mm or (zero_mm + self.travel_min_mm, zero_mm + self.travel_max_mm)
 
     @property
     def usual_procedure(self) -> str:

@@ -149,8 +149,20 @@ def _check_readings(session: Session) -> None:
         )
 
 
+def changed_between(thing: str, verb: str) -> UsageError:
+    """Sessions between which parts of the machine were moved are of two machines."""
+    return UsageError(
+        thing,
+        "the machine mechanically changed between them",
+        "sessions of one mechanical state",
+        f"{verb.capitalize()} them one at a time: offsets from before do not hold after.",
+    )
+
+
 def _check_same_machine(sessions: Sequence[Session]) -> None:
     machines = [session.opened.machine for session in sessions]
+    if len({session.adjusted for session in sessions}) > 1:
+        raise changed_between(f"sessions of '{machines[0].name}'", "solve")
     for machine in machines[1:]:
         if machine != machines[0]:
             raise UsageError(

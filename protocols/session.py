@@ -226,6 +226,22 @@ class Continued(Line):
     paused_s: float | None = None
 
 
+class Changed(Line):
+    """Parts of the machine were moved: what was read before is of another machine.
+
+    One end of a rail: ``rail``, the axis ``towards`` that it was moved along, ``support_mm`` where
+    it rests, what was asked for and, where an indicator watched, what it moved.
+    """
+
+    event: Literal["changed"] = "changed"
+    rail: Leg | None = None
+    towards: Leg | None = None
+    support_mm: LengthMm | None = None
+    asked_mm: LengthMm | None = None
+    moved_mm: LengthMm | None = None
+    reason: Name
+
+
 class Closed(Line):
     """Last line: how many readings the session holds, superseded ones included."""
 
@@ -244,6 +260,7 @@ Event = Annotated[
     | Faulted
     | Noted
     | Continued
+    | Changed
     | Closed,
     Field(discriminator="event"),
 ]
@@ -264,6 +281,8 @@ def _place(reading: Reading) -> tuple[Cell, ...]:
     where = (reading.leg, reading.axis, reading.displacement_mm, reading.station)
     return (*where, int(reading.over_plane or False))
 
+
+CHANGED = "the machine was changed"
 
 DECIMALS = re.compile(r"\d*\.(\d+)$", re.ASCII)
 
@@ -286,6 +305,14 @@ class Session:
     mountings: tuple[Mounted, ...]
     stand_untouched: bool
     notes: tuple[str, ...] = ()
+    changes: tuple[Changed, ...] = ()
+
+    @property
+    def adjusted(self) -> str | None:
+        """In which mechanical state the readings that count were taken; None: never changed."""
+        if self.changes:
+            return f"{self.changes[-1].at:%Y-%m-%d %H:%M:%S}"
+        return self.opened.machine.adjusted
 
     @cached_property
     def _steps(self) -> tuple[Step, ...]:
@@ -395,6 +422,7 @@ def fold(events: Iterable[Event]) -> Session:
     skipped: dict[int, str] = {}
     mountings: list[Mounted] = []
     notes: list[str] = []
+    changes: list[Changed] = []
     stand_untouched = True
     for event in events:
         if isinstance(event, Opened):
@@ -410,13 +438,16 @@ def fold(events: Iterable[Event]) -> Session:
             superseded = _without(superseded, event.readings)
             restored |= dict.fromkeys(event.readings, event.reason)
             skipped = _without(skipped, event.steps)
-        elif isinstance(event, Mounted):
-            mountings.append(event)
-            stand_untouched = True
-        elif isinstance(event, Continued):
-            stand_untouched = False
+        elif isinstance(event, Mounted | Continued):
+            stand_untouched = isinstance(event, Mounted)
+            mountings += [event] if isinstance(event, Mounted) else []
         elif isinstance(event, Noted):
             notes.append(event.text)
+        elif isinstance(event, Changed):
+            before = (r.reading for r in readings if r.reading not in superseded)
+            superseded |= dict.fromkeys(before, f"{CHANGED}: {event.reason}")
+            restored, skipped, stand_untouched = {}, {}, False
+            changes.append(event)
     assert opened is not None
     counting = tuple(r for r in readings if r.reading not in superseded)
     return Session(
@@ -429,6 +460,7 @@ def fold(events: Iterable[Event]) -> Session:
         tuple(mountings),
         stand_untouched,
         tuple(notes),
+        tuple(changes),
     )
 
 

@@ -21,14 +21,14 @@ from calib.errors import GlidecalError
 from calib.hexaslide.planning import (
     KINDS,
     PUBLISHED_SETS,
-    BestPostures,
     HexaSlideSeen,
-    best_postures,
+    Scale,
     conditions_by_units,
     look_at,
     sensitivity,
 )
 from calib.hexaslide.procedures import Kind
+from calib.hexaslide.search import BestPostures, Search, best_postures
 from protocols.hexaslide import load_hexaslide
 from studies import THREADS, tables
 
@@ -57,10 +57,11 @@ class Effort:
     random_sets: int
     starts: int
     more_starts: int
+    joint_starts: int
 
 
-FULL = Effort(random_sets=400, starts=20, more_starts=2)
-QUICK = Effort(random_sets=8, starts=1, more_starts=0)
+FULL = Effort(random_sets=400, starts=20, more_starts=2, joint_starts=2)
+QUICK = Effort(random_sets=8, starts=1, more_starts=0, joint_starts=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +73,9 @@ class Studied:
     random_of_paper: FloatArray
     best: BestPostures
     more: dict[int, float]
+    few: BestPostures | None
+    in_box: BestPostures
+    in_joints: BestPostures | None
 
     @property
     def kind(self) -> Kind:
@@ -102,23 +106,33 @@ def study(request: Request, effort: Effort) -> Studied:
         count: searched(view, count, effort.more_starts).condition_number
         for count in (MORE_POSTURES[kind] if effort.more_starts else ())
     }
-    return Studied(view, random, same["m, rad"], best, more)
+    few = None
+    if paper < view.fewest:
+        few = searched(view, paper, max(effort.more_starts, 1), few=True)
+    # a link has the most postures and the slowest search
+    starts = effort.joint_starts if kind is not Kind.CONSTRAINT_LINK else 0
+    in_box = searched(view, view.fewest, starts) if starts else best
+    in_joints = searched(view, view.fewest, starts, in_joints=True) if starts else None
+    return Studied(view, random, same["m, rad"], best, more, few, in_box, in_joints)
 
 
-def searched(view: HexaSlideSeen, count: int, starts: int) -> BestPostures:
+def searched(
+    view: HexaSlideSeen, count: int, starts: int, *, few: bool = False, in_joints: bool = False
+) -> BestPostures:
     """As ``glidecal postures hexaslide --criterion condition``."""
-    return best_postures(view.procedure, view.machine, count, seed=SEED, starts=starts)
+    search = Search(seed=SEED, starts=starts, few=few, in_joints=in_joints)
+    return best_postures(view.procedure, view.machine, count, search)
 
 
 def random_conditions(view: HexaSlideSeen, count: int, sets: int) -> dict[str, FloatArray]:
     """Condition numbers ``(sets,)`` in each unit, of what so many random postures see."""
-    generator = np.random.default_rng(SEED)
+    generator, scale = np.random.default_rng(SEED), Scale.of(view.procedure, view.machine)
     found = []
     for _ in range(sets):
         postures = view.machine.box.random(count, generator)
         rows = sensitivity(view.procedure, view.machine, postures).jacobian
         rank = min(view.seen.found.rank, len(rows))
-        found.append(conditions_by_units(view.procedure, rows, rank))
+        found.append(conditions_by_units(view.procedure, rows, rank, scale))
     return {units: np.array([one[units] for one in found]) for units in found[0]}
 
 
@@ -138,7 +152,8 @@ def page(asked: Request, effort: Effort) -> str:
         "bounds": tables.bounds(studies),
         "units": tables.units(studies),
         "more": tables.more(studies),
-        "subsets": tables.subsets(asked),
+        **tables.subsets(asked, kinds),
+        "joints": tables.joints(studies),
         "simulated": tables.simulated(kinds, asked.machine_file),
     }
     return TEMPLATES.get_template("hexaslide.md.jinja").render(
@@ -162,7 +177,8 @@ def main() -> None:
     asked = parser.parse_args()
     effort = QUICK if asked.quick else FULL
     if asked.starts:
-        effort = Effort(effort.random_sets, asked.starts, min(asked.starts, effort.more_starts))
+        more, joint = (min(asked.starts, n) for n in (effort.more_starts, effort.joint_starts))
+        effort = Effort(effort.random_sets, asked.starts, more, joint)
     request = Request(Kind.POSE_INVERSE.value, asked.machine_file, seed=SEED)
     try:
         text = page(request, effort)

@@ -81,14 +81,16 @@ def has_done(screen: MeasureScreen, number: int) -> bool:
     return number in screen.guided.session.done() and not screen.busy
 
 
-async def take(pilot: Pilot[str], screen: MeasureScreen, number: int) -> None:
-    """One step by hand; where readings moved again as it was pressed, once more."""
+async def press_until(
+    pilot: Pilot[str], screen: MeasureScreen, condition: Callable[[], bool]
+) -> None:
+    """Take by hand; where readings moved again as the key was pressed, once more."""
     for patience_s in (*PRESSES_S, PATIENCE_S):
         await until(pilot, screen.ready_by_hand)
         await pilot.press("space")
         with contextlib.suppress(TimeoutError):
-            return await until(pilot, partial(has_done, screen, number), patience_s)
-    raise TimeoutError(number)
+            return await until(pilot, condition, patience_s)
+    raise TimeoutError(condition)
 
 
 async def take_wrong(pilot: Pilot[str], screen: MeasureScreen) -> None:
@@ -103,9 +105,7 @@ async def take_wrong(pilot: Pilot[str], screen: MeasureScreen) -> None:
         return given
 
     with patch.object(Gauge, "ask", wrong):
-        await until(pilot, screen.ready_by_hand)
-        await pilot.press("space")
-        await until_on(pilot, ChoiceDialog)
+        await press_until(pilot, screen, lambda: isinstance(screen.app.screen, ChoiceDialog))
     await save(pilot, "question")
     await pilot.press("1")
     await until_on(pilot, MeasureScreen)
@@ -123,7 +123,7 @@ async def measure(pilot: Pilot[str], interface: Interface, *, photographed: bool
     for step in screen.guided.steps:
         if photographed and step.number == QUESTIONED:
             await take_wrong(pilot, screen)
-        await take(pilot, screen, step.number)
+        await press_until(pilot, screen, partial(has_done, screen, step.number))
         if photographed and step.number == MIDDLE_OF_LEG:
             await photograph_measuring(pilot, screen)
         if isinstance(interface.screen, LegReviewScreen):

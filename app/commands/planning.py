@@ -137,6 +137,6 @@ def workspace(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Where the tool can be, and how its drives move it there."""
+    """Where the tool can be. How the drives move it there."""
     _, told = family_with("workspace", machine)
     typer.echo(told(machine, limit, at).shown(as_json=as_json))

@@ -193,7 +193,7 @@ def history(
     screen: Annotated[bool, typer.Option("--screen", help="Look at it on a screen.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """All sessions of a folder: offsets over time, changes, drift. When the next one is due."""
+    """All sessions of a folder over time. Changes, drift, and when the next one is due."""
     from datetime import UTC, datetime
 
     from app.evaluating.history import read_history

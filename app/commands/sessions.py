@@ -118,7 +118,15 @@ def run(
     )
     check_indicators(plan.instruments, legs=bool(procedure.levels))
     if dry_run:
+        from app.planning.tripod import planning_of
+        from app.report.text.planning import expected_text
+        from calib.identify.next_mounting import expected_of
+
         typer.echo(dry_run_text(plan.procedure, plan.machine, plan.instruments))
+        at_hand = known.model_copy(update={"indicator": plan.instruments})
+        planned = planning_of(known.name, at_hand, procedure)
+        expected = expected_text(expected_of(planned, known.tolerances_mm()))
+        typer.echo(f"\nBefore measuring, noise {planned.noise_words}:\n\n{expected}")
     else:
         _measure(plan, headless=headless)
 
@@ -224,6 +232,70 @@ def _measured(plan: Plan, say: Callable[[str], None]) -> SessionSolution:
         say(f"measuring {total} steps into {plan.path}")
         measure_all(guided)
     return solve_for_controller(plan.path)
+
+
+def align(
+    session: Annotated[Path | None, argument("A session to tell from; none: measure.")] = None,
+    reference: Annotated[
+        str, typer.Option(help="The rail that stays: x, y or z.", metavar="RAIL")
+    ] = "x",
+    protocol: Protocol = "align",
+    machine: Machine = None,
+    indicator: Annotated[
+        list[str] | None, typer.Option(help="PROFILE:PORT or PROFILE:PORT@AXES; once or twice.")
+    ] = None,
+    simulated: Annotated[
+        bool, typer.Option("--simulated", help="A simulated machine whose rails are off.")
+    ] = False,
+    output: Annotated[Path | None, file("Session file.", "--output", "-o")] = None,
+    seed: Seed = 1,
+    resume: Annotated[Path | None, file("Go on with an interrupted session.", "--continue")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Shims that make the rails square and meet. Measured, moved live, measured again."""
+    from app.measuring.aligning import align_session
+    from app.measuring.indicators import DEFAULT_PROFILE, check_indicators, choose_indicators
+    from app.measuring.opening import (
+        DEMO_MOTION_S,
+        Plan,
+        aligning,
+        plan_to_continue,
+        session_name,
+    )
+    from app.measuring.simulated import BenchSettings
+    from protocols.machine import load_machine
+    from protocols.procedure import ALL_AXES, load_procedure
+
+    rail = next((one for one in ALL_AXES if one == reference.lower()), None)
+    if rail is None:
+        raise UsageError("--reference", repr(reference), "x, y or z")
+    if session is not None:
+        from app.report.schema.alignment import AlignmentReport
+        from app.report.schema.document import to_json
+        from app.report.text.alignment import aligned_text
+        from protocols.record import read_record
+        from protocols.session import fold
+
+        found = align_session(fold(read_record(session).events), rail)
+        report = AlignmentReport.of(name=session.name, found=found)
+        typer.echo(to_json(report) if as_json else aligned_text(found))
+        return
+    known = load_machine(machine)
+    chosen = choose_indicators(
+        indicator or (), (), DEFAULT_PROFILE, machine=known, simulated=simulated
+    )
+    if resume:
+        plan = plan_to_continue(resume, chosen)
+    else:
+        if not chosen:
+            allowed = "--indicator PROFILE:PORT once or twice, or --simulated"
+            raise UsageError("indicators", "none", allowed)
+        procedure = load_procedure(protocol or "align", known.geometry())
+        bench = BenchSettings(motion_s=DEMO_MOTION_S) if simulated else BenchSettings()
+        path = output or session_name(Path(), procedure.name)
+        plan = Plan(path, known, procedure, chosen, seed=seed, bench=bench)
+        check_indicators(plan.instruments, legs=bool(procedure.levels))
+    _measure(aligning(plan, rail), headless=False)
 
 
 @with_options_of_machines

@@ -9,6 +9,7 @@ from typing import Literal
 from app.evaluating.solution import SessionSolution, end_warning, solve_sessions
 from calib.errors import CalibrationError, RecordError, UsageError
 from calib.identify.accuracy import Decision, ToolError, decide
+from protocols.observations import changed_between
 from protocols.record import Record, read_record
 from protocols.session import fold
 
@@ -20,6 +21,18 @@ class Comparison:
     before: SessionSolution
     after: SessionSolution
     remarks: tuple[str, ...]
+    changed: bool = False
+
+    @property
+    def expected_mm(self) -> float | None:
+        """R.m.s. that the first session promises; None across a mechanical change."""
+        return None if self.changed else self.before.solution.rms_after_mm
+
+
+MOVED = (
+    "Between these sessions the machine was mechanically changed. Joint offsets and effects found "
+    "before do not hold after it, and nothing is predicted across it."
+)
 
 
 def compare_files(before: Path, after: Path) -> Comparison:
@@ -53,13 +66,16 @@ def compare_files(before: Path, after: Path) -> Comparison:
             "two sessions with the same postures",
             "Measure both with the same procedure.",
         )
-    remarks = [end_warning(record) for record in (earlier, later) if record.end != "closed"]
+    states = [fold(record.events).adjusted for record in (earlier, later)]
+    changed = states[0] != states[1]
+    remarks = [MOVED] if changed else []
+    remarks += [end_warning(record) for record in (earlier, later) if record.end != "closed"]
     if not measured <= again:
         remarks.append(
             f"Only {len(measured & again)} of {len(measured)} differences are in both sessions; "
             "each r.m.s. is over its own session."
         )
-    return Comparison(first, second, (*remarks, *_order_remarks(earlier, later)))
+    return Comparison(first, second, (*remarks, *_order_remarks(earlier, later)), changed)
 
 
 def _differences(solved: SessionSolution) -> set[str]:
@@ -148,6 +164,8 @@ def verify_files(before: Path, after: Path, tolerance_mm: float | None = None) -
     if tolerance_mm is not None and not tolerance_mm > 0.0:
         raise UsageError("--tolerance", f"{tolerance_mm:g} mm", "a positive length in mm")
     compared = compare_files(before, after)
+    if compared.changed:
+        raise changed_between(f"sessions {before} and {after}", "solve")
     first, second = compared.before.solution, compared.after.solution
     if compared.after.sessions[0].opened.machine.set_at_zero:
         first, second = first.without_common(), second.without_common()

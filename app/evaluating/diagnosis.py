@@ -43,7 +43,7 @@ from protocols.model_file import (
     with_solution,
     without_effect,
 )
-from protocols.observations import corrected_readings, to_observations
+from protocols.observations import changed_between, corrected_readings, to_observations
 from protocols.record import read_record
 from protocols.session import Closed, Line, Opened, Reading, Session, Superseded
 
@@ -205,6 +205,8 @@ def _check(sessions: Sequence[Session], others: Sequence[Session]) -> None:
     # a copy has another path, but it began at the same moment
     if {one.opened.at for one in sessions} & {one.opened.at for one in others}:
         raise _on_both_sides()
+    if len({session.adjusted for session in (*sessions, *others)}) > 1:
+        raise changed_between("sessions diagnosed together", "diagnose")
     geometries = {
         replace(session.opened.machine.geometry(), load=1.0) for session in (*sessions, *others)
     }

@@ -119,7 +119,7 @@ def read_history(folder: Path, *, effects: bool = False, index: Path | None = No
                 problems.append((path, entry.problem))
             if entry.offsets_mm is not None:
                 found.setdefault(entry.machine.name, []).append((path, entry))
-    machines = [_of_machine(name, entries) for name, entries in sorted(found.items())]
+    machines = [history_of_machine(name, entries) for name, entries in sorted(found.items())]
     return History(folder, tuple(machines), tuple(problems))
 
 
@@ -178,7 +178,8 @@ def _named(name: str, session: Session) -> tuple[str, ...]:
     return tuple(f"{one.id}:{one.where}" for one in found)
 
 
-def _of_machine(name: str, entries: Iterable[tuple[Path, Entry]]) -> MachineHistory:
+def history_of_machine(name: str, entries: Iterable[tuple[Path, Entry]]) -> MachineHistory:
+    """The sessions of one machine in turn, and what changed between neighbours."""
     ordered = sorted(entries, key=lambda one: (one[1].began, one[0]))
     events = ["", *(_event(a, b) for (_, a), (_, b) in pairwise(ordered))]
     points = tuple(Point(*one, event) for one, event in zip(ordered, events, strict=True))

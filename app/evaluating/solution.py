@@ -23,7 +23,7 @@ from calib.noise.reading import (
     visit_starts,
 )
 from calib.tripod.geometry import PARAMETER_NAMES
-from calib.tripod.pipeline import Model
+from calib.tripod.pipeline import Model, StageEffect
 from calib.tripod.workspace import PLANES, PlaneMap
 from protocols.data_table import Cell, DataTable
 from protocols.observations import to_observations
@@ -276,17 +276,19 @@ def solve_sessions(
     method: Method = "exact",
     weights: Weights = "equal",
     model: ModelFile | None = None,
+    held: tuple[StageEffect, ...] = (),
 ) -> SessionSolution:
     """Identify; without a subset the recommended one is taken.
 
-    The sizes of a model's effects are fitted with the parameters. Raises NotIdentifiable where the
-    readings do not determine what was asked for, UsageError for a model of another machine.
+    The sizes of a model's effects are fitted with the parameters, those of ``held`` are not. Raises
+    NotIdentifiable where the readings do not determine what was asked for, UsageError for a model
+    of another machine.
     """
     observed = to_observations(sessions)
     machine = sessions[0].opened.machine
     start, sizes = (Model(machine.geometry()), ()) if model is None else _of(model, machine, method)
     choice = choose_subset(
-        start,
+        start.with_effects((*start.effects, *held)),
         observed,
         method,
         weights=weights,

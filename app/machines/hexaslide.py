@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -37,7 +37,9 @@ NOISE_MM, ERRORS_MM = 0.01, 1.0
 SHARE = 0.2
 """Of the postures, kept out as a check."""
 
-Measured = Annotated[str, typer.Option(help="Hexa Slide: what is measured, such as x,y,z,theta.")]
+Measured = Annotated[
+    str, typer.Option(help="Hexa Slide: what is measured, such as x,y,z,theta,swing1.")
+]
 Known = Annotated[
     str | None,
     typer.Option(
@@ -133,13 +135,26 @@ class PostureOptions:
     as_is: Annotated[
         bool, typer.Option("--as-is", help="Only judge the --posture-file, move nothing.")
     ] = False
+    space: Annotated[
+        Literal["box", "joints"],
+        typer.Option(help="Hexa Slide: where to search: box, or joints: all that the rails allow."),
+    ] = "box"
+    scaled: Annotated[
+        bool, typer.Option("--scaled", help="Hexa Slide: a criterion that no unit changes.")
+    ] = False
+    few: Annotated[
+        bool,
+        typer.Option("--few", help="Hexa Slide: fewer postures than show all, as in papers/001."),
+    ] = False
 
 
 def postures(asked: Question, search: PostureSearch, own: PostureOptions, say: Say) -> Answer:
-    """Postures anywhere in the box."""
-    from app.planning.hexaslide import Request, asked_postures, write_postures
+    """Postures anywhere in the box, or between the ends of the rails."""
+    from app.planning.hexaslide import Request, asked_postures, posture_table
     from app.report.schema.hexaslide import HexaSlidePosturesReport
     from app.report.text.hexaslide import postures_text
+    from calib.hexaslide.search import Search
+    from protocols.files import write_files
 
     request = Request(
         asked.procedure,
@@ -149,13 +164,18 @@ def postures(asked: Question, search: PostureSearch, own: PostureOptions, say: S
         posture_file=own.posture_file,
         seed=search.seed,
     )
+    wanted = Search(
+        search.criterion,
+        starts=search.starts,
+        in_joints=own.space == "joints",
+        scaled=own.scaled,
+        few=own.few,
+    )
     may = may_write(search.output, ".csv", force=search.force)
     with working("Looking for postures"):
-        found = asked_postures(
-            request, search.count, search.criterion, starts=search.starts, as_is=own.as_is
-        )
+        found = asked_postures(request, search.count, wanted, as_is=own.as_is)
     if search.output:
-        write_postures(found, search.output, replace=may)
+        write_files(search.output, {"": posture_table(found.coordinates)}, replace=may)
         say(f"postures written to {search.output}")
     return Answer(lambda: postures_text(found), lambda: HexaSlidePosturesReport.of(best=found))
 
@@ -181,7 +201,7 @@ class SimulateOptions:
         float | None, number("Hexa Slide: of each hidden error, mm (default 1).", 0.0, 10.0)
     ] = None
     measured: Annotated[
-        str | None, typer.Option(help="Hexa Slide, pose-forward: such as x,y,z,theta.")
+        str | None, typer.Option(help="Hexa Slide: such as x,y,z,theta or turn1,swing1.")
     ] = None
     machine_file: Annotated[Path | None, file("Hexa Slide: machine file (TOML).")] = None
     posture_file: Annotated[Path | None, file("Hexa Slide: these postures (CSV, JSON).")] = None
@@ -226,9 +246,18 @@ class SolveOptions:
         float | None,
         number("Hexa Slide: share of postures kept out as a check (default 0.2).", 0.0, 0.9),
     ] = None
+    corrected: Annotated[
+        Path | None, file("Hexa Slide: folder for the calibrated machine and its kinematics.")
+    ] = None
+    posture_file: Annotated[
+        Path | None, file("Hexa Slide: postures wanted; --corrected tells how to command them.")
+    ] = None
+    force: Annotated[
+        bool, typer.Option("--force", help="Hexa Slide: replace files of --corrected.")
+    ] = False
 
 
-def solve(files: Sequence[Path], own: SolveOptions, _say: Say) -> Answer:
+def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
     """Identify from one file of measured postures."""
     from app.planning.hexaslide import calibrate_file
     from app.report.schema.hexaslide import HexaSlideCalibrationReport
@@ -236,9 +265,20 @@ def solve(files: Sequence[Path], own: SolveOptions, _say: Say) -> Answer:
 
     if len(files) != 1:
         raise UsageError(FAMILY.measured, f"{len(files)} files", "one file")
+    if own.posture_file is not None and own.corrected is None:
+        raise UsageError("--posture-file", "no --corrected", "both, or none")
     share = SHARE if own.held_out is None else own.held_out
     with working("Solving"):
         solved = calibrate_file(files[0], own.truth, share)
+    if own.corrected is not None:
+        from app.exports.hexaslide import NOT_GENHEXKINS, calibrated_files
+        from protocols.files import targets_of, write_files
+
+        written = calibrated_files(solved, own.posture_file)
+        may = may_replace(own.force, *targets_of(own.corrected, written))
+        for path in write_files(own.corrected, written, replace=may):
+            say(f"written: {path}")
+        say(NOT_GENHEXKINS)
     return Answer(
         lambda: calibration_text(solved), lambda: HexaSlideCalibrationReport.of(solved=solved)
     )

@@ -51,12 +51,19 @@ def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer:
     """What the procedure sees."""
     from app.planning.tripod import tripod_planning
     from app.report.schema.planning import IdentifiabilityReport
-    from app.report.text.planning import identifiability_text
+    from app.report.text.planning import expected_text, identifiability_text
     from calib.design.identifiability import seen_by
+    from calib.identify.next_mounting import expected_of
+    from protocols.machine import load_machine
 
     planned, _ = tripod_planning(asked.machine, asked.procedure, asked.machine_file, own.noise)
     seen = seen_by(planned)
-    return Answer(lambda: identifiability_text(seen), lambda: IdentifiabilityReport.of(seen=seen))
+    machine = load_machine(asked.machine_file or asked.machine)
+    expected = expected_of(planned, machine.tolerances_mm())
+    return Answer(
+        lambda: f"{identifiability_text(seen)}\n\n{expected_text(expected)}",
+        lambda: IdentifiabilityReport.of(seen=seen, expected=expected),
+    )
 
 
 @dataclass(frozen=True)

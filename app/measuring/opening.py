@@ -13,6 +13,7 @@ from pathlib import Path
 from app.evaluating.comparison import partner_of
 from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import SessionSolution, solve_for_controller
+from app.measuring.aligning import rail_moved
 from app.measuring.gauges import Gauge
 from app.measuring.indicators import (
     DEFAULT_PROFILE,
@@ -29,12 +30,14 @@ from app.measuring.session import GuidedSession
 from app.measuring.simulated import BenchSettings, SimulatedBench, hidden_effect, planned_readings
 from app.version import program
 from calib.errors import GlidecalError, IndicatorError, RecordError, UsageError
+from calib.tripod.alignment import misaligned
+from calib.tripod.pipeline import StageEffect
 from calib.tripod.simulation import hidden_machine
 from drivers.twins import default_transport
 from protocols.files import reason_of, unused_path
 from protocols.journal import Journal
 from protocols.machine import Instrument, Machine, load_machine
-from protocols.procedure import Procedure, Step, load_procedure
+from protocols.procedure import Leg, Procedure, Step, load_procedure
 from protocols.record import read_record
 from protocols.session import Opened, fold
 
@@ -50,7 +53,8 @@ class Plan:
     """Everything known before the first reading.
 
     ``before`` is the solution whose offsets this session verifies, ``verifies`` its file name.
-    ``continued``: the record is there and goes on.
+    ``continued``: the record is there and goes on. With ``reference`` the rails are aligned to that
+    one between rounds of measuring.
     """
 
     path: Path
@@ -67,6 +71,7 @@ class Plan:
     bench: BenchSettings = BenchSettings()
     interval_s: float = SIMULATED_INTERVAL_S
     window_s: float | None = None
+    reference: Leg | None = None
 
     def __post_init__(self) -> None:
         """Against a plate, or over planes alone, the first indicator reads that may along it."""
@@ -112,6 +117,7 @@ class Indicators:
     gauges: tuple[Gauge, ...]
     go: Callable[[Step], None] | None = None  # the operator moves a real machine
     close_bench: Callable[[], None] = lambda: None
+    turn: Callable[[StageEffect, Step], None] | None = None  # a screw of a simulated machine
 
     def close(self) -> None:
         """Close every port, then switch a simulated machine off."""
@@ -147,7 +153,7 @@ def open_indicators(plan: Plan) -> Indicators:
             gauge.start()
             undo.callback(gauge.close)
         undo.pop_all()
-    return Indicators(gauges, bench.go, bench.close) if bench else Indicators(gauges)
+    return Indicators(gauges, bench.go, bench.close, bench.turn) if bench else Indicators(gauges)
 
 
 def simulated_bench(plan: Plan) -> SimulatedBench:
@@ -176,6 +182,7 @@ def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
         plan.procedure.check_bars(plan.machine.geometry())
         journal = Journal.create(plan.path, opened_event(plan))
     guided = GuidedSession(journal, indicators.gauges, indicators.go, indicators.close)
+    guided.turn = indicators.turn
     if plan.note and not plan.continued:
         guided.note(plan.note)
     if not plan.simulated:
@@ -341,6 +348,21 @@ def with_hidden_effect(plan: Plan, effect: str) -> Plan:
     return replace(plan, bench=replace(plan.bench, effects=effects, clock_rate=clock_rate))
 
 
+def aligning(plan: Plan, reference: Leg) -> Plan:
+    """The plan with its rails aligned between rounds; a simulated machine's are off.
+
+    What the record says was moved is moved. Raises RecordError.
+    """
+    if not plan.simulated:
+        return replace(plan, reference=reference)
+    geometry, moved = plan.machine.geometry(), []
+    for change in fold(read_record(plan.path).events).changes if plan.continued else ():
+        if change.support_mm is not None:  # else it was only begun
+            moved.append(rail_moved(change, plan.machine.rails_rest_mm()))
+    effects = (*misaligned(geometry, plan.seed), *moved)
+    return replace(plan, reference=reference, bench=replace(plan.bench, effects=effects))
+
+
 def verification_plan(plan: Plan, before: SessionSolution) -> Plan:
     """The same procedure after the offsets were entered in the controller."""
     found = before.joint_offsets_mm
@@ -349,6 +371,7 @@ def verification_plan(plan: Plan, before: SessionSolution) -> Plan:
     home = held and [old + new for old, new in zip(held, found, strict=True)]
     machine: Machine = plan.machine.model_copy(
         update={
+            "adjusted": before.sessions[0].adjusted,
             "entered_offsets_mm": tuple(entered),
             "home_offset_mm": tuple(home) if home else None,
             "position_endstop_mm": None,

@@ -10,11 +10,13 @@ from enum import StrEnum
 from pathlib import Path
 
 from app.measuring.gauges import Gauge
+from calib.tripod.pipeline import StageEffect
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
 from protocols.expectation import Expected, Movement, expected, movement
 from protocols.journal import Journal
 from protocols.procedure import Leg, Step, default_mount
 from protocols.session import (
+    Changed,
     Faulted,
     Line,
     Mounted,
@@ -82,6 +84,7 @@ class GuidedSession:
         self._journal = journal
         self.gauges = tuple(gauges)
         self._go = go
+        self.turn: Callable[[StageEffect, Step], None] | None = None
         self._on_close = on_close
         self.session: Session = fold(journal.events)
         self.steps = self.session.steps()
@@ -347,6 +350,16 @@ class GuidedSession:
             step = self.step()
             if step is not None:
                 self._append([self._new_mounting(step)])
+
+    def change(self, change: Changed) -> None:
+        """Parts of the machine were moved: every step is measured again, on new set-ups."""
+        with self._lock:
+            self._append([change])
+
+    def watch(self, step: Step) -> None:
+        """Tell a simulated machine to stand as for this set-up, which is no step of its own."""
+        if self._go is not None:
+            self._go(step)
 
     def note(self, text: str) -> None:
         """A remark for the record."""

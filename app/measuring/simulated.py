@@ -142,6 +142,12 @@ class SimulatedBench:
             self._shown_mm[number] = value
         self.rig.go(self._shown_mm)
 
+    def turn(self, moved: StageEffect, step: Step) -> None:
+        """A rail is moved while the indicators stand as for a step."""
+        truth = self._machine.truth
+        self._machine.truth = truth.with_effects((*truth.effects, moved))
+        self.go(step)
+
     def close(self) -> None:
         """Switch everything off."""
         self.rig.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,10 +11,10 @@ from calib.arrays import FloatArray
 from calib.design.criteria import Criterion
 from calib.errors import CalibrationError, RecordError, UsageError
 from calib.hexaslide.checked import Checked, checked_calibration
-from calib.hexaslide.geometry import COORDINATES, HexaSlide
-from calib.hexaslide.planning import BestPostures, HexaSlidePlanning, best_postures, judged_postures
+from calib.hexaslide.geometry import COORDINATES, HexaSlide, in_degrees
+from calib.hexaslide.planning import HexaSlidePlanning
 from calib.hexaslide.procedures import Kind, Procedure
-from calib.hexaslide.residuals import measured_names
+from calib.hexaslide.search import BestPostures, Search, judged_postures, searches
 from calib.hexaslide.simulation import simulate
 from protocols.files import write_files
 from protocols.hexaslide import (
@@ -83,63 +84,66 @@ def procedure_on(
 
 
 def asked_postures(
-    request: Request,
-    count: int | None,
-    criterion: Criterion = Criterion.CONDITION,
-    *,
-    starts: int,
-    as_is: bool = False,
+    request: Request, count: int | None, search: Search | None = None, *, as_is: bool = False
 ) -> BestPostures:
-    """The best postures, from those of the file if there is one, or those ``as_is``.
+    """The best postures, from those of the file if there is one, or those ``as_is``; where a person
+    stops the search, the best of the starts that are done.
 
     Papers/001 minimises the condition number. Raises UsageError, RecordError, CalibrationError for
-    postures that do not determine enough.
+    postures that do not determine enough, KeyboardInterrupt before the first start is done.
     """
-    if criterion is Criterion.TOOL_VARIANCE:
-        raise UsageError("--criterion", criterion.value, "the other five for the hexaslide")
-    planned, given = hexaslide_planning(request), None
+    search = replace(search or Search(), seed=request.seed)
+    if search.criterion is Criterion.TOOL_VARIANCE:
+        raise UsageError("--criterion", search.criterion.value, "the other five for the hexaslide")
+    planned = hexaslide_planning(request)
     if planned.given is not None:
         fixed = len(planned.given)
         if count not in (None, fixed):
             raise UsageError("--count", f"{count}", f"{fixed} as in the posture file, or none")
+        search, count = replace(search, source=planned.source), fixed
         if as_is:
-            judged = judged_postures(planned.procedure, planned.machine, planned.given, criterion)
-            return replace(judged, seed=planned.seed, source=planned.source)
-        given = inside_box(planned.given, planned.machine, AS_IS)
-        count = fixed
+            return judged_postures(planned.procedure, planned.machine, planned.given, search)
+        search = replace(search, given=inside_box(planned.given, planned.machine, AS_IS))
     elif as_is:
         raise UsageError("--as-is", "no --posture-file", "one to judge")
     if count is None:
         raise UsageError("--count", "none", "how many postures to find, or a --posture-file")
     if count > MOST_MOVED:
         raise UsageError("--count", f"{count}", f"{MOST_MOVED} postures at most")
-    best = best_postures(
-        planned.procedure,
-        planned.machine,
-        count,
-        criterion,
-        seed=request.seed,
-        starts=starts,
-        given=given,
-    )
-    return best if given is None else replace(best, source=planned.source)
+    return _searched(planned, count, search)
+
+
+def _searched(planned: HexaSlidePlanning, count: int, search: Search) -> BestPostures:
+    best: BestPostures | None = None
+    try:
+        for found in searches(planned.procedure, planned.machine, count, search):
+            best = found
+    except KeyboardInterrupt:
+        if best is None:
+            raise
+    assert best is not None, "one start at least"
+    return best
 
 
 def inside_box(given: FloatArray, machine: HexaSlide, advice: str = "") -> FloatArray:
     """The postures of a file, on the bounds where only rounding is outside. Raises RecordError."""
     try:
-        return machine.box.inside(given)
+        return machine.inside(given)
     except CalibrationError as problem:
         raise RecordError(
             f"posture file, {problem.thing}", problem.found, problem.allowed, advice
         ) from problem
 
 
-def write_postures(found: BestPostures, path: Path, *, replace: bool = False) -> None:
-    """A table that ``--posture-file`` reads, units in its header line. Raises as `write_files`."""
-    rows = [[f"{value:.12g}" for value in row.values()] for row in found.postures]
-    table = "".join(f"{','.join(row)}\n" for row in [COORDINATES, *rows])
-    write_files(path, {"": table}, replace=replace)
+def posture_table(postures: FloatArray) -> str:
+    """A table of postures ``(p, 6)`` that ``--posture-file`` reads, units in its header line."""
+    return table(COORDINATES, [list(row.values()) for row in in_degrees(postures)])
+
+
+def table(names: Sequence[str], rows: Sequence[Sequence[float]]) -> str:
+    """Names, then numbers."""
+    lines = [names, *([f"{value:.12g}" for value in row] for row in rows)]
+    return "".join(f"{','.join(line)}\n" for line in lines)
 
 
 @dataclass(frozen=True)
@@ -185,14 +189,14 @@ def simulated(asked: SimulationRequest) -> tuple[HexaSlideMeasurements, HexaSlid
         origin="simulated",
         seed=asked.seed,
         procedure=procedure.kind,
-        measured=measured_names(procedure),
+        measured=procedure.measured,
         units=FileUnits(),
         noise=noise,
         machine_file=asked.machine_file.name if asked.machine_file else EXAMPLE,
         machine=own,
         postures=tuple(MeasuredPosture(sliders=tuple(s), values=tuple(v)) for s, v in rows),
     )
-    true = machine_like(own, f"{own.name}, as it truly is", truth.geometry, truth.link)
+    true = machine_like(own, f"{own.name}, as it truly is", truth)
     return measured, HexaSlideTruth(
         schema=TRUTH_SCHEMA, measurements_sha256=measured.digest(), machine=true
     )

@@ -73,11 +73,23 @@ def tripod_planning(
     Raises UsageError and RecordError.
     """
     machine = load_machine(machine_file or name)
+    procedure = load_procedure(procedure_name or machine.usual_procedure, machine.geometry())
+    planning = planning_of(name, machine, procedure, noise_mm, minutes_per_mounting)
+    return planning, procedure
+
+
+def planning_of(
+    name: str,
+    machine: Machine,
+    procedure: Procedure,
+    noise_mm: float | None = None,
+    minutes_per_mounting: float = MINUTES_PER_MOUNTING,
+) -> TripodPlanning:
+    """The same of what is loaded. Raises UsageError."""
     geometry = machine.geometry()
-    procedure = load_procedure(procedure_name or machine.usual_procedure, geometry)
     noise, words = stated_noise(machine, noise_mm)
     steps = procedure.steps(geometry)
-    planning = TripodPlanning(
+    return TripodPlanning(
         name=name,
         geometry=geometry,
         procedure=procedure.name,
@@ -91,7 +103,6 @@ def tripod_planning(
         noise=noise,
         noise_words=words,
     )
-    return planning, procedure
 
 
 def procedure_files(orders: Orders, like: Procedure, path: Path) -> tuple[Path, Written]:

@@ -72,7 +72,8 @@ class Corrections(Screen[None]):
             return
         if self.write(self.guided.undo):
             step = self.guided.step()
-            self.say(f"Superseded, kept in the record: step {step.number if step else 0} is next")
+            again = f"Step {step.number if step else 0} is next again."
+            self.say(f"{again} Its readings stay in the record and do not count.")
             self.proceed()
 
     def action_earlier(self) -> None:

@@ -39,13 +39,12 @@ from app.screens.plot import DrawingPlot
 from calib.errors import GlidecalError
 from calib.hexaslide.planning import (
     KINDS,
-    Found,
     HexaSlideSeen,
     conditions_at,
-    find_postures,
     look_at,
 )
 from calib.hexaslide.procedures import Kind
+from calib.hexaslide.search import BestPostures, Search, searches
 
 STARTS = 8
 MOST_POSTURES = 200
@@ -61,12 +60,16 @@ class ShownProcedure(Message):
     view: HexaSlideSeen | GlidecalError
 
 
+class _Left(Exception):
+    """Nobody waits for the search any more."""
+
+
 @dataclass
 class SearchNews(Message):
     """A start of the search is done; without a result the search has ended."""
 
     search: threading.Event
-    found: Found | None
+    found: BestPostures | None
     problem: GlidecalError | None = None
 
 
@@ -111,7 +114,7 @@ class HexaSlideScreen(PagedScreen):
         super().__init__()
         self.request = request or Request(Kind.POSE_INVERSE)
         self.view: HexaSlideSeen | None = None
-        self.found: Found | None = None
+        self.found: BestPostures | None = None
         self.looking = False
         self._asked = 0
         self._count = 0
@@ -206,7 +209,7 @@ class HexaSlideScreen(PagedScreen):
         view, found = self.view, self.found
         if view is None:
             return
-        best = None if found is None else conditions_at(view, found.best.coordinates)
+        best = None if found is None else conditions_at(view, found.coordinates)
         self._say("sees-text", sees_text(view, found, best))
         self._say("list-text", list_text(found))
         self._show_search()
@@ -220,11 +223,11 @@ class HexaSlideScreen(PagedScreen):
             self._say("search-text", text)
 
     def _draw_machine(self, view: HexaSlideSeen) -> None:
-        count = 0 if self.found is None else len(self.found.best.coordinates)
+        count = 0 if self.found is None else len(self.found.coordinates)
         self._say("drawn-text", drawn_at_text(self._drawn_at, count))
         posture = view.machine.box.centre
         if self.found is not None and self._drawn_at:
-            posture = self.found.best.coordinates[self._drawn_at - 1]
+            posture = self.found.coordinates[self._drawn_at - 1]
         front, above = drawn_machine(view.machine, posture)
         for place in ("", "sketch-"):
             self.query_one(f"#{place}front", DrawingPlot).show(front)
@@ -240,8 +243,9 @@ class HexaSlideScreen(PagedScreen):
         def typed(text: str | None) -> None:
             if text:
                 measured = tuple(part.strip() for part in text.split(","))
-                forward = replace(self.request, procedure=Kind.POSE_FORWARD, known=None)
-                self._look(replace(forward, measured=measured))
+                linked = self.request.procedure == Kind.CONSTRAINT_LINK
+                kind = Kind.CONSTRAINT_LINK if linked else Kind.POSE_FORWARD
+                self._look(replace(self.request, procedure=kind, measured=measured))
 
         proposed = ",".join(self.request.measured or ("x", "y", "z", "theta"))
         self.app.push_screen(TextDialog(WHICH_COMPONENTS, "x,y,z,theta", proposed), typed)
@@ -290,20 +294,17 @@ class HexaSlideScreen(PagedScreen):
 
     @work(thread=True, group="search")
     def _search(self, view: HexaSlideSeen, count: int, stop: threading.Event) -> None:
-        def heard(found: Found) -> None:
-            self.post_message(SearchNews(stop, found))
+        def watch() -> None:
+            if stop.is_set():
+                raise _Left
 
+        wanted = Search(seed=view.planned.seed, starts=STARTS)
         problem: GlidecalError | None = None
         try:
-            find_postures(
-                view.procedure,
-                view.machine,
-                count,
-                seed=view.planned.seed,
-                starts=STARTS,
-                heard=heard,
-                going_on=lambda: not stop.is_set(),
-            )
+            for found in searches(view.procedure, view.machine, count, wanted, watch):
+                self.post_message(SearchNews(stop, found))
+        except _Left:
+            return
         except GlidecalError as failure:
             problem = failure
         self.post_message(SearchNews(stop, None, problem))
@@ -329,7 +330,7 @@ class HexaSlideScreen(PagedScreen):
     def action_draw(self, by: int) -> None:
         """The machine at the next of the postures that were found; 0 is the middle of the box."""
         if self.view is not None and self.found is not None:
-            self._drawn_at = (self._drawn_at + by) % (len(self.found.best.coordinates) + 1)
+            self._drawn_at = (self._drawn_at + by) % (len(self.found.coordinates) + 1)
             self._draw_machine(self.view)
 
     def action_copy(self) -> None:

@@ -407,6 +407,9 @@ class Interface(App[str]):
     def measuring(self, guided: GuidedSession, plan: Plan) -> Screen[None]: ...
 
     @abstractmethod
+    def aligning(self, guided: GuidedSession, plan: Plan) -> Screen[None]: ...
+
+    @abstractmethod
     def result(self, solved: SessionSolution, plan: Plan | None, path: Path) -> Screen[None]: ...
 
     @abstractmethod

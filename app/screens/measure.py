@@ -323,7 +323,9 @@ class MeasureScreen(Corrections):
             self.ask(picture, lambda _: None)
 
     def _begin_finish(self) -> None:
-        if not self.busy:
+        if self.plan.reference and not self.guided.closed:
+            self.app.go_to(self.app.aligning(self.guided, self.plan))
+        elif not self.busy:
             self.busy = True
             self.say("Every reading is on the disk. Computing the result …")
             self._finish()

@@ -269,7 +269,7 @@ class PrepareScreen(Screen[None]):
     HELP = texts.PREPARE_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "choose", "Choose", id="prepare.choose"),
-        Binding("delete", "clear", "None", id="prepare.clear"),
+        Binding("delete", "clear", "Clear", id="prepare.clear"),
         Binding("f5", "check", "Check the indicators", id="prepare.check"),
         Binding("f2", "dry_run", "Dry run", id="prepare.dry-run"),
         Binding("escape", "app.pop_screen", "Back", id="prepare.back"),

@@ -50,6 +50,11 @@ class Glidecal(Interface):
     def measuring(self, guided: GuidedSession, plan: Plan) -> Screen[None]:
         return MeasureScreen(guided, plan)
 
+    def aligning(self, guided: GuidedSession, plan: Plan) -> Screen[None]:
+        from app.screens.align import AlignScreen
+
+        return AlignScreen(guided, plan)
+
     def result(self, solved: SessionSolution, plan: Plan | None, path: Path) -> Screen[None]:
         from app.screens.result import ResultScreen
 

@@ -30,6 +30,11 @@ OF_ENDS = (
 )
 """Criteria of the largest and the smallest singular value alone."""
 
+WALL = 30.0
+"""Logarithm of a criterion that nothing reaches: of what cannot be. Larger ones shorten the next
+step so much that the search stops.
+"""
+
 FAINT = 1e-9
 """Relative eigenvalue of the information above which it has digits enough; it is quicker to take
 apart than the rows.
@@ -57,14 +62,18 @@ def refine(
     aim: Aim | None = None,
     *,
     sharpness: Sequence[float] = (),
+    beside: Callable[[FloatArray], tuple[float, FloatArray]] | None = None,
+    told: Callable[[int, int], object] = lambda _done, _parts: None,
 ) -> RefinedPostures:
     """Improve postures ``(p, d)`` inside the box ``(d,)`` to ``(d,)`` by L-BFGS-B.
 
     ``rows_at`` is a smooth map of the machine.
     ``sharpness`` are powers, rising, with which criteria of single singular values are made smooth
     in stages: where it depends on the largest singular value alone, a search without them gets
-    stuck. Raises CalibrationError for a start outside the box, NotIdentifiable where the start
-    does not see all wanted parameters.
+    stuck. ``beside`` is added to the logarithm of the criterion, with its derivatives by the
+    coordinates. Where ``rows_at`` refuses coordinates on the way, the search turns back. ``told``
+    hears of stages. Raises CalibrationError for a start outside the box, NotIdentifiable where the
+    start does not see all wanted parameters.
     """
     aim, width = aim or Aim(), upper - lower
     if not (width > 0.0).all() or not ((lower <= start) & (start <= upper)).all():
@@ -77,13 +86,20 @@ def refine(
         return np.asarray(np.clip(lower + unit.reshape(start.shape) * width, lower, upper))
 
     def cost(unit: FloatArray, power: float) -> tuple[float, FloatArray]:
-        rows, pull = rows_at(unfolded(unit))
+        coordinates = unfolded(unit)
+        try:
+            rows, pull = rows_at(coordinates)
+            more, slopes = (0.0, 0.0) if beside is None else beside(coordinates)
+        except CalibrationError:
+            return WALL, np.zeros(unit.size)
         value, by_rows = cost_by_rows(rows, aim, power)
-        return value, (pull(by_rows) * width).ravel()
+        return value + more, ((pull(by_rows) + slopes) * width).ravel()
 
     unit = ((start - lower) / width).ravel()
-    for power in sharpness if sharpness and aim.criterion in OF_ENDS else [math.inf]:
+    powers = sharpness if sharpness and aim.criterion in OF_ENDS else [math.inf]
+    for stage, power in enumerate(powers, start=1):
         unit = _descended(cost, unit, power)
+        told(stage, len(powers))
     moved = unfolded(unit)
     after = judged(rows_at(moved)[0], aim)
     if (after <= before) if aim.criterion.larger_is_better else (after >= before):

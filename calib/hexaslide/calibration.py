@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.arrays import EXACT_BLIND, FloatArray, condition, named_inside, names_outside, svd_of_all
 from calib.errors import CalibrationError, NotIdentifiable
-from calib.hexaslide.geometry import HexaSlide, motions
+from calib.hexaslide.geometry import HexaSlide, forward_near, inverse, motions
 from calib.hexaslide.residuals import Readings, Residuals, postures_of, residuals, whitening
 
 MOST_STEPS = 12
@@ -134,7 +134,7 @@ def _at(
 ) -> _Point:
     near = None if guess is None else guess.postures
     postures = postures_of(readings, machine.geometry, machine.box, near)
-    found, slopes = residuals(readings, machine.geometry, machine.link, postures)
+    found, slopes = residuals(readings, machine, postures)
     residual = np.einsum("prs,ps->pr", white, found.values).ravel()
     design = np.einsum("prs,psk->prk", white, slopes)
     return _Point(machine, found, residual, design.reshape(residual.size, -1))
@@ -200,7 +200,7 @@ def _result(readings: Readings, first: _Point, point: _Point, steps: int) -> Cal
 def _condition(readings: Readings, point: _Point, rank: int) -> float:
     """Of the bare derivatives, metres and radians, as papers/001 has it."""
     machine = point.machine
-    bare = residuals(readings, machine.geometry, machine.link, point.residuals.postures)[1]
+    bare = residuals(readings, machine, point.residuals.postures)[1]
     return condition(bare.reshape(point.residual.size, -1), rank)
 
 
@@ -217,4 +217,25 @@ def _rms(values_m: FloatArray) -> float:
 def residuals_of(readings: Readings, machine: HexaSlide) -> Residuals:
     """What a machine leaves of readings it was not fitted to. Raises UnreachablePosture."""
     postures = postures_of(readings, machine.geometry, machine.box)
-    return residuals(readings, machine.geometry, machine.link, postures)[0]
+    return residuals(readings, machine, postures)[0]
+
+
+def corrected(
+    nominal: HexaSlide, found: HexaSlide, wanted: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """How to reach postures ``(p, 6)`` on the calibrated machine: what to command ``(p, 6)`` a
+    controller that keeps the nominal geometry, and where the sliders then are ``(p, 6)``.
+
+    Raises UnreachablePosture, and CalibrationError for sliders beyond the ends of their rails.
+    """
+    sliders = np.asarray(inverse(found.geometry, wanted))
+    beyond = np.argwhere(~found.within(sliders))
+    if len(beyond):
+        row, chain = beyond[0].tolist()
+        least, most = found.travel_m[:, chain]
+        raise CalibrationError(
+            f"posture {row + 1} on the calibrated machine, slider {chain + 1}",
+            f"{sliders[row, chain]:g} m",
+            f"{least:g} to {most:g} m, its travel_m",
+        )
+    return np.asarray(forward_near(nominal.geometry, sliders, wanted)), sliders

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.arrays import EXACT_BLIND, FloatArray
+from calib.hexaslide.arms import Numbers
 from calib.hexaslide.calibration import Calibration, calibrate, residuals_of
 from calib.hexaslide.geometry import (
     NAMES,
     Geometry,
     HexaSlide,
-    Numbers,
     forward,
     rotation,
     values,

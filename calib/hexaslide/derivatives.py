@@ -9,33 +9,39 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from calib.arrays import FloatArray
 from calib.design.refinement import Pull
 from calib.errors import CalibrationError
+from calib.hexaslide.arms import Arms, Numbers, Turn, cross, transposed
 from calib.hexaslide.geometry import (
     ALL_NAMES,
     CHAINS,
+    ENCODERS,
     END_NAMES,
-    FREE,
-    Arms,
+    LENGTH_NAME,
     ConstraintLink,
     Geometry,
     Legs,
-    Numbers,
-    Turn,
-    cross,
     legs,
     present,
-    transposed,
     words,
 )
 from calib.hexaslide.procedures import COMPONENTS, Kind, Procedure
 
 ENDS_TOUCH_M = 1e-9
 """Ends of the constraint link that are nearer have no direction between them."""
+
+ALONG = 1e-6
+"""A link at a smaller angle to its rail, radians, turns about it by nothing that could be read."""
+
+ALL, OF_ENDS = len(ALL_NAMES), len(END_NAMES)
+
+STEP = 1e-30
+"""Complex step: nothing is subtracted, so it may be as small as numbers go."""
 
 SINGULAR = 1e10
 """Condition number from which on the sliders do not hold the platform, metres and radians."""
@@ -132,13 +138,70 @@ class Bar:
         return self.arms.pull(by_end[:, None], by_slopes[:, None], cross(turned, along))
 
 
-ALL = len(ALL_NAMES)
-OF_LINK = len(END_NAMES) + 1
+@dataclass(frozen=True, eq=False)
+class Joints:
+    """`ENCODERS` in the universal joints on the carriages, whose first axis is the rail itself:
+    ``by_posture`` ``(p, 12, 6)`` and, by their chains' parameters, ``own`` ``(p, 12, 9)``, both
+    where the sliders keep their places.
+    """
+
+    by_posture: Numbers
+    own: Numbers
+
+    @staticmethod
+    def at(chains: Chains) -> Joints:
+        """Raises CalibrationError where a link lies along its rail."""
+        at, rails, length = chains.legs, chains.geometry.rails, chains.geometry.links[:, None]
+        out, tangent = _across(at.arms.unit, rails)
+        side, cosine = cross(rails, out), at.lean[..., None] / length
+        sine = tangent * cosine
+        by_end = np.stack([side / (length * sine), (out * cosine - rails * sine) / length], axis=2)
+        by_rail = np.stack([-side / tangent, -out], axis=2) - at.sliders[..., None, None] * by_end
+        level = by_rail[..., :2] - by_rail[..., 2:] * (rails[:, :2] / rails[:, 2:])[:, None]
+        # where turns count from follows the rail
+        lead = np.sign(rails[:, 2:]) / (1.0 + np.abs(rails[:, 2:]))
+        level[:, :, 0] -= lead * rails[:, 1::-1] * [1.0, -1.0]
+        turned = by_end @ at.arms.turn.rotation[:, None]
+        own = np.concatenate([turned, -by_end, level, np.zeros_like(by_end[..., :1])], axis=-1)
+        count = len(by_end)
+        ends = by_end.reshape(count, -1, 3)
+        arms = Arms.of(at.arms.turn, ends, np.repeat(at.arms.arm, 2, axis=1))
+        return Joints(arms.by_posture, own.reshape(count, -1, own.shape[-1]))
+
+
+def _across(unit: Numbers, rails: Numbers) -> tuple[Numbers, Numbers]:
+    """Directions of links across their rails ``(p, 6, 3)``, and tangents of the angles between
+    them ``(p, 6, 1)``. Raises CalibrationError where there is no such direction.
+    """
+    off = unit - rails
+    tangent = np.sqrt((off * off).sum(axis=-1, keepdims=True))
+    if not tangent.real.min() > ALONG:
+        raise CalibrationError(
+            "encoder of a joint", "a link along its rail", "postures with all links off their rails"
+        )
+    return off / tangent, tangent
+
+
+def joint_angles(geometry: Geometry, postures: FloatArray) -> FloatArray:
+    """What `ENCODERS` with zeros of 0 read at postures ``(p, 12)``, radians. A turn counts about
+    the rail from X as the shortest turn from ±Z to the rail takes it along. Raises as `Joints`.
+    """
+    rails = geometry.rails
+    (x, y, z), sign = rails.T, np.sign(rails[:, 2])
+    share = x / (1.0 + np.abs(z))
+    first = np.stack([1.0 - x * share, -y * share, -sign * x], axis=-1)
+    out, tangent = _across(legs(geometry, postures).arms.unit, rails)
+    turns = np.arctan2((out * cross(rails, first)).sum(axis=-1), (out * first).sum(axis=-1))
+    return np.stack([turns, np.arctan(tangent[..., 0])], axis=-1).reshape(len(postures), -1)
+
+
 CHAIN = np.arange(CHAINS)
 
 
 class RowMaker:
-    """Rows of a procedure, seen in a basis ``(k, n)`` of its parameters."""
+    """Rows of a procedure, seen in a basis ``(k, n)`` of its parameters; what is read ``(r,)`` is
+    multiplied by ``sizes``.
+    """
 
     def __init__(
         self,
@@ -146,34 +209,54 @@ class RowMaker:
         geometry: Geometry,
         link: ConstraintLink | None,
         basis: FloatArray,
+        sizes: FloatArray | None = None,
     ) -> None:
+        self._sizes = None if sizes is None else sizes[:, None]
         self.procedure = procedure
         self.geometry = geometry
         self.link = link
-        linked = procedure.kind is Kind.CONSTRAINT_LINK
         # what is fixed or known takes part as zeros: chains stay blocks of nine
-        unknown = [*FREE, *(ALL + k for k in procedure.link_columns)] if linked else FREE
-        self._basis = np.zeros((ALL + OF_LINK * linked, basis.shape[1]))
-        self._basis[list(unknown)] = basis
+        every: tuple[str, ...] = ALL_NAMES
+        if procedure.kind is Kind.CONSTRAINT_LINK:
+            every += (*END_NAMES, LENGTH_NAME)
+        encoders = [name for name in procedure.measured if name in ENCODERS]
+        every += tuple(f"zero_{name}" for name in encoders)
+        self._encoders = [ENCODERS.index(name) for name in encoders]
+        made = ["length", *(name for name in procedure.measured if name in COMPONENTS), *encoders]
+        made = [name for name in made if name in procedure.read]
+        self._order = [made.index(name) for name in procedure.read if name in made]
+        self._at: tuple[Numbers, Chains] | None = None
+        self._basis = np.zeros((len(every), basis.shape[1]))
+        self._basis[[every.index(name) for name in procedure.parameters]] = basis
 
     @property
     def width(self) -> int:
         """How many combinations of the parameters the basis has."""
         return self._basis.shape[1]
 
+    def chains(self, postures: Numbers) -> Chains:
+        """At the postures ``(p, 6)``, kept for the next who asks. Raises UnreachablePosture."""
+        if self._at is None or self._at[0] is not postures:
+            self._at = (postures, Chains.at(self.geometry, postures))
+        return self._at[1]
+
     def __call__(self, postures: Numbers) -> tuple[Numbers, Pull]:
         """Rows ``(p, r, n)`` at postures ``(p, 6)``, and their pull, for real ones.
 
-        Raises UnreachablePosture, and CalibrationError at a singular posture or without a link.
+        Raises UnreachablePosture, and CalibrationError at a singular posture, without a link, or
+        with an encoder where its link lies along the rail.
         """
-        chains = Chains.at(self.geometry, postures)
+        chains = self.chains(postures)
         if self.procedure.kind is Kind.POSE_INVERSE:
-            return self._sliders(chains)
-        held = _inverse(chains.by_posture, postures)
-        if self.procedure.kind is not Kind.CONSTRAINT_LINK:
-            return self._components(chains, held)
-        bar = Bar.at(present(self.link), postures, chains.legs.arms.turn)
-        return self._length(chains, held, bar)
+            rows, pull = self._sliders(chains)
+        else:
+            rows, pull = self._moved(chains, postures)
+        if self._encoders:
+            pull = partial(self._stepped, postures)
+        sizes = self._sizes
+        if sizes is None:
+            return rows, pull
+        return rows * sizes, lambda weights: pull(weights * sizes)
 
     def _sliders(self, chains: Chains) -> tuple[Numbers, Pull]:
         def pull(weights: FloatArray) -> FloatArray:
@@ -181,38 +264,57 @@ class RowMaker:
 
         return chains.whole @ self._basis, pull
 
-    def _components(self, chains: Chains, held: Numbers) -> tuple[Numbers, Pull]:
-        """The posture keeps the sliders: ``-held own``, ``held`` the inverse of ``by_posture``."""
-        some = held[:, [COMPONENTS.index(name) for name in self.procedure.measured]]
-        full = -some[..., None] * chains.own[:, None]
+    def _moved(self, chains: Chains, postures: Numbers) -> tuple[Numbers, Pull]:
+        """The sliders keep their places, so the posture moves by ``-held own``, ``held`` the
+        inverse of ``by_posture``; what is read moves with it, the link by its own ends, too.
+        """
+        held = _inverse(chains.by_posture, postures)
+        places = [COMPONENTS.index(name) for name in self.procedure.measured if name in COMPONENTS]
+        bar, parts = None, [held[:, places]]
+        if self.procedure.kind is Kind.CONSTRAINT_LINK:
+            bar = Bar.at(present(self.link), postures, chains.legs.arms.turn)
+            parts.insert(0, bar.by_posture[:, None] @ held)
+        joints = Joints.at(chains) if self._encoders else None
+        if joints is not None:
+            parts.append(joints.by_posture[:, self._encoders] @ held)
+        some = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+        moving = -some[..., None] * chains.own[:, None]
+        count, rows = some.shape[:2]
+        full = moving.reshape(count, rows, ALL)
+        if bar is not None or joints is not None:
+            more = np.zeros((count, rows, len(self._basis) - ALL), dtype=held.dtype)
+            full = np.concatenate([full, more], axis=-1)
+        if bar is not None:
+            full[:, 0, ALL : ALL + OF_ENDS], full[:, 0, ALL + OF_ENDS] = bar.by_ends, -1.0
+        if joints is not None:
+            first = len(self._encoders)
+            for number, k in enumerate(self._encoders):
+                own = full[:, number - first, :ALL].reshape(count, CHAINS, -1)  # a view
+                own[:, k // 2] += joints.own[:, k]
+                full[:, number - first, number - first] = 1.0
+            full = full[:, self._order]
 
         def pull(weights: FloatArray) -> FloatArray:
-            blocks = self._blocks(weights)[0]
+            blocks, others = self._blocks(weights)
             by_own = -(some[..., None] * blocks).sum(axis=1)
             by_some = -(blocks * chains.own[:, None]).sum(axis=-1)
             # d(inverse) = -inverse · d(matrix) · inverse
-            return chains.pull(by_own, -transposed(some) @ by_some @ transposed(held))
+            by_slopes = by_some @ transposed(held)
+            moved = chains.pull(by_own, -transposed(some) @ by_slopes)
+            if bar is None:
+                return moved
+            return moved + bar.pull(by_slopes[:, 0], others[:, 0, :OF_ENDS])
 
-        return full.reshape(*full.shape[:2], -1) @ self._basis, pull
+        return full @ self._basis, pull
 
-    def _length(self, chains: Chains, held: Numbers, bar: Bar) -> tuple[Numbers, Pull]:
-        """How the sliders' unknowns change the bar's length, then its own ends and length."""
-        shares = np.einsum("px,pxk->pk", bar.by_posture, held)
-        moving = (-shares[..., None] * chains.own).reshape(len(held), -1)
-        full = np.concatenate([moving, bar.by_ends, -np.ones((len(held), 1))], axis=-1)
-
-        def pull(weights: FloatArray) -> FloatArray:
-            blocks, ends = (part[:, 0] for part in self._blocks(weights))
-            by_shares = -(blocks * chains.own).sum(axis=-1)
-            by_bar = np.einsum("pxk,pk->px", held, by_shares)
-            by_slopes = -shares[..., None] * by_bar[:, None]
-            moved = chains.pull(-shares[..., None] * blocks, by_slopes)
-            return moved + bar.pull(by_bar, ends[:, : len(END_NAMES)])
-
-        return full[:, None] @ self._basis, pull
+    def _stepped(self, postures: FloatArray, weights: FloatArray) -> FloatArray:
+        """The pull where rows have encoders: by a complex step of each coordinate, exact, too."""
+        steps = (postures + 1j * STEP * unit for unit in np.eye(6))
+        slopes = [self._moved(Chains.at(self.geometry, one), one)[0].imag for one in steps]
+        return np.stack([(weights * one).sum(axis=(1, 2)) for one in slopes], axis=-1) / STEP
 
     def _blocks(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Weights by chains ``(p, r, 6, 9)`` and by what a constraint link adds."""
+        """Weights by chains ``(p, r, 6, 9)``, and by what link and encoders add."""
         whole = weights @ self._basis.T
         return whole[..., :ALL].reshape(*weights.shape[:2], CHAINS, -1), whole[..., ALL:]
 

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calib.arrays import FloatArray
 from calib.errors import CalibrationError, UnreachablePosture
-
-Numbers = NDArray[Any]
-"""Real, or complex where derivatives are taken by a complex step."""
+from calib.hexaslide.arms import Arms, Numbers, Turn, transposed
 
 CHAINS = 6
 
@@ -116,6 +113,11 @@ class Box:
         """The posture ``(6,)`` in the middle."""
         return np.asarray((self.lower + self.upper) / 2.0)
 
+    @property
+    def centre_mm_deg(self) -> list[float]:
+        """The same in millimetres and degrees."""
+        return [*(1000.0 * self.centre[:3]).tolist(), *np.degrees(self.centre[3:]).tolist()]
+
     def random(self, count: int, generator: np.random.Generator) -> FloatArray:
         """Postures ``(count, 6)``, evenly distributed."""
         return generator.uniform(self.lower, self.upper, (count, 6))
@@ -143,6 +145,9 @@ class Box:
         return np.asarray(np.clip(postures, self.lower, self.upper))
 
 
+MOST_DRAWN = 50
+"""Times as many postures are drawn at most to find those that are wanted."""
+
 COORDINATES = ("x_m", "y_m", "z_m", "theta_deg", "psi_deg", "phi_deg")
 """Names of a posture's coordinates where a person reads them."""
 
@@ -154,10 +159,18 @@ NAMES = tuple(ALL_NAMES[k] for k in FREE)
 END_NAMES = ("cx", "cy", "cz", "dx", "dy", "dz")
 LENGTH_NAME = "L"
 
+ENCODERS = tuple(f"{way}{chain}" for chain in range(1, CHAINS + 1) for way in ("turn", "swing"))
+"""In the universal joint of each carriage: how far the link is turned about its rail, and the angle
+between link and rail.
+"""
+
+ZERO_NAMES = tuple(f"zero_{name}" for name in ENCODERS)
+"""What each of them reads too much, radians."""
+
 
 def unit_of(name: str) -> str:
-    """The unit of a parameter: components of directions have none."""
-    return "1" if name[:2] in {"ax", "ay"} else "m"
+    """The unit of a parameter; components of rails are m across in 1 m along."""
+    return "m/m" if name[:2] in {"ax", "ay"} else "rad" if name in ZERO_NAMES else "m"
 
 
 def values(geometry: Geometry) -> Numbers:
@@ -180,19 +193,28 @@ def with_values(geometry: Geometry, parameters: Numbers) -> Geometry:
 
 @dataclass(frozen=True, eq=False)
 class HexaSlide:
-    """A machine with the box of its postures and, for that procedure, the constraint link."""
+    """A machine with the box of its postures and, for that procedure, the constraint link.
+
+    ``zeros_rad`` ``(12,)`` are those of `ENCODERS`; ``travel_m`` ``(2, 6)`` the least and the most
+    of each slider between the ends of its rail, infinite where nobody said.
+    """
 
     geometry: Geometry
     box: Box
     link: ConstraintLink | None = None
+    zeros_rad: FloatArray = field(default_factory=lambda: np.zeros(len(ENCODERS)))
+    travel_m: FloatArray = field(
+        default_factory=lambda: np.outer([-np.inf, np.inf], np.ones(CHAINS))
+    )
 
     def parameters(self, names: tuple[str, ...]) -> FloatArray:
-        """Their values ``(k,)`` in metres; components of rails have no unit."""
+        """Their values ``(k,)`` in metres and radians; components of rails have no unit."""
         known = self._by_name()
         return np.array([known[name] for name in names])
 
     def _by_name(self) -> dict[str, float]:
         found = dict(zip(NAMES, values(self.geometry).tolist(), strict=True))
+        found |= zip(ZERO_NAMES, self.zeros_rad.tolist(), strict=True)
         if self.link is not None:
             ends = np.concatenate([self.link.platform_end, self.link.base_end])
             found |= zip(END_NAMES, ends.tolist(), strict=True)
@@ -208,7 +230,51 @@ class HexaSlide:
         if link is not None:
             ends = np.array([found[name] for name in END_NAMES])
             link = ConstraintLink(ends[:3], ends[3:], found[LENGTH_NAME])
-        return HexaSlide(geometry, self.box, link)
+        zeros = np.array([found[name] for name in ZERO_NAMES])
+        return replace(self, geometry=geometry, link=link, zeros_rad=zeros)
+
+    def within(self, sliders: FloatArray) -> NDArray[np.bool_]:
+        """Which of the sliders ``(p, 6)`` are between the ends of their rails."""
+        least, most = self.travel_m
+        return np.asarray((least - ROUNDING <= sliders) & (sliders <= most + ROUNDING))
+
+    def random(self, count: int, generator: np.random.Generator) -> FloatArray:
+        """Postures ``(count, 6)``, evenly in the part of the box that the rails reach.
+
+        Raises CalibrationError where that is too little.
+        """
+        found, drawn = np.zeros((0, 6)), 0
+        while len(found) < count and drawn < MOST_DRAWN * count:
+            more = self.box.random(count, generator)
+            reached = self.within(inverse(self.geometry, more)).all(axis=1)
+            found, drawn = np.concatenate([found, more[reached]]), drawn + count
+        if len(found) < count:
+            needed = inverse(self.geometry, self.box.grid())
+            chain = int((~self.within(needed)).sum(axis=0).argmax())
+            low, high = needed[:, chain].min(), needed[:, chain].max()
+            raise CalibrationError(
+                "travel_m",
+                f"rails that reach {len(found)} of {drawn} random postures of the box; all of it "
+                f"takes {low:.3g} to {high:.3g} m of chain {chain + 1}",
+                "rails that reach a good part of the box",
+                "Correct travel_m or [box] in the machine file.",
+            )
+        return found[:count]
+
+    def inside(self, postures: FloatArray) -> FloatArray:
+        """As `Box.inside`, also for what the sliders reach."""
+        postures = self.box.inside(postures)
+        sliders = np.asarray(inverse(self.geometry, postures))
+        beyond = np.argwhere(~self.within(sliders))
+        if len(beyond):
+            row, chain = beyond[0].tolist()
+            least, most = self.travel_m[:, chain]
+            raise CalibrationError(
+                f"posture {row + 1}, slider {chain + 1}",
+                f"{sliders[row, chain]:g} m",
+                f"{least:g} to {most:g} m, its travel_m",
+            )
+        return postures
 
 
 def motions(
@@ -221,7 +287,7 @@ def motions(
     about X. Which of them a procedure loses, its derivatives tell.
     """
     end, far = np.zeros((2, 3)) if link is None else (link.platform_end, link.base_end)
-    still = np.zeros(3)
+    still, unturned = np.zeros(3), np.zeros(CHAINS)
 
     def moved(
         platform: Numbers = still,
@@ -229,12 +295,14 @@ def motions(
         base: Numbers = still,
         rails: Numbers = still,
         d: Numbers = still,
+        zeros: Numbers = unturned,
     ) -> FloatArray:
         """By how much points move, as a change of the parameters."""
         full = np.zeros((CHAINS, len(PER_CHAIN)))
         full[:, :3], full[:, 3:6], full[:, 6:8] = platform, base, rails[..., :2]
         known = dict(zip(ALL_NAMES, full.ravel(), strict=True))
         known |= zip(END_NAMES, (*c, *d), strict=True)
+        known |= zip(ZERO_NAMES[::2], zeros, strict=True)
         vector = np.array([known.get(name, 0.0) for name in names])
         return np.asarray(vector / np.linalg.norm(vector))
 
@@ -249,8 +317,18 @@ def motions(
         about = "platform frame turned about the link's end"
         found |= {f"{about}, {a}": turned(u, end) for a, u in axes.items()}
     base, rails, other = (np.cross(axes["X"], one) for one in (geometry.base, geometry.rails, far))
-    found["base turned about X"] = moved(base=base, rails=rails, d=other)
+    lag = _lag(geometry.rails, rails)
+    found["base turned about X"] = moved(base=base, rails=rails, d=other, zeros=lag)
     return tuple(found.items())
+
+
+def _lag(rails: Numbers, moved: Numbers) -> Numbers:
+    """By how much less the links turn about their rails ``(6,)`` than these about X, in which they
+    move by ``(6, 3)``; see `calib.hexaslide.derivatives.Joints`.
+    """
+    lead = np.sign(rails[:, 2]) / (1.0 + np.abs(rails[:, 2]))
+    turned = lead * (rails[:, 1] * moved[:, 0] - rails[:, 0] * moved[:, 1])
+    return np.asarray(turned - rails[:, 0])
 
 
 MOST_STEPS = 60
@@ -264,103 +342,6 @@ FAR = 1e3
 """A step to coordinates larger than this, metres or radians, will not come back."""
 
 NEXT_STEP = "Choose a posture inside the workspace, or check the geometry."
-
-
-SECOND, THIRD = np.array([1, 2, 0]), np.array([2, 0, 1])
-
-
-@dataclass(frozen=True, eq=False)
-class Turn:
-    """Rotations ``(p, 3, 3)`` and the axes ``(p, 3, 3)``, rows, of theta, psi, phi.
-
-    Turns are rotation vectors ``ω``: a turn moves ``R b`` by ``ω × R b``, and each of theta, psi,
-    phi turns the axes of those after it.
-    """
-
-    rotation: Numbers
-    axes: Numbers
-
-    @staticmethod
-    def at(angles: Numbers) -> Turn:
-        """``R = Ry(theta) Rx(psi) Rz(phi)`` of angles ``(p, 3)``; papers/001, equation (2)."""
-        (a, b, c), (sa, sb, sc) = np.cos(angles).T, np.sin(angles).T
-        first = np.zeros((len(angles), 3, 3), dtype=angles.dtype)  # Ry(theta) Rx(psi)
-        first[:, 0] = np.stack([a, sa * sb, sa * b], axis=-1)
-        first[:, 1, 1], first[:, 1, 2] = b, -sb
-        first[:, 2] = np.stack([-sa, a * sb, a * b], axis=-1)
-        rotation = first.copy()
-        rotation[..., 0] = first[..., 0] * c[:, None] + first[..., 1] * sc[:, None]
-        rotation[..., 1] = first[..., 1] * c[:, None] - first[..., 0] * sc[:, None]
-        axes = np.zeros_like(first)
-        axes[:, 0, 1] = 1.0
-        axes[:, 1], axes[:, 2] = first[..., 0], first[..., 2]
-        return Turn(rotation, axes)
-
-    def pull(self, moment: FloatArray, bent: FloatArray | None) -> FloatArray:
-        """By the angles ``(p, 3)``: ``moment`` ``(p, 3)`` by a turn of all, ``bent`` ``(p, 3, 3)``
-        by the axes themselves, which the angles before them turn.
-        """
-        moments = np.repeat(moment[:, None], 3, axis=1)
-        if bent is not None:
-            own = cross(self.axes, bent)
-            moments[:, 0] += own[:, 1] + own[:, 2]
-            moments[:, 1] += own[:, 2]
-        return np.asarray((self.axes * moments).sum(axis=-1))
-
-
-@dataclass(frozen=True, eq=False)
-class Arms:
-    """Vectors ``unit`` ``(p, m, 3)`` at the ends of arms ``(p, m, 3)`` from the platform's origin.
-
-    `pull` and `pull_unit` take the derivatives of a number by what the class holds and give those
-    by the postures; there the vectors have unit length.
-    """
-
-    turn: Turn
-    unit: Numbers
-    arm: Numbers
-    lever: Numbers
-
-    @staticmethod
-    def of(turn: Turn, unit: Numbers, arm: Numbers) -> Arms:
-        """With levers ``arm × unit``."""
-        return Arms(turn, unit, arm, cross(arm, unit))
-
-    @property
-    def by_posture(self) -> Numbers:
-        """How far the postures move the ends along the unit vectors ``(p, m, 6)``."""
-        return np.concatenate([self.unit, self.lever @ transposed(self.turn.axes)], axis=-1)
-
-    def pull_unit(self, by_posture: FloatArray) -> FloatArray:
-        """By the unit vectors, of derivatives ``(p, m, 6)`` by `by_posture`."""
-        about = by_posture[..., 3:] @ self.turn.axes
-        return np.asarray(by_posture[..., :3] + cross(about, self.arm))
-
-    def pull(
-        self, by_end: FloatArray, by_posture: FloatArray | None, spin: FloatArray
-    ) -> FloatArray:
-        """By the postures ``(p, 6)``: derivatives ``(p, m, 3)`` by the ends of the arms, by
-        `by_posture` through arms and axes, and moments ``spin`` ``(p, 3)`` of what else turns.
-        """
-        force, bent = by_end, None
-        if by_posture is not None:
-            about = by_posture[..., 3:] @ self.turn.axes
-            force = by_end + cross(self.unit, about)
-            bent = transposed(by_posture[..., 3:]) @ self.lever
-        moment = cross(self.arm, force).sum(axis=1) + spin
-        return np.concatenate([by_end.sum(axis=1), self.turn.pull(moment, bent)], axis=-1)
-
-
-def cross(first: Numbers, second: Numbers) -> Numbers:
-    """``first × second``; a third of the time that numpy's own needs for so few."""
-    return np.asarray(
-        first[..., SECOND] * second[..., THIRD] - first[..., THIRD] * second[..., SECOND]
-    )
-
-
-def transposed(matrices: Numbers) -> Numbers:
-    """Of matrices ``(..., n, m)``."""
-    return np.swapaxes(matrices, -1, -2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -482,6 +463,12 @@ def _no_posture(sliders: Numbers, found: str) -> UnreachablePosture:
     return UnreachablePosture(
         f"posture of the sliders ({places}) m", found, "sliders of a reachable posture", NEXT_STEP
     )
+
+
+def in_degrees(postures: FloatArray) -> tuple[dict[str, float], ...]:
+    """Postures ``(p, 6)`` by the names of their coordinates, metres and degrees."""
+    rows = np.hstack([postures[:, :3], np.degrees(postures[:, 3:])])
+    return tuple(dict(zip(COORDINATES, row, strict=True)) for row in rows.tolist())
 
 
 def words(posture: Numbers) -> str:

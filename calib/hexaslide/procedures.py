@@ -12,17 +12,20 @@ from calib.arrays import FloatArray
 from calib.errors import ImpossibleRequest
 from calib.hexaslide.geometry import (
     CHAINS,
+    ENCODERS,
     END_NAMES,
     LENGTH_NAME,
     NAMES,
-    Box,
     Geometry,
+    HexaSlide,
     legs,
     unit_of,
 )
 
 COMPONENTS = ("x", "y", "z", "theta", "psi", "phi")
-ANGLES = COMPONENTS[3:]
+ANGLES = (*COMPONENTS[3:], *ENCODERS)
+MEASURABLE = (*COMPONENTS, *ENCODERS)
+MEASURABLE_WORDS = f"{', '.join(COMPONENTS)}, or encoders turn1, swing1 … swing{CHAINS}"
 
 ENDS = {"c": END_NAMES[:3], "d": END_NAMES[3:], "length": (LENGTH_NAME,)}
 """What of a constraint link may be known: its end on the platform, that on the base, its length."""
@@ -45,8 +48,9 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True)
 class Procedure:
-    """A procedure on a machine. ``measured`` are components of the posture, for those that measure
-    them; ``known`` is what is known of a constraint link, of `ENDS` (papers/001: the length).
+    """A procedure on a machine. ``measured`` are components of the posture and encoders in joints
+    (`MEASURABLE`), beside a constraint link none or some; ``known`` is what is known of that link,
+    of `ENDS` (papers/001: the length).
     """
 
     kind: Kind
@@ -58,12 +62,13 @@ class Procedure:
             raise ImpossibleRequest(
                 "known parts of the link", _list(self.known), f"different ones of {_list(ENDS)}"
             )
-        wrong = [name for name in self.measured if name not in COMPONENTS]
-        if wrong or not self.measured or len(set(self.measured)) < len(self.measured):
+        wrong = [name for name in self.measured if name not in MEASURABLE]
+        none = not self.measured and self.kind is not Kind.CONSTRAINT_LINK
+        if wrong or none or len(set(self.measured)) < len(self.measured):
             raise ImpossibleRequest(
                 "measured components",
-                _list(self.measured),
-                f"different ones of {_list(COMPONENTS)}",
+                _list(wrong or self.measured),
+                f"different ones of {MEASURABLE_WORDS}",
             )
 
     @staticmethod
@@ -78,7 +83,7 @@ class Procedure:
         if name not in list(Kind):
             raise ImpossibleRequest("procedure", repr(name), ", ".join(Kind))
         kind = Kind(name)
-        if measured and kind in (Kind.POSE_INVERSE, Kind.CONSTRAINT_LINK):
+        if measured and kind is Kind.POSE_INVERSE:
             raise ImpossibleRequest(
                 f"measured components with {name}",
                 _list(measured),
@@ -89,54 +94,56 @@ class Procedure:
             raise ImpossibleRequest(
                 f"known parts of a link with {name}", _list(known), "constraint-link only"
             )
-        usual = COMPONENTS[:3] if kind is Kind.POSITION else COMPONENTS
+        usual = {Kind.POSITION: COMPONENTS[:3], Kind.CONSTRAINT_LINK: ()}.get(kind, COMPONENTS)
         return Procedure(kind, measured or usual, ("length",) if known is None else known)
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the unknown parameters."""
+        zeros = [f"zero_{name}" for name in self.measured if name in ENCODERS]
         if self.kind is not Kind.CONSTRAINT_LINK:
-            return NAMES
-        return (*NAMES, *((*END_NAMES, LENGTH_NAME)[k] for k in self.link_columns))
-
-    @property
-    def link_columns(self) -> list[int]:
-        """Which of cx, cy, cz, dx, dy, dz, L are unknown, by their place in this list."""
+            return (*NAMES, *zeros)
         sure = [name for part in self.known for name in ENDS[part]]
-        return [k for k, name in enumerate((*END_NAMES, LENGTH_NAME)) if name not in sure]
+        link = [name for name in (*END_NAMES, LENGTH_NAME) if name not in sure]
+        return (*NAMES, *link, *zeros)
 
     @property
     def read(self) -> tuple[str, ...]:
         """Names of the values of one posture."""
         if self.kind is Kind.POSE_INVERSE:
             return tuple(f"lambda{chain}" for chain in range(1, CHAINS + 1))
-        return ("length",) if self.kind is Kind.CONSTRAINT_LINK else self.measured
+        return (*["length"][: self.kind is Kind.CONSTRAINT_LINK], *self.measured)
 
 
 def _list(names: Iterable[str]) -> str:
     return ", ".join(names) or "none"
 
 
-def held_postures(geometry: Geometry, box: Box, count: int, seed: int) -> FloatArray:
+def held_postures(machine: HexaSlide, count: int, seed: int) -> FloatArray:
     """Random postures ``(count, 6)`` in a box, those left out that are next to singular ones.
 
     No machine is measured there, and a few large rows would drown all the others. Where hardly any
-    posture is held well, the best held ones. Raises UnreachablePosture.
+    posture is held well, the best held ones. Raises UnreachablePosture, and as `HexaSlide.random`.
     """
     generator = np.random.default_rng(seed)
-    drawn = box.random(count, generator)
-    worst = _looseness(geometry, drawn)
+    drawn = machine.random(count, generator)
+    worst = looseness(machine.geometry, drawn)
     while (worst < WELL_HELD).sum() < count and len(drawn) < MOST_DRAWN * count:
-        drawn = np.concatenate([drawn, box.random(count, generator)])
-        worst = np.append(worst, _looseness(geometry, drawn[-count:]))
+        drawn = np.concatenate([drawn, machine.random(count, generator)])
+        worst = np.append(worst, looseness(machine.geometry, drawn[-count:]))
     held = np.flatnonzero(worst < WELL_HELD)
     chosen = held if len(held) >= count else np.argsort(worst, kind="stable")
     return np.asarray(drawn[chosen[:count]])
 
 
-def _looseness(geometry: Geometry, postures: FloatArray) -> FloatArray:
+def joint_radius(geometry: Geometry) -> float:
+    """R.m.s. distance of the joints from the platform's origin, metres; 1 where there is none."""
+    return float(np.sqrt((geometry.platform**2).sum(axis=1).mean())) or 1.0
+
+
+def looseness(geometry: Geometry, postures: FloatArray) -> FloatArray:
     """Condition numbers ``(p,)`` of sliders by postures, turns measured where the joints are."""
-    size = float(np.sqrt((geometry.platform**2).sum(axis=1).mean())) or 1.0
+    size = joint_radius(geometry)
     by_posture = legs(geometry, postures).arms.by_posture / [1.0, 1.0, 1.0, size, size, size]
     return np.asarray(np.nan_to_num(np.linalg.cond(by_posture), nan=np.inf))
 
@@ -160,6 +167,6 @@ def in_units(procedure: Procedure, rows: FloatArray, units: Units) -> FloatArray
     """Derivatives ``(n, k)`` in metres and radians, of whole postures, as they are in ``units``."""
     read = [units.angle_rad if name in ANGLES else units.length_m for name in procedure.read]
     each = np.resize(read, len(rows))
-    lengths = [unit_of(name) == "m" for name in procedure.parameters]
-    own = np.where(lengths, units.length_m, 1.0)
+    sizes = {"m": units.length_m, "rad": units.angle_rad, "m/m": 1.0}
+    own = np.array([sizes[unit_of(name)] for name in procedure.parameters])
     return np.asarray(rows * own / each[:, None])

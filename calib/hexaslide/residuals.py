@@ -1,7 +1,8 @@
 """What a machine leaves of measured postures, for each of the four procedures of papers/001.
 
 At every posture the six sliders are read, and their scales count as exact. Measured from outside
-are components of the platform's posture; with the constraint link nothing is: it keeps its length.
+are components of the platform's posture, and angles in the joints on the carriages; a constraint
+link keeps its length.
 """
 
 from __future__ import annotations
@@ -15,11 +16,13 @@ from numpy.typing import NDArray
 
 from calib.arrays import FloatArray
 from calib.errors import CalibrationError, UnreachablePosture
-from calib.hexaslide.derivatives import jacobian
+from calib.hexaslide.derivatives import jacobian, joint_angles
 from calib.hexaslide.geometry import (
+    ENCODERS,
     Box,
     ConstraintLink,
     Geometry,
+    HexaSlide,
     forward,
     forward_near,
     inverse,
@@ -36,7 +39,7 @@ CHECK = "Look for a wrong reading, order of the sliders, or unit: metres and rad
 class Readings:
     """``p`` postures: sliders ``(p, 6)`` in metres, measured values ``(p, m)``, metres and radians.
 
-    Measured are the components of the procedure, with a constraint link none, ``(p, 0)``. The
+    Measured is what the procedure measures, with a constraint link often nothing, ``(p, 0)``. The
     noise is the standard deviation of one measured value, or of the play of the link; 0: not
     stated, and then 1 m counts like 1 rad. ``numbers`` are those of the postures in messages,
     without them from 1.
@@ -50,13 +53,13 @@ class Readings:
     numbers: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        shape = (len(self.sliders), len(measured_names(self.procedure)))
+        shape = (len(self.sliders), len(self.procedure.measured))
         right = self.sliders.shape == (len(self.sliders), 6) and self.measured.shape == shape
         if not right or not len(self.sliders):
             raise CalibrationError(
                 "readings",
                 f"shapes {self.sliders.shape} and {self.measured.shape}",
-                f"six sliders and {len(measured_names(self.procedure))} values for each posture",
+                f"six sliders and {len(self.procedure.measured)} values for each posture",
             )
         if not (np.isfinite(self.sliders).all() and np.isfinite(self.measured).all()):
             raise CalibrationError("readings", "a value that is not finite", "finite numbers")
@@ -68,11 +71,12 @@ class Readings:
 
     @property
     def value_noise(self) -> FloatArray:
-        """Noise of what is measured at a posture, or of the link's length ``(m,)``; only ratios
-        where not stated.
+        """Noise of what is measured at a posture, with the link's length before it ``(m,)``; only
+        ratios where not stated.
         """
         length, angle = self.length_noise_m or 1.0, self.angle_noise_rad or 1.0
-        names = measured_names(self.procedure) or self.procedure.read
+        inverse_kind = self.procedure.kind is Kind.POSE_INVERSE
+        names = self.procedure.measured if inverse_kind else self.procedure.read
         return np.array([angle if name in ANGLES else length for name in names])
 
     def number(self, row: int) -> int:
@@ -111,11 +115,6 @@ class Residuals:
         """R.m.s. of all lengths in metres, or of all angles in radians; None if there are none."""
         chosen = self.values[:, self.angular == angles]
         return float(np.sqrt((chosen**2).mean())) if chosen.size else None
-
-
-def measured_names(procedure: Procedure) -> tuple[str, ...]:
-    """What is measured from outside: components of the posture; none with a constraint link."""
-    return () if procedure.kind is Kind.CONSTRAINT_LINK else procedure.measured
 
 
 def postures_of(
@@ -167,21 +166,20 @@ def _name_posture(
 
 
 def residuals(
-    readings: Readings, geometry: Geometry, link: ConstraintLink | None, postures: FloatArray
+    readings: Readings, machine: HexaSlide, postures: FloatArray
 ) -> tuple[Residuals, FloatArray]:
     """Residuals ``(p, r)`` at postures, and derivatives of what is read ``(p, r, k)``.
 
     Raises UnreachablePosture naming the posture, CalibrationError at a singular one.
     """
-    procedure, kind = readings.procedure, readings.procedure.kind
-    if kind is Kind.POSE_INVERSE:
-        values = readings.sliders - _inverse(readings, geometry)
-    elif kind is Kind.CONSTRAINT_LINK:
-        values = stretch(link, postures)[:, None]
+    procedure = readings.procedure
+    if procedure.kind is Kind.POSE_INVERSE:
+        values = readings.sliders - _inverse(readings, machine.geometry)
     else:
-        columns = [COMPONENTS.index(name) for name in procedure.measured]
-        values = _turned_back(readings.measured - postures[:, columns], procedure.measured)
-    slopes = jacobian(procedure, geometry, postures, link)
+        values = -read_at(procedure, machine, postures)
+        values[:, len(procedure.read) - len(procedure.measured) :] += readings.measured
+        values = _turned_back(values, procedure.read)
+    slopes = jacobian(procedure, machine.geometry, postures, machine.link)
     return Residuals(procedure.read, values, postures), np.asarray(slopes)
 
 
@@ -192,6 +190,22 @@ def _inverse(readings: Readings, geometry: Geometry) -> FloatArray:
     except UnreachablePosture:
         _name_posture(readings, readings.measured, lambda one: inverse(geometry, one))
         raise
+
+
+def read_at(procedure: Procedure, machine: HexaSlide, postures: FloatArray) -> FloatArray:
+    """What is read where the machine stands ``(p, r)``: sliders with pose-inverse; of a constraint
+    link by how much its ends are farther apart than it is long. Raises CalibrationError.
+    """
+    geometry = machine.geometry
+    if procedure.kind is Kind.POSE_INVERSE:
+        return np.asarray(inverse(geometry, postures))
+    columns = {name: postures[:, k] for k, name in enumerate(COMPONENTS)}
+    if procedure.kind is Kind.CONSTRAINT_LINK:
+        columns["length"] = -stretch(machine.link, postures)
+    if set(procedure.measured) & set(ENCODERS):
+        angles = joint_angles(geometry, postures) + machine.zeros_rad
+        columns |= zip(ENCODERS, angles.T, strict=True)
+    return np.stack([columns[name] for name in procedure.read], axis=-1)
 
 
 def stretch(link: ConstraintLink | None, postures: FloatArray) -> FloatArray:

@@ -7,8 +7,8 @@ import numpy as np
 from calib.arrays import FloatArray
 from calib.errors import CalibrationError
 from calib.hexaslide.geometry import Box, ConstraintLink, HexaSlide, inverse, present, rotation
-from calib.hexaslide.procedures import COMPONENTS, Kind, Procedure
-from calib.hexaslide.residuals import Readings, standing
+from calib.hexaslide.procedures import ANGLES, Kind, Procedure
+from calib.hexaslide.residuals import Readings, read_at, standing
 
 MOST_ROUNDS = 50
 
@@ -72,24 +72,26 @@ def measure(
     by it, and the noise is the play of the link. Scales of sliders are exact. Raises
     UnreachablePosture, and CalibrationError where the link's sphere misses the box.
     """
-    count = postures if isinstance(postures, int) else len(postures)
     if procedure.kind is Kind.CONSTRAINT_LINK:
-        sliders = _on_link(truth, postures, generator, length_noise_m)
-        measured = np.zeros((count, 0))
+        reached = _on_link(truth, postures, generator, length_noise_m)
+        sliders = np.asarray(inverse(truth.geometry, reached))
     else:
-        wanted = nominal.box.random(count, generator) if isinstance(postures, int) else postures
-        sliders = np.asarray(inverse(nominal.geometry, wanted))
-        reached = standing(truth.geometry, sliders, truth.box, wanted)
-        columns = [COMPONENTS.index(name) for name in procedure.measured]
-        noise = np.array([length_noise_m] * 3 + [angle_noise_rad] * 3)
-        measured = (reached + noise * generator.standard_normal((count, 6)))[:, columns]
+        if isinstance(postures, int):
+            postures = nominal.random(postures, generator)
+        sliders = np.asarray(inverse(nominal.geometry, postures))
+        reached = standing(truth.geometry, sliders, truth.box, postures)
+    names, measured = procedure.measured, np.zeros((len(reached), 0))
+    if names:
+        stands = read_at(Procedure.of(Kind.POSE_FORWARD, names), truth, reached)
+        noise = [angle_noise_rad if name in ANGLES else length_noise_m for name in names]
+        measured = stands + noise * generator.standard_normal(stands.shape)
     return Readings(procedure, sliders, measured, length_noise_m, angle_noise_rad)
 
 
 def _on_link(
     truth: HexaSlide, postures: FloatArray | int, generator: np.random.Generator, play_m: float
 ) -> FloatArray:
-    """Sliders ``(p, 6)`` of postures at which the ends are as far apart as the link is long."""
+    """Postures ``(p, 6)`` at which the ends are as far apart as the link is long."""
     link = present(truth.link)
     if not isinstance(postures, int):
         play = play_m * generator.standard_normal(len(postures))
@@ -101,14 +103,14 @@ def _on_link(
                 "postures whose ends can be as far apart as the link is long",
                 "Give other postures, or none: then random ones are held.",
             )
-        return np.asarray(inverse(truth.geometry, given))
+        return given
     count, held = postures, np.zeros((0, 6))
     for _ in range(MOST_ROUNDS):
         play = play_m * generator.standard_normal(count)
         free = truth.box.random(count, generator)
         held = np.vstack([held, _held(truth.box, link, free, play)])
         if len(held) >= count:
-            return np.asarray(inverse(truth.geometry, held[:count]))
+            return held[:count]
     raise CalibrationError(
         "constraint link",
         f"a length of {link.length_m:g} m that {len(held)} of "

@@ -10,6 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from calib.arrays import (
+    BLIND,
     LEG_NAMES,
     Conditions,
     FloatArray,
@@ -17,6 +18,7 @@ from calib.arrays import (
     conditions,
     descending,
     largest,
+    svd_of_all,
 )
 from calib.design.criteria import covariances_after, inverse
 from calib.errors import NotIdentifiable
@@ -24,8 +26,10 @@ from calib.identify.fit import prior_fit
 from calib.identify.identify import identify
 from calib.identify.tool_bound import ToolBound, claim_of
 from calib.noise.reading import IndicatorFigures, Noise, reading_noise, reading_weights, visits
-from calib.tripod.geometry import Geometry
+from calib.stats import coverage_factor
+from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.pipeline import Model, derivatives
+from calib.tripod.planning import TripodPlanning
 from calib.tripod.pool import FREE, PARAMETERS, STATIONS, LegPool, leg_pool
 from calib.tripod.sensitivity import sensitivity_of_readings, tool_metric
 
@@ -348,3 +352,53 @@ def _mountings(
         centred = rows - rows.mean(axis=1, keepdims=True)
         found.append((leg, station, sets, centred.reshape(len(sets), -1, PARAMETERS)))
     return found
+
+
+@dataclass(frozen=True)
+class ExpectedParameter:
+    """Expanded uncertainty (95 %) to expect of a parameter, mm; None where readings do not tell it.
+
+    ``alone_mm`` with the other kind (offsets, lengths) as in the machine file, ``all_mm`` with all
+    six free; papers/000 (12)-(14). ``held_mm`` with all six held by their tolerances.
+    """
+
+    name: str
+    alone_mm: float | None
+    all_mm: float | None
+    held_mm: float
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a procedure will tell, before it is measured, if its readings show nothing new."""
+
+    parameters: tuple[ExpectedParameter, ...]
+    bound: ToolBound
+
+
+def expected_of(planned: TripodPlanning, tolerance_mm: FloatArray) -> Expected:
+    """Uncertainties and the bound at the tool for the noise of the indicator at hand."""
+    jacobian = planned.examine().sensitivity.jacobian
+    alone = np.concatenate([_half_widths(jacobian[:, :3]), _half_widths(jacobian[:, 3:])])
+    every = _half_widths(jacobian)
+    held = _half_widths(np.vstack([jacobian, np.diag(1.0 / tolerance_mm)]))
+    rows = zip(PARAMETER_NAMES, alone.tolist(), every.tolist(), held.tolist(), strict=True)
+    model, visited = Model(planned.geometry), visits(planned.planned)
+    shown = replace(visited, value_mm=model.readings(visited))
+    claim = claim_of(model, shown, planned.noise, tolerance_mm, model.parameters_mm)[0]
+    parameters = tuple(
+        ExpectedParameter(name, _told(one), _told(six), last) for name, one, six, last in rows
+    )
+    return Expected(parameters, claim.bound(claim.expected))
+
+
+def _told(half_width_mm: float) -> float | None:
+    return half_width_mm if math.isfinite(half_width_mm) else None
+
+
+def _half_widths(rows: FloatArray) -> FloatArray:
+    """Expanded uncertainties ``(k,)`` from whitened rows ``(n, k)``; infinite where not seen."""
+    _, singular, turned = svd_of_all(rows)
+    if singular[-1] <= BLIND * singular[0]:
+        return np.full(rows.shape[1], np.inf)
+    return np.asarray(coverage_factor(math.inf) * np.linalg.norm(turned.T / singular, axis=1))

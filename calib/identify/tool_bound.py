@@ -22,6 +22,7 @@ from scipy.special import gammaincinv
 
 from calib.arrays import (
     LEG_NAMES,
+    TIE,
     TINY,
     Conditions,
     FloatArray,
@@ -295,7 +296,9 @@ class Claim:
             if one.name is None:
                 continue
             effect, at_most = one.name.effect, self._quantile_mm(one, entered)
-            if effect.id not in worst or at_most > worst[effect.id].bound_mm:
+            # of places that bind alike the first stays, whatever the last digit says
+            so_far = worst[effect.id].bound_mm * (1.0 + TIE) if effect.id in worst else -1.0
+            if at_most > so_far:
                 what = effect.id, one.name.where, effect.title
                 worst[effect.id] = OpenName(*what, at_most, one.shown)
         names = tuple(descending(worst.values(), lambda one: one.bound_mm))

@@ -52,17 +52,19 @@ def test_clean_sessions_get_no_name(tmp_path: Path) -> None:
     assert not any(blunder_claimed(one) for one in found)
 
 
-def test_hidden_effects_are_in_the_set_and_no_other_is_claimed(tmp_path: Path) -> None:
-    """24 sessions at 95 %: fewer than 20 happens in 0.6 % of runs; at 1 % more than 1 in 2 %."""
+@pytest.mark.parametrize("procedure", ["sweep", "two-station"])
+def test_hidden_effects_are_in_the_set_and_no_other_is_claimed(
+    tmp_path: Path, procedure: str
+) -> None:
+    """12 sessions at 95 %: fewer than 10 happens in 2 % of runs. None is wrong with confidence."""
     cases = [
-        Case(f"q/{p}/{effect}", "single", p, "gaussian", (effect,), (4.0,))
+        Case(f"q/{procedure}/{effect}", "single", procedure, "gaussian", (effect,), (4.0,))
         for effect in EFFECT_IDS
-        for p in ("sweep", "two-station")
     ]
     found = diagnosed(cases, tmp_path)
     assert all(detectable(one) for one in found)
-    assert rate(found, truth_in_set).hits >= 20
-    assert rate(found, wrong_confident).hits <= 1
+    assert rate(found, truth_in_set).hits >= 10
+    assert rate(found, wrong_confident).hits == 0
 
 
 def test_blunders_are_named_with_their_place(tmp_path: Path) -> None:

@@ -11,15 +11,15 @@ import distributed
 import joblib
 import numpy as np
 
-from calib.hexaslide.planning import BestPostures, best_postures
 from calib.hexaslide.procedures import Procedure
+from calib.hexaslide.search import BestPostures, Search, best_postures
 from protocols.hexaslide import load_hexaslide
 
 
 def search() -> BestPostures:
     """A short search from three starts."""
     machine = load_hexaslide().whole()
-    return best_postures(Procedure.of("pose-inverse"), machine, 9, seed=3, starts=3)
+    return best_postures(Procedure.of("pose-inverse"), machine, 9, Search(seed=3, starts=3))
 
 
 def main() -> int:

@@ -227,7 +227,7 @@ def test_limits_are_those_of_the_machine_at_hand(tmp_path: Path) -> None:
 
 def test_a_machine_is_offered_what_it_can_measure() -> None:
     both = "zero-max-min", "zero-max-min-plane"
-    legs = ("plane", "sweep", "two-station", "verify", *both, "zero-min-max")
+    legs = ("align", "plane", "sweep", "two-station", "verify", *both, "zero-min-max")
     assert guided_procedure_names(Geometry()) == legs
     assert guided_procedure_names(load_machine("linear-delta").geometry()) == ("plate-rings",)
     short = Geometry(travel_max_mm=10.0)  # the levels of the sweep go further

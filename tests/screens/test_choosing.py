@@ -143,6 +143,7 @@ async def test_a_port_that_cannot_be_tried_says_why(quick_profiles: None) -> Non
             screen.query_one("#port", Input).value = twin.url
             await pilot.press("f3")
             await until(pilot, "gone", lambda: twin.url in text(interface, "#summary"))
+        assert interface.screen is screen
         await pilot.press("f10")
 
 

@@ -80,6 +80,7 @@ async def test_page_keys_before_a_list_is_laid_out(folder: Path) -> None:
             await until(pilot, "palette", lambda: isinstance(interface.screen, Palette))
             await struck(pilot, interface, "escape", "pagedown", "pageup")
             await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
+        assert interface.is_running
 
 
 @pytest.mark.parametrize(

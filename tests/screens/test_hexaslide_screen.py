@@ -16,7 +16,7 @@ from textual.containers import VerticalScroll
 from textual.pilot import Pilot
 from textual.widgets import Input, OptionList, TabbedContent
 
-import calib.hexaslide.planning as searching
+import app.screens.hexaslide as searching
 from app.machines.registry import LOOKS
 from app.planning.hexaslide import Request
 from app.screens.hexaslide import HexaSlideScreen
@@ -26,8 +26,8 @@ from app.screens.plot import DrawingPlot
 from app.screens.start import Glidecal
 from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.geometry import HexaSlide
-from calib.hexaslide.planning import BestPostures, best_postures
 from calib.hexaslide.procedures import Procedure
+from calib.hexaslide.search import BestPostures, Search, searches
 from tests.screens.driving import SIZE, looked, said, text, until
 
 BRAILLE = range(0x2801, 0x2900)
@@ -77,23 +77,22 @@ class Gate:
         self.left = 0
         self.ended = threading.Event()
 
-    def best_postures(
+    def searches(
         self,
         procedure: Procedure,
         machine: HexaSlide,
         count: int,
-        *,
-        seed: int,
-        starts: int,
+        search: Search,
         watch: Callable[[], object],
-    ) -> BestPostures:
+    ) -> Iterator[BestPostures]:
         self.counts.append(count)
-        if len(self.counts) == 1:
-            assert self.first.wait(20.0)
-            return best_postures(procedure, machine, count, seed=seed, starts=starts, watch=watch)
+        assert self.first.wait(20.0)
+        found = next(searches(procedure, machine, count, search, watch))
         try:
+            yield found
+            self.counts.append(count)
             while True:  # ends by what `watch` raises
-                best_postures(procedure, machine, count, seed=seed, starts=starts, watch=watch)
+                watch()
         finally:
             self.left += 1
             self.ended.set()
@@ -102,7 +101,7 @@ class Gate:
 @pytest.fixture
 def gate(monkeypatch: pytest.MonkeyPatch) -> Iterator[Gate]:
     made = Gate()
-    monkeypatch.setattr(searching, "best_postures", made.best_postures)
+    monkeypatch.setattr(searching, "searches", made.searches)
     yield made
     made.first.set()
 
@@ -212,7 +211,7 @@ def check_found(screen: HexaSlideScreen) -> None:
     found, view = screen.found, screen.view
     assert found is not None
     assert view is not None
-    machine, best = view.machine, found.best
+    machine, best = view.machine, found
     for postures, stated in (
         (best.begin, best.start_condition_number),
         (best.coordinates, best.condition_number),
@@ -287,7 +286,7 @@ async def test_count_of_postures(gate: Gate) -> None:
         await until(pilot, "a first start", lambda: screen.found is not None)
         assert gate.counts[0] == 10
         assert screen.found is not None
-        assert len(screen.found.best.coordinates) == 10
+        assert len(screen.found.coordinates) == 10
         await pilot.press("escape")
         await until(pilot, "the end of the search", lambda: gate.left == len(gate.counts) - 1)
         await pilot.press("f10")

@@ -194,6 +194,7 @@ async def test_plot_and_help(told: Path) -> None:
         await pilot.press("f1")
         await until(pilot, "help", lambda: isinstance(interface.screen, HelpDialog))
         await pilot.press("escape", "f10")
+    assert interface.return_code == 0
 
 
 async def test_result_and_back(samples: Path) -> None:

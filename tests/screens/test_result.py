@@ -419,6 +419,7 @@ async def test_home(
     async with interface.run_test(size=SIZE) as pilot:
         await pilot.press("h")
         await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
+        assert "What do you want to do?" in text(interface, "#question")
 
 
 async def test_comparison_is_a_page_of_its_own(verified: tuple[SessionSolution, Plan]) -> None:

@@ -8,7 +8,7 @@ from app.report.charts.charts import Caption, Drawing, Point, Series, Stroke, St
 from calib.arrays import FloatArray
 from calib.hexaslide.drawing import lines_at, outline
 from calib.hexaslide.geometry import Box, HexaSlide
-from calib.hexaslide.planning import Found
+from calib.hexaslide.search import BestPostures
 
 FRONT, ABOVE = (0, 2), (0, 1)
 """Coordinates across and upwards."""
@@ -56,11 +56,9 @@ def _seen_from(
     )
 
 
-def drawn_postures(machine: HexaSlide, found: Found | None) -> tuple[Drawing, ...]:
+def drawn_postures(machine: HexaSlide, found: BestPostures | None) -> tuple[Drawing, ...]:
     """The four projections of start and optimum in the box."""
-    sets = (
-        () if found is None else (("start", found.best.begin), ("optimum", found.best.coordinates))
-    )
+    sets = () if found is None else (("start", found.begin), ("optimum", found.coordinates))
     return tuple(_projected(machine.box, axes, sets) for axes in PROJECTIONS)
 
 

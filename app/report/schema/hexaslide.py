@@ -72,7 +72,10 @@ class HexaSlideIdentifiabilityReport(IdentifiabilityReport):
     lost_directions: Annotated[tuple[HexaSlideDirection, ...], made(_lost)] = at("found")
     classical_qr: PaperRules = at("found")
     reachable_rank: int | None = at("seen.examined.reachable_rank", "with postures enough")
-    condition_numbers: dict[str, float] = at("found.conditions", "by units")
+    condition_numbers: dict[str, float] = at("found.conditions", "by units, and without")
+    parameter_units: Annotated[
+        dict[str, str], made(lambda names: {name: unit_of(name) for name in names})
+    ] = at("seen.found.names", "of rails' components m/m")
 
 
 class HexaSlidePosturesReport(Report):
@@ -83,23 +86,26 @@ class HexaSlidePosturesReport(Report):
     procedure: Kind = at("best.procedure.kind")
     measured: tuple[str, ...] = at("best.procedure.read")
     count: Count = at("best.refined.coordinates")
-    criterion: Criterion = at("best.criterion")
+    criterion: Criterion = at("best.search.criterion")
     value: float = at("best.refined.value")
     start_value: float = at("best.refined.start_value")
-    rank: int = at("best.rank", "identifiable combinations")
+    rank: int = at("best.rank", "combinations that are judged")
+    reachable_rank: int = at("best.reachable_rank", "those that more postures may show")
     condition_number: float = at("best.condition_number")
     start_condition_number: float = at("best.start_condition_number")
     published_criteria: Observability = at("best.found")
     start_published_criteria: Observability = at("best.start")
-    units: str = UNITS
+    units: str = at("best.units")
+    space: Literal["box", "joints"] = at("best.space", "where the search moved")
     postures: tuple[dict[str, float], ...] = at("best.postures")
     coordinates_on_bound: int = at("best.refined.on_bound")
     start_coordinates_on_bound: int = at("best.start_on_bound")
-    source: str = at("best.source", "of the first start")
+    source: str = at("best.search.source", "of the first start")
     seconds: float = at("best.seconds")
     starts: Count = at("best.values")
     values_of_starts: tuple[float, ...] = at("best.values")
-    seed: int = at("best.seed")
+    asked_starts: int = at("best.search.starts", "more than starts: it was stopped")
+    seed: int = at("best.search.seed")
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from app.report.schema.document import (
     Matrix,
     Numbers,
     Report,
+    asked,
     at,
     schema,
 )
@@ -48,6 +49,15 @@ class ClassicalQrEntry(Report):
     flagged: tuple[str, ...]
 
 
+class ExpectedEntry(Report):
+    """Expanded uncertainty (95 %) to expect of a parameter; null where readings do not tell it."""
+
+    name: str
+    alone_mm: float | None = at("alone_mm", "offsets, or lengths, alone")
+    all_mm: float | None = at("all_mm", "all six free")
+    held_mm: float = at("held_mm", "all six, within the tolerances of the machine file")
+
+
 class IdentifiabilityReport(Report):
     """``identifiability --json``: what a procedure can and cannot see."""
 
@@ -76,6 +86,10 @@ class IdentifiabilityReport(Report):
     units: str = at("seen.examined.units")
     noise: str = at("seen.examined.noise_words")
     classical_qr: ClassicalQrEntry = at("seen.qr")
+    expected: tuple[ExpectedEntry, ...] | None = asked("expected.parameters", "of tripods")
+    expected_tool_bound_mm: float | None = asked(
+        "expected.bound.bound_mm", "with the values entered, if readings show nothing else, 95 %"
+    )
 
 
 class PosturesReport(Report):

@@ -288,8 +288,9 @@ class ComparisonReport(Report):
     differences: Annotated[dict[str, BothValues], made(_both)] = at("found")
     rms_before_mm: float = at("found.before.solution.rms_before_mm")
     rms_after_mm: float = at("found.after.solution.rms_before_mm")
-    rms_expected_mm: float = at(
-        "found.before.solution.rms_after_mm", "what the fit of the first session left"
+    rms_expected_mm: float | None = at(
+        "found.expected_mm",
+        "what the fit of the first session left; null across a mechanical change",
     )
     unit: Literal["mm"] = "mm"
     remarks: tuple[str, ...] = at("found.remarks")

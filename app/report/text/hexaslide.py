@@ -12,14 +12,14 @@ from calib.hexaslide.geometry import COORDINATES
 from calib.hexaslide.planning import (
     DIFFERENCE_STEP,
     KINDS,
-    UNITS,
-    BestPostures,
-    Found,
+    SCALED,
+    SCALED_WORDS,
     HexaSlideSeen,
     PaperRule,
     PublishedSet,
 )
-from calib.hexaslide.procedures import COMPONENTS, Kind
+from calib.hexaslide.procedures import MEASURABLE_WORDS, Kind
+from calib.hexaslide.search import BestPostures
 
 PUBLISHED_WORDS = {
     "log10_determinant": "log10 det(JᵀJ)",
@@ -42,13 +42,21 @@ def _sentence(found: BestPostures) -> str:
     before = f" (start {found.refined.start_value:.4g})" if moved else ""
     condition = f"{found.condition_number:.4g}"
     condition += f", at the start {found.start_condition_number:.4g}" if moved else ""
-    return (
+    said = (
         f"hexaslide, {procedure.kind.value}, reading {', '.join(procedure.read)}: "
-        f"{len(found.postures)} postures for the {found.criterion.value} criterion, "
+        f"{len(found.postures)} postures for the {found.search.criterion.value} criterion, "
         f"{found.refined.value:.5g}{before}. "
-        f"Condition number {condition} ({UNITS}; of the {found.rank} combinations that are "
+        f"Condition number {condition} ({found.units}; of the {found.rank} combinations that are "
         "identifiable)."
     )
+    if found.rank < found.reachable_rank:
+        said += (
+            f"\nWARNING: so few postures show {found.rank} of the {found.reachable_rank} "
+            "combinations that more of them show: which are lost depends on the postures, no "
+            "calibration comes of them, and their condition number compares only with that of as "
+            "few."
+        )
+    return said
 
 
 def _criteria(found: BestPostures) -> str:
@@ -69,24 +77,29 @@ def _postures(postures: tuple[dict[str, float], ...]) -> str:
 
 def _search(found: BestPostures) -> str:
     size = found.coordinates.size
-    share = f"{100.0 * found.refined.on_bound / size:.0f} %"
+    where = "stand on a bound of the box"
+    kind = "coordinates"
+    if found.space == "joints":
+        where, kind = "stand at an end of their rails; the box was left out", "sliders"
+    share = f"{100.0 * found.refined.on_bound / size:.0f} % of the {kind} {where}"
     if not found.values:
-        return f"{share} of the coordinates stand on a bound of the box. From {found.source}."
+        return f"{share}. From {found.search.source}."
     return (
-        f"{share} of the coordinates stand on a bound of the box, at the start "
-        f"{100.0 * found.start_on_bound / size:.0f} %. {_starts(found)}, seed {found.seed}, "
-        f"{found.seconds:.1f} s."
+        f"{share}, at the start {100.0 * found.start_on_bound / size:.0f} %. {_starts(found)}, "
+        f"seed {found.search.seed}, {found.seconds:.1f} s."
     )
 
 
 def _starts(found: BestPostures) -> str:
-    values, random = found.values, found.source == "random"
+    values, source = found.values, found.search.source
+    random, left = source == "random", found.search.starts - len(found.values)
+    stopped = f"; stopped, {left} more were asked for" if left else ""
     if len(values) == 1:
-        return f"One start, {'random' if random else found.source}"
-    first = "" if random else f", the first of them {found.source}"
+        return f"One start, {'random' if random else source}{stopped}"
+    first = "" if random else f", the first of them {source}"
     return (
         f"Best of {len(values)} starts{first} ({min(values):.4g} to {max(values):.4g}, median "
-        f"{median(values):.4g})"
+        f"{median(values):.4g}){stopped}"
     )
 
 
@@ -169,16 +182,17 @@ def _known(found: HexaSlideSeen) -> str:
 
 
 def _conditions(found: HexaSlideSeen) -> str:
-    own = found.seen.found.condition_number
+    own, scaled = found.seen.found.condition_number, found.conditions[SCALED]
     told = {
         units: value
         for k, (units, value) in enumerate(found.conditions.items())
-        if k == 0 or not math.isclose(value, own)  # without angles their unit does nothing
+        if units != SCALED and (k == 0 or not math.isclose(value, own))  # no angles, no °
     }
     figures = "; ".join(f"{value:.4g} in {units}" for units, value in told.items())
     return (
         f"Condition number of the identifiable combinations: {figures} (columns not scaled; 1 is "
-        "the least possible). It depends on the units: compare only equal ones."
+        "the least possible). It depends on the units: compare only equal ones. Scaled "
+        f"({SCALED_WORDS}), where no unit matters: {scaled:.4g}."
     )
 
 
@@ -249,7 +263,7 @@ LOOKING = "Computing what this procedure can identify …"
 NO_VIEW = "There is nothing to search: this machine or procedure cannot be used."
 NOT_YET = "No postures yet: O searches for the best ones."
 WHICH_MACHINE = "Machine file of the Hexa Slide; empty: the example H60."
-WHICH_COMPONENTS = f"What is measured of each posture: some of {','.join(COMPONENTS)}."
+WHICH_COMPONENTS = f"What is measured of each posture: some of {MEASURABLE_WORDS}."
 STOPPED = "Stopped. The best so far stays."
 DRAWING_WORDS = "· rail   ⡇ link and its number   ▀ platform   : box of the postures"
 
@@ -273,7 +287,9 @@ def problem_text(problem: Exception) -> str:
     return wrapped(f"This machine or procedure cannot be used.\n\n{problem}")
 
 
-def sees_text(view: HexaSlideSeen, found: Found | None, best: dict[str, float] | None) -> str:
+def sees_text(
+    view: HexaSlideSeen, found: BestPostures | None, best: dict[str, float] | None
+) -> str:
     """Rank, what is lost, what is known, how many postures it takes; the paper beside it."""
     seen = view.seen
     rank, count = seen.found.rank, len(seen.found.names)
@@ -313,16 +329,16 @@ def _known_line(view: HexaSlideSeen) -> str:
 
 
 def _condition_table(
-    view: HexaSlideSeen, found: Found | None, best: dict[str, float] | None
+    view: HexaSlideSeen, found: BestPostures | None, best: dict[str, float] | None
 ) -> str:
     """Condition numbers in each unit, the paper's below."""
     table = new_table("condition number", *view.conditions)
     count = view.seen.examined.posture_count
     table.add_row(f"{count} random postures", *map(_number, view.conditions.values()))
     if found is not None and best is not None:
-        start = found.best.start_condition_number
-        table.add_row(f"{len(found.best.begin)} random, the start of the search", _number(start))
-        table.add_row(f"{len(found.best.begin)} optimum postures", *map(_number, best.values()))
+        start = found.start_condition_number
+        table.add_row(f"{len(found.begin)} random, the start of the search", _number(start))
+        table.add_row(f"{len(found.begin)} optimum postures", *map(_number, best.values()))
     published = view.published
     if published is not None:
         table.add_row(f"papers/001: {published.count} random", _number(published.random))
@@ -335,16 +351,18 @@ def _number(value: float) -> str:
     return f"{value:,.0f}".replace(",", " ") if value >= 1000.0 else f"{value:.1f}"
 
 
-def search_text(view: HexaSlideSeen, count: int, found: Found | None, *, searching: bool) -> str:
+def search_text(
+    view: HexaSlideSeen, count: int, found: BestPostures | None, *, searching: bool
+) -> str:
     """How the search stands, in one or two lines."""
     if found is None:
         waiting = f"Searching for {count} postures, the first start …  Escape stops."
         return waiting if searching else f"{NOT_YET} Now {count} of them; C changes that."
-    best = found.best
-    share = best.refined.on_bound / best.refined.coordinates.size
+    share = found.refined.on_bound / found.refined.coordinates.size
     said = (
-        f"{len(found.best.begin)} postures, start {found.done} of {found.starts}: condition number "
-        f"{_number(best.start_condition_number)} → {_number(best.condition_number)} (m, rad)"
+        f"{len(found.begin)} postures, start {len(found.values)} of {found.search.starts}: "
+        f"condition number {_number(found.start_condition_number)} → "
+        f"{_number(found.condition_number)} (m, rad)"
         f"{_beside(view.published)}; {share:.0%} of the coordinates on a bound."
     )
     return wrapped(f"{said} Escape stops." if searching else said)
@@ -354,11 +372,11 @@ def _beside(published: PublishedSet | None) -> str:
     return "" if published is None else f", papers/001 {_number(published.best)}"
 
 
-def list_text(found: Found | None) -> str:
+def list_text(found: BestPostures | None) -> str:
     """The best postures as a table."""
     if found is None:
         return NOT_YET
-    return postures_table(found.best.coordinates)
+    return postures_table(found.coordinates)
 
 
 def postures_table(postures: FloatArray) -> str:
@@ -386,3 +404,8 @@ def count_question(fewest: int) -> str:
 def count_problem(found: str, fewest: int, most: int) -> str:
     """A number that is none, too small or too large."""
     return f"number of postures: found '{found}'; allowed: {fewest} to {most}"
+
+
+def copied_text(text: str) -> str:
+    """How much went to the clipboard."""
+    return f"Copied: {len(text.splitlines())} lines"

@@ -13,11 +13,13 @@ from protocols.hexaslide import HexaSlideMeasurements
 LACK_OF_FIT_LEVEL = 0.01
 MOST_POSTURES = 5
 
+THOUSANDTHS = {"m": "mm", "m/m": "mm/m", "rad": "mrad"}
+
 LEFT_WORDS = {
     Kind.POSE_INVERSE: "Sliders, read less predicted",
     Kind.POSE_FORWARD: "Measured less predicted",
     Kind.POSITION: "Measured less predicted",
-    Kind.CONSTRAINT_LINK: "Length of the link less that predicted",
+    Kind.CONSTRAINT_LINK: "Length of the link, and what is measured, less predicted",
 }
 
 
@@ -35,7 +37,7 @@ def calibration_text(solved: CalibratedMachine) -> str:
     factor = solved.factor
     parts = [
         wrapped(_heading(said)),
-        wrapped("\n".join([*_verdict(said), *_warnings(said), *_lost(said)])),
+        wrapped("\n".join([*_verdict(said), *caveats(said)])),
         _parameters(said),
         wrapped("\n".join(_figures(said, factor))),
         _left(said),
@@ -45,8 +47,8 @@ def calibration_text(solved: CalibratedMachine) -> str:
 
 
 def _heading(said: HexaSlideCalibrationReport) -> str:
-    measured = ", ".join(said.measured)
-    read = f"sliders and {measured}" if measured else "sliders on the constraint link"
+    linked = said.procedure is Kind.CONSTRAINT_LINK
+    read = ", ".join(["sliders on the constraint link" if linked else "sliders", *said.measured])
     return (
         f"{said.measurements}: {said.machine} ({said.machine_file}), {said.procedure.value}, "
         f"{said.postures.count} {said.origin} postures; read: {read}"
@@ -72,6 +74,11 @@ def _both(before: Rms, after: Rms) -> str:
         for first, second, unit in pairs
         if first is not None and second is not None
     )
+
+
+def caveats(said: HexaSlideCalibrationReport) -> list[str]:
+    """What stands against the result, and what it leaves out."""
+    return [*_warnings(said), *_lost(said)]
 
 
 def _warnings(said: HexaSlideCalibrationReport) -> list[str]:
@@ -108,7 +115,7 @@ def _lost(said: HexaSlideCalibrationReport) -> list[str]:
 
 
 def _parameters(said: HexaSlideCalibrationReport) -> str:
-    """Individually known parameters; lengths in mm, components of directions in mm/m."""
+    """Individually known parameters in thousandths of their units."""
     if not said.individually_known:
         return "No parameter is known by itself."
     table = new_table("parameter", "value", "from nominal", "± U (95 %)", "unit")
@@ -120,7 +127,7 @@ def _parameters(said: HexaSlideCalibrationReport) -> str:
             f"{1000.0 * one.value:.4f}",
             signed(1000.0 * (one.value - one.nominal), 4),
             "unknown" if half is None else f"{1000.0 * half:.4f}",
-            "mm" if one.unit == "m" else "mm/m",
+            THOUSANDTHS[one.unit],
         )
     return table_text(table)
 

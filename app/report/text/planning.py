@@ -10,7 +10,7 @@ from calib.arrays import LEG_NAMES, FloatArray
 from calib.design.criteria import Criterion
 from calib.design.identifiability import Combination, SeenBy
 from calib.diagnosis.results import AliasMap
-from calib.identify.next_mounting import FurtherSetUp, Proposal, Reach
+from calib.identify.next_mounting import Expected, FurtherSetUp, Proposal, Reach
 from calib.stats import coverage_factor
 from calib.tripod.optimum import ChosenPostures, Figures
 from calib.tripod.workspace import PostureOfTool, Workspace
@@ -56,6 +56,21 @@ def identifiability_text(seen: SeenBy) -> str:
         )
     )
     return "\n\n".join(parts)
+
+
+def expected_text(expected: Expected) -> str:
+    """What each parameter and the tool will be known to, once this is measured."""
+    table = new_table("± (95 %), mm, to expect", "its kind alone", "all six", "within tolerances")
+    for one in expected.parameters:
+        free = ("not told" if v is None else uncertain(v) for v in (one.alone_mm, one.all_mm))
+        table.add_row(one.name, *free, uncertain(one.held_mm))
+    worst = expected.bound.worst
+    because = f", because of {worst.id} ({worst.where})" if worst else ""
+    tool = (
+        f"Tool over the workspace with the values entered, if the readings show nothing else: at "
+        f"most {uncertain(expected.bound.bound_mm)} mm r.m.s. (95 %){because}."
+    )
+    return f"{table_text(table)}\n\n{wrapped(tool)}"
 
 
 def _verdict(seen: SeenBy) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from app.measuring.playback import Playback
 from app.report.text.tables import signed
 from protocols.session import (
+    Changed,
     Closed,
     Continued,
     Event,
@@ -95,8 +96,15 @@ def _event(event: Event) -> str:
             whole = "complete" if event.complete else "not complete"
             said = f"Closed with {event.readings} readings, {whole}."
         case _:
-            said = event.event
+            said = _changed(event) if isinstance(event, Changed) else event.event
     return said
+
+
+def _changed(event: Changed) -> str:
+    end = f", end at {event.support_mm:g} mm" if event.support_mm else ""
+    by_mm = event.asked_mm if event.moved_mm is None else event.moved_mm
+    way = f" by {signed(by_mm)} mm along {event.towards}" if by_mm and event.towards else ""
+    return f"Mechanically changed: {event.reason}{end}{way}. Readings before it do not count."
 
 
 def _taken(readings: Sequence[Reading]) -> str:

@@ -248,15 +248,18 @@ def monte_carlo_text(found: MonteCarlo) -> str:
     return f"{found.sessions} simulated sessions, {found.failed} failed\n{table_text(table)}"
 
 
-def comparison_text(before: Solution, after: Solution) -> str:
-    """The differences before and after entering the offsets."""
+def comparison_text(before: Solution, after: Solution, *, changed: bool = False) -> str:
+    """The differences before and after entering the offsets, or a mechanical change."""
     table = new_table("difference", "before, mm", "after, mm")
     later = dict(zip(after.differences.names, after.differences.value_mm, strict=True))
     for k in before.differences.published_rows:
         name = before.differences.names[k]
         shown = signed(float(later[name])) if name in later else "not measured"
         table.add_row(name, signed(float(before.differences.value_mm[k])), shown)
-    return f"{comparison_sentence(before, after)}\n\n{table_text(table)}"
+    said = comparison_sentence(before, after)
+    if changed:
+        said = said.partition(";")[0] + ".\nThe machine was mechanically changed between them."
+    return f"{said}\n\n{table_text(table)}"
 
 
 def comparison_sentence(before: Solution, after: Solution) -> str:
@@ -350,7 +353,13 @@ def comparison_report(comparison: Comparison) -> str:
     before, after = comparison.before, comparison.after
     heading = f"before: {before.names[0]}\nafter:  {after.names[0]}"
     remarks = [wrapped(f"Remark: {remark}") for remark in comparison.remarks]
-    return "\n\n".join([heading, *remarks, comparison_text(before.solution, after.solution)])
+    return "\n\n".join(
+        [
+            heading,
+            *remarks,
+            comparison_text(before.solution, after.solution, changed=comparison.changed),
+        ]
+    )
 
 
 COMPARISON_HELP = """\

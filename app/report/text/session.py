@@ -156,7 +156,7 @@ def check_text(plan: Plan) -> str:
     if plan.simulated:
         check = "The machine is simulated. Its indicators send real bytes over real ports."
     else:
-        check = "The displays must read in mm, as the indicators do."
+        check = "Compare: each display below must show what its indicator shows, in mm."
     unverified = [
         instrument.profile
         for instrument in plan.instruments

@@ -49,7 +49,7 @@ class Candidate:
     columns: FloatArray
     shares: tuple[Share, ...] = ()
 
-    def effects(self, values: FloatArray) -> tuple[EffectInstance, ...]:
+    def effects(self, values: FloatArray | Sequence[float]) -> tuple[EffectInstance, ...]:
         """The effects of these values ``(r,)``, for `Model.effects`."""
         return tuple(
             EffectInstance(share.effect, share.place, tuple(float(values[k]) for k in share.values))

@@ -65,9 +65,8 @@ def test_too_few_postures_say_the_minimum_and_what_is_lost_in_whole() -> None:
     )
     lost = found["lost_directions"]
     assert [one["at_every_posture"] for one in lost] == [True, True, True, False]
-    machine = load_hexaslide()
-    geometry, box = machine.whole().geometry, machine.whole().box
-    rows = jacobian(Procedure.of("position"), geometry, held_postures(geometry, box, 15, 0))
+    machine = load_hexaslide().whole()
+    rows = jacobian(Procedure.of("position"), machine.geometry, held_postures(machine, 15, 0))
     names = found["parameters"]
     for one in lost:
         vector = np.array([one["combination"].get(name, 0.0) for name in names])
@@ -116,11 +115,12 @@ def test_condition_numbers_have_their_units() -> None:
     seen = seen_of(Request("pose-forward"))
     found = HexaSlideIdentifiabilityReport.of(seen=seen.seen, found=seen)
     figures = found.condition_numbers
-    assert set(figures) == {"m, rad", "mm, rad", "m, °"}
+    assert set(figures) == {"m, rad", "mm, rad", "m, °", "scaled"}
     assert figures["m, rad"] == pytest.approx(found.condition_number)
     assert figures["mm, rad"] > 10.0 * figures["m, rad"]
     said = told(Request("pose-forward"))
-    assert all(f"in {units}" in said for units in figures)
+    assert all(f"in {units}" in said for units in figures if units != "scaled")
+    assert f"no unit matters: {figures['scaled']:.4g}." in said
     assert "It depends on the units" in said
 
 
@@ -191,7 +191,8 @@ def test_postures_that_cannot_be_are_told(tmp_path: Path) -> None:
         r"joint_m = \[.*?\]", lambda _: f"joint_m = [{0.1 * next(lines)}, 0.0, 0.0]", TEXT
     )
     machine = tmp_path / "loose.toml"
-    machine.write_text(on_a_line.replace("link_m = 0.88", "link_m = 1.5"), encoding="utf-8")
+    endless = re.sub(r"travel_m = .*\n", "", on_a_line)
+    machine.write_text(endless.replace("link_m = 0.88", "link_m = 1.5"), encoding="utf-8")
     assert "a singular one" in refused(5, *VERB, "position", "--machine-file", machine)
 
 
@@ -223,9 +224,10 @@ def test_wrong_input_is_told(tmp_path: Path) -> None:
         ("rail = [0.0, -0.5", "rail = [0.0, -0.6", "line 8, chain.0.rail: Value error, a unit"),
         ("rail = [0.0, -0.5, -0.866025403784439]", "rail = [0.0, -1.0, 0.0]", "not level"),
         ("link_m = 0.88", "link = 0.88", "line 10, chain.0.link: Extra inputs"),
-        ("x_m = [-0.3, 0.3]", "x_mm = [-0.3, 0.3]", "line 44, box.x_mm: Extra inputs"),
-        ("x_m = [-0.3, 0.3]", "x_m = [0.3, -0.3]", "line 44, box.x_m: Value error, the lower"),
-        ("x_m = [-0.3, 0.3]", "x_m = [-2.0, 0.3]", "line 43, box: Value error, posture (-2, "),
+        ("x_m = [-0.3, 0.3]", "x_mm = [-0.3, 0.3]", "line 50, box.x_mm: Extra inputs"),
+        ("travel_m = [0.0", "travel_m = [2.0", "chain.0.travel_m: Value error, the lower bound"),
+        ("x_m = [-0.3, 0.3]", "x_m = [0.3, -0.3]", "line 50, box.x_m: Value error, the lower"),
+        ("x_m = [-0.3, 0.3]", "x_m = [-2.0, 0.3]", "line 49, box: Value error, posture (-2, "),
         ("start_m = [0.0, 0.0, 0.0]", "start_m = [0.1, 0.0, 0.0]", "the first rail at [0, 0, 0]"),
         ("[constraint_link]", "[link]", "link: Extra inputs"),
     ],

@@ -15,6 +15,7 @@ from calib.design.criteria import Criterion
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.procedures import Procedure
+from calib.hexaslide.search import Search
 from protocols.hexaslide import load_hexaslide, load_postures
 from tests.app.cli import glidecal, refused
 
@@ -60,19 +61,21 @@ def test_found_postures_are_written_and_can_be_judged(tmp_path: Path) -> None:
 def test_a_file_is_the_first_start(tmp_path: Path) -> None:
     path = random_file(tmp_path, 10)
     request = Request("pose-inverse", posture_file=path)
-    found = asked_postures(request, None, Criterion.SMALLEST_SINGULAR_VALUE, starts=2)
+    found = asked_postures(request, None, Search(Criterion.SMALLEST_SINGULAR_VALUE, starts=2))
     assert len(found.values) == 2
     assert found.coordinates.shape == (10, 6)
     said = postures_text(found).replace("\n", " ")
     assert f"Best of 2 starts, the first of them {path}" in said.replace("  ", " ")
-    alone = asked_postures(request, 10, starts=1)
+    alone = asked_postures(request, 10, Search(starts=1))
     assert alone.start_condition_number == pytest.approx(condition(path), rel=1e-6)
     assert alone.condition_number < condition(path)
     assert f"One start, {path}, seed 0" in postures_text(alone).replace("\n", " ")
 
 
 def test_words_tell_before_after_spread_bounds_and_seed() -> None:
-    found = asked_postures(Request("pose-inverse", seed=5), 9, Criterion.DETERMINANT, starts=3)
+    found = asked_postures(
+        Request("pose-inverse", seed=5), 9, Search(Criterion.DETERMINANT, starts=3)
+    )
     said, document = postures_text(found).replace("\n", " "), HexaSlidePosturesReport.of(best=found)
     values = document.values_of_starts
     assert f"({min(values):.4g} to {max(values):.4g}, median {sorted(values)[1]:.4g})" in said
@@ -106,21 +109,21 @@ def test_options_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     path, whole = random_file(tmp_path, 9), Request("pose-inverse")
     given = Request("pose-inverse", posture_file=path)
     with pytest.raises(UsageError, match="--as-is: found no --posture-file"):
-        asked_postures(whole, 9, starts=1, as_is=True)
+        asked_postures(whole, 9, as_is=True)
     with pytest.raises(UsageError, match="--count: found none"):
-        asked_postures(whole, None, starts=1)
+        asked_postures(whole, None, Search(starts=1))
     with pytest.raises(UsageError, match=r"--count: found 10\. Allowed: 9 as in the posture file"):
-        asked_postures(given, 10, starts=1)
+        asked_postures(given, 10, Search(starts=1))
     with pytest.raises(UsageError, match="1000 postures at most"):
-        asked_postures(whole, 1001, starts=1)
+        asked_postures(whole, 1001, Search(starts=1))
     with pytest.raises(UsageError, match=r"tool-variance\. Allowed: the other five"):
-        asked_postures(given, None, Criterion.TOOL_VARIANCE, starts=1)
+        asked_postures(given, None, Search(Criterion.TOOL_VARIANCE))
     with pytest.raises(NotIdentifiable, match="9 or more for pose-inverse"):
-        asked_postures(whole, 8, starts=1)
+        asked_postures(whole, 8, Search(starts=1))
     outside = Request("pose-inverse", posture_file=random_file(tmp_path, 9, factor=1.2))
     with pytest.raises(RecordError, match=r"posture \d+, \w+: found .* the machine's box.*--as-is"):
-        asked_postures(outside, None, starts=1)
-    assert asked_postures(outside, None, starts=1, as_is=True).values == ()
+        asked_postures(outside, None, Search(starts=1))
+    assert asked_postures(outside, None, as_is=True).values == ()
 
 
 def test_refusals_on_the_command_line(tmp_path: Path) -> None:

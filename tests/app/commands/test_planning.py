@@ -391,3 +391,37 @@ def test_what_has_no_workspace_says_so(tmp_path: Path) -> None:
         encoding="utf-8",
     )
     assert "carriage x at +61.835 mm from Zero" in refused(3, "workspace", path)
+
+
+def test_what_to_expect_of_every_parameter_is_the_papers_covariance(tmp_path: Path) -> None:
+    """[C] (12)-(14) with G written out, weighted by it: Zero, Max and Min read once, σ 0.01 mm."""
+    once = MAX_MIN.replace('["max", "min"]', '["zero", "max", "min"]')
+    path = tmp_path / "once.toml"
+    path.write_text(once, encoding="utf-8")
+    said = glidecal(
+        "identifiability", "orthoglide", "--procedure", path, "--noise", "0.01", "--json"
+    )
+    found = json.loads(said.out)
+    angles = [np.arcsin(60.0 / 310.25), np.arcsin(-100.0 / 310.25)]
+    rows = []
+    for i, j in ((0, 1), (1, 2), (0, 2)):
+        for angle in angles:
+            a, w = np.sin(angle), 0.5 + np.sin(angle)
+            b, c = w * np.tan(angle), w / np.cos(angle) - 0.5
+            for first, second in ((i, j), (j, i)):
+                row = np.zeros(6)
+                row[first], row[second] = a, b
+                row[3 + first], row[3 + second] = -c, -b
+                rows.append(row)
+    matrix = np.array(rows)
+    g = np.array([[2, 0, 1, 0], [0, 2, 0, 1], [1, 0, 2, 0], [0, 1, 0, 2]])
+    weight = np.linalg.inv(1e-4 * np.kron(np.eye(3), g))
+    for key, columns in (("all_mm", range(6)), ("alone_mm", range(3))):
+        part = matrix[:, list(columns)]
+        expected = 1.96 * np.sqrt(np.linalg.inv(part.T @ weight @ part).diagonal())
+        told = [one[key] for one in found["expected"]][: len(expected)]
+        assert told == pytest.approx(expected.tolist(), rel=1e-3)
+    assert found["expected"][0]["all_mm"] / 1.96 == pytest.approx(0.726, abs=0.001)
+    assert found["expected_tool_bound_mm"] > 0.0
+    delta = json.loads(glidecal("identifiability", "linear-delta", "--json").out)
+    assert delta["expected"][0]["all_mm"] is None  # a plate does not tell the sum of offsets

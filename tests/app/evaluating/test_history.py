@@ -187,7 +187,9 @@ def test_hostile_names_are_inert(words: str) -> None:
         expanded_mm=(0.1, 0.1, 0.1),
         effects=("[red]x[/red]",),
     )
-    found = history._of_machine(entry.machine.name, [(Path(f"[blink]{words}\u202e.jsonl"), entry)])
+    found = history.history_of_machine(
+        entry.machine.name, [(Path(f"[blink]{words}\u202e.jsonl"), entry)]
+    )
     text = history_text(history.History(Path(), (found,), ()), NOW)
     shown = printable(text, keep="\n")  # as it leaves the program, and every screen
     assert not HIDDEN.search(shown.replace("\n", ""))

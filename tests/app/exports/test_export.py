@@ -385,6 +385,7 @@ def test_home_offset_of_any_size_is_refused(session: Path, tmp_path: Path) -> No
     export = ("export", session, "--format", "linuxcnc", "-o", tmp_path / "out")
     refused(2, *export, "--home-offset", "1e300,0,0")
     refused(2, *export, "--home-offset", "0,1e400,0")
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("before", ["nothing", "old files"])

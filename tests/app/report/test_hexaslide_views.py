@@ -19,8 +19,9 @@ from app.report.charts.hexaslide import drawn_machine, drawn_postures
 from calib.arrays import condition
 from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.geometry import HexaSlide
-from calib.hexaslide.planning import KINDS, Found, find_postures, look_at
+from calib.hexaslide.planning import KINDS, look_at
 from calib.hexaslide.procedures import DEGREES, MILLIMETRES, Procedure, in_units
+from calib.hexaslide.search import Search, searches
 from protocols.hexaslide import load_hexaslide
 from tests.app.cli import refused
 
@@ -136,20 +137,10 @@ def test_degrees_change_the_rows_of_angles_alone() -> None:
 
 def test_a_search_begins_at_the_random_postures_of_its_seed(machine: HexaSlide) -> None:
     procedure = Procedure.of("pose-inverse")
-    heard: list[Found] = []
-    find_postures(
-        procedure,
-        machine,
-        9,
-        seed=3,
-        starts=1,
-        heard=heard.append,
-        going_on=lambda: True,
-    )
-    (found,) = heard
-    assert found.best.coordinates.shape == (9, 6)
-    assert found.best.begin == pytest.approx(machine.box.random(9, np.random.default_rng(3)))
-    assert found.best.source == "random"
+    (found,) = searches(procedure, machine, 9, Search(seed=3, starts=1))
+    assert found.coordinates.shape == (9, 6)
+    assert found.begin == pytest.approx(machine.box.random(9, np.random.default_rng(3)))
+    assert found.search.source == "random"
 
 
 def test_the_screen_needs_a_terminal_and_the_hexaslide() -> None:

@@ -333,6 +333,55 @@ def link_rows(machine: Machine, at: Postures) -> Field:
     return np.column_stack([by_chains, miss.slopes[6:].T])
 
 
+def joint_rows(
+    machine: Machine, at: Postures, chain: int, name: str
+) -> tuple[Field, NDArray[np.bool_]]:
+    """Derivatives of an encoder in the joint on a carriage ``(p, 55)``: chains, then its zero; and
+    which postures have the root that a swing needs.
+
+    The turn of the link about the rail from any direction across it, the swing by its cosine; each
+    row is multiplied by what makes it rational, its zero as well.
+    """
+    count = len(at.coordinates)
+    numbers = [*machine.platform[chain], *machine.base[chain], *machine.rails[chain, :2]]
+    columns = np.column_stack([at.coordinates, np.tile(numbers, (count, 1))])
+    place, halves, own = _variables(columns)
+    one = plain(1, 14, at.sliders[:, chain])
+    ax, ay = own[6], own[7]
+    rail = (ax, ay, (one - ax * ax - ay * ay).rooted(_many(machine.rails[chain, 2], count)))
+    slider = plain(at.sliders[:, chain], 14, at.sliders[:, chain])
+    seen = turned(halves, (own[0], own[1], own[2]))
+    joint = (place[0] + seen[0], place[1] + seen[1], place[2] + seen[2])
+    away = (slider * rail[0], slider * rail[1], slider * rail[2])
+    link = minus(minus(joint, (own[3], own[4], own[5])), away)
+    zero = plain(0, 14, at.sliders[:, chain])
+    if name == "turn":
+        first = (ay, zero - ax, zero)
+        # as long as `first`, for the rail is a unit vector
+        second = (
+            rail[1] * first[2] - rail[2] * first[1],
+            rail[2] * first[0] - rail[0] * first[2],
+            rail[0] * first[1] - rail[1] * first[0],
+        )
+        x, y = dot(link, first), dot(link, second)
+        slopes = (x.value * y.slopes % P - y.value * x.slopes % P) % P
+        own_zero = (x.value * x.value % P + y.value * y.value % P) % P
+        good = np.ones(count, dtype=np.bool_)
+    else:
+        along, square = dot(link, rail), dot(link, link)
+        across, good = root((square - along * along).value)
+        # d(swing) = (along d(square) / 2 - square d(along)) / (square across)
+        half = inverse(np.array(2))
+        slopes = (along.value * half % P * square.slopes - square.value * along.slopes % P) % P
+        own_zero = square.value * across % P
+    by_parameter = np.zeros((count, CHAINS, PER_CHAIN), dtype=np.int64)
+    by_parameter[:, chain, :8] = slopes[6:].T
+    shares = slopes[:6].T
+    by_chains = (shares[:, :, None] * moved(machine, at) % P).sum(axis=1) % P
+    rows = (by_chains + by_parameter.reshape(count, -1)) % P
+    return np.column_stack([rows, own_zero]), np.asarray(good, dtype=np.bool_)
+
+
 def free_columns(rows: Field) -> Field:
     """Without what the base frame fixes."""
     return np.delete(rows, FIXED, axis=-1)

@@ -26,7 +26,6 @@ from calib.hexaslide.geometry import (
     with_values,
 )
 from calib.hexaslide.planning import (
-    best_postures,
     differenced,
     fewest_postures,
     reachable,
@@ -37,6 +36,7 @@ from calib.hexaslide.procedures import (
     Procedure,
     held_postures,
 )
+from calib.hexaslide.search import Search, best_postures
 from protocols.hexaslide import load_hexaslide
 from tests.calib.hexaslide.hexaslide_draws import SHAPES, drawn_machine, jacobian_and_slopes
 
@@ -264,7 +264,7 @@ def test_slopes_by_the_posture_agree_with_differences() -> None:
 def test_forward_rows_are_inverse_rows_turned_and_blocks_have_their_ranks(
     machine: HexaSlide,
 ) -> None:
-    postures = held_postures(machine.geometry, machine.box, 9, 3)
+    postures = held_postures(machine, 9, 3)
     by_posture = legs(machine.geometry, postures).arms.by_posture
     by_parameter = jacobian(Procedure.of("pose-inverse"), machine.geometry, postures)
     found = jacobian(Procedure.of("pose-forward"), machine.geometry, postures)
@@ -298,7 +298,7 @@ def test_individually_known_parameters_with_positions_only() -> None:
 
 @pytest.mark.parametrize(("kind", "limit"), [(Kind.POSE_INVERSE, 55.0), (Kind.POSE_FORWARD, 500.0)])
 def test_best_postures_are_far_better_than_random_ones(kind: Kind, limit: float) -> None:
-    found = best_postures(Procedure.of(kind), H60, 9, starts=2)
+    found = best_postures(Procedure.of(kind), H60, 9, Search(starts=2))
     assert found.condition_number < limit < found.start_condition_number / 10.0
     rows = jacobian(Procedure.of(kind), H60.geometry, found.refined.coordinates)
     assert np.linalg.cond(rows.reshape(-1, 49)) == pytest.approx(found.condition_number, rel=1e-6)

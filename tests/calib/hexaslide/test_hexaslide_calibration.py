@@ -6,13 +6,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from calib.arrays import FloatArray
 from calib.errors import CalibrationError, NotIdentifiable, UnreachablePosture
 from calib.hexaslide.calibration import Calibration, calibrate, residuals_of
 from calib.hexaslide.checked import frames_apart, inner_lengths, inner_slopes
-from calib.hexaslide.derivatives import jacobian
-from calib.hexaslide.geometry import Box, HexaSlide, forward, rotation, values, with_values
+from calib.hexaslide.derivatives import jacobian, joint_angles
+from calib.hexaslide.geometry import (
+    ENCODERS,
+    Box,
+    HexaSlide,
+    forward,
+    inverse,
+    rotation,
+    values,
+    with_values,
+)
 from calib.hexaslide.procedures import Procedure
 from calib.hexaslide.residuals import Readings, residuals, shares, stretch, whitening
 from calib.hexaslide.simulation import disturbed, measure
@@ -131,14 +141,25 @@ def test_what_is_not_seen_stays_where_the_start_has_it() -> None:
         assert np.linalg.norm(found.null.T @ moved) < 0.02 * np.linalg.norm(found.null.T @ true)
 
 
-@pytest.mark.parametrize("kind", ["pose-inverse", "pose-forward", "position", "constraint-link"])
-def test_derivatives_are_those_of_what_is_left(kind: str) -> None:
+@pytest.mark.parametrize(
+    ("kind", "measured"),
+    [
+        ("pose-inverse", ()),
+        ("pose-forward", ()),
+        ("position", ()),
+        ("constraint-link", ()),
+        ("constraint-link", ("theta", "psi")),
+        ("pose-forward", ENCODERS),
+        ("constraint-link", ("swing6", "x", "turn3")),
+    ],
+)
+def test_derivatives_are_those_of_what_is_left(kind: str, measured: tuple[str, ...]) -> None:
     """Central differences of the residuals themselves, independent of the implicit functions."""
-    procedure = Procedure.of(kind)
+    procedure = Procedure.of(kind, measured)
     readings = measure(procedure, NOMINAL, NOMINAL, 3, np.random.default_rng(6))
     names, own = procedure.parameters, NOMINAL.parameters(procedure.parameters)
     at = readings.measured if kind == "pose-inverse" else stand(NOMINAL, readings.sliders)
-    slopes = residuals(readings, NOMINAL.geometry, NOMINAL.link, at)[1]
+    slopes = residuals(readings, NOMINAL, at)[1]
     step = 1e-6
     for k in range(0, len(names), 4):
         ends = []
@@ -147,6 +168,50 @@ def test_derivatives_are_those_of_what_is_left(kind: str) -> None:
             ends.append(residuals_of(readings, moved).values)
         difference = (ends[0] - ends[1]) / (2.0 * step)
         assert -difference == pytest.approx(slopes[:, :, k], abs=1e-7)
+
+
+def test_joint_angles_are_those_of_rotated_links() -> None:
+    """Each link once more as its rail turned by scipy: swung out, then turned about the rail."""
+    machine = random_machine(7)
+    postures = machine.box.random(4, np.random.default_rng(1))
+    angles, own = joint_angles(machine.geometry, postures), machine.geometry
+    sliders = inverse(own, postures)
+    for p, posture in enumerate(postures):
+        turn = Rotation.from_euler("YXZ", posture[3:])
+        ends = posture[:3] + turn.apply(own.platform)
+        for k, rail in enumerate(own.rails):
+            up = np.array([0.0, 0.0, np.sign(rail[2])])
+            axis = np.cross(up, rail)
+            angle = np.arctan2(np.linalg.norm(axis), up @ rail)
+            carry = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
+            first = carry.apply([1.0, 0.0, 0.0])
+            out = Rotation.from_rotvec(angles[p, 2 * k] * rail).apply(first)
+            swing = angles[p, 2 * k + 1]
+            link = own.links[k] * (np.cos(swing) * rail + np.sin(swing) * out)
+            carriage = own.base[k] + sliders[p, k] * rail
+            assert carriage + link == pytest.approx(ends[k], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("kind", "measured", "rank", "count"),
+    [
+        ("constraint-link", ("theta", "psi"), 51, 30),
+        ("constraint-link", ("theta", "psi", "swing1", "swing3", "swing5"), 54, 24),
+        ("pose-forward", ENCODERS, 54, 16),
+    ],
+)
+def test_tilts_and_encoders_without_noise_give_all_that_no_frame_changes(
+    kind: str, measured: tuple[str, ...], rank: int, count: int
+) -> None:
+    procedure, generator = Procedure.of(kind, measured), np.random.default_rng(2)
+    truth = disturbed(NOMINAL, procedure, 1e-3, generator)
+    found = calibrate(measure(procedure, NOMINAL, truth, count, generator), NOMINAL)
+    assert (found.rank, found.unidentifiable_count) == (rank, len(found.names) - rank)
+    assert len(found.unidentifiable) == found.unidentifiable_count
+    lengths = inner_lengths(found.machine.geometry) - inner_lengths(truth.geometry)
+    assert np.abs(lengths).max() < 1e-9
+    zeros = (found.machine.zeros_rad - truth.zeros_rad)[1::2]  # swings have no frame
+    assert np.abs(zeros).max() < 1e-9
 
 
 @pytest.mark.parametrize(

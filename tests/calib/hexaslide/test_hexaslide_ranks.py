@@ -11,7 +11,7 @@ import pytest
 
 from calib.arrays import FloatArray
 from calib.design.identifiability import analyse
-from calib.hexaslide.geometry import HexaSlide
+from calib.hexaslide.geometry import ENCODERS, HexaSlide
 from calib.hexaslide.planning import (
     enough_postures,
     fewest_postures,
@@ -206,6 +206,81 @@ def test_whatever_is_known_of_the_link_the_rank_is_exact(
     assert ("base turned about X" in names) == ("d" not in known)
     assert [name for name in names if "shifted" in name] == ([] if "c" in known else SHIFTS)
     assert len([name for name in names if "platform frame turned" in name]) == 3
+
+
+BESIDE_THE_LINK = {
+    ("theta",): 51,
+    ("theta", "psi"): 51,
+    ("phi",): 52,
+    ("theta", "psi", "phi"): 52,
+    ("x", "y", "z"): 52,
+    COMPONENTS: 55,
+}
+"""Two tilts give the three motions back that they feel, phi the turn about Z as well, which needs
+no other; only places show where the platform's frame is.
+"""
+
+
+@pytest.mark.parametrize("shape", ["any", "h60"])
+@pytest.mark.parametrize(("measured", "rank"), BESIDE_THE_LINK.items(), ids=str)
+def test_what_is_measured_beside_the_link_has_the_exact_rank(
+    shape: str, measured: tuple[str, ...], rank: int
+) -> None:
+    procedure = Procedure.of("constraint-link", measured)
+    machine = example() if shape == "h60" else drawn_machine(1, shape)
+    found = reachable(procedure, machine)
+    assert (found.rank, len(found.names)) == (rank, 55)
+    assert all("frame" in one.combination for one in found.unseen)
+    own = exactly(shape)
+    link = own.bar[:, None, unknown(Procedure.of("constraint-link"))]
+    places = own.moved[:, [COMPONENTS.index(name) for name in measured]]
+    padding = np.zeros((*places.shape[:2], 6), dtype=np.int64)
+    both = np.concatenate([link, np.concatenate([places, padding], axis=-1)], axis=1)
+    assert exact.rank(both) == rank
+
+
+ENCODED = {
+    ("pose-forward", ("turn1",)): (43, 50, 43),
+    ("pose-forward", ("swing1",)): (43, 50, 43),
+    ("pose-forward", ("turn1", "swing1")): (44, 51, 22),
+    ("pose-forward", ("x", "y", "z", "turn1", "swing1")): (48, 51, 11),
+    ("pose-forward", ("theta", "psi", "turn2", "turn5")): (47, 51, 12),
+    ("pose-forward", ENCODERS[::2]): (48, 55, 8),
+    ("constraint-link", ("swing4",)): (49, 56, 25),
+    ("constraint-link", ("turn2", "theta", "psi")): (52, 56, 13),
+}
+"""Rank, parameters and fewest postures: encoders find their own zeros and no frame."""
+
+
+@pytest.mark.parametrize(("asked", "found"), ENCODED.items(), ids=str)
+def test_encoders_in_the_joints_have_the_exact_rank(
+    asked: tuple[str, tuple[str, ...]], found: tuple[int, int, int]
+) -> None:
+    procedure = Procedure.of(*asked)
+    seen = reachable(procedure, example())
+    assert (seen.rank, len(seen.names)) == found[:2]
+    assert all("frame" in one.combination or "base" in one.combination for one in seen.unseen)
+    assert fewest_postures(procedure, example()) == found[2]
+    own, good = exactly("h60"), np.ones(EXACT_COUNT, dtype=np.bool_)
+    encoders = [name for name in procedure.measured if name in ENCODERS]
+    width, blocks = len(procedure.parameters), []
+    link = procedure.kind is Kind.CONSTRAINT_LINK
+    if link:
+        blocks.append(own.bar[:, unknown(procedure)])
+    for name in procedure.measured:
+        rows = np.zeros((EXACT_COUNT, width), dtype=np.int64)
+        if name in COMPONENTS:
+            rows[:, :49] = own.moved[:, COMPONENTS.index(name)]
+        else:
+            wide, there = exact.joint_rows(own.machine, own.at, int(name[-1]) - 1, name[:-1])
+            rows[:, :49] = exact.free_columns(wide[:, :54])
+            rows[:, width - len(encoders) + encoders.index(name)] = wide[:, 54]
+            good &= there
+        blocks.append(rows)
+    if link:
+        blocks[0] = np.pad(blocks[0], ((0, 0), (0, width - blocks[0].shape[1])))
+    assert good.sum() >= found[2]
+    assert exact.rank(np.stack(blocks, axis=1)[good]) == found[0]
 
 
 @pytest.mark.parametrize(

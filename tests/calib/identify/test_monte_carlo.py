@@ -170,7 +170,7 @@ def test_map_and_decision() -> None:
 
 
 def test_memory_and_result_do_not_depend_on_how_sessions_are_cut() -> None:
-    told: list[tuple[int, int]] = []
+    told: list[tuple[float, int]] = []
     campaign = Campaign(Model(), OBSERVED, SUBSETS["both"], 0.005, 0.01, np.full(6, 1.0))
     token = on_part.set(lambda done, parts: told.append((done, parts)))
     first = simulate_and_identify(campaign, 5000, seed=1)

@@ -1,0 +1,72 @@
+"""A calibrated Hexa Slide for programs: machine file, postures to command, kinematics of LinuxCNC.
+
+LinuxCNC's own ``genhexkins`` cannot hold it: its joints are lengths of struts between fixed ends.
+"""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+from app.exports.linuxcnc import short_lines
+from app.planning.hexaslide import CalibratedMachine, inside_box, posture_table, table
+from app.report.schema.hexaslide import HexaSlideCalibrationReport
+from app.report.text.hexaslide_calibration import caveats
+from calib.hexaslide.calibration import corrected
+from calib.hexaslide.geometry import HexaSlide
+from protocols.files import Written
+from protocols.hexaslide import load_postures, machine_like, machine_text
+
+MODULE = "hexaslidekins"
+
+NOT_GENHEXKINS = (
+    "not for LinuxCNC's genhexkins: its struts change their length between fixed ends, these links "
+    f"keep theirs while their carriages move; {MODULE}.comp is for them"
+)
+
+
+def calibrated_files(solved: CalibratedMachine, wanted: Path | None) -> Written:
+    """``machine.toml``, ``hexaslidekins.comp`` with ``calib.hal``; for a file of ``wanted`` ones
+    ``postures.csv``, to be commanded instead of them, and ``sliders.csv``.
+
+    Raises RecordError for that file, CalibrationError for postures that cannot be reached.
+    """
+    said = HexaSlideCalibrationReport.of(solved=solved)
+    head = [
+        f"Calibrated from {said.measurements}, {said.procedure.value}: {said.rank} of "
+        f"{said.parameter_count} combinations identified."
+    ]
+    head = [line for text in [*head, *caveats(said)] for line in short_lines(text)]
+    found, own = solved.found.machine, solved.source.machine
+    file = machine_like(own, f"{own.name}, calibrated", found)
+    source = resources.files("app.exports").joinpath(f"{MODULE}.comp").read_text(encoding="utf-8")
+    files = {
+        "machine.toml": machine_text(file, head),
+        f"{MODULE}.comp": source,
+        "calib.hal": "".join(f"# {line}\n" for line in [*head, "Millimetres."]) + pins(found),
+    }
+    if wanted is None:
+        return files
+    nominal = own.whole()
+    commands, sliders = corrected(nominal, found, inside_box(load_postures(wanted), nominal))
+    names = [f"slider{chain}_m" for chain in range(1, sliders.shape[1] + 1)]
+    moved = {"postures.csv": posture_table(commands), "sliders.csv": table(names, sliders.tolist())}
+    return {**files, **moved}
+
+
+def pins(machine: HexaSlide) -> str:
+    """``setp`` lines for the kinematics, millimetres and degrees."""
+    geometry = machine.geometry
+    values: dict[str, float] = {}
+    for name, vectors, unit in (
+        ("start", geometry.base, 1000.0),
+        ("rail", geometry.rails, 1.0),
+        ("joint", geometry.platform, 1000.0),
+    ):
+        for chain, vector in enumerate(vectors.tolist()):
+            parts = zip("xyz", vector, strict=True)
+            values |= {f"{name}-{chain}-{axis}": unit * part for axis, part in parts}
+    values |= {f"link-{chain}": 1000.0 * v for chain, v in enumerate(geometry.links.tolist())}
+    x, y, z, theta, psi, phi = machine.box.centre_mm_deg
+    values |= {f"centre-{k}": v for k, v in enumerate((x, y, z, psi, theta, phi))}
+    return "".join(f"setp {MODULE}.{pin} {value:.15g}\n" for pin, value in values.items())

@@ -1,0 +1,156 @@
+"""Between two rounds of measuring: which end of which rail to move, and how far it has moved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from app.evaluating.solution import indicator_figures
+from app.measuring.session import GuidedSession
+from calib.errors import UsageError
+from calib.tripod.alignment import (
+    Alignment,
+    RailMoved,
+    Shim,
+    alignment,
+    shims,
+    slope_at_zero_mm,
+)
+from drivers.profile import IndicatorReading
+from protocols.machine import Machine
+from protocols.observations import to_observations
+from protocols.procedure import ALL_AXES, Leg, Step
+from protocols.session import Changed, Session
+
+PROCEDURE = "align"
+WATCHED = 0.9
+"""Far from the tool end the leg moves most with its rail."""
+
+LEAST_SHOWN = 0.05
+"""Of a move: less cannot be watched at Zero, the carriage stands over the other end."""
+
+
+@dataclass(frozen=True, eq=False)
+class Aligned:
+    """What a session tells of the rails, and the moves that make them square and meet."""
+
+    machine: Machine
+    reference: Leg
+    found: Alignment
+    shims: tuple[Shim, ...]
+
+
+def align_session(session: Session, reference: Leg) -> Aligned:
+    """Raises UsageError for a machine without square drives, NotIdentifiable and RecordError."""
+    machine = session.opened.machine
+    found = alignment(
+        machine.geometry(),
+        to_observations([session]),
+        machine.tolerances_mm(),
+        indicator_figures([session]),
+    )
+    made = shims(found, ALL_AXES.index(reference), machine.rails_rest_mm())
+    return Aligned(machine, reference, found, tuple(made))
+
+
+def rail_moved(change: Changed, supports_mm: tuple[float, float]) -> RailMoved:
+    """A recorded move of one end, as a simulated machine makes it."""
+    low, high = supports_mm
+    at_mm = change.support_mm or low
+    moved_mm = change.asked_mm if change.moved_mm is None else change.moved_mm
+    rail, towards = (ALL_AXES.index(one) for one in (change.rail or "x", change.towards or "y"))
+    shim = Shim(rail, towards, at_mm, high if at_mm == low else low, 0.0, 0.0)
+    return RailMoved.by_shim(shim, moved_mm or 0.0)
+
+
+@dataclass
+class Round:
+    """One round of turning screws; ``moved_mm`` are the moves that are in the record."""
+
+    guided: GuidedSession
+    aligned: Aligned
+    moved_mm: dict[int, float | None] = field(default_factory=dict)
+    watching: int | None = None
+    _start_mm: float = 0.0
+
+    @property
+    def machine(self) -> Machine:
+        """The machine that is aligned."""
+        return self.aligned.machine
+
+    def station(self, shim: Shim) -> float:
+        """Where on the bar the indicator watches."""
+        return min(WATCHED, self.machine.geometry().usable_bar[shim.rail][1])
+
+    def watch_step(self, shim: Shim) -> Step:
+        """The set-up that watches a screw, at Zero. Raises UsageError where no indicator may."""
+        towards = ALL_AXES[shim.towards]
+        instruments = self.guided.session.opened.instruments
+        fitting = [k for k, one in enumerate(instruments) if towards in one.axes]
+        if not fitting:
+            shown = " and ".join(f"@{one.axes}" for one in instruments)
+            raise UsageError("indicator that watches", shown, f"one along {towards}")
+        leg, station = ALL_AXES[shim.rail], self.station(shim)
+        # as over a plane: nothing is subtracted, the stand was there before the rail moved
+        return Step(0, leg, 0.0, 1, station, (towards,), over_plane=True, first=fitting[0])
+
+    def watchable(self, shim: Shim) -> bool:
+        """Whether a turn of this screw shows on the leg at Zero."""
+        return abs(shim.shown(self.machine.geometry(), self.station(shim))) > LEAST_SHOWN
+
+    def start(self, number: int) -> bool:
+        """The indicator stands: what it shows is where the screw begins. Whether it shows any.
+
+        From here on the record says that the machine is another one, whatever happens.
+        """
+        value = self._value(number)
+        if value is not None:
+            rail = ALL_AXES[self.aligned.shims[number].rail]
+            self.guided.change(Changed(rail=rail, reason=f"rail {rail} is being moved"))
+            self.watching, self._start_mm = number, value
+        return value is not None
+
+    def live_mm(self) -> float | None:
+        """How far the end that is watched has moved since; None where nothing is shown."""
+        if self.watching is None:
+            return None
+        value, shim = self._value(self.watching), self.aligned.shims[self.watching]
+        if value is None:
+            return None
+        return (value - self._start_mm) / shim.shown(self.machine.geometry(), self.station(shim))
+
+    def slope_mm(self, number: int) -> float:
+        """Leg parallelism at Zero: how much further along the axis the foot is than the tool.
+
+        As the session found it, and as the ends of this rail have moved since.
+        """
+        shim = self.aligned.shims[number]
+        moved = {**self.moved_mm} | (
+            {} if self.watching is None else {self.watching: self.live_mm()}
+        )
+        way = slope_at_zero_mm(self.aligned.found.model, shim.rail, shim.towards)
+        for k, mm in moved.items():
+            other = self.aligned.shims[k]
+            if (other.rail, other.towards) == (shim.rail, shim.towards) and mm is not None:
+                way += mm * other.shown(self.machine.geometry(), 1.0)
+        return way
+
+    def done(self, *, watched: bool) -> Changed:
+        """Write the move into the record: what was read before is of another machine."""
+        assert self.watching is not None
+        shim, moved = self.aligned.shims[self.watching], self.live_mm() if watched else None
+        change = Changed(
+            rail=ALL_AXES[shim.rail],
+            towards=ALL_AXES[shim.towards],
+            support_mm=shim.support_mm,
+            asked_mm=round(shim.move_mm, 4),
+            moved_mm=None if moved is None else round(moved, 4),
+            reason=f"rail {ALL_AXES[shim.rail]} moved",
+        )
+        self.guided.change(change)
+        self.moved_mm[self.watching], self.watching = moved, None
+        return change
+
+    def _value(self, number: int) -> float | None:
+        gauge = self.guided.gauges[self.watch_step(self.aligned.shims[number]).first]
+        outcome = gauge.live().outcome
+        return outcome.value_mm if isinstance(outcome, IndicatorReading) else None

@@ -1,0 +1,119 @@
+"""How the rails lie to each other, and what to move them by, in words."""
+
+from __future__ import annotations
+
+from app.measuring.aligning import Aligned, Round
+from app.report.text.tables import new_table, signed, table_text, uncertain, wrapped
+from calib.arrays import LEG_NAMES
+from calib.tripod.alignment import Shim
+from calib.tripod.effects.effect import AROUND, PAIRS
+
+UNSEEN = (
+    "Leg readings do not tell which axis of a pair leans or lies aside, only how both lie to each "
+    "other: rail {} is the reference and stays (--reference)."
+)
+ALIGN_HELP = """\
+Up, Down      which end of which rail
+Space         the indicator stands there: watch this screw; again: it is
+              done, and goes into the record
+X             done without an indicator: it was moved as asked
+Left, Right   turn the screw of a simulated machine by 0.02 mm
+C             measure again: every step, for the machine is another one
+F             finish, as long as nothing was moved since it was measured
+Escape, F10   pause the session: to the home screen, or quit
+
+One screw at a time. Go to the far side and come back as usual; what counts
+is where the end of the rail is when you press Space."""
+
+
+def aligned_text(aligned: Aligned) -> str:
+    """Squareness and distances, then the moves."""
+    found, half = aligned.found, aligned.found.expanded.tolist()
+    figures = new_table("axes", "from square, mrad", "±", "miss each other, mm", "±", left=1)
+    by_pair = dict(zip(AROUND, zip(found.distance_mm.tolist(), half[3:], strict=True), strict=True))
+    for k, pair in enumerate(PAIRS):
+        mm, wide = by_pair[pair if pair in by_pair else pair[::-1]]
+        lean = signed(float(found.lean_mrad[k]))
+        figures.add_row(pair.upper(), lean, uncertain(half[k]), signed(mm), uncertain(wide))
+    moves = new_table("move the end of", "at, mm", "towards", "by, mm", "±", "", left=1)
+    for shim in aligned.shims:
+        fine = "" if shim.needed else "fine, leave it"
+        moves.add_row(*_cells(shim), uncertain(shim.expanded_mm), fine)
+    return "\n\n".join(
+        [
+            table_text(figures),
+            wrapped(
+                "Positive: less than a right angle; the first axis, in the order x y z x, lies "
+                "further along the third."
+            ),
+            table_text(moves),
+            wrapped(
+                "An end lies so far along its rail from where the axes meet; rails rest at "
+                "rail_mm of the machine file. " + UNSEEN.format(aligned.reference.upper())
+            ),
+            wrapped(
+                f"Left by the fit {found.left_mm:.4f} mm r.m.s., noise of a reading "
+                f"{found.noise_mm:.4f} mm."
+            ),
+        ]
+    )
+
+
+def _cells(shim: Shim) -> tuple[str, str, str, str]:
+    towards = f"{'+' if shim.move_mm >= 0.0 else '−'}{LEG_NAMES[shim.towards].upper()}"
+    rail = f"rail {LEG_NAMES[shim.rail].upper()}"
+    return rail, f"{shim.support_mm:.0f}", towards, f"{abs(shim.move_mm):.3f}"
+
+
+def round_text(work: Round, chosen: int) -> str:
+    """The list of screws, the chosen one marked; what is moved and what is to go."""
+    lines = ["  rail  end at  towards     by    moved    to go"]
+    live = work.live_mm()
+    for k, shim in enumerate(work.aligned.shims):
+        rail, at, towards, by = _cells(shim)
+        moved = live if work.watching == k else work.moved_mm.get(k)
+        known = work.watching == k or k in work.moved_mm
+        shown, left = "as asked" if known else "" if shim.needed else "fine", ""
+        if known and moved is not None:
+            shown, left = signed(moved), signed(shim.move_mm - moved)
+        mark = ">" if k == chosen else "+" if k in work.moved_mm else " "
+        lines.append(f"{mark} {rail[5:]:<5}{at:>4} mm  {towards:<8}{by:>6} {shown:>8} {left:>8}")
+    return "\n".join(lines)
+
+
+def screw_text(work: Round, number: int) -> str:
+    """What to do at one screw."""
+    shim = work.aligned.shims[number]
+    rail, at, towards, by = _cells(shim)
+    axis, leg = LEG_NAMES[shim.towards].upper(), LEG_NAMES[shim.rail].upper()
+    along = work.station(shim) * work.machine.geometry().leg_length_mm[shim.rail]
+    slope = signed(work.slope_mm(number))
+    parallel = f"Leg {leg} at Zero: its foot {slope} mm along {axis} from its tool end."
+    if work.watching == number:
+        moved = work.live_mm()
+        left = "nothing is shown" if moved is None else f"{signed(shim.move_mm - moved)} mm to go"
+        return (
+            f"Turn: {rail}, {by} mm towards {towards} under the end at {at} mm. {left}.\n"
+            f"{parallel}\nSpace when it is there."
+        )
+    if not shim.needed:
+        do = "As square and as near as a turn would make it: leave it. Down: the next one."
+    elif not work.watchable(shim):
+        do = "No turn of this screw shows at Zero: turn it by the number, then X."
+    else:
+        there = f"leg {leg} along {axis}, {along:.0f} mm from the tool end"
+        do = f"Machine at Zero. Indicator on {there}; Space."
+    move = f"R{rail[1:]}: {by} mm towards {towards} under the end at {at} mm."
+    return f"{move}\n{parallel}\n{do}"
+
+
+MOVE_QUESTION = (
+    "From here on the machine is another one: what this round measured no longer counts, and every "
+    "step is measured again. Move the rails now?"
+)
+MOVE_CHOICES = (("no", "1  No, not yet"), ("move", "2  Yes"))
+
+
+def adjusted_words(name: str | None) -> str:
+    """What belongs into the machine file after a change."""
+    return f'Put adjusted = "{name}" into the machine file: earlier offsets do not hold any more.'

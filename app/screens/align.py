@@ -1,0 +1,232 @@
+"""Between two rounds of measuring: turn the screws of the rails, live."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ClassVar
+
+from textual import work
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal
+from textual.widgets import Footer, Static
+
+from app.evaluating.solution import solve_recorded
+from app.measuring.aligning import Round, align_session
+from app.measuring.opening import Plan
+from app.measuring.session import GuidedSession
+from app.report.text.alignment import (
+    ALIGN_HELP,
+    MOVE_CHOICES,
+    MOVE_QUESTION,
+    UNSEEN,
+    adjusted_words,
+    round_text,
+    screw_text,
+)
+from app.report.text.session import progress_text
+from app.screens.corrections import Corrections
+from app.screens.interface import ChoiceDialog
+from app.screens.pages import signalled
+from app.screens.session_view import GaugeDisplay
+from calib.errors import GlidecalError
+from calib.tripod.alignment import RailMoved
+
+LIVE_S = 0.2
+TURN_MM = 0.02
+"""A key of the simulated screw: by so much the end moves."""
+
+
+class AlignScreen(Corrections):
+    """One screw after the other; what it has moved by and what is to go, while it is turned."""
+
+    HELP = ALIGN_HELP
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("up", "choose(-1)", "Up", show=False, id="align.up"),
+        Binding("down", "choose(1)", "Down", show=False, id="align.down"),
+        Binding("space,enter", "watch", "Watch/done", id="align.watch"),
+        Binding("x", "as_asked", "As asked", id="align.asked"),
+        Binding("left", "turn(-1)", "Turn −", id="align.less"),
+        Binding("right", "turn(1)", "Turn +", id="align.more"),
+        Binding("c", "again", "Measure again", id="align.again"),
+        Binding("f", "finish", "Finish", id="align.finish"),
+        Binding("n", "note", "Note", show=False, id="align.note"),
+        Binding("escape", "leave", "Home", show=False, id="align.home"),
+        Binding("f10", "app.quit", "Leave", id="align.leave"),
+    ]
+
+    def __init__(self, guided: GuidedSession, plan: Plan) -> None:
+        super().__init__(guided)
+        self.plan, self.chosen = plan, 0
+        self.round: Round | None = None
+        self._displays = [GaugeDisplay(k, one) for k, one in enumerate(plan.instruments)]
+
+    def compose(self) -> ComposeResult:
+        yield Static("", id="progress", markup=False)
+        yield Static("", id="step", markup=False)
+        with Horizontal(id="gauges"):
+            yield from self._displays
+        yield Static("", id="said", markup=False)
+        yield Static("", id="screws", markup=False)
+        yield Footer(compact=True, show_command_palette=False)
+
+    def on_mount(self) -> None:
+        mode = f"align to rail {(self.plan.reference or 'x').upper()}"
+        said = progress_text(self.guided.session, self.guided.steps, mode)
+        self.query_one("#progress", Static).update(said)
+        try:
+            aligned = align_session(self.guided.session, self.plan.reference or "x")
+        except GlidecalError as problem:
+            self.say(f"{problem} C measures again.")
+        else:
+            self.round = Round(self.guided, aligned)
+            self.say(UNSEEN.format(aligned.reference.upper()))
+            self._stand()
+        self.set_interval(LIVE_S, self._show)
+        self._show()
+
+    def proceed(self) -> None:
+        self._show()
+
+    def say(self, text: str) -> None:
+        self.query_one("#said", Static).update(signalled(text))
+
+    def refused(self, text: str) -> None:
+        self.say(text)
+
+    def _show(self) -> None:
+        for display, gauge in zip(self._displays, self.guided.gauges, strict=True):
+            display.show(gauge.live())
+        if self.round:
+            self.query_one("#step", Static).update(screw_text(self.round, self.chosen))
+            self.query_one("#screws", Static).update(round_text(self.round, self.chosen))
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Only a simulated machine has screws to be turned by a key."""
+        if action == "turn":
+            return self.guided.turn is not None
+        return action not in ("choose", "watch", "as_asked") or self.round is not None
+
+    def _stand(self) -> None:
+        """The indicators as they stand for the chosen screw."""
+        assert self.round is not None
+        try:
+            step = self.round.watch_step(self.round.aligned.shims[self.chosen])
+        except GlidecalError as problem:
+            self.say(str(problem))
+            return
+        self.guided.watch(step)
+        axes = dict(zip(step.indicators, step.axes, strict=True))
+        for k, (display, one) in enumerate(zip(self._displays, self.plan.instruments, strict=True)):
+            display.name_it(one, axes.get(k, ""))
+
+    def action_choose(self, by: int) -> None:
+        """Another screw; one that is watched is finished first."""
+        if self.round is None:
+            return
+        if self.round.watching is not None:
+            self.say("WAIT: this screw is watched. Space when it is there, then the next.")
+            return
+        self.chosen = (self.chosen + by) % len(self.round.aligned.shims)
+        self._stand()
+        self._show()
+
+    def _before_a_move(self, then: Callable[[], None]) -> None:
+        """The first move of a round ends what the round has measured: that is asked."""
+        if not self.guided.session.readings:
+            then()
+            return
+        dialog = ChoiceDialog(MOVE_QUESTION, MOVE_CHOICES)
+        self.ask(dialog, lambda answer: then() if answer == "move" else None)
+
+    def action_watch(self) -> None:
+        """Begin to watch the chosen screw, or write down where it is now."""
+        if self.round is not None and self.round.watching is not None:
+            self._done(watched=True)
+        elif self.round is not None:
+            self._before_a_move(self._watch)
+
+    def _watch(self) -> None:
+        assert self.round is not None
+        shim = self.round.aligned.shims[self.chosen]
+        with self.app.complaining():
+            if not self.round.watchable(shim):
+                self.say("WAIT: no turn of this screw shows here. Turn it by the number, then X.")
+            elif self.chosen in self.round.moved_mm:
+                self.say("WAIT: it is done and in the record. C measures again.")
+            elif self.round.start(self.chosen):
+                self.say("Watching. Turn this screw only.")
+            else:
+                self.say("WAIT: the indicator shows no number.")
+
+    def action_as_asked(self) -> None:
+        """Done by the number, without an indicator."""
+        if self.round is not None and self.chosen not in self.round.moved_mm:
+            self._before_a_move(self._as_asked)
+
+    def _as_asked(self) -> None:
+        assert self.round is not None
+        self.round.watching = self.chosen
+        self._done(watched=False)
+
+    def _done(self, *, watched: bool) -> None:
+        assert self.round is not None
+        made = self.round
+
+        def write() -> None:
+            change = made.done(watched=watched)
+            moved = "as asked" if change.moved_mm is None else f"{change.moved_mm:+.3f} mm"
+            self.say(
+                f"In the record: end at {change.support_mm:.0f} mm of rail {change.rail}, {moved}. "
+                "Next, or C measures again."
+            )
+
+        if self.write(write):
+            self.action_choose(1)
+
+    def action_turn(self, way: int) -> None:
+        """The screw of a simulated machine."""
+        if self.round is None or self.guided.turn is None:
+            return
+        if self.round.watching is None:
+            self.say("WAIT: Space watches the screw first.")
+            return
+        shim = self.round.aligned.shims[self.chosen]
+        self.guided.turn(RailMoved.by_shim(shim, way * TURN_MM), self.round.watch_step(shim))
+
+    def action_again(self) -> None:
+        """Measure every step once more; without a move nothing is to be measured."""
+        if self.round is not None and self.round.watching is not None:
+            self.say("WAIT: this screw is watched. Space when it is there.")
+        elif self.guided.step() is None:
+            self.say("Nothing was moved: the readings hold. F finishes.")
+        else:
+            self.app.go_to(self.app.measuring(self.guided, self.plan))
+
+    def action_finish(self) -> None:
+        """Close the record, on to the result."""
+        if self.guided.step() is not None:
+            self.say("WAIT: something was moved since. C measures again; Escape pauses.")
+        elif not self.busy:
+            self.busy = True
+            self._finish()
+
+    @work(thread=True)
+    def _finish(self) -> None:
+        try:
+            self.guided.finish()
+            solved = solve_recorded(self.guided.path)
+        except GlidecalError as problem:
+            self.app.call_from_thread(self._failed, str(problem))
+            return
+        self.app.guided = None
+        self.app.call_from_thread(
+            self.app.go_to, self.app.result(solved, self.plan, self.guided.path)
+        )
+        adjusted = self.guided.session.adjusted
+        if adjusted:
+            self.app.call_from_thread(self.app.notify, adjusted_words(adjusted), timeout=30)
+
+    def _failed(self, text: str) -> None:
+        self.busy = False
+        self.say(text)

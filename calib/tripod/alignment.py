@@ -1,0 +1,224 @@
+"""Mechanical alignment of three square drives: from readings of legs to shims under their rails.
+
+Leg readings see, of six leans and six shifts of the rails, how far each pair is from square and how
+far each pair misses the other: six figures. The rest turns or moves the machine as a whole. One
+rail is the reference and stays; the next one (x, y, z, x …) is turned square to it and moved to
+meet it, the third does the same to both.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.arrays import LEG_NAMES, FloatArray, Observations, conditions, without_zeros
+from calib.errors import NotIdentifiable, UsageError
+from calib.noise.reading import IndicatorFigures, reading_noise, reading_weights, visits
+from calib.stats import coverage_factor
+from calib.tripod.effects.axes import AxisDistance, AxisSquareness
+from calib.tripod.effects.candidates import place_columns
+from calib.tripod.effects.effect import AROUND, PAIRS, PER_THOUSAND, EffectInstance, moved_foot
+from calib.tripod.geometry import Geometry
+from calib.tripod.movements import with_first_movements
+from calib.tripod.pipeline import Flow, Model, Stage, command, derivatives, posture
+
+LEAN_TOLERANCE_MRAD = 5.0
+DISTANCE_TOLERANCE_MM = 5.0
+"""A raw machine is no further off than some of these; they only keep a poor session solvable."""
+
+FINE_MRAD, FINE_MM = 0.05, 0.025
+"""Half of what is aimed at: what lies nearer is left alone, for a fitter's hand adds more."""
+
+ROUNDS = 6
+SQUARENESS, DISTANCE = AxisSquareness(), AxisDistance()
+FINE_ENOUGH = 3.0
+"""A figure that is known to no better than a third of what is aimed at is no figure to shim by."""
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """How the rails lie to each other, with joint offsets and lengths fitted beside it.
+
+    ``lean_mrad`` ``(3,)`` of the pairs xy, yz, xz: positive, less than 90° between them.
+    ``distance_mm`` ``(3,)`` of xy, yz, zx: along the third axis the first lies so much further.
+    ``covariance`` ``(6, 6)`` of both; ``noise_mm`` of a reading, ``left_mm`` r.m.s. that is left.
+    """
+
+    model: Model
+    lean_mrad: FloatArray
+    distance_mm: FloatArray
+    covariance: FloatArray
+    noise_mm: float
+    left_mm: float
+
+    @property
+    def expanded(self) -> FloatArray:
+        """Half widths of 95 % intervals ``(6,)``, mrad and mm."""
+        return np.asarray(coverage_factor(math.inf) * np.sqrt(self.covariance.diagonal()))
+
+
+def alignment(
+    geometry: Geometry,
+    observed: Observations,
+    tolerance_mm: FloatArray,
+    indicator: IndicatorFigures,
+) -> Alignment:
+    """Fit leans and distances beside the base parameters, these held by ``tolerance_mm`` ``(6,)``.
+
+    Raises UsageError for drives that are not square and NotIdentifiable without noise or readings
+    that tell all six.
+    """
+    if not geometry.orthogonal:
+        raise UsageError(
+            "alignment", "drives that are not square to each other", "an Orthoglide's readings"
+        )
+    visited = with_first_movements(visits(observed))
+    noise = reading_noise(visited, indicator)
+    if noise is None:
+        raise NotIdentifiable(
+            "alignment", "no repeats and no stated noise", "repeats, as procedures with cycles have"
+        )
+    root = np.sqrt(reading_weights(visited, noise))
+    limits = [LEAN_TOLERANCE_MRAD] * 3 + [DISTANCE_TOLERANCE_MM] * 3
+    hold = np.diag(1.0 / np.concatenate([tolerance_mm, limits]) ** 2)
+    x = np.zeros(12)
+    for _ in range(ROUNDS):
+        model = _model(geometry, x)
+        found = place_columns(model, visited, (SQUARENESS, DISTANCE))
+        columns = [found[0][pair] for pair in PAIRS] + [found[1][pair] for pair in AROUND]
+        base = derivatives(geometry, x[:6], visited, model.effects)
+        rows = without_zeros(visited, root**2, np.hstack([base, *columns])) * root[:, None]
+        off = without_zeros(visited, root**2, visited.value_mm - model.readings(visited)) * root
+        covariance = np.linalg.inv(rows.T @ rows + hold)
+        x = x + covariance @ (rows.T @ off - hold @ x)
+    seen = np.sqrt(covariance.diagonal())[6:] < np.array(limits) / FINE_ENOUGH
+    if not seen.all():
+        names = [f"squareness {p}" for p in PAIRS] + [f"distance {p}" for p in AROUND]
+        unseen = [name for name, known in zip(names, seen, strict=True) if not known]
+        raise NotIdentifiable(
+            "alignment",
+            f"readings that do not tell {', '.join(unseen)}",
+            "all three legs along both axes at Zero, Max and Min: zero-max-min-plane",
+        )
+    model = _model(geometry, x)
+    left = without_zeros(visited, root**2, visited.value_mm - model.readings(visited))
+    noise_mm = float(np.sqrt(np.mean(root**-2.0)))
+    left_mm = float(np.sqrt(np.mean(left**2)))
+    spread = np.asarray(covariance[6:, 6:], dtype=np.float64)
+    return Alignment(model, x[6:9], x[9:], spread, noise_mm, left_mm)
+
+
+def _model(geometry: Geometry, x: FloatArray) -> Model:
+    leans = [
+        EffectInstance(SQUARENESS, p, (v,)) for p, v in zip(PAIRS, x[6:9].tolist(), strict=True)
+    ]
+    apart = [EffectInstance(DISTANCE, p, (v,)) for p, v in zip(AROUND, x[9:].tolist(), strict=True)]
+    return Model(geometry, tuple(x[:6].tolist()), (*leans, *apart))
+
+
+@dataclass(frozen=True)
+class Shim:
+    """What one end of a rail is to be moved by: ``move_mm`` ± ``expanded_mm`` (95 %).
+
+    ``rail`` and ``towards``, the axis across it, are 0, 1, 2; the end rests at ``support_mm`` along
+    the rail from where the axes meet, the other end at ``other_mm``. Not ``needed``: as square and
+    as near already as a turn would make it.
+    """
+
+    rail: int
+    towards: int
+    support_mm: float
+    other_mm: float
+    move_mm: float
+    expanded_mm: float
+    needed: bool = True
+
+    def shown(self, geometry: Geometry, station: float) -> float:
+        """What an indicator on this leg at Zero reads along ``towards`` for each mm of the move.
+
+        The carriage moves by its share between both ends, the touched point by the station of that.
+        """
+        share = (self.other_mm - geometry.zero_mm[self.rail]) / (self.other_mm - self.support_mm)
+        return float(station * share)
+
+
+def shims(found: Alignment, reference: int, supports_mm: tuple[float, float]) -> list[Shim]:
+    """Moves of both ends of the two other rails, in every direction that is told; see the module.
+
+    ``supports_mm`` are the two places along every rail where it rests.
+    """
+    figures = np.concatenate([found.lean_mrad, found.distance_mm])
+    second, third = (reference + 1) % 3, (reference + 2) % 3
+    turned = [
+        (second, reference, _lean(second, reference), np.zeros(6)),
+        (second, third, np.zeros(6), _distance(reference, second)),
+        (third, reference, _lean(third, reference), _distance(second, third)),
+        (third, second, _lean(third, second), -_distance(third, reference)),
+    ]
+    made = []
+    for rail, towards, lean, shift in turned:
+        fine = abs(float(lean @ figures)) < FINE_MRAD and abs(float(shift @ figures)) < FINE_MM
+        for support, other in (supports_mm, supports_mm[::-1]):
+            row = shift - PER_THOUSAND * support * lean
+            half = coverage_factor(math.inf) * math.sqrt(float(row @ found.covariance @ row))
+            move = float(row @ figures)
+            made.append(Shim(rail, towards, support, other, move, half, not fine))
+    return made
+
+
+def _lean(first: int, second: int) -> FloatArray:
+    names = [LEG_NAMES[first] + LEG_NAMES[second], LEG_NAMES[second] + LEG_NAMES[first]]
+    return np.array([*(float(pair in names) for pair in PAIRS), 0.0, 0.0, 0.0])
+
+
+def _distance(first: int, second: int) -> FloatArray:
+    name = LEG_NAMES[first] + LEG_NAMES[second]
+    return np.array([0.0, 0.0, 0.0, *(float(pair == name) for pair in AROUND)])
+
+
+def slope_at_zero_mm(model: Model, leg: int, towards: int) -> float:
+    """How much further along an axis the foot of a leg is than its tool end, at Zero."""
+    taken = conditions([leg], [towards], [0.0])
+    flow = posture(
+        model.geometry, model.parameters_mm, taken, command(model.geometry, taken), model.effects
+    )
+    return float((flow.foot_mm[0, leg] - flow.tool_mm[0] - model.geometry.platform[leg])[towards])
+
+
+@dataclass(frozen=True)
+class RailMoved:
+    """A rail that lies elsewhere, for a simulated machine: moved by shims under its ends."""
+
+    rail: int
+    towards: int
+    shift_mm: float
+    lean: float
+    id: str = "rail_moved"
+    stage: Stage = Stage.FOOT
+
+    def change(self, stage_input: NDArray[Any], flow: Flow) -> NDArray[Any]:
+        """The foot is sideways by a constant and in proportion to its coordinate."""
+        way = self.shift_mm + self.lean * flow.carriage_mm[..., self.rail]
+        return moved_foot(stage_input, self.rail, flow.geometry.directions[self.towards], way)
+
+    @classmethod
+    def by_shim(cls, shim: Shim, moved_mm: float) -> RailMoved:
+        """What moving one end does, the other stays."""
+        lean = moved_mm / (shim.support_mm - shim.other_mm)
+        return cls(shim.rail, shim.towards, -lean * shim.other_mm, lean)
+
+
+def misaligned(geometry: Geometry, seed: int) -> tuple[RailMoved, ...]:
+    """Rails of a simulated machine: each off by up to 1 mm and 2 mrad, both ways across."""
+    generator = np.random.default_rng([seed, 6])
+    off = generator.uniform(-1.0, 1.0, (3, 3, 2)) * (1.0, 2e-3)
+    return tuple(
+        RailMoved(rail, towards, float(off[rail, towards, 0]), float(off[rail, towards, 1]))
+        for rail in range(3)
+        for towards in range(3)
+        if rail != towards and geometry.orthogonal
+    )

@@ -1,0 +1,173 @@
+"""Rails aligned between rounds: what is recorded, and that nothing from before holds after."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from app.evaluating.comparison import compare_files, verify_files
+from app.evaluating.solution import solve_files
+from app.measuring.aligning import Round, align_session
+from app.measuring.indicators import simulated_indicators
+from app.measuring.opening import Plan, aligning, plan_to_continue, start_session
+from app.measuring.session import GuidedSession
+from app.report.text.alignment import round_text, screw_text
+from app.report.text.result import comparison_report
+from calib.errors import UsageError
+from calib.tripod.alignment import RailMoved
+from protocols.machine import Machine
+from protocols.procedure import load_procedure
+from protocols.record import read_record
+from protocols.session import Changed, fold
+from tests.app.cli import glidecal
+
+MACHINE = Machine(rail_mm=(200.0, 400.0))
+FULL = load_procedure("align", MACHINE.geometry())
+SHORT = FULL.model_copy(update={"cycles": 2, "plane": None})
+
+
+def plan(path: Path) -> Plan:
+    known = Plan(path, MACHINE, SHORT, simulated_indicators(["mitutoyo-01a"] * 2), seed=3)
+    return replace(aligning(known, "x"), interval_s=0.0)
+
+
+def measure(guided: GuidedSession) -> None:
+    """Every step that is left; the record stays open."""
+    guided.go()
+    while (taken := guided.take()) is not None:
+        if taken.doubt:
+            guided.keep(taken, "kept")
+        guided.go()
+
+
+@contextmanager
+def measured(path: Path) -> Iterator[tuple[GuidedSession, Round]]:
+    with start_session(plan(path)) as guided:
+        measure(guided)
+        yield guided, Round(guided, align_session(guided.session, "x"))
+
+
+def turn(guided: GuidedSession, work: Round, number: int, by_mm: float) -> None:
+    shim = work.aligned.shims[number]
+    step = work.watch_step(shim)
+    guided.watch(step)
+    time.sleep(0.3)
+    assert work.start(number)
+    assert guided.session.readings == ()  # whatever happens from here on
+    assert guided.turn is not None
+    guided.turn(RailMoved.by_shim(shim, by_mm), step)
+    for _ in range(100):
+        if abs((work.live_mm() or 0.0) - by_mm) < 0.05:
+            break
+        time.sleep(0.05)
+
+
+def test_a_round_of_turning_and_measuring(tmp_path: Path) -> None:
+    path = tmp_path / "s.jsonl"
+    with measured(path) as (guided, work):
+        before = max(range(8), key=lambda k: abs(work.aligned.shims[k].move_mm))
+        shim = work.aligned.shims[before]
+        turn(guided, work, before, shim.move_mm)
+        assert work.live_mm() == pytest.approx(shim.move_mm, abs=0.05)  # scatter over the lever
+        assert f"> {'xyz'[shim.rail].upper()}" in round_text(work, before)
+        assert "mm to go" in screw_text(work, before)
+        change = work.done(watched=True)
+        assert guided.session.readings == ()
+        assert guided.session.next_step() == guided.steps[0]
+        assert not guided.restore(1, "no")
+        measure(guided)
+        again = align_session(guided.session, "x")
+        assert abs(again.shims[before].move_mm) < 0.15
+        guided.finish()
+    record = read_record(path)
+    found = fold(record.events)
+    assert record.end == "closed"
+    assert found.complete
+    assert [one for one in record.events if isinstance(one, Changed)] == [*found.changes]
+    assert [one.moved_mm is None for one in found.changes] == [True, False]
+    assert (change.rail, change.towards, change.support_mm) == (
+        "xyz"[shim.rail],
+        "xyz"[shim.towards],
+        shim.support_mm,
+    )
+    assert len(found.readings) * 2 == len(found.all_readings)
+    assert {r.mount[-2:] for r in found.readings} == {"#2"}
+    assert all(why.startswith("the machine was changed") for why in found.superseded.values())
+    shown = " ".join(glidecal("replay", path, "--headless").out.split())
+    assert "superseded: the machine was changed" in shown
+    assert glidecal("validate", path).status == 0
+    assert json.loads(glidecal("align", path, "--json", "--reference", "z").out)["reference"] == "z"
+
+
+def test_nothing_from_before_holds_after(tmp_path: Path) -> None:
+    earlier, later = tmp_path / "a.jsonl", tmp_path / "b.jsonl"
+    with start_session(plan(earlier)) as guided:
+        measure(guided)
+        guided.finish()
+    with start_session(plan(later)) as guided:
+        measure(guided)
+        work = Round(guided, align_session(guided.session, "x"))
+        work.watching = 0
+        work.done(watched=False)
+        measure(guided)
+        guided.finish()
+    compared = compare_files(earlier, later)
+    assert compared.changed
+    assert compared.expected_mm is None
+    said = " ".join(comparison_report(compared).split())
+    assert "was mechanically changed" in said
+    assert "expected" not in said
+    assert json.loads(glidecal("compare", earlier, later, "--json").out)["rms_expected_mm"] is None
+    for refused in (
+        lambda: verify_files(earlier, later),
+        lambda: solve_files([earlier, later]),
+    ):
+        with pytest.raises(UsageError, match="mechanically changed between them"):
+            refused()
+    done = glidecal("diagnose", earlier, later)
+    assert done.status == 2
+    assert "mechanically changed" in done.err
+
+
+def test_the_name_in_the_machine_file_tells_it_too(tmp_path: Path) -> None:
+    paths = []
+    for adjusted in ("before", "after"):
+        machine, path = tmp_path / f"{adjusted}.toml", tmp_path / f"{adjusted}.jsonl"
+        machine.write_text(f'schema = "glidecal.machine/1"\nadjusted = "{adjusted}"\n')
+        assert glidecal("simulate", "--machine", machine, "-o", path).status == 0
+        paths.append(path)
+    assert "mechanically changed" in glidecal("compare", *paths).out
+    assert glidecal("verify", *paths).status == 2
+
+
+def test_a_simulated_machine_stays_as_it_was_moved(tmp_path: Path) -> None:
+    path = tmp_path / "s.jsonl"
+    with measured(path) as (guided, work):
+        work.watching = 5
+        work.done(watched=False)
+        shim = work.aligned.shims[5]
+        guided.leave()
+    effects = aligning(plan_to_continue(path), "x").bench.effects
+    assert effects[-1] == RailMoved.by_shim(
+        replace(shim, move_mm=0.0, expanded_mm=0.0), round(shim.move_mm, 4)
+    )
+
+
+def test_bad_input(tmp_path: Path) -> None:
+    machine = tmp_path / "m.toml"
+    machine.write_text('schema = "glidecal.machine/1"\nrail_mm = [300.0, 200.0]\n')
+    done = glidecal("align", "--machine", machine, "--simulated")
+    assert done.status == 3
+    assert "rail_mm: the nearer end first" in done.err
+    assert glidecal("align").status == 2
+    delta = tmp_path / "d.jsonl"
+    assert glidecal("simulate", "--machine", "linear-delta", "-o", delta).status == 0
+    done = glidecal("align", delta)
+    assert done.status == 2
+    assert "not square to each other" in done.err

@@ -12,6 +12,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -121,7 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder = Folder(place)
     if options.again:
         folder.results.unlink(missing_ok=True)
-    text = page(run(cases, folder, options.seed, options.workers))
+    text = page(replace(run(cases, folder, options.seed, options.workers), note=options.note))
     if options.output:
         options.output.write_text(text, encoding="utf-8")
     else:
@@ -138,6 +139,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--fresh", action="store_true", help="start from nothing")
     parser.add_argument("--again", action="store_true", help="same sessions, diagnose again")
     parser.add_argument("--folder", type=Path, default=ROOT / "build" / "blind")
+    parser.add_argument("--note", default="", help="how it was run, for the head of the page")
     parser.add_argument("-o", "--output", type=Path, help="the page; else printed")
     return parser
 

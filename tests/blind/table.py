@@ -52,6 +52,7 @@ class Told:
     digest: str
     seconds: float
     not_drawn: Sequence[str] = ()
+    note: str = ""
 
     @cached_property
     def scored(self) -> list[Scored]:
@@ -132,6 +133,7 @@ def _head(told: Told) -> str:
             f"- {len(told.scored)} of the {len(plan())} planned sessions, seed {told.seed};",
             f"  {left} not run for want of a way to leave an effect out; {failed} ended in error.",
             *[f"- Could not be drawn: {why}." for why in told.not_drawn],
+            *([f"- {told.note}"] if told.note else []),
             f"- SHA-256 of the sealed truths: `{told.digest}`",
             f"- The last run took {told.seconds:.0f} s on two processes; what an earlier run had",
             "  finished is not counted.",

@@ -14,7 +14,7 @@ from calib.identify.accuracy import Decision, ToolError, decide, tool_map
 from calib.identify.fit import plane_tilts_mrad
 from calib.identify.identify import Method, Solution, Subset, Weights
 from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identify
-from calib.identify.subset_choice import SubsetChoice, choose_subset, left_after
+from calib.identify.subset_choice import CLEARLY_BETTER, SubsetChoice, choose_subset, left_after
 from calib.noise.reading import (
     IndicatorFigures,
     NoisyIndicator,
@@ -89,8 +89,8 @@ class SessionSolution:
 
     @property
     def helps(self) -> bool:
-        """Whether the tool is bounded more closely with the solution entered than now."""
-        return self.bound_after.bound_mm < self.bound_before.bound_mm
+        """Whether the tool is bounded clearly more closely with the solution entered than now."""
+        return self.bound_after.bound_mm < CLEARLY_BETTER * self.bound_before.bound_mm
 
     @property
     def bound_of_noise_mm(self) -> float:

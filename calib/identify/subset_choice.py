@@ -23,7 +23,8 @@ if TYPE_CHECKING:  # the catalogue comes with it: only where a bound is asked fo
     from calib.identify.tool_bound import Claim, ToolBound
 
 CLEARLY_BETTER = 0.9
-"""Another set must promise less than this share of the joint offsets' tool error."""
+"""Of the tool's error another choice must promise less than this share: other parameters than joint
+offsets, or other values than the controller has."""
 
 
 @dataclass(frozen=True, eq=False)

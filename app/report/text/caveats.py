@@ -129,7 +129,7 @@ def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
     if not solved.helps:
         yield (
             "WARNING: these values are not expected to make the tool more accurate: the bound "
-            "with them is not smaller than the bound now."
+            "with them is not clearly smaller than the bound now."
         )
 
 

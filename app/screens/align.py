@@ -48,7 +48,7 @@ class AlignScreen(Corrections):
         Binding("x", "as_asked", "As asked", id="align.asked"),
         Binding("left", "turn(-1)", "Turn −", id="align.less"),
         Binding("right", "turn(1)", "Turn +", id="align.more"),
-        Binding("c", "again", "Measure again", id="align.again"),
+        Binding("c", "again", "Again", id="align.again"),
         Binding("f", "finish", "Finish", id="align.finish"),
         Binding("n", "note", "Note", show=False, id="align.note"),
         Binding("escape", "leave", "Home", show=False, id="align.home"),

@@ -52,11 +52,11 @@ SLEPT_S = 5.0
 """Between two looks: after so long the computer slept."""
 
 
-class KeysInForce(Resting, Footer):
+class KeysInForce(Footer, Resting):
     """The keys, at the bottom."""
 
 
-class MeasureScreen(Resting, Corrections):
+class MeasureScreen(Corrections, Resting):
     """One step after the other; Space takes it."""
 
     HELP = texts.MEASURE_HELP

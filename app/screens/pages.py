@@ -44,7 +44,8 @@ class Resting(Widget):
     """Keeps its rows as drawn until it is told to draw again.
 
     For every picture Textual asks each widget that reaches into it for all of its rows, and looks
-    each of them up: on the measuring screen 150 rows that did not change beside 5 that did.
+    each of them up: on the measuring screen 150 rows that did not change beside 5 that did. It
+    stands last among the bases: Textual follows the first for its style sheets.
     """
 
     _rows: tuple[Region, list[Strip]] | None = None

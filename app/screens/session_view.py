@@ -170,11 +170,11 @@ class GaugeDisplay(Widget):
         return f"{state}  {live.age_s:.0f} s old" if live.age_s >= OLD_S else state
 
 
-class Row(Resting, Horizontal):
+class Row(Horizontal, Resting):
     """Widgets side by side."""
 
 
-class Words(Resting, Static):
+class Words(Static, Resting):
     """Lines of text."""
 
 
@@ -206,7 +206,7 @@ class StepList(Words):
         self.update("\n".join(self._lines[first : first + height]), layout=False)
 
 
-class SessionView(Resting, Vertical):
+class SessionView(Vertical, Resting):
     """The same picture whether a session is measured or replayed."""
 
     def __init__(self, instruments: Sequence[Instrument | None]) -> None:

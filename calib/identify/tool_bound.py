@@ -53,7 +53,7 @@ TOLERATED = 10.0
 FREE = 50.0
 """Unremarkable sizes that a fitted size may have: readings tell it, no tolerance."""
 
-LARGER = (1.0, 4.0, math.inf)
+LARGER = (1.0, 4.0)
 """Times the smallest size that would have been found: readings may show more than that, and of
 several sizes together those are unlike that hardly show."""
 

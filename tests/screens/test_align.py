@@ -15,6 +15,7 @@ from protocols.record import read_record
 from protocols.session import fold
 from tests.app.measuring.test_aligning import SHORT, measure
 from tests.screens.driving import SIZE, rows, text, until
+from tests.screens.test_not_cut import SIZES, look
 
 ONCE = SHORT.model_copy(update={"stations": (0.3, 0.6)})
 
@@ -34,6 +35,9 @@ async def test_a_screw_is_turned_live(tmp_path: Path) -> None:
         await until(pilot, "the moves", lambda: "to go" in text(interface, "#screws"))
         assert "rail X is the reference and stays" in text(interface, "#said")
         shown = rows(screen)
+        for size in (*SIZES[1:], SIZES[0]):
+            await pilot.resize_terminal(*size)
+            assert not (found := await look(pilot, interface)), (size, found)
         assert sum("mm  " in row and ("  Y " in row or "  Z " in row) for row in shown) >= 7
         await pilot.press("right")
         await until(pilot, "a word", lambda: "Space watches the screw" in text(interface, "#said"))

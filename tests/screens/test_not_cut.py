@@ -20,6 +20,7 @@ from textual.widget import Widget
 from textual.widgets import Footer, Input, Static, TabbedContent, TabPane
 
 from app.evaluating.comparison import compare_files
+from app.evaluating.history import read_history
 from app.evaluating.solution import solve_files
 from app.machines.registry import LOOKS
 from app.measuring.opening import demo_plan
@@ -27,11 +28,13 @@ from app.measuring.recorded import recent_sessions
 from app.measuring.session import Doubt
 from app.measuring.simulated import BenchSettings
 from app.report.text.session import dry_run_text, question_choices
+from app.screens.align import AlignScreen
 from app.screens.check import CheckScreen
 from app.screens.corrections import Corrections
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.fast_keys import Dialog, LeftOnce, Palette
 from app.screens.hexaslide import HexaSlideScreen
+from app.screens.history import HistoryScreen
 from app.screens.home import HomeScreen, PickScreen, ReplayChoiceScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.measure import MeasureScreen
@@ -93,6 +96,7 @@ MAKERS: dict[type[Screen[Any]], Callable[[Path], Screen[Any]]] = {
     DiagnoseScreen: lambda _: DiagnoseScreen([SWEEP]),
     ReplayScreen: lambda _: ReplayScreen(SAMPLES / "simulated_zero-max-min.jsonl"),
     HexaSlideScreen: lambda _: HexaSlideScreen(),
+    HistoryScreen: lambda folder: HistoryScreen(read_history(folder)),
     LegReviewScreen: lambda _: LegReviewScreen(simulated(), simulated().steps()[-1]),
     SetUpScreen: set_up,
     ChoiceDialog: lambda _: ChoiceDialog(QUESTION, question_choices(Doubt.BEYOND)),
@@ -111,8 +115,8 @@ def kinds(of: type[Any]) -> Iterator[type[Any]]:
 
 
 def test_every_screen_is_looked_at() -> None:
-    """`MeasureScreen` has a test of its own: it needs a session under way."""
-    assert {*kinds(Screen)} - PARTS == {*MAKERS, MeasureScreen}
+    """Two have tests of their own, for they need a session under way; one is in test_align."""
+    assert {*kinds(Screen)} - PARTS == {*MAKERS, MeasureScreen, AlignScreen}
 
 
 def cut(interface: Interface) -> list[str]:

@@ -40,10 +40,11 @@ RECORDING = {
     "import": ("import", "{samples}/tables/experiment_2_six.csv", "-o", "{}"),
     "simulate": ("simulate", "-o", "{}"),
     "run": ("run", "--simulated", "--headless", "-o", "{}"),
+    "align": ("align", "--simulated", "-o", "{}"),
 }
 
 WRITING_OPTIONS = {"output", "adopt", "next_procedure", "template", "folder"}
-NO_FORCE = {"run", "demo"}
+NO_FORCE = {"run", "align"}
 """They write sessions under new names alone."""
 
 
@@ -106,8 +107,8 @@ def test_every_verb_with_a_file_to_write_stands_above() -> None:
         if WRITING_OPTIONS & {one.name for one in verb.params}
     }
     tried = {arguments[0] for arguments, _ in WRITING.values()} | {a[0] for a in RECORDING.values()}
-    assert writing - {"demo"} == tried
-    for name in writing - NO_FORCE:
+    assert writing - {"demo", "history"} == tried, "their folder is where sessions lie"
+    for name in tried - NO_FORCE:
         assert "force" in {one.name for one in command.commands[name].params}, name
 
 

@@ -308,11 +308,10 @@ class Interface(App[str]):
     def action_help(self) -> None:
         """Words about the focused panel, then about the screen."""
         of_machines = "\n".join(look.words for look in self.looks)
-        words = [(self.screen.HELP or "").replace(WORDS_OF_LOOKS, of_machines)]
-        panels = self.focused.ancestors_with_self if self.focused else []
-        widgets = [panel for panel in panels if isinstance(panel, Widget)]
-        words[:0] = [panel.HELP or str(panel.tooltip or "") for panel in widgets]
+        panels = (self.focused or self.screen).ancestors_with_self  # the screen is the last of them
+        words = [p.HELP or str(p.tooltip or "") for p in panels if isinstance(p, Widget)]
         said = "\n\n".join(dict.fromkeys(text for text in words if text))
+        said = said.replace(WORDS_OF_LOOKS, of_machines)
         if not isinstance(self.screen, HelpDialog):
             self.push_screen(HelpDialog(said or NO_HELP))
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from textual.pilot import Pilot
-from textual.widgets import Input, OptionList, Select
+from textual.widgets import Input, OptionList, Select, Static
 
 from app.commands.sessions import run_headless
 from app.exports import FILE_NAMES
@@ -79,6 +79,9 @@ async def test_list_of_what_can_be_done(folder: Path) -> None:
         assert isinstance(interface.screen, HomeScreen)
         await pilot.press("f1")
         await shown(pilot, interface, HelpDialog)
+        told = interface.screen.query_one(Static).content
+        assert str(told).count("Demonstration") == 1, "once, though its list has the focus"
+        assert "{" not in str(told)
         await pilot.press("escape", "f10")
     assert interface.return_code == 0
 

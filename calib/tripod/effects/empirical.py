@@ -127,7 +127,7 @@ class Coupling:
     id: str = EMPIRICAL
     kind: Kind = Kind.EMPIRICAL
     stage: Stage = Stage.ACTUATOR
-    title: str = "an unnamed effect: a carriage is off with its travel times another's"
+    title: str = "a carriage is off by its travel times another's, for no known reason"
     parameters: tuple[EffectParameter, ...] = (
         EffectParameter("travel_product_at_100mm", MICROMETRES, 10.0),
     )

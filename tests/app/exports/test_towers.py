@@ -201,7 +201,7 @@ def comments(text: str) -> str:
 
 
 ANYTHING = Hidden(
-    (0.8, -0.5, 0.3), (0.3, -0.2, 0.15), out_mm=(0.4, -0.3, 0.6), round_mm=(0.5, 0.2, -0.4)
+    (1.0, -0.6, 0.3), (0.3, -0.2, 0.15), out_mm=(0.4, -0.3, 0.6), round_mm=(0.5, 0.2, -0.4)
 )
 READ = {"klipper": klipper, "reprapfirmware": reprapfirmware}
 
@@ -213,7 +213,7 @@ def test_bars_towers_and_switches_go_into_the_firmware_of_printers(
     before = rms(errors(ANYTHING, BELIEVED))
     text = exported(ANYTHING, kind, tmp_path).read_text()
     after = errors(ANYTHING, READ[kind](text))
-    assert before > 0.25
+    assert before > 0.3
     assert np.abs(after).max() < 1e-5, "rounding of the numbers in the file"
     said = comments(text)
     assert f"{before:.4f} mm r.m.s. now, 0.0000 mm with these values" in said
@@ -247,7 +247,7 @@ def test_what_klipper_has_no_value_for_is_named_with_what_it_leaves(tmp_path: Pa
     )
 
 
-ALIKE = Hidden((0.8, -0.5, 0.3), (0.3, 0.3, 0.3), out_mm=(0.4, 0.4, 0.4))
+ALIKE = Hidden((1.0, -0.6, 0.3), (0.3, 0.3, 0.3), out_mm=(0.4, 0.4, 0.4))
 
 
 def test_lineardeltakins_takes_what_all_towers_share_and_the_joints(tmp_path: Path) -> None:
@@ -255,7 +255,7 @@ def test_lineardeltakins_takes_what_all_towers_share_and_the_joints(tmp_path: Pa
     before = rms(errors(ALIKE, BELIEVED))
     out = exported(ALIKE, "lineardeltakins", tmp_path)
     assert np.abs(errors(ALIKE, lineardeltakins(out))).max() < 1e-5
-    assert before > 0.25
+    assert before > 0.3
     turned = Hidden(ALIKE.switch_mm, ALIKE.bar_mm, ALIKE.out_mm, wrong_sign=True)
     worse = exported(turned, "lineardeltakins", tmp_path / "turned")
     assert rms(errors(ALIKE, lineardeltakins(worse))) > before

@@ -40,8 +40,9 @@ def test_no_take_without_a_move_where_one_is_to_be_seen(
     print(tally)
     assert tally.stored == 0
     assert tally.forgotten > tally.steps / 5
-    # flicker alone looks like a move now and then: of 10,000 steps one was not noted for that
-    assert tally.noted >= 0.99 * tally.on_his_word > 0
+    assert tally.on_his_word > 0
+    # flicker alone may look like a move, and nothing is noted then: one of 1,787 in the full run
+    assert tally.on_his_word - tally.noted <= tally.on_his_word // 1000
     assert tally.asked + tally.refused <= 0.005 * tally.honest
 
 

@@ -124,7 +124,7 @@ def run(
 
         typer.echo(dry_run_text(plan.procedure, plan.machine, plan.instruments))
         at_hand = known.model_copy(update={"indicator": plan.instruments})
-        planned = planning_of(known.name, at_hand, procedure)
+        planned = planning_of(at_hand, procedure)
         expected = expected_text(expected_of(planned, known.tolerances_mm()))
         typer.echo(f"\nBefore measuring, noise {planned.noise_words}:\n\n{expected}")
     else:

@@ -21,7 +21,6 @@ from protocols.observations import to_observations
 from protocols.procedure import ALL_AXES, Leg, Step
 from protocols.session import Changed, Session
 
-PROCEDURE = "align"
 WATCHED = 0.9
 """Far from the tool end the leg moves most with its rail."""
 

@@ -62,24 +62,21 @@ def stated_noise(machine: Machine, noise_mm: float | None) -> tuple[Noise, str]:
 
 
 def tripod_planning(
-    name: str,
+    machine: Machine,
     procedure_name: str = "",
-    machine_file: Path | None = None,
     noise_mm: float | None = None,
     minutes_per_mounting: float = MINUTES_PER_MOUNTING,
 ) -> tuple[TripodPlanning, Procedure]:
-    """From names and paths, with the procedure; without a name or noise, those of the machine.
+    """With the procedure of a name or path; without one, or without noise, those of the machine.
 
     Raises UsageError and RecordError.
     """
-    machine = load_machine(machine_file or name)
     procedure = load_procedure(procedure_name or machine.usual_procedure, machine.geometry())
-    planning = planning_of(name, machine, procedure, noise_mm, minutes_per_mounting)
+    planning = planning_of(machine, procedure, noise_mm, minutes_per_mounting)
     return planning, procedure
 
 
 def planning_of(
-    name: str,
     machine: Machine,
     procedure: Procedure,
     noise_mm: float | None = None,
@@ -90,7 +87,7 @@ def planning_of(
     noise, words = stated_noise(machine, noise_mm)
     steps = procedure.steps(geometry)
     return TripodPlanning(
-        name=name,
+        name=machine.name,
         geometry=geometry,
         procedure=procedure.name,
         planned=planned_readings(procedure, machine),

@@ -64,10 +64,10 @@ class DiagnoseScreen(PagedScreen):
         Binding("f10", "app.quit", "Quit", id="diagnose.quit"),
     ]
 
-    def __init__(self, paths: Sequence[Path], model: Path | None = None) -> None:
+    def __init__(self, paths: Sequence[Path]) -> None:
         super().__init__()
         self.paths = tuple(paths)
-        self.model = model
+        self.model: Path | None = None
         self.diagnosed: SessionDiagnosis | None = None
         self.looking = False
         self._gap_before_mm: float | None = None

@@ -85,7 +85,7 @@ def dry_run(_: Path) -> Screen[Any]:
 
 def what_if(_: Path) -> Screen[Any]:
     """Two sizes, and others that fit as well."""
-    sessions, _ = load_sessions([SWEEP])
+    sessions = load_sessions([SWEEP])[0]
     (found,) = (c for c in choices(sessions) if c.key == ("straightness", "x"))
     found = replace(found, alike=("leg_bow (xy)", "leg_taper (xz)", "axis_squareness (yz)"))
     trial = trial_of(found, [SWEEP.name], sessions, subset="with-tolerances")

@@ -103,7 +103,25 @@ def measured_and_predicted(solution: Solution) -> Chart:
     found, rows = solution.differences, list(solution.differences.published_rows)
     names = [found.names[k] for k in rows]
     measured, residual = found.value_mm[rows], solution.left_mm[rows]
-    return _differences(names, "measured", measured.tolist(), "residual", residual.tolist())
+    return _differences(names, ("measured", measured.tolist()), ("residual", residual.tolist()))
+
+
+def predictions_with(without: Solution, now: Solution) -> Chart:
+    """The differences as measured, and as predicted without an effect and with it."""
+    found, rows = now.differences, list(now.differences.published_rows)
+    values = (found.value_mm, without.predicted_mm, now.predicted_mm)
+    names = [found.names[k] for k in rows]
+    series = zip(("measured", "without", "with it"), values, strict=True)
+    return _differences(names, *((name, one[rows].tolist()) for name, one in series))
+
+
+def residuals_with(without: Solution, now: Solution) -> Chart:
+    """What is left of the differences without an effect and with it, µm."""
+    found, rows = now.differences, list(now.differences.published_rows)
+    names = [found.names[k] for k in rows]
+    left = ((1000.0 * one.left_mm[rows]).tolist() for one in (without, now))
+    chart = _differences(names, *zip(("without", "with it"), left, strict=True))
+    return replace(chart, title="Left of the differences", y_words="µm")
 
 
 def before_and_after(before: Solution, after: Solution) -> Chart:
@@ -113,23 +131,17 @@ def before_and_after(before: Solution, after: Solution) -> Chart:
     rows = [k for k in found.published_rows if found.names[k] in later]
     names = [found.names[k] for k in rows]
     earlier = found.value_mm[rows].tolist()
-    return _differences(names, "before", earlier, "after", [later[name] for name in names])
+    return _differences(names, ("before", earlier), ("after", [later[name] for name in names]))
 
 
-def _differences(
-    names: Sequence[str],
-    first: str,
-    values: Sequence[float],
-    second: str,
-    others: Sequence[float],
-) -> Chart:
-    """Two series over the same names, beside each other so that none hides the other."""
-    places = range(1, len(names) + 1)
-    series = (
-        Series(first, tuple(k - ASIDE for k in places), tuple(values)),
-        Series(second, tuple(k + ASIDE for k in places), tuple(others)),
-    )
-    return Chart("Differences", "", "mm", series, tuple(names))
+def _differences(names: Sequence[str], *shown: tuple[str, Sequence[float]]) -> Chart:
+    """Two or three series over the same names, beside each other so that none hides another."""
+    series = []
+    for k, (name, values) in enumerate(shown):
+        aside = (2 * k + 1 - len(shown)) * ASIDE
+        x = tuple(place + aside for place in range(1, len(names) + 1))
+        series.append(Series(name, x, tuple(values)))
+    return Chart("Differences", "", "mm", tuple(series), tuple(names))
 
 
 def thinned(series: Series, columns: int) -> Series:

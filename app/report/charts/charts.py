@@ -26,11 +26,15 @@ ASIDE = 0.12
 
 @dataclass(frozen=True)
 class Series:
-    """Points of one kind; ``names`` of the chart label ``x`` where it is not a length."""
+    """Points of one kind; ``names`` of the chart label ``x`` where it is not a length.
+
+    ``u`` are standard uncertainties of ``y``, none where nobody shows them.
+    """
 
     name: str
     x: tuple[float, ...]
     y: tuple[float, ...]
+    u: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -102,32 +106,40 @@ def measured_and_predicted(solution: Solution) -> Chart:
     """The differences as measured, and what the model leaves of them."""
     found, rows = solution.differences, list(solution.differences.published_rows)
     names = [found.names[k] for k in rows]
-    measured, residual = found.value_mm[rows], solution.left_mm[rows]
-    return _differences(names, "measured", measured.tolist(), "residual", residual.tolist())
+    u_mm = solution.difference_uncertainty_mm[rows].tolist()
+    measured = found.value_mm[rows].tolist(), u_mm
+    residual = solution.left_mm[rows].tolist(), u_mm
+    return _differences(names, "measured", measured, "residual", residual)
 
 
 def before_and_after(before: Solution, after: Solution) -> Chart:
     """The differences before and after the offsets were entered."""
-    found = before.differences
-    later = dict(zip(after.differences.names, after.differences.value_mm.tolist(), strict=True))
+    found, again = before.differences, after.differences
+    later = {name: k for k, name in enumerate(again.names)}
     rows = [k for k in found.published_rows if found.names[k] in later]
     names = [found.names[k] for k in rows]
-    earlier = found.value_mm[rows].tolist()
-    return _differences(names, "before", earlier, "after", [later[name] for name in names])
+    partners = [later[name] for name in names]
+    earlier = found.value_mm[rows].tolist(), before.difference_uncertainty_mm[rows].tolist()
+    others = again.value_mm[partners].tolist(), after.difference_uncertainty_mm[partners].tolist()
+    return _differences(names, "before", earlier, "after", others)
+
+
+Told = tuple[Sequence[float], Sequence[float]]
+"""Values with their standard uncertainties."""
 
 
 def _differences(
     names: Sequence[str],
     first: str,
-    values: Sequence[float],
+    values: Told,
     second: str,
-    others: Sequence[float],
+    others: Told,
 ) -> Chart:
     """Two series over the same names, beside each other so that none hides the other."""
     places = range(1, len(names) + 1)
     series = (
-        Series(first, tuple(k - ASIDE for k in places), tuple(values)),
-        Series(second, tuple(k + ASIDE for k in places), tuple(others)),
+        Series(first, tuple(k - ASIDE for k in places), *map(tuple, values)),
+        Series(second, tuple(k + ASIDE for k in places), *map(tuple, others)),
     )
     return Chart("Differences", "", "mm", series, tuple(names))
 
@@ -300,8 +312,9 @@ def residuals_over_time(solved: SessionSolution) -> Chart:
     points: dict[str, list[tuple[float, float]]] = {}
     for session, reading, residual_mm in solved.residuals:
         if reading.time_s is not None:
-            of = f"{1 + solved.names.index(session)}: " if several else ""
-            name = f"{of}{reading.leg} along {reading.axis}"
+            name = f"{reading.leg} along {reading.axis}"
+            if several:
+                name = f"session {1 + solved.names.index(session)}"
             points.setdefault(name, []).append((reading.time_s / 60.0, 1000.0 * residual_mm))
     series = tuple(_series(name, found) for name, found in points.items())
     return Chart("Residuals", "minutes", "residual, µm", series)

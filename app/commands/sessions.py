@@ -40,6 +40,7 @@ if TYPE_CHECKING:  # heavy: imported where used
 
     from app.evaluating.solution import SessionSolution
     from app.measuring.opening import Plan
+    from protocols.procedure import Leg
 
 
 HIDDEN = "The machine has more than offsets. To look for what is missing: glidecal diagnose {}"
@@ -118,15 +119,12 @@ def run(
     )
     check_indicators(plan.instruments, legs=bool(procedure.levels))
     if dry_run:
-        from app.planning.tripod import planning_of
-        from app.report.text.planning import expected_text
-        from calib.identify.next_mounting import expected_of
+        from app.planning.tripod import before_measuring
+        from app.report.text.planning import before_measuring_text
 
-        typer.echo(dry_run_text(plan.procedure, plan.machine, plan.instruments))
-        at_hand = known.model_copy(update={"indicator": plan.instruments})
-        planned = planning_of(known.name, at_hand, procedure)
-        expected = expected_text(expected_of(planned, known.tolerances_mm()))
-        typer.echo(f"\nBefore measuring, noise {planned.noise_words}:\n\n{expected}")
+        asked = plan.procedure, plan.machine, plan.instruments
+        expected = before_measuring_text(*before_measuring(*asked))
+        typer.echo(f"{dry_run_text(*asked)}\n\n{expected}")
     else:
         _measure(plan, headless=headless)
 
@@ -253,7 +251,6 @@ def align(
     as_json: AsJson = False,
 ) -> None:
     """Shims that make the rails square and meet. Measured, moved live, measured again."""
-    from app.measuring.aligning import align_session
     from app.measuring.indicators import DEFAULT_PROFILE, check_indicators, choose_indicators
     from app.measuring.opening import (
         DEMO_MOTION_S,
@@ -269,16 +266,13 @@ def align(
     rail = next((one for one in ALL_AXES if one == reference.lower()), None)
     if rail is None:
         raise UsageError("--reference", repr(reference), "x, y or z")
+    if session is None and as_json:
+        raise UsageError("--json", "no session", "a session that was measured: align SESSION")
     if session is not None:
-        from app.report.schema.alignment import AlignmentReport
-        from app.report.schema.document import to_json
-        from app.report.text.alignment import aligned_text
-        from protocols.record import read_record
-        from protocols.session import fold
-
-        found = align_session(fold(read_record(session).events), rail)
-        report = AlignmentReport.of(name=session.name, found=found)
-        typer.echo(to_json(report) if as_json else aligned_text(found))
+        if indicator or simulated or output or resume or machine or protocol != "align":
+            wrong = "options for measuring, beside a session that was measured"
+            raise UsageError(f"align {session}", wrong, "--reference and --json")
+        typer.echo(_aligned(session, rail, as_json=as_json))
         return
     known = load_machine(machine)
     chosen = choose_indicators(
@@ -295,7 +289,22 @@ def align(
         path = output or session_name(Path(), procedure.name)
         plan = Plan(path, known, procedure, chosen, seed=seed, bench=bench)
         check_indicators(plan.instruments, legs=bool(procedure.levels))
+    need_terminal("alignment", "a session that was measured: align SESSION")
     _measure(aligning(plan, rail), headless=False)
+
+
+def _aligned(session: Path, reference: Leg, *, as_json: bool) -> str:
+    """What a session tells of the rails."""
+    from app.measuring.aligning import align_session
+    from app.report.schema.alignment import AlignmentReport
+    from app.report.schema.document import to_json
+    from app.report.text.alignment import aligned_text
+    from protocols.record import read_record
+    from protocols.session import fold
+
+    found = align_session(fold(read_record(session).events), reference)
+    report = AlignmentReport.of(name=session.name, found=found)
+    return to_json(report) if as_json else aligned_text(found)
 
 
 @with_options_of_machines

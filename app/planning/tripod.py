@@ -16,8 +16,10 @@ from calib.diagnosis.results import AliasMap
 from calib.errors import UsageError
 from calib.identify.next_mounting import (
     MINUTES_PER_MOUNTING,
+    Expected,
     NextMountings,
     Proposal,
+    expected_of,
     next_mountings,
 )
 from calib.noise.reading import IndicatorFigures, Noise
@@ -26,7 +28,7 @@ from calib.tripod.pipeline import Model
 from calib.tripod.planning import Orders, TripodPlanning
 from protocols.data_table import DataTable
 from protocols.files import Written
-from protocols.machine import Machine, load_machine
+from protocols.machine import Instrument, Machine, load_machine
 from protocols.model_file import read_model
 from protocols.observations import to_observations
 from protocols.procedure import Procedure, load_procedure
@@ -62,24 +64,21 @@ def stated_noise(machine: Machine, noise_mm: float | None) -> tuple[Noise, str]:
 
 
 def tripod_planning(
-    name: str,
+    machine: Machine,
     procedure_name: str = "",
-    machine_file: Path | None = None,
     noise_mm: float | None = None,
     minutes_per_mounting: float = MINUTES_PER_MOUNTING,
 ) -> tuple[TripodPlanning, Procedure]:
-    """From names and paths, with the procedure; without a name or noise, those of the machine.
+    """With the procedure of a name or path; without one, or without noise, those of the machine.
 
     Raises UsageError and RecordError.
     """
-    machine = load_machine(machine_file or name)
     procedure = load_procedure(procedure_name or machine.usual_procedure, machine.geometry())
-    planning = planning_of(name, machine, procedure, noise_mm, minutes_per_mounting)
+    planning = planning_of(machine, procedure, noise_mm, minutes_per_mounting)
     return planning, procedure
 
 
 def planning_of(
-    name: str,
     machine: Machine,
     procedure: Procedure,
     noise_mm: float | None = None,
@@ -90,7 +89,7 @@ def planning_of(
     noise, words = stated_noise(machine, noise_mm)
     steps = procedure.steps(geometry)
     return TripodPlanning(
-        name=name,
+        name=machine.name,
         geometry=geometry,
         procedure=procedure.name,
         planned=planned_readings(procedure, machine),
@@ -103,6 +102,15 @@ def planning_of(
         noise=noise,
         noise_words=words,
     )
+
+
+def before_measuring(
+    procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]
+) -> tuple[Expected, str]:
+    """What a procedure will tell with these indicators, and what their noise is."""
+    at_hand = machine.model_copy(update={"indicator": tuple(instruments)})
+    planned = planning_of(at_hand, procedure)
+    return expected_of(planned, machine.tolerances_mm()), planned.noise_words
 
 
 def procedure_files(orders: Orders, like: Procedure, path: Path) -> tuple[Path, Written]:

@@ -342,7 +342,7 @@ class Told:
     ) -> Self:
         """Raises NotIdentifiable where no mounting has two postures."""
         visited = visits(observed)
-        if sizes:  # of play, too
+        if sizes or model.effects:  # play may be among them
             visited = with_first_movements(visited)
         measured = differences(model.geometry, visited)
         return cls(model, visited, measured, reading_noise(visited, indicator), sizes)

@@ -63,7 +63,9 @@ def test_a_shuffled_plate_keeps_its_places() -> None:
 
 def test_legs_of_a_machine_without_square_drives_are_not_read() -> None:
     with pytest.raises(UsageError, match="not square to each other"):
-        load_procedure("sweep", DELTA).steps(DELTA)
+        load_procedure("sweep", DELTA)  # before a screen opens
+    with pytest.raises(UsageError, match="not square to each other"):
+        load_procedure("sweep", ORTHOGLIDE).steps(DELTA)
     assert load_procedure("sweep", ORTHOGLIDE).steps(ORTHOGLIDE)
 
 

@@ -107,9 +107,26 @@ def measured_and_predicted(solution: Solution) -> Chart:
     found, rows = solution.differences, list(solution.differences.published_rows)
     names = [found.names[k] for k in rows]
     u_mm = solution.difference_uncertainty_mm[rows].tolist()
-    measured = found.value_mm[rows].tolist(), u_mm
-    residual = solution.left_mm[rows].tolist(), u_mm
-    return _differences(names, "measured", measured, "residual", residual)
+    measured, residual = found.value_mm[rows].tolist(), solution.left_mm[rows].tolist()
+    return _differences(names, ("measured", measured, u_mm), ("residual", residual, u_mm))
+
+
+def predictions_with(without: Solution, now: Solution) -> Chart:
+    """The differences as measured, and as predicted without an effect and with it."""
+    found, rows = now.differences, list(now.differences.published_rows)
+    values = (found.value_mm, without.predicted_mm, now.predicted_mm)
+    names = [found.names[k] for k in rows]
+    series = zip(("measured", "without", "with it"), values, strict=True)
+    return _differences(names, *((name, one[rows].tolist(), ()) for name, one in series))
+
+
+def residuals_with(without: Solution, now: Solution) -> Chart:
+    """What is left of the differences without an effect and with it, µm."""
+    found, rows = now.differences, list(now.differences.published_rows)
+    names = [found.names[k] for k in rows]
+    left = [(1000.0 * one.left_mm[rows]).tolist() for one in (without, now)]
+    chart = _differences(names, ("without", left[0], ()), ("with it", left[1], ()))
+    return replace(chart, title="Left of the differences", y_words="µm")
 
 
 def before_and_after(before: Solution, after: Solution) -> Chart:
@@ -119,29 +136,25 @@ def before_and_after(before: Solution, after: Solution) -> Chart:
     rows = [k for k in found.published_rows if found.names[k] in later]
     names = [found.names[k] for k in rows]
     partners = [later[name] for name in names]
-    earlier = found.value_mm[rows].tolist(), before.difference_uncertainty_mm[rows].tolist()
-    others = again.value_mm[partners].tolist(), after.difference_uncertainty_mm[partners].tolist()
-    return _differences(names, "before", earlier, "after", others)
-
-
-Told = tuple[Sequence[float], Sequence[float]]
-"""Values with their standard uncertainties."""
+    earlier = found.value_mm[rows], before.difference_uncertainty_mm[rows]
+    others = again.value_mm[partners], after.difference_uncertainty_mm[partners]
+    first, second = ([one.tolist() for one in pair] for pair in (earlier, others))
+    return _differences(names, ("before", *first), ("after", *second))
 
 
 def _differences(
-    names: Sequence[str],
-    first: str,
-    values: Told,
-    second: str,
-    others: Told,
+    names: Sequence[str], *shown: tuple[str, Sequence[float], Sequence[float]]
 ) -> Chart:
-    """Two series over the same names, beside each other so that none hides the other."""
-    places = range(1, len(names) + 1)
-    series = (
-        Series(first, tuple(k - ASIDE for k in places), *map(tuple, values)),
-        Series(second, tuple(k + ASIDE for k in places), *map(tuple, others)),
-    )
-    return Chart("Differences", "", "mm", series, tuple(names))
+    """Two or three series over the same names, beside each other so that none hides another.
+
+    Each with its values and their standard uncertainties, none where nobody shows them.
+    """
+    series = []
+    for k, (name, values, u) in enumerate(shown):
+        aside = (2 * k + 1 - len(shown)) * ASIDE
+        x = tuple(place + aside for place in range(1, len(names) + 1))
+        series.append(Series(name, x, tuple(values), tuple(u)))
+    return Chart("Differences", "", "mm", tuple(series), tuple(names))
 
 
 def thinned(series: Series, columns: int) -> Series:

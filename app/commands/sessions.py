@@ -125,18 +125,14 @@ def run(
     )
     check_indicators(plan.instruments, legs=bool(procedure.levels))
     if dry_run:
-        from app.planning.tripod import planning_of
-        from app.report.text.planning import expected_text
-        from calib.identify.next_mounting import expected_of
+        from app.planning.tripod import before_measuring
+        from app.report.text.planning import before_measuring_text
 
-        if motion is None:
-            typer.echo(dry_run_text(plan.procedure, plan.machine, plan.instruments))
-        else:
-            typer.echo(moving.shown(plan))
-        at_hand = known.model_copy(update={"indicator": plan.instruments})
-        planned = planning_of(at_hand, procedure)
-        expected = expected_text(expected_of(planned, known.tolerances_mm()))
-        typer.echo(f"\nBefore measuring, noise {planned.noise_words}:\n\n{expected}")
+        asked = plan.procedure, plan.machine, plan.instruments
+        steps = moving.shown(plan) if plan.motion else dry_run_text(*asked)
+        typer.echo(f"{steps}
+
+{before_measuring_text(*before_measuring(*asked))}")
     else:
         _measure(plan, headless=headless)
 

@@ -15,7 +15,6 @@ from textual.binding import Binding, BindingType
 from textual.css.query import NoMatches
 from textual.widgets import Footer
 
-from app.evaluating.solution import solve_recorded
 from app.measuring.gauges import Live, Motion
 from app.measuring.moving import Moving, lost_words
 from app.measuring.opening import Plan
@@ -63,6 +62,7 @@ class MeasureScreen(Corrections, Resting):
     """One step after the other; Space takes it."""
 
     HELP = texts.MEASURE_HELP
+    FINISHES = "Space"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "take", "Take", id="measure.take"),
         Binding("enter", "take", "Take", show=False, id="measure.take-too"),
@@ -80,8 +80,7 @@ class MeasureScreen(Corrections, Resting):
     ]
 
     def __init__(self, guided: GuidedSession, plan: Plan) -> None:
-        super().__init__(guided)
-        self.plan = plan
+        super().__init__(guided, plan)
         self.view = SessionView(plan.instruments)
         self.held = False
         self._lost: set[int] = set()
@@ -371,17 +370,4 @@ class MeasureScreen(Corrections, Resting):
         elif not self.busy:
             self.busy = True
             self.say("Every reading is on the disk. Computing the result …")
-            self._finish()
-
-    @work(thread=True)
-    def _finish(self) -> None:
-        try:
-            self.guided.finish()
-            solved = solve_recorded(self.guided.path)
-        except GlidecalError as problem:
-            said = f"Every reading is on the disk, but: {problem} Space tries again, F10 leaves."
-            self.app.call_from_thread(self.refused, said)
-            return
-        self.app.guided = None
-        result = self.app.result(solved, self.plan, self.guided.path)
-        self.app.call_from_thread(self.app.go_to, result)
+            self.finish()

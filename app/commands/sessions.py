@@ -130,9 +130,7 @@ def run(
 
         asked = plan.procedure, plan.machine, plan.instruments
         steps = moving.shown(plan) if plan.motion else dry_run_text(*asked)
-        typer.echo(f"{steps}
-
-{before_measuring_text(*before_measuring(*asked))}")
+        typer.echo(f"{steps}\n\n{before_measuring_text(*before_measuring(*asked))}")
     else:
         _measure(plan, headless=headless)
 

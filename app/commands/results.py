@@ -261,7 +261,7 @@ def report(
     ] = None,
     force: Force = False,
 ) -> None:
-    """The calibration report to sign, as .html or .pdf; with -o - as HTML on standard output."""
+    """The calibration report to sign, as .html or .pdf. With -o - as HTML on standard output."""
     if output == Path("-"):
         with extra("glidecal report", "report"):
             from app.report.pages.report import html_of, report_of

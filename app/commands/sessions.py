@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from app.commands import moving
 from app.exit_codes import Exit, exit_code
 from app.machines.options import (
     AsJson,
@@ -76,6 +77,10 @@ def run(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show every step; open and write nothing.")
     ] = False,
+    motion: Annotated[
+        str | None,
+        typer.Option(help="Controller that moves the machine: linuxcnc:HOST:PORT or grbl:PORT."),
+    ] = None,
 ) -> None:
     """The guided session on real indicators. With --simulated on a simulated machine."""
     from app.measuring.indicators import (
@@ -98,7 +103,7 @@ def run(
         indicator or (), port or (), profile, machine=known, simulated=simulated
     )
     if resume:
-        _measure(plan_to_continue(resume, chosen), headless=headless)
+        _measure(replace(plan_to_continue(resume, chosen), motion=motion), headless=headless)
         return
     procedure = load_procedure(protocol or known.usual_procedure, known.geometry())
     if random_order is not None:
@@ -116,39 +121,42 @@ def run(
         note=note,
         seed=seed,
         interval_s=SIMULATED_INTERVAL_S,
+        motion=motion,
     )
     check_indicators(plan.instruments, legs=bool(procedure.levels))
     if dry_run:
-        from app.planning.tripod import planning_of
-        from app.report.text.planning import expected_text
-        from calib.identify.next_mounting import expected_of
+        from app.planning.tripod import before_measuring
+        from app.report.text.planning import before_measuring_text
 
-        typer.echo(dry_run_text(plan.procedure, plan.machine, plan.instruments))
-        at_hand = known.model_copy(update={"indicator": plan.instruments})
-        planned = planning_of(at_hand, procedure)
-        expected = expected_text(expected_of(planned, known.tolerances_mm()))
-        typer.echo(f"\nBefore measuring, noise {planned.noise_words}:\n\n{expected}")
+        asked = plan.procedure, plan.machine, plan.instruments
+        steps = moving.shown(plan) if plan.motion else dry_run_text(*asked)
+        typer.echo(f"{steps}\n\n{before_measuring_text(*before_measuring(*asked))}")
     else:
         _measure(plan, headless=headless)
 
 
 def _measure(plan: Plan, *, headless: bool) -> None:
-    """On the screen, or unattended for a simulated machine."""
+    """On the screen; unattended for a simulated machine, by itself for one that a program moves."""
     from app.measuring.opening import measure_all, start_session
     from protocols.journal import check_new
 
     if not plan.continued:
         check_new(plan.path)
+    if plan.motion is not None:
+        moving.ask(plan)
     if not headless:
         need_terminal("guided session", "--headless with --simulated")
         from app.screens.start import open_session
 
         raise typer.Exit(open_session(plan, LOOKS))
-    if not plan.simulated:
-        raise UsageError("--headless", "real indicators", "--headless --simulated only")
-    fast = replace(plan, interval_s=0.0)
-    with start_session(fast) as guided:
-        measure_all(guided)
+    if not (plan.simulated or plan.motion):
+        allowed = "--headless with --simulated or --motion"
+        raise UsageError("--headless", "real indicators", allowed)
+    with start_session(plan if plan.motion else replace(plan, interval_s=0.0)) as guided:
+        if plan.motion:
+            moving.measure(guided)
+        else:
+            measure_all(guided)
     say(f"{len(guided.session.readings)} readings in {guided.path}")
 
 
@@ -467,7 +475,7 @@ def serve(
         int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.", min=0, max=65535)
     ] = DEFAULT_PORT,
 ) -> None:
-    """Recorded sessions, their reports and history in a browser, to look at only."""
+    """Sessions, reports and history in a browser. To look at only; Ctrl-C ends it."""
     from protocols.record import read_record
 
     for path in sessions:

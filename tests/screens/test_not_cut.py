@@ -28,9 +28,9 @@ from app.measuring.opening import demo_plan
 from app.measuring.recorded import recent_sessions
 from app.measuring.session import Doubt
 from app.measuring.simulated import BenchSettings
-from app.report.text.session import dry_run_text, question_choices
+from app.report.text.session import question_choices
 from app.screens.align import AlignScreen
-from app.screens.check import CheckScreen
+from app.screens.check import CheckScreen, DryRunScreen
 from app.screens.corrections import Corrections
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.fast_keys import Dialog, LeftOnce, Palette
@@ -41,7 +41,7 @@ from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialo
 from app.screens.measure import MeasureScreen
 from app.screens.pages import PagedScreen
 from app.screens.plot import SetUpScreen
-from app.screens.prepare import DryRunScreen, IndicatorScreen, PrepareScreen
+from app.screens.prepare import IndicatorScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import CompareScreen, ResultScreen
 from app.screens.session_view import GaugeDisplay, LegReviewScreen
@@ -80,7 +80,7 @@ def set_up(_: Path) -> Screen[Any]:
 def dry_run(_: Path) -> Screen[Any]:
     machine = load_machine(None)
     procedure = load_procedure("two-station", machine.geometry())
-    return DryRunScreen(dry_run_text(procedure, machine, simulated().opened.instruments))
+    return DryRunScreen(procedure, machine, simulated().opened.instruments)
 
 
 def what_if(_: Path) -> Screen[Any]:

@@ -73,6 +73,11 @@ def expected_text(expected: Expected) -> str:
     return f"{table_text(table)}\n\n{wrapped(tool)}"
 
 
+def before_measuring_text(expected: Expected, noise_words: str) -> str:
+    """The same, below the steps of a procedure."""
+    return f"Before measuring, noise {noise_words}:\n\n{expected_text(expected)}"
+
+
 def _verdict(seen: SeenBy) -> str:
     count, rank = len(seen.found.names), seen.found.rank
     if rank == count:

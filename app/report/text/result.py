@@ -405,12 +405,14 @@ def offsets_table(found: Verification) -> Table:
     return table
 
 
+DECIDED = {"pass": "PASS", "fail": "FAIL", "undecided": "UNDECIDED"}
+
+
 def decided(found: Verification) -> str:
     """The decision in a sentence."""
     if found.decision is None:
         return "NOT JUDGED: there is no --tolerance, and no tool_tolerance_mm in the machine file."
-    words = {"pass": "PASS", "fail": "FAIL", "undecided": "UNDECIDED"}[found.decision]
-    return f"{words}: tolerance {found.tolerance_mm:g} mm, against the bound."
+    return f"{DECIDED[found.decision]}: tolerance {found.tolerance_mm:g} mm, against the bound."
 
 
 def what_to_do(found: Verification) -> list[str]:

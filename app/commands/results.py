@@ -264,7 +264,8 @@ def report(
     """The calibration report to sign, as .html or .pdf. With -o - as HTML on standard output."""
     if output == Path("-"):
         with extra("glidecal report", "report"):
-            from app.report.pages.report import html_of, report_of
+            from app.report.pages.contents import report_of
+            from app.report.pages.report import html_of
 
         found = report_of(sessions, model=model, after=after, tolerance_mm=tolerance)
         typer.echo(html_of(found), nl=False)

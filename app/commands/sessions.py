@@ -262,6 +262,7 @@ def align(
     as_json: AsJson = False,
 ) -> None:
     """Shims that make the rails square and meet. Measured, moved live, measured again."""
+    from app.measuring.aligning import check_procedure
     from app.measuring.indicators import DEFAULT_PROFILE, check_indicators, choose_indicators
     from app.measuring.opening import (
         DEMO_MOTION_S,
@@ -296,6 +297,7 @@ def align(
             allowed = "--indicator PROFILE:PORT once or twice, or --simulated"
             raise UsageError("indicators", "none", allowed)
         procedure = load_procedure(protocol or "align", known.geometry())
+        check_procedure(procedure, known, rail)
         bench = BenchSettings(motion_s=DEMO_MOTION_S) if simulated else BenchSettings()
         path = output or session_name(Path(), procedure.name)
         plan = Plan(path, known, procedure, chosen, seed=seed, bench=bench)

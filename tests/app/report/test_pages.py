@@ -6,7 +6,9 @@ import builtins
 import math
 import re
 from base64 import b64decode
+from collections.abc import Sequence
 from html.parser import HTMLParser
+from itertools import cycle
 from pathlib import Path
 from types import ModuleType
 from xml.etree import ElementTree
@@ -22,10 +24,10 @@ from app.report.pages.contents import CalibrationReport, Picture, Section, repor
 from app.report.pages.report import html_of, pdf_of
 from app.report.text.tables import new_table
 from calib.errors import UsageError, extra
-from calib.printable import HIDDEN
+from calib.printable import HIDDEN, printable
 from protocols.journal import write_whole
 from protocols.record import read_record
-from protocols.session import Restored, Skipped, Superseded
+from protocols.session import Line, Noted, Restored, Skipped, Superseded
 from tests.app.cli import glidecal
 from tests.conftest import SAMPLES
 from tests.hidden_sessions import write_session
@@ -219,18 +221,35 @@ def test_any_words_are_text(words: str) -> None:
     assert not HIDDEN.search(page.text)
 
 
-def test_names_of_a_hostile_record_are_text(tmp_path: Path) -> None:
+def hostile_session(folder: Path, words: Sequence[str] = HOSTILE) -> Path:
+    """A session with words of a stranger wherever its record can hold some."""
     record = read_record(SIMULATED)
-    opened = record.opened
-    machine = opened.machine.model_copy(update={"name": HOSTILE[0]})
-    path = tmp_path / "a<b>.jsonl"
-    hostile = {"machine": machine, "operator": HOSTILE[1], "remarks": (HOSTILE[2], HOSTILE[4])}
-    write_whole(path, opened.model_copy(update=hostile), list(record.events[1:-1]))
-    page = Page(html_of(report_of([path])))
+    opened, given = record.opened, cycle(words)
+    indicators = tuple(
+        one.model_copy(
+            update={name: next(given) for name in ("profile", "serial_number", "certificate")}
+        )
+        for one in opened.instruments
+    )
+    machine = opened.machine.model_copy(update={"name": next(given), "adjusted": next(given)})
+    named = {name: next(given) for name in ("operator", "program")}
+    told = {"machine": machine, "instruments": indicators, "remarks": tuple(words), **named}
+    events: list[Line] = list(record.events[1:-1])
+    events += [Noted(text=one) for one in words]
+    events += [Superseded(readings=(k,), reason=one) for k, one in enumerate(words, start=1)]
+    events += [Restored(readings=(k,), reason=one) for k, one in enumerate(words, start=1)]
+    path = folder / "a<b>&'.jsonl"
+    write_whole(path, opened.model_copy(update=told), events)
+    return path
+
+
+def test_names_of_a_hostile_record_are_text(tmp_path: Path) -> None:
+    page = Page(html_of(report_of([hostile_session(tmp_path)])))
     assert {"script", "svg"}.isdisjoint(tag for tag, _ in page.elements)
     assert {names for tag, names in page.elements if tag == "img"} == {("alt", "src")}
-    for words in (*HOSTILE[:3], HOSTILE[4], "a<b>.jsonl"):
-        assert words in page.text
+    assert not HIDDEN.search(page.text)
+    for words in (*HOSTILE, "a<b>&'.jsonl"):
+        assert " ".join(printable(words).split()) in page.text
 
 
 def test_with_a_later_session_it_decides(tmp_path: Path) -> None:

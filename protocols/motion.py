@@ -24,7 +24,7 @@ def told_mm(step: Step, machine: Machine) -> Triple:
 
     Raises UnreachablePosture.
     """
-    return in_coordinates(tool_mm(step, machine.geometry()), machine)
+    return _in_coordinates(tool_mm(step, machine.geometry()), machine)
 
 
 def joints_mm(step: Step, geometry: Geometry) -> dict[str, float]:
@@ -33,7 +33,12 @@ def joints_mm(step: Step, geometry: Geometry) -> dict[str, float]:
     return dict(zip(LEG_NAMES, found.tolist(), strict=True))
 
 
-def in_coordinates(tool: FloatArray, machine: Machine) -> Triple:
+def zero_mm(machine: Machine) -> Triple:
+    """Zero in the coordinates that the controller takes."""
+    return _in_coordinates(np.zeros(3), machine)
+
+
+def _in_coordinates(tool: FloatArray, machine: Machine) -> Triple:
     """A tool position ``(3,)`` from Zero in the coordinates that the controller takes."""
     told = inverse(machine.geometry(), tool) if machine.mdi == "joint" else tool
     x, y, z = (float(mm) + 0.0 for mm in told)  # no -0.0
@@ -76,7 +81,7 @@ def way_mm(step: Step, before: Step | None, procedure: Procedure, machine: Machi
             "a position that the bars reach within the joint limits",
             "Change preroll_mm under [motion] in the machine file, or the procedure.",
         )
-    return [in_coordinates(at, machine) for at in places]
+    return [_in_coordinates(at, machine) for at in places]
 
 
 def came_from(step: Step, steps: Sequence[Step]) -> Step | None:

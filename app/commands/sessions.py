@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from app.commands import moving
 from app.exit_codes import Exit, exit_code
 from app.machines.options import (
     AsJson,
@@ -32,7 +33,7 @@ from app.machines.options import (
 )
 from app.machines.registry import LISTED, LOOKS, family_of, options_of, with_options_of_machines
 from app.report.streams import need_terminal
-from calib.errors import CalibrationError, GlidecalError, UsageError, extra
+from calib.errors import CalibrationError, GlidecalError, RecordError, UsageError, extra
 from protocols.machine_files import USUAL_MACHINE
 
 if TYPE_CHECKING:  # heavy: imported where used
@@ -76,6 +77,10 @@ def run(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show every step; open and write nothing.")
     ] = False,
+    motion: Annotated[
+        str | None,
+        typer.Option(help="Controller that moves the machine: linuxcnc:HOST:PORT or grbl:PORT."),
+    ] = None,
 ) -> None:
     """The guided session on real indicators. With --simulated on a simulated machine."""
     from app.measuring.indicators import (
@@ -98,7 +103,7 @@ def run(
         indicator or (), port or (), profile, machine=known, simulated=simulated
     )
     if resume:
-        _measure(plan_to_continue(resume, chosen), headless=headless)
+        _measure(replace(plan_to_continue(resume, chosen), motion=motion), headless=headless)
         return
     procedure = load_procedure(protocol or known.usual_procedure, known.geometry())
     if random_order is not None:
@@ -116,39 +121,42 @@ def run(
         note=note,
         seed=seed,
         interval_s=SIMULATED_INTERVAL_S,
+        motion=motion,
     )
     check_indicators(plan.instruments, legs=bool(procedure.levels))
     if dry_run:
-        from app.planning.tripod import planning_of
-        from app.report.text.planning import expected_text
-        from calib.identify.next_mounting import expected_of
+        from app.planning.tripod import before_measuring
+        from app.report.text.planning import before_measuring_text
 
-        typer.echo(dry_run_text(plan.procedure, plan.machine, plan.instruments))
-        at_hand = known.model_copy(update={"indicator": plan.instruments})
-        planned = planning_of(at_hand, procedure)
-        expected = expected_text(expected_of(planned, known.tolerances_mm()))
-        typer.echo(f"\nBefore measuring, noise {planned.noise_words}:\n\n{expected}")
+        asked = plan.procedure, plan.machine, plan.instruments
+        steps = moving.shown(plan) if plan.motion else dry_run_text(*asked)
+        typer.echo(f"{steps}\n\n{before_measuring_text(*before_measuring(*asked))}")
     else:
         _measure(plan, headless=headless)
 
 
 def _measure(plan: Plan, *, headless: bool) -> None:
-    """On the screen, or unattended for a simulated machine."""
+    """On the screen; unattended for a simulated machine, by itself for one that a program moves."""
     from app.measuring.opening import measure_all, start_session
     from protocols.journal import check_new
 
     if not plan.continued:
         check_new(plan.path)
+    if plan.motion is not None:
+        moving.ask(plan)
     if not headless:
         need_terminal("guided session", "--headless with --simulated")
         from app.screens.start import open_session
 
         raise typer.Exit(open_session(plan, LOOKS))
-    if not plan.simulated:
-        raise UsageError("--headless", "real indicators", "--headless --simulated only")
-    fast = replace(plan, interval_s=0.0)
-    with start_session(fast) as guided:
-        measure_all(guided)
+    if not (plan.simulated or plan.motion):
+        allowed = "--headless with --simulated or --motion"
+        raise UsageError("--headless", "real indicators", allowed)
+    with start_session(plan if plan.motion else replace(plan, interval_s=0.0)) as guided:
+        if plan.motion:
+            moving.measure(guided)
+        else:
+            measure_all(guided)
     say(f"{len(guided.session.readings)} readings in {guided.path}")
 
 
@@ -254,6 +262,7 @@ def align(
     as_json: AsJson = False,
 ) -> None:
     """Shims that make the rails square and meet. Measured, moved live, measured again."""
+    from app.measuring.aligning import check_procedure
     from app.measuring.indicators import DEFAULT_PROFILE, check_indicators, choose_indicators
     from app.measuring.opening import (
         DEMO_MOTION_S,
@@ -288,6 +297,7 @@ def align(
             allowed = "--indicator PROFILE:PORT once or twice, or --simulated"
             raise UsageError("indicators", "none", allowed)
         procedure = load_procedure(protocol or "align", known.geometry())
+        check_procedure(procedure, known, rail)
         bench = BenchSettings(motion_s=DEMO_MOTION_S) if simulated else BenchSettings()
         path = output or session_name(Path(), procedure.name)
         plan = Plan(path, known, procedure, chosen, seed=seed, bench=bench)
@@ -433,9 +443,9 @@ def replay(
             threading.Thread(target=_end_with_the_server, daemon=True).start()
         else:
             need_terminal("replay", "--headless")
-        from app.screens.start import open_replay
+        from app.screens.start import open_replay, open_served
 
-        raise typer.Exit(open_replay(session, LOOKS, read_only=served))
+        raise typer.Exit(open_served(session, LOOKS) if served else open_replay(session, LOOKS))
     from app.evaluating.solution import end_warning
     from app.report.schema.document import to_json
     from app.report.schema.readings import ReplayReport
@@ -462,16 +472,19 @@ def _end_with_the_server() -> None:
 
 
 def serve(
-    sessions: Sessions,
+    sessions: Annotated[list[Path], argument("Session files, or folders of them.")],
     port: Annotated[
         int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.", min=0, max=65535)
     ] = DEFAULT_PORT,
 ) -> None:
-    """Recorded sessions in a browser, to look at only. Ctrl-C ends it."""
+    """Sessions, reports and history in a browser. To look at only; Ctrl-C ends it."""
     from protocols.record import read_record
 
     for path in sessions:
-        read_record(path)
+        if not path.is_dir():
+            read_record(path)
+        elif next(path.rglob("*.jsonl"), None) is None:
+            raise RecordError(f"folder {path}", "no session file", "files that end with .jsonl")
     with extra("glidecal serve", "serve"):
         from app.screens.serving import Pages, listen
     pages = Pages(sessions, listen(port))

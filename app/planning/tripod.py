@@ -16,8 +16,10 @@ from calib.diagnosis.results import AliasMap
 from calib.errors import UsageError
 from calib.identify.next_mounting import (
     MINUTES_PER_MOUNTING,
+    Expected,
     NextMountings,
     Proposal,
+    expected_of,
     next_mountings,
 )
 from calib.noise.reading import IndicatorFigures, Noise
@@ -26,7 +28,7 @@ from calib.tripod.pipeline import Model
 from calib.tripod.planning import Orders, TripodPlanning
 from protocols.data_table import DataTable
 from protocols.files import Written
-from protocols.machine import Machine, load_machine
+from protocols.machine import Instrument, Machine, load_machine
 from protocols.model_file import read_model
 from protocols.observations import to_observations
 from protocols.procedure import Procedure, load_procedure
@@ -100,6 +102,15 @@ def planning_of(
         noise=noise,
         noise_words=words,
     )
+
+
+def before_measuring(
+    procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]
+) -> tuple[Expected, str]:
+    """What a procedure will tell with these indicators, and what their noise is."""
+    at_hand = machine.model_copy(update={"indicator": tuple(instruments)})
+    planned = planning_of(at_hand, procedure)
+    return expected_of(planned, machine.tolerances_mm()), planned.noise_words
 
 
 def procedure_files(orders: Orders, like: Procedure, path: Path) -> tuple[Path, Written]:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from app.evaluating.comparison import Comparison
     from app.evaluating.history import History
     from app.evaluating.solution import SessionSolution
+    from app.evaluating.what_if import Adopt, Choice, Trial
     from app.measuring.session import GuidedSession
 
 
@@ -55,10 +56,19 @@ class Glidecal(Interface):
 
         return AlignScreen(guided, plan)
 
-    def result(self, solved: SessionSolution, plan: Plan | None, path: Path) -> Screen[None]:
+    def result(
+        self, solved: SessionSolution, plan: Plan | None, path: Path, model: Path | None = None
+    ) -> Screen[None]:
         from app.screens.result import ResultScreen
 
-        return ResultScreen(solved, plan, path)
+        return ResultScreen(solved, plan, path, model)
+
+    def what_if(
+        self, choice: Choice, trial: Trial, adopt: Adopt, *, model: Path | None, mistakes: bool
+    ) -> Screen[None]:
+        from app.screens.what_if import WhatIfScreen
+
+        return WhatIfScreen(choice, trial, adopt, model=model, mistakes=mistakes)
 
     def comparison(self, compared: Comparison) -> Screen[None]:
         from app.screens.result import CompareScreen
@@ -90,15 +100,22 @@ def open_session(plan: Plan, looks: Sequence[Look]) -> int:
     return open_screen(CheckScreen(plan), looks)
 
 
-def open_replay(paths: Sequence[Path], looks: Sequence[Look], *, read_only: bool = False) -> int:
-    """A recorded session again, or a list of several. Raises RecordError for a bad file.
-
-    ``read_only`` is for pages that others look at: nothing can be written or measured from them.
-    """
+def open_replay(paths: Sequence[Path], looks: Sequence[Look]) -> int:
+    """A recorded session again, or a list of several. Raises RecordError for a bad file."""
     for path in paths:
         read_record(path)
     first = ReplayScreen(paths[0]) if len(paths) == 1 else ReplayChoiceScreen(paths)
-    return open_screen(first, looks, read_only=read_only)
+    return open_screen(first, looks)
+
+
+def open_served(paths: Sequence[Path], looks: Sequence[Look]) -> int:
+    """The same of sessions and folders, for pages that others look at.
+
+    Nothing can be written or measured from them.
+    """
+    alone = len(paths) == 1 and not paths[0].is_dir()
+    first = ReplayScreen(paths[0]) if alone else ReplayChoiceScreen(paths)
+    return open_screen(first, looks, read_only=True)
 
 
 def open_screen(first: Screen[None], looks: Sequence[Look], *, read_only: bool = False) -> int:

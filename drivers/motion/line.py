@@ -17,10 +17,18 @@ IDLE_S = 0.3
 """A machine that rests is looked at so often: who took control, is it still on?"""
 
 
+BROKEN = (MotionFault.LOST, MotionFault.CONTROL_LOST, MotionFault.UNREACHABLE)
+"""After these the next move begins with a new connection."""
+
+
 @dataclass(frozen=True)
 class _Wish:
-    """Places to go to one after the other at a feed; without a feed: to be at the last one."""
+    """Places to go to one after the other at a feed; without a feed: to be at the last one.
 
+    ``stops`` is how often the line had been told to stop: a later stop ends it.
+    """
+
+    stops: int
     places_mm: tuple[Triple, ...]
     feed_mm_min: float | None
     answer: Future[Triple]
@@ -29,8 +37,8 @@ class _Wish:
 class MotionLine:
     """Moves on request; every request is answered by a position, or by why there is none.
 
-    ``listener`` is told in the thread of the line when a request is answered, and when a machine at
-    rest is no longer what it was; then ``fault`` says why until the next request.
+    ``listener`` is told in the thread of the line when a machine at rest is no longer what it was;
+    ``fault`` says why until the next request.
     """
 
     def __init__(self, controller: Controller, listener: Callable[[], None] = lambda: None) -> None:
@@ -41,6 +49,9 @@ class MotionLine:
         self._thread = threading.Thread(
             target=self._own, name=f"motion {controller.address}", daemon=True
         )
+        self._lock = threading.Lock()
+        self._stops = 0
+        self._broken = False
         self._guard: subprocess.Popen[bytes] | None = None
 
     def start(self) -> tuple[str, ...]:
@@ -62,20 +73,21 @@ class MotionLine:
 
     def go(self, places_mm: Sequence[Triple], feed_mm_min: float) -> Future[Triple]:
         """Move to these places one after the other, each waited for."""
-        self.controller.halt.clear()
-        return self._asked(_Wish(tuple(places_mm), feed_mm_min, Future()))
+        return self._asked(_Wish(self._stops, tuple(places_mm), feed_mm_min, Future()))
 
     def at(self, place_mm: Triple) -> Future[Triple]:
         """The position now, where it is still this one and nothing else is wrong."""
-        return self._asked(_Wish((place_mm,), None, Future()))
+        return self._asked(_Wish(self._stops, (place_mm,), None, Future()))
 
     def stop(self) -> None:
-        """End what is under way, from any thread."""
-        self.controller.halt.set()
+        """End all that was asked for so far, from any thread."""
+        with self._lock:
+            self._stops += 1
+            self.controller.halt.set()
 
     def close(self) -> None:
         """Stop, end the thread and let go of the controller."""
-        self.controller.halt.set()
+        self.stop()
         self._wishes.put(None)
         if self._thread.is_alive():
             self._thread.join()
@@ -106,16 +118,23 @@ class MotionLine:
             try:
                 there = self._granted(wish)
             except Faulted as problem:
-                self.fault = problem
+                self._note(problem)
                 wish.answer.set_exception(problem)
             else:
                 wish.answer.set_result(there)
-            self.listener()
         self._answer_nobody()
 
     def _granted(self, wish: _Wish) -> Triple:
         if wish.feed_mm_min is None:
             return self.controller.is_at(wish.places_mm[-1])
+        with self._lock:
+            if wish.stops != self._stops:
+                raise self.controller.fault(MotionFault.STOPPED, "before it moved")
+            self.controller.halt.clear()
+        if self._broken:
+            self.controller.close()
+            self.controller.connect()
+            self._broken = False
         self.controller.ready()
         for place_mm in wish.places_mm:
             there = self.controller.move_to(place_mm, wish.feed_mm_min)
@@ -127,8 +146,12 @@ class MotionLine:
             try:
                 self.controller.moves()
             except Faulted as problem:
-                self.fault = problem
+                self._note(problem)
                 self.listener()
+
+    def _note(self, problem: Faulted) -> None:
+        self.fault = problem
+        self._broken = self._broken or problem.kind in BROKEN
 
     def _answer_nobody(self) -> None:
         """Whoever still waits gets a fault."""

@@ -90,8 +90,25 @@ class MotionTwin(Protocol):
     def befall(self, trouble: Trouble) -> None:
         """From now on this is so."""
 
+    def mend(self) -> None:
+        """Everything is right again, as somebody at the machine makes it."""
+
     def close(self) -> None:
         """Stop listening."""
+
+
+RIGHT = {
+    "estop": "OFF",
+    "machine": "ON",
+    "mode": "MANUAL",
+    "set_wait": "RECEIVED",
+    "joint_homed": "YES YES YES NO NO NO",
+    "joint_fault": "OK OK OK OK OK OK",
+    "joint_limit": "OK OK OK OK OK OK",
+    "joint_type": "LINEAR LINEAR LINEAR LINEAR LINEAR LINEAR",
+    "user_linear_units": "MM",
+}
+"""What a LinuxCNC says that is switched on and homed."""
 
 
 class LinuxCncTwin:
@@ -108,18 +125,7 @@ class LinuxCncTwin:
         self._connect, _, self._enable = passwords.partition(" ")
         self._lock = threading.Lock()
         self._control: _Client | None = None
-        self._state = {
-            "estop": "OFF",
-            "machine": "ON",
-            "mode": "MANUAL",
-            "set_wait": "RECEIVED",
-            "joint_homed": "YES YES YES NO NO NO",
-            "joint_fault": "OK OK OK OK OK OK",
-            "joint_limit": "OK OK OK OK OK OK",
-            "joint_type": "LINEAR LINEAR LINEAR LINEAR LINEAR LINEAR",
-            "user_linear_units": "MM",
-        }
-        self._silent = False
+        self._state, self._silent = dict(RIGHT), False
         self._clients: list[socket.socket] = []
         twin = self
 
@@ -157,6 +163,11 @@ class LinuxCncTwin:
                     self._state["estop"] = "ON"
         if trouble is Trouble.HANG_UP:
             self.hang_up()
+
+    def mend(self) -> None:
+        """Switched on and homed again."""
+        with self._lock:
+            self._state, self._silent, self.axes.short_mm = dict(RIGHT), False, 0.0
 
     def hang_up(self) -> None:
         """Close every connection; the move that is under way goes on."""
@@ -298,6 +309,11 @@ class GrblTwin:
             self.axes.short_mm = SHORT_MM
         elif trouble is Trouble.HANG_UP:
             self._gone = True
+
+    def mend(self) -> None:
+        """Unlocked and homed again; a cable that is out stays out."""
+        self._state, self._silent, self.axes.short_mm = "", False, 0.0
+        self._pending, self._settings["13"] = [], "0"
 
     def receive(self, request: bytes) -> bytes:
         """Realtime characters take effect at once, lines when they are whole."""

@@ -108,7 +108,9 @@ def test_a_machine_file_says_by_its_schema_of_what_kind_it_is(tmp_path: Path) ->
     for name, path in (("linear-delta", drives), ("hexaslide-h60", slides)):
         path.write_bytes(shipped_file(name).read_bytes())
     seen = ("identifiability", "orthoglide", "--machine-file", drives)
-    assert ran(*seen).startswith("linear-delta, plate-rings")  # not the name it was asked by
+    said = ran(*seen)
+    assert said.startswith("linear-delta, plate-rings")  # not the name it was asked by
+    assert "tool.\nWEAK" in said  # no empty line where no single set-up helps
     of_pose = ("--procedure", "pose-inverse", "--json")
     by_name = ran("identifiability", "hexaslide", "--machine-file", slides, *of_pose)
     assert ran("identifiability", slides, *of_pose) == by_name

@@ -169,6 +169,9 @@ def test_bad_input(tmp_path: Path) -> None:
     done = glidecal("align", "--machine", "linear-delta", "--simulated")
     assert done.status == 2
     assert "not square to each other" in done.err  # not a crash on the screen
+    done = glidecal("align", "--protocol", "plane", "--simulated")
+    assert done.status == 5
+    assert "do not tell squareness xy" in done.err  # before any of it is measured
     done = glidecal("align", "--simulated")
     assert done.status == 2
     assert "--headless" not in done.err  # it has no such option

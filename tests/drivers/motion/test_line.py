@@ -99,3 +99,40 @@ def test_a_killed_program_leaves_no_machine_moving(twin: LinuxCncTwin) -> None:
     dying.wait()
     assert comes_true(lambda: not twin.axes.moving)
     assert 0.0 < twin.axes.at_mm[0] < 49.0  # of 25 seconds
+
+
+def test_control_that_another_client_has_is_told_before_it_is_taken(
+    line: MotionLine, twin: LinuxCncTwin
+) -> None:
+    twin.befall(Trouble.NAK)
+    with pytest.raises(Faulted) as said:  # also where nobody looked in between
+        line.go([(1.0, 0.0, 0.0)], FEED).result(PATIENCE_S)
+    assert said.value.kind is MotionFault.CONTROL_LOST
+    assert not twin.moves
+    assert line.go([(1.0, 0.0, 0.0)], FEED).result(PATIENCE_S) == (1.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("trouble", [Trouble.HANG_UP, Trouble.NAK])
+def test_the_next_move_begins_with_a_new_connection(
+    line: MotionLine, twin: LinuxCncTwin, trouble: Trouble
+) -> None:
+    twin.befall(trouble)
+    with pytest.raises(Faulted) as said:
+        line.at((0.0, 0.0, 0.0)).result(PATIENCE_S)
+    assert said.value.kind in (MotionFault.LOST, MotionFault.CONTROL_LOST)
+    assert line.go([(1.0, 0.0, 0.0)], FEED).result(PATIENCE_S) == (1.0, 0.0, 0.0)
+
+
+def test_a_stop_ends_what_waits_behind_the_move_and_nothing_later(
+    line: MotionLine, twin: LinuxCncTwin
+) -> None:
+    under_way = line.go([(50.0, 0.0, 0.0)], SLOW)
+    behind = line.go([(-50.0, 0.0, 0.0)], SLOW)
+    assert comes_true(lambda: twin.axes.moving)
+    line.stop()
+    later = line.go([(1.0, 0.0, 0.0)], FEED)  # asked before the stop was seen
+    for stopped in (under_way, behind):
+        with pytest.raises(Faulted, match="stopped"):
+            stopped.result(PATIENCE_S)
+    assert later.result(PATIENCE_S) == (1.0, 0.0, 0.0)
+    assert len(twin.moves) == 2

@@ -8,7 +8,7 @@ import sys
 import threading
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -177,6 +177,10 @@ def demo(
     folder: Annotated[Path, typer.Option(help="Where the sessions are written.")] = Path(
         "demo-sessions"
     ),
+    controller: Annotated[
+        Literal["twin"] | None,
+        typer.Option(help="The machine moves itself, behind a simulated controller."),
+    ] = None,
 ) -> None:
     """A whole calibration on a simulated machine. It is measured again after the export."""
     from app.measuring.indicators import DEFAULT_PROFILE
@@ -184,6 +188,7 @@ def demo(
         DEMO_MOTION_S,
         SIMULATED_INTERVAL_S,
         demo_plan,
+        moving_itself,
         with_hidden_effect,
         writable_folder,
     )
@@ -197,6 +202,8 @@ def demo(
         demo_plan(folder, protocol, seed, bench, profile or [DEFAULT_PROFILE], machine),
         interval_s=interval_s,
     )
+    if controller is not None:
+        plan = moving_itself(plan, hurried=unattended)
     if effect is not None:
         plan = with_hidden_effect(plan, effect)
     writable_folder(folder)
@@ -234,12 +241,16 @@ def run_headless(plan: Plan, say: Callable[[str], None]) -> tuple[SessionSolutio
 
 def _measured(plan: Plan, say: Callable[[str], None]) -> SessionSolution:
     from app.evaluating.solution import solve_for_controller
+    from app.measuring.moving import measure_by_itself
     from app.measuring.opening import measure_all, start_session
 
     with start_session(plan) as guided:
         total = len(guided.steps)
         say(f"measuring {total} steps into {plan.path}")
-        measure_all(guided)
+        if guided.mover is not None:
+            measure_by_itself(guided, lambda _: True, lambda _: None)
+        else:
+            measure_all(guided)
     return solve_for_controller(plan.path)
 
 

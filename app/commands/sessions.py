@@ -118,15 +118,12 @@ def run(
     )
     check_indicators(plan.instruments, legs=bool(procedure.levels))
     if dry_run:
-        from app.planning.tripod import planning_of
-        from app.report.text.planning import expected_text
-        from calib.identify.next_mounting import expected_of
+        from app.planning.tripod import before_measuring
+        from app.report.text.planning import before_measuring_text
 
-        typer.echo(dry_run_text(plan.procedure, plan.machine, plan.instruments))
-        at_hand = known.model_copy(update={"indicator": plan.instruments})
-        planned = planning_of(known.name, at_hand, procedure)
-        expected = expected_text(expected_of(planned, known.tolerances_mm()))
-        typer.echo(f"\nBefore measuring, noise {planned.noise_words}:\n\n{expected}")
+        typer.echo(dry_run_text(procedure, known, plan.instruments))
+        expected = before_measuring(known, procedure, plan.instruments)
+        typer.echo(f"\n{before_measuring_text(*expected)}")
     else:
         _measure(plan, headless=headless)
 
@@ -237,8 +234,9 @@ def _measured(plan: Plan, say: Callable[[str], None]) -> SessionSolution:
 def align(
     session: Annotated[Path | None, argument("A session to tell from; none: measure.")] = None,
     reference: Annotated[
-        str, typer.Option(help="The rail that stays: x, y or z.", metavar="RAIL")
-    ] = "x",
+        str | None,
+        typer.Option(help="The rail that stays: x, y or z; else as before, or x.", metavar="RAIL"),
+    ] = None,
     protocol: Protocol = "align",
     machine: Machine = None,
     indicator: Annotated[
@@ -266,8 +264,8 @@ def align(
     from protocols.machine import load_machine
     from protocols.procedure import ALL_AXES, load_procedure
 
-    rail = next((one for one in ALL_AXES if one == reference.lower()), None)
-    if rail is None:
+    rail = next((one for one in ALL_AXES if reference and one == reference.lower()), None)
+    if rail is None and reference is not None:
         raise UsageError("--reference", repr(reference), "x, y or z")
     if session is not None:
         from app.report.schema.alignment import AlignmentReport
@@ -276,7 +274,8 @@ def align(
         from protocols.record import read_record
         from protocols.session import fold
 
-        found = align_session(fold(read_record(session).events), rail)
+        recorded = fold(read_record(session).events)
+        found = align_session(recorded, rail or recorded.opened.aligned_to or "x")
         report = AlignmentReport.of(name=session.name, found=found)
         typer.echo(to_json(report) if as_json else aligned_text(found))
         return
@@ -295,7 +294,7 @@ def align(
         path = output or session_name(Path(), procedure.name)
         plan = Plan(path, known, procedure, chosen, seed=seed, bench=bench)
         check_indicators(plan.instruments, legs=bool(procedure.levels))
-    _measure(aligning(plan, rail), headless=False)
+    _measure(aligning(plan, rail or plan.reference or "x"), headless=False)
 
 
 @with_options_of_machines

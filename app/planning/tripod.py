@@ -16,8 +16,10 @@ from calib.diagnosis.results import AliasMap
 from calib.errors import UsageError
 from calib.identify.next_mounting import (
     MINUTES_PER_MOUNTING,
+    Expected,
     NextMountings,
     Proposal,
+    expected_of,
     next_mountings,
 )
 from calib.noise.reading import IndicatorFigures, Noise
@@ -26,7 +28,7 @@ from calib.tripod.pipeline import Model
 from calib.tripod.planning import Orders, TripodPlanning
 from protocols.data_table import DataTable
 from protocols.files import Written
-from protocols.machine import Machine, load_machine
+from protocols.machine import Instrument, Machine, load_machine
 from protocols.model_file import read_model
 from protocols.observations import to_observations
 from protocols.procedure import Procedure, load_procedure
@@ -103,6 +105,15 @@ def planning_of(
         noise=noise,
         noise_words=words,
     )
+
+
+def before_measuring(
+    machine: Machine, procedure: Procedure, instruments: tuple[Instrument, ...]
+) -> tuple[TripodPlanning, Expected]:
+    """What a procedure will tell with these indicators. Raises UsageError."""
+    at_hand = machine.model_copy(update={"indicator": instruments})
+    planned = planning_of(machine.name, at_hand, procedure)
+    return planned, expected_of(planned, machine.tolerances_mm())
 
 
 def procedure_files(orders: Orders, like: Procedure, path: Path) -> tuple[Path, Written]:

@@ -393,12 +393,17 @@ class PrepareScreen(Screen[None]):
             self.app.push_screen(self.app.check(self._plan()))
 
     def action_dry_run(self) -> None:
-        """Every step, before anything is opened."""
+        """Every step, before anything is opened, and what the readings will tell."""
+        from app.planning.tripod import before_measuring
+        from app.report.text.planning import before_measuring_text
+
         with self.app.complaining():
             machine = self._machine()
             procedure = self._procedure(machine)
-            text = dry_run_text(procedure, machine, self._some(procedure))
-            self.app.push_screen(DryRunScreen(text))
+            instruments = self._some(procedure)
+            steps = dry_run_text(procedure, machine, instruments)
+            expected = before_measuring_text(*before_measuring(machine, procedure, instruments))
+            self.app.push_screen(DryRunScreen(f"{steps}\n\n{expected}"))
 
     def _value(self, name: str) -> str:
         return self.query_one(f"#{name}", Input).value.strip()
@@ -445,7 +450,8 @@ class DryRunScreen(Screen[None]):
 
     HELP = (
         "The steps in the order in which they are measured, each with the\n"
-        "line to type at the controller. Nothing is opened or written."
+        "line to type at the controller. At the end, how well each\n"
+        "parameter will be known. Nothing is opened or written."
     )
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "app.pop_screen", "Back", id="dry-run.back"),

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from textual.screen import Screen
 
-from app.measuring.opening import Plan
 from app.report.streams import need_terminal
-from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen, ReplayChoiceScreen
 from app.screens.interface import Interface
 from app.screens.keys import settings_for_screens
 from app.screens.look import Look
-from app.screens.measure import MeasureScreen
-from app.screens.prepare import PrepareScreen
-from app.screens.replay import ReplayScreen
 from app.settings import settings_path
 from protocols.record import read_record
 
@@ -26,7 +22,9 @@ if TYPE_CHECKING:
     from app.evaluating.comparison import Comparison
     from app.evaluating.history import History
     from app.evaluating.solution import SessionSolution
+    from app.measuring.opening import Plan
     from app.measuring.session import GuidedSession
+    from app.screens.prepare import PrepareScreen
 
 
 class Glidecal(Interface):
@@ -34,20 +32,31 @@ class Glidecal(Interface):
 
     _form: PrepareScreen | None = None
 
+    def on_ready(self) -> None:
+        """Load what the next screens need, once the first picture is there."""
+        self.call_after_refresh(import_module, "app.screens.prepare")
+        self.call_after_refresh(import_module, "app.screens.measure")
+
     def home(self) -> Screen[None]:
         return HomeScreen()
 
     def preparation(self) -> Screen[None]:
         """The form that was left, as it was left."""
+        from app.screens.prepare import PrepareScreen
+
         if self._form is None or self._form in self.screen_stack:  # there a session began with it
             self._form = PrepareScreen()
             self.install_screen(self._form, f"form {id(self._form)}")
         return self._form
 
     def check(self, plan: Plan) -> Screen[None]:
+        from app.screens.check import CheckScreen
+
         return CheckScreen(plan)
 
     def measuring(self, guided: GuidedSession, plan: Plan) -> Screen[None]:
+        from app.screens.measure import MeasureScreen
+
         return MeasureScreen(guided, plan)
 
     def aligning(self, guided: GuidedSession, plan: Plan) -> Screen[None]:
@@ -76,6 +85,8 @@ class Glidecal(Interface):
         return DiagnoseScreen(paths)
 
     def replay(self, path: Path) -> Screen[None]:
+        from app.screens.replay import ReplayScreen
+
         return ReplayScreen(path)
 
 
@@ -87,6 +98,8 @@ def open_interface(looks: Sequence[Look]) -> int:
 
 def open_session(plan: Plan, looks: Sequence[Look]) -> int:
     """The instrument check of a planned or interrupted session, then measuring."""
+    from app.screens.check import CheckScreen
+
     return open_screen(CheckScreen(plan), looks)
 
 
@@ -95,9 +108,11 @@ def open_replay(paths: Sequence[Path], looks: Sequence[Look], *, read_only: bool
 
     ``read_only`` is for pages that others look at: nothing can be written or measured from them.
     """
+    from app.screens.replay import ReplayScreen
+
     for path in paths:
         read_record(path)
-    first = ReplayScreen(paths[0]) if len(paths) == 1 else ReplayChoiceScreen(paths)
+    first: Screen[None] = ReplayScreen(paths[0]) if len(paths) == 1 else ReplayChoiceScreen(paths)
     return open_screen(first, looks, read_only=read_only)
 
 

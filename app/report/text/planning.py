@@ -13,6 +13,7 @@ from calib.diagnosis.results import AliasMap
 from calib.identify.next_mounting import Expected, FurtherSetUp, Proposal, Reach
 from calib.stats import coverage_factor
 from calib.tripod.optimum import ChosenPostures, Figures
+from calib.tripod.planning import TripodPlanning
 from calib.tripod.workspace import PostureOfTool, Workspace
 from protocols.machine import Machine
 from protocols.procedure import position_words
@@ -71,6 +72,11 @@ def expected_text(expected: Expected) -> str:
         f"most {uncertain(expected.bound.bound_mm)} mm r.m.s. (95 %){because}."
     )
     return f"{table_text(table)}\n\n{wrapped(tool)}"
+
+
+def before_measuring_text(planned: TripodPlanning, expected: Expected) -> str:
+    """The same under the steps of a dry run."""
+    return f"Before measuring, noise {planned.noise_words}:\n\n{expected_text(expected)}"
 
 
 def _verdict(seen: SeenBy) -> str:

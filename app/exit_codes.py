@@ -8,6 +8,7 @@ from calib.errors import (
     GlidecalError,
     ImpossibleRequest,
     IndicatorError,
+    MotionError,
     RecordError,
     UsageError,
 )
@@ -29,6 +30,7 @@ _STATUS = {
     ImpossibleRequest: Exit.USAGE,
     RecordError: Exit.RECORD,
     IndicatorError: Exit.INDICATOR,
+    MotionError: Exit.INDICATOR,
 }
 
 

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 ROOT = Path(__file__).parents[1]
 ROOMS = ("app", "calib", "drivers", "protocols")
-FLAT = {"__init__", "__main__", "cli", "door", "exit_codes", "settings", "version"}
+FLAT = {"__init__", "__main__", "cli", "exit_codes", "settings", "version"}
 """What may stand in `app` outside a room."""
 
 

@@ -8,7 +8,7 @@ symmetrical machine give equal numbers but for rounding, and rounding differs be
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Self, TypeVar
@@ -289,6 +289,21 @@ def basis_of(columns: FloatArray, cut: float, scale: float | None = None) -> Flo
     """
     left, singular, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(left[:, _counted(singular, cut, scale)])
+
+
+def bases_of(stacked: FloatArray, cut: float, scale: float | None = None) -> FloatArray:
+    """`basis_of` of each of ``(m, n, k)``, as wide as that: what does not count is zero."""
+    left, singular, _ = np.linalg.svd(stacked, full_matrices=False)
+    bar = cut * (singular.max(axis=1, keepdims=True, initial=0.0) if scale is None else scale)
+    return np.asarray(left * (singular > bar)[:, None])
+
+
+def stacks(columns: Sequence[FloatArray]) -> Iterator[tuple[list[int], FloatArray]]:
+    """Those of equal width side by side ``(m, n, k)``, and which they are."""
+    widths = [one.shape[1] for one in columns]
+    for width in sorted(set(widths)):
+        alike = [k for k, each in enumerate(widths) if each == width]
+        yield alike, np.stack([columns[k] for k in alike])
 
 
 def basis_by_products(columns: FloatArray) -> FloatArray:

@@ -7,7 +7,8 @@ GlidecalError
 │   └── ImpossibleRequest
 ├── RecordError                what a file or record meets
 ├── UsageError                 what a command line meets
-└── IndicatorError             what a port meets
+├── IndicatorError             what a port meets
+└── MotionError                what the controller of the machine meets
 
 An error says four things: the thing, the value found (or the reason), what is allowed, and what to
 do next.
@@ -95,6 +96,10 @@ class UsageError(GlidecalError):
 
 class IndicatorError(GlidecalError):
     """An indicator or port that cannot be used."""
+
+
+class MotionError(GlidecalError):
+    """A controller that does not move the machine, or not where it was told to."""
 
 
 @contextmanager

@@ -90,9 +90,7 @@ class Query:
     unit: Unit = Unit.MM
 
 
-def reading(
-    text: str, number: str, asked: Query, unit: Unit | None = None, warning: str = ""
-) -> Outcome:
+def reading(text: str, number: str, asked: Query, unit: Unit | None = None) -> Outcome:
     """A decimal number (sign and blanks allowed) as a reading, its unit compared with the asked.
 
     ``unit`` None: the reply names none, the asked one is assumed.
@@ -116,7 +114,6 @@ def reading(
         resolution_mm=float(step),
         unit_assumed=unit is None,
         unit=asked.unit,
-        warning=warning,
     )
 
 

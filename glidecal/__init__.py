@@ -7,36 +7,15 @@ is loaded when it is first used.
 from __future__ import annotations
 
 import sys
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from app.door import (
-        GlidecalError,
-        Machine,
-        Session,
-        diagnose,
-        load,
-        plan,
-        report,
-        simulate,
-        solve,
-        what_if,
-    )
-
-__all__ = [
-    "GlidecalError",
-    "Machine",
-    "Session",
-    "diagnose",
-    "load",
-    "plan",
-    "report",
-    "simulate",
-    "solve",
-    "what_if",
-]
+    from glidecal.door import *  # noqa: F403 - what is offered is listed there, once
+    from glidecal.door import __all__ as __all__
 
 ROOMS = ("app", "calib", "drivers", "protocols")
 
@@ -44,17 +23,19 @@ ROOMS = ("app", "calib", "drivers", "protocols")
 if not TYPE_CHECKING:  # a type checker would take any name for one that is offered
 
     def __getattr__(name: str) -> object:
-        if name not in __all__:
+        if name != "__all__" and name not in __dir__():
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        if said := conflict():
-            raise ImportError(said)
-        from app import door
-
-        return getattr(door, name)
+        return getattr(_door(), name)
 
 
 def __dir__() -> list[str]:
-    return __all__
+    return list(_door().__all__)
+
+
+def _door() -> ModuleType:
+    if said := conflict():
+        raise ImportError(said)
+    return import_module("glidecal.door")
 
 
 def conflict() -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from importlib import resources
+from operator import ge
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -106,6 +107,30 @@ class Drive(Document):
     usable_bar: Part | None = None
 
 
+class MotionLimits(Document):
+    """How a controller may move the machine by itself, in the coordinates that it takes, mm.
+
+    No move is longer than ``longest_mm``, none leaves the box from ``low_mm`` to ``high_mm`` (None:
+    from the joint limits). A set-up begins with a move of ``preroll_mm`` from below. Read back, the
+    machine is within ``reached_mm`` of where it was sent.
+    """
+
+    feed_mm_min: Annotated[float, Field(ge=1.0, le=1e6)] = 1500.0
+    longest_mm: Length = 250.0
+    preroll_mm: Annotated[float, Field(ge=0.01, le=1000.0)] = 10.0
+    reached_mm: Annotated[float, Field(ge=1e-4, le=1.0)] = 0.01
+    low_mm: Triple | None = None
+    high_mm: Triple | None = None
+
+    @model_validator(mode="after")
+    def _box(self) -> MotionLimits:
+        if (self.low_mm is None) != (self.high_mm is None):
+            raise ValueError("low_mm and high_mm: one of them only; a box has both")
+        if self.low_mm and self.high_mm and any(map(ge, self.low_mm, self.high_mm)):
+            raise ValueError("low_mm and high_mm: the lowest corner first, then the highest")
+        return self
+
+
 ORTHOGLIDE_DRIVES = (
     Drive(origin_mm=ZERO, direction=(1.0, 0.0, 0.0)),
     Drive(origin_mm=ZERO, direction=(0.0, 1.0, 0.0)),
@@ -140,7 +165,8 @@ class Machine(Document):
     with a mass hung on it; ``screw_lead_mm`` is the travel of a carriage for one turn of its
     screw, if it is known; ``mdi`` tells whether its controller is given tool or joint coordinates
     by hand; ``fastest_feed_mm_min`` is how fast it moves at most: a reading taken sooner than a
-    step's way needs at that is questioned; ``indicator`` are the indicators that are used with it.
+    step's way needs at that is questioned, and no feed of ``motion`` is above it; ``indicator``
+    are the indicators that are used with it.
     """
 
     schema_id: Literal["glidecal.machine/1"] = Field(alias="schema", default="glidecal.machine/1")
@@ -166,6 +192,7 @@ class Machine(Document):
     screw_lead_mm: Annotated[float, Field(ge=0.001, le=1000.0)] | None = None
     mdi: Literal["tool", "joint"] = "tool"
     fastest_feed_mm_min: Annotated[float, Field(ge=1.0, le=1e6)] = 6000.0
+    motion: MotionLimits | None = None
     indicator: tuple[Instrument, ...] = ()
     drive: tuple[Drive, Drive, Drive] | None = None
     workspace_mm: tuple[Triple, Triple] | None = None
@@ -183,6 +210,8 @@ class Machine(Document):
             raise ValueError("rail_mm: the nearer end first, then the other")
         if self.home_offset_mm and self.position_endstop_mm:
             raise ValueError("home_offset_mm and position_endstop_mm: the same switches; state one")
+        if self.motion and self.motion.feed_mm_min > self.fastest_feed_mm_min:
+            raise ValueError("motion, feed_mm_min: more than fastest_feed_mm_min")
         return self
 
     def home_at_mm(self) -> Triple | None:

@@ -13,7 +13,7 @@ from pydantic import AwareDatetime, Field
 from calib.arrays import TOOL, conditions
 from calib.errors import RecordError, UsageError
 from calib.identify.fit import Size
-from calib.identify.identify import Solution
+from calib.identify.identify import FittedSize, Solution
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.actuators import cyclic_of
 from calib.tripod.effects.catalogue import BESIDE_CATALOGUE, effects_of
@@ -39,7 +39,8 @@ class ParameterEntry(Document):
     """One value, and the places that share it.
 
     ``of`` is the name of the parameter in the catalogue where the key is another; without
-    ``places`` it acts where the effect does, with ``where = "all"`` at every place.
+    ``places`` it acts where the effect does, with ``where = "all"`` at every place. A value that is
+    ``held`` is a person's: no fit changes it.
     """
 
     value: Value
@@ -47,6 +48,7 @@ class ParameterEntry(Document):
     standard_uncertainty: Annotated[Value, Field(ge=0.0)] | None = None
     of: Name | None = None
     places: tuple[Name, ...] = ()
+    held: Literal[True] | None = None
 
 
 class Provenance(Document):
@@ -69,6 +71,22 @@ class EffectEntry(Document):
     title: Name = ""
     parameters: dict[Name, ParameterEntry]
     provenance: Provenance | None = None
+
+    def held_at(self, values: Sequence[float]) -> EffectEntry:
+        """The same with these values, one for each parameter, held."""
+        stated = {
+            name: one.model_copy(
+                update={"value": float(value), "standard_uncertainty": None, "held": True}
+            )
+            for (name, one), value in zip(self.parameters.items(), values, strict=True)
+        }
+        return self.model_copy(update={"parameters": stated})
+
+    def freed(self) -> EffectEntry:
+        """The same with values that a fit may change."""
+        parameters = self.parameters.items()
+        free = {name: one.model_copy(update={"held": None}) for name, one in parameters}
+        return self.model_copy(update={"parameters": free})
 
 
 def effect_entry(
@@ -269,6 +287,16 @@ def without_effect(known: ModelFile, effect_id: str, where: str | None, why: str
     return _changed(known, tuple(e for e in known.effects if e not in gone), "removed", gone, why)
 
 
+def with_sizes(known: ModelFile, entry: EffectEntry, why: str) -> ModelFile:
+    """The model with an effect that it has as ``entry`` has it; the history tells of both.
+
+    Raises UsageError where it has no such effect.
+    """
+    without = without_effect(known, entry.id, entry.where, why)
+    old = without.history[-1].effect
+    return with_effect(without, entry.model_copy(update={"provenance": old.provenance}), why)
+
+
 def _changed(
     known: ModelFile,
     effects: tuple[EffectEntry, ...],
@@ -321,7 +349,7 @@ def to_model(found: ModelFile, thing: str, effects: Sequence[Effect] = CATALOGUE
 
 
 def sizes_of(found: ModelFile, effects: Sequence[Effect] = CATALOGUE) -> tuple[Size, ...]:
-    """The values of a model's effects that a fit may free: one for each entry of a parameter.
+    """The values of a model's effects that a fit may free: one for each parameter not held.
 
     Places that share an entry share the value. Raises RecordError as `to_model` does.
     """
@@ -331,6 +359,8 @@ def sizes_of(found: ModelFile, effects: Sequence[Effect] = CATALOGUE) -> tuple[S
         kind = placed[0].effect
         bases = [parameter.name for parameter in kind.parameters]
         for name, parameter in entry.parameters.items():
+            if parameter.held:
+                continue
             base = bases.index(parameter.of or name)
             places = _places(entry, parameter, kind, geometry, "model")
             at = [first + k for k, one in enumerate(placed) if one.place in places]
@@ -356,14 +386,27 @@ def with_solution(found: ModelFile, solution: Solution) -> ModelFile:
     effects = []
     for entry in found.effects:
         known = {
-            name: one.model_copy(
-                update={"value": size.value, "standard_uncertainty": size.standard_uncertainty}
-            )
-            for (name, one), size in zip(entry.parameters.items(), sizes, strict=False)
+            name: one if one.held else _as_fitted(one, next(sizes))
+            for name, one in entry.parameters.items()
         }
         effects.append(entry.model_copy(update={"parameters": known}))
     values = dict(zip(PARAMETER_NAMES, solution.model.parameters_mm, strict=True))
     return found.model_copy(update={"parameters_mm": values, "effects": tuple(effects)})
+
+
+def _as_fitted(one: ParameterEntry, size: FittedSize) -> ParameterEntry:
+    fitted = {"value": size.value, "standard_uncertainty": size.standard_uncertainty}
+    return one.model_copy(update=fitted)
+
+
+def held_sizes(found: ModelFile) -> tuple[str, ...]:
+    """Sizes of the model that a person stated: ``backlash (x): play = +0.02 mm``."""
+    return tuple(
+        f"{one.id} ({one.where}): {name} = {value.value:+.6g} {value.unit}"
+        for one in found.effects
+        for name, value in one.parameters.items()
+        if value.held
+    )
 
 
 def ambiguous_effects(found: ModelFile) -> tuple[str, ...]:

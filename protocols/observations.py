@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +12,11 @@ import numpy as np
 
 from calib.arrays import LEG_NAMES, TOUCHED_NAMES, FloatArray, Observations
 from calib.errors import NotIdentifiable, RecordError, UsageError
+from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.movements import carriage_movement
+from calib.tripod.pipeline import simulate
 from protocols.machine import Machine
+from protocols.motion import approach_sign, departure_mm, movement_signs
 from protocols.procedure import Step, leg_number
 from protocols.session import Reading, Session
 
@@ -46,7 +50,7 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
     mounts = {name: k for k, name in enumerate(dict.fromkeys(name for name, _, _ in rows))}
     used = {name: k for k, name in enumerate(dict.fromkeys(indicators))}
     readings = [reading for _, reading, _ in rows]
-    return Observations(
+    found = Observations(
         leg=np.array([leg_number(r.leg) for r in readings], dtype=np.intp),
         axis=np.array([leg_number(r.axis) for r in readings], dtype=np.intp),
         displacement_mm=np.array([r.displacement_mm for r in readings]),
@@ -65,6 +69,28 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
         value_mm=np.array([r.value_mm for r in readings]),
         averaged=np.array([float(r.averaged) for r in readings]),
     )
+    return _as_commanded(found, readings, sessions[0].opened.machine.geometry())
+
+
+def _as_commanded(
+    found: Observations, readings: Sequence[Reading], geometry: Geometry
+) -> Observations:
+    """What would have been read exactly where the controller was sent.
+
+    Read back, the machine stood beside it, by hundredths of a millimetre at most: so much as a
+    nominal machine's reading changes over that is taken away. The true machine's changes by some
+    hundredth more or less, which no indicator shows.
+    """
+    departure = np.zeros((len(readings), 3))
+    for row, reading in enumerate(readings):
+        if reading.moved is not None:
+            departure[row] = departure_mm(reading.moved, geometry)
+    if not departure.any():
+        return found
+    beside = replace(found, position_mm=found.position_mm + departure)
+    nominal = np.zeros(len(PARAMETER_NAMES))
+    change = simulate(geometry, nominal, beside) - simulate(geometry, nominal, found)
+    return replace(found, value_mm=found.value_mm - change)
 
 
 def along_mm(read: Reading | Step, machine: Machine) -> float:
@@ -106,14 +132,19 @@ def _by_mounting(readings: Iterable[Reading]) -> Iterable[list[Reading]]:
 def _approaches(session: Session) -> list[float]:
     """Sign of the last movement before each reading that counts, from the rows of its mounting.
 
-    Superseded readings do not count, but the machine was there.
+    Superseded readings do not count, but the machine was there. A controller tells it itself.
     """
     found: dict[int, float] = {}
+    geometry = session.opened.machine.geometry()
     for members in _by_mounting(session.all_readings):
-        last = 0.0
+        first = members[0]
+        last = approach_sign(first.moved, first.leg, geometry) if first.moved else 0.0
+        found[first.reading] = last
         for before, after in pairwise(members):
-            moved = float(np.sign(after.displacement_mm - before.displacement_mm))
-            last = moved or last
+            way = float(np.sign(after.displacement_mm - before.displacement_mm))
+            if after.moved is not None:
+                way = approach_sign(after.moved, after.leg, geometry)
+            last = way or last
             found[after.reading] = last
     return [found.get(reading.reading, 0.0) for reading in session.readings]
 
@@ -133,6 +164,8 @@ def _movements(session: Session) -> FloatArray:
         moved = carriage_movement(geometry, np.where(lifted > 0.0, above, before), there)
         last = np.zeros(3)
         for reading, one in zip(members, moved, strict=True):
+            if reading.moved is not None:
+                one = movement_signs(reading.moved, geometry)
             last = np.where(one != 0.0, one, last)
             found[reading.reading] = last
     return np.array([found[reading.reading] for reading in session.readings]).reshape(-1, 3)
@@ -185,7 +218,8 @@ def corrected_readings(session: Session, cleaned: CleanedReadings) -> Iterator[R
     """
     before, after = to_observations([session]).take(cleaned.rows), cleaned.observed
     readings = [session.readings[row] for row in cleaned.rows.tolist()]
-    values = _values_mm(before, cleaned)
+    read = np.array([reading.value_mm for reading in readings])
+    values = read + (_values_mm(before, cleaned) - before.value_mm)
     mounts = _mount_names(readings, after)
     for k, reading in enumerate(readings):
         tool = TOUCHED_NAMES[after.leg[k]] == "tool"

@@ -182,16 +182,8 @@ class Procedure(Document):
 
         ``axes`` names for each indicator the directions it may measure along; the axes of a step
         stand in the order of the indicators. With one the leg is measured twice, once for each
-        axis. Raises RecordError where a joint limit does not allow a level, UsageError where the
-        indicators do not fit a leg.
+        axis. Raises as `check_limits`, and UsageError where the indicators do not fit a leg.
         """
-        if self.plate is None and not geometry.orthogonal:
-            raise UsageError(
-                f"procedure {self.name}",
-                "readings of legs, on a machine whose drives are not square to each other",
-                "a procedure with [plate], readings of the tool",
-                "plate-rings is one.",
-            )
         self.check_limits(geometry)
         visits = self._of_tool(self.plate) if self.plate else self._of_legs(geometry, axes)
         if self.plane is not None:
@@ -272,8 +264,16 @@ class Procedure(Document):
     def check_limits(self, geometry: Geometry, path: Path | None = None) -> None:
         """Raises RecordError for the first level, or position, outside the joint limits.
 
-        With the ``path`` of its file the error names the line.
+        UsageError for readings of legs on drives that are not square to each other. With the
+        ``path`` of its file the error names the line.
         """
+        if self.plate is None and not geometry.orthogonal:
+            raise UsageError(
+                f"procedure {self.name}",
+                "readings of legs, on a machine whose drives are not square to each other",
+                "a procedure with [plate], readings of the tool",
+                "plate-rings is one.",
+            )
         low, high = geometry.travel_min_mm, geometry.travel_max_mm
         allowed = f"the joint limits {low:g} … {high:g} mm"
         wrong: list[tuple[tuple[str | int, ...], str]]
@@ -522,9 +522,10 @@ def guided_procedure_names(geometry: Geometry) -> tuple[str, ...]:
 
 
 def load_procedure(name: str, geometry: Geometry) -> Procedure:
-    """A procedure by name, or from a TOML file by path, checked against joint limits and bars.
+    """A procedure by name, or from a TOML file by path, checked against the machine.
 
-    Raises UsageError for an unknown name and RecordError for a file that cannot be used.
+    Raises UsageError for an unknown name and for legs that are not read on these drives,
+    RecordError for a file that cannot be used.
     """
     if _is_toml(name):
         return _read_procedure(Path(name), geometry)

@@ -115,13 +115,28 @@ class Mounted(Line):
         return self.leg, SLIDING if self.over_plane else self.station, set(self.mounts)
 
 
+class Moved(Document):
+    """How a controller moved the machine to a posture: its coordinates and positions, mm.
+
+    The last straight move began at ``from_mm``; ``read_back_mm`` is what the controller read then.
+    """
+
+    driver: Name
+    coordinates: Literal["tool", "joint"]
+    from_mm: Triple
+    commanded_mm: Triple
+    read_back_mm: Triple
+    feed_mm_min: Annotated[float, Field(gt=0.0, le=1e6)]
+
+
 class Reading(Line):
     """One value of one indicator, with the text that the device or the table gave.
 
     ``time_s`` counts from the beginning of the session by a clock that nobody sets.
     A reading of the tool stands at ``position_mm`` from Zero, its displacement and station are 0;
     where the tool came to it along the axis, ``lift_mm`` is from how far. With ``over_plane`` the
-    stand slid on a reference plane to the station, in this posture.
+    stand slid on a reference plane to the station, in this posture. ``moved`` tells of a machine
+    that was moved by its controller; None where the operator did it.
     """
 
     event: Literal["reading"] = "reading"
@@ -143,6 +158,7 @@ class Reading(Line):
     resolution_mm: FigureMm | None = None
     unit_assumed: bool = False
     over_plane: bool | None = None
+    moved: Moved | None = None
     extra: dict[Name, Name] = Field(default_factory=dict)
 
     @property

@@ -115,16 +115,6 @@ class Row:
         return read(column) if self.fields.get(column) else default
 
 
-def read_table(path: Path, geometry: Geometry) -> tuple[tuple[Reading, ...], tuple[str, ...]]:
-    """Readings of a table and the names of its unknown columns, which are kept with each reading.
-
-    A table with positions of the tool holds readings of the tool, else they are readings of legs.
-    Raises RecordError naming the line, the column and the value.
-    """
-    rows, unknown = _rows(path)
-    return _readings(rows, unknown, geometry), unknown
-
-
 def _readings(rows: list[Row], unknown: tuple[str, ...], geometry: Geometry) -> tuple[Reading, ...]:
     readings = tuple(
         _reading(row, number, unknown, geometry) for number, row in enumerate(rows, start=1)
@@ -163,9 +153,11 @@ def opened_table(
     repeatability_mm: float | None = None,
     remarks: tuple[str, ...] = (),
 ) -> tuple[Opened, tuple[Event, ...], tuple[str, ...]]:
-    """First line and events of a session of a table, and the columns that are not used.
+    """First line and events of a session of a table, and the columns that are kept but not used.
 
-    ``resolution_mm`` and ``repeatability_mm`` are stated of the indicators. Raises RecordError.
+    A table with positions of the tool holds readings of the tool, else they are readings of legs.
+    ``resolution_mm`` and ``repeatability_mm`` are stated of the indicators. Raises RecordError
+    naming the line, the column and the value.
     """
     rows, unknown = _rows(path)
     events = (*_readings(rows, unknown, machine.geometry()), *_counting(rows))

@@ -8,15 +8,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from app.measuring.opening import program
 from app.measuring.simulated import simulated_session
-from calib.tripod.geometry import Geometry
+from app.version import program
 from calib.tripod.pipeline import Model
 from protocols.journal import write_whole
-from protocols.machine import Instrument, load_machine
+from protocols.machine import load_machine
 from protocols.procedure import guided_procedure_names, load_procedure
-from protocols.session import Opened
-from protocols.table import read_table
+from protocols.table import opened_table
 
 HERE = Path(__file__).parent
 SOURCE = "Pashkevich, Chablat, Wenger, Gomolitsky 2008, tables {}; three readings averaged."
@@ -51,22 +49,15 @@ HIDDEN_MM = (0.85, -1.3, 0.4, 0.02, -0.03, 0.01)
 def published(name: str) -> None:
     """One published experiment as a session."""
     table, *remarks = PUBLISHED[name]
-    opened = Opened(
-        program=program(),
-        origin="imported",
-        machine=load_machine(None),
-        instruments=(
-            Instrument(
-                profile="table",
-                port=f"{name}.csv",
-                resolution_mm=RESOLUTION_MM,
-                repeatability_mm=REPEATABILITY_MM,
-            ),
-        ),
+    opened, events, _ = opened_table(
+        HERE / "tables" / f"{name}.csv",
+        load_machine(None),
+        program(),
+        resolution_mm=RESOLUTION_MM,
+        repeatability_mm=REPEATABILITY_MM,
         remarks=(SOURCE.format(table), *remarks),
     )
-    readings, _ = read_table(HERE / "tables" / f"{name}.csv", Geometry())
-    write_whole(_fresh(name), opened, list(readings))
+    write_whole(_fresh(name), opened, list(events))
 
 
 def simulated(name: str) -> None:
@@ -99,6 +90,6 @@ def _fresh(name: str) -> Path:
 if __name__ == "__main__":
     for experiment in PUBLISHED:
         published(experiment)
-    for procedure in guided_procedure_names(Geometry()):
+    for procedure in guided_procedure_names(load_machine(None).geometry()):
         simulated(procedure)
     damaged()

@@ -32,6 +32,7 @@ from app.screens.measure import HELD_KEY_S, MeasureScreen
 from app.screens.result import ResultScreen
 from app.screens.session_view import GaugeDisplay, LegReviewScreen
 from app.screens.start import Glidecal
+from app.screens.what_if import WhatIfScreen
 from drivers.profile import IndicatorReading, Outcome
 
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
@@ -185,6 +186,29 @@ async def diagnosis(folder: Path) -> None:
         await pilot.press("f10")
 
 
+async def what_if(folder: Path) -> None:
+    """A carriage that goes too far, its size moved beside the result."""
+    session = folder / "scaled.jsonl"
+    hidden = SimulateOptions("zero-max-min", effect="actuator_scale:y", size=1.1)
+    simulate(Simulation(session), hidden, print)
+    diagnosed = DiagnoseScreen([session])
+    interface = Glidecal(diagnosed)
+    interface.animation_level = "none"
+    async with interface.run_test(size=NARROW) as pilot:
+        await until(pilot, lambda: diagnosed.diagnosed is not None)
+        await pilot.press("w")
+        await until_on(pilot, ChoiceDialog)
+        await pilot.press("1")
+        await until_on(pilot, WhatIfScreen)
+        screen = interface.screen
+        assert isinstance(screen, WhatIfScreen)
+        await until(pilot, lambda: screen.ready)
+        await pilot.press(*["left"] * 3)
+        await until(pilot, lambda: screen.ready)
+        await save(pilot, "what_if")
+        await pilot.press("f10")
+
+
 async def hexaslide() -> None:
     """What position alone sees of a Hexa Slide, and the machine drawn."""
     screen = HexaSlideScreen(Request("position"))
@@ -203,4 +227,5 @@ if __name__ == "__main__":
     with quick_fingers, tempfile.TemporaryDirectory() as temporary:
         asyncio.run(pictures(Path(temporary)))
         asyncio.run(diagnosis(Path(temporary)))
+        asyncio.run(what_if(Path(temporary)))
         asyncio.run(hexaslide())

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from calib.arrays import Conditions, FloatArray, Observations, conditions, observe
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
-from protocols.machine import Instrument, Machine
+from protocols.machine import Instrument, Machine, load_machine
 from protocols.observations import to_observations
 from protocols.procedure import default_mount, load_procedure
 from protocols.session import Opened, Reading, fold
+from protocols.table import opened_table
 
 ZERO_MAX_MIN = (0.0, 60.0, -100.0)
 
@@ -78,3 +80,11 @@ def conditions_of(name: str) -> Observations:
         )
     ]
     return to_observations([fold([opened, *readings])])
+
+
+def read_table(
+    path: Path, machine: str | None = None
+) -> tuple[tuple[Reading, ...], tuple[str, ...]]:
+    """Readings of a table of a machine, the usual one where none is named, and unused columns."""
+    _, events, unknown = opened_table(path, load_machine(machine), "test")
+    return tuple(event for event in events if isinstance(event, Reading)), unknown

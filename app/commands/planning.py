@@ -16,13 +16,16 @@ from app.machines.options import (
     Question,
     ScreenAnswer,
     file,
+    machine_file_of,
     number,
     say,
 )
 from app.machines.registry import (
     CRITERIA,
+    HAVE_WORKSPACE,
     LISTED,
     LOOKS,
+    NAMES,
     POSTURE_FILES,
     family_of,
     family_with,
@@ -49,7 +52,8 @@ def identifiability(
     """Which parameters a procedure can and cannot see. And what would help."""
     family = family_of(machine)
     given = options_of(context, family, f"the machine {machine}", own)
-    answer = family.identifiability(Question(machine, procedure or "", machine_file), given)
+    its_file = machine_file_of(machine, NAMES, machine_file)
+    answer = family.identifiability(Question(machine, procedure or "", its_file), given)
     if isinstance(answer, ScreenAnswer):
         from app.screens.start import open_screen
 
@@ -102,7 +106,7 @@ def postures(
     search = PostureSearch(
         count, Criterion(criterion or family.criterion), seed, starts, output, force
     )
-    asked = Question(machine, procedure, machine_file)
+    asked = Question(machine, procedure, machine_file_of(machine, NAMES, machine_file))
     typer.echo(family.postures(asked, search, given, say).shown(as_json=as_json))
 
 
@@ -125,7 +129,7 @@ def plan(
 
 
 def workspace(
-    machine: MachineName,
+    machine: Annotated[str, typer.Argument(help=HAVE_WORKSPACE, show_default=False)],
     limit: Annotated[
         float, number("Transmission factors wanted within 1/LIMIT … LIMIT.", 1.0, 1000.0)
     ] = 2.0,

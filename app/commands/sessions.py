@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from app.commands import moving
 from app.exit_codes import Exit, exit_code
 from app.machines.options import (
     AsJson,
@@ -40,6 +41,7 @@ if TYPE_CHECKING:  # heavy: imported where used
 
     from app.evaluating.solution import SessionSolution
     from app.measuring.opening import Plan
+    from protocols.procedure import Leg
 
 
 HIDDEN = "The machine has more than offsets. To look for what is missing: glidecal diagnose {}"
@@ -75,6 +77,10 @@ def run(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show every step; open and write nothing.")
     ] = False,
+    motion: Annotated[
+        str | None,
+        typer.Option(help="Controller that moves the machine: linuxcnc:HOST:PORT or grbl:PORT."),
+    ] = None,
 ) -> None:
     """The guided session on real indicators. With --simulated on a simulated machine."""
     from app.measuring.indicators import (
@@ -97,7 +103,7 @@ def run(
         indicator or (), port or (), profile, machine=known, simulated=simulated
     )
     if resume:
-        _measure(plan_to_continue(resume, chosen), headless=headless)
+        _measure(replace(plan_to_continue(resume, chosen), motion=motion), headless=headless)
         return
     procedure = load_procedure(protocol or known.usual_procedure, known.geometry())
     if random_order is not None:
@@ -115,36 +121,42 @@ def run(
         note=note,
         seed=seed,
         interval_s=SIMULATED_INTERVAL_S,
+        motion=motion,
     )
     check_indicators(plan.instruments, legs=bool(procedure.levels))
     if dry_run:
         from app.planning.tripod import before_measuring
         from app.report.text.planning import before_measuring_text
 
-        typer.echo(dry_run_text(procedure, known, plan.instruments))
-        expected = before_measuring(known, procedure, plan.instruments)
-        typer.echo(f"\n{before_measuring_text(*expected)}")
+        asked = plan.procedure, plan.machine, plan.instruments
+        steps = moving.shown(plan) if plan.motion else dry_run_text(*asked)
+        typer.echo(f"{steps}\n\n{before_measuring_text(*before_measuring(*asked))}")
     else:
         _measure(plan, headless=headless)
 
 
 def _measure(plan: Plan, *, headless: bool) -> None:
-    """On the screen, or unattended for a simulated machine."""
+    """On the screen; unattended for a simulated machine, by itself for one that a program moves."""
     from app.measuring.opening import measure_all, start_session
     from protocols.journal import check_new
 
     if not plan.continued:
         check_new(plan.path)
+    if plan.motion is not None:
+        moving.ask(plan)
     if not headless:
         need_terminal("guided session", "--headless with --simulated")
         from app.screens.start import open_session
 
         raise typer.Exit(open_session(plan, LOOKS))
-    if not plan.simulated:
-        raise UsageError("--headless", "real indicators", "--headless --simulated only")
-    fast = replace(plan, interval_s=0.0)
-    with start_session(fast) as guided:
-        measure_all(guided)
+    if not (plan.simulated or plan.motion):
+        allowed = "--headless with --simulated or --motion"
+        raise UsageError("--headless", "real indicators", allowed)
+    with start_session(plan if plan.motion else replace(plan, interval_s=0.0)) as guided:
+        if plan.motion:
+            moving.measure(guided)
+        else:
+            measure_all(guided)
     say(f"{len(guided.session.readings)} readings in {guided.path}")
 
 
@@ -251,7 +263,7 @@ def align(
     as_json: AsJson = False,
 ) -> None:
     """Shims that make the rails square and meet. Measured, moved live, measured again."""
-    from app.measuring.aligning import align_session
+    from app.measuring.aligning import check_procedure
     from app.measuring.indicators import DEFAULT_PROFILE, check_indicators, choose_indicators
     from app.measuring.opening import (
         DEMO_MOTION_S,
@@ -267,17 +279,13 @@ def align(
     rail = next((one for one in ALL_AXES if reference and one == reference.lower()), None)
     if rail is None and reference is not None:
         raise UsageError("--reference", repr(reference), "x, y or z")
+    if session is None and as_json:
+        raise UsageError("--json", "no session", "a session that was measured: align SESSION")
     if session is not None:
-        from app.report.schema.alignment import AlignmentReport
-        from app.report.schema.document import to_json
-        from app.report.text.alignment import aligned_text
-        from protocols.record import read_record
-        from protocols.session import fold
-
-        recorded = fold(read_record(session).events)
-        found = align_session(recorded, rail or recorded.opened.aligned_to or "x")
-        report = AlignmentReport.of(name=session.name, found=found)
-        typer.echo(to_json(report) if as_json else aligned_text(found))
+        if indicator or simulated or output or resume or machine or protocol != "align":
+            wrong = "options for measuring, beside a session that was measured"
+            raise UsageError(f"align {session}", wrong, "--reference and --json")
+        typer.echo(_aligned(session, rail, as_json=as_json))
         return
     known = load_machine(machine)
     chosen = choose_indicators(
@@ -290,11 +298,28 @@ def align(
             allowed = "--indicator PROFILE:PORT once or twice, or --simulated"
             raise UsageError("indicators", "none", allowed)
         procedure = load_procedure(protocol or "align", known.geometry())
+        check_procedure(procedure, known, rail or "x")
         bench = BenchSettings(motion_s=DEMO_MOTION_S) if simulated else BenchSettings()
         path = output or session_name(Path(), procedure.name)
         plan = Plan(path, known, procedure, chosen, seed=seed, bench=bench)
         check_indicators(plan.instruments, legs=bool(procedure.levels))
+    need_terminal("alignment", "a session that was measured: align SESSION")
     _measure(aligning(plan, rail or plan.reference or "x"), headless=False)
+
+
+def _aligned(session: Path, reference: Leg | None, *, as_json: bool) -> str:
+    """What a session tells of the rails."""
+    from app.measuring.aligning import align_session
+    from app.report.schema.alignment import AlignmentReport
+    from app.report.schema.document import to_json
+    from app.report.text.alignment import aligned_text
+    from protocols.record import read_record
+    from protocols.session import fold
+
+    recorded = fold(read_record(session).events)
+    found = align_session(recorded, reference or recorded.opened.aligned_to or "x")
+    report = AlignmentReport.of(name=session.name, found=found)
+    return to_json(report) if as_json else aligned_text(found)
 
 
 @with_options_of_machines

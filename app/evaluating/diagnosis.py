@@ -31,6 +31,7 @@ from protocols.data_table import DataTable
 from protocols.files import write_files
 from protocols.journal import write_whole
 from protocols.model_file import (
+    EffectEntry,
     ModelFile,
     Provenance,
     ambiguity,
@@ -40,6 +41,7 @@ from protocols.model_file import (
     read_model_file,
     to_model,
     with_effect,
+    with_sizes,
     with_solution,
     without_effect,
 )
@@ -237,13 +239,15 @@ def adopt(
     *,
     known: Path | None = None,
     candidate: str | None = None,
+    held: EffectEntry | None = None,
     replace: bool = False,
 ) -> ModelFile:
     """Write a model with the named effects added, or with one candidate (``id`` or ``id:where``).
 
     ``empirical`` as candidate adds what was named and the unnamed effect of the residuals, or that
     alone where it explains all; where nothing was named it is added without asking for it. Gross
-    errors are mistakes of the data and are never adopted. The known model itself goes on with its
+    errors are mistakes of the data and are never adopted. One of what is adopted may be ``held`` as
+    a person has it, the others are fitted. The known model itself goes on with its
     history, another file is kept unless ``replace``. Raises UsageError where there is nothing to
     adopt, FilesThere, and RecordError where the file cannot be written.
     """
@@ -265,23 +269,43 @@ def adopt(
         if isinstance(one, Finding) and one.id == EMPIRICAL:
             why = f"an unnamed effect: {one.title}"
         values = {v.name: (v.value, v.standard_uncertainty) for v in one.parameters}
-        model = with_effect(model, effect_entry(one.where, one.effects, values, found_as), why)
-    model = _fitted(model, diagnosed)
+        entry = effect_entry(one.where, one.effects, values, found_as)
+        if held and (held.id, held.where) == (one.id, one.where):
+            entry = entry.model_copy(update={"parameters": held.parameters})
+            why = f"{why} {HELD}"
+        model = with_effect(model, entry, why)
+    model = _fitted(model, diagnosed.names, diagnosed.sessions)
     write_files(target, {"": model.text()}, replace=replace or target == known)
     return model
 
 
-def _fitted(model: ModelFile, diagnosed: SessionDiagnosis) -> ModelFile:
+HELD, FREED = "Its size is held, as a person stated it.", "Its size is fitted again."
+
+
+def resize(
+    names: Sequence[str], sessions: Sequence[Session], target: Path, entry: EffectEntry
+) -> ModelFile:
+    """Write the model of ``target`` with an effect that it has as ``entry`` has it.
+
+    Everything that is not held is fitted again to the sessions. Raises RecordError.
+    """
+    held = any(one.held for one in entry.parameters.values())
+    model = with_sizes(read_model_file(target), entry, HELD if held else FREED)
+    model = _fitted(model, names, sessions)
+    write_files(target, {"": model.text()}, replace=True)
+    return model
+
+
+def _fitted(model: ModelFile, names: Sequence[str], sessions: Sequence[Session]) -> ModelFile:
     """The model with joint offsets and sizes fitted together to the sessions.
 
     With all parameters held by tolerances where the offsets alone are not determined. Where
     sessions had different offsets entered there are none to state: what nobody fitted is not 0.
     """
-    sessions = diagnosed.sessions
     if len({one.opened.machine.entered_offsets_mm for one in sessions}) == 1:
         for subset in SETS:
             try:
-                solved = solve_sessions(diagnosed.names, sessions, subset=subset, model=model)
+                solved = solve_sessions(names, sessions, subset=subset, model=model)
             except NotIdentifiable:
                 continue
             return with_solution(model, solved.solution)

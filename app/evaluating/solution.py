@@ -23,7 +23,7 @@ from calib.noise.reading import (
     visit_starts,
 )
 from calib.tripod.geometry import PARAMETER_NAMES
-from calib.tripod.pipeline import Model, StageEffect
+from calib.tripod.pipeline import Model
 from calib.tripod.workspace import PLANES, PlaneMap
 from protocols.data_table import Cell, DataTable
 from protocols.observations import to_observations
@@ -50,7 +50,7 @@ class SessionSolution:
     not. ``visits`` are the readings, of those without a movement between them the first, each with
     its session. ``suspects`` do not fit their own repeats, ``isolated`` readings have no other
     posture to compare with. ``ambiguous`` are effects of the model that stand for a set of which
-    any would do.
+    any would do, ``held`` sizes of the model that a person stated.
     """
 
     names: tuple[str, ...]
@@ -65,6 +65,7 @@ class SessionSolution:
     noisy: tuple[NoisyChannel, ...]
     isolated: tuple[IsolatedReadings, ...]
     ambiguous: tuple[str, ...]
+    held: tuple[str, ...]
     visits: tuple[tuple[str, Reading], ...]
 
     @cached_property
@@ -101,7 +102,7 @@ class SessionSolution:
     def with_subset(self, subset: Subset) -> SessionSolution:
         """Another set of the same choice; nothing is fitted again. Raises NotIdentifiable."""
         known = self.names, self.sessions, self.observed, self.choice
-        return _solved(*known, subset, self.ambiguous)
+        return _solved(*known, subset, self.ambiguous, self.held)
 
     def for_controller(self) -> SessionSolution:
         """Joint offsets alone; as the tolerances hold them where a plate cannot show them alone.
@@ -276,19 +277,18 @@ def solve_sessions(
     method: Method = "exact",
     weights: Weights = "equal",
     model: ModelFile | None = None,
-    held: tuple[StageEffect, ...] = (),
 ) -> SessionSolution:
     """Identify; without a subset the recommended one is taken.
 
-    The sizes of a model's effects are fitted with the parameters, those of ``held`` are not. Raises
-    NotIdentifiable where the readings do not determine what was asked for, UsageError for a model
-    of another machine.
+    The sizes of a model's effects are fitted with the parameters, except those that it holds.
+    Raises NotIdentifiable where the readings do not determine what was asked for, UsageError for a
+    model of another machine.
     """
     observed = to_observations(sessions)
     machine = sessions[0].opened.machine
     start, sizes = (Model(machine.geometry()), ()) if model is None else _of(model, machine, method)
     choice = choose_subset(
-        start.with_effects((*start.effects, *held)),
+        start,
         observed,
         method,
         weights=weights,
@@ -296,12 +296,12 @@ def solve_sessions(
         tolerance_mm=machine.tolerances_mm(),
         sizes=sizes,
     )
-    ambiguous: tuple[str, ...] = ()
+    known: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
     if model is not None:
-        from protocols.model_file import ambiguous_effects
+        from protocols.model_file import ambiguous_effects, held_sizes
 
-        ambiguous = ambiguous_effects(model)
-    return _solved(names, sessions, observed, choice, subset or choice.recommended, ambiguous)
+        known = ambiguous_effects(model), held_sizes(model)
+    return _solved(names, sessions, observed, choice, subset or choice.recommended, *known)
 
 
 def _of(model: ModelFile, machine: Machine, method: Method) -> tuple[Model, tuple[Size, ...]]:
@@ -328,6 +328,7 @@ def _solved(
     choice: SubsetChoice,
     subset: Subset,
     ambiguous: tuple[str, ...],
+    held: tuple[str, ...],
 ) -> SessionSolution:
     """One set of a choice, with what its readings tell, as the sessions know them."""
     if subset not in choice.solutions:
@@ -357,6 +358,7 @@ def _solved(
             for rows in single_posture_rows(observed)
         ),
         ambiguous=ambiguous,
+        held=held,
         visits=tuple(known[row] for row in starts),
     )
 

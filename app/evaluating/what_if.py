@@ -2,33 +2,213 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
 
 from app.evaluating.own_effects import known_effects
-from app.evaluating.solution import SessionSolution, solve_sessions
-from calib.errors import UsageError
-from calib.identify.identify import Subset
-from calib.tripod.controller import tool_error_mm
-from calib.tripod.effects.candidates import candidates
+from app.evaluating.solution import SessionSolution, indicator_figures, solve_sessions
+from calib.errors import NotIdentifiable, UsageError
+from calib.identify.identify import FittedSize, Solution, Subset, Told, identify_from
+from calib.tripod.controller import commanded_with, tool_error_mm
+from calib.tripod.effects.candidates import Candidate, candidates
+from calib.tripod.effects.effect import Effect, EffectInstance, EffectParameter, Kind
+from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model
+from protocols.model_file import (
+    EffectEntry,
+    ModelFile,
+    ParameterEntry,
+    effect_entry,
+    placed_effects,
+    sizes_of,
+    to_model,
+)
 from protocols.observations import to_observations
 from protocols.session import Session
+
+if TYPE_CHECKING:  # heavy, and only where there is one
+    from app.evaluating.diagnosis import SessionDiagnosis
+    from calib.diagnosis.results import Contender, Diagnosis, Finding
+
+FAR = 100.0
+"""Sizes that nobody would remark on, or four times what was fitted: so far a size can be moved."""
+
+COARSE = 10
+"""Steps of a large step."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """An effect, ``entry``, whose sizes are moved beside a model that does not have it.
+
+    Everything else is worked out once. ``subset`` None: at every size the recommended one.
+    """
+
+    names: tuple[str, ...]
+    sessions: tuple[Session, ...]
+    beside: ModelFile
+    entry: EffectEntry
+    subset: Subset | None = None
+
+    @property
+    def effect(self) -> str:
+        """``id:where``."""
+        return f"{self.entry.id}:{self.entry.where}"
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """The sizes of the entry, in its units."""
+        return tuple(one.value for one in self.entry.parameters.values())
+
+    def at(self, values: Sequence[float]) -> WhatIf:
+        """With sizes held at these values, one for each, in its unit."""
+        return WhatIf(self, tuple(map(float, values)))
+
+    @cached_property
+    def without(self) -> WhatIf:
+        """Of size 0."""
+        return self.at([0.0] * len(self.values))
+
+    @cached_property
+    def effects(self) -> tuple[Effect, ...]:
+        """All that are known."""
+        return known_effects()
+
+    def placed(self, entry: EffectEntry) -> tuple[EffectInstance, ...]:
+        """The entry for the simulation."""
+        return placed_effects(entry, self.effects, self.beside.machine.geometry(), "effect")
+
+    @cached_property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        """What the effect says of each size."""
+        kind = self.placed(self.entry)[0].effect
+        known = {one.name: one for one in kind.parameters}
+        return tuple(known[one.of or name] for name, one in self.entry.parameters.items())
+
+    @cached_property
+    def fitted(self) -> tuple[FittedSize, ...]:
+        """The sizes as they come out beside the parameters. Raises NotIdentifiable."""
+        found = self.solution(self.entry.freed())
+        return found.sizes[len(found.sizes) - len(self.entry.parameters) :]
+
+    def recommended(self) -> Trial:
+        """With the set of parameters that is recommended once the sizes are fitted, where they can.
+
+        Raises NotIdentifiable where nothing can be solved.
+        """
+        if self.subset is not None:
+            return self
+        try:
+            solved = self.solved(self.entry.freed())
+        except NotIdentifiable:
+            solved = self.without.solved
+        return replace(self, subset=solved.solution.subset)
+
+    @cached_property
+    def steps(self) -> tuple[float, ...]:
+        """Round steps no larger than the standard uncertainty of each size.
+
+        Where the readings do not tell it, a tenth of a size that nobody would remark on.
+        """
+        tolerances = [0.1 * one.tolerance for one in self.parameters]
+        try:
+            known = [size.standard_uncertainty for size in self.fitted]
+        except NotIdentifiable:
+            known = tolerances
+        return tuple(_round(u or least) for u, least in zip(known, tolerances, strict=True))
+
+    def moved(self, values: Sequence[float], number: int, steps: int) -> tuple[float, ...]:
+        """The sizes with one moved by so many of its steps, onto a multiple of them, in bounds."""
+        step, known = self.steps[number], self.parameters[number]
+        at = values[number] / step
+        near = round(at)
+        if not math.isclose(at, near, abs_tol=1e-6):
+            near = math.floor(at) if steps > 0 else math.ceil(at)
+        most = min(max(FAR * known.tolerance, 4.0 * abs(self.values[number])), known.limit)
+        wanted = min(max((near + steps) * step, -most, known.least), most)
+        return (*values[:number], float(f"{wanted:.10g}"), *values[number + 1 :])
+
+    @cached_property
+    def _told(self) -> Told:
+        """What readings tell, whatever the sizes are."""
+        observed = to_observations(self.sessions)
+        model = to_model(self._with(self.entry), "model", self.effects)
+        return Told.of(model, observed, indicator_figures(self.sessions))
+
+    def _with(self, entry: EffectEntry) -> ModelFile:
+        return self.beside.model_copy(update={"effects": (*self.beside.effects, entry)})
+
+    def solution(self, entry: EffectEntry) -> Solution:
+        """With the effect of this trial as it stands there. Raises NotIdentifiable."""
+        if self.subset is None:
+            return self.solved(entry).solution
+        whole, effects = self._with(entry), self.effects
+        told = replace(
+            self._told, model=to_model(whole, "model", effects), sizes=sizes_of(whole, effects)
+        )
+        tolerance_mm = self.sessions[0].opened.machine.tolerances_mm()
+        return identify_from(told, self.subset, "exact", weights="equal", tolerance_mm=tolerance_mm)
+
+    def solved(self, entry: EffectEntry) -> SessionSolution:
+        """The same with all other sets. Raises NotIdentifiable."""
+        whole = self._with(entry)
+        return solve_sessions(self.names, self.sessions, subset=self.subset, model=whole)
 
 
 @dataclass(frozen=True, eq=False)
 class WhatIf:
-    """``solved`` has the parameters fitted beside the effect ``id:where`` of these ``values``.
+    """Parameters fitted beside an effect of these ``values``, which are held."""
 
-    ``tool_mm`` is what the effect by itself does at the tool if nobody compensates it, r.m.s. over
-    the workspace.
-    """
-
-    effect: str
+    trial: Trial
     values: tuple[float, ...]
-    units: tuple[str, ...]
-    solved: SessionSolution
-    tool_mm: float
+
+    @property
+    def effect(self) -> str:
+        """``id:where``."""
+        return self.trial.effect
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of the values."""
+        return tuple(one.unit for one in self.trial.entry.parameters.values())
+
+    @cached_property
+    def solution(self) -> Solution:
+        """That of `solved`, which need not be worked out for it. Raises NotIdentifiable."""
+        known = self.trial.subset is None or "solved" in vars(self)
+        return self.solved.solution if known else self.trial.solution(self._entry)
+
+    @cached_property
+    def solved(self) -> SessionSolution:
+        """Everything else, too: other sets, what the tool is off by at most."""
+        return self.trial.solved(self._entry)
+
+    @cached_property
+    def tool_mm(self) -> float:
+        """What the effect by itself does at the tool if nobody compensates it, r.m.s. over the
+        workspace.
+        """
+        return tool_error_mm(Model(self._geometry, effects=self.trial.placed(self._entry)))
+
+    @cached_property
+    def misled_mm(self) -> float:
+        """What the tool is off by if the effect is there and parameters found without it are
+        entered, r.m.s. over the workspace.
+        """
+        found, former = self.solution.model, self.trial.without.solution.model
+        machine = Model(self._geometry, found.parameters_mm, self.trial.placed(self._entry))
+        return tool_error_mm(machine, commanded_with(self._geometry, former.parameters_mm))
+
+    @property
+    def _geometry(self) -> Geometry:
+        return self.trial.sessions[0].opened.machine.geometry()
+
+    @property
+    def _entry(self) -> EffectEntry:
+        return self.trial.entry.held_at(self.values)
 
 
 def what_if(
@@ -37,26 +217,144 @@ def what_if(
     effect: str,
     values: Sequence[float],
     subset: Subset | None = None,
+    model: ModelFile | None = None,
 ) -> WhatIf:
     """Solve with an effect (``id:where``) of these values, each in its own unit, held.
 
-    Raises UsageError for an effect or place that these readings cannot show, and for another number
-    of values than it has; NotIdentifiable as `solve_sessions`.
+    One of the ``model`` is held in place of being fitted. Raises UsageError for an effect or place
+    that these readings cannot show, and for another number of values than it has; NotIdentifiable
+    as `solve_sessions`.
     """
-    nominal = Model(sessions[0].opened.machine.geometry())
-    known = candidates(nominal, to_observations(sessions), known_effects())
+    beside = model or ModelFile(machine=sessions[0].opened.machine)
+    known = [*beside.effects, *_of_the_catalogue(sessions)]
     wanted, _, where = effect.partition(":")
     of_it = [one for one in known if one.id == wanted]
     fitting = [one for one in of_it if one.where == where]
     if not fitting:
         places = [f"{one.id}:{one.where}" for one in of_it or known]
-        raise UsageError("effect", repr(effect), ", ".join(places))
+        raise UsageError("effect", repr(effect), ", ".join(dict.fromkeys(places)))
     chosen = next((one for one in fitting if len(one.parameters) == len(values)), None)
     if chosen is None:
         numbers = " or ".join(sorted({str(len(one.parameters)) for one in fitting}))
         raise UsageError(f"values of {effect}", f"{len(values)}", numbers)
-    units = tuple(parameter.unit for parameter in chosen.parameters)
-    held = chosen.effects(values)
-    solved = solve_sessions(names, sessions, subset=subset, held=held)
-    alone = tool_error_mm(nominal.with_effects(held))
-    return WhatIf(effect, tuple(map(float, values)), units, solved, alone)
+    trial = Trial(tuple(names), tuple(sessions), _lacking(beside, chosen), chosen, subset)
+    found = trial.at(values)
+    found.solved, found.misled_mm  # what cannot be worked out is said here  # noqa: B018
+    return found
+
+
+def _lacking(model: ModelFile, entry: EffectEntry) -> ModelFile:
+    """The model without an effect at a place."""
+    others = [one for one in model.effects if (one.id, one.where) != (entry.id, entry.where)]
+    return model.model_copy(update={"effects": tuple(others)})
+
+
+def _of_the_catalogue(sessions: Sequence[Session]) -> Iterator[EffectEntry]:
+    """What these readings could show, of size 0."""
+    nominal = Model(sessions[0].opened.machine.geometry())
+    for one in candidates(nominal, to_observations(sessions), known_effects()):
+        yield _of_size_zero(one)
+
+
+def _of_size_zero(found: Candidate) -> EffectEntry:
+    shares = [(s, k, number) for s in found.shares for k, number in enumerate(s.values)]
+    parameters = {}
+    for number, parameter in enumerate(found.parameters):
+        acting = [(share, k) for share, k, at in shares if at == number]
+        parameters[parameter.name] = ParameterEntry(
+            value=0.0,
+            unit=parameter.unit,
+            of=acting[0][0].effect.parameters[acting[0][1]].name,
+            places=tuple(share.place for share, _ in acting),
+        )
+    return EffectEntry(id=found.id, where=found.where, title=found.title, parameters=parameters)
+
+
+Standing = Literal["model", "named", "unnamed", "candidate", "undiagnosed"]
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """An effect that can be tried, and whether it is of the model, named, or a candidate.
+
+    ``alike`` are those that these readings cannot tell from it; ``beside`` are named ones that are
+    fitted beside it.
+    """
+
+    entry: EffectEntry
+    standing: Standing
+    alike: tuple[str, ...] = ()
+    beside: tuple[EffectEntry, ...] = ()
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Name and place."""
+        return self.entry.id, self.entry.where
+
+
+Adopt = Callable[[Choice, EffectEntry], None]
+"""What is done with an effect once its size is chosen."""
+
+
+def choices(
+    sessions: Sequence[Session],
+    model: ModelFile | None = None,
+    diagnosed: SessionDiagnosis | None = None,
+) -> list[Choice]:
+    """Effects to try: those of the model, then what was diagnosed, else all that could show."""
+    found = [_of_the_model(entry) for entry in model.effects] if model else []
+    if diagnosed is not None:
+        found += _of_the_diagnosis(diagnosed.diagnosis)
+    else:
+        found += [Choice(entry, "undiagnosed") for entry in _of_the_catalogue(sessions)]
+    first: dict[tuple[str, str], Choice] = {}
+    for one in found:
+        first.setdefault(one.key, one)
+    return list(first.values())
+
+
+def trial_of(
+    choice: Choice,
+    names: Sequence[str],
+    sessions: Sequence[Session],
+    model: ModelFile | None = None,
+    subset: Subset | None = None,
+) -> Trial:
+    """The effect of this choice, to be moved."""
+    known = _lacking(model or ModelFile(machine=sessions[0].opened.machine), choice.entry)
+    known = known.model_copy(update={"effects": (*known.effects, *choice.beside)})
+    return Trial(tuple(names), tuple(sessions), known, choice.entry, subset)
+
+
+def _of_the_model(entry: EffectEntry) -> Choice:
+    unsure = entry.provenance is not None and entry.provenance.verdict == "ambiguous"
+    return Choice(entry, "model", ("others that fitted as well",) if unsure else ())
+
+
+def _of_the_diagnosis(found: Diagnosis) -> Iterator[Choice]:
+    """What was named, each beside the others; what it left; candidates in the place of all that."""
+    named = [(one, _entry_of(one)) for one in found.effects if one.effects]
+    alike: dict[tuple[str, str], tuple[str, ...]] = {}
+    for one, entry in named:
+        others = tuple(other for _, other in named if other is not entry)
+        rivals = one.indistinguishable_from
+        yield Choice(entry, "named", tuple(f"{r.id} ({r.where})" for r in rivals), others)
+        alike |= {(r.id, r.where): (f"{one.id} ({one.where})",) for r in rivals}
+    if found.left_over:
+        others = () if found.left_over.whole else tuple(entry for _, entry in named)
+        yield Choice(_entry_of(found.left_over.effect), "unnamed", (), others)
+    for rival in found.candidates:
+        if rival.effects and rival.effects[0].effect.kind != Kind.BLUNDER:
+            yield Choice(_entry_of(rival), "candidate", alike.get((rival.id, rival.where), ()))
+
+
+def _entry_of(one: Finding | Contender) -> EffectEntry:
+    values = {v.name: (v.value, v.standard_uncertainty) for v in one.parameters}
+    return effect_entry(one.where, one.effects, values)
+
+
+def _round(size: float) -> float:
+    """1, 2 or 5 of a power of ten, the nearest one below."""
+    decade = 10.0 ** math.floor(math.log10(size) + 1e-9)
+    factor = max(one for one in (1.0, 2.0, 5.0) if one * decade <= size * (1.0 + 1e-9))
+    return float(f"{factor * decade:.6g}")

@@ -18,6 +18,7 @@ from app.machines.options import (
     ScreenAnswer,
     Simulation,
     file,
+    machine_file_of,
     may_replace,
     may_write,
     number,
@@ -31,6 +32,7 @@ if TYPE_CHECKING:  # heavy: imported where used
     from app.planning.hexaslide import Request
     from app.screens.hexaslide import HexaSlideScreen
 
+NAMES = ("hexaslide",)
 NOISE_MM, ERRORS_MM = 0.01, 1.0
 """What is simulated where nothing is asked for."""
 
@@ -228,7 +230,7 @@ def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
         errors_mm=ERRORS_MM if own.errors is None else own.errors,
         seed=asked.seed,
         measured=parts(own.measured),
-        machine_file=own.machine_file,
+        machine_file=machine_file_of(asked.machine or NAMES[0], NAMES, own.machine_file),
     )
     may = may_replace(asked.force, asked.output, own.truth)
     measured = write_simulated(wanted, asked.output, own.truth, replace=may)
@@ -303,7 +305,8 @@ def reads(path: Path) -> bool:
 
 FAMILY = Family(
     name="hexaslide",
-    names=("hexaslide",),
+    names=NAMES,
+    schema="glidecal.hexaslide/1",
     measured="measured postures of a hexaslide",
     criterion="condition",
     posture_file="Hexa Slide: postures (.csv)",

@@ -189,6 +189,18 @@ class Question:
     machine_file: Path | None = None
 
 
+def machine_file_of(machine: str, names: Sequence[str], given: Path | None) -> Path | None:
+    """The file of a machine: ``given``, or what stands where one of the ``names`` may stand.
+
+    Raises UsageError for two files.
+    """
+    if machine in names:
+        return given
+    if given is not None:
+        raise UsageError("--machine-file", f"beside the machine file {machine}", "one machine file")
+    return Path(machine)
+
+
 @dataclass(frozen=True)
 class PostureSearch:
     """How postures are looked for; None: not given. With ``force`` a file is replaced unasked."""
@@ -222,9 +234,10 @@ Plan = Callable[[str | None, Sequence[Path], Any, Say], Answer]
 class Family:
     """One kind of machine.
 
-    ``name`` stands for all of ``names``; ``measured`` says what its files to solve are, ``reads``
-    tells whether a file is one. ``criterion`` is what its postures are chosen by where nothing is
-    asked for, ``posture_file`` what they are written to. ``options`` are by verb a class of the
+    ``name`` stands for all of ``names``, ``schema`` is that of its machine files; ``measured`` says
+    what its files to solve are, ``reads`` tells whether a file is one. ``criterion`` is what its
+    postures are chosen by where nothing is asked for, ``posture_file`` what they are written to.
+    ``options`` are by verb a class of the
     options that not every kind takes, fields with their `typer.Option`; what a person gave of them
     is the ``Any`` of the verb. Without ``plan`` there is no next measurement to propose. ``look``
     is its screen that needs no session. ``workspace`` tells where the tool can be; None: not known.
@@ -232,6 +245,7 @@ class Family:
 
     name: str
     names: tuple[str, ...]
+    schema: str
     measured: str
     criterion: str
     posture_file: str

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
@@ -12,13 +12,22 @@ import typer
 
 from app.machines import hexaslide, tripod
 from app.machines.options import Family
-from calib.errors import UsageError
+from calib.errors import RecordError, UsageError
+from protocols.machine_files import schema_of
 
 FAMILIES = (tripod.FAMILY, hexaslide.FAMILY)
-"""Machine files by path, and files to solve that nobody knows, are of the first."""
+"""Machine files of no known schema, and files to solve that nobody knows, are of the first."""
 
 NAMES = tuple(name for family in FAMILIES for name in family.names)
-LISTED = f"{', '.join(NAMES)}, or a machine file (TOML)."
+
+
+def _listed_machines(families: Iterable[Family]) -> str:
+    names = (name for family in families for name in family.names)
+    return f"{', '.join(names)}, or a machine file (TOML)."
+
+
+LISTED = _listed_machines(FAMILIES)
+HAVE_WORKSPACE = _listed_machines(one for one in FAMILIES if one.workspace)
 
 CRITERIA = "; ".join(
     family.criterion if family is FAMILIES[0] else f"{family.criterion} for a {family.name}"
@@ -34,7 +43,13 @@ C = TypeVar("C", bound=Callable[..., None])
 
 
 def family_of(name: str) -> Family:
-    """That of a name, or of the path of a machine file. Raises UsageError for an unknown name."""
+    """That of a name, or of a machine file by the schema it names.
+
+    A file that cannot be read is of the first, which says why. Raises UsageError for an unknown
+    name.
+    """
+    from protocols.documents import read_text
+
     for family in FAMILIES:
         if name in family.names:
             return family
@@ -42,7 +57,11 @@ def family_of(name: str) -> Family:
     if path.name == name and not path.suffix and not path.exists():
         listed = ", ".join(sorted(NAMES))
         raise UsageError("machine", repr(name), f"{listed}, or the path of a machine file")
-    return FAMILIES[0]
+    try:
+        schema = schema_of(read_text(path, "machine file"))
+    except RecordError:
+        return FAMILIES[0]
+    return next((one for one in FAMILIES if one.schema == schema), FAMILIES[0])
 
 
 def family_of_files(name: str | None, files: Sequence[Path]) -> Family:
@@ -63,7 +82,9 @@ def family_with(verb: str, name: str | None) -> tuple[Family, Any]:
     family = able[0] if name is None else family_of(name)
     if family not in able:
         listed = ", ".join(each for one in able for each in one.names)
-        raise UsageError("machine", repr(name), f"{listed}, or the path of a machine file")
+        allowed = f"{listed}, or the path of a file of such a machine"
+        none = f"There is no glidecal {verb} for a {family.name}."
+        raise UsageError("machine", repr(name), allowed, none)
     return family, getattr(family, verb)
 
 

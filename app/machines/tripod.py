@@ -30,7 +30,7 @@ from app.machines.options import (
     number,
     working,
 )
-from protocols.machine_files import USUAL_MACHINE, machine_names
+from protocols.machine_files import SCHEMA, USUAL_MACHINE, machine_names
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.report.schema.document import Report
@@ -56,9 +56,9 @@ def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer:
     from calib.identify.next_mounting import expected_of
     from protocols.machine import load_machine
 
-    planned, _ = tripod_planning(asked.machine, asked.procedure, asked.machine_file, own.noise)
-    seen = seen_by(planned)
     machine = load_machine(asked.machine_file or asked.machine)
+    planned, _ = tripod_planning(machine, asked.procedure, own.noise)
+    seen = seen_by(planned)
     expected = expected_of(planned, machine.tolerances_mm())
     return Answer(
         lambda: f"{identifiability_text(seen)}\n\n{expected_text(expected)}",
@@ -92,14 +92,14 @@ def postures(asked: Question, search: PostureSearch, own: PostureOptions, say: S
     from calib.errors import UsageError
     from calib.tripod.optimum import optimum_postures
     from protocols.files import targets_of, write_files
+    from protocols.machine import load_machine
 
     if search.count is None:
         raise UsageError("--count", "none", "how many postures to choose")
     may = may_write(search.output, ".toml", force=search.force)  # run --protocol takes no other
     minutes = own.mounting_seconds / 60.0
-    planned, like = tripod_planning(
-        asked.machine, asked.procedure, asked.machine_file, own.noise, minutes
-    )
+    machine = load_machine(asked.machine_file or asked.machine)
+    planned, like = tripod_planning(machine, asked.procedure, own.noise, minutes)
     with working("Looking for postures"):
         chosen = optimum_postures(
             planned,
@@ -279,6 +279,7 @@ def workspace(name: str, limit: float, at_mm: Place | None) -> Answer:
 FAMILY = Family(
     name=USUAL_MACHINE,
     names=machine_names(),
+    schema=SCHEMA,
     measured="sessions",
     criterion="determinant",
     posture_file="procedure (.toml)",

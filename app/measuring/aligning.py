@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from app.evaluating.solution import indicator_figures
 from app.measuring.session import GuidedSession
+from app.measuring.simulated import BenchSettings, simulated_session
 from calib.errors import UsageError
 from calib.tripod.alignment import (
     Alignment,
@@ -15,13 +16,13 @@ from calib.tripod.alignment import (
     shims,
     slope_at_zero_mm,
 )
+from calib.tripod.pipeline import Model
 from drivers.profile import IndicatorReading
 from protocols.machine import Machine
 from protocols.observations import to_observations
-from protocols.procedure import ALL_AXES, Leg, Step
-from protocols.session import Changed, Session
+from protocols.procedure import ALL_AXES, Leg, Procedure, Step
+from protocols.session import Changed, Session, fold
 
-PROCEDURE = "align"
 WATCHED = 0.9
 """Far from the tool end the leg moves most with its rail."""
 
@@ -50,6 +51,15 @@ def align_session(session: Session, reference: Leg) -> Aligned:
     )
     made = shims(found, ALL_AXES.index(reference), machine.rails_rest_mm())
     return Aligned(machine, reference, found, tuple(made))
+
+
+def check_procedure(procedure: Procedure, machine: Machine, reference: Leg) -> None:
+    """Raises as `align_session` where readings of a procedure would not tell of the rails."""
+    nominal, scatter_mm = Model(machine.geometry()), BenchSettings().scatter_mm
+    opened, readings = simulated_session(
+        procedure, machine, nominal, seed=0, scatter_mm=scatter_mm, resolution_mm=0.0
+    )
+    align_session(fold([opened, *readings]), reference)
 
 
 def rail_moved(change: Changed, supports_mm: tuple[float, float]) -> RailMoved:

@@ -26,6 +26,7 @@ from app.measuring.indicators import (
     simulated_indicators,
     this_computer,
 )
+from app.measuring.moving import Mover, open_mover
 from app.measuring.session import GuidedSession
 from app.measuring.simulated import BenchSettings, SimulatedBench, hidden_effect, planned_readings
 from app.version import program
@@ -54,7 +55,7 @@ class Plan:
 
     ``before`` is the solution whose offsets this session verifies, ``verifies`` its file name.
     ``continued``: the record is there and goes on. With ``reference`` the rails are aligned to that
-    one between rounds of measuring.
+    one between rounds of measuring. ``motion`` names the controller that moves the machine.
     """
 
     path: Path
@@ -72,6 +73,7 @@ class Plan:
     interval_s: float = SIMULATED_INTERVAL_S
     window_s: float | None = None
     reference: Leg | None = None
+    motion: str | None = None
 
     def __post_init__(self) -> None:
         """Against a plate, or over planes alone, the first indicator reads that may along it."""
@@ -119,9 +121,12 @@ class Indicators:
     go: Callable[[Step], None] | None = None  # the operator moves a real machine
     close_bench: Callable[[], None] = lambda: None
     turn: Callable[[StageEffect, Step], None] | None = None  # a screw of a simulated machine
+    mover: Mover | None = None
 
     def close(self) -> None:
-        """Close every port, then switch a simulated machine off."""
+        """Let go of a controller, close every port, then switch a simulated machine off."""
+        if self.mover is not None:
+            self.mover.close()
         for gauge in self.gauges:
             gauge.close()
         self.close_bench()
@@ -153,8 +158,13 @@ def open_indicators(plan: Plan) -> Indicators:
         for gauge in gauges:
             gauge.start()
             undo.callback(gauge.close)
+        mover = None
+        if plan.motion is not None:
+            mover = open_mover(plan.motion, plan.procedure, plan.machine, plan.axes)
         undo.pop_all()
-    return Indicators(gauges, bench.go, bench.close, bench.turn) if bench else Indicators(gauges)
+    if bench is not None:
+        return Indicators(gauges, bench.go, bench.close, bench.turn)
+    return Indicators(gauges, mover=mover)
 
 
 def simulated_bench(plan: Plan) -> SimulatedBench:
@@ -182,7 +192,9 @@ def begin(plan: Plan, indicators: Indicators) -> GuidedSession:
         plan.procedure.steps(plan.machine.geometry(), plan.axes)
         plan.procedure.check_bars(plan.machine.geometry())
         journal = Journal.create(plan.path, opened_event(plan))
-    guided = GuidedSession(journal, indicators.gauges, indicators.go, indicators.close)
+    guided = GuidedSession(
+        journal, indicators.gauges, indicators.go, indicators.close, mover=indicators.mover
+    )
     guided.turn = indicators.turn
     if plan.note and not plan.continued:
         guided.note(plan.note)

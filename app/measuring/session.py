@@ -10,6 +10,8 @@ from enum import StrEnum
 from pathlib import Path
 
 from app.measuring.gauges import Gauge
+from app.measuring.moving import Mover, Moving, by_hand_first
+from calib.errors import MotionError
 from calib.tripod.pipeline import StageEffect
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
 from protocols.expectation import Expected, Movement, expected, movement
@@ -20,6 +22,7 @@ from protocols.session import (
     Faulted,
     Line,
     Mounted,
+    Moved,
     Noted,
     Reading,
     Restored,
@@ -68,8 +71,8 @@ class GuidedSession:
     """One session being measured.
 
     ``go`` is called with each step before it is measured and moves a simulated machine; None where
-    the operator moves the machine, so that only the readings tell of it. ``on_close`` frees the
-    ports.
+    the operator moves the machine, so that only the readings tell of it, or the ``mover`` does,
+    which is there or not. ``on_close`` frees the ports.
     ``clock`` gives ``time_s`` of the readings; by default it goes on from the record.
     """
 
@@ -80,8 +83,10 @@ class GuidedSession:
         go: Callable[[Step], None] | None,
         on_close: Callable[[], None],
         clock: SessionClock | None = None,
+        mover: Mover | None = None,
     ) -> None:
         self._journal = journal
+        self.mover = mover
         self.gauges = tuple(gauges)
         self._go = go
         self.turn: Callable[[StageEffect, Step], None] | None = None
@@ -105,6 +110,11 @@ class GuidedSession:
         """Whether the record is finished or left and the ports are free."""
         return self._closed
 
+    @property
+    def there(self) -> bool:
+        """Whether the machine is where this step is read, or nobody but the operator knows."""
+        return self.mover is None or self.mover.state is Moving.THERE
+
     def step(self) -> Step | None:
         """The step to measure now; None when the procedure is done."""
         return self.session.next_step()
@@ -118,10 +128,16 @@ class GuidedSession:
         """Tell the machine, where it can be told, to move to the present step."""
         step = self.step()
         if step is not None:
-            for gauge in self.gauges:
-                gauge.restart_window()
-            if self._go is not None:
+            self._restart_windows()
+            if self.mover is not None:
+                self.mover.on_arrival = self._restart_windows
+                self.mover.go(step, by_hand_first=by_hand_first(self.session, step))
+            elif self._go is not None:
                 self._go(step)
+
+    def _restart_windows(self) -> None:
+        for gauge in self.gauges:
+            gauge.restart_window()
 
     def take(self) -> TakenStep | None:
         """Read every indicator of the present step and write the readings to the disk.
@@ -154,11 +170,13 @@ class GuidedSession:
 
     def _take(self, step: Step) -> TakenStep:
         self._mark_jump()
+        self._where(step)
         asked = [self.gauges[number].ask() for number in step.indicators]
         outcomes = [
             self._same_digits(number, axis, _plausible(one.result()))
             for number, axis, one in zip(step.indicators, step.axes, asked, strict=True)
         ]
+        moved = self._where(step)  # as before the question
         faults = tuple(
             replace(outcome, words=f"{self.name_of(number)}: {outcome.words}")
             for number, outcome in zip(step.indicators, outcomes, strict=True)
@@ -173,7 +191,7 @@ class GuidedSession:
             self._append(failed)
             return TakenStep(step, (), faults)
         mounts, mounted = self._mounting(step)
-        readings = self._readings(step, outcomes, mounts)
+        readings = self._readings(step, outcomes, mounts, moved)
         time_s = readings[0].time_s or 0.0
         due = expected(self.session, step, time_s)
         doubt, remarks = self._examine(step, readings, due, time_s)
@@ -183,6 +201,16 @@ class GuidedSession:
         self._append([*mounted, *self._supersede_leftovers(step), *readings, *remarks])
         self.moved()  # what is due next is worked out in this thread, not in that of the pictures
         return TakenStep(step, readings, (), due, doubt)
+
+    def _where(self, step: Step) -> Moved | None:
+        """Where a machine that moves itself is; raises MotionError where that is elsewhere."""
+        if self.mover is None:
+            return None
+        try:
+            return self.mover.there(step)
+        except MotionError as problem:
+            self._append([Noted(text=f"step {step.number} not taken: {problem}")])
+            raise
 
     def _examine(
         self, step: Step, readings: Sequence[Reading], due: Sequence[Expected], time_s: float
@@ -194,6 +222,8 @@ class GuidedSession:
             moved = movement(step, due, values_mm, rests_mm, time_s)
             if moved is Movement.UNCHANGED:
                 return Doubt.UNCHANGED, []
+            if self.mover is not None:  # its controller told it
+                moved = Movement.SEEN
             if moved is Movement.UNKNOWN and time_s < self._arrival_s(step, due[0].before):
                 return Doubt.TOO_SOON, []
         else:
@@ -228,7 +258,7 @@ class GuidedSession:
     def moved(self) -> Movement:
         """Whether the indicators tell, as they stand now, that the machine moved to this step."""
         step = self.step()
-        if self._go is not None or step is None:
+        if self._go is not None or self.mover is not None or step is None:
             return Movement.SEEN
         time_s = self.clock.time_s()
         if self._due is None or self._due[0] is not self.session:
@@ -378,6 +408,8 @@ class GuidedSession:
 
         Raises RecordError where another program removed or changed the record.
         """
+        if self.mover is not None:
+            self.mover.stop("left")
         for gauge in self.gauges:
             gauge.close()
         with self._lock:
@@ -426,7 +458,11 @@ class GuidedSession:
         return [Superseded(readings=numbers, reason="step was interrupted")] if numbers else []
 
     def _readings(
-        self, step: Step, outcomes: Sequence[Outcome], mounts: dict[Leg, str]
+        self,
+        step: Step,
+        outcomes: Sequence[Outcome],
+        mounts: dict[Leg, str],
+        moved: Moved | None,
     ) -> tuple[Reading, ...]:
         opened = self.session.opened
         plate = opened.procedure.plate if opened.procedure else None
@@ -447,6 +483,7 @@ class GuidedSession:
                 mount=mounts[axis],
                 station=step.station,
                 over_plane=step.over_plane or None,
+                moved=moved,
                 time_s=time_s,
                 temperature_c=opened.temperature_c,
                 resolution_mm=outcome.resolution_mm,

@@ -64,24 +64,21 @@ def stated_noise(machine: Machine, noise_mm: float | None) -> tuple[Noise, str]:
 
 
 def tripod_planning(
-    name: str,
+    machine: Machine,
     procedure_name: str = "",
-    machine_file: Path | None = None,
     noise_mm: float | None = None,
     minutes_per_mounting: float = MINUTES_PER_MOUNTING,
 ) -> tuple[TripodPlanning, Procedure]:
-    """From names and paths, with the procedure; without a name or noise, those of the machine.
+    """With the procedure of a name or path; without one, or without noise, those of the machine.
 
     Raises UsageError and RecordError.
     """
-    machine = load_machine(machine_file or name)
     procedure = load_procedure(procedure_name or machine.usual_procedure, machine.geometry())
-    planning = planning_of(name, machine, procedure, noise_mm, minutes_per_mounting)
+    planning = planning_of(machine, procedure, noise_mm, minutes_per_mounting)
     return planning, procedure
 
 
 def planning_of(
-    name: str,
     machine: Machine,
     procedure: Procedure,
     noise_mm: float | None = None,
@@ -92,7 +89,7 @@ def planning_of(
     noise, words = stated_noise(machine, noise_mm)
     steps = procedure.steps(geometry)
     return TripodPlanning(
-        name=name,
+        name=machine.name,
         geometry=geometry,
         procedure=procedure.name,
         planned=planned_readings(procedure, machine),
@@ -108,12 +105,12 @@ def planning_of(
 
 
 def before_measuring(
-    machine: Machine, procedure: Procedure, instruments: tuple[Instrument, ...]
-) -> tuple[TripodPlanning, Expected]:
-    """What a procedure will tell with these indicators. Raises UsageError."""
-    at_hand = machine.model_copy(update={"indicator": instruments})
-    planned = planning_of(machine.name, at_hand, procedure)
-    return planned, expected_of(planned, machine.tolerances_mm())
+    procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]
+) -> tuple[Expected, str]:
+    """What a procedure will tell with these indicators, and what their noise is."""
+    at_hand = machine.model_copy(update={"indicator": tuple(instruments)})
+    planned = planning_of(at_hand, procedure)
+    return expected_of(planned, machine.tolerances_mm()), planned.noise_words
 
 
 def procedure_files(orders: Orders, like: Procedure, path: Path) -> tuple[Path, Written]:

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import ClassVar
 
-from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.widgets import Footer, Static
 
-from app.evaluating.solution import solve_recorded
 from app.measuring.aligning import Round, align_session
 from app.measuring.opening import Plan
 from app.measuring.session import GuidedSession
@@ -20,7 +18,6 @@ from app.report.text.alignment import (
     MOVE_CHOICES,
     MOVE_QUESTION,
     UNSEEN,
-    adjusted_words,
     round_text,
     screw_text,
 )
@@ -41,6 +38,7 @@ class AlignScreen(Corrections):
     """One screw after the other; what it has moved by and what is to go, while it is turned."""
 
     HELP = ALIGN_HELP
+    FINISHES = "F"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "choose(-1)", "Up", show=False, id="align.up"),
         Binding("down", "choose(1)", "Down", show=False, id="align.down"),
@@ -56,8 +54,8 @@ class AlignScreen(Corrections):
     ]
 
     def __init__(self, guided: GuidedSession, plan: Plan) -> None:
-        super().__init__(guided)
-        self.plan, self.chosen = plan, 0
+        super().__init__(guided, plan)
+        self.chosen = 0
         self.round: Round | None = None
         self._displays = [GaugeDisplay(k, one) for k, one in enumerate(plan.instruments)]
 
@@ -92,6 +90,7 @@ class AlignScreen(Corrections):
         self.query_one("#said", Static).update(signalled(text))
 
     def refused(self, text: str) -> None:
+        self.busy = False
         self.say(text)
 
     def _show(self) -> None:
@@ -209,24 +208,4 @@ class AlignScreen(Corrections):
             self.say("WAIT: something was moved since. C measures again; Escape pauses.")
         elif not self.busy:
             self.busy = True
-            self._finish()
-
-    @work(thread=True)
-    def _finish(self) -> None:
-        try:
-            self.guided.finish()
-            solved = solve_recorded(self.guided.path)
-        except GlidecalError as problem:
-            self.app.call_from_thread(self._failed, str(problem))
-            return
-        self.app.guided = None
-        self.app.call_from_thread(
-            self.app.go_to, self.app.result(solved, self.plan, self.guided.path)
-        )
-        adjusted = self.guided.session.adjusted
-        if adjusted:
-            self.app.call_from_thread(self.app.notify, adjusted_words(adjusted), timeout=30)
-
-    def _failed(self, text: str) -> None:
-        self.busy = False
-        self.say(text)
+            self.finish()

@@ -1,14 +1,15 @@
-"""The instrument check: do the indicators answer, and is each where it should be?"""
+"""Before measuring: the dry run, and the check whether the indicators answer, each in its place."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import ClassVar
 
 from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Horizontal
+from textual.containers import Horizontal, VerticalScroll
 from textual.screen import Screen
 from textual.widgets import Footer, Static
 
@@ -16,12 +17,13 @@ from app.exit_codes import exit_code
 from app.measuring.gauges import PushResult, Trial
 from app.measuring.opening import Indicators, Plan, begin, first_step, open_indicators
 from app.report.text.home import CHECK_HELP
-from app.report.text.session import check_text, trial_text
+from app.report.text.session import check_text, dry_run_text, trial_text
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
 from app.screens.session_view import GaugeDisplay
 from calib.errors import GlidecalError
-from protocols.procedure import Step
+from protocols.machine import Instrument, Machine
+from protocols.procedure import Procedure, Step
 
 REFRESH_S = 0.1
 OPENING = "Opening the indicators …"
@@ -158,3 +160,51 @@ class CheckScreen(Screen[None]):
             self.app.exit(f"glidecal: {self._problem}", return_code=exit_code(self._problem))
         else:
             await self.app.action_quit()
+
+
+class DryRunScreen(Screen[None]):
+    """Every step of a procedure, to scroll through, then what it will tell."""
+
+    app: Interface
+    HELP = (
+        "The steps in the order in which they are measured, each with the\n"
+        "line to type at the controller; at the end what to expect of the\n"
+        "result. Nothing is opened or written."
+    )
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "app.pop_screen", "Back", id="dry-run.back"),
+        Binding("f10", "app.quit", "Quit", id="dry-run.quit"),
+    ]
+
+    def __init__(
+        self, procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]
+    ) -> None:
+        super().__init__()
+        self._asked = procedure, machine, instruments
+        self._steps = dry_run_text(*self._asked)
+
+    def compose(self) -> ComposeResult:
+        yield Title()
+        with VerticalScroll(id="dry-run"):
+            yield Static(self._steps, id="dry-run-text", markup=False)
+            yield Static("", id="expected", markup=False)
+        yield Footer()
+
+    def on_mount(self) -> None:
+        self.query_one("#dry-run").focus()
+        self._expect()
+
+    @work(thread=True)
+    def _expect(self) -> None:
+        from app.planning.tripod import before_measuring
+        from app.report.text.planning import before_measuring_text
+
+        try:
+            said = before_measuring_text(*before_measuring(*self._asked))
+        except GlidecalError as problem:
+            said = str(problem)
+        self.app.call_from_thread(self._expected, said)
+
+    def _expected(self, text: str) -> None:
+        if self in self.app.screen_stack:
+            self.query_one("#expected", Static).update(f"\n{text}")

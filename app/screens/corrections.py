@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
+from textual import work
 from textual.screen import ModalScreen, Screen
 
+from app.evaluating.solution import solve_recorded
+from app.measuring.opening import Plan
 from app.measuring.session import GuidedSession
+from app.report.text.alignment import adjusted_words
 from app.report.text.session import (
     LEAVE_CHOICES,
     LEAVE_QUESTION,
@@ -28,10 +32,12 @@ class Corrections(Screen[None]):
     """A screen over a session that is being measured; `MeasureScreen` takes the readings."""
 
     app: Interface
+    FINISHES: ClassVar[str]
+    """The key that ends the session."""
 
-    def __init__(self, guided: GuidedSession) -> None:
+    def __init__(self, guided: GuidedSession, plan: Plan) -> None:
         super().__init__()
-        self.guided = guided
+        self.guided, self.plan = guided, plan
         self.automatic = self.busy = self.asking = False
 
     @abstractmethod
@@ -64,6 +70,24 @@ class Corrections(Screen[None]):
             self.refused(str(problem))
             return False
         return True
+
+    @work(thread=True)
+    def finish(self) -> None:
+        """Close the record, on to the result."""
+        try:
+            self.guided.finish()
+            solved = solve_recorded(self.guided.path)
+        except GlidecalError as problem:
+            again = f"{self.FINISHES} tries again, F10 leaves."
+            said = f"Every reading is on the disk, but: {problem} {again}"
+            self.app.call_from_thread(self.refused, said)
+            return
+        self.app.guided = None
+        result = self.app.result(solved, self.plan, self.guided.path)
+        self.app.call_from_thread(self.app.go_to, result)
+        if self.guided.session.changes:
+            said = adjusted_words(self.guided.session.adjusted)
+            self.app.call_from_thread(self.app.notify, said, timeout=30)
 
     def action_undo(self) -> None:
         """Measure the last step again; its readings stay in the record, superseded."""

@@ -19,18 +19,23 @@ from app.evaluating.diagnosis import (
     adopt,
     correct,
     diagnose_files,
+    mistakes_of,
+    resize,
     write_procedure,
 )
 from app.evaluating.solution import SessionSolution, solve_files
+from app.evaluating.what_if import Choice, choices, trial_of
 from app.measuring.opening import Plan, plan_to_repeat
 from app.report.charts.charts import residuals_before_and_after
 from app.report.text import diagnosis as texts
+from app.report.text import what_if as what_if_texts
 from app.report.text.result import ONLY_SHOWN
 from app.screens.interface import ChoiceDialog, Interface, TextDialog
 from app.screens.pages import PagedScreen, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError
 from protocols.files import unused_path
+from protocols.model_file import EffectEntry, ModelFile, read_model_file
 
 PAGES = {"verdict": "1 Verdict", "where": "2 Where", "candidates": "3 Candidates"}
 CHANGE = "change"
@@ -44,6 +49,7 @@ class DiagnoseScreen(PagedScreen):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("a", "adopt", "Adopt", id="diagnose.adopt"),
         Binding("n", "next", "Next measurement", id="diagnose.next"),
+        Binding("w", "what_if", "What if", id="diagnose.what_if"),
         Binding("r", "result", "Result", id="diagnose.result"),
         Binding("a", "refuse('adopt')", show=False, id="diagnose.refuse_adopt"),
         Binding("n", "refuse('next')", show=False, id="diagnose.refuse_next"),
@@ -58,13 +64,14 @@ class DiagnoseScreen(PagedScreen):
         Binding("f10", "app.quit", "Quit", id="diagnose.quit"),
     ]
 
-    def __init__(self, paths: Sequence[Path], model: Path | None = None) -> None:
+    def __init__(self, paths: Sequence[Path]) -> None:
         super().__init__()
         self.paths = tuple(paths)
-        self.model = model
+        self.model: Path | None = None
         self.diagnosed: SessionDiagnosis | None = None
         self.looking = False
         self._gap_before_mm: float | None = None
+        self._known: ModelFile | None = None
 
     def compose(self) -> ComposeResult:
         yield Static("", id="diagnosed", markup=False)
@@ -82,12 +89,19 @@ class DiagnoseScreen(PagedScreen):
 
     def _look(self) -> None:
         """Diagnose apart from the screen."""
-        self.looking, self.diagnosed = True, None
+        self.looking, self.diagnosed, self._known = True, None, None
         self.refresh_bindings()
         names = [path.name for path in self.paths]
         self.query_one("#diagnosed", Static).update(texts.heading_text(names, self.model))
         self._say_everywhere(texts.LOOKING)
         self._diagnose()
+
+    def on_screen_resume(self) -> None:
+        """The model may have been given another size on the screen that was above."""
+        if self._known is not None and self.model is not None:
+            with self.app.complaining():
+                if read_model_file(self.model) != self._known:
+                    self._look()
 
     def _say_everywhere(self, text: str) -> None:
         for name in (*PAGES, CHANGE):
@@ -101,6 +115,7 @@ class DiagnoseScreen(PagedScreen):
     def _diagnose(self) -> None:
         worker = get_current_worker()
         try:
+            self._known = read_model_file(self.model) if self.model else None
             found = diagnose_files(self.paths, model=self.model)
             found.tool_bound  # worked out here, not while the page is drawn  # noqa: B018
         except GlidecalError as problem:
@@ -168,7 +183,40 @@ class DiagnoseScreen(PagedScreen):
         dialog = ChoiceDialog(texts.WHAT_TO_ADOPT, texts.adopt_choices(found))
         self.app.push_screen(dialog, self._ask_file)
 
-    def _ask_file(self, answer: str | None) -> None:
+    def action_what_if(self) -> None:
+        """Ask for an effect, then show what it does at any size."""
+        found = self._ready()
+        if found is None:
+            return
+        listed = choices(found.sessions, self._known, found)
+        if listed:
+            asked = [(one, what_if_texts.choice_words(one)) for one in listed]
+            self.app.ask_which(what_if_texts.WHICH, asked, partial(self._try, found))
+        else:
+            self.app.complain(what_if_texts.NOTHING_TO_TRY)
+
+    def _try(self, found: SessionDiagnosis, choice: Choice) -> None:
+        trial = trial_of(choice, found.names, found.sessions, self._known)
+        mistakes = bool(mistakes_of(found))
+        screen = self.app.what_if(
+            choice, trial, self._adopt_tried, model=self.model, mistakes=mistakes
+        )
+        self.app.push_screen(screen)
+
+    def _adopt_tried(self, choice: Choice, entry: EffectEntry) -> None:
+        """One of the model gets its size there, another one is adopted as by A."""
+        if choice.standing != "model":
+            answer = "named" if choice.standing == "named" else f"{entry.id}:{entry.where}"
+            self._ask_file(answer, entry)
+        elif self.diagnosed is not None and self.model is not None:
+            with self.app.complaining():
+                resize(self.diagnosed.names, self.diagnosed.sessions, self.model, entry)
+                said = texts.MODEL_WRITTEN.format(self.model)
+                self.app.notify(said, timeout=10, markup=False)
+                self._gap_before_mm = self.diagnosed.diagnosis.gap_before.rms_mm
+                self._look()
+
+    def _ask_file(self, answer: str | None, held: EffectEntry | None = None) -> None:
         if not answer:
             return
         first, correcting = self.paths[0], answer == texts.CORRECT
@@ -180,7 +228,8 @@ class DiagnoseScreen(PagedScreen):
             if typed and correcting:
                 self._correct(Path(typed).expanduser())
             elif typed:
-                self._adopt(Path(typed).expanduser(), None if answer == "named" else answer)
+                candidate = None if answer == "named" else answer
+                self._adopt(Path(typed).expanduser(), candidate, held)
 
         question = texts.WHICH_SESSION if correcting else texts.WHICH_FILE
         self.app.push_screen(TextDialog(question, "path", str(proposed)), named)
@@ -198,14 +247,29 @@ class DiagnoseScreen(PagedScreen):
             self.paths = (target,)
             self._look()
 
-    def _adopt(self, target: Path, candidate: str | None, *, replace: bool = False) -> None:
+    def _adopt(
+        self,
+        target: Path,
+        candidate: str | None,
+        held: EffectEntry | None,
+        *,
+        replace: bool = False,
+    ) -> None:
         """Write the model and look again with it."""
         found = self._ready()
         if found is None:
             return
-        known = self.model
-        with self.app.complaining(partial(self._adopt, target, candidate, replace=True)):
-            adopt(found, self.paths, target, known=known, candidate=candidate, replace=replace)
+        again = partial(self._adopt, target, candidate, held, replace=True)
+        with self.app.complaining(again):
+            adopt(
+                found,
+                self.paths,
+                target,
+                known=self.model,
+                candidate=candidate,
+                held=held,
+                replace=replace,
+            )
             self.app.notify(texts.MODEL_WRITTEN.format(target), timeout=10, markup=False)
             self.model, self._gap_before_mm = target, found.diagnosis.gap_before.rms_mm
             self._look()
@@ -240,7 +304,7 @@ class DiagnoseScreen(PagedScreen):
             self.app.call_from_thread(self._show_result, solved, plan, path)
 
     def _show_result(self, solved: SessionSolution, plan: Plan | None, path: Path) -> None:
-        self.app.push_screen(self.app.result(solved, plan, path))
+        self.app.push_screen(self.app.result(solved, plan, path, self.model))
 
     def action_copy(self) -> None:
         if self._ready() is None:

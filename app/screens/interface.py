@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from rich.cells import cell_len
 from rich.segment import Segment
@@ -47,8 +47,11 @@ if TYPE_CHECKING:
     from app.evaluating.comparison import Comparison
     from app.evaluating.history import History
     from app.evaluating.solution import SessionSolution
+    from app.evaluating.what_if import Adopt, Choice, Trial
     from app.measuring.opening import Indicators, Plan
     from app.measuring.session import GuidedSession
+
+Thing = TypeVar("Thing")
 
 
 class TextDialog(Dialog[str]):
@@ -333,6 +336,18 @@ class Interface(App[str]):
 
         self.push_screen(ChoiceDialog(f"{problem.words}.", REPLACE_CHOICES), answered)
 
+    def ask_which(
+        self, question: str, listed: Sequence[tuple[Thing, str]], chosen: Callable[[Thing], None]
+    ) -> None:
+        """Ask for one of these things, by their words; nothing is done where none is chosen."""
+
+        def answered(answer: str | None) -> None:
+            if answer:
+                chosen(listed[int(answer)][0])
+
+        choices = [(str(number), words) for number, (_, words) in enumerate(listed)]
+        self.push_screen(ChoiceDialog(question, choices), answered)
+
     @contextmanager
     def complaining(self, replacing: Callable[[], object] | None = None) -> Iterator[None]:
         """Within this an error is shown, and what would follow it there is left out.
@@ -409,7 +424,14 @@ class Interface(App[str]):
     def aligning(self, guided: GuidedSession, plan: Plan) -> Screen[None]: ...
 
     @abstractmethod
-    def result(self, solved: SessionSolution, plan: Plan | None, path: Path) -> Screen[None]: ...
+    def result(
+        self, solved: SessionSolution, plan: Plan | None, path: Path, model: Path | None = None
+    ) -> Screen[None]: ...
+
+    @abstractmethod
+    def what_if(
+        self, choice: Choice, trial: Trial, adopt: Adopt, *, model: Path | None, mistakes: bool
+    ) -> Screen[None]: ...
 
     @abstractmethod
     def comparison(self, compared: Comparison) -> Screen[None]: ...

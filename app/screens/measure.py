@@ -12,12 +12,14 @@ from typing import ClassVar
 from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
+from textual.css.query import NoMatches
 from textual.widgets import Footer
 
-from app.evaluating.solution import solve_recorded
 from app.measuring.gauges import Live, Motion
+from app.measuring.moving import Moving, lost_words
 from app.measuring.opening import Plan
 from app.measuring.session import GuidedSession, TakenStep
+from app.report.text import motion
 from app.report.text import session as texts
 from app.screens.corrections import Corrections
 from app.screens.interface import ChoiceDialog
@@ -60,6 +62,7 @@ class MeasureScreen(Corrections, Resting):
     """One step after the other; Space takes it."""
 
     HELP = texts.MEASURE_HELP
+    FINISHES = "Space"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "take", "Take", id="measure.take"),
         Binding("enter", "take", "Take", show=False, id="measure.take-too"),
@@ -77,14 +80,15 @@ class MeasureScreen(Corrections, Resting):
     ]
 
     def __init__(self, guided: GuidedSession, plan: Plan) -> None:
-        super().__init__(guided)
-        self.plan = plan
+        super().__init__(guided, plan)
         self.view = SessionView(plan.instruments)
         self.held = False
         self._lost: set[int] = set()
         self._waits: tuple[int, Movement] | None = None
         self._pressed_at = self._anyway_until = self._moved_at = self._shown_at = 0.0
         self._looked_at = steady_s()
+        self.automatic = guided.mover is not None
+        self._moving: tuple[Moving, str] | None = None
 
     def compose(self) -> ComposeResult:
         yield self.view
@@ -110,6 +114,8 @@ class MeasureScreen(Corrections, Resting):
 
         for gauge in self.guided.gauges:
             gauge.on_news = tell
+        if self.guided.mover is not None:
+            self.guided.mover.on_news = tell
         while True:
             await news.wait()
             await asyncio.sleep(self._gather_s())
@@ -166,8 +172,9 @@ class MeasureScreen(Corrections, Resting):
         self._shown_at = time.monotonic()
         states = self._draw_live()
         self._tell_lost_and_found(states)
+        self._tell_motion()
         pressed = [gauge.button_pressed() for gauge in self.guided.gauges]
-        if self.asking or self.held or self.busy:
+        if self.asking or self.held or self.busy or not self.guided.there:
             return
         if self._anyway_until and self.ready_by_hand():
             self._anyway_until = 0.0
@@ -196,6 +203,20 @@ class MeasureScreen(Corrections, Resting):
                 name = self.guided.name_of(number).capitalize()
                 self.say(f"{name} answers again. Continue with this step.")
 
+    def _tell_motion(self) -> None:
+        """One line when a machine that moves itself does something else; a stop is a hold."""
+        mover, step = self.guided.mover, self.guided.step()
+        if mover is None or step is None:
+            return
+        lost_words(self.guided)
+        if (mover.state, mover.why) == self._moving:
+            return
+        self._moving = mover.state, mover.why
+        with suppress(NoMatches):  # news may come while the screen is being closed
+            self.say(motion.moving_text(mover, step))
+        if mover.state is Moving.STOPPED and not self.held:
+            self._set_hold(True, f"the machine stopped: {mover.why}")
+
     def _take_if_moved(self) -> None:
         """Take what stands still where it tells of a move; else say once why not."""
         step, moved = self.guided.step(), self.guided.moved()
@@ -214,7 +235,12 @@ class MeasureScreen(Corrections, Resting):
         if self.held:
             self.say("WAIT: on hold, nothing is taken. Press P to continue.")
             return
-        if self.guided.step() is None:
+        mover = self.guided.mover
+        if mover is not None and mover.state is Moving.SET_UP:
+            mover.confirm()
+        elif mover is not None and mover.state is Moving.UNDER_WAY:
+            self._set_hold(True, "stopped by a key")
+        elif self.guided.step() is None:
             self._begin_finish()
         elif now < self._anyway_until or self.ready_by_hand():
             self._begin_take()
@@ -312,11 +338,22 @@ class MeasureScreen(Corrections, Resting):
         """Nothing is taken until the same key again."""
         self._set_hold(not self.held, "on hold" if not self.held else "continued")
         self.say("On hold. Press P to continue." if self.held else "The session continues.")
+        if self.guided.mover is not None and not self.held:
+            self.automatic = True
+            self.proceed()
 
     def _set_hold(self, held: bool, note: str) -> None:
+        if held and self.guided.mover is not None:
+            self.guided.mover.stop(note)
         if self.write(lambda: self.guided.note(note)):
             self.held = held
             self._show_step()
+
+    def action_leave(self) -> None:
+        """A machine that moves is stopped before anything is asked."""
+        if self.guided.mover is not None and not self.held:
+            self._set_hold(True, "stopped by a key")
+        super().action_leave()
 
     def action_plot(self) -> None:
         """The next page: the plot, larger strip charts, the table."""
@@ -334,17 +371,4 @@ class MeasureScreen(Corrections, Resting):
         elif not self.busy:
             self.busy = True
             self.say("Every reading is on the disk. Computing the result …")
-            self._finish()
-
-    @work(thread=True)
-    def _finish(self) -> None:
-        try:
-            self.guided.finish()
-            solved = solve_recorded(self.guided.path)
-        except GlidecalError as problem:
-            said = f"Every reading is on the disk, but: {problem} Space tries again, F10 leaves."
-            self.app.call_from_thread(self.refused, said)
-            return
-        self.app.guided = None
-        result = self.app.result(solved, self.plan, self.guided.path)
-        self.app.call_from_thread(self.app.go_to, result)
+            self.finish()

@@ -33,7 +33,8 @@ from app.measuring.indicators import (
 from app.measuring.opening import Plan, session_name
 from app.report.text import home as texts
 from app.report.text.indicator import findings_text, trial_text
-from app.report.text.session import dry_run_text, procedure_sentence
+from app.report.text.session import procedure_sentence
+from app.screens.check import DryRunScreen
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import Interface
 from calib.errors import GlidecalError, IndicatorError, UsageError
@@ -394,16 +395,10 @@ class PrepareScreen(Screen[None]):
 
     def action_dry_run(self) -> None:
         """Every step, before anything is opened, and what the readings will tell."""
-        from app.planning.tripod import before_measuring
-        from app.report.text.planning import before_measuring_text
-
         with self.app.complaining():
             machine = self._machine()
             procedure = self._procedure(machine)
-            instruments = self._some(procedure)
-            steps = dry_run_text(procedure, machine, instruments)
-            expected = before_measuring_text(*before_measuring(machine, procedure, instruments))
-            self.app.push_screen(DryRunScreen(f"{steps}\n\n{expected}"))
+            self.app.push_screen(DryRunScreen(procedure, machine, self._some(procedure)))
 
     def _value(self, name: str) -> str:
         return self.query_one(f"#{name}", Input).value.strip()
@@ -443,33 +438,6 @@ class PrepareScreen(Screen[None]):
             temperature_c=_temperature(self._value("temperature")),
             note=self._value("note"),
         )
-
-
-class DryRunScreen(Screen[None]):
-    """Every step of a procedure, to scroll through."""
-
-    HELP = (
-        "The steps in the order in which they are measured, each with the\n"
-        "line to type at the controller. At the end, how well each\n"
-        "parameter will be known. Nothing is opened or written."
-    )
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "app.pop_screen", "Back", id="dry-run.back"),
-        Binding("f10", "app.quit", "Quit", id="dry-run.quit"),
-    ]
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self._text = text
-
-    def compose(self) -> ComposeResult:
-        yield Title()
-        with VerticalScroll(id="dry-run"):
-            yield Static(self._text, id="dry-run-text", markup=False)
-        yield Footer()
-
-    def on_mount(self) -> None:
-        self.query_one("#dry-run").focus()
 
 
 def _procedures(machine: Machine) -> list[tuple[str, str]]:

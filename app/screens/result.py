@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -14,11 +15,14 @@ from textual.screen import Screen
 from textual.widgets import Footer, Static, TabbedContent, TabPane
 
 from app.evaluating.comparison import Comparison, partner_of
-from app.evaluating.solution import SessionSolution
+from app.evaluating.diagnosis import resize
+from app.evaluating.solution import SessionSolution, solve_sessions
+from app.evaluating.what_if import Choice, choices, trial_of
 from app.exports import export_offsets
 from app.measuring.opening import Plan, verification_plan
 from app.report.charts.charts import before_and_after, measured_and_predicted
 from app.report.text import result as texts
+from app.report.text import what_if as what_if_texts
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
 from app.screens.pages import PagedScreen, signalled
@@ -26,6 +30,7 @@ from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError, extra
 from calib.identify.identify import Subset
 from protocols.files import FilesThere
+from protocols.model_file import EffectEntry, ModelFile, read_model_file
 
 CHOICES: dict[str, Subset] = {
     "1": "joint-offsets",
@@ -48,21 +53,25 @@ class ResultScreen(PagedScreen):
         Binding("e", "refuse_export", show=False),
         Binding("v", "refuse_verify", show=False),
         Binding("r", "refuse_export", show=False),
-        Binding("1", "choose('1')", "Offsets", id="result.offsets"),
-        Binding("2", "choose('2')", "Legs", id="result.lengths"),
+        Binding("1", "choose('1')", "Offsets", show=False, id="result.offsets"),
+        Binding("2", "choose('2')", "Legs", show=False, id="result.lengths"),
         Binding("3", "choose('3')", "Both", show=False, id="result.both"),
         Binding("4", "choose('4')", "Tolerances", show=False, id="result.tolerances"),
         Binding("tab,right", "turn_to(1)", "Next", show=False, id="result.next"),
         Binding("shift+tab,left", "turn_to(-1)", "Previous", show=False, id="result.previous"),
         Binding("d", "diagnose", "Diagnose", id="result.diagnose"),
+        Binding("w", "what_if", "What if", id="result.what_if"),
         Binding("y", "copy", "Copy", show=False, id="result.copy"),
         Binding("h", "home", "Home", show=False, id="result.home"),
         Binding("escape", "back", "Back", id="result.back"),
         Binding("f10", "app.quit", "Quit", id="result.quit"),
     ]
 
-    def __init__(self, solved: SessionSolution, plan: Plan | None, path: Path) -> None:
+    def __init__(
+        self, solved: SessionSolution, plan: Plan | None, path: Path, model: Path | None = None
+    ) -> None:
         super().__init__()
+        self.model = model
         self.solved = solved
         self.plan = plan
         self.path = path
@@ -184,6 +193,59 @@ class ResultScreen(PagedScreen):
         else:
             said = texts.REPORT_WRITTEN.format(target)
             self.app.call_from_thread(partial(self.app.notify, said, timeout=10, markup=False))
+
+    @work(thread=True, group="what-if", exclusive=True)
+    def action_what_if(self) -> None:
+        """Ask for an effect, then show what it does at any size beside the set that is shown."""
+        try:
+            known = read_model_file(self.model) if self.model else None
+            listed = choices(self.solved.sessions, known)
+        except GlidecalError as problem:
+            self.app.call_from_thread(self.app.complain, problem)
+        else:
+            self.app.call_from_thread(self._ask_which, listed, known)
+
+    def _ask_which(self, listed: Sequence[Choice], known: ModelFile | None) -> None:
+        asked = [(one, what_if_texts.choice_words(one)) for one in listed]
+        if self.is_current and asked:
+            self.app.ask_which(what_if_texts.WHICH, asked, partial(self._try, known))
+        elif self.is_current:
+            self.app.complain(what_if_texts.NOTHING_TO_TRY)
+
+    def _try(self, known: ModelFile | None, choice: Choice) -> None:
+        solved = self.solved
+        subset = solved.solution.subset
+        trial = trial_of(choice, solved.names, solved.sessions, known, subset)
+        screen = self.app.what_if(
+            choice, trial, self._adopt_tried, model=self.model, mistakes=False
+        )
+        self.app.push_screen(screen)
+
+    def _adopt_tried(self, choice: Choice, entry: EffectEntry) -> None:
+        """An effect of the model gets this size; any other one is for the diagnosis to adopt."""
+        if choice.standing != "model" or self.model is None:
+            self.app.complain(what_if_texts.DIAGNOSE_FIRST)
+            return
+        self.app.notify(what_if_texts.RESIZING, markup=False)
+        self._resize(self.model, entry)
+
+    @work(thread=True, group="what-if", exclusive=True)
+    def _resize(self, model: Path, entry: EffectEntry) -> None:
+        names, sessions = self.solved.names, self.solved.sessions
+        subset = self.solved.solution.subset
+        try:
+            written = resize(names, sessions, model, entry)
+            solved = solve_sessions(names, sessions, subset=subset, model=written)
+        except GlidecalError as problem:
+            self.app.call_from_thread(self.app.complain, problem)
+        else:
+            self.app.call_from_thread(self._resized, solved, model)
+
+    def _resized(self, solved: SessionSolution, model: Path) -> None:
+        self.solved = solved
+        said = what_if_texts.RESIZED.format(model)
+        self.app.notify(said, timeout=10, markup=False)
+        self._show()
 
     def action_diagnose(self) -> None:
         self.app.push_screen(self.app.diagnosis([self.path]))

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from app.evaluating.comparison import Comparison
     from app.evaluating.history import History
     from app.evaluating.solution import SessionSolution
+    from app.evaluating.what_if import Adopt, Choice, Trial
     from app.measuring.opening import Plan
     from app.measuring.session import GuidedSession
     from app.screens.prepare import PrepareScreen
@@ -64,10 +65,19 @@ class Glidecal(Interface):
 
         return AlignScreen(guided, plan)
 
-    def result(self, solved: SessionSolution, plan: Plan | None, path: Path) -> Screen[None]:
+    def result(
+        self, solved: SessionSolution, plan: Plan | None, path: Path, model: Path | None = None
+    ) -> Screen[None]:
         from app.screens.result import ResultScreen
 
-        return ResultScreen(solved, plan, path)
+        return ResultScreen(solved, plan, path, model)
+
+    def what_if(
+        self, choice: Choice, trial: Trial, adopt: Adopt, *, model: Path | None, mistakes: bool
+    ) -> Screen[None]:
+        from app.screens.what_if import WhatIfScreen
+
+        return WhatIfScreen(choice, trial, adopt, model=model, mistakes=mistakes)
 
     def comparison(self, compared: Comparison) -> Screen[None]:
         from app.screens.result import CompareScreen

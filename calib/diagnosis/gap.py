@@ -203,7 +203,7 @@ def _chosen(
     spread = KNOWN
     if math.isfinite(problem.noise_df):
         spread = Spread(float(rest @ rest), float(len(train) - whitening.free.shape[1]))
-    blocks = [whitening.block(column[train]) for column in white]
+    blocks = whitening.blocks([column[train] for column in white])
     search = Search(rest, blocks, spread, np.zeros(len(blocks)))
     larger = search.singles()
     members: tuple[int, ...] = ()

@@ -14,6 +14,7 @@ from calib.arrays import (
     BLIND,
     FloatArray,
     Observations,
+    stacks,
     without,
 )
 from calib.diagnosis.policy import POLICY
@@ -95,8 +96,8 @@ def unremarkable(candidate: Candidate) -> FloatArray:
 
 def log_priors(problem: Problem, candidates: Sequence[Candidate]) -> FloatArray:
     """What each candidate costs in log weight ``(J,)``: to be chosen, and for its size."""
-    sizes = [min(implausible(problem, [one]), MOST_LOSS) for one in candidates]
-    return np.asarray(log_choices(candidates) + np.array(sizes))
+    losses = np.minimum(_losses(problem, [[one] for one in candidates]), MOST_LOSS)
+    return np.asarray(log_choices(candidates) + losses)
 
 
 def log_choices(candidates: Sequence[Candidate]) -> FloatArray:
@@ -125,23 +126,36 @@ def log_choices(candidates: Sequence[Candidate]) -> FloatArray:
 
 
 def implausible(problem: Problem, candidates: Sequence[Candidate]) -> float:
-    """What candidates lose for the sizes that they would need together, in log weight.
+    """What candidates lose for the sizes that they would need together, in log weight."""
+    return float(_losses(problem, [candidates])[0])
+
+
+def _losses(problem: Problem, together: Sequence[Sequence[Candidate]]) -> FloatArray:
+    """`implausible` of several sets ``(k,)``.
 
     A normal prior on each parameter, thirty times the unremarkable size wide and cut off at its
     limit: a fit that needs more pays, and directions that hardly show are not inflated.
     """
-    white = problem.free(
-        np.hstack([one.columns * (POLICY.far * unremarkable(one)) for one in candidates])
-    )
-    free = problem.y - white @ np.linalg.lstsq(white, problem.y, rcond=BLIND)[0]
-    size = POLICY.far * np.concatenate([unremarkable(one) for one in candidates])
-    most = np.concatenate([[p.limit for p in one.parameters] for one in candidates]) / size
-    unsure = np.linalg.inv(white.T @ white + np.eye(len(size))).diagonal()
-    most = most + SURE * np.sqrt(unsure)
-    value = np.clip(prior_constrained(white, problem.y), -most, most)
-    residual = problem.y - white @ value
-    loss = 0.5 * (float(residual @ residual) - float(free @ free) + float(value @ value))
-    return float(max(loss, 0.0))
+    sizes = [POLICY.far * np.concatenate([unremarkable(one) for one in some]) for some in together]
+    limits = [np.array([p.limit for one in some for p in one.parameters]) for some in together]
+    columns = [np.hstack([one.columns for one in some]) for some in together]
+    found = np.zeros(len(together))
+    y = problem.y[:, None]
+    for alike, stacked in stacks([c * s for c, s in zip(columns, sizes, strict=True)]):
+        white = problem.free(stacked)
+        left, singular, right = np.linalg.svd(white, full_matrices=False)
+        seen = singular > BLIND * singular.max(axis=1, keepdims=True, initial=0.0)
+        along = left.transpose(0, 2, 1) @ y
+        free = y - left @ (seen[:, :, None] * along)
+        held = 1.0 / (singular**2 + 1.0)
+        value = ((singular * held * along[:, :, 0])[:, None] @ right)[:, 0]
+        unsure = (held[:, None] @ right**2)[:, 0]
+        most = np.array([limits[k] / sizes[k] for k in alike]) + SURE * np.sqrt(unsure)
+        value = np.clip(value, -most, most)
+        residual = y - white @ value[:, :, None]
+        loss = (residual**2).sum(axis=(1, 2)) - (free**2).sum(axis=(1, 2)) + (value**2).sum(axis=1)
+        found[alike] = np.maximum(0.5 * loss, 0.0)
+    return found
 
 
 def prior_constrained(white: FloatArray, y: FloatArray) -> FloatArray:
@@ -159,7 +173,7 @@ def alias_map(model: Model, taken: Observations, effects: Sequence[Effect]) -> A
     session = Case(model, taken, figures, np.array(TOLERANCE_MM)).fitted()
     problem = Problem.of([session])
     compared = [c for c in candidates(model, session.observed, effects) if c.arrangement != "each"]
-    blocks = [problem.block(c.columns) for c in compared]
+    blocks = problem.blocks([c.columns for c in compared])
     found = []
     for i, first in enumerate(compared):
         for j, second in enumerate(compared):

@@ -100,7 +100,7 @@ class ModelSelection:
     @classmethod
     def of(cls, problem: Problem, candidates: Sequence[Candidate]) -> ModelSelection:
         """Of candidates that show at all; a power that a named effect imitates is left out."""
-        blocks = [problem.block(one.columns) for one in candidates]
+        blocks = problem.blocks([one.columns for one in candidates])
         known = [
             block
             for one, block in zip(candidates, blocks, strict=True)

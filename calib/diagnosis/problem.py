@@ -22,16 +22,18 @@ from scipy.linalg import block_diag
 
 from calib.arrays import (
     DEPENDENT,
+    NEW_DIRECTION,
     FloatArray,
     IntArray,
     Observations,
+    bases_of,
     basis_of,
     incidence,
     lengths,
-    new_directions,
     numbered,
     onto,
     squares_in,
+    stacks,
     tilts,
     without,
     without_means,
@@ -102,10 +104,15 @@ class FittedSession:
     base: FloatArray
 
     @classmethod
-    def of(cls, case: Case, noise: Noise | None, weight: FloatArray) -> FittedSession:
-        """Fit the base parameters. Raises NotIdentifiable where the legs cannot meet."""
+    def of(
+        cls, case: Case, noise: Noise | None, weight: FloatArray, near_mm: FloatArray | None = None
+    ) -> FittedSession:
+        """Fit the base parameters, from ``near_mm`` ``(6,)`` or from those of the model.
+
+        Raises NotIdentifiable where the legs cannot meet.
+        """
         observed = case.observed
-        fit = prior_fit(case.model, observed, weight, case.tolerance_mm)
+        fit = prior_fit(case.model, observed, weight, case.tolerance_mm, near_mm=near_mm)
         model = case.model.with_parameters(fit.parameters_mm)
         off = (fit.parameters_mm - case.model.parameters_mm) / case.tolerance_mm
         base = fit.design * case.tolerance_mm
@@ -120,7 +127,8 @@ class FittedSession:
     def adopting(self, effects: tuple[EffectInstance, ...]) -> FittedSession:
         """The same readings with more effects in the model. Raises NotIdentifiable."""
         model = self.case.model.with_effects((*self.case.model.effects, *effects))
-        return self.of(replace(self.case, model=model), self.noise, self.weight)
+        near_mm = np.array(self.model.parameters_mm)
+        return self.of(replace(self.case, model=model), self.noise, self.weight, near_mm)
 
     @property
     def set_ups(self) -> FloatArray:
@@ -178,12 +186,12 @@ class Whitening:
         return cls(free, basis, 1.0 / np.hypot(1.0, size))
 
     def held_back(self, rows: FloatArray, kept: FloatArray | None = None) -> FloatArray:
-        """Rows ``(n,)`` or ``(n, k)`` with less of what lengths do, ``kept`` of it."""
+        """Rows ``(n,)`` or ``(..., n, k)`` with less of what lengths do, ``kept`` of it."""
         share = (self.kept if kept is None else kept) - 1.0
-        return np.asarray(rows + self.held @ (share * (self.held.T @ rows).T).T)
+        return np.asarray(rows + (self.held * share) @ (self.held.T @ rows))
 
     def __call__(self, rows: FloatArray) -> FloatArray:
-        """Rows ``(n,)`` or ``(n, k)`` as they count."""
+        """Rows ``(n,)`` or ``(..., n, k)`` as they count."""
         return self.held_back(without(self.free, rows))
 
     @property
@@ -192,11 +200,17 @@ class Whitening:
         taken = (1.0 - self.kept**2) * self.held**2
         return np.asarray(1.0 - (self.free**2).sum(axis=1) - taken.sum(axis=1))
 
-    def block(self, columns: FloatArray) -> FloatArray:
-        """Orthonormal basis ``(n, r)`` of what is left of columns ``(n, k)``."""
-        size = lengths(columns)
-        shown = columns[:, size > VISIBLE] / size[size > VISIBLE]
-        return basis_of(self.held_back(new_directions(self.free, shown)), DEPENDENT)
+    def blocks(self, columns: Sequence[FloatArray]) -> list[FloatArray]:
+        """Orthonormal basis ``(n, r)`` of what is left of each of these columns ``(n, k)``."""
+        found: dict[int, FloatArray] = {}
+        for alike, stacked in stacks(columns):
+            size = np.sqrt((stacked**2).sum(axis=1, keepdims=True))
+            shown = np.where(size > VISIBLE, stacked / np.maximum(size, VISIBLE), 0.0)
+            free = bases_of(without(self.free, shown), NEW_DIRECTION, 1.0)
+            bases = bases_of(self.held_back(free), DEPENDENT)
+            for k, basis in zip(alike, bases, strict=True):
+                found[k] = basis[:, basis.any(axis=0)]
+        return [found[k] for k in range(len(columns))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,11 +278,16 @@ class Problem:
 
     def block(self, columns_mm: FloatArray) -> FloatArray:
         """Orthonormal basis ``(n, r)`` of columns ``(n, k)`` in mm, whitened."""
-        return self.whitening.block(self.root_weight[:, None] * columns_mm)
+        return self.blocks([columns_mm])[0]
+
+    def blocks(self, columns_mm: Sequence[FloatArray]) -> list[FloatArray]:
+        """The same of several."""
+        return self.whitening.blocks([self.root_weight[:, None] * one for one in columns_mm])
 
     def free(self, columns_mm: FloatArray) -> FloatArray:
-        """Columns ``(n,)`` or ``(n, k)`` in mm, whitened."""
-        return self.whitening((self.root_weight * columns_mm.T).T)
+        """Columns ``(n,)`` or ``(..., n, k)`` in mm, whitened."""
+        root = self.root_weight if columns_mm.ndim == 1 else self.root_weight[:, None]
+        return self.whitening(root * columns_mm)
 
     def mm(self, y: FloatArray) -> FloatArray:
         """What is left of readings ``(n,)``, mm, the lengths fitted within their tolerance."""

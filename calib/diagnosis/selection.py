@@ -15,11 +15,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
-from calib.arrays import DEPENDENT, NEW_DIRECTION, FloatArray, descending, squares_in, union
+from calib.arrays import (
+    DEPENDENT,
+    NEW_DIRECTION,
+    FloatArray,
+    IntArray,
+    descending,
+    squares_in,
+    union,
+)
 from calib.diagnosis.policy import POLICY
 
 PAIRS_AMONG = 24
@@ -75,16 +84,24 @@ def evidence(explained: float, rank: int, spread: Spread) -> float:
     With S explained of T, f degrees of freedom and F = (S/r) / ((T - S)/(f - r)), 1 + g = F:
     log B = (f - r)/2 ln F - f/2 ln(1 + g (1 - S/T)); with a known noise (S - r)/2 - r/2 ln(S/r).
     """
+    return float(evidences(np.array([explained]), np.array([rank]), spread)[0])
+
+
+def evidences(explained: FloatArray, rank: IntArray, spread: Spread) -> FloatArray:
+    """`evidence` of several models ``(k,)``."""
+    size = np.maximum(rank, 1)
     if math.isinf(spread.freedom):
-        if rank == 0 or explained <= rank:
-            return 0.0
-        return 0.5 * (explained - rank) - 0.5 * rank * math.log(explained / rank)
-    rest, free = spread.left(explained), spread.freedom - rank
-    if rank == 0 or free <= 0 or explained * free <= rank * rest:
-        return 0.0
-    ratio = explained * free / (rank * rest)
+        more = (rank > 0) & (explained > rank)
+        ratio = np.where(more, explained / size, 1.0)
+        return np.asarray(np.where(more, 0.5 * (explained - rank - rank * np.log(ratio)), 0.0))
+    rest, free = (
+        np.maximum(spread.total - explained, LEAST_LEFT * spread.total),
+        spread.freedom - rank,
+    )
+    more = (rank > 0) & (free > 0) & (explained * free > rank * rest)
+    ratio = np.where(more, explained * free / (size * rest), 1.0)
     shrunk = 1.0 + (ratio - 1.0) * rest / spread.total
-    return 0.5 * free * math.log(ratio) - 0.5 * spread.freedom * math.log(shrunk)
+    return np.asarray(0.5 * (free * np.log(ratio) - spread.freedom * np.log(shrunk)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,28 +154,36 @@ class Search:
         """These candidates with every other one, all at once."""
         known = self.basis(base)
         inside = known.T @ self.y
-        found = []
-        others = [k for k in range(len(self.blocks)) if k not in base]
-        for width in sorted({self.blocks[k].shape[1] for k in others}):
-            alike = [k for k in others if self.blocks[k].shape[1] == width]
-            explained, rank = self._added(alike, known, inside)
-            for k, more, directions in zip(alike, explained, rank, strict=True):
-                total = float(inside @ inside) + float(more)
-                found.append(self._weighed((*base, k), total, known.shape[1] + int(directions)))
-        return found
+        found: dict[int, WeighedModel] = {}
+        total, prior = float(inside @ inside), float(self.log_priors[list(base)].sum())
+        for alike, stacked, along in self._stacks:
+            shape = known.shape[1], *along.shape
+            shared = (known.T @ stacked).reshape(shape).transpose(1, 0, 2)
+            left = np.eye(along.shape[1]) - shared.transpose(0, 2, 1) @ shared
+            size, axes = np.linalg.eigh(left)
+            rest = (along - inside @ shared)[:, None]
+            seen = size > NEW_DIRECTION**2
+            squares = (rest @ axes)[:, 0] ** 2 / np.where(seen, size, 1.0)
+            explained = total + np.where(seen, squares, 0.0).sum(axis=1)
+            rank = known.shape[1] + seen.sum(axis=1)
+            weight = evidences(explained, rank, self.spread) - (prior + self.log_priors[alike])
+            each = zip(alike.tolist(), explained.tolist(), weight.tolist(), strict=True)
+            for k, square, log_weight in each:
+                if k not in base:
+                    found[k] = WeighedModel(tuple(sorted((*base, k))), square, log_weight)
+        return list(found.values())
 
-    def _added(
-        self, alike: Sequence[int], known: FloatArray, inside: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Squares and directions ``(k,)`` that blocks of one width add to a basis ``(n, r)``."""
-        stacked = np.stack([self.blocks[k] for k in alike])
-        shared = known.T @ stacked
-        left = np.eye(stacked.shape[2]) - shared.transpose(0, 2, 1) @ shared
-        size, axes = np.linalg.eigh(left)
-        along = (stacked.transpose(0, 2, 1) @ self.y - shared.transpose(0, 2, 1) @ inside)[:, None]
-        seen = size > NEW_DIRECTION**2
-        squares = (along @ axes)[:, 0] ** 2 / np.where(seen, size, 1.0)
-        return np.where(seen, squares, 0.0).sum(axis=1), seen.sum(axis=1)
+    @cached_property
+    def _stacks(self) -> list[tuple[IntArray, FloatArray, FloatArray]]:
+        """Candidates of each rank: which, side by side, and what each takes up of the vector."""
+        found = []
+        ranks = np.array([block.shape[1] for block in self.blocks])
+        for rank in np.unique(ranks):
+            alike = np.flatnonzero(ranks == rank)
+            side_by_side = np.hstack([self.blocks[k] for k in alike.tolist()])
+            along = side_by_side.T @ self.y
+            found.append((alike, side_by_side, along.reshape(len(alike), rank)))
+        return found
 
     def _promising(self, singles: Sequence[WeighedModel]) -> list[int]:
         """Best alone, and best beside the best one."""
@@ -253,17 +278,21 @@ def null_scores(
     """
     generator = np.random.default_rng(SEED)
     together = deviation[:, None] * np.hstack(blocks)
+    parts = together.T @ generator.normal(size=(len(together), DRAWS))
+    widths = np.array([block.shape[1] for block in blocks])
+    ranks = np.unique(widths).tolist()  # at one rank the largest has the best score
+    owner = np.repeat(widths, widths)
+    squares = np.array(
+        [(parts[owner == r].reshape(-1, r, DRAWS) ** 2).sum(axis=1).max(axis=0) for r in ranks]
+    )
     variance, axes = np.linalg.eigh(together.T @ together)
     seen = variance > DEPENDENT * variance[-1]
-    parts = together.T @ generator.normal(size=(len(together), DRAWS))
-    draws = (axes[:, seen] / np.sqrt(variance[seen])).T @ parts
-    widths = [block.shape[1] for block in blocks]
-    squares = np.add.reduceat(parts**2, np.cumsum([0, *widths[:-1]]), axis=0)
-    ranks = sorted(set(widths))  # at one rank the largest has the best score
-    squares = np.array([squares[np.equal(widths, r)].max(axis=0) for r in ranks])
-    rest = max(structure_df - len(draws), 0)
-    total = (draws**2).sum(axis=0) + (generator.chisquare(rest, DRAWS) if rest else 0.0)
-    if noise_df is not None and math.isfinite(noise_df):
+    rest = max(structure_df - int(seen.sum()), 0)
+    total = np.asarray(generator.chisquare(rest, DRAWS) if rest else np.zeros(DRAWS))
+    if noise_df is None:
+        draws = (axes[:, seen] / np.sqrt(variance[seen])).T @ parts
+        total = total + (draws**2).sum(axis=0)
+    elif math.isfinite(noise_df):
         squares = squares / (generator.chisquare(noise_df, DRAWS) / noise_df)
     return np.asarray(scores(squares, ranks, noise_df, structure_df, total).min(axis=0))
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.arrays import EXACT_BLIND, FloatArray, condition, named_inside, names_outside, svd_of_all
 from calib.errors import CalibrationError, NotIdentifiable
-from calib.hexaslide.geometry import HexaSlide, forward_near, inverse, motions
+from calib.hexaslide.geometry import HexaSlide, forward_near, motions
 from calib.hexaslide.residuals import Readings, Residuals, postures_of, residuals, whitening
 
 MOST_STEPS = 12
@@ -226,16 +226,7 @@ def corrected(
     """How to reach postures ``(p, 6)`` on the calibrated machine: what to command ``(p, 6)`` a
     controller that keeps the nominal geometry, and where the sliders then are ``(p, 6)``.
 
-    Raises UnreachablePosture, and CalibrationError for sliders beyond the ends of their rails.
+    Raises as `HexaSlide.sliders_at`.
     """
-    sliders = np.asarray(inverse(found.geometry, wanted))
-    beyond = np.argwhere(~found.within(sliders))
-    if len(beyond):
-        row, chain = beyond[0].tolist()
-        least, most = found.travel_m[:, chain]
-        raise CalibrationError(
-            f"posture {row + 1} on the calibrated machine, slider {chain + 1}",
-            f"{sliders[row, chain]:g} m",
-            f"{least:g} to {most:g} m, its travel_m",
-        )
+    sliders = found.sliders_at(wanted, " on the calibrated machine")
     return np.asarray(forward_near(nominal.geometry, sliders, wanted)), sliders

@@ -264,17 +264,25 @@ class HexaSlide:
     def inside(self, postures: FloatArray) -> FloatArray:
         """As `Box.inside`, also for what the sliders reach."""
         postures = self.box.inside(postures)
+        self.sliders_at(postures)
+        return postures
+
+    def sliders_at(self, postures: FloatArray, which: str = "") -> FloatArray:
+        """Positions of the sliders ``(p, 6)`` in postures ``(p, 6)``, ``which`` for an error.
+
+        Raises UnreachablePosture, and CalibrationError for one beyond the ends of its rail.
+        """
         sliders = np.asarray(inverse(self.geometry, postures))
         beyond = np.argwhere(~self.within(sliders))
         if len(beyond):
             row, chain = beyond[0].tolist()
             least, most = self.travel_m[:, chain]
             raise CalibrationError(
-                f"posture {row + 1}, slider {chain + 1}",
+                f"posture {row + 1}{which}, slider {chain + 1}",
                 f"{sliders[row, chain]:g} m",
                 f"{least:g} to {most:g} m, its travel_m",
             )
-        return postures
+        return sliders
 
 
 def motions(

@@ -14,7 +14,13 @@ from calib.errors import NotIdentifiable, UnreachablePosture
 from calib.newton import Evaluate, Optimum, minimise
 from calib.tripod.differences import Differences, reading_matrix
 from calib.tripod.geometry import PARAMETER_NAMES
-from calib.tripod.pipeline import COMPLEX_STEP_MM, Model, StageEffect, derivatives, simulate
+from calib.tripod.pipeline import (
+    COMPLEX_STEP_MM,
+    Model,
+    StageEffect,
+    readings_and_derivatives,
+    simulate,
+)
 from calib.tripod.plain import PlainDesign, plain_design
 
 if TYPE_CHECKING:  # the catalogue comes with it, which a fit without effects does not need
@@ -143,8 +149,7 @@ def exact_fit(
             raise _no_optimum("no optimum within reach")
         fitted = _moved_to(model, free, (), optimum.values[:, 0])
     try:
-        design = design_of(fitted, observed, free, sizes)
-        predicted = fitted.readings(observed)
+        predicted, design = _predicted(fitted, observed, free, sizes)
     except UnreachablePosture as problem:
         raise _no_optimum(str(problem)) from problem
     return Fit(fitted, design, predicted, _estimator(observed, weight, design))
@@ -156,23 +161,25 @@ def prior_fit(
     weight: FloatArray,
     tolerance_mm: FloatArray,
     sizes: tuple[Size, ...] = (),
+    near_mm: FloatArray | None = None,
 ) -> Fit:
     """All six parameters, each held to the model's value by its tolerance ``(6,)``, mm.
 
     The tolerance of a part is the standard deviation of a normal prior (Bayes; ridge regression
     with a weight for each parameter), so directions that the readings do not see stay where the
-    parts' tolerances put them. Sizes of effects are free. Raises NotIdentifiable as `exact_fit`.
+    parts' tolerances put them. Sizes of effects are free. ``near_mm`` ``(6,)`` is where to begin,
+    if not at the model. Raises NotIdentifiable as `exact_fit`.
     """
     free = tuple(range(len(PARAMETER_NAMES)))
     tolerance = np.concatenate([tolerance_mm, np.full(len(sizes), np.inf)])
     precision = np.diag(tolerance**-2.0)
     base = _values_of(model, free, sizes)
-    values, least = base, np.append(tolerance_mm, [size.tolerance for size in sizes])
+    values = base if near_mm is None else np.append(near_mm, base[len(free) :])
+    least = np.append(tolerance_mm, [size.tolerance for size in sizes])
     for _ in range(MOST_STEPS):
         fitted = _moved_to(model, free, sizes, values)
         try:
-            design = design_of(fitted, observed, free, sizes)
-            predicted = fitted.readings(observed)
+            predicted, design = _predicted(fitted, observed, free, sizes)
         except UnreachablePosture as problem:
             raise _no_optimum(str(problem)) from problem
         centred = without_zeros(observed, weight, design)
@@ -213,12 +220,20 @@ def design_of(
     model: Model, observed: Conditions, free: Sequence[int], sizes: Sequence[Size]
 ) -> FloatArray:
     """Derivatives ``(n_readings, k)`` by free parameters and sizes, by the complex step."""
-    base = derivatives(model.geometry, model.parameters_mm, observed, model.effects)
+    return _predicted(model, observed, free, sizes)[1]
+
+
+def _predicted(
+    model: Model, observed: Conditions, free: Sequence[int], sizes: Sequence[Size]
+) -> tuple[FloatArray, FloatArray]:
+    """Readings ``(n_readings,)`` and `design_of`."""
+    machine = model.geometry, model.parameters_mm, observed
+    predicted, base = readings_and_derivatives(*machine, model.effects)
     columns = [base[:, list(free)]]
     for size in sizes:
-        stepped = simulate(model.geometry, model.parameters_mm, observed, size.steps(model))
+        stepped = simulate(*machine, size.steps(model))
         columns.append(stepped.imag[:, None] / COMPLEX_STEP_MM)
-    return np.hstack(columns)
+    return predicted, np.hstack(columns)
 
 
 def _fit_with_effects(

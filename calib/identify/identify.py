@@ -98,7 +98,8 @@ class Solution:
 
     ``names``, ``values_mm`` and ``coverage_factors`` (95 %) have k entries, ``covariance_mm2`` is
     ``(k, k)``, of which ``held_mm2`` is what tolerances leave open; what effects fitted with them,
-    ``sizes``, leave open is in it.
+    ``sizes``, leave open is in it, and ``rounding_mm2``, what steps of the display give to all
+    repeats alike.
     ``predicted_mm`` and ``difference_uncertainty_mm`` belong to ``differences``,
     ``(n_differences,)`` each.
     Uncertainties carry the noise of the readings; they do not carry what the model leaves out.
@@ -114,6 +115,7 @@ class Solution:
     values_mm: FloatArray
     covariance_mm2: FloatArray
     held_mm2: FloatArray
+    rounding_mm2: FloatArray
     coverage_factors: FloatArray
     differences: Differences
     difference_uncertainty_mm: FloatArray
@@ -145,10 +147,30 @@ class Solution:
         return found if (found < 0.5 * self.expanded_with_tolerances_mm).all() else None
 
     def _with_tolerances(self, outside: FloatArray) -> FloatArray:
+        return np.asarray(np.hypot(self.expanded_mm, self._off_mm(outside)))
+
+    def _off_mm(self, outside: FloatArray) -> FloatArray:
+        """What parts outside the set, off within tolerances, make of the parameters (95 %)."""
         if self.tolerance_mm is None:
-            return self.expanded_mm
+            return np.zeros_like(self.expanded_mm)
         off = coverage_factor(math.inf) * np.linalg.norm(outside * self.tolerance_mm, axis=1)
-        return np.asarray(np.hypot(self.expanded_mm, off))
+        return np.asarray(off)
+
+    @property
+    def budget_mm(self) -> dict[str, FloatArray]:
+        """What each source gives to `expanded_with_tolerances_mm` ``(k,)``, mm (95 %).
+
+        They add up as squares, the rule of GUM 5.1.2 for sources that know nothing of each other.
+        """
+        held, rounding = self.held_mm2.diagonal(), self.rounding_mm2.diagonal()
+        scatter = np.maximum(self.covariance_mm2.diagonal() - held - rounding, 0.0)
+        factors = self.coverage_factors
+        tolerances = np.hypot(factors * np.sqrt(np.maximum(held, 0.0)), self._off_mm(self.outside))
+        return {
+            "scatter of repeats": factors * np.sqrt(scatter),
+            "steps of the display": factors * np.sqrt(rounding),
+            "parts within tolerance": np.asarray(tolerances),
+        }
 
     @property
     def beyond_tolerance(self) -> tuple[tuple[str, float, float], ...]:
@@ -232,6 +254,7 @@ class Solution:
             values_mm=take @ self.values_mm,
             covariance_mm2=take @ self.covariance_mm2 @ take,
             held_mm2=take @ self.held_mm2 @ take,
+            rounding_mm2=take @ self.rounding_mm2 @ take,
         )
 
 
@@ -319,7 +342,7 @@ class Told:
     ) -> Self:
         """Raises NotIdentifiable where no mounting has two postures."""
         visited = visits(observed)
-        if sizes:  # of play, too
+        if sizes or model.effects:  # play may be among them
             visited = with_first_movements(visited)
         measured = differences(model.geometry, visited)
         return cls(model, visited, measured, reading_noise(visited, indicator), sizes)
@@ -363,6 +386,7 @@ def identify_from(
         values_mm=fit.parameters_mm[list(free)],
         covariance_mm2=spread.covariance_mm2[:k, :k],
         held_mm2=spread.held_mm2[:k, :k],
+        rounding_mm2=spread.rounding_mm2[:k, :k],
         coverage_factors=_coverage(spread)[:k],
         sizes=_fitted(told.sizes, fit.model, spread),
         differences=measured,

@@ -16,12 +16,14 @@ class Propagation:
     """Covariance ``(k, k)`` in mm² and the degrees of freedom ``(k,)`` of each variance.
 
     ``held_mm2`` ``(k, k)`` is the part of the covariance that is not noise of the readings but what
-    the tolerances of a prior leave open.
+    the tolerances of a prior leave open; ``rounding_mm2`` ``(k, k)`` is the part that steps of the
+    display give to all repeats of a posture.
     """
 
     covariance_mm2: FloatArray
     degrees_of_freedom: FloatArray
     held_mm2: FloatArray
+    rounding_mm2: FloatArray
 
     @property
     def uncertainty_mm(self) -> FloatArray:
@@ -43,7 +45,8 @@ class Propagation:
         with np.errstate(divide="ignore"):
             degrees = np.asarray(self.degrees_of_freedom / share**2)
         held = np.asarray(posterior - self.covariance_mm2, dtype=np.float64)
-        return Propagation(np.asarray(posterior, dtype=np.float64), degrees, held)
+        covariance = np.asarray(posterior, dtype=np.float64)
+        return Propagation(covariance, degrees, held, self.rounding_mm2)
 
 
 def propagate(estimator: FloatArray, observed: Observations, noise: Noise) -> Propagation:
@@ -56,10 +59,11 @@ def propagate(estimator: FloatArray, observed: Observations, noise: Noise) -> Pr
     shown = noise.repeatability_mm2(observed)
     covariance = (estimator * shown) @ estimator.T
     together = np.asarray((_at_places(observed, noise).T @ estimator.T).T)
-    covariance = covariance + together @ together.T
+    shared = together @ together.T
+    covariance = covariance + shared
     own = estimator**2 * shown
     degrees = _degrees_of_freedom(covariance.diagonal(), own, observed, noise)
-    return Propagation(covariance, degrees, np.zeros_like(covariance))
+    return Propagation(covariance, degrees, np.zeros_like(covariance), shared)
 
 
 def uncertainties(combine: csr_array, observed: Observations, noise: Noise) -> FloatArray:

@@ -102,7 +102,7 @@ def alignment(
         raise NotIdentifiable(
             "alignment",
             f"readings that do not tell {', '.join(unseen)}",
-            "all three legs along both axes at Zero, Max and Min: zero-max-min-plane",
+            "all three legs along both axes at Zero, Max, Min, and over a plane: procedure align",
         )
     model = _model(geometry, x)
     left = without_zeros(visited, root**2, visited.value_mm - model.readings(visited))

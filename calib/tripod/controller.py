@@ -18,7 +18,7 @@ from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import ImpossibleRequest
 from calib.tripod.effects.bars import GravitySag, LegLength
 from calib.tripod.effects.effect import EffectInstance
-from calib.tripod.geometry import inverse
+from calib.tripod.geometry import Geometry, inverse
 from calib.tripod.pipeline import Model, Stage, StageEffect
 from calib.tripod.workspace import carriages_at, machine_at, workspace_points
 
@@ -209,6 +209,24 @@ def tool_error_mm(
             off = off - machine_at(model, zero, way).tool_mm
         worst = max(worst, float(np.sqrt((off**2).sum(axis=-1).mean())))
     return worst
+
+
+def commanded_with(
+    geometry: Geometry, parameters_mm: Sequence[float]
+) -> Callable[[FloatArray], FloatArray]:
+    """Joint coordinates ``(n, 3)`` for tool positions ``(n, 3)`` once d_rho and d_L are entered.
+
+    ``parameters_mm`` ``(6,)``. The square root of `inverse` with the lengths corrected, less d_rho.
+    """
+    offset_mm, error_mm = np.split(np.asarray(parameters_mm, dtype=np.float64), 2)
+    lengths = geometry.lengths
+
+    def commanded(tool_mm: FloatArray) -> FloatArray:
+        across = lengths**2 - geometry.reach_mm2(tool_mm)
+        ahead = np.sqrt((lengths + error_mm) ** 2 - across) - np.sqrt(lengths**2 - across)
+        return np.asarray(inverse(geometry, tool_mm) + ahead - offset_mm)
+
+    return commanded
 
 
 def _added_mm(

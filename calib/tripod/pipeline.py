@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from calib.arrays import TOOL, Conditions, FloatArray
 from calib.errors import CalibrationError
-from calib.tripod.geometry import PARAMETER_NAMES, Geometry, inverse, trilaterate
+from calib.tripod.geometry import PARAMETER_NAMES, Geometry, dot, inverse, trilaterate
 
 COMPLEX_STEP_MM = 1e-30
 
@@ -182,9 +182,9 @@ def touched_fraction(flow: Flow) -> NDArray[Any]:
     """
     leg = flow.taken.leg
     along = flow.geometry.directions[leg]
-    end_along, foot_along = _dot(_own_end(flow), along), _dot(_own_foot(flow), along)
-    end_zero = _dot(_own_end_at_zero(flow), along)
-    foot_zero = _dot(flow.foot_mm[..., -1, :, :][..., leg, :], along)
+    end_along, foot_along = dot(_own_end(flow), along), dot(_own_foot(flow), along)
+    end_zero = dot(_own_end_at_zero(flow), along)
+    foot_zero = dot(flow.foot_mm[..., -1, :, :][..., leg, :], along)
     kept = end_zero + flow.taken.station * (foot_zero - end_zero)
     fraction = (kept - end_along) / (foot_along - end_along)
     if flow.taken.over_plane.any():
@@ -211,7 +211,7 @@ def reading(flow: Flow, touched_mm: NDArray[Any]) -> NDArray[Any]:
 def moved_along(flow: Flow, touched_mm: NDArray[Any], along: FloatArray) -> NDArray[Any]:
     """How far the touched point is from the straight bar at Zero ``(..., n)``, along ``(n, 3)``."""
     zero = np.where(flow.taken.over_plane, 0.0, _touched_at_zero(flow, along))
-    return np.asarray(_dot(touched_mm, along) - zero)
+    return np.asarray(dot(touched_mm, along) - zero)
 
 
 def measuring_directions(geometry: Geometry, taken: Conditions) -> FloatArray:
@@ -233,15 +233,26 @@ def derivatives(
 
     Complex step through `simulate`: the imaginary part of f(x + i h) divided by h.
     """
+    return readings_and_derivatives(geometry, parameters_mm, taken, effects)[1]
+
+
+def readings_and_derivatives(
+    geometry: Geometry,
+    parameters_mm: ArrayLike,
+    taken: Conditions,
+    effects: Sequence[StageEffect] = (),
+) -> tuple[FloatArray, FloatArray]:
+    """Readings ``(n_readings,)`` and `derivatives`: the step is too small for the real part."""
     base = np.asarray(parameters_mm, dtype=np.complex128)
     stepped = base + 1j * COMPLEX_STEP_MM * np.eye(len(base))
-    return np.asarray(simulate(geometry, stepped, taken, effects).imag.T / COMPLEX_STEP_MM)
+    found = simulate(geometry, stepped, taken, effects)
+    return np.asarray(found[0].real), np.asarray(found.imag.T / COMPLEX_STEP_MM)
 
 
 def _touched_at_zero(flow: Flow, along: FloatArray) -> NDArray[Any]:
     """Coordinate along ``(n, 3)`` at Zero of each reading's own station ``(..., n)``."""
-    end_zero = _dot(_own_end_at_zero(flow), along)
-    foot_zero = _dot(flow.foot_mm[..., -1, :, :][..., flow.taken.leg, :], along)
+    end_zero = dot(_own_end_at_zero(flow), along)
+    foot_zero = dot(flow.foot_mm[..., -1, :, :][..., flow.taken.leg, :], along)
     station = np.where(flow.taken.leg == TOOL, 0.0, flow.taken.station)
     return np.asarray(end_zero + station * (foot_zero - end_zero))
 
@@ -264,10 +275,6 @@ def _joint(flow: Flow) -> FloatArray:
     """From the tool to the end of the touched bar ``(n, 3)``."""
     leg = flow.taken.leg
     return np.where((leg == TOOL)[:, None], 0.0, flow.geometry.platform[leg])
-
-
-def _dot(left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
-    return np.asarray((left * right).sum(axis=-1))
 
 
 def _append_zero_row(taken: Conditions) -> Conditions:

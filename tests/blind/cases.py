@@ -21,6 +21,9 @@ SHAPES = ("cubic", "sawtooth", "product", "smooth")
 # 2 to 4 µm in the readings of any procedure, less than four times the quietest noise (3.2 µm) but
 # for a few lucky draws of one procedure.
 TOO_STRONG = (("joint_clearance", 4.0),)
+# Over a plane alone: parameters, zero and tilt of the plane imitate the others, of which 400 draws
+# each gave no session of these strengths.
+SHOWN_ALONE = ("straightness", "thermal_drift")
 BLUNDERS = ("gauge_sign", "gauge_swap", "unit_mixup", "stand_slip", "label_error", "wild")
 # Effects with an exact look-alike in Zero, Max, Min; which one exactly is worked out by the
 # generator for every session.
@@ -148,13 +151,13 @@ def _beside(share: float) -> Iterator[Case]:
 
 
 def _plane(share: float) -> Iterator[Case]:
-    """Legs over a plane beside readings from Zero: nothing else, and single effects."""
-    procedure = "zero-max-min-plane"
-    for noise, n in product(NOISES, _counted("plane-none", share)):
-        yield Case(f"plane-none/{noise}/{n}", "plane-none", procedure, noise)
-    for effect, k, n in product(EFFECT_IDS, (2.0, 4.0), _counted("plane", share)):
-        key = f"plane/{effect}/{k}/{n}"
-        yield Case(key, "plane", procedure, _usual(n), (effect,), (k,))
+    """Legs over a plane, beside readings from Zero and alone: nothing else, and single effects."""
+    beside, alone = ("plane", "zero-max-min-plane"), ("plane-alone", "plane")
+    for (cell, procedure), effects in ((beside, EFFECT_IDS), (alone, SHOWN_ALONE)):
+        for noise, n in product(NOISES, _counted("plane-none", share)):
+            yield Case(f"{cell}-none/{noise}/{n}", f"{cell}-none", procedure, noise)
+        for effect, k, n in product(effects, (2.0, 4.0), _counted("plane", share)):
+            yield Case(f"{cell}/{effect}/{k}/{n}", cell, procedure, _usual(n), (effect,), (k,))
 
 
 def _bars(share: float) -> Iterator[Case]:

@@ -29,6 +29,7 @@ PLANS = {
     "sweep": Plan(UNEVEN, 2),
     "two-station": Plan(UNEVEN, 2, (0.5, 0.35)),
     "zero-max-min-plane": Plan((0.0, 60.0, -100.0), 3, (0.5,), (0.1, 0.9)),
+    "plane": Plan((0.0, 60.0, -100.0), 3, (), (0.1, 0.9)),
 }
 
 

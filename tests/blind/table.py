@@ -191,6 +191,16 @@ def _false_lines(told: Told) -> list[Line]:
         Line("blunder claimed, no effect", told.cell("none"), blunder_claimed, 0.0, True),
         Line("over a plane: false name", told.cell("plane-none"), false_name, 0.01, True),
         Line("over a plane: wrong confident name", told.cell("plane"), wrong_confident, 0.01, True),
+        Line(
+            "over a plane alone: false name", told.cell("plane-alone-none"), false_name, 0.01, True
+        ),
+        Line(
+            "over a plane alone: wrong confident name",
+            told.cell("plane-alone"),
+            wrong_confident,
+            0.01,
+            True,
+        ),
         Line("false name, mislabelled repeats", told.cell("mislabelled"), false_name, None),
     ]
 

@@ -52,6 +52,12 @@ def test_clean_sessions_get_no_name(tmp_path: Path) -> None:
     assert not any(blunder_claimed(one) for one in found)
 
 
+def test_over_a_plane_alone_clean_sessions_get_no_name(tmp_path: Path) -> None:
+    """6 sessions at 1 %: more than one false name happens in 0.2 % of runs."""
+    found = diagnosed([Case(f"q/{n}", "plane-alone-none", "plane", n) for n in NOISES], tmp_path)
+    assert rate(found, false_name).hits <= 1
+
+
 @pytest.mark.parametrize("procedure", ["sweep", "two-station"])
 def test_hidden_effects_are_in_the_set_and_no_other_is_claimed(
     tmp_path: Path, procedure: str

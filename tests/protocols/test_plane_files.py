@@ -14,8 +14,9 @@ from calib.errors import RecordError
 from calib.tripod.geometry import Geometry
 from protocols.machine import Machine
 from protocols.procedure import Plane, load_procedure
-from protocols.table import empty_table, off_bar_words, read_table
+from protocols.table import empty_table, off_bar_words
 from tests.app.cli import glidecal
+from tests.builders import read_table
 
 ALONE = load_procedure("plane", Geometry())
 FILE = """schema = "glidecal.procedure/1"
@@ -61,7 +62,7 @@ def test_a_table_that_was_filled_in_is_the_procedure(tmp_path: Path) -> None:
     empty = empty_table(procedure, Geometry(), path)
     assert isinstance(empty, str)
     path.write_text(re.sub(r",$", ",0.125", empty, flags=re.M), encoding="utf-8")
-    readings, unknown = read_table(path, Geometry())
+    readings, unknown = read_table(path)
     expected = [
         (s.leg, axis, s.station, s.displacement_mm, s.over_plane)
         for s in procedure.steps(Geometry())
@@ -90,13 +91,13 @@ def test_tables_that_cannot_be_imported(tmp_path: Path, rows: str, said: str) ->
     path = tmp_path / "t.csv"
     path.write_text(HEAD + rows)
     with pytest.raises(RecordError, match=re.escape(said)):
-        read_table(path, Geometry())
+        read_table(path)
 
 
 def test_a_touched_point_off_the_bar_is_told(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     path.write_text(HEAD + "x,z,0.99,60,1,,0.1\nx,z,0.9,60,1,,0.1\n")
-    readings, _ = read_table(path, Geometry())
+    readings, _ = read_table(path)
     assert off_bar_words(readings, Geometry()).startswith("readings off the bars: 1, ")
 
 

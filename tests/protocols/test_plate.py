@@ -11,7 +11,7 @@ from protocols.machine import Machine, load_machine
 from protocols.observations import to_observations
 from protocols.procedure import Procedure, Step, load_procedure
 from protocols.session import Opened, Reading, fold
-from protocols.table import read_table
+from tests.builders import read_table
 from tests.tripods import DELTA, ORTHOGLIDE
 
 RINGS = load_procedure("plate-rings", DELTA)
@@ -63,7 +63,9 @@ def test_a_shuffled_plate_keeps_its_places() -> None:
 
 def test_legs_of_a_machine_without_square_drives_are_not_read() -> None:
     with pytest.raises(UsageError, match="not square to each other"):
-        load_procedure("sweep", DELTA).steps(DELTA)
+        load_procedure("sweep", DELTA)  # before a screen opens
+    with pytest.raises(UsageError, match="not square to each other"):
+        load_procedure("sweep", ORTHOGLIDE).steps(DELTA)
     assert load_procedure("sweep", ORTHOGLIDE).steps(ORTHOGLIDE)
 
 
@@ -131,7 +133,7 @@ def test_tables_that_cannot_be_imported(tmp_path: Path, table_text: str, said: s
     source = tmp_path / "t.csv"
     source.write_text(table_text, encoding="utf-8")
     with pytest.raises(RecordError, match=said):
-        read_table(source, DELTA)
+        read_table(source, "linear-delta")
 
 
 def plate(more: str = "", radii: str = "[0.0, 30.0]") -> str:

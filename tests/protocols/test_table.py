@@ -15,12 +15,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calib.errors import RecordError, UsageError
-from calib.tripod.geometry import Geometry
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure
 from protocols.session import Reading
 from protocols.spreadsheet import MOST_UNPACKED_BYTES
-from protocols.table import empty_table, read_table
+from protocols.table import empty_table
+from tests.builders import read_table
 
 HEADER = "leg,axis,displacement_mm,value_mm"
 GOOD = f"{HEADER}\nx,y,0,0.10\nx,y,60,0.25\n"
@@ -29,7 +29,7 @@ GOOD = f"{HEADER}\nx,y,0,0.10\nx,y,60,0.25\n"
 def read(tmp_path: Path, text: str | bytes) -> tuple[tuple[Reading, ...], tuple[str, ...]]:
     path = tmp_path / "t.csv"
     path.write_bytes(text.encode() if isinstance(text, str) else text)
-    return read_table(path, Geometry())
+    return read_table(path)
 
 
 def test_smallest_table(tmp_path: Path) -> None:
@@ -170,7 +170,7 @@ def test_a_workbook_is_the_same_table(tmp_path: Path) -> None:
         [None] * 5,
         ["x", "y", -59.5, -1e-05],
     ]
-    readings, unknown = read_table(workbook_of(tmp_path / "t.XLSX", [header, *rows]), Geometry())
+    readings, unknown = read_table(workbook_of(tmp_path / "t.XLSX", [header, *rows]))
     assert [(r.displacement_mm, r.value_mm) for r in readings] == [(0.0, 0.3), (-59.5, -1e-05)]
     assert readings[0].text == "0.3", "as the spreadsheet shows it"
     assert [r.extra for r in readings] == [{"weather": "rain"}, {"weather": ""}]
@@ -191,7 +191,7 @@ def test_a_workbook_is_the_same_table(tmp_path: Path) -> None:
 def test_bad_cells_of_a_workbook(tmp_path: Path, cell: object, said: str) -> None:
     rows: list[list[object]] = [[*HEADER.split(",")], ["x", "y", 0, 0.1], ["x", "y", 60, cell]]
     with pytest.raises(RecordError, match=said):
-        read_table(workbook_of(tmp_path / "t.xlsx", rows), Geometry())
+        read_table(workbook_of(tmp_path / "t.xlsx", rows))
 
 
 def test_workbooks_that_are_none_and_one_that_is_too_large_unpacked(tmp_path: Path) -> None:
@@ -199,13 +199,13 @@ def test_workbooks_that_are_none_and_one_that_is_too_large_unpacked(tmp_path: Pa
     for content in (b"", GOOD.encode(), b"PK\x03\x04"):
         path.write_bytes(content)
         with pytest.raises(RecordError, match=r"t\.xlsx: no readable workbook\. Save"):
-            read_table(path, Geometry())
+            read_table(path)
     with ZipFile(path, "w", ZIP_DEFLATED) as packed, packed.open("xl/workbook.xml", "w") as part:
         for _ in range(MOST_UNPACKED_BYTES // 10_000_000 + 1):
             part.write(b" " * 10_000_000)
     assert path.stat().st_size < 1_000_000
     with pytest.raises(RecordError, match="no readable workbook"):
-        read_table(path, Geometry())
+        read_table(path)
 
 
 def test_a_workbook_without_openpyxl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -214,7 +214,7 @@ def test_a_workbook_without_openpyxl(tmp_path: Path, monkeypatch: pytest.MonkeyP
     with pytest.raises(
         UsageError, match=r'pip install "glidecal\[xlsx\]", or save the table as CSV'
     ):
-        read_table(path, Geometry())
+        read_table(path)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".xlsx"])
@@ -228,7 +228,7 @@ def test_a_template_that_was_filled_in_holds_every_reading(
     empty = empty_table(procedure, geometry, path)
     path.write_bytes(empty.encode() if isinstance(empty, str) else empty)
     with pytest.raises(RecordError, match="line 2, column value_mm: found ''"):
-        read_table(path, geometry)
+        read_table(path, machine)
     if isinstance(empty, str):
         path.write_text(re.sub(r",$", ",0.125", empty, flags=re.M), encoding="utf-8")
     else:
@@ -236,7 +236,7 @@ def test_a_template_that_was_filled_in_holds_every_reading(
         for row in book.active.iter_rows(min_row=2):
             row[-1].value = 0.125
         book.save(path)
-    readings, unknown = read_table(path, geometry)
+    readings, unknown = read_table(path, machine)
     steps = procedure.steps(geometry)
     expected = [
         (s.leg, axis, s.displacement_mm, s.position_mm, s.cycle, s.station)
@@ -253,7 +253,7 @@ def test_a_template_that_was_filled_in_holds_every_reading(
 
 def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="No such file"):
-        read_table(tmp_path / "none.csv", Geometry())
+        read_table(tmp_path / "none.csv")
 
 
 NUMBERS_AS_TYPED = st.floats(-500.0, 500.0).map(lambda v: f"{v:.4f}")
@@ -281,8 +281,7 @@ def test_points_commas_and_workbooks_say_the_same(
     workbook_of(folder / "cells.xlsx", [rows[0], *numbers])
     names = ("point.csv", "comma.csv", "cells.xlsx")
     point, comma, cells = (
-        [(r.displacement_mm, r.value_mm) for r in read_table(folder / name, Geometry())[0]]
-        for name in names
+        [(r.displacement_mm, r.value_mm) for r in read_table(folder / name)[0]] for name in names
     )
     assert point == comma == cells
 
@@ -295,7 +294,7 @@ def test_any_cells_give_readings_or_a_record_error(
     path = tmp_path_factory.getbasetemp() / "fuzz.xlsx"
     workbook_of(path, [HEADER.split(","), *rows])
     try:
-        readings, _ = read_table(path, Geometry())
+        readings, _ = read_table(path)
     except RecordError:
         return
     assert all(abs(r.value_mm) < 1e9 for r in readings)
@@ -312,7 +311,7 @@ def test_a_spoilt_workbook_is_refused_in_a_sentence(
         content[at % len(content)] = byte
     path.write_bytes(content)
     try:
-        readings, _ = read_table(path, Geometry())
+        readings, _ = read_table(path)
     except RecordError:
         return
     assert all(abs(r.value_mm) < 1e9 for r in readings)
@@ -325,7 +324,7 @@ def test_any_bytes_give_readings_or_a_record_error(
     path = tmp_path_factory.getbasetemp() / "fuzz.csv"
     path.write_bytes(header.encode() + b"\n" + content)
     try:
-        readings, _ = read_table(path, Geometry())
+        readings, _ = read_table(path)
     except RecordError:
         return
     assert all(abs(r.value_mm) < 1e9 for r in readings)

@@ -42,7 +42,7 @@ async def test_a_result_that_cannot_be_computed_yet(
         tries.append(path)
         raise NotIdentifiable("offsets", "nothing [seen]", "both postures of a leg")
 
-    monkeypatch.setattr("app.screens.measure.solve_recorded", refuse)
+    monkeypatch.setattr("app.screens.corrections.solve_recorded", refuse)
     plan = quick_plan(tmp_path)
     interface = Glidecal(CheckScreen(plan))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
@@ -76,7 +76,7 @@ async def test_trying_again_may_succeed(
             return answer
         raise NotIdentifiable("offsets", "nothing", "something")
 
-    monkeypatch.setattr("app.screens.measure.solve_recorded", at_last)
+    monkeypatch.setattr("app.screens.corrections.solve_recorded", at_last)
     interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await to_measuring(pilot, interface)
@@ -101,7 +101,7 @@ async def test_space_twice_computes_the_result_once(
         allowed.wait(20.0)
         return solved
 
-    monkeypatch.setattr("app.screens.measure.solve_recorded", slowly)
+    monkeypatch.setattr("app.screens.corrections.solve_recorded", slowly)
     monkeypatch.setattr("app.screens.measure.HELD_KEY_S", 0.0)
     interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:

@@ -12,10 +12,10 @@ from textual.widgets import Input, OptionList, Select, Static
 
 from app.commands.sessions import run_headless
 from app.exports import FILE_NAMES
-from app.screens.check import CheckScreen
+from app.screens.check import CheckScreen, DryRunScreen
 from app.screens.home import HomeScreen, PickScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface
-from app.screens.prepare import DryRunScreen, PrepareScreen
+from app.screens.prepare import PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import CompareScreen, ResultScreen
 from app.screens.start import Glidecal
@@ -288,6 +288,7 @@ async def test_prepare_dry_run_and_random_order(
         assert "G53 G0 X60.000" in text(interface, "#dry-run-text")
         assert "± (95 %), mm, to expect" in text(interface, "#dry-run-text")
         written = text(interface, "#dry-run-text")
+        await until(pilot, "expected", lambda: "to expect" in text(interface, "#expected"))
         await pilot.press("escape")
         interface.screen.query_one("#random", Input).focus()
         await pilot.press("7")

@@ -21,15 +21,16 @@ from textual.widgets import Footer, Input, Static, TabbedContent, TabPane
 
 from app.evaluating.comparison import compare_files
 from app.evaluating.history import read_history
-from app.evaluating.solution import solve_files
+from app.evaluating.solution import load_sessions, solve_files
+from app.evaluating.what_if import choices, trial_of
 from app.machines.registry import LOOKS
 from app.measuring.opening import demo_plan
 from app.measuring.recorded import recent_sessions
 from app.measuring.session import Doubt
 from app.measuring.simulated import BenchSettings
-from app.report.text.session import dry_run_text, question_choices
+from app.report.text.session import question_choices
 from app.screens.align import AlignScreen
-from app.screens.check import CheckScreen
+from app.screens.check import CheckScreen, DryRunScreen
 from app.screens.corrections import Corrections
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.fast_keys import Dialog, LeftOnce, Palette
@@ -40,11 +41,12 @@ from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialo
 from app.screens.measure import MeasureScreen
 from app.screens.pages import PagedScreen
 from app.screens.plot import SetUpScreen
-from app.screens.prepare import DryRunScreen, IndicatorScreen, PrepareScreen
+from app.screens.prepare import IndicatorScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import CompareScreen, ResultScreen
 from app.screens.session_view import GaugeDisplay, LegReviewScreen
 from app.screens.start import Glidecal
+from app.screens.what_if import WhatIfScreen
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure
 from protocols.record import read_record
@@ -78,7 +80,16 @@ def set_up(_: Path) -> Screen[Any]:
 def dry_run(_: Path) -> Screen[Any]:
     machine = load_machine(None)
     procedure = load_procedure("two-station", machine.geometry())
-    return DryRunScreen(dry_run_text(procedure, machine, simulated().opened.instruments))
+    return DryRunScreen(procedure, machine, simulated().opened.instruments)
+
+
+def what_if(_: Path) -> Screen[Any]:
+    """Two sizes, and others that fit as well."""
+    sessions = load_sessions([SWEEP])[0]
+    (found,) = (c for c in choices(sessions) if c.key == ("straightness", "x"))
+    found = replace(found, alike=("leg_bow (xy)", "leg_taper (xz)", "axis_squareness (yz)"))
+    trial = trial_of(found, [SWEEP.name], sessions, subset="with-tolerances")
+    return WhatIfScreen(found, trial, lambda _, __: None, mistakes=True)
 
 
 QUESTION = "Step 4, leg X ZERO:\nalong Y +0.2000 mm where +0.000 ± 0.050 mm is expected"
@@ -94,6 +105,7 @@ MAKERS: dict[type[Screen[Any]], Callable[[Path], Screen[Any]]] = {
     ResultScreen: result,
     CompareScreen: lambda _: CompareScreen(compare_files(ONE, TWO)),
     DiagnoseScreen: lambda _: DiagnoseScreen([SWEEP]),
+    WhatIfScreen: what_if,
     ReplayScreen: lambda _: ReplayScreen(SAMPLES / "simulated_zero-max-min.jsonl"),
     HexaSlideScreen: lambda _: HexaSlideScreen(),
     HistoryScreen: lambda folder: HistoryScreen(read_history(folder)),

@@ -26,11 +26,15 @@ ASIDE = 0.12
 
 @dataclass(frozen=True)
 class Series:
-    """Points of one kind; ``names`` of the chart label ``x`` where it is not a length."""
+    """Points of one kind; ``names`` of the chart label ``x`` where it is not a length.
+
+    ``u`` are standard uncertainties of ``y``, none where nobody shows them.
+    """
 
     name: str
     x: tuple[float, ...]
     y: tuple[float, ...]
+    u: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -102,34 +106,55 @@ def measured_and_predicted(solution: Solution) -> Chart:
     """The differences as measured, and what the model leaves of them."""
     found, rows = solution.differences, list(solution.differences.published_rows)
     names = [found.names[k] for k in rows]
-    measured, residual = found.value_mm[rows], solution.left_mm[rows]
-    return _differences(names, "measured", measured.tolist(), "residual", residual.tolist())
+    u_mm = solution.difference_uncertainty_mm[rows].tolist()
+    measured, residual = found.value_mm[rows].tolist(), solution.left_mm[rows].tolist()
+    return _differences(names, ("measured", measured, u_mm), ("residual", residual, u_mm))
+
+
+def predictions_with(without: Solution, now: Solution) -> Chart:
+    """The differences as measured, and as predicted without an effect and with it."""
+    found, rows = now.differences, list(now.differences.published_rows)
+    values = (found.value_mm, without.predicted_mm, now.predicted_mm)
+    names = [found.names[k] for k in rows]
+    series = zip(("measured", "without", "with it"), values, strict=True)
+    return _differences(names, *((name, one[rows].tolist(), ()) for name, one in series))
+
+
+def residuals_with(without: Solution, now: Solution) -> Chart:
+    """What is left of the differences without an effect and with it, µm."""
+    found, rows = now.differences, list(now.differences.published_rows)
+    names = [found.names[k] for k in rows]
+    left = [(1000.0 * one.left_mm[rows]).tolist() for one in (without, now)]
+    chart = _differences(names, ("without", left[0], ()), ("with it", left[1], ()))
+    return replace(chart, title="Left of the differences", y_words="µm")
 
 
 def before_and_after(before: Solution, after: Solution) -> Chart:
     """The differences before and after the offsets were entered."""
-    found = before.differences
-    later = dict(zip(after.differences.names, after.differences.value_mm.tolist(), strict=True))
+    found, again = before.differences, after.differences
+    later = {name: k for k, name in enumerate(again.names)}
     rows = [k for k in found.published_rows if found.names[k] in later]
     names = [found.names[k] for k in rows]
-    earlier = found.value_mm[rows].tolist()
-    return _differences(names, "before", earlier, "after", [later[name] for name in names])
+    partners = [later[name] for name in names]
+    earlier = found.value_mm[rows], before.difference_uncertainty_mm[rows]
+    others = again.value_mm[partners], after.difference_uncertainty_mm[partners]
+    first, second = ([one.tolist() for one in pair] for pair in (earlier, others))
+    return _differences(names, ("before", *first), ("after", *second))
 
 
 def _differences(
-    names: Sequence[str],
-    first: str,
-    values: Sequence[float],
-    second: str,
-    others: Sequence[float],
+    names: Sequence[str], *shown: tuple[str, Sequence[float], Sequence[float]]
 ) -> Chart:
-    """Two series over the same names, beside each other so that none hides the other."""
-    places = range(1, len(names) + 1)
-    series = (
-        Series(first, tuple(k - ASIDE for k in places), tuple(values)),
-        Series(second, tuple(k + ASIDE for k in places), tuple(others)),
-    )
-    return Chart("Differences", "", "mm", series, tuple(names))
+    """Two or three series over the same names, beside each other so that none hides another.
+
+    Each with its values and their standard uncertainties, none where nobody shows them.
+    """
+    series = []
+    for k, (name, values, u) in enumerate(shown):
+        aside = (2 * k + 1 - len(shown)) * ASIDE
+        x = tuple(place + aside for place in range(1, len(names) + 1))
+        series.append(Series(name, x, tuple(values), tuple(u)))
+    return Chart("Differences", "", "mm", tuple(series), tuple(names))
 
 
 def thinned(series: Series, columns: int) -> Series:
@@ -300,8 +325,9 @@ def residuals_over_time(solved: SessionSolution) -> Chart:
     points: dict[str, list[tuple[float, float]]] = {}
     for session, reading, residual_mm in solved.residuals:
         if reading.time_s is not None:
-            of = f"{1 + solved.names.index(session)}: " if several else ""
-            name = f"{of}{reading.leg} along {reading.axis}"
+            name = f"{reading.leg} along {reading.axis}"
+            if several:
+                name = f"session {1 + solved.names.index(session)}"
             points.setdefault(name, []).append((reading.time_s / 60.0, 1000.0 * residual_mm))
     series = tuple(_series(name, found) for name, found in points.items())
     return Chart("Residuals", "minutes", "residual, µm", series)

@@ -253,6 +253,9 @@ class SolutionReport(Report):
     ambiguous_effects: tuple[str, ...] = at(
         "solved.ambiguous", "those of the model that are one of several that would do"
     )
+    held_sizes: tuple[str, ...] = at(
+        "solved.held", "those of the model that a person stated and nothing fitted"
+    )
     tolerance: Judgement | None = asked("judged", "with --tolerance")
     tool_maps: tuple[ToolMapEntry, ...] | None = asked("maps", "with --map")
     monte_carlo: Annotated[SimulatedSessions | None, called("simulated")] = asked(

@@ -89,6 +89,8 @@ def _of_the_model(solved: SessionSolution) -> Iterator[str]:
         from protocols.model_file import ambiguity  # with a model only
 
         yield f"WARNING: {ambiguity(solved.ambiguous)}"
+    if solved.held:
+        yield f"Held as a person stated it, not fitted: {'; '.join(solved.held)}."
 
 
 def _of_the_fit(solved: SessionSolution) -> Iterator[str]:

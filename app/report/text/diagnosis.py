@@ -33,6 +33,8 @@ A             adopt what was named, another effect that fits as well, or
               the rest as an unnamed effect: writes a model file and
               diagnoses again with it. Mistakes in the readings are
               corrected in a new session file
+W             what if: move the size of an effect and see what it would
+              explain, and what it does at the tool; then adopt or drop it
 R             the result: offsets, and the sizes of adopted effects with them
 N             write the next measurement as a procedure file: the one
               that decides between effects that fit equally well

@@ -39,7 +39,8 @@ def effect_words(effect: EffectEntry, machine: Machine) -> str:
     for name, value in effect.parameters.items():
         spread = value.standard_uncertainty
         about = "" if spread is None else f" ± {spread:.2g}"
-        lines.append(f"    {name} = {value.value:+.4g}{about} {value.unit}")
+        held = ", held" if value.held else ""
+        lines.append(f"    {name} = {value.value:+.4g}{about} {value.unit}{held}")
     lines += [hanging(f"    {said}", "    ") for said in _remedies(effect, machine)]
     if effect.provenance:
         sessions = ", ".join(effect.provenance.sessions)

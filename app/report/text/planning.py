@@ -13,7 +13,6 @@ from calib.diagnosis.results import AliasMap
 from calib.identify.next_mounting import Expected, FurtherSetUp, Proposal, Reach
 from calib.stats import coverage_factor
 from calib.tripod.optimum import ChosenPostures, Figures
-from calib.tripod.planning import TripodPlanning
 from calib.tripod.workspace import PostureOfTool, Workspace
 from protocols.machine import Machine
 from protocols.procedure import position_words
@@ -74,9 +73,9 @@ def expected_text(expected: Expected) -> str:
     return f"{table_text(table)}\n\n{wrapped(tool)}"
 
 
-def before_measuring_text(planned: TripodPlanning, expected: Expected) -> str:
-    """The same under the steps of a dry run."""
-    return f"Before measuring, noise {planned.noise_words}:\n\n{expected_text(expected)}"
+def before_measuring_text(expected: Expected, noise_words: str) -> str:
+    """The same, below the steps of a procedure."""
+    return f"Before measuring, noise {noise_words}:\n\n{expected_text(expected)}"
 
 
 def _verdict(seen: SeenBy) -> str:
@@ -108,21 +107,21 @@ def _combinations(seen: SeenBy) -> str:
         f"  {'No posture of this procedure shows' if enough else 'More postures may show'} it."
     )
     for one in seen.unidentifiable:
-        lines += [f"NOT IDENTIFIABLE: {one.name}.", _addition(one, without)]
+        lines += [f"NOT IDENTIFIABLE: {one.name}.", *_addition(one, without)]
     for one in seen.weak:
         half, tool = COVERAGE * (one.standard_uncertainty or 0.0), COVERAGE * (one.tool_mm or 0.0)
         lines.append(
             f"WEAK: {one.name} known only to ±{half:.3f} mm (95 %), ±{tool:.3f} mm at the tool."
         )
-        lines.append(_addition(one))
+        lines += _addition(one)
     return wrapped("\n".join(lines))
 
 
-def _addition(one: Combination, without: str = "") -> str:
+def _addition(one: Combination, *without: str) -> tuple[str, ...]:
     if one.cure is None:
         return without
     half = COVERAGE * one.cure.standard_uncertainty
-    return f"  Best single addition: {one.cure.where}; then ±{half:.3f} mm."
+    return (f"  Best single addition: {one.cure.where}; then ±{half:.3f} mm.",)
 
 
 def postures_text(chosen: ChosenPostures) -> str:

@@ -284,6 +284,7 @@ E             write the joint offsets, in every format, into a folder
 V             measure again after the offsets were entered, and compare
 R             write the report to sign (HTML) beside the session
 D             diagnose: where readings and model disagree, and why
+W             what if: move the size of an effect, and see what it does
 Y             copy the text to the clipboard
 Escape, H     back; to the home screen
 F10           quit
@@ -404,12 +405,14 @@ def offsets_table(found: Verification) -> Table:
     return table
 
 
+DECIDED = {"pass": "PASS", "fail": "FAIL", "undecided": "UNDECIDED"}
+
+
 def decided(found: Verification) -> str:
     """The decision in a sentence."""
     if found.decision is None:
         return "NOT JUDGED: there is no --tolerance, and no tool_tolerance_mm in the machine file."
-    words = {"pass": "PASS", "fail": "FAIL", "undecided": "UNDECIDED"}[found.decision]
-    return f"{words}: tolerance {found.tolerance_mm:g} mm, against the bound."
+    return f"{DECIDED[found.decision]}: tolerance {found.tolerance_mm:g} mm, against the bound."
 
 
 def what_to_do(found: Verification) -> list[str]:

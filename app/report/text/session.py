@@ -13,12 +13,12 @@ from app.measuring.session import Doubt, TakenStep
 from app.measuring.simulated import short_travels
 from app.report.schema.readings import ReplayReport
 from app.report.text.tables import new_table, signed, table_text, uncertain, wrapped
-from calib.arrays import LEG_NAMES, conditions
-from calib.tripod.geometry import Geometry, inverse
-from calib.tripod.pipeline import command
+from calib.arrays import LEG_NAMES
+from calib.tripod.geometry import Geometry
 from drivers.profile import Evidence
 from protocols.expectation import Movement
 from protocols.machine import Instrument, Machine
+from protocols.motion import joints_mm, told_mm
 from protocols.procedure import (
     Procedure,
     Step,
@@ -57,24 +57,8 @@ def _mdi_line(step: Step, machine: Machine, lift_mm: float = 0.0) -> str:
         parts = zip(LEG_NAMES, step.position_mm, strict=True)
         x, y, z = (mm + lift_mm * (name in step.axes) for name, mm in parts)
         return _mdi_line(replace(step, position_mm=(x, y, z)), machine)
-    if machine.mdi == "joint":
-        position = _joints_mm(step, machine.geometry())
-    elif step.position_mm is not None:
-        position = dict(zip(LEG_NAMES, step.position_mm, strict=True))
-    else:
-        position = dict.fromkeys(LEG_NAMES, 0.0) | {step.leg: step.displacement_mm}
-    words = " ".join(f"{name.upper()}{value:.3f}" for name, value in position.items())
-    return f"G53 G0 {words}"
-
-
-def _joints_mm(step: Step, geometry: Geometry) -> dict[str, float]:
-    """Joint coordinates that the controller commands for this step."""
-    if step.position_mm is not None:
-        found = inverse(geometry, step.position_mm)
-    else:
-        leg, axis = leg_number(step.leg), leg_number(step.axes[0])
-        found = command(geometry, conditions([leg], [axis], [step.displacement_mm]))[0]
-    return dict(zip(LEG_NAMES, found.tolist(), strict=True))
+    told = zip("XYZ", told_mm(step, machine), strict=True)
+    return f"G53 G0 {' '.join(f'{name}{value:.3f}' for name, value in told)}"
 
 
 def procedure_sentence(procedure: Procedure, geometry: Geometry, axes: Sequence[str]) -> str:
@@ -225,7 +209,7 @@ def step_text(step: Step, session: Session) -> str:
     machine = session.opened.machine
     geometry = machine.geometry()
     cycles = session.opened.procedure.cycles if session.opened.procedure else 1
-    leg, joints = step.leg.upper(), _joints_mm(step, geometry)
+    leg, joints = step.leg.upper(), joints_mm(step, geometry)
     plate = session.opened.procedure.plate if session.opened.procedure else None
     to = f"{leg} {step.displacement_mm:+.2f} mm" if plate is None else "the position"
     lines = [

@@ -186,7 +186,7 @@ def test_the_same_session_twice(samples: Path, tmp_path: Path) -> None:
         (["run", "--indicator", "sylvac:a@x", "--indicator", "sylvac:b@x"], 2, "do not fit leg"),
         (["run"], 2, "--indicator PROFILE:PORT"),
         (["run", "--simulated"], 2, "no terminal"),
-        (["run", "--port", "a", "--headless"], 2, "--simulated only"),
+        (["run", "--port", "a", "--headless"], 2, "--simulated or --motion"),
         (["run", "--dry-run", "--machine", "none.toml"], 3, "none.toml"),
         ([], 2, "no terminal"),
     ],

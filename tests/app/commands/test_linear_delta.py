@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from protocols.machine import load_machine
-from protocols.machine_files import machine_names
+from protocols.machine_files import machine_names, shipped_file
 from protocols.observations import to_observations
 from protocols.record import read_record
 from protocols.session import fold
@@ -103,11 +103,29 @@ def test_aliases_of_a_plate() -> None:
     assert not {"leg_taper", "leg_bow"} & ids
 
 
+def test_a_machine_file_says_by_its_schema_of_what_kind_it_is(tmp_path: Path) -> None:
+    drives, slides = tmp_path / "drives.toml", tmp_path / "slides.toml"
+    for name, path in (("linear-delta", drives), ("hexaslide-h60", slides)):
+        path.write_bytes(shipped_file(name).read_bytes())
+    seen = ("identifiability", "orthoglide", "--machine-file", drives)
+    said = ran(*seen)
+    assert said.startswith("linear-delta, plate-rings")  # not the name it was asked by
+    assert "tool.\nWEAK" in said  # no empty line where no single set-up helps
+    of_pose = ("--procedure", "pose-inverse", "--json")
+    by_name = ran("identifiability", "hexaslide", "--machine-file", slides, *of_pose)
+    assert ran("identifiability", slides, *of_pose) == by_name
+    assert "no glidecal workspace for a hexaslide" in refused(2, "workspace", slides)
+    assert "one machine file" in refused(2, "identifiability", drives, "--machine-file", slides)
+
+
 def test_bad_files_end_with_the_documented_status(tmp_path: Path) -> None:
     path, out = tmp_path / "mine.toml", ("-o", tmp_path / "s.jsonl")
-    path.write_text('schema = "glidecal.hexaslide/1"\n', encoding="utf-8")
+    path.write_text('schema = "glidecal.other/1"\n', encoding="utf-8")
     assert "another kind of machine" in refused(3, "simulate", *out, "--machine", path)
     assert "another kind of machine" in refused(3, "identifiability", path)
+    path.write_text('schema = "glidecal.hexaslide/1"\n', encoding="utf-8")
+    other = ("identifiability", "linear-delta", "--machine-file", path)
+    assert "another kind of machine" in refused(3, *other)
     source = tmp_path / "t.csv"
     source.write_text("x_mm,y_mm,z_mm,value_mm\n0,0,0,0\n400,0,0,0\n", encoding="utf-8")
     assert "the bars reach" in refused(3, "import", source, *out, *MACHINE)

@@ -21,11 +21,12 @@ from calib.tripod.optimum import optimum_postures
 from calib.tripod.pipeline import derivatives
 from calib.tripod.planning import TripodPlanning
 from calib.tripod.pool import leg_pool, levels_mm, visiting_order
+from protocols.machine import load_machine
 from tests.app.cli import glidecal, refused
 
 
 def orthoglide(procedure: str, noise_mm: float) -> TripodPlanning:
-    return tripod_planning("orthoglide", procedure, noise_mm=noise_mm)[0]
+    return tripod_planning(load_machine("orthoglide"), procedure, noise_mm=noise_mm)[0]
 
 
 MAX_MIN = """schema = "glidecal.procedure/1"

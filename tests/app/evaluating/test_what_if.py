@@ -2,20 +2,40 @@
 
 from __future__ import annotations
 
+from functools import cache
+from pathlib import Path
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import glidecal
+from app.evaluating.what_if import FAR, Trial, choices, trial_of
+from app.report.text.caveats import caveats
 from calib.errors import UsageError
+from calib.identify.identify import Subset
 from calib.tripod.geometry import Geometry, direct, inverse
 from calib.tripod.workspace import workspace_points
 
 PLAY_MM = 0.1
 
 
+@cache
+def measured() -> glidecal.Session:
+    return glidecal.simulate("two-station", effect="backlash:all", size=PLAY_MM, seed=3)
+
+
+@cache
+def tried(effect: str, subset: Subset) -> Trial:
+    """An effect of the catalogue, on a set of parameters."""
+    (found,) = (c for c in choices([measured()]) if ":".join(c.key) == effect)
+    return trial_of(found, ["a"], [measured()], subset=subset)
+
+
 @pytest.fixture(scope="module")
 def session() -> glidecal.Session:
-    return glidecal.simulate("two-station", effect="backlash:all", size=PLAY_MM, seed=3)
+    return measured()
 
 
 def test_residuals_are_least_at_the_true_size(session: glidecal.Session) -> None:
@@ -44,6 +64,93 @@ def test_the_tool_follows_the_size(session: glidecal.Session) -> None:
     expected = float(np.sqrt((off**2).sum(axis=-1).mean()))
     found = glidecal.what_if(session, effect="actuator_scale:all", size=1e3 * share)
     assert found.tool_mm == pytest.approx(expected, rel=1e-3)
+
+
+def test_parameters_that_ignore_it_mislead_the_tool(session: glidecal.Session) -> None:
+    """Against the kinematics alone: offsets of before entered where drives are longer."""
+    geometry = Geometry()
+    points = workspace_points(geometry)
+    subset: Subset = "joint-offsets"
+    share = 0.5e-3
+    found = glidecal.what_if(session, effect="actuator_scale:all", size=1e3 * share, subset=subset)
+    entered = np.array(glidecal.solve(session, subset=subset).solution.values_mm)
+    true_mm = found.solved.solution.values_mm
+    zero = inverse(geometry, np.zeros((1, 3)))
+    commanded = inverse(geometry, points) - entered
+    carriage = commanded + true_mm + share * (commanded - zero)
+    off = direct(geometry, carriage) - points
+    expected = float(np.sqrt((off**2).sum(axis=-1).mean()))
+    assert found.misled_mm == pytest.approx(expected, rel=1e-6)
+    assert found.trial.without.misled_mm == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_figures_of_one_set_are_those_of_the_whole() -> None:
+    trial = tried("backlash:all", "both")
+    for mm in (0.0, 0.03, PLAY_MM):
+        alone, whole = trial.at([mm]).solution, trial.at([mm]).solved.solution
+        assert (alone.values_mm == whole.values_mm).all()
+        assert (alone.predicted_mm == whole.predicted_mm).all()
+        assert alone.rms_after_mm == whole.rms_after_mm
+
+
+def test_what_fits_best_is_what_a_model_gives(session: glidecal.Session, tmp_path: Path) -> None:
+    trial = tried("backlash:all", "both")
+    (fitted,) = trial.fitted
+    assert fitted.value == pytest.approx(PLAY_MM, abs=3.0 * fitted.standard_uncertainty)
+    model = trial.beside.model_copy(update={"effects": (trial.entry,)})
+    path = tmp_path / "model.json"
+    path.write_text(model.text(), encoding="utf-8")
+    (same,) = glidecal.solve(session, subset="both", model=path).solution.sizes
+    assert (same.value, same.standard_uncertainty) == (fitted.value, fitted.standard_uncertainty)
+    # and no other size leaves less
+    (step,) = trial.steps
+    assert step <= fitted.standard_uncertainty < 2.5 * step
+    near = [trial.at([fitted.value + k * step]).solution for k in (-3, 0, 3)]
+    left = [one.lack_of_fit.statistic for one in near if one.lack_of_fit]
+    assert len(left) == 3
+    assert left[1] == min(left)
+
+
+def test_an_effect_of_the_model_is_held_in_place_of_being_fitted(
+    session: glidecal.Session, tmp_path: Path
+) -> None:
+    trial = tried("backlash:all", "both")
+    for entry, sizes in ((trial.entry, 1), (trial.entry.held_at([0.02]), 0)):
+        path = tmp_path / f"{sizes}.json"
+        model = trial.beside.model_copy(update={"effects": (entry,)})
+        path.write_text(model.text(), encoding="utf-8")
+        solved = glidecal.solve(session, subset="both", model=path)
+        assert len(solved.solution.sizes) == sizes
+        assert solved.held == ((), ("backlash (all): play = +0.02 mm",))[1 - sizes]
+        found = glidecal.what_if(
+            session, effect="backlash:all", size=0.02, subset="both", model=path
+        )
+        expected = trial.at([0.02]).solution.predicted_mm
+        assert found.solved.solution.predicted_mm.tolist() == expected.tolist()
+    assert solved.solution.predicted_mm.tolist() == expected.tolist()
+    assert "Held as a person stated it, not fitted: backlash" in "\n".join(caveats(solved))
+
+
+@settings(deadline=None)  # the first one fits
+@given(start=st.floats(-0.3, 0.3), steps=st.lists(st.sampled_from((-10, -1, 1, 10)), max_size=30))
+def test_steps_meet_round_sizes_and_keep_within_bounds(start: float, steps: list[int]) -> None:
+    trial = tried("actuator_scale:all", "joint-offsets")
+    (step,) = trial.steps
+    values: tuple[float, ...] = (start,)
+    for by in steps:
+        before, values = values[0], trial.moved(values, 0, by)
+        way = 1 if by > 0 else -1
+        assert 0.0 <= way * (values[0] - before) <= abs(by) * step * (1 + 1e-6)
+        if abs(values[0]) < 9.0:
+            assert abs(values[0] / step - round(values[0] / step)) < 1e-6
+            assert abs(values[0] - before) > (abs(by) - 1) * step * (1 - 1e-6)
+        assert abs(values[0]) <= FAR * trial.parameters[0].tolerance
+
+
+def test_play_is_never_below_nothing() -> None:
+    trial = tried("backlash:all", "joint-offsets")
+    assert trial.moved((0.0,), 0, -1) == (0.0,)
+    assert trial.moved((trial.steps[0],), 0, -10) == (0.0,)
 
 
 def test_what_is_not_known_is_refused(session: glidecal.Session) -> None:

@@ -168,6 +168,21 @@ def test_bad_input(tmp_path: Path) -> None:
     assert done.status == 3
     assert "rail_mm: the nearer end first" in done.err
     assert glidecal("align").status == 2
+    done = glidecal("align", "--machine", "linear-delta", "--simulated")
+    assert done.status == 2
+    assert "not square to each other" in done.err  # not a crash on the screen
+    done = glidecal("align", "--protocol", "plane", "--simulated")
+    assert done.status == 5
+    assert "do not tell squareness xy" in done.err  # before any of it is measured
+    done = glidecal("align", "--simulated")
+    assert done.status == 2
+    assert "--headless" not in done.err  # it has no such option
+    for unused in ("--simulated", "--continue", "--output", "--machine", "--protocol"):
+        value = () if unused == "--simulated" else ("orthoglide",)
+        done = glidecal("align", tmp_path / "s.jsonl", unused, *value)
+        assert done.status == 2
+        assert "beside a session" in done.err
+    assert "a session that was measured" in glidecal("align", "--simulated", "--json").err
     delta = tmp_path / "d.jsonl"
     assert glidecal("simulate", "--machine", "linear-delta", "-o", delta).status == 0
     done = glidecal("align", delta)

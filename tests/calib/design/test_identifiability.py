@@ -10,11 +10,13 @@ import pytest
 from app.planning.tripod import tripod_planning
 from calib.design.identifiability import Sensitivity, analyse, classical_qr
 from calib.tripod.geometry import Geometry
+from protocols.machine import load_machine
 from protocols.procedure import guided_procedure_names
 
 
 def sensitivity_of(procedure: str) -> Sensitivity:
-    return tripod_planning("orthoglide", procedure, noise_mm=0.02)[0].examine().sensitivity
+    planned, _ = tripod_planning(load_machine("orthoglide"), procedure, noise_mm=0.02)
+    return planned.examine().sensitivity
 
 
 @pytest.mark.parametrize("procedure", guided_procedure_names(Geometry()))

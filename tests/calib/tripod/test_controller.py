@@ -10,6 +10,7 @@ import pytest
 from calib.errors import ImpossibleRequest
 from calib.tripod.controller import (
     carriage_error_mm,
+    commanded_with,
     kinematics_of,
     not_told,
     table_of,
@@ -20,9 +21,10 @@ from calib.tripod.effects.axes import AxisOffset, AxisSquareness, Straightness
 from calib.tripod.effects.bars import GravitySag
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.gauges import GaugeGain
-from calib.tripod.geometry import Geometry
+from calib.tripod.geometry import Geometry, inverse
 from calib.tripod.pipeline import Model
-from calib.tripod.workspace import workspace_jacobian
+from calib.tripod.workspace import machine_at, workspace_jacobian, workspace_points
+from tests.tripods import TRIPODS
 
 L = 310.25
 OFFSETS = (0.8, -1.3, 0.45)
@@ -114,3 +116,16 @@ def test_what_is_told_leaves_nothing_and_offsets_leave_what_the_jacobian_says() 
     expected = math.sqrt((moved**2).sum(axis=1).mean())
     assert tool_error_mm(small) == pytest.approx(expected, rel=1e-4)
     assert tool_error_mm(not_told(small, kinematics=False)) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("geometry", TRIPODS.values(), ids=TRIPODS)
+def test_a_controller_that_knows_the_parameters_sends_the_tool_where_it_should_be(
+    geometry: Geometry,
+) -> None:
+    known = (0.6, -0.4, 0.2, 0.3, -0.2, 0.1)
+    machine = Model(geometry, known)
+    points = workspace_points(geometry)
+    joints = commanded_with(geometry, known)(points)
+    assert machine_at(machine, joints, 1.0).tool_mm == pytest.approx(points, abs=1e-9)
+    assert tool_error_mm(machine, commanded_with(geometry, known)) == pytest.approx(0.0, abs=1e-9)
+    assert commanded_with(geometry, (0.0,) * 6)(points) == pytest.approx(inverse(geometry, points))

@@ -97,17 +97,20 @@ def what_if(
     effect: str,
     size: float | Sequence[float],
     subset: Subset | None = None,
+    model: File | None = None,
 ) -> WhatIf:
     """Solve with an effect (``id:where``, as `diagnose` names them) of this size held.
 
     Predicted differences, residuals and the error at the tool follow from it; a size for each of
-    its parameters, in their units. Nothing is adopted.
+    its parameters, in their units. Other effects of a ``model`` are fitted. Nothing is adopted.
     """
     from app.evaluating.what_if import what_if as evaluated
+    from protocols.model_file import read_model_file
 
     names, loaded = _given(sessions)
     values = [size] if isinstance(size, int | float) else list(size)
-    return evaluated(names, loaded, effect, values, subset)
+    known = read_model_file(Path(model)) if model else None
+    return evaluated(names, loaded, effect, values, subset, known)
 
 
 def simulate(

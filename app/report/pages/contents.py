@@ -1,0 +1,409 @@
+"""What the calibration report says: what was measured, found and judged, and what limits it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.table import Table
+
+from app.evaluating.comparison import Verification, verify_files
+from app.evaluating.diagnosis import SessionDiagnosis, diagnose_sessions
+from app.evaluating.history import JOINTS
+from app.evaluating.solution import SessionSolution, judge, maps, solve_files
+from app.report.charts.charts import (
+    before_and_after,
+    measured_and_predicted,
+    residuals_before_and_after,
+    residuals_over_time,
+)
+from app.report.charts.tripod import drawn_set_up
+from app.report.pages.figures import bars_svg, drawings_svg, evidence_svg, maps_svg, svg_of
+from app.report.text.caveats import SUBSET_WORDS, bound_made_of, caveats
+from app.report.text.diagnosis import SHOWN_CANDIDATES, candidates_table, effects_text, gap_text
+from app.report.text.model import effect_words
+from app.report.text.result import (
+    DECIDED,
+    decided,
+    difference_table,
+    indicator_words,
+    noise_words,
+    offsets_table,
+    parameter_table,
+    size_table,
+    subset_table,
+    verdict_words,
+    what_to_do,
+)
+from app.report.text.tables import LEAST_MM, new_table, signed, uncertain
+from app.version import program
+from calib.diagnosis.results import Diagnosis
+from calib.errors import NotIdentifiable
+from calib.identify.identify import Subset
+from calib.printable import printable
+from protocols.machine import Machine
+from protocols.model_file import read_model_file
+from protocols.procedure import Step
+from protocols.record import read_record
+from protocols.session import Reading, Session
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture as SVG, with the sentence below it."""
+
+    svg: str
+    caption: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading with what stands below it, in this order."""
+
+    heading: str
+    sentences: Sequence[str] = ()
+    tables: Sequence[Table] = ()
+    figures: Sequence[Picture] = ()
+
+
+@dataclass(frozen=True)
+class CalibrationReport:
+    """``decision`` is that against the tolerance, or that there is none."""
+
+    machine: str
+    decision: str
+    sentences: Sequence[str]
+    sections: Sequence[Section]
+    program: str
+
+
+def report_of(
+    paths: Sequence[Path],
+    *,
+    model: Path | None = None,
+    after: Path | None = None,
+    tolerance_mm: float | None = None,
+) -> CalibrationReport:
+    """The report of sessions, with what a later one says of the offsets of the last.
+
+    Raises as `solve_files`, `diagnose_sessions` and `verify_files`.
+    """
+    solved, warnings = solve_files(paths, model=model)
+    diagnosed = diagnose_sessions(solved.names, solved.sessions, model=model)
+    verified = verify_files(paths[-1], after, tolerance_mm) if after else None
+    machine = solved.sessions[0].opened.machine
+    tolerance = machine.tool_tolerance_mm if tolerance_mm is None else tolerance_mm
+    judged = _judged(solved, tolerance)
+    found = diagnosed.diagnosis
+    everything = [solved, *([verified.compared.after] if verified else [])]
+    names = [name for one in everything for name in one.names]
+    sessions = [session for one in everything for session in one.sessions]
+    digests = [read_record(path).digest for path in (*paths, *([after] if after else []))]
+    remarks = [f"Remark: {remark}" for remark in found.remarks]
+    sections = [
+        Section(
+            "What was measured",
+            tables=[_machine(machine, tolerance), *_sessions(names, sessions, digests)],
+            figures=_set_ups(solved.sessions[0]),
+        ),
+        _result(solved, judged if verified else ""),
+        _budget(solved),
+        _controller(solved, model),
+        *([_again(verified)] if verified else []),
+        Section(
+            "What limits this result", [*warnings, *diagnosed.warnings, *caveats(solved), *remarks]
+        ),
+        _missing(diagnosed),
+        _fit(solved),
+        _doubted(solved, names, sessions),
+        *map(_readings, names, sessions),
+    ]
+    return CalibrationReport(
+        machine=machine.name,
+        decision=decided(verified) if verified else judged,
+        sentences=(_in_a_sentence(solved), f"{found.verdict.upper()}. {found.sentence}"),
+        sections=sections,
+        program=program(),
+    )
+
+
+def _judged(solved: SessionSolution, tolerance_mm: float | None) -> str:
+    if tolerance_mm is None:
+        return NOT_JUDGED
+    found = judge(solved, tolerance_mm)
+    return (
+        f"{DECIDED[found.after]} with these values entered, {DECIDED[found.before]} as it is now: "
+        f"tolerance {tolerance_mm:g} mm for the tool, r.m.s., against the bound."
+    )
+
+
+def _in_a_sentence(solved: SessionSolution) -> str:
+    solution = solved.solution
+    known = uncertain(float(solution.expanded_with_tolerances_mm.max()))
+    subset: Subset = "both" if solution.subset == "with-tolerances" else solution.subset
+    return (
+        f"{SUBSET_WORDS[subset].capitalize()} are known to ±{known} mm (95 %); with them "
+        f"entered the tool is off by at most {uncertain(solved.bound_after.bound_mm)} mm r.m.s. "
+        f"over the workspace (95 %), as it is now by at most "
+        f"{uncertain(solved.bound_before.bound_mm)} mm."
+    )
+
+
+def _machine(machine: Machine, tolerance_mm: float | None) -> Table:
+    """What was known of it before; tolerances of parts are standard deviations."""
+    geometry = machine.geometry()
+    lengths = dict.fromkeys(f"{mm:g}" for mm in geometry.leg_length_mm)
+    spread = f"{machine.offset_tolerance_mm:g} and {machine.length_tolerance_mm:g} mm"
+    table = new_table("machine", machine.name, left=2)
+    table.add_row("length of the bars", f"{', '.join(lengths)} mm")
+    table.add_row("travel from Zero", f"{machine.travel_min_mm:+g} … {machine.travel_max_mm:+g} mm")
+    table.add_row("tolerance of joint offsets and lengths (standard deviation)", spread)
+    tool = "not stated" if tolerance_mm is None else f"{tolerance_mm:g} mm r.m.s."
+    table.add_row("tolerance of the tool", tool)
+    if machine.adjusted:
+        table.add_row("mechanical state", machine.adjusted)
+    return table
+
+
+def _sessions(
+    names: Sequence[str], sessions: Sequence[Session], digests: Sequence[str]
+) -> list[Table]:
+    """Who measured what, when, how warm and with what; some sessions beside each other."""
+    return [
+        _beside(names[k : k + BESIDE], sessions[k : k + BESIDE], digests[k : k + BESIDE])
+        for k in range(0, len(names), BESIDE)
+    ]
+
+
+def _beside(names: Sequence[str], sessions: Sequence[Session], digests: Sequence[str]) -> Table:
+    table = new_table("session", *names, left=1 + len(names))
+    _set_widths(table, HEADING_EM, *[(WIDTH_EM - HEADING_EM) // len(names)] * len(names))
+    opened = [session.opened for session in sessions]
+    rows: dict[str, list[str]] = {
+        "origin": [one.origin for one in opened],
+        "began": [f"{one.at:%Y-%m-%d %H:%M %Z}" for one in opened],
+        "operator": [one.operator for one in opened],
+        "temperature": [
+            "" if one.temperature_c is None else f"{one.temperature_c:g} °C" for one in opened
+        ],
+        "procedure": [one.procedure.name if one.procedure else "" for one in opened],
+        "indicators": ["\n".join(map(indicator_words, one.instruments)) for one in opened],
+        "measured with": [one.program for one in opened],
+        "readings that count": [
+            f"{len(one.readings)} of {len(one.all_readings)}" for one in sessions
+        ],
+        "SHA-256 of the last line": list(digests),
+    }
+    for heading, values in rows.items():
+        table.add_row(heading, *(value or "not stated" for value in values))
+    notes = ["\n".join((*one.opened.remarks, *one.notes)) for one in sessions]
+    if any(notes):
+        table.add_row("notes", *notes)
+    return table
+
+
+def _set_widths(table: Table, *widths_em: int) -> None:
+    """For tables too long, or with texts too long, to be fitted to what stands in them."""
+    for column, width_em in zip(table.columns, widths_em, strict=True):
+        column.width = width_em
+
+
+def _set_ups(session: Session) -> list[Picture]:
+    """The machine with the indicators at each leg, as the first step there was measured."""
+    first: dict[str, Step] = {}
+    for step in session.steps():
+        first.setdefault(step.leg, step)
+    drawn = [drawn_set_up(session, step, session.opened.instruments) for step in first.values()]
+    shown = [one for one in drawn if one is not None]
+    caption = "Where the indicators stood; + is where readings grow."
+    return [Picture(drawings_svg(shown), caption)] if shown else []
+
+
+def _result(solved: SessionSolution, judged: str) -> Section:
+    solution = solved.solution
+    tables = [parameter_table(solution), subset_table(solved)]
+    if solution.sizes:
+        tables.insert(1, size_table(solution))
+    caption = (
+        "Expected error of the tool with these values, µm r.m.s., on three planes through Zero."
+    )
+    return Section(
+        "Result",
+        [
+            judged,
+            DECISION_RULE,
+            verdict_words(solved),
+            bound_made_of(solved),
+            noise_words(solution),
+        ],
+        tables,
+        [Picture(maps_svg(maps(solved)), caption)],
+    )
+
+
+def _budget(solved: SessionSolution) -> Section:
+    """What the uncertainties are made of."""
+    solution, bound = solved.solution, solved.bound_after
+    sources = solution.budget_mm
+    together, left = solution.expanded_with_tolerances_mm, solution.enlarged_expanded_mm
+    of_values = new_table("± in mm (95 %)", *sources, "± U together", "if what is left is noise")
+    columns = (*sources.values(), together, left)
+    for name, *row in zip(solution.names, *(one.tolist() for one in columns), strict=True):
+        of_values.add_row(name, *(uncertain(mm, 4) if mm > LEAST_MM else "0" for mm in row))
+    of_tool = new_table("bound at the tool with these values", "mm r.m.s.")
+    of_tool.add_row("noise of the readings alone", uncertain(solved.bound_of_noise_mm))
+    of_tool.add_row("and parts within tolerance", uncertain(bound.parameters_mm))
+    for one in bound.names[:MOST_OPEN]:
+        of_tool.add_row(f"and {one.title} ({one.id}, {one.where})", uncertain(one.bound_mm))
+    return Section("Uncertainty budget", [BUDGET_WORDS], [of_values, of_tool])
+
+
+def _controller(solved: SessionSolution, model: Path | None) -> Section:
+    """What the controller held, and what is to be entered: offsets, and remedies of a model."""
+    machine = solved.sessions[0].opened.machine
+    heading, said, tables = "What to enter in the controller", [ENTER_WORDS], []
+    try:
+        found_mm = solved.for_controller().joint_offsets_mm
+    except NotIdentifiable as problem:
+        said = [f"No joint offsets: {problem}"]
+    else:
+        table = new_table("joint", "entered when measured, mm", "found, mm", "together, mm")
+        held_mm = machine.entered_offsets_mm
+        for name, held, found in zip(JOINTS, held_mm, found_mm, strict=True):
+            table.add_row(name, signed(held, 4), signed(found, 4), signed(held + found, 4))
+        tables.append(table)
+    effects = read_model_file(model).effects if model else ()
+    return Section(heading, [*said, *(effect_words(one, machine) for one in effects)], tables)
+
+
+def _again(verified: Verification) -> Section:
+    """What the session after the offsets were entered says."""
+    compared = verified.compared
+    chart = before_and_after(compared.before.solution, compared.after.solution)
+    caption = f"Each difference before and after the offsets were entered{WHISKER_WORDS}"
+    return Section(
+        "Measured again, with the offsets entered",
+        [decided(verified), *what_to_do(verified), *compared.remarks],
+        [offsets_table(verified)],
+        [Picture(bars_svg(chart), caption)],
+    )
+
+
+def _missing(diagnosed: SessionDiagnosis) -> Section:
+    """The diagnosis: where readings and model disagree, and which effects explain it."""
+    found = diagnosed.diagnosis
+    residuals = svg_of(residuals_before_and_after(found.residuals.cells))
+    return Section(
+        "What is missing from the model",
+        [gap_text(found), effects_text(found.effects)],
+        [candidates_table(found.candidates)] if found.candidates else [],
+        [
+            *_evidence(found),
+            Picture(residuals, "Mean residual of each posture; grey: twice its noise."),
+        ],
+    )
+
+
+def _evidence(found: Diagnosis) -> list[Picture]:
+    """What speaks for the names, and for those that were not given."""
+    left = [
+        (printable(f"{one.id} ({one.where})"), 1000.0 * one.gap_rms_after_mm, one)
+        for k, one in enumerate(found.candidates)
+        if k < SHOWN_CANDIDATES or not one.reason_rejected
+    ]
+    bars = [(name, left_um, not one.reason_rejected) for name, left_um, one in left]
+    picture = evidence_svg(bars, 1000.0 * found.gap_before.rms_mm) if bars else ""
+    return [Picture(picture, EVIDENCE_WORDS)] if bars else []
+
+
+def _fit(solved: SessionSolution) -> Section:
+    """What the model makes of the readings."""
+    caption = f"Differences as measured, and what the model leaves of them{WHISKER_WORDS}"
+    figures = [Picture(bars_svg(measured_and_predicted(solved.solution)), caption)]
+    if (over_time := residuals_over_time(solved)).series:
+        figures.append(Picture(svg_of(over_time), "Residuals over time: drift shows here."))
+    return Section("Differences", tables=[difference_table(solved.solution)], figures=figures)
+
+
+def _doubted(solved: SessionSolution, names: Sequence[str], sessions: Sequence[Session]) -> Section:
+    """Readings that were questioned, superseded or do not fit their repeats; steps left out."""
+    suspects = {(one.session, one.reading.reading): one.studentised for one in solved.suspects}
+    table = new_table("session", "no.", "at", "value, mm", "", left=3)
+    _set_widths(table, *DOUBTED_EM)
+    said = []
+    for name, session in zip(names, sessions, strict=True):
+        for reading in session.all_readings:
+            why = [_state(session, reading)]
+            if (off := suspects.get((name, reading.reading))) is not None:
+                why.append(f"{signed(off, 1)} standard deviations from its repeats")
+            if words := "; ".join(filter(None, why)):
+                of = (name, f"{reading.reading}", reading.place_words)
+                table.add_row(*of, signed(reading.value_mm, 4), words)
+        if session.skipped:
+            reasons = "; ".join(dict.fromkeys(session.skipped.values()))
+            said.append(f"{name}: {len(session.skipped)} steps left out: {reasons}")
+    if not table.rows:
+        said.append("No reading was questioned or superseded, and all fit their repeats.")
+    return Section("Questioned and superseded readings", said, [table] if table.rows else [])
+
+
+def _readings(name: str, session: Session) -> Section:
+    """Every reading that was taken, those that do not count too."""
+    table = new_table("no.", "mounting", "at", "value, mm", "min", "°C", "", left=3)
+    _set_widths(table, *READING_EM)
+    for reading in session.all_readings:
+        table.add_row(
+            f"{reading.reading}",
+            reading.mount,
+            reading.place_words,
+            signed(reading.value_mm, 4),
+            "" if reading.time_s is None else f"{reading.time_s / 60.0:.1f}",
+            "" if reading.temperature_c is None else f"{reading.temperature_c:g}",
+            _state(session, reading),
+        )
+    return Section(f"Readings of {name}", tables=[table])
+
+
+def _state(session: Session, reading: Reading) -> str:
+    if reading.reading in session.superseded:
+        return f"does not count: {session.superseded[reading.reading]}"
+    if reading.reading in session.restored:
+        return f"counts again: {session.restored[reading.reading]}"
+    return ""
+
+
+BESIDE = 3
+"""So many sessions stand beside each other in a table."""
+
+WIDTH_EM, HEADING_EM = 56, 11
+"""Of a table that takes the whole page."""
+
+DOUBTED_EM = (14, 3, 14, 6, 19)
+READING_EM = (3, 6, 14, 6, 4, 4, 19)
+
+MOST_OPEN = 8
+
+NOT_JUDGED = (
+    "NOT JUDGED: no tolerance was given (--tolerance), nor does the machine file state one "
+    "(tool_tolerance_mm)."
+)
+DECISION_RULE = (
+    "Decision rule (ISO 14253-1): passed where the bound, which 95 of 100 such machines keep, is "
+    "within the tolerance; failed where the error that is shown exceeds it by more than its "
+    "expanded uncertainty (95 %); undecided in between."
+)
+BUDGET_WORDS = (
+    "The sources know nothing of each other: their squares add up to that of U. What the model "
+    "leaves stands by itself, for the case that it is noise. At the tool each effect stands by "
+    "itself with noise and parts: the bound is the largest line."
+)
+ENTER_WORDS = (
+    "True position of a joint = believed position + offset. The offsets found come on top of those "
+    "entered when it was measured. Files for the controller: glidecal export."
+)
+EVIDENCE_WORDS = (
+    "Evidence: what each candidate leaves of the gap. The shorter its bar, the more the readings "
+    "speak for it; a name is given where that is more than chance among all candidates."
+)
+WHISKER_WORDS = "; below, on a scale of its own. Whiskers: twice the standard uncertainty."

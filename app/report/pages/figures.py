@@ -1,0 +1,234 @@
+"""Figures of the report, by matplotlib, as SVG: the same bytes for the same data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from io import StringIO
+from itertools import groupby
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from app.report.charts.charts import NOISE, Chart, Drawing, Series, StrokeStyle
+from calib.diagnosis.results import SEEN
+from calib.tripod.workspace import PlaneMap
+
+STYLE: dict[Any, Any] = {
+    "svg.hashsalt": "glidecal",  # names inside the file by its contents, not by chance
+    "svg.fonttype": "none",  # letters stay letters: half the work for the PDF
+    "font.sans-serif": ["DejaVu Sans", "Verdana"],  # each text names them all
+    "text.parse_math": False,
+    "font.size": 8.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "0.9",
+}
+COLOURS = ("#1b6ca8", "#c8501e", "#3a7d44", "#7a4fa0", "#8a6d1d", "#555555")
+MARKERS = "osD^vP"
+"""A series is told by its marker where a printer has no colours."""
+
+WIDTH_IN, HEIGHT_IN = 6.9, 2.5
+BAR = 0.22
+WHISKERS: dict[str, Any] = {"fmt": "none", "ecolor": "0.1", "elinewidth": 0.8, "capsize": 2}
+
+LEFT_IN, RIGHT_IN, BOTTOM_IN, TOP_IN = 0.62, 0.06, 0.44, 0.26
+BESIDE_IN, BELOW_IN = 0.62, 0.4
+"""Room between axes, for the words at them."""
+ROW_IN = 0.19
+"""A row of a legend, or of horizontal bars."""
+
+IN_A_ROW = 6
+"""Names of series in a legend."""
+
+DARKEST = 1.8
+"""The colours end so far above the largest error: digits stay readable on all of them."""
+
+WHOLE_UM = 20.0
+"""From this size on tenths of a micrometre are not worth a digit."""
+
+
+def svg_of(chart: Chart) -> str:
+    """A chart of points; a grey field is noise."""
+    shown = [series for series in chart.series if series.name != NOISE]
+    more_in = ROW_IN * ((len(shown) - 1) // IN_A_ROW)
+    with _figure(WIDTH_IN, HEIGHT_IN + more_in, top_in=TOP_IN + more_in) as ((axes,), out):
+        for series in chart.series:
+            if series.name == NOISE:
+                _band(axes, series)
+        for number, series in enumerate(shown):
+            marker, colour = MARKERS[number % len(MARKERS)], COLOURS[number % len(COLOURS)]
+            axes.plot(series.x, series.y, marker, ms=3, label=series.name, color=colour)
+        axes.axhline(0.0, color="0.4", lw=0.6)
+        axes.set(xlabel=chart.x_words, ylabel=chart.y_words)
+        _name_places(axes, chart)
+        _legend(axes)
+    return out.getvalue()
+
+
+def bars_svg(chart: Chart) -> str:
+    """Two series in mm as bars beside each other, and below the second by itself in µm.
+
+    Whiskers reach two standard uncertainties up and down.
+    """
+    second = chart.series[1]
+    with _figure(WIDTH_IN, 1.6 * HEIGHT_IN, rows=2) as ((both, alone), out):
+        for series, colour in zip(chart.series, COLOURS, strict=False):
+            _bars(both, series, colour)
+        in_um = replace(
+            second,
+            y=tuple(1000.0 * mm for mm in second.y),
+            u=tuple(1000.0 * mm for mm in second.u),
+        )
+        _bars(alone, in_um, COLOURS[1])
+        both.set(ylabel=f"{chart.title}, mm")
+        alone.set(ylabel=f"{second.name}, µm")
+        for axes in (both, alone):
+            axes.axhline(0.0, color="0.4", lw=0.6)
+            _name_places(axes, chart)
+        _legend(both)
+    return out.getvalue()
+
+
+def _bars(axes: Axes, series: Series, colour: str) -> None:
+    axes.bar(series.x, series.y, BAR, label=series.name, color=colour)
+    axes.errorbar(series.x, series.y, [SEEN * u for u in series.u], **WHISKERS)
+
+
+def _name_places(axes: Axes, chart: Chart) -> None:
+    if chart.x_names:
+        axes.set_xticks(chart.x_ticks(), chart.x_names)
+        axes.set_xlim(0.4, len(chart.x_names) + 0.6)
+        axes.grid(visible=False, axis="x")
+
+
+def _legend(axes: Axes) -> None:
+    axes.legend(
+        frameon=False,
+        ncols=IN_A_ROW,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        borderaxespad=0.1,
+        handletextpad=0.3,
+        columnspacing=1.2,
+    )
+
+
+def _band(axes: Axes, series: Series) -> None:
+    """Noise: a grey field at each place, as wide as its points."""
+    points = sorted(zip(series.x, series.y, strict=True))
+    for _, some in groupby(points, key=lambda point: round(point[0])):
+        x, y = zip(*some, strict=True)
+        axes.fill_between((min(x), max(x)), min(y), max(y), color="0.88", lw=0)
+
+
+def evidence_svg(left_um: Sequence[tuple[str, float, bool]], gap_um: float) -> str:
+    """What each candidate, named or not, leaves of the gap, best first; the line is the gap."""
+    height_in = BOTTOM_IN + TOP_IN + ROW_IN * len(left_um)
+    with _figure(WIDTH_IN, height_in, left_in=1.9) as ((axes,), out):
+        for told in (True, False):
+            places = [k for k, (_, _, named) in enumerate(left_um) if named == told]
+            if places:
+                label = "named" if told else "not named"
+                widths = [left_um[k][1] for k in places]
+                axes.barh(places, widths, 0.6, label=label, color=COLOURS[1 if told else 0])
+        axes.axvline(gap_um, color="0.1", lw=1.0, ls="--", label="gap without any of them")
+        axes.set_yticks(range(len(left_um)), [name for name, _, _ in left_um])
+        axes.grid(visible=False, axis="y")
+        axes.set(xlabel="gap that is left, µm r.m.s.")
+        axes.set_xlim(0.0)
+        axes.invert_yaxis()
+        _legend(axes)
+    return out.getvalue()
+
+
+def maps_svg(maps: Sequence[PlaneMap]) -> str:
+    """Planes of the workspace beside each other, the error of the tool in µm as colour and digits.
+
+    All have one scale, from 0. A dash stands where the tool does not reach.
+    """
+    told = [v for one in maps for row in one.value.tolist() for v in row if math.isfinite(v)]
+    most_um = 1000.0 * max(told)
+    decimals = 0 if most_um >= WHOLE_UM else 1
+    height_in = WIDTH_IN / len(maps)
+    with _figure(WIDTH_IN, height_in, len(maps), top_in=0.06) as (every, out):
+        for axes, one in zip(every, maps, strict=True):
+            grid = [[1000.0 * value for value in row] for row in one.value.tolist()]
+            axes.pcolormesh(
+                one.coordinate_mm, one.up_mm, grid, cmap="YlOrRd", vmin=0.0, vmax=DARKEST * most_um
+            )
+            for up_mm, row in zip(one.up_mm.tolist(), grid, strict=True):
+                for across_mm, value in zip(one.coordinate_mm.tolist(), row, strict=True):
+                    shown = f"{value:.{decimals}f}" if math.isfinite(value) else "–"
+                    axes.text(across_mm, up_mm, shown, ha="center", va="center", size=6)
+            axes.grid(visible=False)
+            axes.set(xlabel=f"{one.across}, mm", ylabel=f"{one.up}, mm", aspect="equal")
+    return out.getvalue()
+
+
+STROKES: dict[StrokeStyle, dict[str, Any]] = {
+    StrokeStyle.DOTTED: {"lw": 0.7, "ls": ":", "color": "0.4"},
+    StrokeStyle.THIN: {"lw": 0.7, "color": "0.3"},
+    StrokeStyle.THICK: {"lw": 2.2, "color": "0.1"},
+    StrokeStyle.MARKED: {"lw": 0.7, "color": "0.1", "marker": "o", "ms": 2},
+    StrokeStyle.BEADED: {"lw": 1.6, "color": COLOURS[1], "marker": "o", "ms": 2},
+}
+
+
+def drawings_svg(drawings: Sequence[Drawing]) -> str:
+    """Pictures without scales beside each other."""
+    columns = max(3, len(drawings))
+    height_in = WIDTH_IN / columns
+    with _figure(WIDTH_IN, height_in, columns, bottom_in=0.02, left_in=0.02) as (every, out):
+        for axes, one in zip(every, drawings, strict=False):
+            for stroke in one.strokes:
+                axes.plot(*zip(*stroke.points, strict=True), **STROKES[stroke.style])
+            for label in one.labels:
+                ground = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}
+                axes.text(*label.at, label.words, ha="center", va="center", size=7, bbox=ground)
+            axes.set_aspect("equal")
+            axes.set_title(one.title, size=7)
+        for axes in every:
+            axes.set_axis_off()
+    return out.getvalue()
+
+
+@contextmanager
+def _figure(
+    width_in: float,
+    height_in: float,
+    columns: int = 1,
+    rows: int = 1,
+    *,
+    left_in: float = LEFT_IN,
+    bottom_in: float = BOTTOM_IN,
+    top_in: float = TOP_IN,
+) -> Iterator[tuple[list[Axes], StringIO]]:
+    """Axes to draw on, beside or below each other; the SVG is there once they are done."""
+    out = StringIO()
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(width_in, height_in))
+        # a layout worked out by matplotlib would draw everything twice
+        figure.subplots_adjust(
+            left=left_in / width_in,
+            right=1.0 - RIGHT_IN / width_in,
+            bottom=bottom_in / height_in,
+            top=1.0 - top_in / height_in,
+            wspace=_room(BESIDE_IN, columns, width_in - left_in - RIGHT_IN),
+            hspace=_room(BELOW_IN, rows, height_in - bottom_in - top_in),
+        )
+        yield [figure.add_subplot(rows, columns, 1 + k) for k in range(rows * columns)], out
+        figure.savefig(
+            out, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Type", "Format"))
+        )
+
+
+def _room(each_in: float, count: int, whole_in: float) -> float:
+    """Room between so many axes as matplotlib counts it: in widths of one."""
+    return each_in * count / (whole_in - each_in * (count - 1))

@@ -1,0 +1,55 @@
+"""A machine that moves itself, in words: before the first move, on the way, where it stopped."""
+
+from __future__ import annotations
+
+from app.measuring.moving import Mover, Moving, Ways, feed_mm_min, limits_of
+from app.measuring.opening import Plan
+from app.report.text.session import dry_run_text
+from app.report.text.tables import wrapped
+from drivers.motion.controller import place_words
+from protocols.machine import MotionLimits
+from protocols.procedure import Step
+
+QUESTION = "Guards closed, emergency stop at hand, nobody at the machine: may it move?"
+
+
+def plan_text(plan: Plan, ways: Ways, said: tuple[str, ...] = ()) -> str:
+    """What will move, how fast and how far, what is checked: shown before anything does."""
+    limits, motion = limits_of(plan.machine), plan.machine.motion or MotionLimits()
+    set_ups = 0
+    place = None
+    for step, _ in ways.steps:
+        set_ups += step.place != place
+        place = step.place
+    minutes = (ways.moving_s + ways.resting_s) / 60.0
+    table = dry_run_text(plan.procedure, plan.machine, plan.instruments).replace("G53 G0", "G53 G1")
+    sentences = [
+        f"{plan.motion} moves the machine, in {plan.machine.mdi} coordinates: {len(ways.steps)} "
+        f"steps at {feed_mm_min(plan.machine):g} mm/min, longest move {ways.longest_mm:.1f} mm, "
+        f"{minutes:.1f} minutes of moving and rest. {set_ups} set-ups: before each it goes to Zero "
+        f"and waits for your key. Then it comes from {motion.preroll_mm:g} mm below.",
+        f"It says: {', '.join(said)}." if said else "",
+        f"Never outside {place_words(limits.low_mm)} … {place_words(limits.high_mm)}, no move over "
+        f"{limits.longest_mm:g} mm, no feed over {limits.fastest_mm_min:g} mm/min. A reading is "
+        f"taken where the position that is read back is within {limits.reached_mm:g} mm of the "
+        "one it was sent to, before and after. It is never switched on, homed or reset from here.",
+    ]
+    return "\n\n".join((table, *(wrapped(one) for one in sentences if one)))
+
+
+def set_up_text(step: Step) -> str:
+    """What the operator does by hand before a step."""
+    axes = " and ".join(axis.upper() for axis in step.axes)
+    return f"Set up at {step.touched}, station {step.station:g}, along {axes}"
+
+
+def moving_text(mover: Mover, step: Step) -> str:
+    """What the machine does now, in a line."""
+    match mover.state:
+        case Moving.SET_UP:
+            return f"{set_up_text(step)}. Space when nobody is in the way: it moves."
+        case Moving.UNDER_WAY:
+            return f"MOVING to step {step.number}. Space, P or Escape stop it."
+        case Moving.THERE:
+            return f"Arrived at step {step.number}."
+    return f"STOPPED: {mover.why} Nothing was taken. P goes on."

@@ -1,0 +1,133 @@
+"""What an effect of some size would do, as the screen says it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from app.evaluating.what_if import Choice, Trial, WhatIf
+from app.report.text.caveats import SUBSET_WORDS
+from app.report.text.diagnosis import decimals
+from app.report.text.tables import LEAST_MM, new_table, signed, table_text, uncertain, wrapped
+from calib.identify.identify import FittedSize, Solution
+
+WHAT_IF_HELP = """\
+Left, Right   the size smaller, larger: by a step no larger than its ±;
+              with Shift ten times as far
+Up, Down      another size, where the effect has several (> is moved)
+0             nothing: the model as it is without the effect
+F             the size that fits best
+1 2 3, Tab    what is left, the differences, numbers
+Enter         adopt: at the size shown, which is then held and not fitted
+              again; after F the size stays free and is fitted
+Escape        drop it: nothing is written
+Y             copy the numbers to the clipboard
+F10           quit
+
+Offsets and lengths are fitted anew at every size, other effects of the
+model, too. Tool, effect not compensated: what the effect by itself does
+there, over the workspace. Tool, values without it: what the tool is off by
+if the effect is real and the values found without it are entered."""
+
+WHICH = "Which effect?"
+WORKING = "Working out what it does …"
+NOT_YET = "This size is not worked out yet."
+NOTHING = "Nothing to adopt: the size is 0. Escape drops the effect."
+NOTHING_TO_TRY = "These readings could show no effect, so there is none to try."
+DIAGNOSE_FIRST = (
+    "Not adopted: no diagnosis has looked at this effect, and others may fit as well. Escape, "
+    "then D diagnoses; adopt it from there."
+)
+RESIZING = "Fitting everything else …"
+RESIZED = "Model written: {}."
+MISTAKES = "WARNING: the readings hold mistakes that were named. Correct them first: Escape, A."
+STANDING = {
+    "model": "in the model",
+    "named": "named",
+    "unnamed": "the unnamed rest",
+    "candidate": "candidate",
+    "undiagnosed": "",
+}
+
+
+def choice_words(one: Choice) -> str:
+    """A line of the list of effects."""
+    said = f"{one.entry.id} ({one.entry.where})"
+    standing = STANDING[one.standing]
+    return f"{said}, {standing}: {one.entry.title}" if standing else f"{said}: {one.entry.title}"
+
+
+def heading_text(choice: Choice, trial: Trial, model: Path | None) -> str:
+    """What is tried, on which readings, beside what."""
+    beside = f"model {model.name}" if model else "nominal machine"
+    others = "".join(f", {one.id} ({one.where})" for one in choice.beside)
+    what = f"{choice.entry.id} ({choice.entry.where})"
+    return f"What if {what}   {', '.join(trial.names)}   beside: {beside}{others}"
+
+
+def doubt_text(choice: Choice, *, mistakes: bool) -> str:
+    """What to beware of; empty where there is nothing."""
+    said = [MISTAKES] if mistakes else []
+    if choice.alike:
+        said.append(
+            f"WARNING: these readings cannot distinguish it from: {', '.join(choice.alike)}."
+        )
+    return wrapped("\n".join(said))
+
+
+def sizes_text(
+    trial: Trial,
+    values: Sequence[float],
+    number: int,
+    fitted: Sequence[FittedSize],
+    why_not: str,
+) -> str:
+    """A line for each size: what it is now, what fits best, how far a key moves it."""
+    table = new_table("", "size", "", "fits best", "step", left=1)
+    for k, (name, entry) in enumerate(trial.entry.parameters.items()):
+        step = trial.steps[k]
+        places = decimals(step)
+        best = "not told"
+        if fitted:
+            u = fitted[k].standard_uncertainty
+            best = f"{signed(fitted[k].value, decimals(u))} ± {u:.{decimals(u)}f}"
+        mark = ">" if k == number else " "
+        table.add_row(f"{mark} {name}", signed(values[k], places), entry.unit, best, f"{step:g}")
+    return "\n".join(filter(None, [table_text(table), wrapped(why_not)]))
+
+
+def effect_text(without: WhatIf, now: WhatIf) -> str:
+    """Residuals and tool, without the effect and with it."""
+    table = new_table("", "without", "with it")
+    pair = without.solution, now.solution
+    table.add_row("differences left, mm r.m.s.", *(uncertain(s.rms_after_mm, 4) for s in pair))
+    table.add_row("readings left, times the noise", *map(_times, pair))
+    table.add_row("tool, effect not compensated, mm r.m.s.", "0", _tool(now.tool_mm))
+    table.add_row("tool, values without it entered, mm r.m.s.", "0", _tool(now.misled_mm))
+    return table_text(table)
+
+
+def _tool(error_mm: float) -> str:
+    return uncertain(error_mm, 4) if error_mm > LEAST_MM else "0"
+
+
+def _times(solution: Solution) -> str:
+    fit = solution.lack_of_fit
+    return f"{math.sqrt(fit.statistic):.2f}" if fit else "not known"
+
+
+def numbers_text(without: WhatIf, now: WhatIf) -> str:
+    """Parameters, then each difference."""
+    former, solution = without.solution, now.solution
+    table = new_table(SUBSET_WORDS[solution.subset], "without, mm", "with it, mm", "± U, mm")
+    rows = (solution.names, former.values_mm, solution.values_mm, solution.expanded_mm)
+    for name, before, after, expanded in zip(*rows, strict=True):
+        table.add_row(name, signed(before, 4), signed(after, 4), uncertain(expanded, 4))
+    found = solution.differences
+    listed = new_table("difference", "measured, mm", "without, mm", "with it, mm", "left, mm")
+    for k in found.published_rows:
+        shown = found.value_mm[k], former.predicted_mm[k], solution.predicted_mm[k]
+        left = solution.left_mm[k]
+        listed.add_row(found.names[k], *(signed(float(mm), 4) for mm in (*shown, left)))
+    return f"{table_text(table)}\n\n{table_text(listed)}"

@@ -1,0 +1,226 @@
+"""LinuxCNC through its text server ``linuxcncrsh``; asked for nothing but to move, read and abort.
+
+What it does that is unexpected, each tried with LinuxCNC 2.9: a dropped connection lets a move go
+on; whoever enables last has control and the others are told NAK without a reason; a refused line
+is acknowledged and only ``get error`` tells, one message a call; ``joint_homed`` lists six joints
+whatever there are; a program that waits for ``done`` hears no abort; how commands wait is one
+setting for all clients.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+from typing import ClassVar
+
+from drivers.motion.controller import Controller, Faulted, Limits, MotionFault, Triple
+
+PORT = 5007
+CONNECT_S = 2.0
+ACCEPT_S = 3.0
+"""For what the controller has to accept; it looks ten times a second."""
+
+MOST_ERRORS = 20
+JOINTS = 3
+PASSWORDS = "GLIDECAL_LINUXCNC_PASSWORDS"
+"""Environment variable: the password to connect with, a blank, and the one to enable with."""
+
+USUAL = "EMC EMCTOO"
+
+
+class LinuxCnc(Controller):
+    """One client of one server."""
+
+    name: ClassVar[str] = "linuxcnc"
+    form: ClassVar[str] = "HOST:PORT"
+
+    def __init__(self, address: str, limits: Limits) -> None:
+        super().__init__(address, limits)
+        self._wire: _Wire | None = None
+
+    def connect(self) -> None:
+        """Open the connection; nothing is asked of the machine."""
+        self._wire = self._joined()
+        self._set("set_wait received", ACCEPT_S)
+
+    def _joined(self) -> _Wire:
+        """A new connection that has control."""
+        connect, _, enable = os.environ.get(PASSWORDS, USUAL).partition(" ")
+        wire = _Wire(self)
+        try:
+            if not wire.ask(f"hello {connect} glidecal 1", CONNECT_S).startswith("HELLO ACK"):
+                raise self._refused("the password to connect")
+            wire.send("set echo off\nset verbose on")
+            while wire.line(CONNECT_S) != "SET VERBOSE ACK":
+                pass  # what is echoed until then
+            if wire.ask(f"set enable {enable}", CONNECT_S) != "SET ENABLE ACK":
+                raise self._refused("the password to enable")
+        except Faulted:
+            wire.close()
+            raise
+        return wire
+
+    def _refused(self, what: str) -> Faulted:
+        next_step = f"Set {PASSWORDS} to both, as 'CONNECT ENABLE'."
+        return self.fault(MotionFault.REFUSED, f"{what} is another one", next_step=next_step)
+
+    def ready(self) -> tuple[str, ...]:
+        """What is right, in the controller's own words."""
+        said = []
+        for what, wanted, otherwise in (
+            ("estop", "OFF", "release the emergency stop"),
+            ("machine", "ON", "switch the machine on"),
+            ("joint_homed", "YES", "home it"),
+            ("joint_fault", "OK", "look at the controller"),
+            ("joint_limit", "OK", "jog it off its limit"),
+            ("user_linear_units", "MM", "glidecal moves machines in mm only"),
+            ("joint_type", "LINEAR", "glidecal moves three linear joints"),
+            ("program_status", "IDLE", "wait for the end of its program"),
+            ("enable", "ON", "close the other client"),
+        ):
+            found = self._get(what).split()[:JOINTS]  # of six joints, whatever there are
+            if not found or set(found) != {wanted}:
+                next_step = f"At the controller: {otherwise}."
+                shown = f"{what} {' '.join(found)}"
+                raise self.fault(MotionFault.NOT_READY, shown, f"{what} {wanted}", next_step)
+            said.append(f"{what} {' '.join(found)}")
+        self._errors()  # of before
+        return tuple(said)
+
+    def position(self) -> Triple:
+        """Where the machine is read back, mm."""
+        found = self._get("abs_act_pos").split()
+        try:
+            x, y, z = (float(word) for word in found[:3])
+        except ValueError:
+            raise self._not_understood(" ".join(found)) from None
+        return x, y, z
+
+    def moves(self) -> bool:
+        """One look at errors, control, switches and the interpreter."""
+        if told := self._errors():
+            raise self.fault(MotionFault.CONTROLLER, "; ".join(told))
+        if self._get("enable") != "ON":
+            raise self.fault(MotionFault.CONTROL_LOST, "enable OFF", "one client", "Close it.")
+        if (found := self._get("estop")) != "OFF":
+            raise self.fault(MotionFault.NOT_READY, f"estop {found}", "estop OFF")
+        if (found := self._get("machine")) != "ON":
+            raise self.fault(MotionFault.NOT_READY, f"machine {found}", "machine ON")
+        return self._get("program_status") != "IDLE"
+
+    def _begin(self, to_mm: Triple, feed_mm_min: float) -> None:
+        if self._get("mode") != "MDI":
+            self._set("mode mdi", ACCEPT_S)
+        words = " ".join(f"{name}{mm:.6f}" for name, mm in zip("XYZ", to_mm, strict=True))
+        self._set(f"mdi G21 G90 G94 G53 G1 F{feed_mm_min:.3f} {words}", ACCEPT_S)
+
+    def _barrier(self) -> None:
+        self._set("wait done", ACCEPT_S)
+
+    def stop(self) -> None:
+        """Abort; over a new connection where this one is gone or has no control."""
+        if self._wire is not None:
+            with contextlib.suppress(Faulted):  # gone, or another has control
+                self._set("abort", self.answer_s)
+                return
+        self.close()
+        wire = self._joined()
+        try:
+            wire.ask("set abort", self.answer_s)
+        finally:
+            wire.close()
+
+    def close(self) -> None:
+        """Let go of the connection."""
+        wire, self._wire = self._wire, None
+        if wire is not None:
+            wire.close()
+
+    def _errors(self) -> list[str]:
+        """What the controller complains of, each told once."""
+        found: list[str] = []
+        while len(found) < MOST_ERRORS and (told := self._get("error")) != "OK":
+            found.append(told)
+        return found
+
+    def _get(self, what: str) -> str:
+        answer = self._asked(f"get {what}", self.answer_s)
+        name, _, value = answer.partition(" ")
+        if name != what.upper():
+            raise self._not_understood(answer)
+        return value.strip()
+
+    def _set(self, what: str, patience_s: float) -> None:
+        name, answer = what.split()[0].upper(), self._asked(f"set {what}", patience_s)
+        if answer == f"SET {name} ACK":
+            return
+        if answer != f"SET {name} NAK":
+            raise self._not_understood(answer)
+        if self._get("enable") != "ON":
+            raise self.fault(MotionFault.CONTROL_LOST, answer, "one client", "Close the other one.")
+        raise self.fault(MotionFault.CONTROLLER, answer, "", "Look at the controller.")
+
+    def _asked(self, words: str, patience_s: float) -> str:
+        if self._wire is None:
+            raise self.fault(MotionFault.LOST)
+        return self._wire.ask(words, patience_s)
+
+    def _not_understood(self, answer: str) -> Faulted:
+        wanted = "what linuxcncrsh answers"
+        return self.fault(MotionFault.LOST, repr(answer[:60]), wanted, "Is it another program?")
+
+
+class _Wire:
+    """Lines to and from one socket; of no use after a missing answer, for none has a number."""
+
+    def __init__(self, owner: LinuxCnc) -> None:
+        self._owner, self._received = owner, b""
+        host, _, port = owner.address.rpartition(":")
+        if not host:
+            host, port = owner.address, str(PORT)
+        if not (port.isascii() and port.isdecimal() and 0 < int(port) < 65536):
+            raise owner.fault(MotionFault.UNREACHABLE, f"port {port!r}", "1 … 65535")
+        try:
+            self._socket = socket.create_connection((host, int(port)), timeout=CONNECT_S)
+        except OSError as problem:
+            said = problem.strerror or str(problem) or "no answer"
+            next_step = "Is linuxcncrsh running there, and does this port belong to it?"
+            raise owner.fault(MotionFault.UNREACHABLE, said, next_step=next_step) from problem
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def ask(self, words: str, patience_s: float) -> str:
+        """The next line after these words."""
+        self.send(words)
+        return self.line(patience_s)
+
+    def send(self, words: str) -> None:
+        try:
+            self._socket.sendall(words.encode() + b"\n")
+        except OSError as problem:
+            raise self._lost(problem.strerror or str(problem)) from problem
+
+    def line(self, patience_s: float) -> str:
+        """The next line that is not empty; both \\r\\n and \\n\\r end one."""
+        self._socket.settimeout(patience_s)
+        while True:
+            received = self._received.replace(b"\r", b"\n").lstrip(b"\n")
+            line, end, rest = received.partition(b"\n")
+            if end:
+                self._received = rest
+                return line.decode("latin-1").strip()
+            try:
+                came = self._socket.recv(4096)
+            except TimeoutError as problem:
+                raise self._lost(f"no answer within {patience_s:g} s") from problem
+            except OSError as problem:
+                raise self._lost(problem.strerror or str(problem)) from problem
+            if not came:
+                raise self._lost("it hung up")
+            self._received = received + came
+
+    def _lost(self, said: str) -> Faulted:
+        return self._owner.fault(MotionFault.LOST, said)
+
+    def close(self) -> None:
+        self._socket.close()

@@ -1,0 +1,368 @@
+"""Simulated controllers that answer byte for byte as the real ones, and fail on demand."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import re
+import socket
+import socketserver
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Protocol, Self
+
+from drivers.motion.controller import Triple
+from drivers.twins import Disconnected, Transport, TwinPort
+
+AT_ONCE_MM_S = 1e9
+SHORT_MM = 0.5
+"""How far from where it was sent a simulated machine with that trouble stops."""
+
+
+class Trouble(StrEnum):
+    """What may befall a machine that moves by itself."""
+
+    NOT_HOMED = "not homed"
+    OFF = "off"
+    INCH = "inch"
+    ESTOP = "emergency stop"
+    FOLLOWING = "following error"
+    NAK = "another client has control"
+    SILENCE = "no answer"
+    HANG_UP = "hung up"
+    ELSEWHERE = "stops short"
+
+
+class SimulatedAxes:
+    """Three coordinates that go straight to where they are sent, safe from any thread."""
+
+    def __init__(self, at_mm: Triple = (0.0, 0.0, 0.0)) -> None:
+        self._lock = threading.Lock()
+        self._from = self._to = at_mm
+        self._departed_s, self._way_s = time.monotonic(), 0.0
+        self.short_mm = 0.0
+
+    def go(self, to_mm: Triple, feed_mm_min: float) -> None:
+        """Depart from where it is."""
+        with self._lock:
+            self._from = self._now()
+            self._to = (to_mm[0] + self.short_mm, to_mm[1], to_mm[2])
+            self._departed_s = time.monotonic()
+            self._way_s = math.dist(self._from, self._to) / feed_mm_min * 60.0
+
+    def stop(self) -> None:
+        """Stand still where it is."""
+        with self._lock:
+            self._from = self._to = self._now()
+            self._way_s = 0.0
+
+    @property
+    def at_mm(self) -> Triple:
+        """Where it is now."""
+        with self._lock:
+            return self._now()
+
+    @property
+    def moving(self) -> bool:
+        """Whether it is on its way."""
+        with self._lock:
+            return time.monotonic() - self._departed_s < self._way_s
+
+    def _now(self) -> Triple:
+        gone_s = time.monotonic() - self._departed_s
+        share = 1.0 if gone_s >= self._way_s else gone_s / self._way_s
+        x, y, z = (a + share * (b - a) for a, b in zip(self._from, self._to, strict=True))
+        return x, y, z
+
+
+class MotionTwin(Protocol):
+    """A simulated controller that listens."""
+
+    axes: SimulatedAxes
+    told: str
+    """What names it to `drivers.motion.controller_of`."""
+    moves: list[str]
+    """Every line that moved it, or was to."""
+
+    def befall(self, trouble: Trouble) -> None:
+        """From now on this is so."""
+
+    def mend(self) -> None:
+        """Everything is right again, as somebody at the machine makes it."""
+
+    def close(self) -> None:
+        """Stop listening."""
+
+
+RIGHT = {
+    "estop": "OFF",
+    "machine": "ON",
+    "mode": "MANUAL",
+    "set_wait": "RECEIVED",
+    "joint_homed": "YES YES YES NO NO NO",
+    "joint_fault": "OK OK OK OK OK OK",
+    "joint_limit": "OK OK OK OK OK OK",
+    "joint_type": "LINEAR LINEAR LINEAR LINEAR LINEAR LINEAR",
+    "user_linear_units": "MM",
+}
+"""What a LinuxCNC says that is switched on and homed."""
+
+
+class LinuxCncTwin:
+    """A LinuxCNC of three homed joints that is switched on, behind its text server on loopback.
+
+    Answers as those of LinuxCNC 2.9: gets end in \\r\\n, sets in \\n\\r; six joints are listed; who
+    enables last has control; a client that leaves ends no move; waiting is one setting for all.
+    """
+
+    def __init__(
+        self, axes: SimulatedAxes, *, port: int = 0, passwords: str = "EMC EMCTOO"
+    ) -> None:
+        self.axes, self.moves, self.errors = axes, list[str](), deque[str]()
+        self._connect, _, self._enable = passwords.partition(" ")
+        self._lock = threading.Lock()
+        self._control: _Client | None = None
+        self._state, self._silent = dict(RIGHT), False
+        self._clients: list[socket.socket] = []
+        twin = self
+
+        class Handler(socketserver.BaseRequestHandler):
+            def handle(self) -> None:
+                twin.serve(self.request)
+
+        self._server = socketserver.ThreadingTCPServer(("127.0.0.1", port), Handler)
+        self.address = f"127.0.0.1:{self._server.server_address[1]}"
+        self.told = f"linuxcnc:{self.address}"
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, args=(0.05,), name=f"twin {self.told}", daemon=True
+        )
+        self._thread.start()
+
+    def befall(self, trouble: Trouble) -> None:
+        """From now on this is so."""
+        with self._lock:
+            if trouble is Trouble.NOT_HOMED:
+                self._state["joint_homed"] = "YES NO YES NO NO NO"
+            elif trouble is Trouble.INCH:
+                self._state["user_linear_units"] = "INCH"
+            elif trouble is Trouble.NAK:
+                self._control = None
+            elif trouble is Trouble.SILENCE:
+                self._silent = True
+            elif trouble is Trouble.ELSEWHERE:
+                self.axes.short_mm = SHORT_MM
+            elif trouble in (Trouble.OFF, Trouble.FOLLOWING, Trouble.ESTOP):
+                self.axes.stop()
+                self._state["machine"] = "OFF"
+                if trouble is Trouble.FOLLOWING:
+                    self.errors.append("joint 0 following error")
+                if trouble is Trouble.ESTOP:
+                    self._state["estop"] = "ON"
+        if trouble is Trouble.HANG_UP:
+            self.hang_up()
+
+    def mend(self) -> None:
+        """Switched on and homed again."""
+        with self._lock:
+            self._state, self._silent, self.axes.short_mm = dict(RIGHT), False, 0.0
+
+    def hang_up(self) -> None:
+        """Close every connection; the move that is under way goes on."""
+        for client in self._clients:
+            with contextlib.suppress(OSError):
+                client.shutdown(socket.SHUT_RDWR)
+
+    def serve(self, connection: socket.socket) -> None:
+        """One client until it leaves, in a thread of its own."""
+        client = _Client()
+        self._clients.append(connection)
+        received = b""
+        with contextlib.suppress(OSError):
+            while came := connection.recv(4096):
+                if client.echo and client.linked:
+                    connection.sendall(came)
+                received = (received + came).replace(b"\r", b"\n")
+                *lines, received = received.split(b"\n")
+                for line in lines:
+                    answer = self._answer(client, line.decode("latin-1").split())
+                    if answer and not self._silent:
+                        connection.sendall(answer.encode("latin-1"))
+
+    def _answer(self, client: _Client, words: list[str]) -> str:
+        match [word.upper() for word in words[:2]]:
+            case ["HELLO", _]:
+                client.linked = client.linked or words[1] == self._connect
+                return "HELLO ACK EMCNETSVR 1.1\r\n" if client.linked else "HELLO NAK\r\n"
+            case ["GET", name] if client.linked:
+                return self._got(client, name.lower())
+            case ["SET", name] if client.linked:
+                done = self._set(client, name.lower(), words[2:])
+                if done and not client.verbose:
+                    return ""
+                return f"SET {name} {'ACK' if done else 'NAK'}\n\r"
+        return "SET NAK\r\n" if words and words[0].upper() == "SET" else ""
+
+    def _got(self, client: _Client, name: str) -> str:
+        moving = self.axes.moving
+        with self._lock:
+            if name == "error":
+                value = self.errors.popleft() if self.errors else "OK"
+            elif name == "enable":
+                value = "ON" if self._control is client else "OFF"
+            elif name == "program_status":
+                value = "RUNNING" if moving else "IDLE"
+            elif name == "abs_act_pos":
+                value = " ".join(f"{mm:.6f}" for mm in (*self.axes.at_mm, 0.0, 0.0, 0.0))
+            elif name in self._state:
+                value = self._state[name]
+            else:
+                return f"GET {name.upper()} NAK\r\n\r\n"
+        return f"{name.upper()} {value}\r\n"
+
+    def _set(self, client: _Client, name: str, words: list[str]) -> bool:
+        if name in ("echo", "verbose"):
+            setattr(client, name, words[:1] == ["on"])
+            return True
+        with self._lock:
+            if name == "enable" and words[:1] == [self._enable]:
+                self._control = client
+            if self._control is not client or name == "enable":
+                return self._control is client and words[:1] == [self._enable]
+            if name in ("mode", "set_wait"):
+                self._state[name] = words[0].upper()
+            elif name == "abort":
+                self.axes.stop()
+            elif name == "mdi":
+                self._mdi(" ".join(words))
+        while name == "wait" and self.axes.moving:
+            time.sleep(0.01)
+        return name in ("mode", "set_wait", "abort", "mdi", "wait")
+
+    def _mdi(self, line: str) -> None:
+        """Acknowledged whatever comes of it."""
+        self.moves.append(line)
+        found = {word[0]: float(word[1:]) for word in re.findall(r"[FXYZ][-+.\d]+", line)}
+        if self._state["machine"] != "ON" or "NO" in self._state["joint_homed"].split()[:3]:
+            self.errors.append("Can't issue MDI command when not homed")
+        elif found.get("F", 0.0) <= 0.0:
+            self.errors.append("Cannot do g1 with zero feed rate")
+        else:
+            self.axes.go((found["X"], found["Y"], found["Z"]), found["F"])
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._server.shutdown()
+        self.hang_up()
+        self._server.server_close()
+        self._thread.join()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class _Client:
+    """What the text server knows of one connection."""
+
+    linked = False
+    echo = True
+    verbose = False
+
+
+REALTIME = re.compile(rb"[?!~\x18\x85]")
+JOG = re.compile(r"\$J=G21G90G53X([-.\d]+)Y([-.\d]+)Z([-.\d]+)F([.\d]+)", re.ASCII)
+
+
+class GrblTwin:
+    """A board with grbl 1.1 whose three carriages are homed, on a port of its own."""
+
+    def __init__(self, axes: SimulatedAxes, transport: Transport) -> None:
+        self.axes, self.moves = axes, list[str]()
+        self._received = b""
+        self._state = ""
+        self._pending: list[str] = []
+        self._settings = {"10": "1", "13": "0", "20": "1", "22": "1"}
+        self._silent = self._gone = False
+        self._port = TwinPort(self, transport)
+        self.address = self._port.url
+        self.told = f"grbl:{self.address}"
+
+    def befall(self, trouble: Trouble) -> None:
+        """From now on this is so."""
+        if trouble in (Trouble.NOT_HOMED, Trouble.OFF):
+            self._state = "Alarm"
+        elif trouble is Trouble.INCH:
+            self._settings["13"] = "1"
+        elif trouble in (Trouble.FOLLOWING, Trouble.ESTOP):
+            self.axes.stop()
+            self._state, self._pending = "Alarm", ["ALARM:3"]
+        elif trouble is Trouble.NAK:
+            self._state = "Run"
+        elif trouble is Trouble.SILENCE:
+            self._silent = True
+        elif trouble is Trouble.ELSEWHERE:
+            self.axes.short_mm = SHORT_MM
+        elif trouble is Trouble.HANG_UP:
+            self._gone = True
+
+    def mend(self) -> None:
+        """Unlocked and homed again; a cable that is out stays out."""
+        self._state, self._silent, self.axes.short_mm = "", False, 0.0
+        self._pending, self._settings["13"] = [], "0"
+
+    def receive(self, request: bytes) -> bytes:
+        """Realtime characters take effect at once, lines when they are whole."""
+        if self._gone:
+            raise Disconnected
+        told = "".join(f"{line}\r\n" for line in self._pending)
+        self._pending = []
+        for mark in REALTIME.findall(request):
+            if mark == b"?":
+                told += self._report()
+            elif mark in (b"!", b"\x85"):
+                self.axes.stop()
+        *lines, self._received = (self._received + REALTIME.sub(b"", request)).split(b"\n")
+        for line in lines:
+            told += self._answer(line.decode("latin-1").strip())
+        return b"" if self._silent else told.encode("latin-1")
+
+    def _report(self) -> str:
+        state = self._state or ("Jog" if self.axes.moving else "Idle")
+        place = ",".join(f"{mm:.3f}" for mm in self.axes.at_mm)
+        return f"<{state}|MPos:{place}|FS:0,0>\r\n"
+
+    def _answer(self, line: str) -> str:
+        if line == "$$":
+            return "".join(f"${n}={v}\r\n" for n, v in self._settings.items()) + "ok\r\n"
+        if line == "$I":
+            return "[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n"
+        if line == "G4P0.01":
+            return "error:9\r\n" if self._state or self.axes.moving else "ok\r\n"
+        self.moves.append(line)
+        found = JOG.fullmatch(line)
+        x, y, z, feed = map(float, found.groups()) if found else (0.0,) * 4
+        if found and feed and not self._state:
+            self.axes.go((x, y, z), feed)
+            return "ok\r\n"
+        return "error:20\r\n" if not found else "error:9\r\n" if self._state else "error:22\r\n"
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._port.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+TWINS: dict[str, Callable[[SimulatedAxes], MotionTwin]] = {
+    "linuxcnc": LinuxCncTwin,
+    "grbl": lambda axes: GrblTwin(axes, "tcp"),
+}

@@ -1,0 +1,161 @@
+"""Where a controller is sent for a step and by which way; what its answer means for a reading."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.arrays import LEG_NAMES, FloatArray, conditions
+from calib.errors import RecordError
+from calib.tripod.geometry import Geometry, direct, inverse
+from calib.tripod.movements import carriage_movement
+from calib.tripod.pipeline import commanded_tool
+from protocols.documents import Triple
+from protocols.machine import Machine, MotionLimits
+from protocols.procedure import ALL_AXES, Procedure, Step, leg_number, position_words
+from protocols.session import Moved
+
+
+def told_mm(step: Step, machine: Machine) -> Triple:
+    """What the controller is told for a step, in the coordinates that it takes.
+
+    Raises UnreachablePosture.
+    """
+    return _in_coordinates(tool_mm(step, machine.geometry()), machine)
+
+
+def joints_mm(step: Step, geometry: Geometry) -> dict[str, float]:
+    """Joint coordinates of x, y and z that the controller commands for a step."""
+    found = inverse(geometry, tool_mm(step, geometry))
+    return dict(zip(LEG_NAMES, found.tolist(), strict=True))
+
+
+def zero_mm(machine: Machine) -> Triple:
+    """Zero in the coordinates that the controller takes."""
+    return _in_coordinates(np.zeros(3), machine)
+
+
+def _in_coordinates(tool: FloatArray, machine: Machine) -> Triple:
+    """A tool position ``(3,)`` from Zero in the coordinates that the controller takes."""
+    told = inverse(machine.geometry(), tool) if machine.mdi == "joint" else tool
+    x, y, z = (float(mm) + 0.0 for mm in told)  # no -0.0
+    return x, y, z
+
+
+def tool_mm(step: Step, geometry: Geometry) -> FloatArray:
+    """Tool position ``(3,)`` from Zero that is commanded for a step."""
+    leg, axis = leg_number(step.leg), leg_number(step.axes[0])
+    at = conditions([leg], [axis], [step.displacement_mm], position_mm=step.position_mm)
+    return np.asarray(commanded_tool(geometry, at)[0])
+
+
+def way_mm(step: Step, before: Step | None, procedure: Procedure, machine: Machine) -> list[Triple]:
+    """Places for the controller, the last one that of the step.
+
+    From ``before``, where the machine stands in the same set-up, straight; a tool that lifts off
+    does so at both ends. Without, by way of the posture that the procedure comes from, or else
+    from below: so far before the place, along the leg or in the plane of a plate, as the machine
+    file says (``preroll_mm``). Raises RecordError for a place that the machine does not reach.
+    """
+    geometry = machine.geometry()
+    goal = tool_mm(step, geometry)
+    lift = np.zeros(3)
+    if procedure.plate is not None:
+        lift[leg_number(step.axes[0])] = procedure.plate.lift_mm
+    places: list[FloatArray] = []
+    if lift.any():
+        places = [] if before is None else [tool_mm(before, geometry) + lift]
+        places.append(goal + lift)
+    elif before is None:
+        places = [goal - (machine.motion or MotionLimits()).preroll_mm * _along(step, geometry)]
+    places.append(goal)
+    wrong = next((at for at in places if not geometry.stands(at[None])[0]), None)
+    if wrong is not None:
+        x, y, z = (round(float(mm), 3) for mm in wrong)
+        raise RecordError(
+            f"way to step {step.number}",
+            position_words((x, y, z)),
+            "a position that the bars reach within the joint limits",
+            "Change preroll_mm under [motion] in the machine file, or the procedure.",
+        )
+    return [_in_coordinates(at, machine) for at in places]
+
+
+def came_from(step: Step, steps: Sequence[Step]) -> Step | None:
+    """The step whose posture a procedure leaves for this one; None at the beginning of a set-up."""
+    for before in reversed(steps[: step.number - 1]):
+        if before.place != step.place:
+            return None
+        if before.posture_mm != step.posture_mm:
+            return before
+    return None
+
+
+def _along(step: Step, geometry: Geometry) -> FloatArray:
+    """Direction ``(3,)`` of a pre-roll: along the leg, or across what a plate is read along."""
+    if step.leg != "tool":
+        return np.asarray(geometry.directions[leg_number(step.leg)])
+    across = next(axis for axis in ALL_AXES if axis not in step.axes)
+    return np.asarray(np.eye(3)[LEG_NAMES.index(across)])
+
+
+def longest_mm(ways: Sequence[Sequence[Triple]]) -> float:
+    """The longest single move of these ways, one after the other."""
+    places = [place for way in ways for place in way]
+    return max((float(np.linalg.norm(np.subtract(a, b))) for a, b in pairwise(places)), default=0.0)
+
+
+def whole_mm(ways: Sequence[Sequence[Triple]]) -> float:
+    """How far the machine goes on all of these ways."""
+    places = [place for way in ways for place in way]
+    return sum(float(np.linalg.norm(np.subtract(a, b))) for a, b in pairwise(places))
+
+
+def box_mm(machine: Machine) -> tuple[Triple, Triple]:
+    """Lowest and highest place that the controller may be sent to, in its coordinates.
+
+    That of the machine file; else from the limits of its joints. Raises RecordError where the tool
+    of a machine whose drives are not square is to be told places and the file states no box.
+    """
+    limits, geometry = machine.motion or MotionLimits(), machine.geometry()
+    if limits.low_mm is not None and limits.high_mm is not None:
+        return limits.low_mm, limits.high_mm
+    if machine.mdi == "tool" and not geometry.orthogonal:
+        raise RecordError(
+            f"machine '{machine.name}', motion",
+            "no low_mm and high_mm",
+            "the box that its tool may be sent to, under [motion] in the machine file",
+        )
+    zero = geometry.zero_mm if machine.mdi == "joint" else np.zeros(3)
+    low, high = zero + geometry.travel_min_mm, zero + geometry.travel_max_mm
+    return (low[0], low[1], low[2]), (high[0], high[1], high[2])
+
+
+def departure_mm(moved: Moved, geometry: Geometry) -> FloatArray:
+    """How far the tool was read back ``(3,)`` from where it was sent."""
+    return _tool(moved, moved.read_back_mm, geometry) - _tool(moved, moved.commanded_mm, geometry)
+
+
+def movement_signs(moved: Moved, geometry: Geometry) -> FloatArray:
+    """Sign ``(3,)`` of each carriage's last movement, as commanded."""
+    ends = (_tool(moved, at, geometry)[None] for at in (moved.from_mm, moved.commanded_mm))
+    return np.asarray(carriage_movement(geometry, *ends)[0])
+
+
+def approach_sign(moved: Moved, leg: str, geometry: Geometry) -> float:
+    """Sign of the last movement of the tool along a leg, as commanded."""
+    from_mm, to_mm = (_tool(moved, at, geometry) for at in (moved.from_mm, moved.commanded_mm))
+    way = float((to_mm - from_mm) @ geometry.directions[leg_number(leg)])
+    return float(np.sign(way)) if abs(way) > STILL_MM else 0.0
+
+
+STILL_MM = 1e-6
+"""Less is rounding of the numbers in a record."""
+
+
+def _tool(moved: Moved, place_mm: ArrayLike, geometry: Geometry) -> FloatArray:
+    place = np.asarray(place_mm, dtype=np.float64)
+    return np.asarray(direct(geometry, place)) if moved.coordinates == "joint" else place

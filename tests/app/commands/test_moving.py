@@ -1,0 +1,115 @@
+"""``run --motion``: what is shown, what is asked, and what is refused before anything moves."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import pytest
+import typer
+
+from app.commands import moving
+from app.commands.sessions import run
+from app.measuring.opening import Plan
+from calib.errors import MotionError, UsageError
+from drivers.motion.twins import LinuxCncTwin, SimulatedAxes, Trouble
+from protocols.machine import Instrument
+from protocols.record import read_record
+from tests.app.cli import glidecal
+from tests.app.measuring.moving_machine import FAST, SHORT, following, taken, wrong
+
+TWO = ("--indicator", "mitutoyo-01a:/dev/none0@xy", "--indicator", "mitutoyo-01a:/dev/none1@yzx")
+
+
+class Terminal(io.StringIO):
+    """Somebody who answers."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def plan_of(folder: Path, told: str, ports: tuple[str, ...]) -> Plan:
+    instruments = tuple(Instrument(profile="mitutoyo-01a", port=port) for port in ports)
+    return Plan(folder / "a.jsonl", FAST, SHORT, instruments, window_s=0.1, motion=told)
+
+
+def test_a_dry_run_shows_every_posture_and_asks_nobody() -> None:
+    done = glidecal("run", *TWO, "--motion", "linuxcnc:nowhere:5007", "--dry-run")
+    assert done.status == 0, done.err
+    said = " ".join(done.out.split())
+    assert said.count("G53 G1 X") == 30
+    assert "30 steps at 1500 mm/min, longest move 160.0 mm" in said
+    assert "Never outside X-100.000 Y-100.000 Z-100.000 … X60.000 Y60.000 Z60.000" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "said"),
+    [
+        ((*TWO, "--motion", "klipper:x"), 2, "nobody to ask"),
+        ((*TWO, "--motion", "linuxcnc:localhost:1"), 2, "nobody to ask"),
+        ((*TWO, "--motion", "linuxcnc:localhost:1", "--headless"), 2, "nobody to ask"),
+        (("--simulated", "--motion", "linuxcnc:localhost:1"), 2, "simulated machine"),
+    ],
+)
+def test_without_a_terminal_nothing_moves(
+    words: tuple[str, ...], status: int, said: str, tmp_path: Path
+) -> None:
+    done = glidecal("run", *words, "-o", tmp_path / "a.jsonl")
+    assert done.status == status
+    assert said in done.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_operator_says_no(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", Terminal("n\n"))
+    with following() as (_, twin, ports):
+        with pytest.raises(typer.Exit) as left:
+            moving.ask(plan_of(tmp_path, twin.told, ports))
+        assert left.value.exit_code == 130
+        assert not twin.moves
+
+
+def test_a_machine_that_is_not_homed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", Terminal("y\n"))
+    with LinuxCncTwin(SimulatedAxes()) as twin:
+        twin.befall(Trouble.NOT_HOMED)
+        with pytest.raises(MotionError, match="home it"):
+            moving.ask(plan_of(tmp_path, twin.told, ("a", "b")))
+    monkeypatch.setattr("sys.stdin", Terminal("y\n"))
+    with pytest.raises(UsageError, match="linuxcnc:HOST:PORT or grbl:PORT"):
+        moving.ask(plan_of(tmp_path, "klipper:x", ("a", "b")))
+
+
+def test_a_session_in_a_plain_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All of `glidecal run`; whoever answers a question about a set-up has set it up."""
+    machine, procedure = tmp_path / "machine.toml", tmp_path / "short.toml"
+    machine.write_text(
+        'schema = "glidecal.machine/1"\nfastest_feed_mm_min = 60000.0\n'
+        "[motion]\nfeed_mm_min = 30000.0\n"
+    )
+    procedure.write_text(
+        'schema = "glidecal.procedure/1"\nname = "short"\ntitle = "Short"\nlegs = ["x"]\n'
+        'cycles = 1\nwindow_s = 0.1\nlevels = ["zero", "max"]\n'
+    )
+    path = tmp_path / "a.jsonl"
+    with following() as (bench, twin, ports):
+        monkeypatch.setattr("sys.stdin", Terminal("y\ny\n"))
+        run(
+            protocol=str(procedure),
+            machine=str(machine),
+            indicator=[
+                f"mitutoyo-01a:{port}@{axes}"
+                for port, axes in zip(ports, ("yzx", "zxy"), strict=True)
+            ],
+            output=path,
+            headless=True,
+            motion=twin.told,
+        )
+    said = capsys.readouterr().err
+    assert "Guards closed" in said
+    assert "Set up at leg X, station 0.5, along Y and Z" in said
+    assert read_record(path).end == "closed"
+    assert len(taken(path)) == 6
+    assert not wrong(taken(path), bench)

@@ -1,0 +1,252 @@
+"""A machine that moves itself behind a simulated controller, read by indicators that follow it.
+
+What they show follows from where the controller believes the carriages to be at that very moment,
+by the geometry of `tests.controller.machine`, which shares no code with the program: a reading
+that was taken elsewhere, or on the way, is a wrong one. Run as a program it draws many faults.
+"""
+
+from __future__ import annotations
+
+import random
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from tempfile import mkdtemp
+
+import numpy as np
+
+from app.measuring.gauges import Gauge
+from app.measuring.moving import Mover, limits_of, lost_words, measure_by_itself
+from app.measuring.session import GuidedSession
+from calib.errors import GlidecalError
+from drivers.motion import controller_of
+from drivers.motion.controller import Triple
+from drivers.motion.line import MotionLine
+from drivers.motion.twins import LinuxCncTwin, MotionTwin, SimulatedAxes, Trouble
+from drivers.profile import Query, Spindle
+from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
+from drivers.twins import TwinPort, twin_of
+from protocols.journal import Journal
+from protocols.machine import Instrument, MotionLimits
+from protocols.machine import Machine as MachineFile
+from protocols.procedure import Procedure, Step, load_procedure
+from protocols.record import read_record
+from protocols.session import Opened, Reading, fold
+from tests.controller.machine import L, Machine
+
+FAST = MachineFile(motion=MotionLimits(feed_mm_min=30_000.0), fastest_feed_mm_min=60_000.0)
+SLOWER = MachineFile(motion=MotionLimits(feed_mm_min=9_000.0), fastest_feed_mm_min=60_000.0)
+MOST_TRIES = 60
+SHORT = load_procedure("zero-max-min", FAST.geometry()).model_copy(
+    update={"cycles": 1, "legs": ("x", "y")}
+)
+HIDDEN = Machine((0.8, -1.3, 0.45))
+STEP_MM = 0.001
+STOP_S = 0.5
+
+
+def carriages(tool: Triple) -> list[float]:
+    """Of an Orthoglide without errors: foot i on axis i, the far one."""
+    square = [sum(tool[k] ** 2 for k in range(3) if k != i) for i in range(3)]
+    return [float(tool[i] + np.sqrt(L**2 - square[i])) for i in range(3)]
+
+
+class Bench:
+    """Two indicators on the leg that is set up, and the machine behind its controller."""
+
+    def __init__(self, axes: SimulatedAxes, machine: Machine = HIDDEN) -> None:
+        self.axes, self.machine = axes, machine
+        self.leg, self.along, self.station = 0, (1, 2), 0.5
+        self.unplugged = False
+
+    def set_up(self, step: Step) -> bool:
+        """What the operator does by hand."""
+        self.leg, self.station = "xyz".index(step.leg), step.station
+        self.along = ("xyz".index(step.axes[0]), "xyz".index(step.axes[1]))
+        return True
+
+    def shows_mm(self, number: int) -> float:
+        return self.reading_mm(self.leg, self.along[number], self.station, self.axes.at_mm)
+
+    def reading_mm(self, leg: int, axis: int, station: float, tool: Triple) -> float:
+        offset = np.array(self.machine.offset_mm)
+        now, zero = np.array(carriages(tool)) + offset, np.full(3, L) + offset
+        return self.machine.reading(leg, axis, station, now.tolist(), zero.tolist())
+
+
+class Unpluggable:
+    """A twin whose cable may be pulled for a while."""
+
+    def __init__(self, bench: Bench, number: int) -> None:
+        spindle = Spindle(lambda: bench.shows_mm(number), STEP_MM)
+        self._bench, self._twin = bench, twin_of(MITUTOYO_01A, spindle)
+
+    def receive(self, request: bytes) -> bytes:
+        answer = self._twin.receive(request)
+        return b"" if self._bench.unplugged else answer
+
+
+@contextmanager
+def following(
+    make: Callable[[SimulatedAxes], MotionTwin] = LinuxCncTwin,
+) -> Iterator[tuple[Bench, MotionTwin, tuple[str, ...]]]:
+    """A machine behind a controller, and the ports of two indicators that follow it."""
+    with ExitStack() as stack:
+        twin = make(SimulatedAxes((3.0, -2.0, 1.0)))
+        stack.callback(twin.close)
+        bench = Bench(twin.axes)
+        ports = [
+            stack.enter_context(TwinPort(Unpluggable(bench, number), "tcp")) for number in range(2)
+        ]
+        yield bench, twin, tuple(port.url for port in ports)
+
+
+@contextmanager
+def moving_session(
+    path: Path,
+    machine: MachineFile = FAST,
+    procedure: Procedure = SHORT,
+    make: Callable[[SimulatedAxes], MotionTwin] = LinuxCncTwin,
+    window_s: float = 0.06,
+) -> Iterator[tuple[GuidedSession, Bench, MotionTwin]]:
+    opened = Opened(
+        program="test",
+        origin="measured",
+        machine=machine,
+        procedure=procedure,
+        instruments=(Instrument(profile="mitutoyo-01a"),) * 2,
+    )
+    with ExitStack() as stack:
+        bench, twin, ports = stack.enter_context(following(make))
+        gauges = []
+        for port in ports:
+            gauge = Gauge(
+                MITUTOYO_01A,
+                port,
+                Query(),
+                interval_s=0.01,
+                window_s=window_s,
+                tolerance_mm=0.004,
+            )
+            gauge.start()
+            stack.callback(gauge.close)
+            gauges.append(gauge)
+        controller = controller_of(twin.told, limits_of(machine))
+        controller.answer_s = 2.0
+        mover = Mover(MotionLine(controller), procedure, machine, ("xyz", "xyz"))
+        mover.line.start()
+        stack.callback(mover.close)
+        journal = Journal.create(path, opened)
+        with GuidedSession(journal, gauges, None, lambda: None, mover=mover) as guided:
+            yield guided, bench, twin
+
+
+def taken(path: Path) -> tuple[Reading, ...]:
+    """The readings that count."""
+    return fold(read_record(path).events).readings
+
+
+def wrong(readings: tuple[Reading, ...], bench: Bench) -> list[str]:
+    """Readings that are not those of the posture that the record says."""
+    found = []
+    for one in readings:
+        leg, axis = "xyz".index(one.leg), "xyz".index(one.axis)
+        tool = [0.0, 0.0, 0.0]
+        tool[leg] = one.displacement_mm
+        right = bench.reading_mm(leg, axis, one.station, (tool[0], tool[1], tool[2]))
+        if abs(one.value_mm - right) > STEP_MM:
+            found.append(f"step {one.step}: {one.value_mm} for {right:.4f}")
+    return found
+
+
+TROUBLES = (
+    Trouble.ESTOP,
+    Trouble.FOLLOWING,
+    Trouble.NAK,
+    Trouble.HANG_UP,
+    Trouble.SILENCE,
+    Trouble.ELSEWHERE,
+    "indicator",
+    "moved by hand",
+    "stop",
+)
+
+
+def befall(trouble: str, guided: GuidedSession, bench: Bench, twin: MotionTwin) -> None:
+    if trouble == "indicator":
+        bench.unplugged = True
+    elif trouble == "moved by hand":
+        x, y, z = bench.axes.at_mm
+        bench.axes.go((x + 0.4, y, z), 1e6)
+    elif trouble == "stop":
+        assert guided.mover is not None
+        guided.mover.stop("the operator")
+    else:
+        twin.befall(Trouble(trouble))
+
+
+def with_faults(
+    path: Path, seed: int, draws: int, machine: MachineFile = SLOWER
+) -> tuple[list[str], list[float], int]:
+    """A session with a fault at each of so many random moments, mended and continued each time.
+
+    What is wrong, how long the machine went on after each fault, and how many faults were met.
+    """
+    chance = random.Random(seed)
+    stops_s: list[float] = []
+    met = 0
+    tries = 0
+    with moving_session(path, machine) as (guided, bench, twin):
+        while guided.step() is not None:
+            tries += 1
+            assert tries < MOST_TRIES, guided.mover and guided.mover.why
+            timer: threading.Timer | None = None
+            if met < draws:
+                trouble = chance.choice(TROUBLES)
+                went_on: list[float] = []
+
+                def strike(trouble: str = trouble, went_on: list[float] = went_on) -> None:
+                    befall(trouble, guided, bench, twin)
+                    began = time.monotonic()
+                    while bench.axes.moving and time.monotonic() - began < 5.0:
+                        time.sleep(0.002)
+                    went_on.append(time.monotonic() - began)
+
+                timer = threading.Timer(chance.uniform(0.05, 2.0), strike)
+                timer.start()
+            try:
+                measure_by_itself(guided, bench.set_up, lambda _: None)
+            except GlidecalError:
+                if timer is not None:
+                    timer.join()
+                    met += 1
+                    stops_s += went_on
+            else:
+                if timer is not None:
+                    timer.cancel()
+                    timer.join()
+            twin.mend()
+            bench.unplugged = False
+            end = time.monotonic() + 20.0
+            while lost_words(guided) and time.monotonic() < end:  # as an operator waits
+                time.sleep(0.05)
+    return wrong(taken(path), bench), stops_s, met
+
+
+def main() -> None:
+    """Faults at random moments, as many as asked for: what is wrong, and how long they took."""
+    wanted, met, seed = int(sys.argv[1]), 0, 0
+    stops_s: list[float] = []
+    while met < wanted:
+        seed += 1
+        found, stopped, struck = with_faults(Path(mkdtemp()) / "a.jsonl", seed, 12)
+        met, stops_s = met + struck, stops_s + stopped
+        print(f"session {seed}: {struck} faults, {len(found)} wrong readings {found}", flush=True)
+    print(f"{met} faults, longest {max(stops_s):.3f} s, {sum(s > STOP_S for s in stops_s)} longer")
+
+
+if __name__ == "__main__":
+    main()

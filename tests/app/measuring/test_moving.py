@@ -1,0 +1,117 @@
+"""A session that runs by itself, against a simulated controller: right readings or none."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+from app.measuring.moving import Mover, Moving, check_motion, measure_by_itself, ways_of
+from calib.errors import MotionError, RecordError
+from drivers.motion.controller import Faulted, MotionFault
+from drivers.motion.twins import TWINS, LinuxCncTwin, SimulatedAxes, Trouble
+from protocols.machine import Machine, MotionLimits
+from protocols.observations import to_observations
+from protocols.procedure import Step
+from protocols.record import read_record
+from protocols.session import Noted, fold
+from tests.app.measuring.moving_machine import (
+    FAST,
+    SHORT,
+    moving_session,
+    taken,
+    with_faults,
+    wrong,
+)
+
+BOTH = ("xyz", "xyz")
+
+
+def arrives(mover: Mover) -> Moving:
+    while mover.state is Moving.UNDER_WAY:
+        time.sleep(0.01)
+    return mover.state
+
+
+@pytest.mark.parametrize("name", TWINS)
+def test_a_session_measures_itself(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    asked: list[tuple[object, bool]] = []
+    with moving_session(path, make=TWINS[name]) as (guided, bench, twin):
+
+        def set_up(step: Step) -> bool:
+            asked.append((bench.axes.at_mm, bench.axes.moving))
+            return bench.set_up(step)
+
+        measure_by_itself(guided, set_up, lambda _: None)
+        readings = taken(path)
+    assert read_record(path).end == "closed"
+    assert len(readings) == 2 * len(guided.steps)
+    assert not wrong(readings, bench)
+    assert asked == [((0.0, 0.0, 0.0), False)] * 2  # leg x, leg y
+    for one in readings:
+        assert one.moved is not None
+        assert one.moved.driver == name
+        assert one.moved.read_back_mm == one.moved.commanded_mm
+    first = readings[0].moved
+    assert first is not None
+    assert first.from_mm == (-10.0, 0.0, 0.0)
+    found = to_observations([fold(read_record(path).events)])
+    assert set(found.approach.tolist()) == {-1.0, 1.0}  # none is unknown
+    assert len(twin.moves) == len(guided.steps) + 3  # Zero once, and two pre-rolls
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_no_fault_leaves_a_reading_of_a_wrong_posture(seed: int, tmp_path: Path) -> None:
+    found, stops_s, met = with_faults(tmp_path / "a.jsonl", seed, 2, FAST)
+    assert not found
+    assert len(stops_s) == met > 0
+
+
+def test_a_set_up_that_is_not_confirmed_moves_nothing_but_to_zero(tmp_path: Path) -> None:
+    with moving_session(tmp_path / "a.jsonl") as (guided, _, twin):
+        with pytest.raises(MotionError, match="not confirmed"):
+            measure_by_itself(guided, lambda _: False, lambda _: None)
+        assert len(twin.moves) == 1
+        assert not taken(tmp_path / "a.jsonl")
+
+
+def test_a_second_client_is_noticed_before_the_next_take(tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    with moving_session(path) as (guided, _, twin):
+        mover = guided.mover
+        assert mover is not None
+        guided.go()
+        assert arrives(mover) is Moving.SET_UP
+        mover.confirm()
+        assert arrives(mover) is Moving.THERE
+        twin.befall(Trouble.NAK)
+        with pytest.raises(MotionError, match="control"):
+            guided.take()
+        assert arrives(mover) is Moving.STOPPED
+    assert not taken(path)
+    notes = [one.text for one in read_record(path).events if isinstance(one, Noted)]
+    assert any("step 1 not taken" in text for text in notes)
+
+
+def test_ways_beyond_the_limits_are_refused_before_anything_is_sent() -> None:
+    steps = ways_of(SHORT, FAST, BOTH)
+    assert steps.longest_mm == pytest.approx(160.0)  # from Max to Min
+    for motion, said in (
+        (MotionLimits(longest_mm=100.0), "longest_mm"),
+        (MotionLimits(low_mm=(-90.0,) * 3, high_mm=(60.0,) * 3), "machine file"),
+        (MotionLimits(preroll_mm=120.0), "preroll_mm"),
+    ):
+        with pytest.raises((MotionError, RecordError), match=said):
+            ways_of(SHORT, Machine(motion=motion), BOTH)
+
+
+def test_a_check_says_who_says_so_and_moves_nothing() -> None:
+    with LinuxCncTwin(SimulatedAxes()) as twin:
+        assert "joint_homed YES YES YES" in check_motion(twin.told, FAST)
+        twin.befall(Trouble.NOT_HOMED)
+        with pytest.raises(Faulted) as said:
+            check_motion(twin.told, FAST)
+        assert said.value.kind is MotionFault.NOT_READY
+        assert not twin.moves

@@ -1,0 +1,148 @@
+"""The report in a real browser: words of strangers do nothing there, and the page holds its width.
+
+Through Chromium's own debugging protocol (https://chromedevtools.github.io/devtools-protocol/).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import shutil
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import pytest
+
+from app.report.pages.contents import report_of
+from app.report.pages.report import html_of
+from tests.app.report.test_pages import hostile_session
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+PATIENCE_S = 30.0
+WIDTHS = (700, 1600)
+
+ACTIVE = (
+    "<script>window.owned = 1; alert(1)</script>",
+    "</td></table><img src='http://127.0.0.1:9/x' onerror='window.owned = 2'>",
+    "]]></text></svg><svg onload='window.owned = 3'>",
+    '" onmouseover="window.owned = 4" autofocus onfocus="window.owned = 5',
+    "<style>@import 'http://127.0.0.1:9/y';</style><link rel=stylesheet href='http://127.0.0.1:9/z'>",
+    "<iframe src='http://127.0.0.1:9/frame'></iframe><meta http-equiv=refresh content='0;url=/'>",
+    "javascript:alert(1)",
+    "{{ 7 * 7 }}{% raw %}",
+    "W" * 250,
+    "\u202etxt.exe \x1b]0;owned\x07",
+)
+
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium here (Debian package chromium)"),
+    pytest.mark.skipif(sys.platform == "win32", reason="looks for chromium as Debian has it"),
+]
+
+
+class Tab:
+    """A page of the browser: what is asked of it, and all that it told meanwhile."""
+
+    def __init__(self, socket: aiohttp.ClientWebSocketResponse) -> None:
+        self.socket = socket
+        self.told: list[dict[str, Any]] = []
+        self._asked = 0
+
+    async def ask(self, method: str, **parameters: object) -> dict[str, Any]:
+        self._asked += 1
+        await self.socket.send_json({"id": self._asked, "method": method, "params": parameters})
+        while (heard := await self._heard()).get("id") != self._asked:
+            pass
+        assert "error" not in heard, heard
+        return dict(heard["result"])
+
+    async def until(self, event: str) -> None:
+        while (await self._heard()).get("method") != event:
+            pass
+
+    async def _heard(self) -> dict[str, Any]:
+        heard: dict[str, Any] = await self.socket.receive_json(timeout=PATIENCE_S)
+        self.told.append(heard)
+        if heard.get("method") == "Page.javascriptDialogOpening":
+            close = {"id": 0, "method": "Page.handleJavaScriptDialog", "params": {"accept": True}}
+            await self.socket.send_json(close)
+        return heard
+
+    async def show(self, page: Path) -> None:
+        self.told.clear()
+        await self.ask("Page.navigate", url=page.as_uri())
+        await self.until("Page.loadEventFired")
+
+    async def value(self, expression: str) -> object:
+        found = await self.ask("Runtime.evaluate", expression=expression, returnByValue=True)
+        return found["result"].get("value")
+
+    def happened(self, event: str) -> list[dict[str, Any]]:
+        return [heard["params"] for heard in self.told if heard.get("method") == event]
+
+    def requests(self) -> list[str]:
+        return [one["request"]["url"] for one in self.happened("Network.requestWillBeSent")]
+
+
+@asynccontextmanager
+async def browser(folder: Path) -> AsyncIterator[Tab]:
+    """Chromium without a window, of its own profile, listening on loopback."""
+    root = ["--no-sandbox"] if os.geteuid() == 0 else []
+    options = ["--headless", "--disable-gpu", "--no-first-run", "--disable-background-networking"]
+    process = await asyncio.create_subprocess_exec(
+        str(CHROMIUM),
+        *(*options, *root, "--remote-debugging-port=0", f"--user-data-dir={folder}", "about:blank"),
+        stdout=asyncio.subprocess.DEVNULL,
+        stderr=asyncio.subprocess.DEVNULL,
+    )
+    try:
+        port = await _port(folder / "DevToolsActivePort")
+        async with aiohttp.ClientSession() as client:
+            async with client.get(f"http://127.0.0.1:{port}/json/list") as listed:
+                pages = json.loads(await listed.text())
+            (address,) = (one["webSocketDebuggerUrl"] for one in pages if one["type"] == "page")
+            async with client.ws_connect(address, max_msg_size=0) as socket:
+                yield Tab(socket)
+    finally:
+        process.terminate()
+        await process.wait()
+
+
+async def _port(told: Path) -> int:
+    async with asyncio.timeout(PATIENCE_S):
+        while not told.is_file() or len(lines := told.read_text().split()) < 2:
+            await asyncio.sleep(0.05)
+    return int(lines[0])
+
+
+async def test_words_of_strangers_do_nothing(tmp_path: Path) -> None:
+    page, bare = tmp_path / "report.html", tmp_path / "bare.html"
+    page.write_text(html_of(report_of([hostile_session(tmp_path, ACTIVE)])), encoding="utf-8")
+    bare.write_text(f"<!DOCTYPE html><body>{'<p>'.join(ACTIVE[:4])}", encoding="utf-8")
+    async with browser(tmp_path / "profile") as tab:
+        for domain in ("Page", "Network", "Runtime", "Log"):
+            await tab.ask(f"{domain}.enable")
+        await tab.show(bare)  # would this browser have told?
+        assert tab.happened("Page.javascriptDialogOpening")
+        assert await tab.value("window.owned")
+        assert any(url.endswith("/x") for url in tab.requests())
+
+        await tab.show(page)
+        assert await tab.value("document.title") == f"Calibration report: {ACTIVE[6]}"
+        assert await tab.value("typeof window.owned") == "undefined"
+        assert not tab.happened("Page.javascriptDialogOpening")
+        assert not tab.happened("Runtime.exceptionThrown")
+        assert not tab.happened("Log.entryAdded"), "nothing had to be refused either"
+        own = [url for url in tab.requests() if not url.startswith("data:image/svg+xml;base64,")]
+        assert own == [page.as_uri()]
+        drawn = "[...document.images].map(one => one.complete && one.naturalWidth > 100)"
+        assert await tab.value(drawn) == [True] * 6
+        for width in WIDTHS:
+            size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+            await tab.ask("Emulation.setDeviceMetricsOverride", **size)
+            assert await tab.value(f"document.documentElement.scrollWidth <= {width}") is True

@@ -1,0 +1,120 @@
+"""A machine that moves itself, on the screen: keys stop it, a set-up waits for one."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from textual.pilot import Pilot
+
+from app.measuring.moving import Mover, Moving
+from app.measuring.opening import Plan
+from app.screens.check import CheckScreen
+from app.screens.interface import ChoiceDialog
+from app.screens.measure import MeasureScreen
+from app.screens.session_view import LegReviewScreen
+from app.screens.start import Glidecal
+from drivers.motion.twins import MotionTwin, Trouble
+from protocols.machine import Instrument, Machine, MotionLimits
+from protocols.procedure import load_procedure
+from tests.app.measuring.moving_machine import Bench, following, taken, wrong
+from tests.screens.driving import SIZE, text, to_measuring, until
+
+SLOW = Machine(motion=MotionLimits(feed_mm_min=6000.0))
+
+
+@dataclass
+class Moved:
+    pilot: Pilot[str]
+    interface: Glidecal
+    screen: MeasureScreen
+    bench: Bench
+    twin: MotionTwin
+    path: Path
+
+    @property
+    def mover(self) -> Mover:
+        assert self.screen.guided.mover is not None
+        return self.screen.guided.mover
+
+    async def comes(self, state: Moving) -> None:
+        await until(self.pilot, state, lambda: self.mover.state is state)
+
+    async def says(self, words: str) -> None:
+        await until(self.pilot, words, lambda: words in text(self.interface, "#said"))
+
+    async def set_up(self) -> None:
+        await self.comes(Moving.SET_UP)
+        await self.says("Set up at leg X")
+        step = self.screen.guided.step()
+        assert step is not None
+        self.bench.set_up(step)
+        await self.pilot.press("space")
+        await until(self.pilot, "a move", lambda: self.mover.state is not Moving.SET_UP)
+
+
+@asynccontextmanager
+async def measuring(folder: Path) -> AsyncIterator[Moved]:
+    procedure = load_procedure("zero-max-min", SLOW.geometry())
+    short = procedure.model_copy(update={"cycles": 1, "legs": ("x",)})
+    path = folder / "a.jsonl"
+    with following() as (bench, twin, ports):
+        instruments = tuple(Instrument(profile="mitutoyo-01a", port=port) for port in ports)
+        plan = Plan(path, SLOW, short, instruments, window_s=0.2, motion=twin.told)
+        interface = Glidecal(CheckScreen(plan))
+        async with interface.run_test(size=SIZE, notifications=True) as pilot:
+            screen = await to_measuring(pilot, interface)
+            yield Moved(pilot, interface, screen, bench, twin, path)
+
+
+async def test_it_measures_itself_once_a_set_up_is_confirmed(tmp_path: Path) -> None:
+    async with measuring(tmp_path) as moved:
+        await moved.set_up()
+        await until(
+            moved.pilot, "review", lambda: isinstance(moved.interface.screen, LegReviewScreen)
+        )
+    assert len(taken(moved.path)) == 8
+    assert not wrong(taken(moved.path), moved.bench)
+
+
+@pytest.mark.parametrize("key", ["space", "p", "escape"])
+async def test_a_key_stops_it_and_p_goes_on(key: str, tmp_path: Path) -> None:
+    async with measuring(tmp_path) as moved:
+        await moved.set_up()
+        await until(moved.pilot, "a take", lambda: len(taken(moved.path)) >= 2)
+        await until(moved.pilot, "the next move", lambda: moved.bench.axes.moving)
+        before = len(taken(moved.path))
+        await moved.pilot.press(key)
+        await until(moved.pilot, "a stop", lambda: not moved.bench.axes.moving)
+        await moved.comes(Moving.STOPPED)
+        assert moved.screen.held
+        if key == "escape":
+            await until(
+                moved.pilot, "question", lambda: isinstance(moved.interface.screen, ChoiceDialog)
+            )
+            await moved.pilot.press("1")
+        assert len(taken(moved.path)) == before
+        await moved.pilot.press("p")
+        await until(moved.pilot, "the next take", lambda: len(taken(moved.path)) > before)
+    assert not wrong(taken(moved.path), moved.bench)
+
+
+@pytest.mark.parametrize("trouble", [Trouble.ESTOP, Trouble.NAK, "indicator"])
+async def test_what_befalls_it_is_said_and_nothing_taken(trouble: str, tmp_path: Path) -> None:
+    async with measuring(tmp_path) as moved:
+        await moved.set_up()
+        await until(moved.pilot, "a take", lambda: len(taken(moved.path)) >= 2)
+        await until(moved.pilot, "the next move", lambda: moved.bench.axes.moving)
+        before = len(taken(moved.path))
+        if trouble == "indicator":
+            moved.bench.unplugged = True
+        else:
+            moved.twin.befall(Trouble(trouble))
+        await moved.comes(Moving.STOPPED)
+        await moved.says("Nothing was taken")
+        assert moved.screen.held
+        assert not moved.bench.axes.moving
+        assert len(taken(moved.path)) == before

@@ -33,7 +33,7 @@ from app.machines.options import (
 )
 from app.machines.registry import LISTED, LOOKS, family_of, options_of, with_options_of_machines
 from app.report.streams import need_terminal
-from calib.errors import CalibrationError, GlidecalError, UsageError, extra
+from calib.errors import CalibrationError, GlidecalError, RecordError, UsageError, extra
 from protocols.machine_files import USUAL_MACHINE
 
 if TYPE_CHECKING:  # heavy: imported where used
@@ -445,9 +445,9 @@ def replay(
             threading.Thread(target=_end_with_the_server, daemon=True).start()
         else:
             need_terminal("replay", "--headless")
-        from app.screens.start import open_replay
+        from app.screens.start import open_replay, open_served
 
-        raise typer.Exit(open_replay(session, LOOKS, read_only=served))
+        raise typer.Exit(open_served(session, LOOKS) if served else open_replay(session, LOOKS))
     from app.evaluating.solution import end_warning
     from app.report.schema.document import to_json
     from app.report.schema.readings import ReplayReport
@@ -474,16 +474,19 @@ def _end_with_the_server() -> None:
 
 
 def serve(
-    sessions: Sessions,
+    sessions: Annotated[list[Path], argument("Session files, or folders of them.")],
     port: Annotated[
         int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.", min=0, max=65535)
     ] = DEFAULT_PORT,
 ) -> None:
-    """Recorded sessions in a browser, to look at only. Ctrl-C ends it."""
+    """Sessions, reports and history in a browser. To look at only; Ctrl-C ends it."""
     from protocols.record import read_record
 
     for path in sessions:
-        read_record(path)
+        if not path.is_dir():
+            read_record(path)
+        elif next(path.rglob("*.jsonl"), None) is None:
+            raise RecordError(f"folder {path}", "no session file", "files that end with .jsonl")
     with extra("glidecal serve", "serve"):
         from app.screens.serving import Pages, listen
     pages = Pages(sessions, listen(port))

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from textual import work
 from textual.app import ComposeResult
@@ -17,13 +17,23 @@ from textual.screen import Screen
 from textual.widgets import Footer, OptionList, Static
 from textual.widgets.option_list import Option
 
-from app.measuring.recorded import SessionFile, follow_up, look_at, recent_sessions
+from app.measuring.recorded import (
+    MOST_LISTED,
+    SessionFile,
+    follow_up,
+    look_at,
+    recent_sessions,
+    sessions_below,
+)
 from app.report.text import home as texts
 from app.report.text.home import ELSEWHERE, NO_SESSIONS, PICK_KEYS, session_label
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from calib.errors import GlidecalError
 from protocols.files import FilesThere
+
+if TYPE_CHECKING:
+    from app.evaluating.history import History
 
 DEMO_FOLDER = Path("demo-sessions")
 
@@ -308,23 +318,30 @@ class PickScreen(LeftOnce[SessionFile]):
 
 
 class ReplayChoiceScreen(Screen[None]):
-    """The sessions that were named, and no other ones."""
+    """The sessions that were named, those of folders and their history, and no other ones."""
 
     app: Interface
-    HELP = "Arrow keys and Enter open a session; Escape comes back to this list."
+    HELP = (
+        "Arrow keys and Enter open a session; Escape comes back to this list. Of a folder\n"
+        f"the newest {MOST_LISTED} sessions stand here, and its history."
+    )
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f10", "app.quit", "Quit", id="replay-choice.quit")
     ]
 
     def __init__(self, paths: Sequence[Path]) -> None:
         super().__init__()
-        self._paths = tuple(paths)
+        self._folders = tuple(path for path in paths if path.is_dir())
+        self._paths = [path for path in paths if path not in self._folders]
+        for folder in self._folders:
+            self._paths += sessions_below(folder)[:MOST_LISTED]
 
     def compose(self) -> ComposeResult:
         yield Title()
         yield Static(texts.REPLAY_QUESTION, markup=False, id="question")
+        histories = (Option(texts.HISTORY_OF.format(folder.name)) for folder in self._folders)
         labels = (Option(session_label(look_at(path))) for path in self._paths)
-        yield OptionList(*labels, id="choices", markup=False)
+        yield OptionList(*histories, *labels, id="choices", markup=False)
         yield Footer()
 
     def on_mount(self) -> None:
@@ -333,5 +350,25 @@ class ReplayChoiceScreen(Screen[None]):
         choices.focus()
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        number = event.option_index - len(self._folders)
+        if number < 0:
+            self.app.notify(texts.READING_HISTORY, markup=False)
+            self._read_history(self._folders[event.option_index])
+            return
         with self.app.complaining():
-            self.app.push_screen(self.app.replay(self._paths[event.option_index]))
+            self.app.push_screen(self.app.replay(self._paths[number]))
+
+    @work(thread=True, group="history", exclusive=True)
+    def _read_history(self, folder: Path) -> None:
+        from app.evaluating.history import read_history
+
+        try:
+            found = read_history(folder)
+        except GlidecalError as problem:
+            self.app.call_from_thread(self.app.complain, problem)
+        else:
+            self.app.call_from_thread(self._show_history, found)
+
+    def _show_history(self, found: History) -> None:
+        if self.is_current:
+            self.app.push_screen(self.app.history(found))

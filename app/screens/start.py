@@ -113,17 +113,26 @@ def open_session(plan: Plan, looks: Sequence[Look]) -> int:
     return open_screen(CheckScreen(plan), looks)
 
 
-def open_replay(paths: Sequence[Path], looks: Sequence[Look], *, read_only: bool = False) -> int:
-    """A recorded session again, or a list of several. Raises RecordError for a bad file.
-
-    ``read_only`` is for pages that others look at: nothing can be written or measured from them.
-    """
-    from app.screens.replay import ReplayScreen
-
+def open_replay(paths: Sequence[Path], looks: Sequence[Look]) -> int:
+    """A recorded session again, or a list of several. Raises RecordError for a bad file."""
     for path in paths:
         read_record(path)
-    first: Screen[None] = ReplayScreen(paths[0]) if len(paths) == 1 else ReplayChoiceScreen(paths)
-    return open_screen(first, looks, read_only=read_only)
+    return open_screen(_replayed(paths), looks)
+
+
+def open_served(paths: Sequence[Path], looks: Sequence[Look]) -> int:
+    """The same of sessions and folders, for pages that others look at.
+
+    Nothing can be written or measured from them.
+    """
+    return open_screen(_replayed(paths), looks, read_only=True)
+
+
+def _replayed(paths: Sequence[Path]) -> Screen[None]:
+    from app.screens.replay import ReplayScreen
+
+    alone = len(paths) == 1 and not paths[0].is_dir()
+    return ReplayScreen(paths[0]) if alone else ReplayChoiceScreen(paths)
 
 
 def open_screen(first: Screen[None], looks: Sequence[Look], *, read_only: bool = False) -> int:

@@ -4,7 +4,9 @@ What it does that is unexpected, each tried with LinuxCNC 2.9: a dropped connect
 on; whoever enables last has control and the others are told NAK without a reason; a refused line
 is acknowledged and only ``get error`` tells, one message a call; ``joint_homed`` lists six joints
 whatever there are; a program that waits for ``done`` hears no abort; how commands wait is one
-setting for all clients.
+setting for all clients; clients that ask at the same time disturb each other (it parses with
+``strtok`` in threads): answers are cut or lost, and a line may be, so that only the position that
+is read back tells where it went.
 """
 
 from __future__ import annotations
@@ -77,7 +79,6 @@ class LinuxCnc(Controller):
             ("user_linear_units", "MM", "glidecal moves machines in mm only"),
             ("joint_type", "LINEAR", "glidecal moves three linear joints"),
             ("program_status", "IDLE", "wait for the end of its program"),
-            ("enable", "ON", "close the other client"),
         ):
             found = self._get(what).split()[:JOINTS]  # of six joints, whatever there are
             if not found or set(found) != {wanted}:
@@ -86,7 +87,14 @@ class LinuxCnc(Controller):
                 raise self.fault(MotionFault.NOT_READY, shown, f"{what} {wanted}", next_step)
             said.append(f"{what} {' '.join(found)}")
         self._errors()  # of before
+        self._in_control()
         return tuple(said)
+
+    def _in_control(self) -> None:
+        if (found := self._get("enable")) != "ON":
+            next_step = "Close the other client; the next move takes control again."
+            shown = f"enable {found}"
+            raise self.fault(MotionFault.CONTROL_LOST, shown, "one client at a time", next_step)
 
     def position(self) -> Triple:
         """Where the machine is read back, mm."""
@@ -101,8 +109,7 @@ class LinuxCnc(Controller):
         """One look at errors, control, switches and the interpreter."""
         if told := self._errors():
             raise self.fault(MotionFault.CONTROLLER, "; ".join(told))
-        if self._get("enable") != "ON":
-            raise self.fault(MotionFault.CONTROL_LOST, "enable OFF", "one client", "Close it.")
+        self._in_control()
         if (found := self._get("estop")) != "OFF":
             raise self.fault(MotionFault.NOT_READY, f"estop {found}", "estop OFF")
         if (found := self._get("machine")) != "ON":
@@ -157,8 +164,7 @@ class LinuxCnc(Controller):
             return
         if answer != f"SET {name} NAK":
             raise self._not_understood(answer)
-        if self._get("enable") != "ON":
-            raise self.fault(MotionFault.CONTROL_LOST, answer, "one client", "Close the other one.")
+        self._in_control()
         raise self.fault(MotionFault.CONTROLLER, answer, "", "Look at the controller.")
 
     def _asked(self, words: str, patience_s: float) -> str:

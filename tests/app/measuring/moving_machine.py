@@ -11,7 +11,7 @@ import random
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import mkdtemp
@@ -189,7 +189,12 @@ def befall(trouble: str, guided: GuidedSession, bench: Bench, twin: MotionTwin) 
 
 
 def with_faults(
-    path: Path, seed: int, draws: int, machine: MachineFile = SLOWER
+    path: Path,
+    seed: int,
+    draws: int,
+    machine: MachineFile = SLOWER,
+    make: Callable[[SimulatedAxes], MotionTwin] = LinuxCncTwin,
+    troubles: Sequence[str] = TROUBLES,
 ) -> tuple[list[str], list[float], int]:
     """A session with a fault at each of so many random moments, mended and continued each time.
 
@@ -199,13 +204,13 @@ def with_faults(
     stops_s: list[float] = []
     met = 0
     tries = 0
-    with moving_session(path, machine) as (guided, bench, twin):
+    with moving_session(path, machine, make=make) as (guided, bench, twin):
         while guided.step() is not None:
             tries += 1
             assert tries < MOST_TRIES, guided.mover and guided.mover.why
             timer: threading.Timer | None = None
             if met < draws:
-                trouble = chance.choice(TROUBLES)
+                trouble = chance.choice(troubles)
                 went_on: list[float] = []
 
                 def strike(trouble: str = trouble, went_on: list[float] = went_on) -> None:

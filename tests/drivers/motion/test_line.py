@@ -101,6 +101,17 @@ def test_a_killed_program_leaves_no_machine_moving(twin: LinuxCncTwin) -> None:
     assert 0.0 < twin.axes.at_mm[0] < 49.0  # of 25 seconds
 
 
+def test_control_that_another_client_has_is_told_before_it_is_taken(
+    line: MotionLine, twin: LinuxCncTwin
+) -> None:
+    twin.befall(Trouble.NAK)
+    with pytest.raises(Faulted) as said:  # also where nobody looked in between
+        line.go([(1.0, 0.0, 0.0)], FEED).result(PATIENCE_S)
+    assert said.value.kind is MotionFault.CONTROL_LOST
+    assert not twin.moves
+    assert line.go([(1.0, 0.0, 0.0)], FEED).result(PATIENCE_S) == (1.0, 0.0, 0.0)
+
+
 @pytest.mark.parametrize("trouble", [Trouble.HANG_UP, Trouble.NAK])
 def test_the_next_move_begins_with_a_new_connection(
     line: MotionLine, twin: LinuxCncTwin, trouble: Trouble

@@ -152,7 +152,8 @@ def parse_line(path: Path, number: int, line: bytes) -> Event:
     try:
         plain = json.loads(line)
     except (ValueError, RecursionError) as problem:
-        raise RecordError(thing, _shown(line), "one JSON event") from problem
+        other = "Is it a session? glidecal import makes one of a table." if number == 1 else ""
+        raise RecordError(thing, _shown(line), "one JSON event", other) from problem
     if not isinstance(plain, dict) or "event" not in plain:
         raise RecordError(thing, _shown(line), f"an event of schema {SCHEMA}")
     if number == 1:

@@ -261,7 +261,15 @@ def report(
     ] = None,
     force: Force = False,
 ) -> None:
-    """The calibration report to sign, as .html or .pdf."""
+    """The calibration report to sign, as .html or .pdf. With -o - as HTML on standard output."""
+    if output == Path("-"):
+        with extra("glidecal report", "report"):
+            from app.report.pages.contents import report_of
+            from app.report.pages.report import html_of
+
+        found = report_of(sessions, model=model, after=after, tolerance_mm=tolerance)
+        typer.echo(html_of(found), nl=False)
+        return
     may = may_replace(force, output)
     with extra("glidecal report", "report"):
         from app.report.pages.report import write_report

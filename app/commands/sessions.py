@@ -33,7 +33,7 @@ from app.machines.options import (
 )
 from app.machines.registry import LISTED, LOOKS, family_of, options_of, with_options_of_machines
 from app.report.streams import need_terminal
-from calib.errors import CalibrationError, GlidecalError, UsageError, extra
+from calib.errors import CalibrationError, GlidecalError, RecordError, UsageError, extra
 from protocols.machine_files import USUAL_MACHINE
 
 if TYPE_CHECKING:  # heavy: imported where used
@@ -257,8 +257,9 @@ def _measured(plan: Plan, say: Callable[[str], None]) -> SessionSolution:
 def align(
     session: Annotated[Path | None, argument("A session to tell from; none: measure.")] = None,
     reference: Annotated[
-        str, typer.Option(help="The rail that stays: x, y or z.", metavar="RAIL")
-    ] = "x",
+        str | None,
+        typer.Option(help="The rail that stays: x, y or z; else as before, or x.", metavar="RAIL"),
+    ] = None,
     protocol: Protocol = "align",
     machine: Machine = None,
     indicator: Annotated[
@@ -286,8 +287,8 @@ def align(
     from protocols.machine import load_machine
     from protocols.procedure import ALL_AXES, load_procedure
 
-    rail = next((one for one in ALL_AXES if one == reference.lower()), None)
-    if rail is None:
+    rail = next((one for one in ALL_AXES if reference and one == reference.lower()), None)
+    if rail is None and reference is not None:
         raise UsageError("--reference", repr(reference), "x, y or z")
     if session is None and as_json:
         raise UsageError("--json", "no session", "a session that was measured: align SESSION")
@@ -308,16 +309,16 @@ def align(
             allowed = "--indicator PROFILE:PORT once or twice, or --simulated"
             raise UsageError("indicators", "none", allowed)
         procedure = load_procedure(protocol or "align", known.geometry())
-        check_procedure(procedure, known, rail)
+        check_procedure(procedure, known, rail or "x")
         bench = BenchSettings(motion_s=DEMO_MOTION_S) if simulated else BenchSettings()
         path = output or session_name(Path(), procedure.name)
         plan = Plan(path, known, procedure, chosen, seed=seed, bench=bench)
         check_indicators(plan.instruments, legs=bool(procedure.levels))
     need_terminal("alignment", "a session that was measured: align SESSION")
-    _measure(aligning(plan, rail), headless=False)
+    _measure(aligning(plan, rail or plan.reference or "x"), headless=False)
 
 
-def _aligned(session: Path, reference: Leg, *, as_json: bool) -> str:
+def _aligned(session: Path, reference: Leg | None, *, as_json: bool) -> str:
     """What a session tells of the rails."""
     from app.measuring.aligning import align_session
     from app.report.schema.alignment import AlignmentReport
@@ -326,7 +327,8 @@ def _aligned(session: Path, reference: Leg, *, as_json: bool) -> str:
     from protocols.record import read_record
     from protocols.session import fold
 
-    found = align_session(fold(read_record(session).events), reference)
+    recorded = fold(read_record(session).events)
+    found = align_session(recorded, reference or recorded.opened.aligned_to or "x")
     report = AlignmentReport.of(name=session.name, found=found)
     return to_json(report) if as_json else aligned_text(found)
 
@@ -454,9 +456,9 @@ def replay(
             threading.Thread(target=_end_with_the_server, daemon=True).start()
         else:
             need_terminal("replay", "--headless")
-        from app.screens.start import open_replay
+        from app.screens.start import open_replay, open_served
 
-        raise typer.Exit(open_replay(session, LOOKS, read_only=served))
+        raise typer.Exit(open_served(session, LOOKS) if served else open_replay(session, LOOKS))
     from app.evaluating.solution import end_warning
     from app.report.schema.document import to_json
     from app.report.schema.readings import ReplayReport
@@ -483,16 +485,19 @@ def _end_with_the_server() -> None:
 
 
 def serve(
-    sessions: Sessions,
+    sessions: Annotated[list[Path], argument("Session files, or folders of them.")],
     port: Annotated[
         int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.", min=0, max=65535)
     ] = DEFAULT_PORT,
 ) -> None:
-    """Recorded sessions in a browser, to look at only. Ctrl-C ends it."""
+    """Sessions, reports and history in a browser. To look at only; Ctrl-C ends it."""
     from protocols.record import read_record
 
     for path in sessions:
-        read_record(path)
+        if not path.is_dir():
+            read_record(path)
+        elif next(path.rglob("*.jsonl"), None) is None:
+            raise RecordError(f"folder {path}", "no session file", "files that end with .jsonl")
     with extra("glidecal serve", "serve"):
         from app.screens.serving import Pages, listen
     pages = Pages(sessions, listen(port))

@@ -114,6 +114,7 @@ def opened_event(plan: Plan) -> Opened:
         operator=plan.operator,
         temperature_c=plan.temperature_c,
         verifies=plan.verifies,
+        aligned_to=plan.reference,
         computer=None if plan.simulated else this_computer(),
     )
 
@@ -265,7 +266,8 @@ def plan_to_continue(path: Path, instruments: tuple[Instrument, ...] = ()) -> Pl
         axes = " and ".join(f"@{i.axes}" for i in opened.instruments)
         raise UsageError("indicators of a continued session", "other axes", axes)
     known = instruments or _known_here(path, opened)
-    return replace(_planned(path, opened, opened.procedure, known), continued=True)
+    plan = replace(_planned(path, opened, opened.procedure, known), continued=True)
+    return aligning(plan, opened.aligned_to) if opened.aligned_to else plan
 
 
 def plan_to_repeat(path: Path) -> Plan | None:

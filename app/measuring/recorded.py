@@ -44,6 +44,19 @@ def recent_sessions(*folders: Path) -> list[SessionFile]:
     return [look_at(path) for path in sorted(paths, key=_changed_at, reverse=True)[:MOST]]
 
 
+MOST_LISTED = 100
+"""Sessions of a folder that are listed where others look at it, the newest."""
+
+
+def sessions_below(folder: Path) -> list[Path]:
+    """Every session file of a folder and those below it, the newest first."""
+    try:
+        found = [path for path in folder.rglob("*.jsonl") if path.is_file()]
+    except OSError:  # gone meanwhile, or not to be read
+        return []
+    return sorted(found, key=_changed_at, reverse=True)
+
+
 def _session_files(folder: Path) -> list[Path]:
     try:
         return list(folder.glob("*.jsonl"))

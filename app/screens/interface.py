@@ -33,8 +33,6 @@ from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
 from app.exit_codes import Exit
-from app.measuring.opening import Indicators, Plan
-from app.measuring.session import GuidedSession
 from app.report.text.home import REPLACE_CHOICES, WORDS_OF_LOOKS, key_list_text
 from app.report.text.tables import copied_text
 from app.screens.fast_keys import Dialog, Palette, ready
@@ -50,6 +48,8 @@ if TYPE_CHECKING:
     from app.evaluating.history import History
     from app.evaluating.solution import SessionSolution
     from app.evaluating.what_if import Adopt, Choice, Trial
+    from app.measuring.opening import Indicators, Plan
+    from app.measuring.session import GuidedSession
 
 Thing = TypeVar("Thing")
 
@@ -111,7 +111,9 @@ class ChoiceDialog(Dialog[str]):
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog"):
             yield Static(self._question, markup=False)
-            yield OptionList(*(Option(words) for _, words in self._choices), markup=False)
+            numbered = enumerate((words for _, words in self._choices), 1)
+            options = (Option(f"{n}  {words}" if n < 10 else words) for n, words in numbered)
+            yield OptionList(*options, markup=False)
             yield Static(f"Arrow keys and Enter, or the number. {self._leaving}", markup=False)
 
     def on_mount(self) -> None:

@@ -3,6 +3,7 @@
 textual-serve starts one process of this program for each browser tab. Added to it:
 
 - the port is bound before anything is said, on 127.0.0.1 and nowhere else;
+- reports and histories are pages of their own (`ReportPages`);
 - requests must name this address and, from a browser, come from its own pages. Otherwise any web
   page that is open in a browser of this computer could start processes and read the sessions;
 - pages load styles and fonts from here only, nothing from the internet;
@@ -29,6 +30,7 @@ from textual_serve.app_service import AppService
 from textual_serve.download_manager import DownloadManager
 from textual_serve.server import Server, to_int
 
+from app.screens.serving_reports import ReportPages
 from calib.errors import UsageError
 from protocols.files import reason_of
 
@@ -64,13 +66,14 @@ def listen(port: int) -> socket.socket:
 
 
 class Pages(Server):
-    """Replays of some sessions on one listening socket."""
+    """Replays and reports of some sessions, or those of folders, on one listening socket."""
 
     def __init__(self, sessions: Sequence[Path], listening: socket.socket) -> None:
         self._listening = listening
         self._answering: set[asyncio.Task[object]] = set()
         self._tabs = 0
         self._words = replay_command(sessions)
+        self._reports = ReportPages(sessions)
         port: int = listening.getsockname()[1]
         super().__init__(
             "glidecal replay",
@@ -83,8 +86,8 @@ class Pages(Server):
     def announcement(self) -> str:
         """The address, and what is not served and why."""
         return (
-            f"glidecal: replay and results at {self.public_url} on this computer; "
-            "Ctrl-C ends it.\n"
+            f"glidecal: replay and results at {self.public_url} on this computer,\n"
+            f"reports and history at {self.public_url}/reports; Ctrl-C ends it.\n"
             "Each browser tab is a process of its own and nobody logs in, so nothing can be "
             "measured,\nexported or verified from there: an indicator has one owner. Measuring "
             "stays in the terminal."
@@ -105,15 +108,15 @@ class Pages(Server):
 
     async def _make_app(self) -> web.Application:
         app = await super()._make_app()
+        app.add_routes(self._reports.routes())
         app.middlewares.append(self._own_pages_only)
         app.on_response_prepare.append(self._own_styles_only)
         return app
 
     async def _own_styles_only(self, _: web.Request, answer: web.StreamResponse) -> None:
         """The page of the library asks the internet for a font; a workshop need not tell it."""
-        answer.headers["Content-Security-Policy"] = (
-            f"style-src 'self' 'unsafe-inline' {self.public_url}"
-        )
+        own = f"style-src 'self' 'unsafe-inline' {self.public_url}"
+        answer.headers.setdefault("Content-Security-Policy", own)
 
     async def on_startup(self, _: web.Application) -> None:
         """Everything was said before."""

@@ -115,7 +115,7 @@ def test_lines_missing_doubled_or_moved(path: Path, how: str) -> None:
         (b'{"event":"opened","schema":"other/1"}\n', "Not a session"),
         (b'{"a":1}\n', "an event of schema"),
         (b"[1,2]\n", "an event of schema"),
-        (b"hello\n", "one JSON event"),
+        (b"hello\n", "one JSON event. Is it a session?"),
         (b"\xff\xfe\x00\n", "one JSON event"),
     ],
 )

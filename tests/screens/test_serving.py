@@ -49,7 +49,7 @@ class Served:
         )
         self._left = ""
         try:
-            self.said = " ".join(self._line() for _ in range(3))
+            self.said = " ".join(self._line() for _ in range(4))
             self.address = self.said.split(" at ")[1].split()[0]
             self.port = int(self.address.rsplit(":", 1)[1])
         except BaseException:  # also where the test runs out of time

@@ -22,8 +22,8 @@ C             measure again: every step, for the machine is another one
 F             finish, as long as nothing was moved since it was measured
 Escape, F10   pause the session: to the home screen, or quit
 
-One screw at a time. Go to the far side and come back as usual; what counts
-is where the end of the rail is when you press Space."""
+One screw at a time. Go to the far side and come back as usual; what
+counts is where the end of the rail is when you press Space."""
 
 
 def aligned_text(aligned: Aligned) -> str:

@@ -35,7 +35,7 @@ A             adopt what was named, another effect that fits as well, or
               corrected in a new session file
 W             what if: move the size of an effect and see what it would
               explain, and what it does at the tool; then adopt or drop it
-R             the result: offsets, and the sizes of adopted effects with them
+R             the result: offsets, and the sizes of adopted effects
 N             write the next measurement as a procedure file: the one
               that decides between effects that fit equally well
 Y             copy the text of this page to the clipboard

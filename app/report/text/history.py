@@ -10,10 +10,10 @@ from app.report.text.tables import hanging, new_table, signed, table_text, wrapp
 DAYS_A_MONTH = 30.44
 
 HISTORY_HELP = """\
-All sessions of a folder: where the joints stood, what the tool was off by,
-what was changed in between, and what drifts. Tab turns to the plots, where
-a line from top to bottom stands for offsets that were entered or a machine
-that was changed. Files that are altered or cut are named first."""
+All sessions of a folder: where the joints stood, what the tool was off
+by, what was changed in between, and what drifts. Tab turns to the plots,
+where a line from top to bottom stands for offsets that were entered or a
+machine that was changed. Files that are altered or cut are named first."""
 
 
 def history_text(found: History, now: datetime) -> str:

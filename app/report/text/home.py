@@ -27,6 +27,9 @@ Sessions of this folder and of demo-sessions stand below, newest
 first. Enter on one of them offers what can be done with it.
 Ctrl+P opens the command palette: theme, keys, screenshot."""
 
+HISTORY_OF = "History of {}"
+READING_HISTORY = "Reading the sessions …"
+REPLAY_QUESTION = "Which session do you want to see? Arrow keys and Enter."
 HOME_QUESTION = "What do you want to do? Arrow keys and Enter."
 COMPUTING = "Computing … F10 leaves."
 
@@ -96,7 +99,7 @@ PARTNER_CHOICES = (
 
 
 PREPARE_HELP = """\
-Enter  on an indicator opens its form: ports, profiles, axes to choose from
+Enter  on an indicator opens its form: choose its port, profile, axes
 Delete on an indicator: none
 F5  opens the indicators and shows them live; nothing is recorded yet
 F2  shows every step of the procedure; opens and writes nothing
@@ -108,8 +111,8 @@ OF_AN_INDICATOR = (
 )
 FIELD_HELP = {
     "procedure": "Procedure: what is measured, in which order. Enter opens the list.",
-    "indicator1": f"First indicator. {OF_AN_INDICATOR}",
-    "indicator2": f"Second indicator: without one each leg is measured twice. {OF_AN_INDICATOR}",
+    "indicator1": f"First indicator.\n{OF_AN_INDICATOR}",
+    "indicator2": f"Second indicator: without one each leg is measured twice.\n{OF_AN_INDICATOR}",
     "machine": (
         "Machine: a name or a file. Without one, the prototype of the papers.\n"
         "It decides which procedures can be chosen."
@@ -134,12 +137,12 @@ NOT_HERE = " (not plugged in)"
 
 INDICATOR_HELP = """\
 F3  tries every profile on this port: it gets the request of one after the
-    other. Only do it where an indicator is plugged in, never at the port of
-    a controller. Other ports are not touched. Escape stops it.
+    other. Only do it where an indicator is plugged in, never at the port
+    of a controller. Other ports are not touched. Escape stops it.
 F5, Escape  go back; what stands here is kept.
 
-Where several profiles fit, the indicators answer alike: take the one whose
-name stands on yours."""
+Where several profiles fit, the indicators answer alike: take the one
+whose name stands on yours."""
 
 INDICATOR_FIELDS = {
     "port": ("Port", "/dev/ttyUSB0, COM5, socket://HOST:PORT"),
@@ -196,11 +199,11 @@ def form_words(form: Mapping[str, object], source: str, *, gone: bool) -> str:
 
 
 CHECK_HELP = """\
-Push in the spindle that is asked for, and let it go: the program sees which
-indicator moves, and whether pushed in it reads larger or smaller. Nothing
-is recorded before Enter; Enter begins without the rest, and the record
-says so. X exchanges the ports where the other one moved. A panel that shows
-a fault tells its kind; glidecal indicator doctor examines it."""
+Push in the spindle that is asked for, and let it go: the program sees
+which indicator moves, and whether pushed in it reads larger or smaller.
+Nothing is recorded before Enter; Enter begins without the rest, and the
+record says so. X exchanges the ports where the other one moved. A panel
+that shows a fault tells its kind; glidecal indicator doctor examines it."""
 
 KeyRow = tuple[str, Sequence[str], str]
 """Id of a binding, its keys without settings, what it does."""

@@ -453,7 +453,7 @@ def point_text(step: Step, session: Session) -> str:
 
 
 REVIEW_HELP = """\
-Scatter       standard deviation of a reading among the repeats of its posture
+Scatter       standard deviation of a reading in the repeats of a posture
 Stated        what the repeatability and resolution of the indicator allow
 Worst return  largest difference between two Zeros of one cycle: it shows
               drift, and a stand that moved"""

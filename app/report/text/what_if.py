@@ -27,8 +27,8 @@ F10           quit
 
 Offsets and lengths are fitted anew at every size, other effects of the
 model, too. Tool, effect not compensated: what the effect by itself does
-there, over the workspace. Tool, values without it: what the tool is off by
-if the effect is real and the values found without it are entered."""
+there, over the workspace. Tool, values without it: what the tool is off
+by if the effect is real and the values found without it are entered."""
 
 WHICH = "Which effect?"
 WORKING = "Working out what it does …"

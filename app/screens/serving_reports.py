@@ -1,0 +1,236 @@
+"""Reports and history in a browser, beside the replays of ``glidecal serve``.
+
+Each page is made by the program's own verb in a process of its own, as a tab is: so many at once,
+for so long, so large, ended with its page. What a page shows is text of ours around text of
+strangers: it runs no script, loads nothing and stands in no frame. Nothing in an address is a path:
+it names a file or folder by a digest of its path, among those that were given to `serve`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import os
+import sys
+from asyncio.subprocess import DEVNULL, PIPE
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from aiohttp import web
+from jinja2 import Environment, StrictUndefined, Template
+
+from app.measuring.recorded import MOST_LISTED, sessions_below
+from calib.printable import printable
+
+PROGRAM = (sys.executable, "-P", "-m", "app")
+"""``-P`` keeps the current folder off Python's path."""
+
+MOST_MADE = 2
+"""Pages that are made at the same time; each is a process of about 140 MB."""
+
+MAKING_S = 120.0
+"""How long one may take."""
+
+MOST_BYTES = 20_000_000
+"""A report of 40 pages has 2 MB."""
+
+HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; "
+        "frame-ancestors 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+
+BUSY = f"{MOST_MADE} pages are being made. Load this one again when they are there."
+SLOW = (
+    f"This takes longer than {MAKING_S:.0f} s and was ended. The history remembers what it has "
+    "read: load the page again. A report can be written in the terminal: glidecal report."
+)
+LARGE = f"More than {MOST_BYTES / 1e6:.0f} MB. Write it in the terminal: glidecal report."
+UNKNOWN = "There is no such session or folder here, or no longer."
+
+PAGE = """\
+<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{{ title }}</title>
+<style>
+body { font: 10pt/1.4 "DejaVu Sans", Verdana, sans-serif }
+body { max-width: 60em; margin: 0 auto; padding: 1em }
+pre { white-space: pre-wrap; overflow-wrap: anywhere }
+li { overflow-wrap: anywhere }
+</style>
+</head>
+<body>
+<h1>{{ title }}</h1>
+{%- if text %}
+<pre>{{ text }}</pre>
+{%- endif %}
+{%- for folder in folders %}
+<h2>{{ folder.name }}</h2>
+{%- if folder.history %}
+<p><a href="/history/{{ folder.history }}">History of this folder</a></p>
+{%- endif %}
+{%- if folder.left_out %}
+<p>The newest {{ folder.sessions | length }} sessions; {{ folder.left_out }} are older.</p>
+{%- endif %}
+<ul>
+{%- for key, name in folder.sessions %}
+<li><a href="/reports/{{ key }}">{{ name }}</a></li>
+{%- endfor %}
+</ul>
+{%- endfor %}
+<p><a href="/reports">Reports and history</a> · <a href="/">Replay and results</a></p>
+</body>
+</html>
+"""
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A heading with its sessions by key and name; a folder has a key of its history."""
+
+    name: str
+    history: str
+    sessions: tuple[tuple[str, str], ...]
+    left_out: int = 0
+
+
+class ReportPages:
+    """The list of sessions, a report for each, a history for each folder; only to be read."""
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self._paths = tuple(path.absolute() for path in paths)
+        self._making = 0
+
+    def routes(self) -> list[web.RouteDef]:
+        """What can be asked for."""
+        return [
+            web.get("/reports", self._index),
+            web.get("/reports/{key}", self._report),
+            web.get("/history/{key}", self._history),
+        ]
+
+    async def _index(self, request: web.Request) -> web.Response:
+        _refuse_from_elsewhere(request)
+        listed = await asyncio.to_thread(self._listed)
+        return _page("Reports and history", folders=listed)
+
+    async def _report(self, request: web.Request) -> web.Response:
+        _refuse_from_elsewhere(request)
+        session = await asyncio.to_thread(self._session, request.match_info["key"])
+        status, made = await self._made("report", "-o", "-", "--", str(session))
+        if status:
+            return _page("No report", status=422, text=made)
+        return web.Response(text=made, content_type="text/html", charset="utf-8", headers=HEADERS)
+
+    async def _history(self, request: web.Request) -> web.Response:
+        _refuse_from_elsewhere(request)
+        folder = _named(request.match_info["key"], self._folders())
+        status, made = await self._made("history", "--", str(folder))
+        return _page(f"History of {folder.name}", status=422 if status else 200, text=made)
+
+    def _folders(self) -> list[Path]:
+        return [path for path in self._paths if path.is_dir()]
+
+    def _listed(self) -> list[Listed]:
+        alone = [path for path in self._paths if not path.is_dir()]
+        found = [Listed("Sessions", "", _names(alone, None))] if alone else []
+        for folder in self._folders():
+            sessions = sessions_below(folder)
+            names = _names(sessions[:MOST_LISTED], folder)
+            rest = max(0, len(sessions) - MOST_LISTED)
+            found.append(Listed(printable(folder.name), _key(folder), names, rest))
+        return found
+
+    def _session(self, key: str) -> Path:
+        found = [path for path in self._paths if not path.is_dir()]
+        found += [path for folder in self._folders() for path in sessions_below(folder)]
+        return _named(key, found)
+
+    async def _made(self, *words: str) -> tuple[int, str]:
+        """Exit status and text of a verb: what it printed, or what it complained of."""
+        if self._making >= MOST_MADE:
+            raise web.HTTPServiceUnavailable(text=BUSY)
+        self._making += 1
+        try:
+            process = await asyncio.create_subprocess_exec(
+                *PROGRAM,
+                *words,
+                stdin=DEVNULL,
+                stdout=PIPE,
+                stderr=PIPE,
+                env={**os.environ, "PYTHONUTF8": "1"},
+            )
+            try:
+                async with asyncio.timeout(MAKING_S), asyncio.TaskGroup() as both:
+                    streams = process.stdout, process.stderr
+                    said, complained = (both.create_task(_read(one)) for one in streams)
+                status = await process.wait()
+            except TimeoutError:
+                raise web.HTTPGatewayTimeout(text=SLOW) from None
+            except ExceptionGroup as several:
+                raise several.exceptions[0] from None
+            finally:  # the page is gone, or it took too long or too much
+                if process.returncode is None:
+                    process.kill()
+                    await process.communicate()
+        finally:
+            self._making -= 1
+        return status, (complained if status else said).result().decode(errors="replace")
+
+
+async def _read(stream: asyncio.StreamReader | None) -> bytes:
+    assert stream is not None
+    found = bytearray()
+    while part := await stream.read(65536):
+        found += part
+        if len(found) > MOST_BYTES:
+            raise web.HTTPInsufficientStorage(text=LARGE)
+    return bytes(found)
+
+
+def _refuse_from_elsewhere(request: web.Request) -> None:
+    """A page of another server may not even link here: each page made is a process."""
+    if request.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
+        raise web.HTTPForbidden(text="Only pages of this server may ask.")
+
+
+def _names(paths: Sequence[Path], folder: Path | None) -> tuple[tuple[str, str], ...]:
+    names = (str(path.relative_to(folder)) if folder else path.name for path in paths)
+    return tuple((_key(path), printable(name)) for path, name in zip(paths, names, strict=True))
+
+
+def _key(path: Path) -> str:
+    return hashlib.sha256(os.fsencode(path.absolute())).hexdigest()[:24]
+
+
+def _named(key: str, among: Iterable[Path]) -> Path:
+    for path in among:
+        if _key(path) == key:
+            return path
+    raise web.HTTPNotFound(text=UNKNOWN)
+
+
+def _page(
+    title: str, *, status: int = 200, text: str = "", folders: Sequence[Listed] = ()
+) -> web.Response:
+    shown = _template().render(
+        title=printable(title), text=printable(text, keep="\n"), folders=folders
+    )
+    return web.Response(
+        text=shown, status=status, content_type="text/html", charset="utf-8", headers=HEADERS
+    )
+
+
+@cache
+def _template() -> Template:
+    return Environment(autoescape=True, undefined=StrictUndefined).from_string(PAGE)

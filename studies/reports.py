@@ -1,0 +1,50 @@
+"""Photograph two reports as Chromium shows them: python -m studies.reports."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+from app.report.pages.report import write_report
+
+ROOT = Path(__file__).parents[1]
+PICTURES = ROOT / "docs" / "pictures"
+WIDTH, HEIGHT = 760, 2900
+"""Up to the evidence of the diagnosis; below stand the readings."""
+
+
+def demonstration(folder: Path) -> tuple[Path, Path]:
+    """Sessions of a demonstration, before and after its offsets were entered."""
+    command = [sys.executable, "-m", "glidecal", "demo", "--headless"]
+    subprocess.run(command, cwd=folder, check=True, stdout=subprocess.DEVNULL)
+    before, after = sorted((folder / "demo-sessions").glob("*.jsonl"))
+    return before, after
+
+
+def photograph(page: Path, name: str) -> None:
+    """The upper part of a page as an image."""
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        raise SystemExit("no chromium here; on Debian: apt-get install chromium")
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
+    target = f"--screenshot={PICTURES / name}.png"
+    size = f"--window-size={WIDTH},{HEIGHT}"
+    subprocess.run([chromium, *options, size, target, page.as_uri()], check=True)
+    with Image.open(PICTURES / f"{name}.png") as taken:
+        taken.convert("RGB").quantize(64).save(PICTURES / f"{name}.png", optimize=True)
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        before, after = demonstration(folder)
+        page = write_report([before], folder / "demo.html", after=after, tolerance_mm=0.25)
+        photograph(page, "report_demo")
+        published = ROOT / "sample_sessions" / "experiment_2_twelve.jsonl"
+        page = write_report([published], folder / "experiment.html", tolerance_mm=0.5)
+        photograph(page, "report_experiment_2")

@@ -1,0 +1,242 @@
+"""Reports and history of ``glidecal serve``: what is shown, and all that is refused."""
+
+from __future__ import annotations
+
+import asyncio
+import html
+import os
+import re
+import shutil
+import sys
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import aiohttp
+import pytest
+from aiohttp import web
+from aiohttp.test_utils import TestClient, TestServer
+from textual.widgets import OptionList, Static
+from yarl import URL
+
+from app.screens import serving_reports
+from app.screens.history import HistoryScreen
+from app.screens.home import ReplayChoiceScreen
+from app.screens.serving_reports import HEADERS, MOST_MADE, ReportPages
+from app.screens.start import Glidecal
+from tests.app.cli import glidecal, refused
+from tests.conftest import SAMPLES
+from tests.screens.driving import SIZE, said, until
+from tests.screens.test_serving import PATIENCE_S, Served, all_gone, children, fetch
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and /proc as on Unix")
+
+ONE = SAMPLES / "experiment_2_twelve.jsonl"
+NAMES = ["<script>alert(1)<a>&amp;.jsonl", "turned \u202e round.jsonl", "below/{{ 7 * 7 }}.jsonl"]
+"""Markup, reading order, a template."""
+
+LINK = re.compile(r'<a href="/(reports|history)/([0-9a-f]{24})">(.*?)</a>')
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Three sessions of such names, one that is no name in any language, one altered."""
+    (found := tmp_path / "sessions").mkdir()
+    (found / "below").mkdir()
+    for name in NAMES:
+        shutil.copy(ONE, found / name)
+    shutil.copy(SAMPLES / "damaged.jsonl", found)
+    shutil.copy(ONE, found / os.fsdecode(b"\xff.jsonl"))
+    return found
+
+
+@pytest.fixture
+def served(folder: Path) -> Iterator[Served]:
+    server = Served(folder)
+    yield server
+    if server.process.poll() is None:
+        server.stop()
+
+
+def links(page: str) -> dict[str, str]:
+    """Addresses by their words."""
+    return {html.unescape(words): f"/{kind}/{key}" for kind, key, words in LINK.findall(page)}
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    found = (path for path in folder.rglob("*") if path.is_file())
+    return {os.fsencode(path).hex(): path.read_bytes() for path in found}
+
+
+def test_a_folder_in_a_browser(served: Served, folder: Path, tmp_path: Path) -> None:
+    before = files(folder)
+    status, page = fetch(f"{served.address}/reports")
+    assert status == 200
+    found = links(page)
+    shown = [NAMES[0], "turned \\u202e round.jsonl", NAMES[2], "\\udcff.jsonl", "damaged.jsonl"]
+    assert set(found) == {*shown, "History of this folder"}
+    assert "<script" not in page
+    # the page of a session is what the verb writes
+    status, report = fetch(served.address + found[NAMES[0]])
+    assert status == 200
+    written = tmp_path / "report.html"
+    assert glidecal("report", folder / NAMES[0], "-o", written).status == 0
+    assert report == written.read_text(encoding="utf-8")
+    status, why_not = fetch(served.address + found["damaged.jsonl"])
+    assert status == 422
+    assert "changed" in why_not
+    status, history = fetch(served.address + found["History of this folder"])
+    assert status == 200
+    assert "damaged.jsonl" in history
+    assert "counted once" in " ".join(history.split())
+    assert "<script" not in history
+    assert "\u202e" not in page + history
+    # another one is there the next time
+    shutil.copy(SAMPLES / "simulated_sweep.jsonl", folder / "new.jsonl")
+    assert "new.jsonl" in links(fetch(f"{served.address}/reports")[1])
+    (folder / "new.jsonl").unlink()
+    assert files(folder) == before
+    assert children(served.process.pid) == set()
+    assert served.stop() == 0
+    assert served.left() == ""
+
+
+async def test_nothing_but_what_was_given_can_be_read(served: Served, tmp_path: Path) -> None:
+    shutil.copy(ONE, outside := tmp_path / "outside.jsonl")
+    key = ReportPages([outside])
+    address = served.address
+    async with aiohttp.ClientSession() as session:
+        async with in_process(key) as other:
+            theirs = links(await (await other.get("/reports")).text())["outside.jsonl"]
+        paths = [
+            *(theirs, "/reports/outside.jsonl", "/history/outside.jsonl"),
+            *("/reports/..%2f..%2foutside.jsonl", "/reports/%2e%2e/%2e%2e/outside.jsonl"),
+            *(f"/reports/{'0' * 24}", f"/history/{'0' * 24}", f"/reports/{'a' * 4000}"),
+            *("/reports//etc/passwd", "/reports/%00", "/history/%2fetc", "/history/"),
+        ]
+        for path in paths:
+            wanted = URL(address + path, encoded=True)
+            async with session.get(wanted, allow_redirects=False) as answer:
+                assert answer.status == 404, path
+                assert "root:" not in await answer.text()
+        for method in ("POST", "PUT", "DELETE", "PATCH", "OPTIONS"):
+            async with session.request(method, f"{address}/reports", data=b"x" * 1000) as answer:
+                assert answer.status == 405, method
+    assert children(served.process.pid) == set()
+
+
+def test_pages_of_others_and_other_names_are_refused(served: Served) -> None:
+    """A name that leads here from elsewhere (DNS rebinding), a page of another server, a link."""
+    address = f"{served.address}/reports"
+    (report,) = (a for w, a in links(fetch(address)[1]).items() if w == "damaged.jsonl")
+    for path in (address, served.address + report):
+        assert fetch(path, Host="somewhere.example")[0] == 403
+        assert fetch(path, Host=f"somewhere.example:{served.port}")[0] == 403
+        assert fetch(path, Origin="http://somewhere.example")[0] == 403
+        assert fetch(path, Origin="null")[0] == 403
+        for site in ("cross-site", "same-site", "nonsense"):
+            assert fetch(path, **{"Sec-Fetch-Site": site})[0] == 403
+    assert fetch(address, **{"Sec-Fetch-Site": "same-origin"})[0] == 200
+    assert children(served.process.pid) == set()
+
+
+@asynccontextmanager
+async def in_process(pages: ReportPages) -> AsyncIterator[TestClient[web.Request, web.Application]]:
+    app = web.Application()
+    app.add_routes(pages.routes())
+    async with TestClient(TestServer(app)) as client:
+        yield client
+
+
+def program(monkeypatch: pytest.MonkeyPatch, code: str) -> None:
+    """In place of the program."""
+    monkeypatch.setattr(serving_reports, "PROGRAM", (sys.executable, "-c", code))
+
+
+async def test_pages_tell_the_browser_to_run_and_load_nothing(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program(monkeypatch, "print('<p>made', end='')")
+    async with in_process(ReportPages([folder])) as client:
+        answer = await client.get("/reports")
+        found = links(await answer.text())
+        for path in ("/reports", *found.values()):
+            answer = await client.get(path)
+            assert answer.status == 200
+            assert HEADERS.items() <= dict(answer.headers).items()
+            assert answer.content_type == "text/html"
+            assert answer.charset == "utf-8"
+        assert "default-src 'none'" in HEADERS["Content-Security-Policy"]
+        # text that is ours stays, text that is not is no markup
+        assert await (await client.get(found[NAMES[0]])).text() == "<p>made"
+        history = await (await client.get(found["History of this folder"])).text()
+        assert "&lt;p&gt;made" in history
+
+
+SLEEPS = "import time; time.sleep(600)"
+
+
+async def test_what_takes_too_long_or_too_much_is_ended(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = children(os.getpid())
+    async with in_process(ReportPages([folder])) as client:
+        found = links(await (await client.get("/reports")).text())
+        program(monkeypatch, SLEEPS)
+        monkeypatch.setattr(serving_reports, "MAKING_S", 0.5)
+        assert (await client.get(found["damaged.jsonl"])).status == 504
+        monkeypatch.setattr(serving_reports, "MAKING_S", PATIENCE_S)
+        program(monkeypatch, "while True: print('x' * 100_000)")
+        monkeypatch.setattr(serving_reports, "MOST_BYTES", 1_000_000)
+        assert (await client.get(found["damaged.jsonl"])).status == 507
+        program(monkeypatch, "import sys\nwhile True: print('x' * 100_000, file=sys.stderr)")
+        assert (await client.get(found["damaged.jsonl"])).status == 507
+        program(monkeypatch, "import os; os._exit(3)")
+        assert (await client.get(found["damaged.jsonl"])).status == 422
+        assert await asyncio.to_thread(all_gone, children(os.getpid()) - before)
+
+
+async def test_so_many_at_once_and_each_ends_with_its_page(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = children(os.getpid())
+    async with in_process(ReportPages([folder])) as client:
+        found = links(await (await client.get("/reports")).text())
+        program(monkeypatch, SLEEPS)
+        making = [asyncio.create_task(client.get(found["damaged.jsonl"])) for _ in range(MOST_MADE)]
+        async with asyncio.timeout(PATIENCE_S):
+            while len(working := children(os.getpid()) - before) < MOST_MADE:
+                await asyncio.sleep(0.02)
+        assert (await client.get(found["damaged.jsonl"])).status == 503
+        assert (await client.get("/reports")).status == 200
+        for task in making:
+            task.cancel()
+        await asyncio.gather(*making, return_exceptions=True)
+        assert await asyncio.to_thread(all_gone, working)
+        program(monkeypatch, "print('made')")
+        assert (await client.get(found["damaged.jsonl"])).status == 200
+
+
+async def test_a_tab_of_a_folder_shows_its_sessions_and_history(folder: Path) -> None:
+    interface = Glidecal(ReplayChoiceScreen([folder]), read_only=True)
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        await pilot.pause()
+        choices = interface.screen.query_one(OptionList)
+        words = [str(option.prompt) for option in choices.options]
+        assert words[0] == "History of sessions"
+        assert len(words) == 1 + 5
+        await pilot.press("enter")
+        await until(pilot, "history", lambda: isinstance(interface.screen, HistoryScreen))
+        await pilot.pause()
+        text = str(interface.screen.query_one("#history", Static).content)
+        assert "damaged.jsonl" in text
+        await pilot.press("escape")
+        await until(pilot, "list", lambda: isinstance(interface.screen, ReplayChoiceScreen))
+        shutil.rmtree(folder)
+        await pilot.press("enter")
+        await until(pilot, "words", lambda: "no such folder" in said(interface))
+        await pilot.press("f10")
+
+
+def test_a_folder_without_sessions_is_refused(tmp_path: Path) -> None:
+    assert "no session file" in refused(3, "serve", tmp_path)

@@ -111,9 +111,7 @@ class ChoiceDialog(Dialog[str]):
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog"):
             yield Static(self._question, markup=False)
-            numbered = enumerate((words for _, words in self._choices), 1)
-            options = (Option(f"{n}  {words}" if n < 10 else words) for n, words in numbered)
-            yield OptionList(*options, markup=False)
+            yield OptionList(*(Option(words) for _, words in self._choices), markup=False)
             yield Static(f"Arrow keys and Enter, or the number. {self._leaving}", markup=False)
 
     def on_mount(self) -> None:
@@ -347,7 +345,10 @@ class Interface(App[str]):
             if answer:
                 chosen(listed[int(answer)][0])
 
-        choices = [(str(number), words) for number, (_, words) in enumerate(listed)]
+        choices = [
+            (str(k), f"{k + 1}  {words}" if k < 9 else f"   {words}")
+            for k, (_, words) in enumerate(listed)
+        ]
         self.push_screen(ChoiceDialog(question, choices), answered)
 
     @contextmanager

@@ -102,6 +102,14 @@ def _along(step: Step, geometry: Geometry) -> FloatArray:
     return np.asarray(np.eye(3)[LEG_NAMES.index(across)])
 
 
+def tool_at(told: Triple, machine: Machine) -> Triple:
+    """Where the tool of a machine without errors is, from Zero, when its controller is there."""
+    place = np.asarray(told, dtype=np.float64)
+    found = direct(machine.geometry(), place) if machine.mdi == "joint" else place
+    x, y, z = (float(mm) for mm in found)
+    return x, y, z
+
+
 def longest_mm(ways: Sequence[Sequence[Triple]]) -> float:
     """The longest single move of these ways, one after the other."""
     places = [place for way in ways for place in way]

@@ -65,7 +65,8 @@ class Opened(Line):
 
     ``seed`` is set for simulated machines only, so that an interrupted simulation can go on;
     ``computer`` tells the computers apart on which ports were named;
-    ``verifies`` names the session whose offsets were entered before this one.
+    ``verifies`` names the session whose offsets were entered before this one; ``aligned_to`` is the
+    rail that stays where rails are aligned between rounds.
     """
 
     event: Literal["opened"] = "opened"
@@ -79,6 +80,7 @@ class Opened(Line):
     operator: Name = ""
     temperature_c: Celsius | None = None
     verifies: FileName | None = None
+    aligned_to: Leg | None = None
     computer: Name | None = None
     remarks: tuple[Name, ...] = ()
 

@@ -8,7 +8,7 @@ import sys
 import threading
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -177,6 +177,10 @@ def demo(
     folder: Annotated[Path, typer.Option(help="Where the sessions are written.")] = Path(
         "demo-sessions"
     ),
+    controller: Annotated[
+        Literal["twin"] | None,
+        typer.Option(help="The machine moves itself, behind a simulated controller."),
+    ] = None,
 ) -> None:
     """A whole calibration on a simulated machine. It is measured again after the export."""
     from app.measuring.indicators import DEFAULT_PROFILE
@@ -184,6 +188,7 @@ def demo(
         DEMO_MOTION_S,
         SIMULATED_INTERVAL_S,
         demo_plan,
+        moving_itself,
         with_hidden_effect,
         writable_folder,
     )
@@ -197,6 +202,8 @@ def demo(
         demo_plan(folder, protocol, seed, bench, profile or [DEFAULT_PROFILE], machine),
         interval_s=interval_s,
     )
+    if controller is not None:
+        plan = moving_itself(plan, hurried=unattended)
     if effect is not None:
         plan = with_hidden_effect(plan, effect)
     writable_folder(folder)
@@ -234,20 +241,25 @@ def run_headless(plan: Plan, say: Callable[[str], None]) -> tuple[SessionSolutio
 
 def _measured(plan: Plan, say: Callable[[str], None]) -> SessionSolution:
     from app.evaluating.solution import solve_for_controller
+    from app.measuring.moving import measure_by_itself
     from app.measuring.opening import measure_all, start_session
 
     with start_session(plan) as guided:
         total = len(guided.steps)
         say(f"measuring {total} steps into {plan.path}")
-        measure_all(guided)
+        if guided.mover is not None:
+            measure_by_itself(guided, lambda _: True, lambda _: None)
+        else:
+            measure_all(guided)
     return solve_for_controller(plan.path)
 
 
 def align(
     session: Annotated[Path | None, argument("A session to tell from; none: measure.")] = None,
     reference: Annotated[
-        str, typer.Option(help="The rail that stays: x, y or z.", metavar="RAIL")
-    ] = "x",
+        str | None,
+        typer.Option(help="The rail that stays: x, y or z; else as before, or x.", metavar="RAIL"),
+    ] = None,
     protocol: Protocol = "align",
     machine: Machine = None,
     indicator: Annotated[
@@ -275,8 +287,8 @@ def align(
     from protocols.machine import load_machine
     from protocols.procedure import ALL_AXES, load_procedure
 
-    rail = next((one for one in ALL_AXES if one == reference.lower()), None)
-    if rail is None:
+    rail = next((one for one in ALL_AXES if reference and one == reference.lower()), None)
+    if rail is None and reference is not None:
         raise UsageError("--reference", repr(reference), "x, y or z")
     if session is None and as_json:
         raise UsageError("--json", "no session", "a session that was measured: align SESSION")
@@ -297,16 +309,16 @@ def align(
             allowed = "--indicator PROFILE:PORT once or twice, or --simulated"
             raise UsageError("indicators", "none", allowed)
         procedure = load_procedure(protocol or "align", known.geometry())
-        check_procedure(procedure, known, rail)
+        check_procedure(procedure, known, rail or "x")
         bench = BenchSettings(motion_s=DEMO_MOTION_S) if simulated else BenchSettings()
         path = output or session_name(Path(), procedure.name)
         plan = Plan(path, known, procedure, chosen, seed=seed, bench=bench)
         check_indicators(plan.instruments, legs=bool(procedure.levels))
     need_terminal("alignment", "a session that was measured: align SESSION")
-    _measure(aligning(plan, rail), headless=False)
+    _measure(aligning(plan, rail or plan.reference or "x"), headless=False)
 
 
-def _aligned(session: Path, reference: Leg, *, as_json: bool) -> str:
+def _aligned(session: Path, reference: Leg | None, *, as_json: bool) -> str:
     """What a session tells of the rails."""
     from app.measuring.aligning import align_session
     from app.report.schema.alignment import AlignmentReport
@@ -315,7 +327,8 @@ def _aligned(session: Path, reference: Leg, *, as_json: bool) -> str:
     from protocols.record import read_record
     from protocols.session import fold
 
-    found = align_session(fold(read_record(session).events), reference)
+    recorded = fold(read_record(session).events)
+    found = align_session(recorded, reference or recorded.opened.aligned_to or "x")
     report = AlignmentReport.of(name=session.name, found=found)
     return to_json(report) if as_json else aligned_text(found)
 

@@ -180,6 +180,14 @@ class Gauge:
         self._rests = motion in (Motion.STABLE, Motion.FAULT)
         return Live(outcome, now - at, motion, trace)
 
+    def lost(self) -> str | None:
+        """Why there is no reading now: a fault, or silence that its pace does not explain."""
+        live = self.live()
+        if isinstance(live.outcome, Fault):
+            return live.outcome.words
+        silent = live.outcome is not None and live.age_s > self._stale_s
+        return f"silent for {live.age_s:.1f} s" if silent else None
+
     def _trace(self, moments: Sequence[tuple[int, float, float]], slot: int) -> Trace:
         """What of the last 20 s there is, the band of rest about the latest window."""
         shown = tuple((slot - at, low, high) for at, low, high in moments if slot - at < SLOTS)

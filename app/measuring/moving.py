@@ -15,7 +15,6 @@ from calib.errors import IndicatorError, MotionError, sentence
 from drivers.motion import controller_of
 from drivers.motion.controller import Faulted, Limits, Triple
 from drivers.motion.line import MotionLine
-from drivers.profile import Fault
 from protocols.machine import Machine, MotionLimits
 from protocols.motion import box_mm, came_from, longest_mm, way_mm, whole_mm, zero_mm
 from protocols.procedure import Procedure, Step
@@ -111,6 +110,7 @@ class Mover:
         self.why = ""
         self.on_news: Callable[[], None] = lambda: None
         self.on_arrival: Callable[[], None] = lambda: None
+        self.on_set_up: Callable[[Step], None] = lambda _: None  # a simulated machine has no hands
         self._procedure, self._machine = procedure, machine
         self._steps = procedure.steps(machine.geometry(), axes)
         self._feed = feed_mm_min(machine)
@@ -145,6 +145,7 @@ class Mover:
         with self._lock:
             if self._state is Moving.SET_UP and self._step is not None:
                 self._at = None
+                self.on_set_up(self._step)
                 self._send(self._way(self._step), Moving.THERE)
         self.on_news()
 
@@ -245,9 +246,9 @@ def by_hand_first(session: Session, step: Step) -> bool:
 def lost_words(guided: GuidedSession) -> str | None:
     """Which indicator gives no value, and why; a machine that nobody attends is then stopped."""
     for number, gauge in enumerate(guided.gauges):
-        outcome = gauge.live().outcome
-        if isinstance(outcome, Fault):
-            lost = f"{guided.name_of(number)}: {outcome.words}"
+        words = gauge.lost()
+        if words is not None:
+            lost = f"{guided.name_of(number)}: {words}"
             if guided.mover is not None and guided.mover.state in UNATTENDED:
                 guided.mover.stop(lost)
             return lost

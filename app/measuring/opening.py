@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 from app.evaluating.comparison import partner_of
@@ -28,16 +29,23 @@ from app.measuring.indicators import (
 )
 from app.measuring.moving import Mover, open_mover
 from app.measuring.session import GuidedSession
-from app.measuring.simulated import BenchSettings, SimulatedBench, hidden_effect, planned_readings
+from app.measuring.simulated import (
+    BenchSettings,
+    SelfMovingBench,
+    SimulatedBench,
+    hidden_effect,
+    planned_readings,
+)
 from app.version import program
 from calib.errors import GlidecalError, IndicatorError, RecordError, UsageError
 from calib.tripod.alignment import misaligned
-from calib.tripod.pipeline import StageEffect
-from calib.tripod.simulation import hidden_machine
+from calib.tripod.pipeline import Model, StageEffect
+from calib.tripod.simulation import SimulatedMachine, hidden_machine
 from drivers.twins import default_transport
 from protocols.files import reason_of, unused_path
 from protocols.journal import Journal
 from protocols.machine import Instrument, Machine, load_machine
+from protocols.motion import tool_at
 from protocols.procedure import Leg, Procedure, Step, load_procedure
 from protocols.record import read_record
 from protocols.session import Opened, fold
@@ -55,7 +63,8 @@ class Plan:
 
     ``before`` is the solution whose offsets this session verifies, ``verifies`` its file name.
     ``continued``: the record is there and goes on. With ``reference`` the rails are aligned to that
-    one between rounds of measuring. ``motion`` names the controller that moves the machine.
+    one between rounds of measuring. ``motion`` names the controller that moves the machine;
+    with ``by_itself`` a simulated one moves a simulated machine.
     """
 
     path: Path
@@ -74,6 +83,7 @@ class Plan:
     window_s: float | None = None
     reference: Leg | None = None
     motion: str | None = None
+    by_itself: bool = False
 
     def __post_init__(self) -> None:
         """Against a plate, or over planes alone, the first indicator reads that may along it."""
@@ -104,6 +114,7 @@ def opened_event(plan: Plan) -> Opened:
         operator=plan.operator,
         temperature_c=plan.temperature_c,
         verifies=plan.verifies,
+        aligned_to=plan.reference,
         computer=None if plan.simulated else this_computer(),
     )
 
@@ -139,10 +150,18 @@ def open_indicators(plan: Plan) -> Indicators:
     with ExitStack() as undo:
         interval_s, window_s = None, plan.procedure.window_s
         bench: SimulatedBench | None = None
-        if plan.simulated:
+        moving: SelfMovingBench | None = None
+        told = plan.motion
+        if plan.simulated and plan.by_itself:
+            moving = self_moving_bench(plan)
+            undo.callback(moving.close)
+            ports, told = moving.ports, moving.controller.told
+        elif plan.simulated:
             bench = simulated_bench(plan)
             undo.callback(bench.close)
-            ports, interval_s, window_s = bench.rig.ports, plan.interval_s, SIMULATED_WINDOW_S
+            ports = bench.rig.ports
+        if plan.simulated:
+            interval_s, window_s = plan.interval_s, SIMULATED_WINDOW_S
         gauges = tuple(
             Gauge(
                 profile,
@@ -158,22 +177,41 @@ def open_indicators(plan: Plan) -> Indicators:
             gauge.start()
             undo.callback(gauge.close)
         mover = None
-        if plan.motion is not None:
-            mover = open_mover(plan.motion, plan.procedure, plan.machine, plan.axes)
+        if told is not None:
+            mover = open_mover(told, plan.procedure, plan.machine, plan.axes)
         undo.pop_all()
     if bench is not None:
         return Indicators(gauges, bench.go, bench.close, bench.turn)
+    if moving is not None and mover is not None:
+        mover.on_set_up = moving.set_up
+        return Indicators(gauges, close_bench=moving.close, mover=mover)
     return Indicators(gauges, mover=mover)
 
 
 def simulated_bench(plan: Plan) -> SimulatedBench:
     """The simulated machine of a plan, with its indicators switched on."""
-    truth = hidden_machine(plan.machine.geometry(), plan.seed, plan.machine.entered_offsets_mm)
     profiles = [profile_of(instrument) for instrument in plan.instruments]
-    plate = plan.procedure.plate
-    lift_mm = plate.lift_mm if plate else 0.0
-    known = (truth, plan.seed, plan.path.name, profiles, default_transport(), plan.bench)
-    return SimulatedBench(*known, lift_mm)
+    known = (_truth(plan), plan.seed, plan.path.name, profiles, default_transport(), plan.bench)
+    return SimulatedBench(*known, _lift_mm(plan))
+
+
+def self_moving_bench(plan: Plan) -> SelfMovingBench:
+    """The same machine behind a simulated controller, homed with the offsets that are entered."""
+    truth, bench = _truth(plan), plan.bench
+    truth = truth.with_effects((*truth.effects, *bench.effects))
+    name, lift_mm = plan.path.name, _lift_mm(plan)
+    machine = SimulatedMachine(truth, plan.seed, name, bench.scatter_mm, lift_mm)
+    profiles = [profile_of(instrument) for instrument in plan.instruments]
+    place_of = partial(tool_at, machine=plan.machine)
+    return SelfMovingBench(machine, profiles, default_transport(), bench, place_of)
+
+
+def _truth(plan: Plan) -> Model:
+    return hidden_machine(plan.machine.geometry(), plan.seed, plan.machine.entered_offsets_mm)
+
+
+def _lift_mm(plan: Plan) -> float:
+    return plan.procedure.plate.lift_mm if plan.procedure.plate else 0.0
 
 
 def first_step(plan: Plan) -> Step | None:
@@ -228,7 +266,8 @@ def plan_to_continue(path: Path, instruments: tuple[Instrument, ...] = ()) -> Pl
         axes = " and ".join(f"@{i.axes}" for i in opened.instruments)
         raise UsageError("indicators of a continued session", "other axes", axes)
     known = instruments or _known_here(path, opened)
-    return replace(_planned(path, opened, opened.procedure, known), continued=True)
+    plan = replace(_planned(path, opened, opened.procedure, known), continued=True)
+    return aligning(plan, opened.aligned_to) if opened.aligned_to else plan
 
 
 def plan_to_repeat(path: Path) -> Plan | None:
@@ -303,6 +342,9 @@ COMPRESSED_STEP_S = 0.01
 WATCHED_STEP_S = 3.0
 """About how long a step of the demonstration takes, unattended and on the screen."""
 
+HURRIED_STEP_S, SELF_MOVING_STEP_S = 0.2, 4.0
+"""The same on a machine that moves itself."""
+
 
 def demo_plan(
     folder: Path,
@@ -329,6 +371,18 @@ def demo_plan(
     )
 
 
+HURRY, HURRIED_WINDOW_S = 30.0, 0.05
+"""Of an unattended demonstration that moves itself: as much faster, and so short a rest."""
+
+
+def moving_itself(plan: Plan, *, hurried: bool) -> Plan:
+    """The plan on a machine behind a simulated controller; hurried where nobody looks."""
+    if not hurried:
+        return replace(plan, by_itself=True)
+    bench = replace(plan.bench, hurry=HURRY)
+    return replace(plan, by_itself=True, bench=bench, window_s=HURRIED_WINDOW_S)
+
+
 def rehearsal_plan(
     profile: str, protocol: str, machine: str | None, seed: int, resolution_mm: float
 ) -> Plan:
@@ -348,6 +402,8 @@ def with_hidden_effect(plan: Plan, effect: str) -> Plan:
     """
     truth = hidden_machine(plan.machine.geometry(), plan.seed)
     step_s = WATCHED_STEP_S if plan.bench.motion_s else COMPRESSED_STEP_S
+    if plan.by_itself:
+        step_s = HURRIED_STEP_S if plan.bench.hurry > 1.0 else SELF_MOVING_STEP_S
     effects = hidden_effect(
         effect,
         truth,

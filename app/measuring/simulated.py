@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from app.evaluating.own_effects import known_effects
@@ -20,8 +22,10 @@ from calib.tripod.effects.hidden import hidden_among
 from calib.tripod.pipeline import Model, StageEffect, measure
 from calib.tripod.sensitivity import excursion_mm, excursion_over_plane_mm
 from calib.tripod.simulation import SimulatedMachine
-from drivers.profile import LARGEST_MM, Profile
-from drivers.twins import SimulatedRig, Transport
+from drivers.motion.twins import LinuxCncTwin, SimulatedAxes
+from drivers.profile import LARGEST_MM, Profile, Spindle
+from drivers.twins import SimulatedRig, Transport, TwinPort, twin_of
+from protocols.documents import Triple
 from protocols.machine import Instrument, Machine, load_machine
 from protocols.model_file import read_model
 from protocols.observations import to_observations
@@ -85,6 +89,7 @@ class BenchSettings:
 
     ``effects`` are what the machine has beyond offsets and lengths; no record tells of them. For
     them ``clock_rate`` seconds pass in each second, so that a short demonstration shows slow ones.
+    Behind a simulated controller it moves ``hurry`` times as fast as it is told.
     """
 
     resolution_mm: float = 0.001
@@ -92,6 +97,7 @@ class BenchSettings:
     motion_s: float = 0.0
     effects: tuple[StageEffect, ...] = ()
     clock_rate: float = 1.0
+    hurry: float = 1.0
 
 
 class SimulatedBench:
@@ -151,6 +157,80 @@ class SimulatedBench:
     def close(self) -> None:
         """Switch everything off."""
         self.rig.close()
+
+
+class SelfMovingBench:
+    """The same machine behind a simulated controller: its indicators follow where that moves it.
+
+    They show what they do where the machine is at that very moment, also on its way. ``set_up``
+    puts the stand where a step needs it.
+    """
+
+    def __init__(
+        self,
+        machine: SimulatedMachine,
+        profiles: Sequence[Profile],
+        transport: Transport,
+        settings: BenchSettings,
+        place_of: Callable[[Triple], Triple],
+    ) -> None:
+        self._machine, self._place_of = machine, place_of
+        self._clock_rate, self._start_s = settings.clock_rate, time.monotonic()
+        self._lock = threading.Lock()
+        self._step: Step | None = None
+        self._shown: tuple[Triple | None, list[float]] = (None, [0.0] * len(profiles))
+        self.controller = LinuxCncTwin(SimulatedAxes(hurry=settings.hurry))
+        self._ports = [
+            TwinPort(
+                twin_of(profile, Spindle(partial(self._shows, k), settings.resolution_mm)),
+                transport,
+                stream_s=profile.stream_s,
+            )
+            for k, profile in enumerate(profiles)
+        ]
+        self.ports = tuple(port.url for port in self._ports)
+
+    def set_up(self, step: Step) -> None:
+        """What an operator does by hand before a step."""
+        with self._lock:
+            self._step, self._shown = step, (None, self._shown[1])
+
+    def _shows(self, number: int) -> float:
+        with self._lock:
+            place = self.controller.axes.at_mm
+            if self._step is not None and place != self._shown[0]:
+                self._shown = place, self._values(self._step, self._place_of(place))
+            return self._shown[1][number]
+
+    def _values(self, step: Step, tool_mm: Triple) -> list[float]:
+        """Of every indicator on the leg, or at the tool, that is set up."""
+        n, leg = len(step.axes), leg_number(step.leg)
+        along_mm = 0.0 if step.leg == "tool" else self._along(leg, tool_mm)
+        beside = tool_mm if step.leg == "tool" else self._beside(leg, tool_mm, along_mm)
+        axes = [leg_number(axis) for axis in step.axes]
+        to = conditions([leg] * n, axes, [along_mm] * n, station=step.station, position_mm=beside)
+        mounts = [default_mount(step.leg, axis, step.place[1]) for axis in step.axes]
+        time_s = (time.monotonic() - self._start_s) * self._clock_rate
+        values, shown = self._machine.go(to, mounts, step.number, time_s), list(self._shown[1])
+        for k, value in zip(step.indicators, values, strict=True):
+            shown[k] = value
+        return shown
+
+    def _along(self, leg: int, tool_mm: Triple) -> float:
+        """How far the tool is along a leg."""
+        way = self._machine.truth.geometry.direction[leg]
+        return sum(a * b for a, b in zip(way, tool_mm, strict=True))
+
+    def _beside(self, leg: int, tool_mm: Triple, along_mm: float) -> list[float]:
+        """What of the tool's place is not along a leg."""
+        way = self._machine.truth.geometry.direction[leg]
+        return [place - along_mm * part for place, part in zip(tool_mm, way, strict=True)]
+
+    def close(self) -> None:
+        """Switch everything off."""
+        self.controller.close()
+        for port in self._ports:
+            port.close()
 
 
 def rehearsed(steps: Sequence[Step], typed: Iterable[str]) -> Iterator[Step]:

@@ -1,11 +1,14 @@
-"""Home: what can be done, interrupted sessions first."""
+"""Home: what can be done, interrupted sessions first.
+
+It imports nothing that needs scipy: the first picture need not wait for it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from textual import work
 from textual.app import ComposeResult
@@ -14,19 +17,6 @@ from textual.screen import Screen
 from textual.widgets import Footer, OptionList, Static
 from textual.widgets.option_list import Option
 
-from app.evaluating.comparison import compare_files, partner_of
-from app.evaluating.history import History, read_history
-from app.evaluating.solution import solve_files, solve_for_controller
-from app.exports import export_offsets
-from app.measuring.indicators import parse_indicator
-from app.measuring.opening import (
-    DEMO_MOTION_S,
-    PortsUnknown,
-    demo_plan,
-    plan_to_continue,
-    plan_to_repeat,
-    writable_folder,
-)
 from app.measuring.recorded import (
     MOST_LISTED,
     SessionFile,
@@ -35,15 +25,15 @@ from app.measuring.recorded import (
     recent_sessions,
     sessions_below,
 )
-from app.measuring.simulated import BenchSettings
 from app.report.text import home as texts
 from app.report.text.home import ELSEWHERE, NO_SESSIONS, PICK_KEYS, session_label
-from app.report.text.replay import HISTORY_OF, READING_HISTORY, REPLAY_QUESTION
-from app.report.text.result import export_caution, exported_text
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from calib.errors import GlidecalError
 from protocols.files import FilesThere
+
+if TYPE_CHECKING:
+    from app.evaluating.history import History
 
 DEMO_FOLDER = Path("demo-sessions")
 
@@ -143,6 +133,9 @@ class HomeScreen(Screen[None]):
 
     def _continue(self, path: Path, typed: str = "") -> None:
         """The instrument check, after asking for the ports of a record of another computer."""
+        from app.measuring.indicators import parse_indicator
+        from app.measuring.opening import PortsUnknown, plan_to_continue
+
         try:
             plan = plan_to_continue(path, tuple(map(parse_indicator, typed.split())))
         except PortsUnknown as problem:
@@ -157,6 +150,9 @@ class HomeScreen(Screen[None]):
                 self._continue(path, typed)
 
     def _demonstrate(self) -> None:
+        from app.measuring.opening import DEMO_MOTION_S, demo_plan, writable_folder
+        from app.measuring.simulated import BenchSettings
+
         folder = writable_folder(DEMO_FOLDER)
         plan = demo_plan(folder, "zero-max-min", 1, BenchSettings(motion_s=DEMO_MOTION_S))
         self.app.push_screen(self.app.check(plan))
@@ -174,6 +170,8 @@ class HomeScreen(Screen[None]):
 
     def _compare(self, session: SessionFile | None) -> None:
         """Find the two sessions; one that verifies another brings its partner."""
+        from app.evaluating.comparison import partner_of
+
         if session is None:
             self._pick(texts.WHICH["before"], self._compare)
             return
@@ -221,6 +219,9 @@ class HomeScreen(Screen[None]):
         show()
 
     def _show_result(self, path: Path) -> Callable[[], object]:
+        from app.evaluating.solution import solve_files
+        from app.measuring.opening import plan_to_repeat
+
         solved, warnings = solve_files([path])
         plan = None if self.app.read_only else plan_to_repeat(path)
 
@@ -232,6 +233,10 @@ class HomeScreen(Screen[None]):
         return show
 
     def _export(self, path: Path, *, replace: bool = False) -> Callable[[], object]:
+        from app.evaluating.solution import solve_for_controller
+        from app.exports import export_offsets
+        from app.report.text.result import export_caution, exported_text
+
         folder = path.with_suffix("")
         solved = solve_for_controller(path)
         try:
@@ -245,10 +250,14 @@ class HomeScreen(Screen[None]):
         return partial(self.app.notify, said, timeout=10, markup=False)
 
     def _show_history(self) -> Callable[[], object]:
+        from app.evaluating.history import read_history
+
         found = read_history(Path())
         return lambda: self.app.push_screen(self.app.history(found))
 
     def _show_comparison(self, before: Path, after: Path) -> Callable[[], object]:
+        from app.evaluating.comparison import compare_files
+
         comparison = compare_files(before, after)
         return lambda: self.app.push_screen(self.app.comparison(comparison))
 
@@ -329,8 +338,8 @@ class ReplayChoiceScreen(Screen[None]):
 
     def compose(self) -> ComposeResult:
         yield Title()
-        yield Static(REPLAY_QUESTION, markup=False, id="question")
-        histories = (Option(HISTORY_OF.format(folder.name)) for folder in self._folders)
+        yield Static(texts.REPLAY_QUESTION, markup=False, id="question")
+        histories = (Option(texts.HISTORY_OF.format(folder.name)) for folder in self._folders)
         labels = (Option(session_label(look_at(path))) for path in self._paths)
         yield OptionList(*histories, *labels, id="choices", markup=False)
         yield Footer()
@@ -343,7 +352,7 @@ class ReplayChoiceScreen(Screen[None]):
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         number = event.option_index - len(self._folders)
         if number < 0:
-            self.app.notify(READING_HISTORY, markup=False)
+            self.app.notify(texts.READING_HISTORY, markup=False)
             self._read_history(self._folders[event.option_index])
             return
         with self.app.complaining():
@@ -351,6 +360,8 @@ class ReplayChoiceScreen(Screen[None]):
 
     @work(thread=True, group="history", exclusive=True)
     def _read_history(self, folder: Path) -> None:
+        from app.evaluating.history import read_history
+
         try:
             found = read_history(folder)
         except GlidecalError as problem:

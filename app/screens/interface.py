@@ -33,8 +33,6 @@ from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
 from app.exit_codes import Exit
-from app.measuring.opening import Indicators, Plan
-from app.measuring.session import GuidedSession
 from app.report.text.home import REPLACE_CHOICES, WORDS_OF_LOOKS, key_list_text
 from app.report.text.tables import copied_text
 from app.screens.fast_keys import Dialog, Palette, ready
@@ -50,6 +48,8 @@ if TYPE_CHECKING:
     from app.evaluating.history import History
     from app.evaluating.solution import SessionSolution
     from app.evaluating.what_if import Adopt, Choice, Trial
+    from app.measuring.opening import Indicators, Plan
+    from app.measuring.session import GuidedSession
 
 Thing = TypeVar("Thing")
 

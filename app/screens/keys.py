@@ -53,6 +53,8 @@ def settings_for_screens(path: Path) -> Settings:
     settings = read_settings(path)
     if settings.theme is not None and settings.theme not in BUILTIN_THEMES:
         raise _fault(path, ("theme",), repr(settings.theme), ", ".join(BUILTIN_THEMES))
+    if not settings.keys:
+        return settings  # what follows loads every screen
     ids = known_keys()
     for key_id, keys in settings.keys.items():
         if key_id not in ids:

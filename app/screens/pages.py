@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Self
 
+from rich.segment import Segment
 from textual.color import Color
 from textual.containers import VerticalScroll
 from textual.content import Content
@@ -49,11 +51,12 @@ class Resting(Widget):
     """
 
     _rows: tuple[Region, list[Strip]] | None = None
+    _beside: Beside | None = None
 
     def render_lines(self, crop: Region) -> list[Strip]:
         """The rows of before where nothing changed."""
         if self._rows is None or self._rows[0] != crop:
-            self._rows = crop, super().render_lines(crop)
+            self._rows, self._beside = (crop, super().render_lines(crop)), None
         return self._rows[1]
 
     def refresh(
@@ -67,10 +70,50 @@ class Resting(Widget):
         self._rows = None
         return super().refresh(*regions, repaint=repaint, layout=layout, recompose=recompose)
 
+    def redraw(self, first: int, rows: int) -> None:
+        """Draw rows of the content again, by `render_line`; what stands beside them stays.
+
+        The parent tells the screen, once for all of its children.
+        """
+        parent = self.parent
+        if (
+            not isinstance(parent, Widget)
+            or self._rows is None
+            or self._rows[0].size != self.outer_size  # it has another size now, or is cut
+        ):
+            self.refresh()
+            return
+        (whole, kept), self._beside = self._rows, self._beside or Beside(self, self._rows[1])
+        for y in range(first, first + rows):
+            kept[self._beside.top + y] = self._beside.between(tuple(self.render_line(y)))
+        x, y = self.region.offset - parent.content_region.offset
+        Widget.refresh(parent, Region(x, y + self._beside.top + first, whole.width, rows))
+
     def notify_style_update(self) -> None:
         """Other colours or another border."""
         self._rows = None
         super().notify_style_update()
+
+
+class Beside:
+    """What stands left and right of the content of a widget, and what its rows pass through."""
+
+    def __init__(self, widget: Widget, drawn: Sequence[Strip]) -> None:
+        left, self.top = widget.gutter.top_left
+        self._width, self._ground = widget.size.width, widget.visual_style.rich_style
+        row = drawn[self.top]
+        self._before, self._behind = row.crop(0, left), row.crop(left + self._width)
+        self._whole_width, self._background = row.cell_length, widget.background_colors[1]
+        self._filters = widget.get_line_filters()
+        # a last digit that flickers comes back to the same few rows
+        self.between = lru_cache(maxsize=64)(self._between)
+
+    def _between(self, content: tuple[Segment, ...]) -> Strip:
+        """A whole row."""
+        strip = Strip(content).adjust_cell_length(self._width, self._ground)
+        for line_filter in self._filters:
+            strip = strip.apply_filter(line_filter, self._background)
+        return Strip([*self._before, *strip, *self._behind], self._whole_width)
 
 
 def contrast(one: Color, other: Color) -> float:

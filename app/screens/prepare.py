@@ -394,7 +394,7 @@ class PrepareScreen(Screen[None]):
             self.app.push_screen(self.app.check(self._plan()))
 
     def action_dry_run(self) -> None:
-        """Every step, before anything is opened."""
+        """Every step, before anything is opened, and what the readings will tell."""
         with self.app.complaining():
             machine = self._machine()
             procedure = self._procedure(machine)

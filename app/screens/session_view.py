@@ -13,11 +13,9 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
-from textual.geometry import Region
 from textual.renderables.digits import Digits
 from textual.selection import Selection
 from textual.strip import Strip
-from textual.widget import Widget
 from textual.widgets import Static
 
 from app.measuring.gauges import Live, Motion, Trace
@@ -59,10 +57,14 @@ CHART_S = 0.06
 """The chart is half of a step's picture; it comes later, so that readings need not wait for it."""
 
 
-@lru_cache(maxsize=64)
 def big_digits(number: str) -> tuple[str, ...]:
     """The rows of a number in large digits."""
-    pieces = (piece for piece in Digits(number).render(Style()) if isinstance(piece, Segment))
+    return tuple("".join(row) for row in zip(*map(_big_digit, number), strict=True))
+
+
+@lru_cache(maxsize=64)
+def _big_digit(digit: str) -> tuple[str, ...]:
+    pieces = (piece for piece in Digits(digit).render(Style()) if isinstance(piece, Segment))
     return tuple(piece.text for piece in pieces if piece.text != "\n")
 
 
@@ -71,7 +73,7 @@ def decimals_of(resolution_mm: float) -> int:
     return max(0, len(f"{resolution_mm:.6f}".rstrip("0")) - 2)
 
 
-class GaugeDisplay(Widget):
+class GaugeDisplay(Resting):
     """One indicator: big digits, unit, a word for its state, age, strip chart.
 
     One widget draws it all: widgets within it would cost more than the drawing.
@@ -107,10 +109,10 @@ class GaugeDisplay(Widget):
         number, state = self._number(live), self._state(live)
         if number != self.number:
             self.number = number
-            self._draw_rows(0, DIGIT_ROWS)
+            self.redraw(0, DIGIT_ROWS)
         if state != self.state:
             self.state = state
-            self._draw_rows(STATE_ROW, 1)
+            self.redraw(STATE_ROW, 1)
             if Motion.FAULT in (live.motion, self._motion):
                 self.refresh()
         if live.motion is not self._motion:
@@ -148,10 +150,7 @@ class GaugeDisplay(Widget):
         self._strip_at = time.monotonic()
         if rows != self.strip:
             self.strip = rows
-            self._draw_rows(STRIP_ROW, len(rows))
-
-    def _draw_rows(self, first: int, rows: int) -> None:
-        self.refresh(Region(0, first, self.size.width, rows))
+            self.redraw(STRIP_ROW, len(rows))
 
     def _state_rows(self) -> list[str]:
         """The state in rows, cut between words; never control codes."""

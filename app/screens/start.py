@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from textual.screen import Screen
 
-from app.measuring.opening import Plan
 from app.report.streams import need_terminal
-from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen, ReplayChoiceScreen
 from app.screens.interface import Interface
 from app.screens.keys import settings_for_screens
 from app.screens.look import Look
-from app.screens.measure import MeasureScreen
-from app.screens.prepare import PrepareScreen
-from app.screens.replay import ReplayScreen
 from app.settings import settings_path
 from protocols.record import read_record
 
@@ -27,7 +23,9 @@ if TYPE_CHECKING:
     from app.evaluating.history import History
     from app.evaluating.solution import SessionSolution
     from app.evaluating.what_if import Adopt, Choice, Trial
+    from app.measuring.opening import Plan
     from app.measuring.session import GuidedSession
+    from app.screens.prepare import PrepareScreen
 
 
 class Glidecal(Interface):
@@ -35,20 +33,31 @@ class Glidecal(Interface):
 
     _form: PrepareScreen | None = None
 
+    def on_ready(self) -> None:
+        """Load what the next screens need, once the first picture is there."""
+        self.call_after_refresh(import_module, "app.screens.prepare")
+        self.call_after_refresh(import_module, "app.screens.measure")
+
     def home(self) -> Screen[None]:
         return HomeScreen()
 
     def preparation(self) -> Screen[None]:
         """The form that was left, as it was left."""
+        from app.screens.prepare import PrepareScreen
+
         if self._form is None or self._form in self.screen_stack:  # there a session began with it
             self._form = PrepareScreen()
             self.install_screen(self._form, f"form {id(self._form)}")
         return self._form
 
     def check(self, plan: Plan) -> Screen[None]:
+        from app.screens.check import CheckScreen
+
         return CheckScreen(plan)
 
     def measuring(self, guided: GuidedSession, plan: Plan) -> Screen[None]:
+        from app.screens.measure import MeasureScreen
+
         return MeasureScreen(guided, plan)
 
     def aligning(self, guided: GuidedSession, plan: Plan) -> Screen[None]:
@@ -86,6 +95,8 @@ class Glidecal(Interface):
         return DiagnoseScreen(paths)
 
     def replay(self, path: Path) -> Screen[None]:
+        from app.screens.replay import ReplayScreen
+
         return ReplayScreen(path)
 
 
@@ -97,6 +108,8 @@ def open_interface(looks: Sequence[Look]) -> int:
 
 def open_session(plan: Plan, looks: Sequence[Look]) -> int:
     """The instrument check of a planned or interrupted session, then measuring."""
+    from app.screens.check import CheckScreen
+
     return open_screen(CheckScreen(plan), looks)
 
 
@@ -104,8 +117,7 @@ def open_replay(paths: Sequence[Path], looks: Sequence[Look]) -> int:
     """A recorded session again, or a list of several. Raises RecordError for a bad file."""
     for path in paths:
         read_record(path)
-    first = ReplayScreen(paths[0]) if len(paths) == 1 else ReplayChoiceScreen(paths)
-    return open_screen(first, looks)
+    return open_screen(_replayed(paths), looks)
 
 
 def open_served(paths: Sequence[Path], looks: Sequence[Look]) -> int:
@@ -113,9 +125,14 @@ def open_served(paths: Sequence[Path], looks: Sequence[Look]) -> int:
 
     Nothing can be written or measured from them.
     """
+    return open_screen(_replayed(paths), looks, read_only=True)
+
+
+def _replayed(paths: Sequence[Path]) -> Screen[None]:
+    from app.screens.replay import ReplayScreen
+
     alone = len(paths) == 1 and not paths[0].is_dir()
-    first = ReplayScreen(paths[0]) if alone else ReplayChoiceScreen(paths)
-    return open_screen(first, looks, read_only=True)
+    return ReplayScreen(paths[0]) if alone else ReplayChoiceScreen(paths)
 
 
 def open_screen(first: Screen[None], looks: Sequence[Look], *, read_only: bool = False) -> int:

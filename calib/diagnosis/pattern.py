@@ -166,7 +166,7 @@ class _Patterns:
     def _reached(self, drawn: FloatArray) -> float:
         """How often patterns ``(draws, m, k)`` are as much alike; a tie counts."""
         reached = np.count_nonzero(_shares(drawn) >= self.common_share - TIE)
-        return (1 + reached) / (1 + len(drawn))
+        return float((1 + reached) / (1 + len(drawn)))
 
     def pair(self, i: int, j: int, numbers: tuple[int, int]) -> PatternPair:
         """What is left of session j when the pattern of i, made as large as fits, is taken off."""

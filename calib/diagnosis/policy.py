@@ -6,6 +6,7 @@ How far a search looks (`PAIRS_AMONG`, `DRAWS`) and what belongs to one shape of
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields
 from typing import TypeVar
 
@@ -48,10 +49,10 @@ class Policy:
         0.98, "share of directions", "two candidates are one", "8° between two directions"
     )
     beyond: float = _choice(
-        10.0,
+        7.0,
         "log weight",
         "ahead of an error of each posture's own; behind it a model counts for nothing",
-        "tried from 4 to 12.5: at 10 no name was lost on blind sessions that can tell it",
+        "1,000 to 1; of names that blind sessions can tell one in 30 is lost, at 10 one in 9",
     )
     room: int = _choice(
         4,
@@ -80,9 +81,6 @@ class Policy:
         "of a wrong sign, unit or pair of indicators against all that was tried",
         "readings are changed for it",
     )
-    doubtful_odds: float = _choice(
-        10.0, "ratio", "a mistake is named with what does almost as well", "a tenth of certainty"
-    )
     wild_sd: float = _choice(
         17.0,
         "standard deviations of a reading",
@@ -101,6 +99,11 @@ class Policy:
         "a stand that moved",
         "none in 1,116 blind sessions without mistakes, drift among them",
     )
+
+    @property
+    def doubtful_odds(self) -> float:
+        """Half the evidence of `odds`: a mistake is named with what does almost as well."""
+        return math.sqrt(self.odds)
 
 
 POLICY = Policy()

@@ -37,9 +37,13 @@ class Trouble(StrEnum):
 
 
 class SimulatedAxes:
-    """Three coordinates that go straight to where they are sent, safe from any thread."""
+    """Three coordinates that go straight to where they are sent, safe from any thread.
 
-    def __init__(self, at_mm: Triple = (0.0, 0.0, 0.0)) -> None:
+    In compressed time they are ``hurry`` times as fast as they are told.
+    """
+
+    def __init__(self, at_mm: Triple = (0.0, 0.0, 0.0), hurry: float = 1.0) -> None:
+        self._hurry = hurry
         self._lock = threading.Lock()
         self._from = self._to = at_mm
         self._departed_s, self._way_s = time.monotonic(), 0.0
@@ -51,7 +55,7 @@ class SimulatedAxes:
             self._from = self._now()
             self._to = (to_mm[0] + self.short_mm, to_mm[1], to_mm[2])
             self._departed_s = time.monotonic()
-            self._way_s = math.dist(self._from, self._to) / feed_mm_min * 60.0
+            self._way_s = math.dist(self._from, self._to) / feed_mm_min * 60.0 / self._hurry
 
     def stop(self) -> None:
         """Stand still where it is."""

@@ -96,6 +96,18 @@ async def test_every_change_is_drawn_and_nothing_old_stays() -> None:
         assert left.number == "-0.001"
 
 
+async def test_panels_that_the_screen_cuts_show_what_fits() -> None:
+    app = Panels()
+    async with app.run_test(size=(80, 4)) as pilot:
+        left, _ = app.panels
+        for value_mm in (0.5, 0.501, -7.25):
+            left.show(shown(value_mm, age_s=value_mm))
+            await pilot.pause()
+            assert rows(app.screen)[1][2:38].strip() == big_digits(left.number)[0].strip()
+            kept = rows(app.screen)
+            assert await as_drawn_anew(pilot, app) == kept
+
+
 async def test_faults_are_whole_sentences_without_control_codes() -> None:
     app = Panels()
     async with app.run_test(size=SIZE) as pilot:

@@ -158,9 +158,6 @@ def reading_lines(session: Session) -> list[str]:
     return lines
 
 
-HISTORY_OF = "History of {}"
-READING_HISTORY = "Reading the sessions …"
-REPLAY_QUESTION = "Which session do you want to see? Arrow keys and Enter."
 JUMP_QUESTION = "To which {}?"
 COPIED = "Copied {} lines, if this terminal lets programs use the clipboard (OSC 52)."
 UNSOLVED = "No result of this session: {}"

@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.arrays import LEG_NAMES, Conditions
 from calib.tripod.effects.effect import (
+    BOTH_WAYS,
     PER_THOUSAND,
+    REPEATABLE,
+    Acting,
     Effect,
     EffectParameter,
     Kind,
-    moved_carriage,
+    OfCarriageOrBar,
     travel,
 )
 from calib.tripod.effects.environment import kelvins
 from calib.tripod.geometry import Geometry
 from calib.tripod.movements import last_movement
-from calib.tripod.pipeline import Flow, Stage
+from calib.tripod.pipeline import Stage
 
 STANDARD_LEADS_MM = (4.0, 5.0, 10.0, 20.0)
 """Leads that are tried first where the machine file does not name the screw's."""
@@ -35,7 +37,7 @@ LEAD = re.compile(r"(?:sine|cosine)_([0-9]{1,4}(?:\.[0-9]{1,4})?)mm")
 
 
 @dataclass(frozen=True)
-class ActuatorScale:
+class ActuatorScale(OfCarriageOrBar):
     """Travel is wrong in proportion; positive: the carriage travels further than commanded."""
 
     id: str = "actuator_scale"
@@ -43,29 +45,18 @@ class ActuatorScale:
     kind: Kind = Kind.MACHINE
     stage: Stage = Stage.ACTUATOR
     parameters: tuple[EffectParameter, ...] = (EffectParameter("scale", "mm/m", 0.1),)
-    invariances: tuple[str, ...] = (
-        "same for both directions of approach",
-        "constant in time",
-        "changes sign with travel",
-    )
+    invariances: tuple[str, ...] = (*REPEATABLE, "changes sign with travel")
     controller: str = (
         "joint {place}: multiply SCALE by 1 − ({scale}), or COMP_FILE of export --format linuxcnc"
     )
 
-    def places(self, taken: Conditions) -> tuple[str, ...]:
-        """Every carriage."""
-        return LEG_NAMES if len(taken) else ()
-
-    def change(
-        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
-    ) -> NDArray[Any]:
+    def off_mm(self, at: Acting) -> NDArray[Any]:
         """The carriage is off by a part of its commanded travel."""
-        leg = LEG_NAMES.index(place)
-        return moved_carriage(stage_input, leg, PER_THOUSAND * values[0] * travel(flow, leg))
+        return np.asarray(PER_THOUSAND * at.values[0] * travel(at.flow, at.leg))
 
 
 @dataclass(frozen=True)
-class ActuatorCyclic:
+class ActuatorCyclic(OfCarriageOrBar):
     """Travel is wrong with the screw's turn: a sine and a cosine, zero at Zero."""
 
     lead_mm: float
@@ -73,11 +64,7 @@ class ActuatorCyclic:
     title: str = "a screw's error repeats with every turn"
     kind: Kind = Kind.MACHINE
     stage: Stage = Stage.ACTUATOR
-    invariances: tuple[str, ...] = (
-        "same for both directions of approach",
-        "constant in time",
-        "repeats after one lead of travel",
-    )
+    invariances: tuple[str, ...] = (*REPEATABLE, "repeats after one lead of travel")
     controller: str = "joint {place}: COMP_FILE of export --format linuxcnc"
 
     @property
@@ -89,22 +76,15 @@ class ActuatorCyclic:
             EffectParameter(f"cosine_{ending}", "µm", 5.0, 100.0),
         )
 
-    def places(self, taken: Conditions) -> tuple[str, ...]:
-        """Every carriage."""
-        return LEG_NAMES if len(taken) else ()
-
-    def change(
-        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
-    ) -> NDArray[Any]:
+    def off_mm(self, at: Acting) -> NDArray[Any]:
         """The carriage is off by a sin t + b (cos t - 1), t one turn for each lead of travel."""
-        leg = LEG_NAMES.index(place)
-        turn = 2 * np.pi * travel(flow, leg) / self.lead_mm
-        error = values[0] * np.sin(turn) + values[1] * (np.cos(turn) - 1.0)
-        return moved_carriage(stage_input, leg, PER_THOUSAND * error)
+        turn = 2 * np.pi * travel(at.flow, at.leg) / self.lead_mm
+        error = at.values[0] * np.sin(turn) + at.values[1] * (np.cos(turn) - 1.0)
+        return np.asarray(PER_THOUSAND * error)
 
 
 @dataclass(frozen=True)
-class ScrewGrowth:
+class ScrewGrowth(OfCarriageOrBar):
     """A screw grows from its fixed bearing, where the coordinate is 0, with the temperature.
 
     Steel: 11.5 µm/m K. Kelvins count from 20 °C.
@@ -115,24 +95,17 @@ class ScrewGrowth:
     kind: Kind = Kind.ENVIRONMENT
     stage: Stage = Stage.ACTUATOR
     parameters: tuple[EffectParameter, ...] = (EffectParameter("screw_per_kelvin", "µm/m K", 5.0),)
-    invariances: tuple[str, ...] = ("same for both directions of approach", "0 at 20 °C")
+    invariances: tuple[str, ...] = (BOTH_WAYS, "0 at 20 °C")
     controller: str = "nothing to enter: keep the machine at the temperature of its calibration"
 
-    def places(self, taken: Conditions) -> tuple[str, ...]:
-        """Every carriage."""
-        return LEG_NAMES if len(taken) else ()
-
-    def change(
-        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
-    ) -> NDArray[Any]:
+    def off_mm(self, at: Acting) -> NDArray[Any]:
         """The carriage is further by value · coordinate · (temperature - 20 °C)."""
-        leg = LEG_NAMES.index(place)
-        strain = PER_THOUSAND**2 * values[0] * kelvins(flow.taken)
-        return moved_carriage(stage_input, leg, strain * flow.command_mm[:, leg])
+        strain = PER_THOUSAND**2 * at.values[0] * kelvins(at.flow.taken)
+        return np.asarray(strain * at.flow.command_mm[:, at.leg])
 
 
 @dataclass(frozen=True)
-class Backlash:
+class Backlash(OfCarriageOrBar):
     """A carriage stays back, at the larger coordinate, when it last moved to smaller ones."""
 
     id: str = "backlash"
@@ -146,17 +119,10 @@ class Backlash:
     )
     controller: str = "joint {place}: BACKLASH = {play}"
 
-    def places(self, taken: Conditions) -> tuple[str, ...]:
-        """Every carriage."""
-        return LEG_NAMES if len(taken) else ()
-
-    def change(
-        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
-    ) -> NDArray[Any]:
+    def off_mm(self, at: Acting) -> NDArray[Any]:
         """The carriage is off by the play after a movement to smaller coordinates."""
-        leg = LEG_NAMES.index(place)
-        stays_back = last_movement(flow.taken)[:, leg] < 0
-        return moved_carriage(stage_input, leg, values[0] * stays_back)
+        stays_back = last_movement(at.flow.taken)[:, at.leg] < 0
+        return np.asarray(at.values[0] * stays_back)
 
 
 def cyclic_of(names: Iterable[str]) -> ActuatorCyclic | None:

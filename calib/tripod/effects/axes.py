@@ -15,6 +15,7 @@ from calib.tripod.effects.effect import (
     DIRECTIONS,
     PAIRS,
     PER_THOUSAND,
+    REPEATABLE,
     Effect,
     EffectParameter,
     Kind,
@@ -26,7 +27,6 @@ from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Flow, Stage
 
 STRAIGHTNESS_TRAVEL_MM = 100.0
-REPEATABLE = ("same for both directions of approach", "constant in time")
 
 
 @dataclass(frozen=True)
@@ -42,10 +42,7 @@ class AxisSquareness:
     kind: Kind = Kind.MACHINE
     stage: Stage = Stage.FOOT
     parameters: tuple[EffectParameter, ...] = (EffectParameter("lean", "mrad", 0.5),)
-    invariances: tuple[str, ...] = (
-        *REPEATABLE,
-        "the same change of both readings of the pair",
-    )
+    invariances: tuple[str, ...] = (*REPEATABLE, "the same change of both readings of the pair")
     controller: str = (
         "axes {place}: the kinematics of export --format linuxcnc-kins, or turn one "
         "of them by {lean} away from the other"

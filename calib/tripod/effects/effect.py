@@ -157,6 +157,9 @@ AROUND = ("xy", "yz", "zx")
 DIRECTIONS = tuple(first + second for first, second in permutations(LEG_NAMES, 2))
 AT_TOOL = ("tx", "ty", "tz")
 
+BOTH_WAYS = "same for both directions of approach"
+REPEATABLE = (BOTH_WAYS, "constant in time")
+
 PER_THOUSAND = 1e-3
 """mm in a µm, rad in a mrad, mm per mm in a mm/m."""
 
@@ -207,7 +210,58 @@ def moved_foot(
     return np.asarray(stage_input + sideways_mm[..., None, None] * where)
 
 
-def moved_touch(stage_input: NDArray[Any], flow: Flow, by_mm: NDArray[Any]) -> NDArray[Any]:
-    """Touched points ``(..., n, 3)`` moved along their measuring axes by ``(..., n)``."""
-    along = measuring_directions(flow.geometry, flow.taken)
-    return np.asarray(stage_input + by_mm[..., None] * along)
+@dataclass(frozen=True, eq=False)
+class Acting:
+    """What an effect is handed at one place, see `Effect.change`."""
+
+    stage_input: NDArray[Any]
+    flow: Flow
+    place: str
+    values: Sequence[Any]
+
+    @property
+    def leg(self) -> int:
+        """The leg that the place names first."""
+        return LEG_NAMES.index(self.place[0])
+
+
+class OfCarriageOrBar:
+    """Places and change of what makes one carriage further, or one bar longer, than it should be.
+
+    Positions of carriages and lengths of bars are alike ``(..., n, 3)``.
+    """
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Every leg."""
+        return LEG_NAMES if len(taken) else ()
+
+    def change(
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """The carriage is further, or the bar longer, by `off_mm`."""
+        at = Acting(stage_input, flow, place, values)
+        return moved_carriage(stage_input, at.leg, self.off_mm(at))
+
+    def off_mm(self, at: Acting) -> NDArray[Any]:
+        """By how much ``(..., n)``."""
+        raise NotImplementedError
+
+
+class OfTouch:
+    """Places and change of what puts the touched point off along the measuring axis."""
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Every leg and measuring axis that was measured."""
+        return on_legs(taken)
+
+    def change(
+        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
+    ) -> NDArray[Any]:
+        """The touched point is off by `off_mm` where the place is measured."""
+        off_mm = self.off_mm(Acting(stage_input, flow, place, values)) * at_mount(flow, place)
+        along = measuring_directions(flow.geometry, flow.taken)
+        return np.asarray(stage_input + off_mm[..., None] * along)
+
+    def off_mm(self, at: Acting) -> NDArray[Any]:
+        """By how much ``(..., n)``."""
+        raise NotImplementedError

@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 from calib.arrays import Conditions
 from calib.tripod.effects.effect import (
     AT_TOOL,
+    BOTH_WAYS,
     PER_THOUSAND,
+    REPEATABLE,
+    Acting,
     EffectParameter,
     Kind,
+    OfTouch,
     at_mount,
     mounts,
-    moved_touch,
     numbers,
     on_legs,
 )
@@ -35,11 +38,7 @@ class GaugeGain:
     kind: Kind = Kind.INDICATOR
     stage: Stage = Stage.READING
     parameters: tuple[EffectParameter, ...] = (EffectParameter("gain", "%", 0.5, 20.0),)
-    invariances: tuple[str, ...] = (
-        "same for both directions of approach",
-        "constant in time",
-        "in proportion to the reading, whatever caused it",
-    )
+    invariances: tuple[str, ...] = (*REPEATABLE, "in proportion to the reading, whatever caused it")
     controller: str = "nothing to enter: check the indicator at {place}, it is {gain} off"
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
@@ -54,7 +53,7 @@ class GaugeGain:
 
 
 @dataclass(frozen=True)
-class GaugeTilt:
+class GaugeTilt(OfTouch):
     """An indicator on a leg is askew; positive: the third axis' positive way reads positive."""
 
     id: str = "gauge_tilt"
@@ -63,31 +62,24 @@ class GaugeTilt:
     stage: Stage = Stage.TOUCH
     parameters: tuple[EffectParameter, ...] = (EffectParameter("tilt", "mrad", 10.0, 150.0),)
     invariances: tuple[str, ...] = (
-        "same for both directions of approach",
+        BOTH_WAYS,
         "in proportion to what the other indicator of the leg shows",
         "another one after the stand was set up anew",
     )
     controller: str = "nothing to enter: seat the indicator at {place} anew, askew by {tilt}"
 
-    def places(self, taken: Conditions) -> tuple[str, ...]:
-        """Every leg and measuring axis that was measured."""
-        return on_legs(taken)
-
-    def change(
-        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
-    ) -> NDArray[Any]:
+    def off_mm(self, at: Acting) -> NDArray[Any]:
         """The touched point along a plunger that is turned by the value towards the third axis."""
-        leg, axis = numbers(place)
-        drives = flow.geometry.directions
-        own = (stage_input * drives[axis]).sum(axis=-1)
-        third = (stage_input * drives[3 - leg - axis]).sum(axis=-1)
-        tilt_rad = PER_THOUSAND * values[0]
-        off_mm = np.sin(tilt_rad) * third + (np.cos(tilt_rad) - 1.0) * own
-        return moved_touch(stage_input, flow, off_mm * at_mount(flow, place))
+        leg, axis = numbers(at.place)
+        drives = at.flow.geometry.directions
+        own = (at.stage_input * drives[axis]).sum(axis=-1)
+        third = (at.stage_input * drives[3 - leg - axis]).sum(axis=-1)
+        tilt_rad = PER_THOUSAND * at.values[0]
+        return np.asarray(np.sin(tilt_rad) * third + (np.cos(tilt_rad) - 1.0) * own)
 
 
 @dataclass(frozen=True)
-class PlateTilt:
+class PlateTilt(OfTouch):
     """What the tool is read against is not square to its coordinate, two ways.
 
     Positive: the positive direction of the first (second) of the other two coordinates reads
@@ -103,7 +95,7 @@ class PlateTilt:
         EffectParameter("tilt_second", "mrad", 10.0, 150.0),
     )
     invariances: tuple[str, ...] = (
-        "same for both directions of approach",
+        BOTH_WAYS,
         "in proportion to the way across the indicator",
         "another one after the plate was set up anew",
     )
@@ -113,17 +105,15 @@ class PlateTilt:
         """The tool along every coordinate that was measured."""
         return tuple(place for place in mounts(taken) if place in AT_TOOL)
 
-    def change(
-        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
-    ) -> NDArray[Any]:
+    def off_mm(self, at: Acting) -> NDArray[Any]:
         """The way across the coordinate is read in proportion."""
-        first, second = (k for k in range(3) if k != numbers(place)[1])
-        way = values[0] * stage_input[..., first] + values[1] * stage_input[..., second]
-        return moved_touch(stage_input, flow, PER_THOUSAND * way * at_mount(flow, place))
+        first, second = (k for k in range(3) if k != numbers(at.place)[1])
+        way = at.values[0] * at.stage_input[..., first] + at.values[1] * at.stage_input[..., second]
+        return np.asarray(PER_THOUSAND * way)
 
 
 @dataclass(frozen=True)
-class TipOnRoundBar:
+class TipOnRoundBar(OfTouch):
     """A plain tip on a round bar: where the bar moves across, the surface under the tip recedes.
 
     The reading falls by z²/2R with z the way along the third axis from where the indicator was set
@@ -137,26 +127,21 @@ class TipOnRoundBar:
     stage: Stage = Stage.TOUCH
     parameters: tuple[EffectParameter, ...] = (EffectParameter("curvature", "1/m", 10.0, 500.0),)
     invariances: tuple[str, ...] = (
-        "same for both directions of approach",
+        BOTH_WAYS,
         "with the square of what the other indicator of the leg shows",
     )
     controller: str = (
         "nothing to enter: use a flat tip at {place}, or one wider than the way across"
     )
 
-    def places(self, taken: Conditions) -> tuple[str, ...]:
-        """Every leg and measuring axis that was measured."""
-        return on_legs(taken)
-
-    def change(
-        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
-    ) -> NDArray[Any]:
+    def off_mm(self, at: Acting) -> NDArray[Any]:
         """The touched point goes back by value z² / 2."""
-        leg, axis = numbers(place)
-        third = np.broadcast_to(flow.geometry.directions[3 - leg - axis], (len(flow.taken), 3))
-        z_mm = moved_along(flow, stage_input, third)
-        off_mm = -PER_THOUSAND * values[0] * z_mm**2 / 2.0
-        return moved_touch(stage_input, flow, off_mm * at_mount(flow, place))
+        leg, axis = numbers(at.place)
+        third = np.broadcast_to(
+            at.flow.geometry.directions[3 - leg - axis], (len(at.flow.taken), 3)
+        )
+        z_mm = moved_along(at.flow, at.stage_input, third)
+        return np.asarray(-PER_THOUSAND * at.values[0] * z_mm**2 / 2.0)
 
 
 @dataclass(frozen=True)

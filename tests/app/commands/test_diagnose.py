@@ -148,6 +148,14 @@ def test_what_table_1_leaves_in_experiment_2_it_leaves_in_3(samples: Path) -> No
     assert held["after_rms_mm"] < 0.02
 
 
+def test_three_sessions_leave_one_pattern(samples: Path) -> None:
+    """As docs/diagnosis.md says: share 0.987, by chance once in 2000 times or rarer."""
+    found = diagnosed(*(samples / f"experiment_{k}_six.jsonl" for k in (1, 2, 3)))
+    assert found["gap_before"]["degrees_of_freedom"] == 9
+    assert found["pattern"]["common_share"] == pytest.approx(0.987, abs=5e-4)
+    assert found["pattern"]["reproducible"] is True
+
+
 def test_several_sessions_keep_their_own_offsets(samples: Path) -> None:
     found = diagnosed(samples / "experiment_2_twelve.jsonl", samples / "experiment_3_twelve.jsonl")
     assert found["gap_before"]["degrees_of_freedom"] == 18

@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from tempfile import mkdtemp
 
@@ -45,6 +46,9 @@ SHORT = load_procedure("zero-max-min", FAST.geometry()).model_copy(
 )
 HIDDEN = Machine((0.8, -1.3, 0.45))
 STEP_MM = 0.001
+PROMPT = replace(MITUTOYO_01A, timeout_s=0.4)
+"""An answer that is missing is known for it earlier than with the profile's own five seconds."""
+
 STOP_S = 0.5
 
 
@@ -124,7 +128,7 @@ def moving_session(
         gauges = []
         for port in ports:
             gauge = Gauge(
-                MITUTOYO_01A,
+                PROMPT,
                 port,
                 Query(),
                 interval_s=0.01,

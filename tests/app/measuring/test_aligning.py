@@ -153,7 +153,9 @@ def test_a_simulated_machine_stays_as_it_was_moved(tmp_path: Path) -> None:
         work.done(watched=False)
         shim = work.aligned.shims[5]
         guided.leave()
-    effects = aligning(plan_to_continue(path), "x").bench.effects
+    plan = plan_to_continue(path)
+    assert plan.reference == "x", "whoever continues it goes on aligning"
+    effects = plan.bench.effects
     assert effects[-1] == RailMoved.by_shim(
         replace(shim, move_mm=0.0, expanded_mm=0.0), round(shim.move_mm, 4)
     )

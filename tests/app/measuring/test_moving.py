@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from app.evaluating.solution import solve_for_controller
 from app.measuring.moving import Mover, Moving, check_motion, measure_by_itself, ways_of
+from app.measuring.opening import demo_plan, moving_itself, start_session
+from app.measuring.simulated import BenchSettings
 from calib.errors import MotionError, RecordError
+from calib.tripod.simulation import hidden_machine
 from drivers.motion.controller import Faulted, MotionFault
 from drivers.motion.twins import TWINS, LinuxCncTwin, SimulatedAxes, Trouble
 from protocols.machine import Machine, MotionLimits
@@ -115,3 +120,17 @@ def test_a_check_says_who_says_so_and_moves_nothing() -> None:
             check_motion(twin.told, FAST)
         assert said.value.kind is MotionFault.NOT_READY
         assert not twin.moves
+
+
+def test_a_demonstration_that_moves_itself_finds_the_hidden_offsets(tmp_path: Path) -> None:
+    plan = moving_itself(demo_plan(tmp_path, None, 5, BenchSettings()), hurried=True)
+    once = plan.procedure.model_copy(update={"cycles": 1})
+    plan = replace(plan, procedure=once, interval_s=0.0)
+    with start_session(plan) as guided:
+        measure_by_itself(guided, lambda _: True, lambda _: None)
+    found = solve_for_controller(plan.path).joint_offsets_mm
+    hidden = hidden_machine(plan.machine.geometry(), 5).parameters_mm
+    assert found == pytest.approx(hidden[:3], abs=0.1)  # lengths, 0.03 mm, are taken for offsets
+    first = taken(plan.path)[0].moved
+    assert first is not None
+    assert first.driver == "linuxcnc"

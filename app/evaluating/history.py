@@ -101,7 +101,12 @@ def read_history(folder: Path, *, effects: bool = False, index: Path | None = No
         raise RecordError(f"folder {folder}", reason="no such folder")
     paths = sorted(folder.rglob("*.jsonl"), key=lambda path: (len(path.parts), path))
     if not paths:
-        raise RecordError(f"folder {folder}", "no session file", "files that end with .jsonl")
+        raise RecordError(
+            f"folder {folder}",
+            "no session file",
+            "files that end with .jsonl",
+            "Measure one first, or begin in the folder that has them.",
+        )
     problems: list[tuple[Path, str]] = []
     found: dict[str, list[tuple[Path, Entry]]] = {}
     seen: dict[str, Path] = {}

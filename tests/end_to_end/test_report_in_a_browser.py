@@ -17,9 +17,12 @@ from typing import Any
 
 import aiohttp
 import pytest
+from aiohttp import web
+from aiohttp.test_utils import TestServer
 
 from app.report.pages.contents import report_of
 from app.report.pages.report import html_of
+from app.screens.serving_reports import HEADERS
 from tests.app.report.test_pages import hostile_session
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -73,9 +76,9 @@ class Tab:
             await self.socket.send_json(close)
         return heard
 
-    async def show(self, page: Path) -> None:
+    async def show(self, url: str) -> None:
         self.told.clear()
-        await self.ask("Page.navigate", url=page.as_uri())
+        await self.ask("Page.navigate", url=url)
         await self.until("Page.loadEventFired")
 
     async def value(self, expression: str) -> object:
@@ -120,28 +123,47 @@ async def _port(told: Path) -> int:
     return int(lines[0])
 
 
+@asynccontextmanager
+async def served(page: str) -> AsyncIterator[str]:
+    """The address of a page that comes with the headers of ``glidecal serve``."""
+
+    async def answer(_: web.Request) -> web.Response:
+        return web.Response(text=page, content_type="text/html", headers=HEADERS)
+
+    application = web.Application()
+    application.router.add_get("/", answer)
+    async with TestServer(application) as server:
+        yield str(server.make_url("/"))
+
+
+DRAWN = "[...document.images].map(one => one.complete && one.naturalWidth > 100)"
+
+
 async def test_words_of_strangers_do_nothing(tmp_path: Path) -> None:
-    page, bare = tmp_path / "report.html", tmp_path / "bare.html"
-    page.write_text(html_of(report_of([hostile_session(tmp_path, ACTIVE)])), encoding="utf-8")
+    bare = tmp_path / "bare.html"
     bare.write_text(f"<!DOCTYPE html><body>{'<p>'.join(ACTIVE[:4])}", encoding="utf-8")
-    async with browser(tmp_path / "profile") as tab:
+    page = tmp_path / "report.html"
+    text = html_of(report_of([hostile_session(tmp_path, ACTIVE)]))
+    page.write_text(text, encoding="utf-8")
+    async with browser(tmp_path / "profile") as tab, served(text) as address:
         for domain in ("Page", "Network", "Runtime", "Log"):
             await tab.ask(f"{domain}.enable")
-        await tab.show(bare)  # would this browser have told?
+        await tab.show(bare.as_uri())  # would this browser have told?
         assert tab.happened("Page.javascriptDialogOpening")
         assert await tab.value("window.owned")
         assert any(url.endswith("/x") for url in tab.requests())
 
-        await tab.show(page)
-        assert await tab.value("document.title") == f"Calibration report: {ACTIVE[6]}"
-        assert await tab.value("typeof window.owned") == "undefined"
-        assert not tab.happened("Page.javascriptDialogOpening")
-        assert not tab.happened("Runtime.exceptionThrown")
-        assert not tab.happened("Log.entryAdded"), "nothing had to be refused either"
-        own = [url for url in tab.requests() if not url.startswith("data:image/svg+xml;base64,")]
-        assert own == [page.as_uri()]
-        drawn = "[...document.images].map(one => one.complete && one.naturalWidth > 100)"
-        assert await tab.value(drawn) == [True] * 6
+        for url in (page.as_uri(), address):
+            await tab.show(url)
+            assert await tab.value("document.title") == f"Calibration report: {ACTIVE[6]}"
+            assert await tab.value("typeof window.owned") == "undefined"
+            assert not tab.happened("Page.javascriptDialogOpening")
+            assert not tab.happened("Runtime.exceptionThrown")
+            refused = [one["entry"] for one in tab.happened("Log.entryAdded")]
+            assert not [one for one in refused if not one.get("url", "").endswith("favicon.ico")]
+            own = [one for one in tab.requests() if not one.startswith("data:image/svg+xml;base64")]
+            assert own == [url]
+            assert await tab.value(DRAWN) == [True] * 6
         for width in WIDTHS:
             size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
             await tab.ask("Emulation.setDeviceMetricsOverride", **size)

@@ -29,13 +29,13 @@ from calib.tripod.effects.empirical import EMPIRICAL
 DIAGNOSE_HELP = """\
 1 2 3 4       Verdict, Where, Candidates, Before/after
 Tab, arrows   the next page; up and down scroll it
-A             adopt what was named, another effect that fits as well, or
-              the rest as an unnamed effect: writes a model file and
+A             adopt what was named, another effect that fits as well,
+              or the rest as an unnamed effect: writes a model file and
               diagnoses again with it. Mistakes in the readings are
               corrected in a new session file
-W             what if: move the size of an effect and see what it would
-              explain, and what it does at the tool; then adopt or drop it
-R             the result: offsets, and the sizes of adopted effects
+W             what if: move the size of an effect, see what it would
+              explain and what it does at the tool; adopt or drop it
+R             the result: offsets, and sizes of adopted effects
 N             write the next measurement as a procedure file: the one
               that decides between effects that fit equally well
 Y             copy the text of this page to the clipboard

@@ -10,10 +10,15 @@ from app.report.text.tables import hanging, new_table, signed, table_text, wrapp
 DAYS_A_MONTH = 30.44
 
 HISTORY_HELP = """\
-All sessions of a folder: where the joints stood, what the tool was off
-by, what was changed in between, and what drifts. Tab turns to the plots,
-where a line from top to bottom stands for offsets that were entered or a
-machine that was changed. Files that are altered or cut are named first."""
+Tab, arrows   the plot of each machine, and back to the text
+Up, down      scroll the text; Page up, Page down, Home, End
+Escape, F10   back, quit
+
+All sessions of a folder and those below it: where the joints stood,
+what the tool was off by, what was changed in between, what drifts.
+In a plot a line from top to bottom stands for offsets that were
+entered or a machine that was changed. Files that are altered or cut
+are named first. !: changed beyond its uncertainty."""
 
 
 def history_text(found: History, now: datetime) -> str:
@@ -26,9 +31,10 @@ def history_text(found: History, now: datetime) -> str:
 def machine_text(found: MachineHistory, now: datetime) -> str:
     """Due when, drift, then a row for each session and what changed before it."""
     last = found.last
-    ago = max(0, (now - last.began).days)
+    ago, count = max(0, (now - last.began).days), len(found.points)
+    when = "today" if ago == 0 else f"{ago} day{'s' * (ago > 1)} ago"
     first = (
-        f"{found.machine}: {len(found.points)} sessions. Last calibrated {ago} days ago: "
+        f"{found.machine}: {count} session{'s' * (count > 1)}. Last calibrated {when}: "
         f"{found.points[-1].path.name}. {due_words(found)}"
     )
     return "\n\n".join([wrapped(first), "\n".join(_drifts(found)), *_sessions(found)])
@@ -71,7 +77,7 @@ def _sessions(found: MachineHistory) -> list[str]:
             *(f"{signed(mm, 4)}{'!' if new else ' '}" for mm, new in marked),
             f"{max(expanded):.4f}",
             f"{entry.bound_before_mm:.3f}",
-            "" if entry.temperature_c is None else f"{entry.temperature_c:g}",
+            "" if entry.temperature_c is None else f"{entry.temperature_c:.1f}",
         )
         said = [point.path.name, point.event, *(entry.effects or ())]
         if any(changed):

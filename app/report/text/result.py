@@ -284,7 +284,7 @@ E             write the joint offsets, in every format, into a folder
 V             measure again after the offsets were entered, and compare
 R             write the report to sign (HTML) beside the session
 D             diagnose: where readings and model disagree, and why
-W             what if: move the size of an effect, and see what it does
+W             what if: move the size of an effect, see what it does
 Y             copy the text to the clipboard
 Escape, H     back; to the home screen
 F10           quit

@@ -13,22 +13,23 @@ from app.report.text.tables import LEAST_MM, new_table, signed, table_text, unce
 from calib.identify.identify import FittedSize, Solution
 
 WHAT_IF_HELP = """\
-Left, Right   the size smaller, larger: by a step no larger than its ±;
-              with Shift ten times as far
+Left, Right   the size smaller, larger, by a step no larger than
+              its ±; with Shift ten times as far
 Up, Down      another size, where the effect has several (> is moved)
 0             nothing: the model as it is without the effect
 F             the size that fits best
 1 2 3, Tab    what is left, the differences, numbers
-Enter         adopt: at the size shown, which is then held and not fitted
-              again; after F the size stays free and is fitted
+Enter         adopt: at the size shown, which is then held and not
+              fitted again; after F the size stays free and is fitted
 Escape        drop it: nothing is written
 Y             copy the numbers to the clipboard
 F10           quit
 
-Offsets and lengths are fitted anew at every size, other effects of the
-model, too. Tool, effect not compensated: what the effect by itself does
-there, over the workspace. Tool, values without it: what the tool is off
-by if the effect is real and the values found without it are entered."""
+Offsets and lengths are fitted anew at every size, other effects of
+the model, too. Tool, effect not compensated: what the effect by
+itself does there, over the workspace. Tool, values without it: what
+the tool is off by if the effect is real and the values found without
+it are entered."""
 
 WHICH = "Which effect?"
 WORKING = "Working out what it does …"

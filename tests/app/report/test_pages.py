@@ -20,6 +20,7 @@ from rich.table import Table
 
 from app.evaluating.diagnosis import diagnose_files
 from app.evaluating.solution import judge, solve_files
+from app.report.charts.charts import residuals_before_and_after
 from app.report.pages.contents import CalibrationReport, Picture, Section, report_of
 from app.report.pages.report import html_of, pdf_of
 from app.report.text.tables import new_table
@@ -250,6 +251,21 @@ def test_names_of_a_hostile_record_are_text(tmp_path: Path) -> None:
     assert not HIDDEN.search(page.text)
     for words in (*HOSTILE, "a<b>&'.jsonl"):
         assert " ".join(printable(words).split()) in page.text
+
+
+def test_the_figures_of_a_plate_can_be_read(tmp_path: Path) -> None:
+    """Names of positions stand upright, and the residuals of the positions beside each other."""
+    path = tmp_path / "plate.jsonl"
+    made = glidecal("simulate", "--machine", "linear-delta", "--seed", "1", "-o", path)
+    assert made.status == 0, made.err
+    differences, *_ = _section(report_of([path]), "Differences").figures
+    names = solve_files([path])[0].solution.differences.names
+    texts = [one for one in ElementTree.fromstring(differences.svg).iter() if one.text in names]
+    assert len(texts) == 18
+    assert all("rotate(-90" in one.get("transform", "") for one in texts)
+    cells = diagnose_files([path]).diagnosis.residuals.cells
+    _, before = residuals_before_and_after(cells).series
+    assert len(set(before.x)) == len(before.x) == len(cells)
 
 
 def test_with_a_later_session_it_decides(tmp_path: Path) -> None:

@@ -6,6 +6,8 @@ import ast
 from dataclasses import fields
 from pathlib import Path
 
+import pytest
+
 from calib.diagnosis.policy import POLICY, Policy, as_table
 
 ROOT = Path(__file__).parents[3]
@@ -27,4 +29,10 @@ def test_every_choice_is_used() -> None:
         and isinstance(node.value, ast.Name)
         and node.value.id == "POLICY"
     }
-    assert used == {one.name for one in fields(Policy)}
+    derived = {name for name, one in vars(Policy).items() if isinstance(one, property)}
+    assert used == {one.name for one in fields(Policy)} | derived
+
+
+def test_there_are_few_choices_and_a_doubt_is_half_the_evidence() -> None:
+    assert len(fields(Policy)) <= 15
+    assert POLICY.doubtful_odds**2 == pytest.approx(POLICY.odds)

@@ -27,6 +27,7 @@ Sessions of this folder and of demo-sessions stand below, newest
 first. Enter on one of them offers what can be done with it.
 Ctrl+P opens the command palette: theme, keys, screenshot."""
 
+REPORTS_SERVED = "Reports to read and print: in the browser, /reports behind this address."
 HISTORY_OF = "History of {}"
 READING_HISTORY = "Reading the sessions …"
 REPLAY_QUESTION = "Which session do you want to see? Arrow keys and Enter."

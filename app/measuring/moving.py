@@ -100,7 +100,7 @@ class Mover:
     Before each set-up it goes to Zero and waits for the operator's word. ``on_news`` is called in
     the thread of the controller. After a stop the next way begins anew, from the side from which
     the procedure comes. ``on_arrival`` is called before the machine is said to be there: what the
-    indicators showed on the way is no rest.
+    indicators showed on the way is no rest. ``said`` is what the controller said of being ready.
     """
 
     def __init__(
@@ -108,6 +108,7 @@ class Mover:
     ) -> None:
         self.line = line
         self.why = ""
+        self.said: tuple[str, ...] = ()
         self.on_news: Callable[[], None] = lambda: None
         self.on_arrival: Callable[[], None] = lambda: None
         self.on_set_up: Callable[[Step], None] = lambda _: None  # a simulated machine has no hands
@@ -232,7 +233,7 @@ def open_mover(told: str, procedure: Procedure, machine: Machine, axes: Sequence
     ways_of(procedure, machine, axes)
     line = MotionLine(controller_of(told, limits_of(machine)))
     mover = Mover(line, procedure, machine, axes)
-    line.start()
+    mover.said = line.start()
     return mover
 
 

@@ -111,7 +111,9 @@ class ChoiceDialog(Dialog[str]):
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog"):
             yield Static(self._question, markup=False)
-            yield OptionList(*(Option(words) for _, words in self._choices), markup=False)
+            numbered = enumerate((words for _, words in self._choices), 1)
+            options = (Option(f"{n if n < 10 else ' '}  {words}") for n, words in numbered)
+            yield OptionList(*options, markup=False)
             yield Static(f"Arrow keys and Enter, or the number. {self._leaving}", markup=False)
 
     def on_mount(self) -> None:
@@ -345,10 +347,7 @@ class Interface(App[str]):
             if answer:
                 chosen(listed[int(answer)][0])
 
-        choices = [
-            (str(k), f"{k + 1}  {words}" if k < 9 else f"   {words}")
-            for k, (_, words) in enumerate(listed)
-        ]
+        choices = [(str(number), words) for number, (_, words) in enumerate(listed)]
         self.push_screen(ChoiceDialog(question, choices), answered)
 
     @contextmanager

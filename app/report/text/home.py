@@ -80,7 +80,7 @@ def session_choices(session: SessionFile, *, read_only: bool) -> list[tuple[str,
         able = [pair for pair in able if pair[0] in READING_ONLY]
     elif not session.interrupted:
         able = able[1:]
-    return [(name, f"{number}  {words}") for number, (name, words) in enumerate(able, start=1)]
+    return able
 
 
 def partner_question(after: Path, before: Path) -> str:
@@ -91,11 +91,11 @@ def partner_question(after: Path, before: Path) -> str:
 PORTS_QUESTION = "The ports of {} are those of another computer. Which are they here?"
 PORTS_HINT = "mitutoyo-01a:COM5@yx sylvac:COM6@zy, with the axes as before"
 
-REPLACE_CHOICES = (("keep", "1  Keep what is there"), ("replace", "2  Replace it"))
+REPLACE_CHOICES = (("keep", "Keep what is there"), ("replace", "Replace it"))
 
 PARTNER_CHOICES = (
-    ("both", "1  Compare these two"),
-    ("other", "2  Another session after this one"),
+    ("both", "Compare these two"),
+    ("other", "Another session after this one"),
 )
 
 

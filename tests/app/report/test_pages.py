@@ -7,6 +7,7 @@ import math
 import re
 from base64 import b64decode
 from collections.abc import Sequence
+from dataclasses import replace
 from html.parser import HTMLParser
 from itertools import cycle
 from pathlib import Path
@@ -285,14 +286,16 @@ def test_with_a_later_session_it_decides(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:HarfBuzz-Subset:DeprecationWarning")  # of the system
-def test_pdf_is_the_same_twice() -> None:
-    html = html_of(_report_with("plain"))
+def test_pdf_is_the_same_twice_and_drawn(experiment: CalibrationReport) -> None:
+    html = html_of(replace(experiment, sections=experiment.sections[:2]))
+    assert "data:image/svg+xml" in html
     try:
         printed = pdf_of(html)
     except UsageError as problem:
         pytest.skip(str(problem))
     assert printed == pdf_of(html)
     assert printed.startswith(b"%PDF-")
+    assert b"/Image" not in printed, "figures are lines and letters, no pixels"
 
 
 def test_the_command(tmp_path: Path) -> None:

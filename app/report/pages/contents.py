@@ -379,8 +379,97 @@ BESIDE = 3
 WIDTH_EM, HEADING_EM = 56, 11
 """Of a table that takes the whole page."""
 
-DOUBTED_EM = (14, 3, 14, 6, 19)
-READING_EM = (3, 6, 14, 6, 4, 4, 19)
+DOUBTED_EM = (14, 3, 14, 7, 18)
+READING_EM = (3, 6, 14, 7, 4, 4, 18)
+
+MOST_OPEN = 8
+
+NOT_JUDGED = (
+    "NOT JUDGED: no tolerance was given (--tolerance), nor does the machine file state one "
+    "(tool_tolerance_mm)."
+)
+DECISION_RULE = (
+    "Decision rule (ISO 14253-1): passed where the bound, which 95 of 100 such machines keep, is "
+    "within the tolerance; failed where the error that is shown exceeds it by more than its "
+    "expanded uncertainty (95 %); undecided in between."
+)
+BUDGET_WORDS = (
+    "The sources know nothing of each other: their squares add up to that of U. What the model "
+    "leaves stands by itself, for the case that it is noise. At the tool each effect stands by "
+    "itself with noise and parts: the bound is the largest line."
+)
+ENTER_WORDS = (
+    "True position of a joint = believed position + offset. These are the offsets that glidecal "
+    "export writes, on top of those entered when it was measured; where the result has another "
+    "set of parameters, its d_rho differ from them."
+)
+EVIDENCE_WORDS)] if bars else []
+
+
+def _fit(solved: SessionSolution) -> Section:
+    """What the model makes of the readings."""
+    caption = f"Differences as measured, and what the model leaves of them{WHISKER_WORDS}"
+    figures = [Picture(bars_svg(measured_and_predicted(solved.solution)), caption)]
+    if (over_time := residuals_over_time(solved)).series:
+        figures.append(Picture(svg_of(over_time), "Residuals over time: drift shows here."))
+    return Section("Differences", tables=[difference_table(solved.solution)], figures=figures)
+
+
+def _doubted(solved: SessionSolution, names: Sequence[str], sessions: Sequence[Session]) -> Section:
+    """Readings that were questioned, superseded or do not fit their repeats; steps left out."""
+    suspects = {(one.session, one.reading.reading): one.studentised for one in solved.suspects}
+    table = new_table("session", "no.", "at", "value, mm", "", left=3)
+    _set_widths(table, *DOUBTED_EM)
+    said = []
+    for name, session in zip(names, sessions, strict=True):
+        for reading in session.all_readings:
+            why = [_state(session, reading)]
+            if (off := suspects.get((name, reading.reading))) is not None:
+                why.append(f"{signed(off, 1)} standard deviations from its repeats")
+            if words := "; ".join(filter(None, why)):
+                of = (name, f"{reading.reading}", reading.place_words)
+                table.add_row(*of, signed(reading.value_mm, 4), words)
+        if session.skipped:
+            reasons = "; ".join(dict.fromkeys(session.skipped.values()))
+            said.append(f"{name}: {len(session.skipped)} steps left out: {reasons}")
+    if not table.rows:
+        said.append("No reading was questioned or superseded, and all fit their repeats.")
+    return Section("Questioned and superseded readings", said, [table] if table.rows else [])
+
+
+def _readings(name: str, session: Session) -> Section:
+    """Every reading that was taken, those that do not count too."""
+    table = new_table("no.", "mounting", "at", "value, mm", "min", "°C", "", left=3)
+    _set_widths(table, *READING_EM)
+    for reading in session.all_readings:
+        table.add_row(
+            f"{reading.reading}",
+            reading.mount,
+            reading.place_words,
+            signed(reading.value_mm, 4),
+            "" if reading.time_s is None else f"{reading.time_s / 60.0:.1f}",
+            "" if reading.temperature_c is None else f"{reading.temperature_c:g}",
+            _state(session, reading),
+        )
+    return Section(f"Readings of {name}", tables=[table])
+
+
+def _state(session: Session, reading: Reading) -> str:
+    if reading.reading in session.superseded:
+        return f"does not count: {session.superseded[reading.reading]}"
+    if reading.reading in session.restored:
+        return f"counts again: {session.restored[reading.reading]}"
+    return ""
+
+
+BESIDE = 3
+"""So many sessions stand beside each other in a table."""
+
+WIDTH_EM, HEADING_EM = 56, 11
+"""Of a table that takes the whole page."""
+
+DOUBTED_EM = (14, 3, 14, 7, 18)
+READING_EM = (3, 6, 14, 7, 4, 4, 18)
 
 MOST_OPEN = 8
 

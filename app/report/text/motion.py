@@ -24,7 +24,7 @@ def plan_text(plan: Plan, ways: Ways, said: tuple[str, ...] = ()) -> str:
 def limits_text(plan: Plan, ways: Ways, said: tuple[str, ...]) -> str:
     """How fast and how far, what is checked, and what the controller ``said`` of itself."""
     limits, motion = limits_of(plan.machine), plan.machine.motion or MotionLimits()
-    places = [step.place for step, _ in ways.steps]
+    places = [step.place for step in ways.steps]
     set_ups = 1 + sum(before != after for before, after in pairwise(places))
     minutes = (ways.moving_s + ways.resting_s) / 60.0
     sentences = [

@@ -11,14 +11,14 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from app.measuring.gauges import Motion
-from calib.errors import IndicatorError, MotionError, sentence
+from calib.errors import IndicatorError, MotionError, UsageError, sentence
 from drivers.motion import controller_of
 from drivers.motion.controller import Faulted, Limits, Triple
 from drivers.motion.line import MotionLine
 from protocols.machine import Machine, MotionLimits
 from protocols.motion import all_ways, box_mm, came_from, longest_mm, way_mm, whole_mm, zero_mm
 from protocols.procedure import Procedure, Step
-from protocols.session import Moved, Session
+from protocols.session import Moved
 
 if TYPE_CHECKING:
     from app.measuring.session import GuidedSession, TakenStep
@@ -64,6 +64,13 @@ def ways_of(procedure: Procedure, machine: Machine, axes: Sequence[str]) -> Ways
 
     Raises RecordError, UsageError or MotionError for what is not allowed.
     """
+    if procedure.plane is not None:
+        raise UsageError(
+            f"--motion with procedure {procedure.name}",
+            "a stand that is slid by hand in every posture",
+            "a procedure without [plane]",
+            "Measure it without --motion.",
+        )
     limits, found = limits_of(machine), all_ways(procedure, machine, axes)
     ways = [way for _, way in found]
     for way in ways:
@@ -229,13 +236,6 @@ def open_mover(told: str, procedure: Procedure, machine: Machine, axes: Sequence
     mover = Mover(line, procedure, machine, axes)
     mover.said = line.start()
     return mover
-
-
-def by_hand_first(session: Session, step: Step) -> bool:
-    """Whether the operator does something before this step: sets a stand up, or slides it."""
-    last = session.readings[-1] if session.readings else None
-    slides = step.over_plane and (last is None or last.station != step.station)
-    return session.needs_new_zero(step) or slides
 
 
 def lost_words(guided: GuidedSession) -> str | None:

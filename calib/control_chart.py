@@ -24,6 +24,9 @@ TO_THREE_SIGMA = 1.5
 FEWEST = 3
 """Values that a drift is told from."""
 
+LEAST_DAYS = 1.0
+"""So far apart they are at least: minutes of warming up are not what months bring."""
+
 
 @dataclass(frozen=True, eq=False)
 class ControlChart:
@@ -100,9 +103,9 @@ def drift(days: FloatArray, values: FloatArray, expanded: FloatArray) -> Drift |
     """A straight line through values ``(n,)``, weighted by their uncertainties (95 %).
 
     Its uncertainty grows with what the line leaves. None for fewer than three values, for values
-    without uncertainty, and where all are of one day.
+    without uncertainty, and where all are within a day.
     """
-    if len(values) < FEWEST or not (expanded > 0.0).all() or np.ptp(days) == 0.0:
+    if len(values) < FEWEST or not (expanded > 0.0).all() or np.ptp(days) < LEAST_DAYS:
         return None
     weight = (2.0 / expanded) ** 2
     away = days - np.average(days, weights=weight)

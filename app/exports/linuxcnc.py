@@ -288,7 +288,7 @@ def known_lines(name: str, one: Offset, *, lacks_fit: bool) -> list[str]:
     wider = one.expanded_with_tolerances or 0.0
     parts = (
         [
-            f"with what was not fitted off within its tolerance {name} is known to ±"
+            f"with the other parts within their tolerances {name} is known to ±"
             f"{uncertain(wider, 4)} mm (95 %)"
         ]
         if wider > one.expanded_uncertainty

@@ -58,6 +58,7 @@ def indicator_words(number: int, instrument: Instrument) -> str:
 
 
 FORM_ALLOWED = {
+    "profile": "one of the list; F3 tries which fit",
     "channel": "a whole number, 1 … 99",
     "serial_number": "at most 200 letters",
     "certificate": "at most 200 letters",
@@ -78,6 +79,8 @@ def indicator_of(form: Mapping[str, object]) -> Instrument:
     given = {name: value for name, value in form.items() if value not in ("", None)}
     if not given.get("port"):
         raise UsageError("port", "none", "a serial port, socket://HOST:PORT or rfc2217://HOST:PORT")
+    if not given.get("profile"):
+        raise UsageError(f"profile at {given['port']}", "none", FORM_ALLOWED["profile"])
     if str(given.get("channel", "")).isdecimal():
         given["channel"] = int(str(given["channel"]))
     try:

@@ -16,6 +16,7 @@ from textual.widgets import Footer, Static
 from app.exit_codes import exit_code
 from app.measuring.gauges import PushResult, Trial
 from app.measuring.opening import Indicators, Plan, begin, first_step, open_indicators
+from app.report.text import motion
 from app.report.text.home import CHECK_HELP
 from app.report.text.session import check_text, dry_run_text, trial_text
 from app.screens.fast_keys import Title
@@ -84,7 +85,10 @@ class CheckScreen(Screen[None]):
             return
         self.app.indicators = indicators
         self.refresh_bindings()
-        self.query_one("#words", Static).update(check_text(self._plan))
+        words = check_text(self._plan)
+        if indicators.mover is not None:
+            words = f"{words}\n\n{motion.check_text(self._plan, indicators.mover)}"
+        self.query_one("#words", Static).update(words)
         if not self._plan.simulated:  # no hand can push those spindles
             with self.app.complaining():
                 self._first = first_step(self._plan)

@@ -157,9 +157,9 @@ class Corrections(Screen[None]):
         if step is None or self.busy:
             return
         rest = [s.number for s in self.guided.rest_of_place()]
-        choices = [("one", f"1  Step {step.number} only")]
+        choices = [("one", f"Step {step.number} only")]
         if len(rest) > 1:
-            choices.append(("rest", f"2  The rest of leg {step.leg.upper()}: {len(rest)} steps"))
+            choices.append(("rest", f"The rest of leg {step.leg.upper()}: {len(rest)} steps"))
         self.ask(
             ChoiceDialog("What do you want to skip?", choices),
             lambda what: self._skip_why([step.number] if what == "one" else rest) if what else None,

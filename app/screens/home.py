@@ -338,7 +338,8 @@ class ReplayChoiceScreen(Screen[None]):
 
     def compose(self) -> ComposeResult:
         yield Title()
-        yield Static(texts.REPLAY_QUESTION, markup=False, id="question")
+        served = f"\n{texts.REPORTS_SERVED}" if self.app.read_only else ""
+        yield Static(f"{texts.REPLAY_QUESTION}{served}", markup=False, id="question")
         histories = (Option(texts.HISTORY_OF.format(folder.name)) for folder in self._folders)
         labels = (Option(session_label(look_at(path))) for path in self._paths)
         yield OptionList(*histories, *labels, id="choices", markup=False)

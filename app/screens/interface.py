@@ -112,7 +112,7 @@ class ChoiceDialog(Dialog[str]):
         with Vertical(classes="dialog"):
             yield Static(self._question, markup=False)
             numbered = enumerate((words for _, words in self._choices), 1)
-            options = (Option(f"{n}  {words}" if n < 10 else words) for n, words in numbered)
+            options = (Option(f"{n if n < 10 else ' '}  {words}") for n, words in numbered)
             yield OptionList(*options, markup=False)
             yield Static(f"Arrow keys and Enter, or the number. {self._leaving}", markup=False)
 

@@ -273,7 +273,9 @@ class MeasureScreen(Corrections, Resting):
         if taken is None:
             return
         if taken.faults:
-            self.refused(f"Not taken: {' '.join(sentence(one.words) for one in taken.faults)}")
+            first, *others = (sentence(one.words) for one in taken.faults)
+            said = [first, *(words[0].upper() + words[1:] for words in others)]
+            self.refused(f"Not taken: {' '.join(said)}")
             return
         self.app.bell()
         self.app.clear_notifications()

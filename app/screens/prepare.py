@@ -249,6 +249,7 @@ FIELDS = (
     ("temperature", "Temperature, °C", ""),
     ("note", "Note", "stands below the result"),
     ("random", "Random order seed", "empty: the order as written"),
+    ("motion", "Moved by", "empty: you; or linuxcnc:HOST:PORT, grbl:PORT"),
 )
 INDICATORS = ("indicator1", "indicator2")
 SEED = re.compile(r"\d{1,9}", re.ASCII)
@@ -437,6 +438,7 @@ class PrepareScreen(Screen[None]):
             operator=self._value("operator"),
             temperature_c=_temperature(self._value("temperature")),
             note=self._value("note"),
+            motion=self._value("motion") or None,
         )
 
 

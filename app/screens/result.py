@@ -23,6 +23,7 @@ from app.measuring.opening import Plan, verification_plan
 from app.report.charts.charts import before_and_after, measured_and_predicted
 from app.report.text import result as texts
 from app.report.text import what_if as what_if_texts
+from app.report.text.home import REPORTS_SERVED
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
 from app.screens.pages import PagedScreen, signalled
@@ -52,7 +53,7 @@ class ResultScreen(PagedScreen):
         Binding("r", "report", "Report", id="result.report"),
         Binding("e", "refuse_export", show=False),
         Binding("v", "refuse_verify", show=False),
-        Binding("r", "refuse_export", show=False),
+        Binding("r", "refuse_report", show=False),
         Binding("1", "choose('1')", "Offsets", show=False, id="result.offsets"),
         Binding("2", "choose('2')", "Legs", show=False, id="result.lengths"),
         Binding("3", "choose('3')", "Both", show=False, id="result.both"),
@@ -123,6 +124,9 @@ class ResultScreen(PagedScreen):
 
     def action_refuse_export(self) -> None:
         self.app.complain(texts.ONLY_SHOWN)
+
+    def action_refuse_report(self) -> None:
+        self.app.complain(f"{texts.ONLY_SHOWN} {REPORTS_SERVED}")
 
     def action_refuse_verify(self) -> None:
         self.app.complain(texts.ONLY_SHOWN if self.app.read_only else texts.NO_PLAN)
@@ -242,10 +246,11 @@ class ResultScreen(PagedScreen):
             self.app.call_from_thread(self._resized, solved, model)
 
     def _resized(self, solved: SessionSolution, model: Path) -> None:
-        self.solved = solved
         said = what_if_texts.RESIZED.format(model)
         self.app.notify(said, timeout=10, markup=False)
-        self._show()
+        if self.is_attached:  # nobody left it meanwhile
+            self.solved = solved
+            self._show()
 
     def action_diagnose(self) -> None:
         self.app.push_screen(self.app.diagnosis([self.path]))

@@ -47,8 +47,9 @@ DIGIT_ROWS = 3
 STATE_ROW, STRIP_ROW = 3, 4
 """Rows within the border; the strip chart has all from its own on."""
 
-STRIP_S = 1.0
-"""The strip chart is drawn at most so often: drawing it costs more than the digits."""
+STRIP_S, RESTING_STRIP_S = 1.0, 2.0
+"""The strip chart is drawn at most so often, while the reading moves and while it rests: drawing
+it costs more than the digits."""
 
 OLD_S = 1.0
 """A value is shown with its age from here on."""
@@ -118,7 +119,8 @@ class GaugeDisplay(Resting):
         if live.motion is not self._motion:
             self._motion = live.motion
             self.set_classes(f"gauge {live.motion.value}")
-        if time.monotonic() - self._strip_at > STRIP_S:
+        pace_s = RESTING_STRIP_S if live.motion is Motion.STABLE else STRIP_S
+        if time.monotonic() - self._strip_at > pace_s:
             self._draw_strip(live.trace)
         assumed = isinstance(live.outcome, IndicatorReading) and live.outcome.unit_assumed
         if assumed != self._assumed:

@@ -58,6 +58,7 @@ def test_drift_is_that_of_a_weighted_line() -> None:
     assert found.shown
     assert drift(days[:2], values[:2], expanded[:2]) is None
     assert drift(np.zeros(4), values, expanded) is None
+    assert drift(0.9 * days / np.ptp(days), values, expanded) is None  # an afternoon
 
 
 def test_the_interval_of_a_drift_holds_it_in_95_of_100() -> None:

@@ -234,7 +234,7 @@ def disturbed(folder: Path, seed: int, draws: int) -> dict[str, object]:
         make=lambda _: Running(),
         troubles=(Trouble.NAK, "indicator", "stop"),
     )
-    return {"wrong": left, "longest_stop_s": max(stops_s), "met": met}
+    return {"wrong": left, "longest_stop": max(stops_s), "met": met}
 
 
 def killed(folder: Path) -> dict[str, object]:

@@ -145,7 +145,7 @@ def over_home(samples: Path, folder: Path) -> dict[str, Callable[[], Screen[Any]
         "pick": lambda: PickScreen("Which?", []),
         "hexaslide": LOOKS[0].screen,
         "help": lambda: HelpDialog("words"),
-        "choice": lambda: ChoiceDialog("Which?", [("a", "1  a")]),
+        "choice": lambda: ChoiceDialog("Which?", [("a", "a")]),
         "line": lambda: TextDialog("Why?", "reason"),
     }
 

@@ -9,19 +9,21 @@ from pathlib import Path
 
 import pytest
 from textual.pilot import Pilot
+from textual.widgets import Input
 
 from app.measuring.moving import Mover, Moving
 from app.measuring.opening import Plan
 from app.screens.check import CheckScreen
 from app.screens.interface import ChoiceDialog
 from app.screens.measure import MeasureScreen
+from app.screens.prepare import PrepareScreen
 from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
 from drivers.motion.twins import MotionTwin, Trouble
 from protocols.machine import Instrument, Machine, MotionLimits
 from protocols.procedure import load_procedure
 from tests.app.measuring.moving_machine import Bench, following, taken, wrong
-from tests.screens.driving import SIZE, text, to_measuring, until
+from tests.screens.driving import SIZE, fill_in, text, to_measuring, until
 
 SLOW = Machine(motion=MotionLimits(feed_mm_min=6000.0))
 
@@ -68,6 +70,26 @@ async def measuring(folder: Path) -> AsyncIterator[Moved]:
         async with interface.run_test(size=SIZE, notifications=True) as pilot:
             screen = await to_measuring(pilot, interface)
             yield Moved(pilot, interface, screen, bench, twin, path)
+
+
+async def test_the_check_says_what_will_move_before_a_key_lets_it(tmp_path: Path) -> None:
+    with following() as (_, twin, ports):
+        form = PrepareScreen()
+        interface = Glidecal(form)
+        async with interface.run_test(size=SIZE, notifications=True) as pilot:
+            await pilot.pause()
+            for name, port in zip(("indicator1", "indicator2"), ports, strict=True):
+                await fill_in(pilot, interface, name, profile="mitutoyo-01a", port=port)
+            form.query_one("#motion", Input).value = twin.told
+            await pilot.press("f5")
+            await until(pilot, "the check", lambda: "longest move" in text(interface, "#words"))
+            said = " ".join(text(interface, "#words").split())
+            assert "joint_homed YES YES YES" in said
+            assert "longest move 160.0 mm" in said
+            assert "With Enter it moves" in said
+            await pilot.press("escape")
+            await until(pilot, "the form", lambda: interface.screen is form)
+        assert not twin.moves
 
 
 async def test_it_measures_itself_once_a_set_up_is_confirmed(tmp_path: Path) -> None:

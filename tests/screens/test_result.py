@@ -345,6 +345,7 @@ async def test_a_program_that_only_shows(
         await pilot.press("e", "v", "r")
         await until(pilot, "three refusals", lambda: len(said) == 3)
         assert all("nothing is written and nothing is measured" in one for one in said)
+        assert ["/reports" in one for one in said] == [False, False, True]
         assert isinstance(interface.screen, ResultScreen)
     assert [p.name for p in path.parent.iterdir()] == ["published.jsonl"]
 

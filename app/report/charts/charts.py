@@ -275,7 +275,8 @@ def residuals_before_and_after(cells: Sequence[Cell]) -> Chart:
     series = [_noise(cells, places), _residuals("before", cells, places, -aside)]
     if adopted:
         series.append(_residuals("after adopting", cells, places, aside, after=True))
-    words = "displacement from left to right"
+    of_tool = any(cell.position_mm for cell in cells)
+    words = f"{'positions' if of_tool else 'displacement'} from left to right"
     return Chart("Mean residual", words, "µm", tuple(series), names)
 
 
@@ -299,11 +300,16 @@ def _residuals(
     after: bool = False,
 ) -> Series:
     reach = max(abs(cell.displacement_mm) for cell in cells) or 1.0
+    positions = sorted({cell.position_mm for cell in cells if cell.position_mm})
+    middle = (len(positions) - 1) / 2.0
     x, y = [], []
     for cell in cells:
         value_mm = cell.after_mm if after else cell.before_mm
+        part = cell.displacement_mm / reach
+        if cell.position_mm and middle:
+            part = (positions.index(cell.position_mm) - middle) / middle
         if value_mm is not None:
-            x.append(places[_set_up(cell)] + HALF * cell.displacement_mm / reach + aside)
+            x.append(places[_set_up(cell)] + HALF * part + aside)
             y.append(1000.0 * value_mm)
     return Series(name, tuple(x), tuple(y))
 

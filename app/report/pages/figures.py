@@ -38,7 +38,7 @@ WIDTH_IN, HEIGHT_IN = 6.9, 2.5
 BAR = 0.22
 WHISKERS: dict[str, Any] = {"fmt": "none", "ecolor": "0.1", "elinewidth": 0.8, "capsize": 2}
 
-LEFT_IN, RIGHT_IN, BOTTOM_IN, TOP_IN = 0.62, 0.06, 0.44, 0.26
+LEFT_IN, RIGHT_IN, BOTTOM_IN, TOP_IN = 0.76, 0.06, 0.44, 0.26
 BESIDE_IN, BELOW_IN = 0.62, 0.4
 """Room between axes, for the words at them."""
 ROW_IN = 0.19
@@ -46,6 +46,9 @@ ROW_IN = 0.19
 
 IN_A_ROW = 6
 """Names of series in a legend."""
+
+MOST_LETTERS, LETTER_IN = 100, 0.055
+"""Of names beside each other below a chart; more of them stand upright, each letter so high."""
 
 DARKEST = 1.8
 """The colours end so far above the largest error: digits stay readable on all of them."""
@@ -77,8 +80,11 @@ def bars_svg(chart: Chart) -> str:
 
     Whiskers reach two standard uncertainties up and down.
     """
-    second = chart.series[1]
-    with _figure(WIDTH_IN, 1.6 * HEIGHT_IN, rows=2) as ((both, alone), out):
+    second, longest = chart.series[1], max(map(len, chart.x_names))
+    crowded = longest * len(chart.x_names) > MOST_LETTERS
+    more_in = LETTER_IN * longest if crowded else 0.0
+    size_in = WIDTH_IN, 1.6 * HEIGHT_IN + more_in
+    with _figure(*size_in, rows=2, bottom_in=BOTTOM_IN + more_in) as ((both, alone), out):
         for series, colour in zip(chart.series, COLOURS, strict=False):
             _bars(both, series, colour)
         in_um = replace(
@@ -92,6 +98,9 @@ def bars_svg(chart: Chart) -> str:
         for axes in (both, alone):
             axes.axhline(0.0, color="0.4", lw=0.6)
             _name_places(axes, chart)
+        if crowded:
+            both.tick_params(labelbottom=False)
+            alone.tick_params(axis="x", rotation=90)
         _legend(both)
     return out.getvalue()
 

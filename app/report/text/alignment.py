@@ -111,7 +111,7 @@ MOVE_QUESTION = (
     "From here on the machine is another one: what this round measured no longer counts, and every "
     "step is measured again. Move the rails now?"
 )
-MOVE_CHOICES = (("no", "1  No, not yet"), ("move", "2  Yes"))
+MOVE_CHOICES = (("no", "No, not yet"), ("move", "Yes"))
 
 
 def adjusted_words(name: str | None) -> str:

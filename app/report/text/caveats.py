@@ -24,7 +24,8 @@ SUBSET_WORDS: dict[Subset, str] = {
 
 UNKNOWN_HOME_OFFSET = (
     "nobody stated the present HOME_OFFSET, so the files hold no value to enter, only what to add "
-    "to the present one; give --ini or --home-offset, or state it in the machine file."
+    "to the present one. glidecal export takes it by --ini or --home-offset; or state it in the "
+    "machine file."
 )
 
 MOST_NAMED = 8
@@ -58,14 +59,14 @@ def bound_made_of(solved: SessionSolution) -> str:
     """What the bound with the values is made of; it follows on the bound."""
     after, noise_mm = solved.bound_after, solved.bound_of_noise_mm
     said = (
-        f"Noise of the readings is {uncertain(noise_mm)} mm of it; with the parts off within "
-        f"tolerance it is {uncertain(after.parameters_mm)} mm"
+        f"Noise of the readings alone makes {uncertain(noise_mm)} mm; with parts that are off "
+        f"within their tolerances it is {uncertain(after.parameters_mm)} mm"
     )
     if not after.names:
         return f"{said}. Effects are not in these figures: none is modelled over a plane."
     if (worst := after.worst) is None:
         return f"{said}. No effect that these readings leave open does more."
-    lowers = "" if solved.reads_tool else " What lowers it: glidecal plan."
+    lowers = "" if solved.reads_tool else " glidecal plan says what lowers it."
     return (
         f"{said}; up to {uncertain(worst.bound_mm)} mm if {worst.title} ({worst.id}, "
         f"{worst.where}), which these readings do not rule out.{lowers}"

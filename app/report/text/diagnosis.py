@@ -480,4 +480,4 @@ def adopt_choices(diagnosed: SessionDiagnosis) -> list[tuple[str, str]]:
         (f"{one.id}:{one.where}", f"adopt {one.id} ({one.where}) instead")
         for one in others[:MOST_RIVALS]
     ]
-    return [(answer, f"{k}  {said}") for k, (answer, said) in enumerate(choices, start=1)]
+    return choices

@@ -31,9 +31,10 @@ def history_text(found: History, now: datetime) -> str:
 def machine_text(found: MachineHistory, now: datetime) -> str:
     """Due when, drift, then a row for each session and what changed before it."""
     last = found.last
-    ago = max(0, (now - last.began).days)
+    ago, count = max(0, (now - last.began).days), len(found.points)
+    when = "today" if ago == 0 else f"{ago} day{'s' * (ago > 1)} ago"
     first = (
-        f"{found.machine}: {len(found.points)} sessions. Last calibrated {ago} days ago: "
+        f"{found.machine}: {count} session{'s' * (count > 1)}. Last calibrated {when}: "
         f"{found.points[-1].path.name}. {due_words(found)}"
     )
     return "\n\n".join([wrapped(first), "\n".join(_drifts(found)), *_sessions(found)])

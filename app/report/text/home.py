@@ -27,6 +27,7 @@ Sessions of this folder and of demo-sessions stand below, newest
 first. Enter on one of them offers what can be done with it.
 Ctrl+P opens the command palette: theme, keys, screenshot."""
 
+REPORTS_SERVED = "Reports to read and print: in the browser, /reports behind this address."
 HISTORY_OF = "History of {}"
 READING_HISTORY = "Reading the sessions …"
 REPLAY_QUESTION = "Which session do you want to see? Arrow keys and Enter."
@@ -79,7 +80,7 @@ def session_choices(session: SessionFile, *, read_only: bool) -> list[tuple[str,
         able = [pair for pair in able if pair[0] in READING_ONLY]
     elif not session.interrupted:
         able = able[1:]
-    return [(name, f"{number}  {words}") for number, (name, words) in enumerate(able, start=1)]
+    return able
 
 
 def partner_question(after: Path, before: Path) -> str:
@@ -90,11 +91,11 @@ def partner_question(after: Path, before: Path) -> str:
 PORTS_QUESTION = "The ports of {} are those of another computer. Which are they here?"
 PORTS_HINT = "mitutoyo-01a:COM5@yx sylvac:COM6@zy, with the axes as before"
 
-REPLACE_CHOICES = (("keep", "1  Keep what is there"), ("replace", "2  Replace it"))
+REPLACE_CHOICES = (("keep", "Keep what is there"), ("replace", "Replace it"))
 
 PARTNER_CHOICES = (
-    ("both", "1  Compare these two"),
-    ("other", "2  Another session after this one"),
+    ("both", "Compare these two"),
+    ("other", "Another session after this one"),
 )
 
 

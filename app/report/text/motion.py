@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from app.measuring.moving import Mover, Moving, Ways, feed_mm_min, limits_of
+from itertools import pairwise
+
+from app.measuring.moving import Mover, Moving, Ways, feed_mm_min, limits_of, ways_of
 from app.measuring.opening import Plan
 from app.report.text.session import dry_run_text
 from app.report.text.tables import wrapped
@@ -14,17 +16,20 @@ QUESTION = "Guards closed, emergency stop at hand, nobody at the machine: may it
 
 
 def plan_text(plan: Plan, ways: Ways, said: tuple[str, ...] = ()) -> str:
-    """What will move, how fast and how far, what is checked: shown before anything does."""
-    limits, motion = limits_of(plan.machine), plan.machine.motion or MotionLimits()
-    set_ups = 0
-    place = None
-    for step, _ in ways.steps:
-        set_ups += step.place != place
-        place = step.place
-    minutes = (ways.moving_s + ways.resting_s) / 60.0
+    """All that will move, every posture of it: shown before anything does."""
     table = dry_run_text(plan.procedure, plan.machine, plan.instruments).replace("G53 G0", "G53 G1")
+    return f"{table}\n\n{limits_text(plan, ways, said)}"
+
+
+def limits_text(plan: Plan, ways: Ways, said: tuple[str, ...]) -> str:
+    """How fast and how far, what is checked, and what the controller ``said`` of itself."""
+    limits, motion = limits_of(plan.machine), plan.machine.motion or MotionLimits()
+    places = [step.place for step in ways.steps]
+    set_ups = 1 + sum(before != after for before, after in pairwise(places))
+    minutes = (ways.moving_s + ways.resting_s) / 60.0
     sentences = [
-        f"{plan.motion} moves the machine, in {plan.machine.mdi} coordinates: {len(ways.steps)} "
+        f"{plan.motion or 'A simulated controller'} moves the machine, in {plan.machine.mdi} "
+        f"coordinates: {len(ways.steps)} "
         f"steps at {feed_mm_min(plan.machine):g} mm/min, longest move {ways.longest_mm:.1f} mm, "
         f"{minutes:.1f} minutes of moving and rest. {set_ups} set-ups: before each it goes to Zero "
         f"and waits for your key. Then it comes from {motion.preroll_mm:g} mm below.",
@@ -34,7 +39,13 @@ def plan_text(plan: Plan, ways: Ways, said: tuple[str, ...] = ()) -> str:
         f"taken where the position that is read back is within {limits.reached_mm:g} mm of the "
         "one it was sent to, before and after. It is never switched on, homed or reset from here.",
     ]
-    return "\n\n".join((table, *(wrapped(one) for one in sentences if one)))
+    return "\n\n".join(wrapped(one) for one in sentences if one)
+
+
+def check_text(plan: Plan, mover: Mover) -> str:
+    """The same on the screen, before the key that lets it move."""
+    ways = ways_of(plan.procedure, plan.machine, plan.axes)
+    return f"{limits_text(plan, ways, mover.said)}\n\nWith Enter it moves. {QUESTION}"
 
 
 def set_up_text(step: Step) -> str:

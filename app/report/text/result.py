@@ -119,14 +119,15 @@ def _known_words(solution: Solution) -> str:
     if difference_mm is not None:
         return (
             f"Known is d_rho − d_L, to ±{uncertain(float(difference_mm.max()))} mm ({source}); "
-            f"d_rho by itself to ±{whole} mm, as bars are off within their tolerance."
+            f"d_rho by itself to ±{whole} mm, as bars may be off within their tolerance."
         )
     known = f"{SUBSET_WORDS[solution.subset].capitalize()} known to ±"
     if solution.subset in ("both", "with-tolerances"):
         return f"{known}{whole} mm ({source})."
     noise = uncertain(float(solution.expanded_mm.max()))
     return (
-        f"{known}{whole} mm (95 %), with the others off within tolerance; ±{noise} mm ({source})."
+        f"{known}{whole} mm (95 %), the others being within their tolerances; "
+        f"±{noise} mm ({source})."
     )
 
 
@@ -290,10 +291,10 @@ Escape, H     back; to the home screen
 F10           quit
 
 U is the expanded uncertainty (95 %) of a parameter: noise of the
-readings, and what is outside the set off within its tolerance. The bound
-at the tool adds every effect that these readings leave open. The residual
-is what the model does not explain. If it is much larger than the noise,
-something is missing from the model."""
+readings, and parts outside the set that may be off within their
+tolerance. The bound at the tool adds every effect that these readings
+leave open. The residual is what the model does not explain. If it is
+much larger than the noise, something is missing from the model."""
 
 ENTER = "Next: E exports the joint offsets. Enter them in the controller"
 AGAIN = ", then V measures again and compares"

@@ -386,11 +386,11 @@ def question_text(taken: TakenStep, session: Session) -> str:
 LEAVE_QUESTION = (
     "Pause this session? Every reading taken is on the disk, and you can continue later."
 )
-LEAVE_CHOICES = (("stay", "1  No, stay here"), ("home", "2  Yes, to the home screen"))
+LEAVE_CHOICES = (("stay", "No, stay here"), ("home", "Yes, to the home screen"))
 RESTORE_QUESTION = "The readings of step {} do not count ({}). Use them all the same?"
-RESTORE_CHOICES = (("no", "1  No, nothing changes"), ("use", "2  Yes, use them again"))
+RESTORE_CHOICES = (("no", "No, nothing changes"), ("use", "Yes, use them again"))
 MOVED_QUESTION = "Was the stand moved or touched? If so, readings get a new zero from here on."
-MOVED_CHOICES = (("no", "1  No, continue as before"), ("moved", "2  Yes, start a new zero"))
+MOVED_CHOICES = (("no", "No, continue as before"), ("moved", "Yes, start a new zero"))
 
 
 def question_choices(doubt: Doubt) -> tuple[tuple[str, str], ...]:
@@ -399,10 +399,10 @@ def question_choices(doubt: Doubt) -> tuple[tuple[str, str], ...]:
     if doubt is not Doubt.BEYOND:
         first, last = "No. I move it now and take again", "Yes, it moved: keep the reading"
     return (
-        ("read", f"1  {first}"),
-        ("approach", "2  Leave the posture, come back, and measure it again"),
-        ("stand", "3  The stand moved: start a new set-up, with a new zero"),
-        ("keep", f"4  {last}"),
+        ("read", first),
+        ("approach", "Leave the posture, come back, and measure it again"),
+        ("stand", "The stand moved: start a new set-up, with a new zero"),
+        ("keep", last),
     )
 
 

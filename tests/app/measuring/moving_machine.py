@@ -143,7 +143,8 @@ def moving_session(
         mover = Mover(MotionLine(controller), procedure, machine, ("xyz", "xyz"))
         mover.line.start()
         stack.callback(mover.close)
-        journal = Journal.create(path, opened)
+        known = path.exists()
+        journal = Journal.resume(path, "test") if known else Journal.create(path, opened)
         with GuidedSession(journal, gauges, None, lambda: None, mover=mover) as guided:
             yield guided, bench, twin
 
@@ -199,13 +200,13 @@ def with_faults(
     machine: MachineFile = SLOWER,
     make: Callable[[SimulatedAxes], MotionTwin] = LinuxCncTwin,
     troubles: Sequence[str] = TROUBLES,
-) -> tuple[list[str], list[float], int]:
+) -> tuple[list[str], list[tuple[float, str]], int]:
     """A session with a fault at each of so many random moments, mended and continued each time.
 
     What is wrong, how long the machine went on after each fault, and how many faults were met.
     """
     chance = random.Random(seed)
-    stops_s: list[float] = []
+    stops_s: list[tuple[float, str]] = []
     met = 0
     tries = 0
     with moving_session(path, machine, make=make) as (guided, bench, twin):
@@ -215,14 +216,16 @@ def with_faults(
             timer: threading.Timer | None = None
             if met < draws:
                 trouble = chance.choice(troubles)
-                went_on: list[float] = []
+                went_on: list[tuple[float, str]] = []
 
-                def strike(trouble: str = trouble, went_on: list[float] = went_on) -> None:
+                def strike(
+                    trouble: str = trouble, went_on: list[tuple[float, str]] = went_on
+                ) -> None:
                     befall(trouble, guided, bench, twin)
                     began = time.monotonic()
                     while bench.axes.moving and time.monotonic() - began < 5.0:
                         time.sleep(0.002)
-                    went_on.append(time.monotonic() - began)
+                    went_on.append((time.monotonic() - began, str(trouble)))
 
                 timer = threading.Timer(chance.uniform(0.05, 2.0), strike)
                 timer.start()
@@ -248,13 +251,14 @@ def with_faults(
 def main() -> None:
     """Faults at random moments, as many as asked for: what is wrong, and how long they took."""
     wanted, met, seed = int(sys.argv[1]), 0, 0
-    stops_s: list[float] = []
+    stops_s: list[tuple[float, str]] = []
     while met < wanted:
         seed += 1
         found, stopped, struck = with_faults(Path(mkdtemp()) / "a.jsonl", seed, 12)
         met, stops_s = met + struck, stops_s + stopped
         print(f"session {seed}: {struck} faults, {len(found)} wrong readings {found}", flush=True)
-    print(f"{met} faults, longest {max(stops_s):.3f} s, {sum(s > STOP_S for s in stops_s)} longer")
+    longer = sorted(f"{name} {s:.2f} s" for s, name in stops_s if s > STOP_S)
+    print(f"{met} faults, longest {max(stops_s)}, longer than {STOP_S} s: {', '.join(longer)}")
 
 
 if __name__ == "__main__":

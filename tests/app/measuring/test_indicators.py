@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from app.measuring.indicators import check_indicators, parse_indicator
+from app.measuring.indicators import check_indicators, indicator_of, parse_indicator
 from app.measuring.simulated import rehearsed
 from calib.arrays import conditions
 from calib.errors import UsageError
@@ -43,6 +43,11 @@ def test_parse(text: str, profile: str, port: str, axes: str) -> None:
 def test_refused(text: str) -> None:
     with pytest.raises(UsageError, match="PROFILE:PORT"):
         parse_indicator(text)
+
+
+def test_a_form_without_a_profile_says_what_is_missing() -> None:
+    with pytest.raises(UsageError, match="found none"):
+        indicator_of({"port": "socket://127.0.0.1:1"})
 
 
 def test_every_fault_in_one_message() -> None:

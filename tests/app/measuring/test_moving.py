@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -12,18 +13,19 @@ from app.evaluating.solution import solve_for_controller
 from app.measuring.moving import Mover, Moving, check_motion, measure_by_itself, ways_of
 from app.measuring.opening import demo_plan, moving_itself, start_session
 from app.measuring.simulated import BenchSettings
-from calib.errors import MotionError, RecordError
+from calib.errors import MotionError, RecordError, UsageError
 from calib.tripod.simulation import hidden_machine
 from drivers.motion.controller import Faulted, MotionFault
 from drivers.motion.twins import TWINS, LinuxCncTwin, SimulatedAxes, Trouble
 from protocols.machine import Machine, MotionLimits
 from protocols.observations import to_observations
-from protocols.procedure import Step
+from protocols.procedure import Step, load_procedure
 from protocols.record import read_record
 from protocols.session import Noted, fold
 from tests.app.measuring.moving_machine import (
     FAST,
     SHORT,
+    SLOWER,
     moving_session,
     taken,
     with_faults,
@@ -82,6 +84,51 @@ def test_a_set_up_that_is_not_confirmed_moves_nothing_but_to_zero(tmp_path: Path
         assert not taken(tmp_path / "a.jsonl")
 
 
+def test_a_session_that_broke_off_is_continued_from_the_same_side(tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    with moving_session(path) as (guided, bench, _):
+
+        def break_off(said: str) -> None:
+            if said.startswith("step 2 "):
+                raise MotionError("the program", "killed")
+
+        with pytest.raises(MotionError, match="killed"):
+            measure_by_itself(guided, bench.set_up, break_off)
+    with moving_session(path) as (guided, bench, twin):
+        measure_by_itself(guided, bench.set_up, lambda _: None)
+        readings = taken(path)
+    assert read_record(path).end == "closed"
+    assert not wrong(readings, bench)
+    assert len(readings) == 2 * len(guided.steps)
+    again = next(one for one in readings if one.step == 3)  # Min, of a new mounting
+    assert again.mount == "xy#2"
+    assert again.moved is not None
+    assert again.moved.from_mm == (60.0, 0.0, 0.0)  # Max, as without the break
+    assert [line.split()[-3] for line in twin.moves[:3]] == [
+        "X0.000000",
+        "X60.000000",
+        "X-100.000000",
+    ]
+
+
+def test_a_controller_that_is_gone_is_told_with_the_emergency_stop(tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    with moving_session(path, SLOWER) as (guided, bench, twin):
+
+        def on_the_way() -> None:
+            while not bench.axes.moving:
+                time.sleep(0.002)
+            twin.close()
+
+        def switch_off(said: str) -> None:
+            if said.startswith("step 1 "):
+                threading.Thread(target=on_the_way).start()
+
+        with pytest.raises(MotionError, match="emergency stop"):
+            measure_by_itself(guided, bench.set_up, switch_off)
+    assert len(taken(path)) == 2
+
+
 def test_a_second_client_is_noticed_before_the_next_take(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     with moving_session(path) as (guided, _, twin):
@@ -110,6 +157,11 @@ def test_ways_beyond_the_limits_are_refused_before_anything_is_sent() -> None:
     ):
         with pytest.raises((MotionError, RecordError), match=said):
             ways_of(SHORT, Machine(motion=motion), BOTH)
+
+
+def test_a_stand_that_is_slid_in_every_posture_is_left_to_the_operator() -> None:
+    with pytest.raises(UsageError, match="slid by hand"):
+        ways_of(load_procedure("plane", FAST.geometry()), FAST, BOTH)
 
 
 def test_a_check_says_who_says_so_and_moves_nothing() -> None:

@@ -7,6 +7,7 @@ import math
 import re
 from base64 import b64decode
 from collections.abc import Sequence
+from dataclasses import replace
 from html.parser import HTMLParser
 from itertools import cycle
 from pathlib import Path
@@ -20,6 +21,7 @@ from rich.table import Table
 
 from app.evaluating.diagnosis import diagnose_files
 from app.evaluating.solution import judge, solve_files
+from app.report.charts.charts import residuals_before_and_after
 from app.report.pages.contents import CalibrationReport, Picture, Section, report_of
 from app.report.pages.report import html_of, pdf_of
 from app.report.text.tables import new_table
@@ -252,6 +254,21 @@ def test_names_of_a_hostile_record_are_text(tmp_path: Path) -> None:
         assert " ".join(printable(words).split()) in page.text
 
 
+def test_the_figures_of_a_plate_can_be_read(tmp_path: Path) -> None:
+    """Names of positions stand upright, and the residuals of the positions beside each other."""
+    path = tmp_path / "plate.jsonl"
+    made = glidecal("simulate", "--machine", "linear-delta", "--seed", "1", "-o", path)
+    assert made.status == 0, made.err
+    differences, *_ = _section(report_of([path]), "Differences").figures
+    names = solve_files([path])[0].solution.differences.names
+    texts = [one for one in ElementTree.fromstring(differences.svg).iter() if one.text in names]
+    assert len(texts) == 18
+    assert all("rotate(-90" in one.get("transform", "") for one in texts)
+    cells = diagnose_files([path]).diagnosis.residuals.cells
+    _, before = residuals_before_and_after(cells).series
+    assert len(set(before.x)) == len(before.x) == len(cells)
+
+
 def test_with_a_later_session_it_decides(tmp_path: Path) -> None:
     after = tmp_path / "after.jsonl"
     offsets = ",".join(f"{mm}" for mm in solve_files([SIMULATED])[0].joint_offsets_mm)
@@ -269,14 +286,16 @@ def test_with_a_later_session_it_decides(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:HarfBuzz-Subset:DeprecationWarning")  # of the system
-def test_pdf_is_the_same_twice() -> None:
-    html = html_of(_report_with("plain"))
+def test_pdf_is_the_same_twice_and_drawn(experiment: CalibrationReport) -> None:
+    html = html_of(replace(experiment, sections=experiment.sections[:2]))
+    assert "data:image/svg+xml" in html
     try:
         printed = pdf_of(html)
     except UsageError as problem:
         pytest.skip(str(problem))
     assert printed == pdf_of(html)
     assert printed.startswith(b"%PDF-")
+    assert b"/Image" not in printed, "figures are lines and letters, no pixels"
 
 
 def test_the_command(tmp_path: Path) -> None:

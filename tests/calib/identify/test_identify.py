@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib.arrays import Observations, conditions, observe
+from calib.arrays import FloatArray, Observations, conditions, observe
 from calib.errors import NotIdentifiable
 from calib.identify.identify import Method, Subset, identify
 from calib.identify.subset_choice import choose_subset
@@ -188,3 +190,38 @@ def test_weak_combinations_are_named_where_the_noise_is_what_the_fit_leaves() ->
     spread = np.sqrt(np.diag(sums @ solution.covariance_mm2 @ sums.T))
     told = [one.standard_uncertainty_mm for one in solution.weak_directions]
     assert told == pytest.approx(spread, rel=0.01)
+
+
+def _by_hand_mm(taken: Observations) -> tuple[FloatArray, FloatArray]:
+    """± (95 %) of joint offsets for 1 mm of scatter, and for 1 mm that a posture has in common."""
+    step_mm, still_mm = 1e-3, Model().readings(taken)
+    moved = (Model(parameters_mm=tuple(step_mm * np.eye(6)[k])).readings(taken) for k in range(3))
+    design = np.stack([one_mm - still_mm for one_mm in moved], axis=1) / step_mm
+    for mount in range(taken.mount_count):
+        design[taken.mount == mount] -= design[taken.mount == mount].mean(axis=0)
+    estimator = np.linalg.pinv(design)
+    alike = (taken.posture[:, None] == taken.posture).astype(np.float64)
+    own, shared = estimator @ estimator.T, estimator @ alike @ estimator.T
+    return 1.96 * np.sqrt(own.diagonal()), 1.96 * np.sqrt(shared.diagonal())
+
+
+def test_the_budget_is_scatter_steps_and_parts() -> None:
+    """Repeats lower what scatters, not what a coarse display does to all of a posture."""
+    taken = postures(repeats=3)
+    tolerance_mm = np.array([2.0] * 3 + [0.1] * 3)
+    read = observed([0.01, -0.02, 0.03, 0.0, 0.0, 0.0], taken)
+    own, shared = _by_hand_mm(read)
+    coarse = IndicatorFigures(resolution_mm=0.01)
+    found = identify(Model(), read, "joint-offsets", indicator=coarse, tolerance_mm=tolerance_mm)
+    scatter_mm, steps_mm, parts_mm = found.budget_mm.values()
+    assert scatter_mm == pytest.approx(np.zeros(3), abs=1e-6)
+    assert steps_mm == pytest.approx(0.01 / math.sqrt(12.0) * shared, rel=1e-3)
+    off_mm = 1.96 * np.linalg.norm(found.outside * tolerance_mm, axis=1)
+    assert parts_mm == pytest.approx(off_mm, rel=1e-3)
+
+    fine = IndicatorFigures(repeatability_mm=0.02)
+    found = identify(Model(), read, "joint-offsets", indicator=fine, tolerance_mm=tolerance_mm)
+    assert found.budget_mm["scatter of repeats"] == pytest.approx(0.02 * own, rel=1e-3)
+    assert found.budget_mm["steps of the display"] == pytest.approx(np.zeros(3), abs=1e-9)
+    together = sum(part**2 for part in found.budget_mm.values())
+    assert together == pytest.approx(found.expanded_with_tolerances_mm**2)

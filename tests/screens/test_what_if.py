@@ -214,6 +214,8 @@ async def test_wrong_moments(bowed: Path, monkeypatch: pytest.MonkeyPatch) -> No
         assert body(interface) == texts.WORKING
         monkeypatch.undo()
         await pilot.press("escape")
+        await pilot.press("w", "1", "escape")  # gone before its figures
+        await until(pilot, "back", lambda: interface.screen is screen)
         page = await tried(pilot, interface)
         await pressed(pilot, page, "0")
         await pilot.press("enter")

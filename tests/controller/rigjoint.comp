@@ -14,6 +14,7 @@ param rw float cyclic = 0 "amplitude of a sine, mm";
 param rw float lead = 5;
 param rw float play = 0 "the carriage stays so much higher when it comes down, mm";
 param rw float switch_at = 0 "carriage coordinate from which the switch is closed";
+param rw bit stuck = 0 "nothing follows the motor";
 variable int moved = 0;
 variable double place = 0;
 variable double last = 0;
@@ -22,6 +23,7 @@ license "GPL";
 ;;
 #include <rtapi_math.h>
 FUNCTION(_) {
+    if (stuck) return;
     double x = way * motor + mounting;
     double pushed = x + scale * (x - zero) + cyclic * sin(2 * M_PI * (x - zero) / lead);
     if (!moved || pushed > place) place = pushed;

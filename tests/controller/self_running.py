@@ -9,11 +9,16 @@ from __future__ import annotations
 
 import json
 import os
+import random
+import signal
 import socket
+import socketserver
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from tempfile import mkdtemp
 
@@ -24,45 +29,56 @@ from drivers.motion.controller import Triple
 from drivers.motion.twins import SimulatedAxes, Trouble
 from protocols.machine import Machine, MotionLimits
 from protocols.procedure import load_procedure
-from tests.app.measuring.moving_machine import moving_session, taken, with_faults, wrong
+from protocols.record import read_record
+from tests.app.measuring.moving_machine import following, moving_session, taken, with_faults, wrong
 from tests.conftest import ROOT
 from tests.controller import running
 from tests.controller.machine import L
 from tests.controller.machine import Machine as Machines
+from tests.end_to_end.test_hang_up import Terminal
 
 PORT, TOLD_PORT = 5007, 5999
 NOMINAL = Machines()
 PATIENCE_S = 30.0
 HERE = {"HOME": L, "HOME_OFFSET": L, "HOME_SEARCH_VEL": 0.0, "HOME_LATCH_VEL": 0.0}
 """The switch is here, now."""
+BORNE = {"FERROR": 1.0, "MIN_FERROR": 0.1}
+"""Following errors, mm; the simulated joint has none unless it is stuck."""
 
 OUTER = """set -e
 ip link set lo up
-unshare -i -m -p -f --mount-proc --kill-child bash -c "$1" x "$2" >"$2/log" 2>&1 </dev/null &
-controller=$!
+start=$1 folder=$2
+again() {
+    while true; do
+        rm -rf "$folder"/tmp/*
+        mkdir -m 777 "$folder/tmp/fifo"
+        unshare -i -m -p -f --mount-proc --kill-child bash -c "$start" x "$folder" </dev/null &
+        echo $! >"$folder/pid"
+        wait $! || true
+    done
+}
+again >"$folder/log" 2>&1 &
 shift 2
-set +e
 "$@"
-status=$?
-kill -9 $controller
-wait $controller 2>/dev/null
-exit $status
 """
+"""The controller begins again when it is killed; all ends with the program, the first one here."""
 
 
 def commanded(folder: Path, *words: str, timeout_s: float = 110.0) -> dict[str, object]:
     """What this module tells, run as a program with these words beside LinuxCNC."""
     running.need_linuxcnc()
     config = folder / "config"
-    for place in (config, folder / "tmp", folder / "tmp" / "fifo"):
+    for place in (config, folder / "tmp"):
         place.mkdir(parents=True, exist_ok=True)
         place.chmod(0o777)
     ini = running.INI.replace("./pendant.py", "linuxcncrsh")
     ini += "".join(running.AXIS.format(name=name) for name in "XYZ")
-    hal = running.CORE + "".join(running.WIRED.format(k=k) for k in range(3))
-    hal += "loadusr -W ./teller.py\n"
+    chain = "net estop iocontrol.0.user-enable-out iocontrol.0.emc-enable-in\n"
+    assert chain in running.CORE
+    hal = running.CORE.replace(chain, "") + "".join(running.WIRED.format(k=k) for k in range(3))
+    hal += "loadusr -W ./teller.py\nnet estop teller.chain iocontrol.0.emc-enable-in\n"
     for k in range(3):
-        entries = {**running.JOINT, **HERE}
+        entries = {**running.JOINT, **HERE, **BORNE}
         ini += f"[JOINT_{k}]\n" + "".join(f"{key} = {value}\n" for key, value in entries.items())
     texts = {"machine.ini": ini, "core.hal": hal, "calib.hal": pins(Model()), "sim.tbl": ""}
     for name, text in texts.items():
@@ -104,37 +120,79 @@ def commanded(folder: Path, *words: str, timeout_s: float = 110.0) -> dict[str, 
     return found
 
 
+def reached() -> socket.socket:
+    """A connection to the text server, as soon as it listens."""
+    end = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return socket.create_connection(("127.0.0.1", PORT), timeout=PATIENCE_S)
+        except OSError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.1)
+
+
 class Client:
-    """Lines to the text server and back."""
+    """Another program at the text server, which takes control."""
 
     def __init__(self) -> None:
-        end = time.monotonic() + PATIENCE_S
-        while True:
-            try:
-                self._socket = socket.create_connection(("127.0.0.1", PORT), timeout=PATIENCE_S)
-                break
-            except OSError:
-                if time.monotonic() > end:
-                    raise
-                time.sleep(0.1)
-        self._file = self._socket.makefile("rw", newline="\n")
-        self.tell("hello EMC operator 1")
-        self.tell("set echo off")
-        self.tell("set verbose on", "SET VERBOSE ACK")
-
-    def tell(self, words: str, answer: str = "") -> str:
-        """The next line that begins so; without one nothing is waited for."""
-        self._file.write(words + "\n")
-        self._file.flush()
-        while answer:
-            line = self._file.readline().strip()
-            if line.startswith(answer):
-                return line
-        return ""
+        self._socket = reached()
+        with self._socket.makefile("rw", newline="\n") as lines:
+            lines.write("hello EMC other 1\nset echo off\nset verbose on\nset enable EMCTOO\n")
+            lines.flush()
+            while lines.readline().strip() != "SET ENABLE ACK":
+                pass
 
     def close(self) -> None:
-        self._file.close()
         self._socket.close()
+
+
+class Cable(socketserver.ThreadingTCPServer):
+    """Between the program and the text server, to be cut."""
+
+    daemon_threads = True
+
+    def __init__(self) -> None:
+        self._ends: list[socket.socket] = []
+        cable = self
+
+        class Handler(socketserver.BaseRequestHandler):
+            def handle(self) -> None:
+                cable.carry(self.request)
+
+        super().__init__(("127.0.0.1", 0), Handler)
+        self._thread = threading.Thread(target=self.serve_forever, args=(0.05,), daemon=True)
+        self._thread.start()
+
+    def carry(self, near: socket.socket) -> None:
+        with suppress(OSError), socket.create_connection(("127.0.0.1", PORT)) as far:
+            self._ends = [near, far]
+            for end in self._ends:
+                end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            back = threading.Thread(target=self._one_way, args=(far, near), daemon=True)
+            back.start()
+            self._one_way(near, far)
+            back.join()
+
+    @staticmethod
+    def _one_way(from_: socket.socket, to: socket.socket) -> None:
+        with suppress(OSError):
+            while came := from_.recv(4096):
+                to.sendall(came)
+        for end in (from_, to):
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+    def cut(self) -> None:
+        for end in self._ends:
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        self.cut()
+        self.shutdown()
+        self.server_close()
+        self._thread.join()
 
 
 class FollowedAxes(SimulatedAxes):
@@ -145,18 +203,38 @@ class FollowedAxes(SimulatedAxes):
         self._told = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._told.bind(("127.0.0.1", TOLD_PORT))
         self._told.settimeout(PATIENCE_S)
-        self._ends = False
+        self._ends = self.ready = False
         self._joints = (L, L, L)
         self._changed = time.monotonic()
         self._thread = threading.Thread(target=self._follow, daemon=True)
         self._thread.start()
+        while not hasattr(self, "_teller"):
+            time.sleep(0.01)
 
     def _follow(self) -> None:
         while not self._ends:
-            x, y, z = map(float, self._told.recv(200).split())
-            if (x, y, z) != self._joints:
-                self._changed = time.monotonic()
-            self._joints = x, y, z
+            words, self._teller = self._told.recvfrom(200)
+            *joints, homed, ready = map(float, words.split())
+            x, y, z = joints
+            self.ready = bool(ready)
+            if homed and (x, y, z) != self._joints:
+                self._joints, self._changed = (x, y, z), time.monotonic()
+
+    def tell(self, wish: str) -> None:
+        """What is done at the machine by hand."""
+        self._told.sendto(wish.encode(), self._teller)
+
+    def switch_on(self) -> None:
+        """As its operator: on, and homed if it is not."""
+        self.ready, end = False, time.monotonic() + PATIENCE_S
+        again = 0.0
+        while not self.ready:
+            now = time.monotonic()
+            assert now < end, "LinuxCNC does not get ready"
+            if now > again:
+                self.tell("on")
+                again = now + 2.0
+            time.sleep(0.02)
 
     @property
     def at_mm(self) -> Triple:
@@ -173,32 +251,51 @@ class FollowedAxes(SimulatedAxes):
         self._told.close()
 
 
+DIED = Trouble.OFF
+"""LinuxCNC is killed, all of it."""
+
+
 class Running:
     """The real controller in the place of a twin, switched on and homed by its operator."""
 
-    def __init__(self) -> None:
-        operator = Client()
-        time.sleep(0.5)  # its status comes after its socket
-        for words in ("enable EMCTOO", "estop off", "machine on", *(f"home {k}" for k in range(3))):
-            operator.tell(f"set {words}", "SET")
-        time.sleep(0.5)
-        self.moves: list[str] = []
-        self._others = [operator]
-        self.told = f"linuxcnc:127.0.0.1:{PORT}"
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        reached().close()
         self._followed = FollowedAxes()
+        self._followed.switch_on()
+        self._cable = Cable()
+        self.told = f"linuxcnc:127.0.0.1:{self._cable.server_address[1]}"
         self.axes: SimulatedAxes = self._followed
+        self.moves: list[str] = []
+        self._others: list[Client] = []
+        self._befell: Trouble | None = None
 
     def befall(self, trouble: Trouble) -> None:
-        assert trouble is Trouble.NAK
-        second = Client()
-        second.tell("set enable EMCTOO", "SET ENABLE ACK")
-        self._others.append(second)
+        self._befell = trouble
+        match trouble:
+            case Trouble.NAK:
+                self._others.append(Client())
+            case Trouble.HANG_UP:
+                self._cable.cut()
+            case Trouble.ESTOP:
+                self._followed.tell("estop")
+            case Trouble.FOLLOWING:
+                self._followed.tell("stuck")
+            case _:
+                assert trouble == DIED
+                os.kill(int((self._folder / "pid").read_text()), signal.SIGKILL)
 
     def mend(self) -> None:
-        """The others go away; control stays with nobody until the next move takes it."""
+        """What its operator does; control stays with nobody until the next move takes it."""
+        befell, self._befell = self._befell, None
+        if befell == DIED:
+            reached().close()
+        if befell in (Trouble.ESTOP, Trouble.FOLLOWING, DIED):
+            self._followed.switch_on()
 
     def close(self) -> None:
         self._followed.close()
+        self._cable.close()
         for other in self._others:
             other.close()
 
@@ -209,7 +306,8 @@ def session(folder: Path, name: str, feed: float, window_s: float) -> dict[str, 
     procedure = load_procedure(name, machine.geometry()).model_copy(update={"window_s": window_s})
     ways = ways_of(procedure, machine, ("xyz", "xyz"))
     path = folder / "a.jsonl"
-    with moving_session(path, machine, procedure, lambda _: Running(), window_s) as (g, bench, _):
+    real = moving_session(path, machine, procedure, lambda _: Running(folder), window_s)
+    with real as (g, bench, _):
         began = time.monotonic()
         measure_by_itself(g, bench.set_up, lambda _: None)
         took_s = time.monotonic() - began
@@ -225,21 +323,33 @@ def session(folder: Path, name: str, feed: float, window_s: float) -> dict[str, 
     }
 
 
-def disturbed(folder: Path, seed: int, draws: int) -> dict[str, object]:
-    """One session in which another client takes control, indicators are lost, keys stop it."""
+KINDS = (
+    Trouble.NAK,
+    Trouble.ESTOP,
+    Trouble.FOLLOWING,
+    Trouble.HANG_UP,
+    DIED,
+    "indicator",
+    "stop",
+)
+
+
+def disturbed(folder: Path, seed: int, draws: int, kinds: Sequence[str] = ()) -> dict[str, object]:
+    """One session with faults at random moments: these kinds, or all in turn."""
     left, stops_s, met = with_faults(
         folder / "a.jsonl",
         seed,
         draws,
-        make=lambda _: Running(),
-        troubles=(Trouble.NAK, "indicator", "stop"),
+        make=lambda _: Running(folder),
+        troubles=kinds or KINDS,
     )
-    return {"wrong": left, "longest_stop": max(stops_s), "met": met}
+    stops = {kind: max(s for s, name in stops_s if name == kind) for _, kind in stops_s}
+    return {"wrong": left, "stops_s": stops, "met": met}
 
 
 def killed(folder: Path) -> dict[str, object]:
     """The program is killed on the way: how far the machine still went."""
-    real = Running()
+    real = Running(folder)
     dying = subprocess.Popen([sys.executable, "-c", DIES, real.told])
     while real.axes.at_mm[0] < 2.0:
         time.sleep(0.01)
@@ -252,6 +362,64 @@ def killed(folder: Path) -> dict[str, object]:
     real.close()
     return {"at_mm": at_mm, "there_mm": there_mm, "stopped_s": stopped_s}
 
+
+def killed_and_continued(folder: Path, seed: int, kills: int, feed: float) -> dict[str, object]:
+    """`glidecal run --motion` in a terminal, killed at random moments, each time continued."""
+    chance, path, window_s = random.Random(seed), folder / "a.jsonl", 0.1
+    (folder / "machine.toml").write_text(
+        f'schema = "glidecal.machine/1"\nfastest_feed_mm_min = 60000.0\n'
+        f"[motion]\nfeed_mm_min = {feed}\n"
+    )
+    (folder / "short.toml").write_text(f"{ONE_LEG}window_s = {window_s}\n")
+    stops_s, kept = [], []
+    with following(lambda _: Running(folder)) as (bench, twin, ports):
+        usual = ["run", "--headless", "--motion", twin.told]
+        for port, axes in zip(ports, ("yzx", "zxy"), strict=True):
+            usual += ["--indicator", f"mitutoyo-01a:{port}@{axes}"]
+        new = ["--machine", "machine.toml", "--protocol", "short.toml", "-o", "a.jsonl"]
+        for life in range(kills + 1):
+            terminal = Terminal(folder, *usual, *(new if life == 0 else ["--continue", "a.jsonl"]))
+            for question in (1, 2):  # may it move? and: is it set up?
+
+                def asked(terminal: Terminal = terminal, question: int = question) -> bool:
+                    return terminal.shown.count(b"[y/N]: ") >= question
+
+                terminal.until(asked)
+                terminal.press(b"y\n")
+            if life == kills:
+                terminal.until(terminal.ended)
+                break
+            time.sleep(chance.uniform(0.0, 2.0))
+            while not bench.axes.moving:
+                time.sleep(0.002)
+            terminal.process.kill()
+            began = time.monotonic()
+            while bench.axes.moving and time.monotonic() - began < PATIENCE_S:
+                time.sleep(0.002)
+            stops_s.append(time.monotonic() - began)
+            terminal.process.wait()
+            terminal.close()
+            kept.append(len(taken(path)))
+        assert terminal.process.returncode == 0, terminal.shown[-2000:]
+        left = wrong(taken(path), bench)
+        terminal.close()
+    whole = read_record(path)
+    return {
+        "wrong": left,
+        "readings": len(taken(path)),
+        "kept": kept,
+        "end": whole.end,
+        "longest_stop_s": max(stops_s),
+    }
+
+
+ONE_LEG = """schema = "glidecal.procedure/1"
+name = "short"
+title = "Both directions, one leg"
+legs = ["x"]
+cycles = 1
+levels = ["zero", 22.0, 60.0, 22.0, -100.0]
+"""
 
 DIES = """
 import sys, time
@@ -271,7 +439,9 @@ def main() -> None:
         name, feed, window = rest
         told = session(Path(folder), name, float(feed), float(window))
     elif what == "disturbed":
-        told = disturbed(Path(folder), int(rest[0]), int(rest[1]))
+        told = disturbed(Path(folder), int(rest[0]), int(rest[1]), rest[2:])
+    elif what == "continued":
+        told = killed_and_continued(Path(folder), int(rest[0]), int(rest[1]), float(rest[2]))
     else:
         told = killed(Path(folder))
     print(json.dumps(told))
@@ -279,7 +449,9 @@ def main() -> None:
 
 def figures() -> None:
     """Those of docs/benchmarks.md: two stations at 50 mm/s, with the procedure's own rest."""
-    for words in (("session", "two-station", "3000", "1.0"), ("disturbed", "1", "8"), ("killed",)):
+    faults = [("disturbed", str(seed), "99") for seed in range(1, 5)]
+    continued = ("continued", "1", "6", "3000")
+    for words in (("session", "two-station", "3000", "1.0"), ("killed",), continued, *faults):
         print(words, commanded(Path(mkdtemp()), *words, timeout_s=1000.0), flush=True)
 
 

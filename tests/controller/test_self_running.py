@@ -4,30 +4,24 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.controller.self_running import commanded
-
-SHORT = """schema = "glidecal.procedure/1"
-name = "short"
-title = "Both directions, one leg"
-legs = ["x"]
-cycles = 1
-levels = ["zero", 22.0, 60.0, 22.0, -100.0]
-"""
+from drivers.motion.twins import Trouble
+from tests.controller.self_running import DIED, commanded
 
 
-def test_a_session_runs_by_itself(tmp_path: Path) -> None:
-    (tmp_path / "short.toml").write_text(SHORT)
-    told = commanded(tmp_path, "session", str(tmp_path / "short.toml"), "30000", "0.1")
+def test_whatever_befalls_the_controller_no_reading_is_wrong_and_it_goes_on(tmp_path: Path) -> None:
+    kinds = (Trouble.NAK, Trouble.ESTOP, Trouble.FOLLOWING, Trouble.HANG_UP, DIED)
+    told = commanded(tmp_path, "disturbed", "28", "5", *kinds)
     assert told["wrong"] == []
-    assert told["readings"] == 2 * 6
-
-
-def test_another_client_a_lost_indicator_and_a_key_stop_it(tmp_path: Path) -> None:
-    told = commanded(tmp_path, "disturbed", "3", "3")
-    assert told["wrong"] == []
-    assert told["met"] == 3
+    assert told["met"] == 5
 
 
 def test_a_killed_program_leaves_it_at_rest(tmp_path: Path) -> None:
     told = commanded(tmp_path, "killed")
     assert 2.0 <= float(str(told["there_mm"])) < 49.0  # of ten seconds
+
+
+def test_a_session_is_killed_and_continued_to_its_end(tmp_path: Path) -> None:
+    told = commanded(tmp_path, "continued", "1", "1", "9000")
+    assert told["wrong"] == []
+    assert told["readings"] == 2 * 6
+    assert told["end"] == "closed"

@@ -209,13 +209,14 @@ def with_faults(
     stops_s: list[tuple[float, str]] = []
     met = 0
     tries = 0
+    order = chance.sample(troubles, len(troubles))
     with moving_session(path, machine, make=make) as (guided, bench, twin):
         while guided.step() is not None:
             tries += 1
             assert tries < MOST_TRIES, guided.mover and guided.mover.why
             timer: threading.Timer | None = None
             if met < draws:
-                trouble = chance.choice(troubles)
+                trouble = order[met % len(order)]
                 went_on: list[tuple[float, str]] = []
 
                 def strike(

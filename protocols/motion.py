@@ -15,7 +15,7 @@ from calib.tripod.movements import carriage_movement
 from calib.tripod.pipeline import commanded_tool
 from protocols.documents import Triple
 from protocols.machine import Machine, MotionLimits
-from protocols.procedure import ALL_AXES, Procedure, Step, leg_number, position_words
+from protocols.procedure import ALL_AXES, BOTH, Procedure, Step, leg_number, position_words
 from protocols.session import Moved
 
 
@@ -120,6 +120,39 @@ def whole_mm(ways: Sequence[Sequence[Triple]]) -> float:
     """How far the machine goes on all of these ways."""
     places = [place for way in ways for place in way]
     return sum(float(np.linalg.norm(np.subtract(a, b))) for a, b in pairwise(places))
+
+
+def all_ways(
+    procedure: Procedure, machine: Machine, axes: Sequence[str] = BOTH
+) -> list[tuple[Step, list[Triple]]]:
+    """Every step of a whole session, with its way from the one before. Raises as `way_mm`."""
+    found: list[tuple[Step, list[Triple]]] = []
+    before: Step | None = None
+    for step in procedure.steps(machine.geometry(), axes):
+        here = before if before is not None and before.place == step.place else None
+        found.append((step, way_mm(step, here, procedure, machine)))
+        before = step
+    return found
+
+
+def seconds_per_step(machine: Machine, procedure: Procedure, axes: Sequence[str] = BOTH) -> float:
+    """How long one step takes on average: its way at the feed, and the rest that is looked at.
+
+    By hand, where the machine file has no [motion], what the procedure states.
+    """
+    if machine.motion is None:
+        return procedure.seconds_per_step
+    ways = [way for _, way in all_ways(procedure, machine, axes)]
+    moving_s = whole_mm(ways) / machine.motion.feed_mm_min * 60.0
+    return moving_s / len(ways) + procedure.window_s
+
+
+def timed(procedure: Procedure, machine: Machine, axes: Sequence[str] = BOTH) -> Procedure:
+    """The procedure with the time that its steps take on a machine that moves itself."""
+    motion = machine.motion or MotionLimits()
+    moving = machine.model_copy(update={"motion": motion})
+    step_s = round(seconds_per_step(moving, procedure, axes), 3)
+    return procedure.model_copy(update={"seconds_per_step": step_s})
 
 
 def box_mm(machine: Machine) -> tuple[Triple, Triple]:

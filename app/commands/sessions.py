@@ -135,8 +135,8 @@ def run(
         _measure(plan, headless=headless)
 
 
-def _measure(plan: Plan, *, headless: bool) -> None:
-    """On the screen; unattended for a simulated machine, by itself for one that a program moves."""
+def _measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --simulated") -> None:
+    """On the screen, or ``otherwise``; unattended where a program moves the machine."""
     from app.measuring.opening import measure_all, start_session
     from protocols.journal import check_new
 
@@ -145,7 +145,7 @@ def _measure(plan: Plan, *, headless: bool) -> None:
     if plan.motion is not None:
         moving.ask(plan)
     if not headless:
-        need_terminal("guided session", "--headless with --simulated")
+        need_terminal("guided session", otherwise)
         from app.screens.start import open_session
 
         raise typer.Exit(open_session(plan, LOOKS))
@@ -314,8 +314,8 @@ def align(
         path = output or session_name(Path(), procedure.name)
         plan = Plan(path, known, procedure, chosen, seed=seed, bench=bench)
         check_indicators(plan.instruments, legs=bool(procedure.levels))
-    need_terminal("alignment", "a session that was measured: align SESSION")
-    _measure(aligning(plan, rail or plan.reference or "x"), headless=False)
+    otherwise = "a session that was measured: align SESSION"
+    _measure(aligning(plan, rail or plan.reference or "x"), headless=False, otherwise=otherwise)
 
 
 def _aligned(session: Path, reference: Leg | None, *, as_json: bool) -> str:

@@ -21,7 +21,13 @@ from calib.diagnosis.problem import Case
 from calib.diagnosis.results import Contender, Diagnosis, Finding
 from calib.errors import CalibrationError, NotIdentifiable, RecordError, UsageError
 from calib.identify.identify import Subset
-from calib.identify.next_mounting import MINUTES_PER_MOUNTING, Reach, bound_of, reach_of
+from calib.identify.next_mounting import (
+    MINUTES_PER_MOUNTING,
+    SECONDS_PER_STEP,
+    Reach,
+    bound_of,
+    reach_of,
+)
 from calib.identify.tool_bound import ToolBound
 from calib.noise.reading import Noise, reading_noise, visits
 from calib.tripod.effects.effect import Effect, Kind
@@ -45,6 +51,7 @@ from protocols.model_file import (
     with_solution,
     without_effect,
 )
+from protocols.motion import seconds_per_step
 from protocols.observations import changed_between, corrected_readings, to_observations
 from protocols.record import read_record
 from protocols.session import Closed, Line, Opened, Reading, Session, Superseded
@@ -109,7 +116,11 @@ class SessionDiagnosis:
         case, noise = self._last
         if self.tool_bound is None or noise is None or not case.model.geometry.orthogonal:
             return None
-        return reach_of(case.model, case.observed, noise, case.tolerance_mm, minutes_per_mounting)
+        opened, step_s = self.sessions[-1].opened, SECONDS_PER_STEP
+        if opened.machine.motion is not None and opened.procedure is not None:
+            step_s = seconds_per_step(opened.machine, opened.procedure)
+        pace = minutes_per_mounting, step_s
+        return reach_of(case.model, case.observed, noise, case.tolerance_mm, *pace)
 
     @cached_property
     def _last(self) -> tuple[Case, Noise | None]:

@@ -11,14 +11,14 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from app.measuring.gauges import Motion
-from calib.errors import IndicatorError, MotionError, sentence
+from calib.errors import IndicatorError, MotionError, UsageError, sentence
 from drivers.motion import controller_of
 from drivers.motion.controller import Faulted, Limits, Triple
 from drivers.motion.line import MotionLine
 from protocols.machine import Machine, MotionLimits
-from protocols.motion import box_mm, came_from, longest_mm, way_mm, whole_mm, zero_mm
+from protocols.motion import all_ways, box_mm, came_from, longest_mm, way_mm, whole_mm, zero_mm
 from protocols.procedure import Procedure, Step
-from protocols.session import Moved, Session
+from protocols.session import Moved
 
 if TYPE_CHECKING:
     from app.measuring.session import GuidedSession, TakenStep
@@ -41,7 +41,7 @@ UNATTENDED = (Moving.UNDER_WAY, Moving.THERE)
 class Ways:
     """All ways of a procedure, and what they come to."""
 
-    steps: tuple[tuple[Step, tuple[Triple, ...]], ...]
+    steps: tuple[Step, ...]
     longest_mm: float
     moving_s: float
     resting_s: float
@@ -64,24 +64,25 @@ def ways_of(procedure: Procedure, machine: Machine, axes: Sequence[str]) -> Ways
 
     Raises RecordError, UsageError or MotionError for what is not allowed.
     """
-    steps, limits = procedure.steps(machine.geometry(), axes), limits_of(machine)
-    found: list[tuple[Step, tuple[Triple, ...]]] = []
-    before: Step | None = None
-    for step in steps:
-        here = before if before is not None and before.place == step.place else None
-        way = tuple(way_mm(step, here, procedure, machine))
+    if procedure.plane is not None:
+        raise UsageError(
+            f"--motion with procedure {procedure.name}",
+            "a stand that is slid by hand in every posture",
+            "a procedure without [plane]",
+            "Measure it without --motion.",
+        )
+    limits, found = limits_of(machine), all_ways(procedure, machine, axes)
+    ways = [way for _, way in found]
+    for way in ways:
         for place in way:
             limits.check(place, feed_mm_min(machine))
-        found.append((step, way))
-        before = step
-    ways = [way for _, way in found]
     longest = longest_mm(ways)
     if longest > limits.longest_mm:
         thing = f"longest move of {procedure.name}"
         allowed = f"{limits.longest_mm:g} mm, longest_mm under [motion] in the machine file"
         raise MotionError(thing, f"{longest:.1f} mm", allowed, "Nothing was sent.")
     moving_s = whole_mm(ways) / feed_mm_min(machine) * 60.0
-    return Ways(tuple(found), longest, moving_s, procedure.window_s * len(steps))
+    return Ways(tuple(step for step, _ in found), longest, moving_s, procedure.window_s * len(ways))
 
 
 def check_motion(told: str, machine: Machine) -> tuple[str, ...]:
@@ -235,13 +236,6 @@ def open_mover(told: str, procedure: Procedure, machine: Machine, axes: Sequence
     mover = Mover(line, procedure, machine, axes)
     mover.said = line.start()
     return mover
-
-
-def by_hand_first(session: Session, step: Step) -> bool:
-    """Whether the operator does something before this step: sets a stand up, or slides it."""
-    last = session.readings[-1] if session.readings else None
-    slides = step.over_plane and (last is None or last.station != step.station)
-    return session.needs_new_zero(step) or slides
 
 
 def lost_words(guided: GuidedSession) -> str | None:

@@ -45,7 +45,7 @@ from drivers.twins import default_transport
 from protocols.files import reason_of, unused_path
 from protocols.journal import Journal
 from protocols.machine import Instrument, Machine, load_machine
-from protocols.motion import tool_at
+from protocols.motion import timed, tool_at
 from protocols.procedure import Leg, Procedure, Step, load_procedure
 from protocols.record import read_record
 from protocols.session import Opened, fold
@@ -86,10 +86,16 @@ class Plan:
     by_itself: bool = False
 
     def __post_init__(self) -> None:
-        """Against a plate, or over planes alone, the first indicator reads that may along it."""
+        """Against a plate, or over planes alone, the first indicator reads that may along it.
+
+        Steps take as long as the machine needs where it moves itself.
+        """
         if not self.procedure.levels:
             read = self.procedure.indicators_used(self.instruments)
             object.__setattr__(self, "instruments", read)
+        if self.motion and not self.continued:
+            machine_time = timed(self.procedure, self.machine, self.axes)
+            object.__setattr__(self, "procedure", machine_time)
 
     @property
     def simulated(self) -> bool:

@@ -10,7 +10,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from app.measuring.gauges import Gauge
-from app.measuring.moving import Mover, Moving, by_hand_first
+from app.measuring.moving import Mover, Moving
 from calib.errors import MotionError
 from calib.tripod.pipeline import StageEffect
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
@@ -131,7 +131,7 @@ class GuidedSession:
             self._restart_windows()
             if self.mover is not None:
                 self.mover.on_arrival = self._restart_windows
-                self.mover.go(step, by_hand_first=by_hand_first(self.session, step))
+                self.mover.go(step, by_hand_first=self.session.needs_new_zero(step))
             elif self._go is not None:
                 self._go(step)
 

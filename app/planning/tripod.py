@@ -16,6 +16,7 @@ from calib.diagnosis.results import AliasMap
 from calib.errors import UsageError
 from calib.identify.next_mounting import (
     MINUTES_PER_MOUNTING,
+    SECONDS_PER_STEP,
     Expected,
     NextMountings,
     Proposal,
@@ -30,6 +31,7 @@ from protocols.data_table import DataTable
 from protocols.files import Written
 from protocols.machine import Instrument, Machine, load_machine
 from protocols.model_file import read_model
+from protocols.motion import seconds_per_step
 from protocols.observations import to_observations
 from protocols.procedure import Procedure, load_procedure
 from protocols.session import Session, fold
@@ -97,7 +99,7 @@ def planning_of(
         stations=procedure.stations,
         step_count=len(steps),
         mounting_count=len({step.place for step in steps}),
-        seconds_per_step=procedure.seconds_per_step,
+        seconds_per_step=seconds_per_step(machine, procedure),
         minutes_per_mounting=minutes_per_mounting,
         noise=noise,
         noise_words=words,
@@ -224,6 +226,15 @@ def next_measurement(
     return replace(found, warnings=tuple(warnings))
 
 
+def _pace_s(machine: Machine, folded: Sequence[Session]) -> float:
+    """Of one more step: by hand, or as the last session went where the machine moves itself."""
+    if machine.motion is None:
+        return SECONDS_PER_STEP
+    last = folded[-1].opened.procedure if folded else None
+    like = last or load_procedure(machine.usual_procedure, machine.geometry())
+    return seconds_per_step(machine, like)
+
+
 def next_after(
     names: Sequence[str],
     folded: Sequence[Session],
@@ -246,6 +257,7 @@ def next_after(
         minutes_per_mounting,
         to_observations(folded) if folded else None,
         indicator_figures(folded) if folded and noise_mm is None else None,
+        _pace_s(machine, folded),
     )
     return MeasurementPlan(
         sessions=tuple(names),

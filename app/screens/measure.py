@@ -157,7 +157,8 @@ class MeasureScreen(Corrections, Resting):
         session = self.guided.session
         mode = "ON HOLD" if self.held else "automatic" if self.automatic else "by hand"
         self.view.show_progress(texts.progress_text(session, self.guided.steps, mode))
-        self.view.show_step(session, self.guided.steps, self.guided.step())
+        itself = self.guided.mover is not None and not self.held
+        self.view.show_step(session, self.guided.steps, self.guided.step(), itself=itself)
         self._draw_live()  # in the same picture: a step takes long to draw, readings must not wait
 
     def _draw_live(self) -> Sequence[Live]:

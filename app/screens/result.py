@@ -246,10 +246,11 @@ class ResultScreen(PagedScreen):
             self.app.call_from_thread(self._resized, solved, model)
 
     def _resized(self, solved: SessionSolution, model: Path) -> None:
-        self.solved = solved
         said = what_if_texts.RESIZED.format(model)
         self.app.notify(said, timeout=10, markup=False)
-        self._show()
+        if self.is_attached:  # nobody left it meanwhile
+            self.solved = solved
+            self._show()
 
     def action_diagnose(self) -> None:
         self.app.push_screen(self.app.diagnosis([self.path]))

@@ -230,13 +230,16 @@ class SessionView(Vertical, Resting):
         """The line at the top."""
         self.query_one("#progress", Static).update(text, layout=False)
 
-    def show_step(self, session: Session, steps: Sequence[Step], step: Step | None) -> None:
-        """The present step, the list around it, the leg so far."""
+    def show_step(
+        self, session: Session, steps: Sequence[Step], step: Step | None, *, itself: bool = False
+    ) -> None:
+        """The present step, the list around it, the leg so far; ``itself``: no hand moves it."""
         geometry = session.opened.machine.geometry()
         self.query_one(StepList).show(steps, step, session, geometry)
         if step is None:
             return
-        self.query_one("#step", Static).update(step_text(step, session), layout=False)
+        words = step_text(step, session, itself=itself)
+        self.query_one("#step", Static).update(words, layout=False)
         self.query_one("#table", Static).update(so_far_text(session, steps, step), layout=False)
         self.set_timer(CHART_S, partial(self._show_chart, session, step))
         axes = dict(zip(step.indicators, step.axes, strict=True))

@@ -117,11 +117,14 @@ class WhatIfScreen(PagedScreen):
 
     def _fail(self, problem: GlidecalError) -> None:
         self.looking = False
-        self.query_one("#what-if", Static).update(str(problem))
+        if self.is_attached:  # nobody left it meanwhile
+            self.query_one("#what-if", Static).update(str(problem))
 
     def _begun(
         self, trial: Trial, without: WhatIf, fitted: tuple[FittedSize, ...], why_not: str
     ) -> None:
+        if not self.is_attached:
+            return
         self.trial, self.without, self.fitted, self._why_not = trial, without, fitted, why_not
         self.values = trial.values
         if fitted:

@@ -125,12 +125,13 @@ def next_mountings(
     minutes_per_mounting: float,
     observed: Observations | None = None,
     figures: IndicatorFigures | None = None,
+    seconds_per_step: float = SECONDS_PER_STEP,
 ) -> NextMountings:
     """Judge every mounting with two or three displacements on top of what was ``observed``.
 
     Before any reading the parameters are known to the tolerances ``(6,)``. ``noise`` of a reading
     comes with words on where it is from. With ``figures`` of the indicators the noise that the
-    readings show themselves takes its place.
+    readings show themselves takes its place. A step takes ``seconds_per_step``, by hand or less.
     """
     information, (stated, words) = np.diag(tolerance_mm**-2.0), noise
     if observed is not None:
@@ -142,14 +143,15 @@ def next_mountings(
         information = information + _measured(visited, model, stated)
     covariance, metric = inverse(information), tool_metric(model.geometry)
     before = float(np.trace(metric @ covariance))
-    found = _judged(model, covariance, metric, stated.standard_deviation_mm, minutes_per_mounting)
+    pace = minutes_per_mounting, seconds_per_step
+    found = _judged(model, covariance, metric, stated.standard_deviation_mm, *pace)
     if observed is not None:  # what a model leaves is no noise of the bound
         stated = (figures and reading_noise(visited, figures)) or stated
     return NextMountings(
         tool_before_mm=before**0.5,
         noise_words=words,
         proposals=tuple(found),
-        reach=reach_of(model, observed, stated, tolerance_mm, minutes_per_mounting),
+        reach=reach_of(model, observed, stated, tolerance_mm, *pace),
     )
 
 
@@ -177,6 +179,7 @@ def reach_of(
     noise: Noise,
     tolerance_mm: FloatArray,
     minutes_per_mounting: float,
+    seconds_per_step: float = SECONDS_PER_STEP,
 ) -> Reach:
     """The bound now, and after set-ups that each lower it most for its time."""
     fitted = _fitted(model, observed, noise, tolerance_mm)
@@ -208,7 +211,7 @@ def reach_of(
         claims = [claim.adding(one) for one in seen]
         bounds = [one.bound(one.expected) for one in claims]
         took = [
-            len(legs) * (minutes_per_mounting + len(level) * SECONDS_PER_STEP / 60.0)
+            len(legs) * (minutes_per_mounting + len(level) * seconds_per_step / 60.0)
             for (legs, _), level in zip(options, levels, strict=True)
         ]
         gains = [
@@ -302,13 +305,14 @@ def _judged(
     metric: FloatArray,
     noise_mm: float,
     minutes_per_mounting: float,
+    seconds_per_step: float,
 ) -> list[Proposal]:
     """The best proposal of each leg and station, the best of all first."""
     pool = leg_pool(model.geometry, parameters_mm=model.parameters_mm, both_ways=False)
     before = float(np.trace(metric @ covariance))
     best: dict[tuple[int, float], Proposal] = {}
     for size in (2, 3):
-        minutes = minutes_per_mounting + size * SECONDS_PER_STEP / 60.0
+        minutes = minutes_per_mounting + size * seconds_per_step / 60.0
         for leg, station, some, rows in _mountings(pool, size):
             after = covariances_after(
                 covariance, rows / noise_mm, np.ones(rows.shape[1]), list(FREE)

@@ -20,6 +20,7 @@ from protocols.motion import (
     departure_mm,
     longest_mm,
     movement_signs,
+    seconds_per_step,
     told_mm,
     way_mm,
     whole_mm,
@@ -192,3 +193,14 @@ def test_the_position_read_back_enters_in_place_of_the_command(tmp_path: Path) -
 def test_a_machine_that_stands_where_it_was_sent_is_read_as_it_is(tmp_path: Path) -> None:
     found = to_observations([fold(read_record(session(tmp_path / "a.jsonl", 0.0)).events)])
     assert found.value_mm.tolist() == [0.0, 0.0]
+
+
+def test_a_step_takes_its_way_and_its_rest_where_the_machine_moves_itself() -> None:
+    procedure = orthoglide("zero-max-min")
+    assert seconds_per_step(TOOL, procedure) == 20.0  # by hand
+    moving = Machine(motion=MotionLimits(feed_mm_min=3000.0))
+    # a leg: 10 mm of pre-roll, then three times 60 + 160 + 100 mm, ten steps; to the pre-roll of
+    # the next leg 10 mm beside Zero
+    way_mm_whole = 3 * (10.0 + 3 * 320.0) + 2 * 10.0
+    by_hand = way_mm_whole / 50.0 / 30.0 + procedure.window_s
+    assert seconds_per_step(moving, procedure) == pytest.approx(by_hand, abs=1e-9)

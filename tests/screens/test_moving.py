@@ -109,6 +109,7 @@ async def test_a_key_stops_it_and_p_goes_on(key: str, tmp_path: Path) -> None:
         await until(moved.pilot, "a take", lambda: len(taken(moved.path)) >= 2)
         await until(moved.pilot, "the next move", lambda: moved.bench.axes.moving)
         before = len(taken(moved.path))
+        assert "The tool goes to" in text(moved.interface, "#step")
         await moved.pilot.press(key)
         await until(moved.pilot, "a stop", lambda: not moved.bench.axes.moving)
         await moved.comes(Moving.STOPPED)
@@ -118,6 +119,8 @@ async def test_a_key_stops_it_and_p_goes_on(key: str, tmp_path: Path) -> None:
                 moved.pilot, "question", lambda: isinstance(moved.interface.screen, ChoiceDialog)
             )
             await moved.pilot.press("1")
+        await moved.says(". Nothing was taken")
+        assert "Move the tool to" in text(moved.interface, "#step")
         assert len(taken(moved.path)) == before
         await moved.pilot.press("p")
         await until(moved.pilot, "the next take", lambda: len(taken(moved.path)) > before)

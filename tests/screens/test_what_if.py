@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import threading
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from textual.widgets import Input, OptionList
 
 import glidecal
 from app.evaluating.solution import solve_files
+from app.evaluating.what_if import Trial
 from app.report.text import diagnosis as diagnosis_texts
 from app.report.text import what_if as texts
 from app.report.text.result import ONLY_SHOWN
@@ -206,14 +208,16 @@ async def test_wrong_moments(bowed: Path, monkeypatch: pytest.MonkeyPatch) -> No
         await diagnosed(pilot, interface)
         await pilot.press("w")
         await until(pilot, "list", lambda: isinstance(interface.screen, ChoiceDialog))
-        monkeypatch.setattr(WhatIfScreen, "_begin", lambda _: None)  # nothing comes for now
+        come, recommended = threading.Event(), Trial.recommended
+        monkeypatch.setattr(Trial, "recommended", lambda t: come.wait(60) and recommended(t))
         await pilot.press("1")
         await until(pilot, "page", lambda: isinstance(interface.screen, WhatIfScreen))
         await pilot.press("right", "0", "up", "f", "enter", "y")
         await until(pilot, "words", lambda: texts.NOT_YET in said(interface))
         assert body(interface) == texts.WORKING
-        monkeypatch.undo()
         await pilot.press("escape")
+        await until(pilot, "back", lambda: interface.screen is screen)
+        come.set()  # figures of a page that is gone
         page = await tried(pilot, interface)
         await pressed(pilot, page, "0")
         await pilot.press("enter")

@@ -379,8 +379,8 @@ BESIDE = 3
 WIDTH_EM, HEADING_EM = 56, 11
 """Of a table that takes the whole page."""
 
-DOUBTED_EM = (14, 3, 14, 6, 19)
-READING_EM = (3, 6, 14, 6, 4, 4, 19)
+DOUBTED_EM = (14, 3, 14, 7, 18)
+READING_EM = (3, 6, 14, 7, 4, 4, 18)
 
 MOST_OPEN = 8
 
@@ -399,8 +399,9 @@ BUDGET_WORDS = (
     "itself with noise and parts: the bound is the largest line."
 )
 ENTER_WORDS = (
-    "True position of a joint = believed position + offset. The offsets found come on top of those "
-    "entered when it was measured. Files for the controller: glidecal export."
+    "True position of a joint = believed position + offset. These are the offsets that glidecal "
+    "export writes, on top of those entered when it was measured; where the result has another "
+    "set of parameters, its d_rho differ from them."
 )
 EVIDENCE_WORDS = (
     "Evidence: what each candidate leaves of the gap. The shorter its bar, the more the readings "

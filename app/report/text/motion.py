@@ -8,6 +8,7 @@ from app.measuring.moving import Mover, Moving, Ways, feed_mm_min, limits_of, wa
 from app.measuring.opening import Plan
 from app.report.text.session import dry_run_text
 from app.report.text.tables import wrapped
+from calib.errors import sentence
 from drivers.motion.controller import place_words
 from protocols.machine import MotionLimits
 from protocols.procedure import Step
@@ -24,7 +25,7 @@ def plan_text(plan: Plan, ways: Ways, said: tuple[str, ...] = ()) -> str:
 def limits_text(plan: Plan, ways: Ways, said: tuple[str, ...]) -> str:
     """How fast and how far, what is checked, and what the controller ``said`` of itself."""
     limits, motion = limits_of(plan.machine), plan.machine.motion or MotionLimits()
-    places = [step.place for step, _ in ways.steps]
+    places = [step.place for step in ways.steps]
     set_ups = 1 + sum(before != after for before, after in pairwise(places))
     minutes = (ways.moving_s + ways.resting_s) / 60.0
     sentences = [
@@ -63,4 +64,4 @@ def moving_text(mover: Mover, step: Step) -> str:
             return f"MOVING to step {step.number}. Space, P or Escape stop it."
         case Moving.THERE:
             return f"Arrived at step {step.number}."
-    return f"STOPPED: {mover.why} Nothing was taken. P goes on."
+    return f"STOPPED: {sentence(mover.why)} Nothing was taken. P goes on."

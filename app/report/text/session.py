@@ -204,8 +204,8 @@ def taken_text(taken: TakenStep) -> str:
     return f"{state}, step {taken.step.number}: {shown}"
 
 
-def step_text(step: Step, session: Session) -> str:
-    """Leg, posture and cycle; what to do; what the controller must show."""
+def step_text(step: Step, session: Session, *, itself: bool = False) -> str:
+    """Leg, posture and cycle; what to do, or that the machine moves ``itself``; its position."""
     machine = session.opened.machine
     geometry = machine.geometry()
     cycles = session.opened.procedure.cycles if session.opened.procedure else 1
@@ -214,7 +214,9 @@ def step_text(step: Step, session: Session) -> str:
     to = f"{leg} {step.displacement_mm:+.2f} mm" if plate is None else "the position"
     lines = [
         f"{step.touched.upper()}   {step.posture(geometry)}   cycle {step.cycle} of {cycles}",
-        f"Move the tool to {to}. When stable, press Space.",
+        f"The tool goes to {to}, and is read when stable."
+        if itself
+        else f"Move the tool to {to}. When stable, press Space.",
         _mdi_line(step, machine),
         "joints " + "  ".join(f"{name} {value:.3f}" for name, value in joints.items()),
     ]

@@ -426,3 +426,14 @@ def test_what_to_expect_of_every_parameter_is_the_papers_covariance(tmp_path: Pa
     assert found["expected_tool_bound_mm"] > 0.0
     delta = json.loads(glidecal("identifiability", "linear-delta", "--json").out)
     assert delta["expected"][0]["all_mm"] is None  # a plate does not tell the sum of offsets
+
+
+def test_minutes_are_those_of_a_machine_that_moves_itself(tmp_path: Path) -> None:
+    """At 50 mm/s a step of zero-max-min takes 1.97 s of way and 1 s of rest, by hand 20 s."""
+    path = tmp_path / "moving.toml"
+    path.write_text('schema = "glidecal.machine/1"\n[motion]\nfeed_mm_min = 3000.0\n')
+    step_s = (3 * (10.0 + 3 * 320.0) + 2 * 10.0) / 50.0 / 30.0 + 1.0
+    for words, expected_s in (((), 20.0), (("--machine", path), step_s)):
+        best = document("plan", *words)["next"]
+        set_up = 2.0 + len(best["displacements_mm"]) * expected_s / 60.0
+        assert best["minutes"] == pytest.approx(set_up, abs=1e-9)

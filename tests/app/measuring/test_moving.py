@@ -13,13 +13,13 @@ from app.evaluating.solution import solve_for_controller
 from app.measuring.moving import Mover, Moving, check_motion, measure_by_itself, ways_of
 from app.measuring.opening import demo_plan, moving_itself, start_session
 from app.measuring.simulated import BenchSettings
-from calib.errors import MotionError, RecordError
+from calib.errors import MotionError, RecordError, UsageError
 from calib.tripod.simulation import hidden_machine
 from drivers.motion.controller import Faulted, MotionFault
 from drivers.motion.twins import TWINS, LinuxCncTwin, SimulatedAxes, Trouble
 from protocols.machine import Machine, MotionLimits
 from protocols.observations import to_observations
-from protocols.procedure import Step
+from protocols.procedure import Step, load_procedure
 from protocols.record import read_record
 from protocols.session import Noted, fold
 from tests.app.measuring.moving_machine import (
@@ -157,6 +157,11 @@ def test_ways_beyond_the_limits_are_refused_before_anything_is_sent() -> None:
     ):
         with pytest.raises((MotionError, RecordError), match=said):
             ways_of(SHORT, Machine(motion=motion), BOTH)
+
+
+def test_a_stand_that_is_slid_in_every_posture_is_left_to_the_operator() -> None:
+    with pytest.raises(UsageError, match="slid by hand"):
+        ways_of(load_procedure("plane", FAST.geometry()), FAST, BOTH)
 
 
 def test_a_check_says_who_says_so_and_moves_nothing() -> None:

@@ -322,8 +322,8 @@ class ReplayChoiceScreen(Screen[None]):
 
     app: Interface
     HELP = (
-        "Arrow keys and Enter open a session; Escape comes back to this list. Of a folder\n"
-        f"the newest {MOST_LISTED} sessions stand here, and its history."
+        "Arrow keys and Enter open a session; Escape comes back to this list.\n"
+        f"Of a folder the newest {MOST_LISTED} sessions stand here, and its history."
     )
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f10", "app.quit", "Quit", id="replay-choice.quit")

@@ -55,6 +55,9 @@ from tests.conftest import SAMPLES
 from tests.screens.driving import placed, quick_plan, said, take, to_measuring, until
 
 SIZES = [(80, 24), (100, 30), (120, 40)]
+TITLE_EDGES = 6
+"""On a border a title has a corner, a dash and a blank on both sides."""
+
 ROW = re.compile(r"\S {2,}\S.* {2,}\S")
 """A row of a table; prose has no such gaps and may be wrapped."""
 
@@ -148,8 +151,8 @@ def of_widget(one: Widget, place: MapGeometry) -> Iterator[str]:
     if isinstance(one, Input) and cell_len(one.value or str(one.placeholder)) > room.width:
         yield f"{one.value or one.placeholder!r} in {room.width} cells"
     for title in (one.border_title, one.border_subtitle):
-        if title and cell_len(str(title)) > region.width - 4:
-            yield f"title {title!r} in {region.width - 4} cells"
+        if title and cell_len(str(title)) > region.width - TITLE_EDGES:
+            yield f"title {title!r} in {region.width - TITLE_EDGES} cells"
     if isinstance(one, Static) and str(one.content):
         words, rules = one.visual, one.styles.get_rules()
         if (needed := words.get_height(rules, room.width)) > room.height:

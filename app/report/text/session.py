@@ -444,7 +444,7 @@ def point_text(step: Step, session: Session) -> str:
     """One step that was measured or skipped, in one line."""
     posture = step.posture(session.opened.machine.geometry())
     posture += f" {step.station:g}" * step.over_plane
-    where = f"{step.number:>3}  {step.touched}  {posture:<9} cycle {step.cycle}"
+    where = f"step {step.number:>3}  {step.touched}  {posture:<9} cycle {step.cycle}"
     if step.number in session.skipped:
         return f"{where}   skipped: {session.skipped[step.number]}"
     counting = [r for r in session.readings if r.step == step.number]

@@ -210,7 +210,7 @@ def test_what_the_operator_reads_over_a_plane(tmp_path: Path) -> None:
         assert [float(cell) for cell in row.split()[3:]] == pytest.approx(
             [*expected, 0.0], abs=0.002
         )
-        assert point_text(second, guided.session).startswith("  2  leg X  ZERO 0.9")
+        assert point_text(second, guided.session).startswith("step   2  leg X  ZERO 0.9")
         assert review_text(review_leg(guided.session, first)).startswith("Leg X is done.")
     told = dry_run_text(BOTH, MACHINE, (ACROSS, ALONG))
     last = next(line for line in told.split("\n") if line.split()[:1] == ["67"])

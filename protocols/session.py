@@ -128,6 +128,11 @@ class Moved(Document):
     read_back_mm: Triple
     feed_mm_min: Annotated[float, Field(gt=0.0, le=1e6)]
 
+    def cells(self) -> tuple[Cell, ...]:
+        """Of the columns `MOVED` of a table."""
+        places = (*self.from_mm, *self.commanded_mm, *self.read_back_mm)
+        return (self.driver, self.coordinates, *places, self.feed_mm_min)
+
 
 class Reading(Line):
     """One value of one indicator, with the text that the device or the table gave.
@@ -292,6 +297,10 @@ OF_ANY = (
 )
 """Columns of a table of readings behind place and value."""
 
+MOVED_MM = tuple(f"{at}_{k}_mm" for at in ("from", "commanded", "read_back") for k in "123")
+MOVED = ("moved_by", "moved_in", *MOVED_MM, "feed_mm_min")
+"""Behind these where a controller moved the machine."""
+
 
 def _place(reading: Reading) -> tuple[Cell, ...]:
     if reading.position_mm is not None:
@@ -388,11 +397,12 @@ class Session:
             raise RecordError("session", "readings of legs and of the tool", "one of both")
         places = ("x_mm", "y_mm", "z_mm", "axis", "lift_mm") if True in of_tool else OF_LEG
         known = (*places, "value_mm", *OF_ANY)
+        moved = MOVED if any(one.moved for one in self.all_readings) else ()
         extra = list(dict.fromkeys(name for one in self.all_readings for name in one.extra))
         # columns of an old table that nobody knew then, under names that are nobody's now
-        beside = (f"{name} (kept)" if name in known else name for name in extra)
+        beside = (f"{name} (kept)" if name in (*known, *MOVED) else name for name in extra)
         return DataTable(
-            (*known, *beside),
+            (*known, *moved, *beside),
             tuple(
                 (
                     *_place(reading),
@@ -407,6 +417,7 @@ class Session:
                     reading.resolution_mm,
                     int(reading.unit_assumed),
                     reading.reading,
+                    *(reading.moved.cells() if reading.moved else [None] * len(moved)),
                     *(reading.extra.get(name) for name in extra),
                 )
                 for reading in self.all_readings

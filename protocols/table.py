@@ -20,7 +20,16 @@ from protocols.data_table import NUMBER, csv_text, parquet_rows, unprotected
 from protocols.documents import describe, read_text
 from protocols.machine import Instrument, Machine
 from protocols.procedure import SLIDING, Leg, Procedure, default_mount, may_stand, off_bar
-from protocols.session import Event, Opened, Reading, Restored, Superseded
+from protocols.session import (
+    MOVED,
+    MOVED_MM,
+    Event,
+    Moved,
+    Opened,
+    Reading,
+    Restored,
+    Superseded,
+)
 
 REQUIRED = ("leg", "axis", "displacement_mm", "value_mm")
 OPTIONAL = (
@@ -41,6 +50,8 @@ NUMBERS = (
     *("displacement_mm", "value_mm", "time_s", "station", "temperature_c", "lift_mm"),
     "resolution_mm",
     *POSITION,
+    *MOVED_MM,
+    "feed_mm_min",
 )
 
 COMMA = re.compile(r"[+-]?\d*,\d+", re.ASCII)
@@ -206,7 +217,7 @@ def _rows(path: Path) -> tuple[list[Row], tuple[str, ...]]:
         raise RecordError(f"table {path}", found, f"a row for each reading, up to {MOST_ROWS:,}")
     of_tool = _is_of_tool(header)
     known = OF_TOOL + OPTIONAL_OF_TOOL if of_tool else REQUIRED + OPTIONAL
-    return rows, tuple(name for name in header if name not in known)
+    return rows, tuple(name for name in header if name not in known + MOVED)
 
 
 def _lines(path: Path) -> tuple[list[tuple[int, list[str]]], bool]:
@@ -347,8 +358,30 @@ def _of_any(row: Row, unknown: tuple[str, ...]) -> dict[str, Any]:
         "time_s": row.optional("time_s", row.number, None),
         "temperature_c": row.optional("temperature_c", row.number, None),
         "averaged": row.optional("averaged", lambda name: row.whole(name, 1), 1),
+        "moved": _moved(row),
         "extra": {name: row.fields[name] for name in unknown},
     }
+
+
+def _moved(row: Row) -> Moved | None:
+    """How a controller moved the machine there: all of its columns, or none of them."""
+    missing = [name for name in MOVED if not row.fields.get(name)]
+    if len(missing) == len(MOVED):
+        return None
+    if missing:
+        raise row.fault(missing[0], f"filled in as the others from {MOVED[0]} to {MOVED[-1]}")
+    if row.fields["moved_in"] not in ("tool", "joint"):
+        raise row.fault("moved_in", "tool or joint: the coordinates that the controller takes")
+    places = iter([row.number(name) for name in MOVED_MM])
+    triples = zip(places, places, places, strict=True)
+    return Moved.model_validate(
+        {
+            "driver": row.fields["moved_by"],
+            "coordinates": row.fields["moved_in"],
+            **dict(zip(("from_mm", "commanded_mm", "read_back_mm"), triples, strict=True)),
+            "feed_mm_min": row.number("feed_mm_min"),
+        }
+    )
 
 
 def _check_sequence(rows: list[Row]) -> None:

@@ -18,7 +18,7 @@ from calib.printable import HIDDEN, printable
 from protocols.data_table import FORMATS, DataTable, protected, unprotected
 from protocols.machine import load_machine
 from protocols.record import read_record
-from protocols.session import Event, Opened, Reading, Restored, Session, Superseded, fold
+from protocols.session import Event, Moved, Opened, Reading, Restored, Session, Superseded, fold
 from protocols.table import opened_table
 from tests.conftest import SAMPLES
 
@@ -96,6 +96,14 @@ def hostile_session(seed: int) -> Session:
     names = [printable(one) for one in (*HOSTILE, f"n{seed}")]
     mounts = pick.sample([name for name in names if name not in ("''", "")], 2)
     columns = pick.sample([name for name in names if name.strip()], 2)
+    moved = Moved(
+        driver=pick.choice([name for name in names if name.strip()]),
+        coordinates=pick.choice(["tool", "joint"]),
+        from_mm=(-0.0, 310.25, 1e-7),
+        commanded_mm=(60.0, 0.1 + 0.2, pick.uniform(-200.0, 200.0)),
+        read_back_mm=(59.9997, -0.3, pick.uniform(-200.0, 200.0)),
+        feed_mm_min=1500.0,
+    )
     readings = [
         Reading(
             reading=number,
@@ -112,6 +120,7 @@ def hostile_session(seed: int) -> Session:
             resolution_mm=pick.choice([None, 0.001]),
             unit_assumed=pick.random() < 0.5,
             averaged=pick.choice([1, 3]),
+            moved=pick.choice([None, moved]),
             extra={column: pick.choice([*names, ""]) for column in columns},
         )
         for number in range(1, 7)

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from calib.errors import RecordError, UsageError
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure
-from protocols.session import Reading
+from protocols.session import MOVED, Reading
 from protocols.spreadsheet import MOST_UNPACKED_BYTES
 from protocols.table import empty_table
 from tests.builders import read_table
@@ -121,6 +121,33 @@ def test_bad_optional_columns(tmp_path: Path, columns: str, values: list[str], s
     rows = "".join(f"x,y,{60 * k},0.1,{value}\n" for k, value in enumerate(values))
     with pytest.raises(RecordError, match=said):
         read(tmp_path, f"{HEADER},{columns}\n{rows}")
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"read_back_2_mm": ""}, "column read_back_2_mm: found ''. Allowed: filled in as the"),
+        ({"moved_in": "work"}, "column moved_in: found 'work'. Allowed: tool or joint"),
+        ({"from_1_mm": "nan"}, "column from_1_mm: found 'nan'"),
+        ({"feed_mm_min": "0"}, "feed_mm_min"),
+        ({"commanded_3_mm": "1e8"}, "readings of sensible size"),
+    ],
+)
+def test_how_a_machine_was_moved_is_all_there_or_refused(
+    tmp_path: Path, changed: dict[str, str], said: str
+) -> None:
+    whole = dict.fromkeys(MOVED, "1.5") | {"moved_by": "linuxcnc", "moved_in": "tool"}
+
+    def of(cells: dict[str, str]) -> tuple[tuple[Reading, ...], tuple[str, ...]]:
+        table = f"{HEADER},{','.join(MOVED)}\nx,y,0,0.1,{','.join(cells.values())}\n"
+        return read(tmp_path, table)
+
+    (one,), unknown = of(whole)
+    assert one.moved is not None
+    assert unknown == ()
+    assert of(dict.fromkeys(MOVED, ""))[0][0].moved is None
+    with pytest.raises(RecordError, match=said):
+        of(whole | changed)
 
 
 def test_one_mounting_is_in_one_place(tmp_path: Path) -> None:

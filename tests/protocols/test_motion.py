@@ -29,6 +29,7 @@ from protocols.observations import to_observations
 from protocols.procedure import Procedure, load_procedure
 from protocols.record import read_record
 from protocols.session import Mounted, Moved, Opened, Reading, fold
+from protocols.table import opened_table
 
 L = 310.25
 TOOL = Machine()
@@ -184,10 +185,15 @@ def test_the_position_read_back_enters_in_place_of_the_command(tmp_path: Path) -
 
     The foot of leg x stays where it is (its own coordinate changes in second order only).
     """
-    found = to_observations([fold(read_record(session(tmp_path / "a.jsonl", 0.01)).events)])
-    assert found.displacement_mm.tolist() == [0.0, 60.0]  # still one posture with its repeats
-    assert found.value_mm == pytest.approx([0.0, 0.0], abs=1e-6)
-    assert found.approach.tolist() == [1.0, 1.0]  # the first, too
+    recorded = fold(read_record(session(tmp_path / "a.jsonl", 0.01)).events)
+    table = tmp_path / "a.csv"
+    table.write_text(str(recorded.table().written("csv")), encoding="utf-8")
+    opened, events, _ = opened_table(table, TOOL, "test")
+    for one in (recorded, fold([opened, *events])):
+        found = to_observations([one])
+        assert found.displacement_mm.tolist() == [0.0, 60.0]  # still one posture with its repeats
+        assert found.value_mm == pytest.approx([0.0, 0.0], abs=1e-6)
+        assert found.approach.tolist() == [1.0, 1.0]  # the first, too
 
 
 def test_a_machine_that_stands_where_it_was_sent_is_read_as_it_is(tmp_path: Path) -> None:

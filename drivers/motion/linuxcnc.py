@@ -113,6 +113,8 @@ class LinuxCnc(Controller):
         if (found := self._get("estop")) != "OFF":
             raise self.fault(MotionFault.NOT_READY, f"estop {found}", "estop OFF")
         if (found := self._get("machine")) != "ON":
+            if told := self._errors():  # switched off since the first look: it says why
+                raise self.fault(MotionFault.CONTROLLER, "; ".join(told))
             raise self.fault(MotionFault.NOT_READY, f"machine {found}", "machine ON")
         return self._get("program_status") != "IDLE"
 

@@ -178,8 +178,8 @@ def demo(
         "demo-sessions"
     ),
     controller: Annotated[
-        Literal["twin"] | None,
-        typer.Option(help="The machine moves itself, behind a simulated controller."),
+        Literal["twin", "linuxcnc"] | None,
+        typer.Option(help="The machine moves itself: by a simulated controller, or LinuxCNC here."),
     ] = None,
 ) -> None:
     """A whole calibration on a simulated machine. It is measured again after the export."""
@@ -203,7 +203,7 @@ def demo(
         interval_s=interval_s,
     )
     if controller is not None:
-        plan = moving_itself(plan, hurried=unattended)
+        plan = moving_itself(plan, controller, hurried=unattended)
     if effect is not None:
         plan = with_hidden_effect(plan, effect)
     writable_folder(folder)

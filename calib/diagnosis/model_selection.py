@@ -5,6 +5,7 @@ What is kept is then fitted through the nonlinear simulation.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,10 +17,12 @@ from calib.arrays import (
     FloatArray,
     incidence,
     new_directions,
+    new_directions_of,
     numbered,
     onto,
     rank_of,
     squares_in,
+    squares_in_each,
     without,
 )
 from calib.diagnosis.hypotheses import (
@@ -95,6 +98,7 @@ class ModelSelection:
     log_priors: FloatArray
 
     def __post_init__(self) -> None:
+        self._gaps: dict[tuple[int, ...], Gap] = {}
         self._refined: dict[tuple[int, ...], tuple[Sizes, FloatArray]] = {}
 
     @classmethod
@@ -149,10 +153,10 @@ class ModelSelection:
         sizes = self.search.by_causes(singles, causes, POLICY.most_causes)
         everything = self._paid(next(sizes))
         best = foremost(everything or singles)
-        for larger in sizes:
-            p, _ = self.step(best.members)
-            enough = p > POLICY.naming_level and self.leaves_no_gap(best.members)
-            if enough or not larger:
+        for _ in range(1, POLICY.most_causes):
+            closed = self.leaves_no_gap(best.members)
+            p, _ = self.step(best.members, drawn=not closed)
+            if (closed and p > POLICY.naming_level) or not (larger := next(sizes)):
                 break
             larger = self._paid(larger)
             everything = [*everything, *larger]
@@ -207,10 +211,12 @@ class ModelSelection:
             return None, []
         return self.search.weighed(foremost(weighed).members), credible_set(weighed)
 
-    def step(self, kept: tuple[int, ...]) -> tuple[float, FloatArray]:
+    def step(self, kept: tuple[int, ...], *, drawn: bool = False) -> tuple[float, FloatArray]:
         """Global p-value of the best further candidate, and the local log p of each ``(J,)``.
 
-        Without any noise known they are judged by what each of them leaves.
+        Without any noise known they are judged by what each of them leaves. The best of many is no
+        less likely than itself alone: where that is enough not to name it, and the p-value need not
+        be ``drawn``, it is this limit.
         """
         blocks, y = self.given(kept)
         noise_df = self.problem.noise_df or None
@@ -220,28 +226,39 @@ class ModelSelection:
         local = np.zeros(len(blocks))
         if not present:
             return 1.0, local
-        squares = np.array([squares_in(b, y) for b in shown])[:, None]
+        squares = squares_in_each(shown, y)[:, None]
         total = np.array([self.problem.gap(y)])
         if noise_df is None:
             squares = np.minimum(squares, total)
         ranks = [block.shape[1] for block in shown]
         local[present] = scores(squares, ranks, noise_df, df, total)[:, 0]
-        null = null_scores(shown, noise_df, df, self.problem.unevenness())
-        return global_p_value(float(local.min()), null), local
+        best, deviation = float(local.min()), self.problem.unevenness()
+        least = math.exp(best)
+        if least > POLICY.naming_level and not drawn and (deviation == 1.0).all():
+            return least, local
+        null = null_scores(shown, noise_df, df, deviation)
+        return global_p_value(best, null), local
 
     def given(self, kept: tuple[int, ...]) -> tuple[list[FloatArray], FloatArray]:
         """The blocks and the vector with the kept candidates projected out."""
         if not kept:
             return list(self.blocks), self.problem.y
         basis = self.search.basis(kept)
-        blocks = [
-            new_directions(basis, block) if k not in kept else block[:, :0]
-            for k, block in enumerate(self.blocks)
-        ]
-        return blocks, without(basis, self.problem.y)
+        others = [block[:, :0] if k in kept else block for k, block in enumerate(self.blocks)]
+        return new_directions_of(basis, others), without(basis, self.problem.y)
+
+    def beside(self, kept: tuple[int, ...], member: int) -> tuple[FloatArray, FloatArray]:
+        """The same of one block."""
+        basis = self.search.basis(kept)
+        return new_directions(basis, self.blocks[member]), without(basis, self.problem.y)
 
     def gap(self, kept: tuple[int, ...]) -> Gap:
         """What a model leaves beyond the scatter of repeats."""
+        if kept not in self._gaps:
+            self._gaps[kept] = self._gap(kept)
+        return self._gaps[kept]
+
+    def _gap(self, kept: tuple[int, ...]) -> Gap:
         residual, df = self.residual(kept), self._structure_df(kept)
         gap = self.problem.gap(residual)
         rms_mm = self.problem.gap_rms_mm(residual)

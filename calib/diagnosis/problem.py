@@ -140,7 +140,7 @@ class FittedSession:
         seen = np.abs(leaning).max(axis=0, initial=0.0) > VISIBLE
         return np.hstack([incidence(observed.mount), leaning[:, seen]])
 
-    @property
+    @cached_property
     def structure(self) -> FloatArray:
         """Basis ``(n, e)`` of cells and cycles of each mounting; without repeats, of everything."""
         observed, root, cell = self.observed, np.sqrt(self.weight), self.observed.cell
@@ -220,8 +220,7 @@ class Problem:
     ``residual`` ``(n,)`` is what the parameters of the machine file leave, ``y`` ``(n,)`` the same
     whitened. ``zeros`` ``(n, m)``, ``offsets`` ``(n, 3 s)`` and ``bars`` ``(n, 3)`` are the columns
     of the base, those of parameters per tolerance; like everything else they are divided by the
-    noise. ``structure`` ``(n, e)`` is a basis of all that is not scatter of repeats (cells and
-    cycles of each mounting). ``noise_df`` belongs to the noise that was divided by, 0 where none is
+    noise. ``noise_df`` belongs to the noise that was divided by, 0 where none is
     known.
     """
 
@@ -233,7 +232,6 @@ class Problem:
     offsets: FloatArray
     bars: FloatArray
     whitening: Whitening
-    structure: FloatArray
     noise_df: float
     mount: IntArray
 
@@ -262,7 +260,6 @@ class Problem:
             offsets,
             bars,
             whitening,
-            block_diag(*(one.structure for one in fitted_sessions)),
             float(sum(freedom)) if all(freedom) else 0.0,
             np.concatenate(mounts),
         )
@@ -298,6 +295,11 @@ class Problem:
         free = without(self.whitening.free, self.bars)
         covariance = np.linalg.inv(free.T @ free + np.eye(free.shape[1]))
         return Bars(covariance @ (free.T @ self.residual), np.linalg.cholesky(covariance))
+
+    @cached_property
+    def structure(self) -> FloatArray:
+        """Basis ``(n, e)`` of all that is not scatter of repeats: cells, cycles of mountings."""
+        return np.asarray(block_diag(*(one.structure for one in self.fitted_sessions)))
 
     def conditions(self, name: str) -> NDArray[Any]:
         """One array of the conditions of all sessions ``(n,)``."""

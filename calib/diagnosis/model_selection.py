@@ -21,7 +21,6 @@ from calib.arrays import (
     numbered,
     onto,
     rank_of,
-    squares_in,
     squares_in_each,
     without,
 )
@@ -40,7 +39,6 @@ from calib.diagnosis.selection import (
     Search,
     Spread,
     WeighedModel,
-    contained,
     credible_set,
     evidence,
     foremost,
@@ -116,7 +114,8 @@ class ModelSelection:
             if block.shape[1]
             and not (
                 candidates[k].kind == Kind.EMPIRICAL
-                and any(contained(block, other) > POLICY.alike for other in known)
+                and known
+                and squares_in_each(known, block).max() > POLICY.alike * block.shape[1]
             )
         ]
         some = [candidates[k] for k in shown]
@@ -191,8 +190,7 @@ class ModelSelection:
         if self.problem.noise_df <= 0.0:
             return -np.inf
         own = incidence(numbered(self.problem.mount, self.problem.conditions(of)))
-        block = self.problem.block(own)
-        return evidence(squares_in(block, self.problem.y), block.shape[1], self.problem.spread)
+        return evidence(*self.problem.explained_by(own), self.problem.spread)
 
     def _beside_own_errors(self) -> tuple[WeighedModel | None, list[WeighedModel]]:
         """What stands out where postures err by themselves, by an amount that only the gap tells.

@@ -109,17 +109,17 @@ class Conditions:
         at = f" and {self.station[row]:g} of the bar" if self.over_plane[row] else ""
         return f"{self.displacement_mm[row]:+g} mm{at}"
 
-    @property
+    @cached_property
     def posture(self) -> IntArray:
         """Numbers ``(n_readings,)`` of the groups of one mounting, one posture and station."""
         return numbered(self.mount, self.station, self.level)
 
-    @property
+    @cached_property
     def cell(self) -> IntArray:
         """Numbers ``(n_readings,)`` of the groups of a posture approached from one side."""
         return numbered(self.mount, self.station, self.level, self.approach, *self.movement.T)
 
-    @property
+    @cached_property
     def mountings(self) -> list[IntArray]:
         """Rows of each mounting."""
         return rows_of(self.mount)
@@ -276,6 +276,13 @@ def squares_in(basis: FloatArray, rows: FloatArray) -> float:
     return float(((basis.T @ rows) ** 2).sum())
 
 
+def squares_in_each(bases: Sequence[FloatArray], rows: FloatArray) -> FloatArray:
+    """The same ``(J,)`` for each of several bases."""
+    owner = np.repeat(np.arange(len(bases)), [basis.shape[1] for basis in bases])
+    squares = ((np.hstack(bases).T @ rows.reshape(len(rows), -1)) ** 2).sum(axis=1)
+    return np.asarray(np.bincount(owner, squares, len(bases)), dtype=np.float64)
+
+
 def lengths(columns: FloatArray) -> FloatArray:
     """Lengths ``(k,)`` of columns, fit to divide by."""
     return np.asarray(np.maximum(np.sqrt((columns**2).sum(axis=0)), TINY))
@@ -293,7 +300,11 @@ def basis_of(columns: FloatArray, cut: float, scale: float | None = None) -> Flo
 
 def bases_of(stacked: FloatArray, cut: float, scale: float | None = None) -> FloatArray:
     """`basis_of` of each of ``(m, n, k)``, as wide as that: what does not count is zero."""
-    left, singular, _ = np.linalg.svd(stacked, full_matrices=False)
+    if stacked.shape[2] == 1:  # much the most, and no more than a length
+        singular = np.sqrt((stacked**2).sum(axis=1))
+        left = stacked / np.maximum(singular, TINY)[:, None]
+    else:
+        left, singular, _ = np.linalg.svd(stacked, full_matrices=False)
     bar = cut * (singular.max(axis=1, keepdims=True, initial=0.0) if scale is None else scale)
     return np.asarray(left * (singular > bar)[:, None])
 
@@ -326,6 +337,16 @@ def _counted(singular: FloatArray, cut: float, scale: float | None) -> NDArray[n
 def new_directions(basis: FloatArray, columns: FloatArray) -> FloatArray:
     """Basis of what columns ``(n, k)`` of unit length add to a basis."""
     return basis_of(without(basis, columns), NEW_DIRECTION, 1.0)
+
+
+def new_directions_of(basis: FloatArray, blocks: Sequence[FloatArray]) -> list[FloatArray]:
+    """`new_directions` of several bases."""
+    found = list(blocks)
+    for alike, stacked in stacks(blocks):
+        bases = bases_of(without(basis, stacked), NEW_DIRECTION, 1.0)
+        for k, each in zip(alike, bases, strict=True):
+            found[k] = each[:, each.any(axis=0)]
+    return found
 
 
 def union(blocks: Sequence[FloatArray]) -> FloatArray:

@@ -282,7 +282,7 @@ class SimulatedRig:
 
     The rig knows nothing of machines: it is told where each spindle is to go. A motion takes
     ``motion_s`` and follows a smooth curve, so a reading taken too early is a moving one.
-    ``fastest_stream`` compresses the time of devices that stream.
+    ``fastest_stream`` compresses the time of devices that stream; ``clock`` tells seconds.
     """
 
     def __init__(
@@ -293,7 +293,9 @@ class SimulatedRig:
         transport: Transport,
         motion_s: float = 0.0,
         fastest_stream: bool = False,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        self._clock = clock
         self._motion_s = motion_s
         self._lock = threading.Lock()
         self._start_mm = [0.0] * len(profiles)
@@ -319,12 +321,12 @@ class SimulatedRig:
         with self._lock:
             now = [self._position(k) for k in range(len(self._goal_mm))]
             self._start_mm, self._goal_mm = now, list(goal_mm)
-            self._departed = time.monotonic()
+            self._departed = self._clock()
 
     def push(self, index: int) -> None:
         """Push one spindle in and let it go, as a hand does; it reads larger meanwhile."""
         with self._lock:
-            self._pushed[index] = time.monotonic()
+            self._pushed[index] = self._clock()
 
     def close(self) -> None:
         """Unplug every indicator."""
@@ -340,13 +342,13 @@ class SimulatedRig:
     def _spindle(self, index: int) -> Callable[[], float]:
         def position_mm() -> float:
             with self._lock:
-                pushed = time.monotonic() - self._pushed[index] < PUSH_S
+                pushed = self._clock() - self._pushed[index] < PUSH_S
                 return self._position(index) + PUSH_MM * pushed
 
         return position_mm
 
     def _position(self, index: int) -> float:
-        elapsed = time.monotonic() - self._departed
+        elapsed = self._clock() - self._departed
         if elapsed >= self._motion_s:
             return self._goal_mm[index]
         share = (1.0 - math.cos(math.pi * elapsed / self._motion_s)) / 2.0

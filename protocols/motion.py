@@ -15,8 +15,30 @@ from calib.tripod.movements import carriage_movement
 from calib.tripod.pipeline import commanded_tool
 from protocols.documents import Triple
 from protocols.machine import Machine, MotionLimits
-from protocols.procedure import ALL_AXES, BOTH, Procedure, Step, leg_number, position_words
+from protocols.procedure import (
+    ALL_AXES,
+    BOTH,
+    Procedure,
+    Step,
+    guided_procedure_names,
+    leg_number,
+    position_words,
+)
 from protocols.session import Moved
+
+SELF_MOVING = "two-station"
+"""The procedure of a machine that moves itself: two stations, both directions, more levels."""
+
+
+def procedure_of(machine: Machine, *, moving: bool) -> str:
+    """The procedure where none is named; where a controller moves, one that is too long by hand.
+
+    Not where the machine file names its own, or limits of the machine forbid it.
+    """
+    by_hand = machine.procedure is not None or not moving
+    if by_hand or SELF_MOVING not in guided_procedure_names(machine.geometry()):
+        return machine.usual_procedure
+    return SELF_MOVING
 
 
 def told_mm(step: Step, machine: Machine) -> Triple:

@@ -24,10 +24,11 @@ def shown(plan: Plan, said: tuple[str, ...] = ()) -> str:
     return plan_text(plan, ways_of(plan.procedure, plan.machine, plan.axes), said)
 
 
-def ask(plan: Plan) -> None:
+def ask(plan: Plan, *, on_screen: bool) -> None:
     """Show all that will move and what the controller says of itself, and ask once.
 
-    Raises UsageError where nobody can be asked, MotionError for a machine that is not ready.
+    On the screen its check shows and asks the same. Raises UsageError where nobody can be asked,
+    MotionError for a machine that is not ready.
     """
     from app.measuring.moving import check_motion
     from app.report.text.motion import QUESTION
@@ -37,6 +38,8 @@ def ask(plan: Plan) -> None:
     shown(plan)  # what is not allowed is refused before anybody is reached
     if not sys.stdin.isatty():
         raise UsageError("--motion", "nobody to ask", "a terminal: a machine will move")
+    if on_screen:
+        return
     said = check_motion(plan.motion, plan.machine)
     typer.echo(shown(plan, said), err=True)
     if not typer.confirm(QUESTION, err=True):

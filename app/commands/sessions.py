@@ -96,6 +96,7 @@ def run(
     )
     from app.report.text.session import dry_run_text
     from protocols.machine import load_machine
+    from protocols.motion import procedure_of
     from protocols.procedure import load_procedure, shuffled
 
     known = load_machine(machine)
@@ -105,7 +106,8 @@ def run(
     if resume:
         _measure(replace(plan_to_continue(resume, chosen), motion=motion), headless=headless)
         return
-    procedure = load_procedure(protocol or known.usual_procedure, known.geometry())
+    named = protocol or procedure_of(known, moving=motion is not None)
+    procedure = load_procedure(named, known.geometry())
     if random_order is not None:
         procedure = shuffled(procedure, random_order)
     if not (chosen or dry_run):
@@ -143,7 +145,7 @@ def _measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --
     if not plan.continued:
         check_new(plan.path)
     if plan.motion is not None:
-        moving.ask(plan)
+        moving.ask(plan, on_screen=not headless)
     if not headless:
         need_terminal("guided session", otherwise)
         from app.screens.start import open_session
@@ -178,8 +180,8 @@ def demo(
         "demo-sessions"
     ),
     controller: Annotated[
-        Literal["twin"] | None,
-        typer.Option(help="The machine moves itself, behind a simulated controller."),
+        Literal["twin", "linuxcnc"] | None,
+        typer.Option(help="The machine moves itself: by a simulated controller, or LinuxCNC here."),
     ] = None,
 ) -> None:
     """A whole calibration on a simulated machine. It is measured again after the export."""
@@ -203,7 +205,7 @@ def demo(
         interval_s=interval_s,
     )
     if controller is not None:
-        plan = moving_itself(plan, hurried=unattended)
+        plan = moving_itself(plan, controller, hurried=unattended)
     if effect is not None:
         plan = with_hidden_effect(plan, effect)
     writable_folder(folder)

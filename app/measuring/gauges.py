@@ -58,12 +58,15 @@ class Trace:
 
 @dataclass(frozen=True)
 class Live:
-    """One indicator now: last outcome, its age, the state word and its recent readings."""
+    """One indicator now: last outcome, its age, the state word and its recent readings.
+
+    The readings are gathered when they are asked for: a strip chart wants them more seldom.
+    """
 
     outcome: Outcome | None
     age_s: float
     motion: Motion
-    trace: Trace = Trace()
+    trace: Callable[[], Trace] = field(default=Trace, compare=False)
 
 
 class Gauge:
@@ -93,7 +96,6 @@ class Gauge:
         self._flicker_mm = self._digit_mm = 0.0
         self._heard: deque[tuple[float, Outcome]] = deque(maxlen=HISTORY)
         self._moments: deque[tuple[int, float, float]] = deque(maxlen=SLOTS)
-        self._traced: tuple[int, Trace] = (-1, Trace())
         self._latest: Outcome | None = None
         self._pressed = self._rests = False
         self.on_news: Callable[[], None] = lambda: None
@@ -166,19 +168,15 @@ class Gauge:
     def live(self) -> Live:
         """The state now; safe from any thread."""
         with self._lock:
-            heard, moments = tuple(self._heard), self._moments.copy()
+            heard = tuple(self._heard)
         now = time.monotonic()
-        slot = int(now / SLOT_S)
-        if slot != self._traced[0]:  # a picture of it is wanted more seldom than this
-            self._traced = slot, self._trace(moments, slot)
-        trace = self._traced[1]
         if not heard:
             age_s = now - self._slot if self._latest else 0.0
-            return Live(self._latest, age_s, Motion.WAITING, trace)
+            return Live(self._latest, age_s, Motion.WAITING, self._trace)
         at, outcome = heard[-1]
         motion = self._motion(heard, now)
         self._rests = motion in (Motion.STABLE, Motion.FAULT)
-        return Live(outcome, now - at, motion, trace)
+        return Live(outcome, now - at, motion, self._trace)
 
     def lost(self) -> str | None:
         """Why there is no reading now: a fault, or silence that its pace does not explain."""
@@ -188,8 +186,11 @@ class Gauge:
         silent = live.outcome is not None and live.age_s > self._stale_s
         return f"silent for {live.age_s:.1f} s" if silent else None
 
-    def _trace(self, moments: Sequence[tuple[int, float, float]], slot: int) -> Trace:
+    def _trace(self) -> Trace:
         """What of the last 20 s there is, the band of rest about the latest window."""
+        with self._lock:
+            moments = tuple(self._moments)
+        slot = int(time.monotonic() / SLOT_S)
         shown = tuple((slot - at, low, high) for at, low, high in moments if slot - at < SLOTS)
         within = [m for m in shown if m[0] * SLOT_S <= self._window_s] or shown[-1:]
         if not within:

@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
-from functools import partial
 from pathlib import Path
+from typing import Literal
 
 from app.evaluating.comparison import partner_of
 from app.evaluating.own_effects import known_effects
@@ -33,14 +33,18 @@ from app.measuring.simulated import (
     BenchSettings,
     SelfMovingBench,
     SimulatedBench,
+    behind_linuxcnc,
     hidden_effect,
     planned_readings,
+    simulated_joints,
 )
 from app.version import program
 from calib.errors import GlidecalError, IndicatorError, RecordError, UsageError
 from calib.tripod.alignment import misaligned
 from calib.tripod.pipeline import Model, StageEffect
 from calib.tripod.simulation import SimulatedMachine, hidden_machine
+from drivers.motion.headless import HeadlessLinuxCnc, check_linuxcnc
+from drivers.motion.twins import LinuxCncTwin, SimulatedAxes
 from drivers.twins import default_transport
 from protocols.files import reason_of, unused_path
 from protocols.journal import Journal
@@ -64,7 +68,7 @@ class Plan:
     ``before`` is the solution whose offsets this session verifies, ``verifies`` its file name.
     ``continued``: the record is there and goes on. With ``reference`` the rails are aligned to that
     one between rounds of measuring. ``motion`` names the controller that moves the machine;
-    with ``by_itself`` a simulated one moves a simulated machine.
+    with ``by_itself`` a simulated machine is moved, by a simulated controller or a real LinuxCNC.
     """
 
     path: Path
@@ -83,7 +87,7 @@ class Plan:
     window_s: float | None = None
     reference: Leg | None = None
     motion: str | None = None
-    by_itself: bool = False
+    by_itself: Literal["twin", "linuxcnc"] | None = None
 
     def __post_init__(self) -> None:
         """Against a plate, or over planes alone, the first indicator reads that may along it.
@@ -202,14 +206,23 @@ def simulated_bench(plan: Plan) -> SimulatedBench:
 
 
 def self_moving_bench(plan: Plan) -> SelfMovingBench:
-    """The same machine behind a simulated controller, homed with the offsets that are entered."""
+    """The same machine behind a controller, homed with the offsets that are entered.
+
+    Raises RecordError, UsageError or MotionError for a LinuxCNC that cannot be had.
+    """
     truth, bench = _truth(plan), plan.bench
     truth = truth.with_effects((*truth.effects, *bench.effects))
     name, lift_mm = plan.path.name, _lift_mm(plan)
     machine = SimulatedMachine(truth, plan.seed, name, bench.scatter_mm, lift_mm)
     profiles = [profile_of(instrument) for instrument in plan.instruments]
-    place_of = partial(tool_at, machine=plan.machine)
-    return SelfMovingBench(machine, profiles, default_transport(), bench, place_of)
+    controller: LinuxCncTwin | HeadlessLinuxCnc
+    if plan.by_itself == "twin":
+        controller = LinuxCncTwin(SimulatedAxes(hurry=bench.hurry))
+    else:
+        exported = plan.path.with_name(plan.verifies).with_suffix("") if plan.verifies else None
+        controller = HeadlessLinuxCnc(simulated_joints(plan.machine, exported))
+    known = machine, profiles, default_transport(), bench, controller
+    return SelfMovingBench(*known, lambda: tool_at(controller.axes.at_mm, plan.machine))
 
 
 def _truth(plan: Plan) -> Model:
@@ -381,12 +394,19 @@ HURRY, HURRIED_WINDOW_S = 30.0, 0.05
 """Of an unattended demonstration that moves itself: as much faster, and so short a rest."""
 
 
-def moving_itself(plan: Plan, *, hurried: bool) -> Plan:
-    """The plan on a machine behind a simulated controller; hurried where nobody looks."""
+def moving_itself(plan: Plan, by: Literal["twin", "linuxcnc"], *, hurried: bool) -> Plan:
+    """The plan on a machine behind a simulated controller or LinuxCNC; hurried where nobody looks.
+
+    Raises UsageError where LinuxCNC cannot be started.
+    """
+    plan = replace(plan, by_itself=by)
+    if by == "linuxcnc":
+        check_linuxcnc()
+        plan = replace(plan, machine=behind_linuxcnc(plan.machine, hurried=hurried))
     if not hurried:
-        return replace(plan, by_itself=True)
+        return plan
     bench = replace(plan.bench, hurry=HURRY)
-    return replace(plan, by_itself=True, bench=bench, window_s=HURRIED_WINDOW_S)
+    return replace(plan, bench=bench, window_s=HURRIED_WINDOW_S)
 
 
 def rehearsal_plan(

@@ -6,6 +6,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -357,7 +358,7 @@ class Playback:
         shown = readings[-SLOTS:]
         moments = tuple((len(shown) - k, r.value_mm, r.value_mm) for k, r in enumerate(shown, 1))
         age_s = self._age_s(readings[-1])
-        return Live(_outcome(readings[-1]), age_s, Motion.STABLE, Trace(moments))
+        return Live(_outcome(readings[-1]), age_s, Motion.STABLE, partial(Trace, moments))
 
     def _fault(self, axis: Leg) -> Live | None:
         """The fault of this axis if the take shown last failed."""

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Protocol
 
 from app.evaluating.own_effects import known_effects
 from app.measuring.indicators import SIMULATED
@@ -22,12 +23,13 @@ from calib.tripod.effects.hidden import hidden_among
 from calib.tripod.pipeline import Model, StageEffect, measure
 from calib.tripod.sensitivity import excursion_mm, excursion_over_plane_mm
 from calib.tripod.simulation import SimulatedMachine
-from drivers.motion.twins import LinuxCncTwin, SimulatedAxes
+from drivers.motion.headless import SimulatedJoints
 from drivers.profile import LARGEST_MM, Profile, Spindle
 from drivers.twins import SimulatedRig, Transport, TwinPort, twin_of
-from protocols.documents import Triple
-from protocols.machine import Instrument, Machine, load_machine
+from protocols.documents import Triple, read_text
+from protocols.machine import Instrument, Machine, MotionLimits, load_machine
 from protocols.model_file import read_model
+from protocols.motion import box_mm, zero_mm
 from protocols.observations import to_observations
 from protocols.procedure import (
     Leg,
@@ -159,11 +161,21 @@ class SimulatedBench:
         self.rig.close()
 
 
-class SelfMovingBench:
-    """The same machine behind a simulated controller: its indicators follow where that moves it.
+class MovingController(Protocol):
+    """What moves a simulated machine."""
 
-    They show what they do where the machine is at that very moment, also on its way. ``set_up``
-    puts the stand where a step needs it.
+    told: str
+    """What names it to `drivers.motion.controller_of`."""
+
+    def close(self) -> None:
+        """Let go of all that it is."""
+
+
+class SelfMovingBench:
+    """The same machine behind a controller: its indicators follow where that moves it.
+
+    They show what they do where the machine is at that very moment, also on its way: at ``tool_mm``
+    if it had no errors. ``set_up`` puts the stand where a step needs it.
     """
 
     def __init__(
@@ -172,14 +184,14 @@ class SelfMovingBench:
         profiles: Sequence[Profile],
         transport: Transport,
         settings: BenchSettings,
-        place_of: Callable[[Triple], Triple],
+        controller: MovingController,
+        tool_mm: Callable[[], Triple],
     ) -> None:
-        self._machine, self._place_of = machine, place_of
+        self._machine, self.controller, self._tool_mm = machine, controller, tool_mm
         self._clock_rate, self._start_s = settings.clock_rate, time.monotonic()
         self._lock = threading.Lock()
         self._step: Step | None = None
         self._shown: tuple[Triple | None, list[float]] = (None, [0.0] * len(profiles))
-        self.controller = LinuxCncTwin(SimulatedAxes(hurry=settings.hurry))
         self._ports = [
             TwinPort(
                 twin_of(profile, Spindle(partial(self._shows, k), settings.resolution_mm)),
@@ -197,9 +209,9 @@ class SelfMovingBench:
 
     def _shows(self, number: int) -> float:
         with self._lock:
-            place = self.controller.axes.at_mm
+            place = self._tool_mm()
             if self._step is not None and place != self._shown[0]:
-                self._shown = place, self._values(self._step, self._place_of(place))
+                self._shown = place, self._values(self._step, place)
             return self._shown[1][number]
 
     def _values(self, step: Step, tool_mm: Triple) -> list[float]:
@@ -228,9 +240,55 @@ class SelfMovingBench:
 
     def close(self) -> None:
         """Switch everything off."""
-        self.controller.close()
         for port in self._ports:
             port.close()
+        self.controller.close()
+
+
+SWITCH_MM = 10.0
+"""Beyond the joint limits: where the switches are that a demonstration's LinuxCNC homes on."""
+
+HURRIED_MM_MIN = 30_000.0
+
+
+def behind_linuxcnc(machine: Machine, *, hurried: bool) -> Machine:
+    """The machine as a LinuxCNC of its own holds it: told joints, homed on a switch for each."""
+    told: Machine = machine.model_copy(
+        update={
+            "mdi": "joint",
+            "joints": None,
+            "home_offset_mm": None,
+            "position_endstop_mm": None,
+        }
+    )
+    held: dict[str, object] = {"home_offset_mm": simulated_joints(told, None).home_offset_mm}
+    if hurried:
+        fast = {"feed_mm_min": HURRIED_MM_MIN}
+        held["motion"] = (machine.motion or MotionLimits()).model_copy(update=fast)
+        held["fastest_feed_mm_min"] = max(HURRIED_MM_MIN, machine.fastest_feed_mm_min)
+    return told.model_copy(update=held)
+
+
+def simulated_joints(machine: Machine, exported: Path | None) -> SimulatedJoints:
+    """The joints of that LinuxCNC; its file includes what was ``exported`` for it to a folder.
+
+    Where that is nothing, what the machine file holds is entered in it. Motors are mounted so that
+    carriages stand right where the entered offsets are those of the machine. Raises RecordError.
+    """
+    zero, (low, high) = zero_mm(machine), box_mm(machine)
+    x, y, z = (a + b for a, b in zip(zero, machine.entered_offsets_mm, strict=True))
+    files = sorted(exported.glob("calib_joint?.inc")) if exported else []
+    switch = machine.travel_max_mm + SWITCH_MM
+    held = (zero[0] + switch, zero[1] + switch, zero[2] + switch)
+    return SimulatedJoints(
+        zero_mm=zero,
+        low_mm=low,
+        high_mm=high,
+        home_offset_mm=held if files else machine.home_offset_mm or held,
+        switch_mm=switch,
+        mounted_mm=(x, y, z),
+        includes={path.name: read_text(path, "include of LinuxCNC") for path in files},
+    )
 
 
 def rehearsed(steps: Sequence[Step], typed: Iterable[str]) -> Iterator[Step]:

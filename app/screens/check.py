@@ -53,7 +53,12 @@ class CheckScreen(Screen[None]):
 
     def compose(self) -> ComposeResult:
         yield Title()
-        yield Static(OPENING, id="words", markup=False)
+        words = Static(OPENING, id="words", markup=False)
+        if self._plan.motion or self._plan.by_itself:  # every posture, to scroll through
+            with VerticalScroll(id="moves"):
+                yield words
+        else:
+            yield words
         yield Static("", id="trial", markup=False)
         with Horizontal(id="gauges"):
             for number, instrument in enumerate(self._plan.instruments):
@@ -61,6 +66,7 @@ class CheckScreen(Screen[None]):
         yield Footer()
 
     def on_mount(self) -> None:
+        self.app.clear_notifications()  # they would lie over the readings
         self._open()
 
     @work(thread=True)

@@ -90,11 +90,17 @@ class Corrections(Screen[None]):
             self.app.call_from_thread(self.app.notify, said, timeout=30)
 
     def action_undo(self) -> None:
-        """Measure the last step again; its readings stay in the record, superseded."""
+        """Measure the last step again; its readings stay in the record, superseded.
+
+        Asks as B does where the stand has left it: then more than this step is measured again.
+        """
         self.automatic = False
-        if self.busy or not self.guided.session.readings:
+        last = self.guided.session.readings[-1].step if self.guided.session.readings else None
+        if self.busy or last is None:
             return
-        if self.write(self.guided.undo):
+        if len(self.guided.steps_repeated_with(last)) > 1:
+            self._chosen(str(last))
+        elif self.write(self.guided.undo):
             step = self.guided.step()
             again = f"Step {step.number if step else 0} is next again."
             self.say(f"{again} Its readings stay in the record and do not count.")

@@ -45,6 +45,7 @@ from protocols.data_table import NUMBER
 from protocols.documents import MOST_LETTERS
 from protocols.machine import Instrument, Machine, load_machine
 from protocols.machine_files import USUAL_MACHINE, machine_names
+from protocols.motion import procedure_of
 from protocols.procedure import Procedure, guided_procedure_names, load_procedure, shuffled
 
 Form = dict[str, object]
@@ -285,6 +286,7 @@ class PrepareScreen(Screen[None]):
         self._proposed_for: Machine | None = None
         self._offered_for = load_machine(None)
         self._answered: dict[str, str] = {}
+        self._moving = False
 
     def compose(self) -> ComposeResult:
         yield Title()
@@ -326,6 +328,7 @@ class PrepareScreen(Screen[None]):
             machine = self._machine()
             self._offer(machine)
             self._propose(machine)
+            self._follow(machine)
             procedure = self._procedure(machine)
             none = texts.NO_INDICATOR if procedure.plate is None else texts.NO_INDICATOR_AT_PLATE
             axes = [instrument.axes for instrument in self._some(procedure)]
@@ -353,6 +356,13 @@ class PrepareScreen(Screen[None]):
         procedures.set_options((Content(words), name) for words, name in rows)
         if chosen in [name for _, name in rows] and chosen != before.usual_procedure:
             procedures.value = chosen
+
+    def _follow(self, machine: Machine) -> None:
+        """Whether a controller moves decides the procedure, unless another one was chosen."""
+        before, self._moving = self._moving, bool(self._value("motion"))
+        procedures = self.query_one("#procedure", Select)
+        if before != self._moving and procedures.value == procedure_of(machine, moving=before):
+            procedures.value = procedure_of(machine, moving=self._moving)
 
     def _propose(self, machine: Machine) -> None:
         """The indicators of the machine file, else those used last, until others are chosen."""

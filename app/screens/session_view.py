@@ -121,7 +121,7 @@ class GaugeDisplay(Resting):
             self.set_classes(f"gauge {live.motion.value}")
         pace_s = RESTING_STRIP_S if live.motion is Motion.STABLE else STRIP_S
         if time.monotonic() - self._strip_at > pace_s:
-            self._draw_strip(live.trace)
+            self._draw_strip(live.trace())
         assumed = isinstance(live.outcome, IndicatorReading) and live.outcome.unit_assumed
         if assumed != self._assumed:
             self._assumed = assumed

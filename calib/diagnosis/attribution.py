@@ -100,8 +100,7 @@ class Attribution:
 
     def evidence(self, member: int) -> float:
         """Non-centrality of one member given the others."""
-        blocks, y = self.selection.given(self._others(member))
-        block = blocks[member]
+        block, y = self.selection.beside(self._others(member), member)
         return squares_in(block, y) - float(block.shape[1])
 
     def _others(self, member: int) -> tuple[int, ...]:
@@ -110,8 +109,7 @@ class Attribution:
     def without_any_one(self, member: int) -> float:
         """The least evidence that remains for one member when any one reading is left out."""
         others = self._others(member)
-        blocks, y = self.selection.given(others)
-        block = blocks[member]
+        block, y = self.selection.beside(others, member)
         whitening = self.problem.whitening
         known = whitening.held_back(self.selection.search.basis(others))
         free = whitening.seen_alone - (known**2).sum(axis=1)

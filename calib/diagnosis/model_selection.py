@@ -5,6 +5,7 @@ What is kept is then fitted through the nonlinear simulation.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,10 +17,11 @@ from calib.arrays import (
     FloatArray,
     incidence,
     new_directions,
+    new_directions_of,
     numbered,
     onto,
     rank_of,
-    squares_in,
+    squares_in_each,
     without,
 )
 from calib.diagnosis.hypotheses import (
@@ -37,7 +39,6 @@ from calib.diagnosis.selection import (
     Search,
     Spread,
     WeighedModel,
-    contained,
     credible_set,
     evidence,
     foremost,
@@ -47,6 +48,7 @@ from calib.diagnosis.selection import (
     scores,
 )
 from calib.errors import NotIdentifiable
+from calib.noise.reading import LEAST_NOISE_MM
 from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import EffectInstance, Kind
 
@@ -95,6 +97,7 @@ class ModelSelection:
     log_priors: FloatArray
 
     def __post_init__(self) -> None:
+        self._gaps: dict[tuple[int, ...], Gap] = {}
         self._refined: dict[tuple[int, ...], tuple[Sizes, FloatArray]] = {}
 
     @classmethod
@@ -112,7 +115,8 @@ class ModelSelection:
             if block.shape[1]
             and not (
                 candidates[k].kind == Kind.EMPIRICAL
-                and any(contained(block, other) > POLICY.alike for other in known)
+                and known
+                and squares_in_each(known, block).max() > POLICY.alike * block.shape[1]
             )
         ]
         some = [candidates[k] for k in shown]
@@ -149,10 +153,10 @@ class ModelSelection:
         sizes = self.search.by_causes(singles, causes, POLICY.most_causes)
         everything = self._paid(next(sizes))
         best = foremost(everything or singles)
-        for larger in sizes:
-            p, _ = self.step(best.members)
-            enough = p > POLICY.naming_level and self.leaves_no_gap(best.members)
-            if enough or not larger:
+        for _ in range(1, POLICY.most_causes):
+            closed = self.leaves_no_gap(best.members)
+            p, _ = self.step(best.members, drawn=not closed)
+            if (closed and p > POLICY.naming_level) or not (larger := next(sizes)):
                 break
             larger = self._paid(larger)
             everything = [*everything, *larger]
@@ -187,8 +191,7 @@ class ModelSelection:
         if self.problem.noise_df <= 0.0:
             return -np.inf
         own = incidence(numbered(self.problem.mount, self.problem.conditions(of)))
-        block = self.problem.block(own)
-        return evidence(squares_in(block, self.problem.y), block.shape[1], self.problem.spread)
+        return evidence(*self.problem.explained_by(own), self.problem.spread)
 
     def _beside_own_errors(self) -> tuple[WeighedModel | None, list[WeighedModel]]:
         """What stands out where postures err by themselves, by an amount that only the gap tells.
@@ -207,41 +210,56 @@ class ModelSelection:
             return None, []
         return self.search.weighed(foremost(weighed).members), credible_set(weighed)
 
-    def step(self, kept: tuple[int, ...]) -> tuple[float, FloatArray]:
+    def step(self, kept: tuple[int, ...], *, drawn: bool = False) -> tuple[float, FloatArray]:
         """Global p-value of the best further candidate, and the local log p of each ``(J,)``.
 
-        Without any noise known they are judged by what each of them leaves.
+        Without any noise known they are judged by what each of them leaves. The best of many is no
+        less likely than itself alone: where that is enough not to name it, and the p-value need not
+        be ``drawn``, it is this limit.
         """
         blocks, y = self.given(kept)
         noise_df = self.problem.noise_df or None
         df = self._structure_df(kept)
         present = [k for k, block in enumerate(blocks) if block.shape[1]]
+        if noise_df is None and self.problem.gap_rms_mm(y) < LEAST_NOISE_MM:
+            present = []  # rounding is left, of which nothing is to be explained
         shown = [blocks[k] for k in present]
         local = np.zeros(len(blocks))
         if not present:
             return 1.0, local
-        squares = np.array([squares_in(b, y) for b in shown])[:, None]
+        squares = squares_in_each(shown, y)[:, None]
         total = np.array([self.problem.gap(y)])
         if noise_df is None:
             squares = np.minimum(squares, total)
         ranks = [block.shape[1] for block in shown]
         local[present] = scores(squares, ranks, noise_df, df, total)[:, 0]
-        null = null_scores(shown, noise_df, df, self.problem.unevenness())
-        return global_p_value(float(local.min()), null), local
+        best, deviation = float(local.min()), self.problem.unevenness()
+        least = math.exp(best)
+        if least > POLICY.naming_level and not drawn and (deviation == 1.0).all():
+            return least, local
+        null = null_scores(shown, noise_df, df, deviation)
+        return global_p_value(best, null), local
 
     def given(self, kept: tuple[int, ...]) -> tuple[list[FloatArray], FloatArray]:
         """The blocks and the vector with the kept candidates projected out."""
         if not kept:
             return list(self.blocks), self.problem.y
         basis = self.search.basis(kept)
-        blocks = [
-            new_directions(basis, block) if k not in kept else block[:, :0]
-            for k, block in enumerate(self.blocks)
-        ]
-        return blocks, without(basis, self.problem.y)
+        others = [block[:, :0] if k in kept else block for k, block in enumerate(self.blocks)]
+        return new_directions_of(basis, others), without(basis, self.problem.y)
+
+    def beside(self, kept: tuple[int, ...], member: int) -> tuple[FloatArray, FloatArray]:
+        """The same of one block."""
+        basis = self.search.basis(kept)
+        return new_directions(basis, self.blocks[member]), without(basis, self.problem.y)
 
     def gap(self, kept: tuple[int, ...]) -> Gap:
         """What a model leaves beyond the scatter of repeats."""
+        if kept not in self._gaps:
+            self._gaps[kept] = self._gap(kept)
+        return self._gaps[kept]
+
+    def _gap(self, kept: tuple[int, ...]) -> Gap:
         residual, df = self.residual(kept), self._structure_df(kept)
         gap = self.problem.gap(residual)
         rms_mm = self.problem.gap_rms_mm(residual)

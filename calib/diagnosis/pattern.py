@@ -31,6 +31,8 @@ def shared_pattern(sessions: Sequence[FittedSession]) -> SharedPattern | None:
 
     None where they are fewer than two, or their common postures leave fewer than two directions.
     """
+    if len(sessions) < 2:
+        return None
     real = [k for k, one in enumerate(sessions) if _has_gap(Problem.of([one]))]
     if len(real) < 2:
         return None

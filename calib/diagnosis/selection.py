@@ -27,6 +27,7 @@ from calib.arrays import (
     IntArray,
     descending,
     squares_in,
+    squares_in_each,
     union,
 )
 from calib.diagnosis.policy import POLICY
@@ -143,12 +144,21 @@ class Search:
 
     def singles(self) -> list[WeighedModel]:
         """Every candidate alone."""
-        return [self.weighed((k,)) for k in range(len(self.blocks))]
+        if not self.blocks:
+            return []
+        explained = squares_in_each(self.blocks, self.y)
+        ranks = np.array([block.shape[1] for block in self.blocks])
+        weight = evidences(explained, ranks, self.spread) - self.log_priors
+        each = zip(explained.tolist(), weight.tolist(), strict=True)
+        return [WeighedModel((k,), *one) for k, one in enumerate(each)]
 
     def weighed(self, members: tuple[int, ...]) -> WeighedModel:
         """These candidates together."""
-        basis = self.blocks[members[0]] if len(members) == 1 else self.basis(members)
-        return self._weighed(members, squares_in(basis, self.y), basis.shape[1])
+        members = tuple(sorted(members))
+        basis = self.basis(members)
+        explained = squares_in(basis, self.y)
+        weight = evidence(explained, basis.shape[1], self.spread)
+        return WeighedModel(members, explained, weight - float(self.log_priors[[*members]].sum()))
 
     def larger(self, base: Sequence[int]) -> list[WeighedModel]:
         """These candidates with every other one, all at once."""
@@ -191,12 +201,6 @@ class Search:
         beside = heaviest_first(self.larger(alone[:1]))[: PAIRS_AMONG // 2]
         others = [next(k for k in m.members if k != alone[0]) for m in beside]
         return list(dict.fromkeys(alone[:PAIRS_AMONG] + others))
-
-    def _weighed(self, members: tuple[int, ...], explained: float, rank: int) -> WeighedModel:
-        members = tuple(sorted(members))
-        log_prior = float(self.log_priors[list(members)].sum())
-        weight = evidence(explained, rank, self.spread) - log_prior
-        return WeighedModel(members, explained, weight)
 
 
 def foremost(models: Sequence[WeighedModel]) -> WeighedModel:
@@ -285,11 +289,13 @@ def null_scores(
     squares = np.array(
         [(parts[owner == r].reshape(-1, r, DRAWS) ** 2).sum(axis=1).max(axis=0) for r in ranks]
     )
-    variance, axes = np.linalg.eigh(together.T @ together)
+    products = together.T @ together
+    variance = np.linalg.eigvalsh(products)
     seen = variance > DEPENDENT * variance[-1]
     rest = max(structure_df - int(seen.sum()), 0)
     total = np.asarray(generator.chisquare(rest, DRAWS) if rest else np.zeros(DRAWS))
     if noise_df is None:
+        variance, axes = np.linalg.eigh(products)
         draws = (axes[:, seen] / np.sqrt(variance[seen])).T @ parts
         total = total + (draws**2).sum(axis=0)
     elif math.isfinite(noise_df):

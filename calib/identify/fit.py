@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -176,10 +176,13 @@ def prior_fit(
     base = _values_of(model, free, sizes)
     values = base if near_mm is None else np.append(near_mm, base[len(free) :])
     least = np.append(tolerance_mm, [size.tolerance for size in sizes])
+    try:
+        evaluate = _evaluator(model, observed, free, sizes)
+    except UnreachablePosture as problem:
+        raise _no_optimum(str(problem)) from problem
     for _ in range(MOST_STEPS):
-        fitted = _moved_to(model, free, sizes, values)
         try:
-            predicted, design = _predicted(fitted, observed, free, sizes)
+            predicted, design = evaluate(values)
         except UnreachablePosture as problem:
             raise _no_optimum(str(problem)) from problem
         centred = without_zeros(observed, weight, design)
@@ -214,6 +217,29 @@ def _moved_to(
         for effect, number in size.at:
             effects[effect] = cast("EffectInstance", effects[effect]).with_value(number, value)
     return replace(model.with_parameters(parameters), effects=tuple(effects))
+
+
+def _evaluator(
+    model: Model, observed: Observations, free: Sequence[int], sizes: Sequence[Size]
+) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
+    """`_predicted` for values ``(k,)``; in closed form, each posture once, where no effect acts."""
+
+    def simulated(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return _predicted(_moved_to(model, free, sizes, values), observed, free, sizes)
+
+    if model.effects:
+        return simulated
+    first, place = np.unique(observed.posture, return_index=True, return_inverse=True)[1:]
+    closed = plain_design(model.geometry, observed.take(first))
+
+    def plain(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        with np.errstate(invalid="ignore"):
+            predicted, slope = closed.readings_and_derivatives(values[:, None])
+        if not np.isfinite(predicted).all():  # the simulation tells where
+            return simulated(values)
+        return predicted[place, 0], slope[:, place, 0].T
+
+    return plain
 
 
 def design_of(

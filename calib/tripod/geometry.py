@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import permutations, product
@@ -35,6 +36,9 @@ USABLE_BAR = (0.05, 0.95)
 Pair = tuple[float, float]
 Triple = tuple[float, float, float]
 Three = tuple[Triple, Triple, Triple]
+
+Coordinates = Iterable[Any]
+"""The three of vectors, arrays of one shape."""
 
 COORDINATES: Three = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 NOWHERE: Three = ((0.0, 0.0, 0.0),) * 3
@@ -241,7 +245,7 @@ class Geometry:
     def side(self) -> float:
         """On which side of the plane of the feet the tool is: that of Zero, +1.0 or -1.0."""
         feet = self.anchors + self.directions * self.zero_mm[:, None]
-        normal = cross(feet[1] - feet[0], feet[2] - feet[0])
+        normal = np.array(cross(feet[1] - feet[0], feet[2] - feet[0]))
         return -1.0 if float(normal @ feet[0]) > 0.0 else 1.0
 
     @cached_property
@@ -259,7 +263,7 @@ class Geometry:
         for i, name in enumerate(LEG_NAMES):
             radial = self._radial(i)
             found[name + "r"] = radial
-            found[name + "t"] = cross(self.directions[i], radial)
+            found[name + "t"] = np.array(cross(self.directions[i], radial))
         return found
 
     def towards(self, first: int, second: int) -> FloatArray:
@@ -370,27 +374,29 @@ def trilaterate(
     Accepts complex input for derivatives by the complex step. Where the spheres do not meet it
     raises UnreachablePosture, or gives NaN where it is not to ``refuse``.
     """
-    origin = foot_mm[..., 0, :]
-    to_second = foot_mm[..., 1, :] - origin
-    to_third = foot_mm[..., 2, :] - origin
+    # coordinate by coordinate: three together are too few for arrays to be quick
+    origin, second, third = ([foot_mm[..., leg, k] for k in range(3)] for leg in range(3))
+    to_second = [there - here for there, here in zip(second, origin, strict=True)]
+    to_third = [there - here for there, here in zip(third, origin, strict=True)]
     square = leg_length_mm * leg_length_mm
-    along_second = (dot(to_second, to_second) + square[..., 0] - square[..., 1]) / 2
-    along_third = (dot(to_third, to_third) + square[..., 0] - square[..., 2]) / 2
+    along_second = (_square(to_second) + square[..., 0] - square[..., 1]) / 2
+    along_third = (_square(to_third) + square[..., 0] - square[..., 2]) / 2
     normal = cross(to_second, to_third)
-    normal_square = dot(normal, normal)
-    in_plane = (
-        along_second[..., None] * cross(to_third, normal)
-        + along_third[..., None] * cross(normal, to_second)
-    ) / normal_square[..., None]
-    height_square = square[..., 0] - dot(in_plane, in_plane)
+    normal_square = _square(normal)
+    in_plane = [
+        (along_second * across + along_third * other) / normal_square
+        for across, other in zip(cross(to_third, normal), cross(normal, to_second), strict=True)
+    ]
+    height_square = square[..., 0] - _square(in_plane)
     if not refuse:
         height_square = np.where(height_square.real >= 0.0, height_square, np.nan)
     elif height_square.size and not height_square.real.min() >= 0.0:
         bad = np.unravel_index(int(np.argmin(height_square.real)), height_square.shape)
         feet = np.broadcast_to(foot_mm, (*height_square.shape, 3, 3))[bad]
         raise _unreachable(feet.real.ravel(), "feet at")
-    height = np.sqrt(height_square / normal_square)
-    return np.asarray(origin + in_plane + side * normal * height[..., None])
+    height = side * np.sqrt(height_square / normal_square)
+    each = zip(origin, in_plane, normal, strict=True)
+    return np.stack([start + flat + up * height for start, flat, up in each], axis=-1)
 
 
 def tool_jacobians(
@@ -428,11 +434,15 @@ def dot(left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(np.einsum("...i,...i->...", left, right))
 
 
-def cross(left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
-    """Cross products ``(..., 3)``; those of numpy take twice the time for so few rows."""
-    x, y, z = np.moveaxis(left, -1, 0)
-    u, v, w = np.moveaxis(right, -1, 0)
-    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
+def cross(left: Coordinates, right: Coordinates) -> list[NDArray[Any]]:
+    """Cross products, coordinate by coordinate."""
+    (x, y, z), (u, v, w) = left, right
+    return [y * w - z * v, z * u - x * w, x * v - y * u]
+
+
+def _square(vector: Coordinates) -> NDArray[Any]:
+    x, y, z = vector
+    return np.asarray(x * x + y * y + z * z)
 
 
 def _unreachable(position: NDArray[Any], what: str) -> UnreachablePosture:

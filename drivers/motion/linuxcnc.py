@@ -125,14 +125,22 @@ class LinuxCnc(Controller):
         self._set(f"mdi G21 G90 G94 G53 G1 F{feed_mm_min:.3f} {words}", ACCEPT_S)
 
     def _barrier(self) -> None:
-        self._set("wait done", ACCEPT_S)
+        """Asked twice where it is refused for no reason that shows.
+
+        In emcrsh.cc `setWait` says NAK where the last command ended in an error, of which `moves`
+        knows, and where another client that asked at that moment took the word ``done`` away:
+        then nothing was waited for. It changes nothing, so it may be asked once more.
+        """
+        if not self._accepts("wait done", ACCEPT_S):
+            self.moves()
+            self._set("wait done", ACCEPT_S)
 
     def stop(self) -> None:
         """Abort; over a new connection where this one is gone or has no control."""
         if self._wire is not None:
-            with contextlib.suppress(Faulted):  # gone, or another has control
-                self._set("abort", self.answer_s)
-                return
+            with contextlib.suppress(Faulted):  # gone; where it says NAK another has control
+                if self._accepts("abort", self.answer_s):
+                    return
         self.close()
         wire = self._joined()
         try:
@@ -161,13 +169,17 @@ class LinuxCnc(Controller):
         return value.strip()
 
     def _set(self, what: str, patience_s: float) -> None:
+        """Raises for a NAK what is wrong, where that can be seen: it gives no reason itself."""
+        if not self._accepts(what, patience_s):
+            self.moves()
+            answer = f"NAK to {what.split()[0]}"
+            raise self.fault(MotionFault.CONTROLLER, answer, "", "Look at the controller.")
+
+    def _accepts(self, what: str, patience_s: float) -> bool:
         name, answer = what.split()[0].upper(), self._asked(f"set {what}", patience_s)
-        if answer == f"SET {name} ACK":
-            return
-        if answer != f"SET {name} NAK":
+        if answer not in (f"SET {name} ACK", f"SET {name} NAK"):
             raise self._not_understood(answer)
-        self._in_control()
-        raise self.fault(MotionFault.CONTROLLER, answer, "", "Look at the controller.")
+        return answer.endswith("ACK")
 
     def _asked(self, words: str, patience_s: float) -> str:
         if self._wire is None:

@@ -17,7 +17,6 @@ from typing import Protocol, Self
 from drivers.motion.controller import Triple
 from drivers.twins import Disconnected, Transport, TwinPort
 
-AT_ONCE_MM_S = 1e9
 SHORT_MM = 0.5
 """How far from where it was sent a simulated machine with that trouble stops."""
 
@@ -34,6 +33,7 @@ class Trouble(StrEnum):
     SILENCE = "no answer"
     HANG_UP = "hung up"
     ELSEWHERE = "stops short"
+    CUT = "words lost to a client that asks at the same time"
 
 
 class SimulatedAxes:
@@ -114,6 +114,14 @@ RIGHT = {
 }
 """What a LinuxCNC says that is switched on and homed."""
 
+WRONG = {
+    Trouble.NOT_HOMED: {"joint_homed": "YES NO YES NO NO NO"},
+    Trouble.INCH: {"user_linear_units": "INCH"},
+    Trouble.OFF: {"machine": "OFF"},
+    Trouble.FOLLOWING: {"machine": "OFF"},
+    Trouble.ESTOP: {"machine": "OFF", "estop": "ON"},
+}
+
 
 class LinuxCncTwin:
     """A LinuxCNC of three homed joints that is switched on, behind its text server on loopback.
@@ -122,14 +130,13 @@ class LinuxCncTwin:
     enables last has control; a client that leaves ends no move; waiting is one setting for all.
     """
 
-    def __init__(
-        self, axes: SimulatedAxes, *, port: int = 0, passwords: str = "EMC EMCTOO"
-    ) -> None:
+    def __init__(self, axes: SimulatedAxes) -> None:
         self.axes, self.moves, self.errors = axes, list[str](), deque[str]()
-        self._connect, _, self._enable = passwords.partition(" ")
+        self._connect, self._enable = "EMC", "EMCTOO"
         self._lock = threading.Lock()
         self._control: _Client | None = None
-        self._state, self._silent = dict(RIGHT), False
+        self._state = dict(RIGHT)
+        self._silent = self._cut = self._failed = False
         self._clients: list[socket.socket] = []
         twin = self
 
@@ -137,7 +144,7 @@ class LinuxCncTwin:
             def handle(self) -> None:
                 twin.serve(self.request)
 
-        self._server = socketserver.ThreadingTCPServer(("127.0.0.1", port), Handler)
+        self._server = socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler)
         self.address = f"127.0.0.1:{self._server.server_address[1]}"
         self.told = f"linuxcnc:{self.address}"
         self._thread = threading.Thread(
@@ -148,23 +155,20 @@ class LinuxCncTwin:
     def befall(self, trouble: Trouble) -> None:
         """From now on this is so."""
         with self._lock:
-            if trouble is Trouble.NOT_HOMED:
-                self._state["joint_homed"] = "YES NO YES NO NO NO"
-            elif trouble is Trouble.INCH:
-                self._state["user_linear_units"] = "INCH"
-            elif trouble is Trouble.NAK:
+            self._state |= WRONG.get(trouble, {})
+            if trouble is Trouble.NAK:
                 self._control = None
             elif trouble is Trouble.SILENCE:
                 self._silent = True
             elif trouble is Trouble.ELSEWHERE:
                 self.axes.short_mm = SHORT_MM
+            elif trouble is Trouble.CUT:
+                self._cut = True
             elif trouble in (Trouble.OFF, Trouble.FOLLOWING, Trouble.ESTOP):
                 self.axes.stop()
-                self._state["machine"] = "OFF"
                 if trouble is Trouble.FOLLOWING:
+                    self._failed = True
                     self.errors.append("joint 0 following error")
-                if trouble is Trouble.ESTOP:
-                    self._state["estop"] = "ON"
         if trouble is Trouble.HANG_UP:
             self.hang_up()
 
@@ -172,6 +176,7 @@ class LinuxCncTwin:
         """Switched on and homed again."""
         with self._lock:
             self._state, self._silent, self.axes.short_mm = dict(RIGHT), False, 0.0
+            self._failed = False
 
     def hang_up(self) -> None:
         """Close every connection; the move that is under way goes on."""
@@ -241,9 +246,17 @@ class LinuxCncTwin:
                 self.axes.stop()
             elif name == "mdi":
                 self._mdi(" ".join(words))
-        while name == "wait" and self.axes.moving:
+        if name == "wait":
+            return self._waited(words)
+        return name in ("mode", "set_wait", "abort", "mdi")
+
+    def _waited(self, words: list[str]) -> bool:
+        """NAK without a word to wait for, and where the last command ended in an error."""
+        if self._cut:
+            self._cut, words = False, []
+        while words and self.axes.moving:
             time.sleep(0.01)
-        return name in ("mode", "set_wait", "abort", "mdi", "wait")
+        return words[:1] == ["done"] and not self._failed
 
     def _mdi(self, line: str) -> None:
         """Acknowledged whatever comes of it."""

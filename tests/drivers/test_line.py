@@ -145,15 +145,23 @@ def test_two_indicators_on_a_moving_rig(transport: Transport) -> None:
 
 
 def test_motion_takes_its_time() -> None:
-    with SimulatedRig([QUICK], resolution_mm=0.001, transport="tcp", motion_s=0.5) as rig:
+    """By a clock of its own: nothing here depends on how busy the computer is."""
+    now_s = [100.0]
+    indicator = replace(MITUTOYO_01A, interval_s=0.0)
+    with SimulatedRig(
+        [indicator], resolution_mm=0.001, transport="tcp", motion_s=0.5, clock=lambda: now_s[0]
+    ) as rig:
         rig.go((10.0,))
-        with line(rig.ports[0], replace(QUICK, interval_s=0.0)) as opened:
-            early = opened.ask().result(timeout=5)
-            time.sleep(0.6)
-            late = opened.ask().result(timeout=5)
-    assert isinstance(early, IndicatorReading)
-    assert isinstance(late, IndicatorReading)
-    assert early.value_mm < 10.0 == late.value_mm
+        with line(rig.ports[0], indicator) as opened:
+            shown = []
+            for passed_s in (0.0, 0.25, 0.499, 0.5, 60.0):
+                now_s[0] = 100.0 + passed_s
+                outcome = opened.ask().result(timeout=30)
+                assert isinstance(outcome, IndicatorReading)
+                shown.append(outcome.value_mm)
+    assert shown[0] == 0.0
+    assert 0.0 < shown[1] < shown[2] <= shown[3] == shown[4] == 10.0
+    assert shown[1] == pytest.approx(5.0)  # half way in half the time
 
 
 def refused(port: str) -> str:

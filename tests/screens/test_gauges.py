@@ -23,11 +23,13 @@ LEFT = Instrument(profile="sylvac", port="/dev/tty[USB]0", axes="yx")
 
 
 def live(outcome: Outcome, motion: Motion) -> Live:
-    return Live(outcome, 0.0, motion, TRACE)
+    return Live(outcome, 0.0, motion, lambda: TRACE)
 
 
 def shown(value_mm: float, motion: Motion = Motion.STABLE, *, age_s: float = 0.0) -> Live:
-    return Live(IndicatorReading(f"{value_mm}", value_mm, 0.001, False), age_s, motion, TRACE)
+    return Live(
+        IndicatorReading(f"{value_mm}", value_mm, 0.001, False), age_s, motion, lambda: TRACE
+    )
 
 
 class Panels(App[None]):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from textual.pilot import Pilot
-from textual.widgets import Input
+from textual.widgets import Input, Select
 
 from app.measuring.moving import Mover, Moving
 from app.measuring.opening import Plan
@@ -80,13 +80,17 @@ async def test_the_check_says_what_will_move_before_a_key_lets_it(tmp_path: Path
             await pilot.pause()
             for name, port in zip(("indicator1", "indicator2"), ports, strict=True):
                 await fill_in(pilot, interface, name, profile="mitutoyo-01a", port=port)
+            chosen = form.query_one("#procedure", Select)
+            assert chosen.value == "zero-max-min"
             form.query_one("#motion", Input).value = twin.told
+            await until(pilot, "more to measure", lambda: chosen.value == "two-station")
             await pilot.press("f5")
             await until(pilot, "the check", lambda: "longest move" in text(interface, "#words"))
             said = " ".join(text(interface, "#words").split())
             assert "joint_homed YES YES YES" in said
-            assert "longest move 160.0 mm" in said
+            assert "longest move 38.0 mm" in said  # from 22 to Max
             assert "With Enter it moves" in said
+            assert said.count("G53 G1 X") == 138  # of two-station, which nobody named
             await pilot.press("escape")
             await until(pilot, "the form", lambda: interface.screen is form)
         assert not twin.moves

@@ -14,7 +14,7 @@ from app.measuring.gauges import Gauge
 from app.report.text.result import solution_text
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
-from app.screens.interface import ChoiceDialog, Interface
+from app.screens.interface import ChoiceDialog, Interface, TextDialog
 from app.screens.prepare import PrepareScreen
 from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
@@ -91,6 +91,31 @@ async def test_take_repeat_note_remount_and_pause(tmp_path: Path) -> None:
         {"y": "xy#2", "z": "xz#2"},
     ]
     assert read_record(plan.path).end == "open"
+
+
+async def test_repeat_asks_where_it_takes_more_than_one_step(tmp_path: Path) -> None:
+    """After the stand was moved one step alone has no zero: the operator hears how many go."""
+    interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
+    async with interface.run_test(size=SIZE, notifications=True) as pilot:
+        screen = await to_measuring(pilot, interface)
+        await take(pilot, screen)
+        await take(pilot, screen)
+        await pilot.press("m")
+        await until(pilot, "question", lambda: isinstance(interface.screen, ChoiceDialog))
+        await pilot.press("2")
+        await until(pilot, "answer", lambda: interface.screen is screen)
+        await pilot.press("u")
+        await until(pilot, "question", lambda: isinstance(interface.screen, TextDialog))
+        assert "2 steps are measured, to share one zero" in text(interface, ".dialog Static")
+        await pilot.press("escape")
+        await until(pilot, "answer", lambda: interface.screen is screen)
+        assert screen.guided.session.done() == {1, 2}
+        assert "Nothing changes, step 3 stays the next." in text(interface, "#said")
+        await pilot.press("u", *"bumped", "enter")
+        await until(pilot, "answer", lambda: interface.screen is screen)
+        assert screen.guided.session.done() == frozenset()
+        assert set(screen.guided.session.superseded.values()) == {"bumped"}
+        await pilot.press("ctrl+c")
 
 
 @pytest.mark.timeout(240)  # thirty steps by hand, thirty more by themselves

@@ -11,6 +11,7 @@ from app.report.text.tables import wrapped
 from calib.errors import sentence
 from drivers.motion.controller import place_words
 from protocols.machine import MotionLimits
+from protocols.motion import SELF_MOVING
 from protocols.procedure import Step
 
 QUESTION = "Guards closed, emergency stop at hand, nobody at the machine: may it move?"
@@ -18,8 +19,11 @@ QUESTION = "Guards closed, emergency stop at hand, nobody at the machine: may it
 
 def plan_text(plan: Plan, ways: Ways, said: tuple[str, ...] = ()) -> str:
     """All that will move, every posture of it: shown before anything does."""
-    table = dry_run_text(plan.procedure, plan.machine, plan.instruments).replace("G53 G0", "G53 G1")
-    return f"{table}\n\n{limits_text(plan, ways, said)}"
+    return f"{_postures_text(plan)}\n\n{limits_text(plan, ways, said)}"
+
+
+def _postures_text(plan: Plan) -> str:
+    return dry_run_text(plan.procedure, plan.machine, plan.instruments).replace("G53 G0", "G53 G1")
 
 
 def limits_text(plan: Plan, ways: Ways, said: tuple[str, ...]) -> str:
@@ -28,7 +32,11 @@ def limits_text(plan: Plan, ways: Ways, said: tuple[str, ...]) -> str:
     places = [step.place for step in ways.steps]
     set_ups = 1 + sum(before != after for before, after in pairwise(places))
     minutes = (ways.moving_s + ways.resting_s) / 60.0
+    unnamed = plan.motion and plan.machine.procedure is None
     sentences = [
+        f"Procedure {SELF_MOVING}: the usual one where a machine moves itself and none is named."
+        if unnamed and plan.procedure.name == SELF_MOVING
+        else "",
         f"{plan.motion or 'A simulated controller'} moves the machine, in {plan.machine.mdi} "
         f"coordinates: {len(ways.steps)} "
         f"steps at {feed_mm_min(plan.machine):g} mm/min, longest move {ways.longest_mm:.1f} mm, "
@@ -44,9 +52,10 @@ def limits_text(plan: Plan, ways: Ways, said: tuple[str, ...]) -> str:
 
 
 def check_text(plan: Plan, mover: Mover) -> str:
-    """The same on the screen, before the key that lets it move."""
+    """The same on the screen, before the key that lets it move; every posture comes last."""
     ways = ways_of(plan.procedure, plan.machine, plan.axes)
-    return f"{limits_text(plan, ways, mover.said)}\n\nWith Enter it moves. {QUESTION}"
+    asked = f"With Enter it moves. {QUESTION}"
+    return f"{limits_text(plan, ways, mover.said)}\n\n{asked}\n\n{_postures_text(plan)}"
 
 
 def set_up_text(step: Step) -> str:

@@ -34,12 +34,31 @@ def plan_of(folder: Path, told: str, ports: tuple[str, ...]) -> Plan:
 
 
 def test_a_dry_run_shows_every_posture_and_asks_nobody() -> None:
-    done = glidecal("run", *TWO, "--motion", "linuxcnc:nowhere:5007", "--dry-run")
+    usual = ("--protocol", "zero-max-min")
+    done = glidecal("run", *TWO, *usual, "--motion", "linuxcnc:nowhere:5007", "--dry-run")
     assert done.status == 0, done.err
     said = " ".join(done.out.split())
     assert said.count("G53 G1 X") == 30
     assert "30 steps at 1500 mm/min, longest move 160.0 mm" in said
     assert "Never outside X-100.000 Y-100.000 Z-100.000 … X60.000 Y60.000 Z60.000" in said
+
+
+def test_without_a_procedure_it_takes_one_that_nobody_would_type() -> None:
+    done = glidecal("run", *TWO, "--motion", "linuxcnc:nowhere:5007", "--dry-run")
+    assert done.status == 0, done.err
+    said = " ".join(done.out.split())
+    assert "Procedure two-station: the usual one where a machine moves itself" in said
+    assert said.count("G53 G1 X") == 138
+    by_hand = glidecal("run", *TWO, "--dry-run")
+    assert by_hand.out.count("G53 G0 X") == 30
+
+
+def test_a_screen_asks_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody is asked twice: the check on the screen shows everything, and Enter is the answer."""
+    monkeypatch.setattr("sys.stdin", Terminal(""))
+    with LinuxCncTwin(SimulatedAxes()) as twin:
+        moving.ask(plan_of(tmp_path, twin.told, ("a", "b")), on_screen=True)
+        assert not twin.moves
 
 
 @pytest.mark.parametrize(
@@ -64,7 +83,7 @@ def test_the_operator_says_no(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr("sys.stdin", Terminal("n\n"))
     with following() as (_, twin, ports):
         with pytest.raises(typer.Exit) as left:
-            moving.ask(plan_of(tmp_path, twin.told, ports))
+            moving.ask(plan_of(tmp_path, twin.told, ports), on_screen=False)
         assert left.value.exit_code == 130
         assert not twin.moves
 
@@ -74,10 +93,10 @@ def test_a_machine_that_is_not_homed(tmp_path: Path, monkeypatch: pytest.MonkeyP
     with LinuxCncTwin(SimulatedAxes()) as twin:
         twin.befall(Trouble.NOT_HOMED)
         with pytest.raises(MotionError, match="home it"):
-            moving.ask(plan_of(tmp_path, twin.told, ("a", "b")))
+            moving.ask(plan_of(tmp_path, twin.told, ("a", "b")), on_screen=False)
     monkeypatch.setattr("sys.stdin", Terminal("y\n"))
     with pytest.raises(UsageError, match="linuxcnc:HOST:PORT or grbl:PORT"):
-        moving.ask(plan_of(tmp_path, "klipper:x", ("a", "b")))
+        moving.ask(plan_of(tmp_path, "klipper:x", ("a", "b")), on_screen=False)
 
 
 def test_a_session_in_a_plain_terminal(

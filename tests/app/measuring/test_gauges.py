@@ -134,19 +134,19 @@ def test_the_trace_holds_the_last_20_s_with_the_band_of_rest(told: Told) -> None
     told.now_s = 100.0 - INTERVAL_S / 2.0  # no reading falls on the edge of a moment
     per_moment = round(SLOT_S / INTERVAL_S)
     told.hear(*(reading(float(k)) for k in range(3 * SLOTS * per_moment)))
-    trace = told.gauge.live().trace
+    trace = told.gauge.live().trace()
     assert len(trace.moments) == SLOTS
     assert [ago for ago, _, _ in trace.moments] == list(range(SLOTS - 1, -1, -1))
     lows, highs = [low for _, low, _ in trace.moments], [high for _, _, high in trace.moments]
     assert lows == [float(per_moment * (2 * SLOTS + k)) for k in range(SLOTS)]
     assert [high - low for low, high in zip(lows, highs, strict=True)] == [per_moment - 1] * SLOTS
     told.hear(*[reading(0.5), reading(0.502)] * 10)
-    assert told.gauge.live().trace.band_mm == pytest.approx((0.499, 0.503))
+    assert told.gauge.live().trace().band_mm == pytest.approx((0.499, 0.503))
     told.hear(reading(0.51))
     assert told.motion() is Motion.MOVING
     told.gauge.restart_window()
-    assert told.gauge.live().trace.moments, "the next step does not clear it"
+    assert told.gauge.live().trace().moments, "the next step does not clear it"
     told.now_s += 3.0 * SLOT_S
-    assert told.gauge.live().trace.moments[-1][0] == 3, "nothing heard for so long"
+    assert told.gauge.live().trace().moments[-1][0] == 3, "nothing heard for so long"
     told.now_s += 20.0
-    assert told.gauge.live().trace == Trace()
+    assert told.gauge.live().trace() == Trace()

@@ -175,7 +175,7 @@ def test_a_check_says_who_says_so_and_moves_nothing() -> None:
 
 
 def test_a_demonstration_that_moves_itself_finds_the_hidden_offsets(tmp_path: Path) -> None:
-    plan = moving_itself(demo_plan(tmp_path, None, 5, BenchSettings()), hurried=True)
+    plan = moving_itself(demo_plan(tmp_path, None, 5, BenchSettings()), "twin", hurried=True)
     once = plan.procedure.model_copy(update={"cycles": 1})
     plan = replace(plan, procedure=once, interval_s=0.0)
     with start_session(plan) as guided:

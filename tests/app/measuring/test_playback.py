@@ -33,8 +33,8 @@ def record(events: list[Event]) -> Record:
 
 def shown(live: Live) -> list[float]:
     """The readings of the strip chart."""
-    assert all(low == high for _, low, high in live.trace.moments)
-    return [high for _, _, high in live.trace.moments]
+    assert all(low == high for _, low, high in live.trace().moments)
+    return [high for _, _, high in live.trace().moments]
 
 
 def told() -> Playback:
@@ -330,15 +330,20 @@ def test_any_way_leads_to_the_same_picture(moves: list[tuple[str, float | str | 
         assert [live.outcome for live in straight.live] == [live.outcome for live in playback.live]
 
 
+def everything(playback: Playback) -> tuple[object, ...]:
+    traces = [live.trace() for live in playback.live]
+    return playback.position, said_text(playback), playback.live, traces, playback.shown
+
+
 @given(st.integers(0, 11))
 @settings(deadline=None)
 def test_one_forward_and_one_back_changes_nothing(frame: int) -> None:
     playback = told()
     playback.step(frame)
-    before = (playback.position, said_text(playback), playback.live, playback.shown)
+    before = everything(playback)
     playback.step(1)
     playback.step(-1 if frame < len(playback.frames) - 1 else 0)
-    assert (playback.position, said_text(playback), playback.live, playback.shown) == before
+    assert everything(playback) == before
 
 
 def test_a_machine_that_does_not_allow_its_procedure_is_refused_in_words() -> None:

@@ -6,14 +6,14 @@ import math
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
 
 from calib.errors import UsageError
 from drivers.motion import controller_of
-from drivers.motion.controller import Controller, Faulted, Limits, MotionFault
+from drivers.motion.controller import Controller, Faulted, Limits, MotionFault, Triple
 from drivers.motion.twins import TWINS, GrblTwin, LinuxCncTwin, MotionTwin, SimulatedAxes, Trouble
 
 LIMITS = Limits((-100.0,) * 3, (60.0,) * 3, longest_mm=120.0, fastest_mm_min=60_000.0)
@@ -173,6 +173,40 @@ def test_a_second_client_is_noticed() -> None:
         second.close()
 
 
+class Arriving(SimulatedAxes):
+    """Something befalls it when it is asked where it is and has arrived."""
+
+    then: Callable[[], None] | None = None
+
+    @property
+    def at_mm(self) -> Triple:
+        there = super().at_mm
+        if self.then is not None and there == (10.0, 0.0, 0.0):
+            self.then()
+        return there
+
+
+def test_a_barrier_whose_word_was_lost_is_asked_for_again() -> None:
+    with beside("linuxcnc", Trouble.CUT) as (controller, twin):
+        assert controller.move_to((10.0, 0.0, 0.0), FEED) == (10.0, 0.0, 0.0)
+        assert len(twin.moves) == 1
+
+
+def test_a_refused_barrier_says_what_is_wrong() -> None:
+    """An error between the last look and the barrier: the reason, not the NAK."""
+    axes = Arriving(START)
+    with LinuxCncTwin(axes) as twin:
+        axes.then = lambda: twin.errors.extend(["joint 0 following error"] * (not twin.errors))
+        twin.befall(Trouble.CUT)
+        controller = controller_of(twin.told, LIMITS)
+        controller.answer_s = PATIENCE_S
+        controller.connect()
+        with pytest.raises(Faulted, match="joint 0 following error") as said:
+            controller.move_to((10.0, 0.0, 0.0), FEED)
+        assert said.value.kind is MotionFault.CONTROLLER
+        controller.close()
+
+
 def test_password_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     for words in ("WRONG EMCTOO", "EMC WRONG"):
         monkeypatch.setenv("GLIDECAL_LINUXCNC_PASSWORDS", words)
@@ -223,6 +257,7 @@ def test_bytes_of_the_text_server() -> None:
         ("set mdi G21 G90 G53 G1 F0 X0 Y0 Z0", b"SET MDI ACK\n\r"),
         ("get error", b"ERROR Cannot do g1 with zero feed rate\r\n"),
         ("set wait done", b"SET WAIT ACK\n\r"),
+        ("set wait", b"SET WAIT NAK\n\r"),
         (
             "get abs_act_pos",
             b"ABS_ACT_POS 1.000000 2.000000 -3.000000 0.000000 0.000000 0.000000\r\n",

@@ -1,0 +1,300 @@
+"""A LinuxCNC of this computer behind simulated joints, started for a demonstration.
+
+Its own kinematics are trivial: X, Y and Z are three carriages. A motor drives each, a switch closes
+at one place of the motor, and homing finds it; where the carriage is then, only who simulates the
+machine knows. Nothing but the package ``linuxcnc-uspace`` is needed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import shutil
+import socket
+import subprocess
+import tempfile
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from calib.errors import MotionError, UsageError
+from drivers.motion.controller import Faulted, Limits, Triple
+from drivers.motion.linuxcnc import ACCEPT_S, PASSWORDS, LinuxCnc
+
+OPTION = "--controller linuxcnc"
+NEEDED = ("linuxcnc", "linuxcncrsh", "halcmd", "pidof", "stdbuf")
+OTHERWISE = "--controller twin needs nothing and shows the same."
+LOCK = Path("/tmp/linuxcnc.lock")
+PARTS = ("linuxcncsvr", "milltask", "rtapi_app")
+START_S, END_S = 30.0, 15.0
+LAST = 250
+"""Characters of its log in a sentence."""
+
+ROOM_MM = 20.0
+"""Of the joint limits beyond the box: the switches stand there."""
+
+INI = """[EMC]
+VERSION = 1.1
+[DISPLAY]
+DISPLAY = ./display
+[TASK]
+TASK = milltask
+CYCLE_TIME = 0.001
+[RS274NGC]
+PARAMETER_FILE = sim.var
+[EMCMOT]
+EMCMOT = motmod
+SERVO_PERIOD = 1000000
+[EMCIO]
+EMCIO = io
+CYCLE_TIME = 0.1
+TOOL_TABLE = sim.tbl
+[HAL]
+HALFILE = machine.hal
+[TRAJ]
+COORDINATES = X Y Z
+LINEAR_UNITS = mm
+ANGULAR_UNITS = degree
+MAX_LINEAR_VELOCITY = 1000
+[KINS]
+KINEMATICS = trivkins coordinates=XYZ
+JOINTS = 3
+"""
+JOINT = """[AXIS_{axis}]
+MAX_VELOCITY = 1000
+MAX_ACCELERATION = 8000
+MIN_LIMIT = {low:.6f}
+MAX_LIMIT = {high:.6f}
+[JOINT_{k}]
+{include}HOME_OFFSET = {home_offset:.6f}
+HOME = {home:.6f}
+HOME_SEARCH_VEL = 60
+HOME_LATCH_VEL = 0.3
+HOME_SEQUENCE = 0
+TYPE = LINEAR
+MAX_VELOCITY = 1000
+MAX_ACCELERATION = 8000
+FERROR = 1
+MIN_FERROR = 0.1
+MIN_LIMIT = {low:.6f}
+MAX_LIMIT = {high:.6f}
+"""
+HAL = """loadrt [KINS]KINEMATICS
+loadrt [EMCMOT]EMCMOT servo_period_nsec=[EMCMOT]SERVO_PERIOD num_joints=[KINS]JOINTS
+loadrt comp count=3
+addf motion-command-handler servo-thread
+addf motion-controller servo-thread
+net estop iocontrol.0.user-enable-out iocontrol.0.emc-enable-in
+net tp iocontrol.0.tool-prepare iocontrol.0.tool-prepared
+net tc iocontrol.0.tool-change iocontrol.0.tool-changed
+"""
+WIRED = """addf comp.{k} servo-thread
+setp comp.{k}.in0 {switch:.6f}
+net motor{k} joint.{k}.motor-pos-cmd joint.{k}.motor-pos-fb comp.{k}.in1
+net switch{k} comp.{k}.out joint.{k}.home-sw-in
+"""
+DISPLAY = """#!/bin/sh
+linuxcncrsh --port {port} --connectpw {connect} --enablepw {enable} -- "$@" </dev/null &
+cat >/dev/null
+kill $!
+"""
+"""It ends, and all of LinuxCNC with it, when the program that started it does, in whatever way."""
+
+
+@dataclass(frozen=True)
+class SimulatedJoints:
+    """Three joints in mm: where Zero is and how far they go, and where the controller homes them.
+
+    ``home_offset_mm`` is what its file holds; files of ``includes``, ``calib_joint0.inc`` …,
+    come before it. A switch closes where its motor is at ``switch_mm``; where a motor is at 0 the
+    carriage is at ``mounted_mm``.
+    """
+
+    zero_mm: Triple
+    low_mm: Triple
+    high_mm: Triple
+    home_offset_mm: Triple
+    switch_mm: float
+    mounted_mm: Triple
+    includes: Mapping[str, str]
+
+
+def check_linuxcnc() -> None:
+    """Raises UsageError where no LinuxCNC can be started."""
+    missing = [name for name in NEEDED if shutil.which(name) is None]
+    if missing:
+        next_step = f"On Debian: apt install linuxcnc-uspace. {OTHERWISE}"
+        raise UsageError(
+            OPTION, f"no {missing[0]} here", "LinuxCNC 2.9 on this computer", next_step
+        )
+    if os.geteuid() == 0 and "RTAPI_UID" not in os.environ:
+        found = "root, as whom LinuxCNC does not start"
+        raise UsageError(OPTION, found, "an ordinary user", OTHERWISE)
+    if LOCK.exists() or not subprocess.run(["pidof", *PARTS], capture_output=True).returncode:
+        found = "a LinuxCNC that is running: starting a second one would end it"
+        next_step = f"Close it; if there is none, remove {LOCK}. {OTHERWISE}"
+        raise UsageError(OPTION, found, "none", next_step)
+
+
+class Motors:
+    """Where the motors are at that moment, as HAL says, counted from ``mounted_mm``."""
+
+    def __init__(self, mounted_mm: Triple, environment: Mapping[str, str]) -> None:
+        self._mounted, self._last, self._lock = mounted_mm, mounted_mm, threading.Lock()
+        self._hal = subprocess.Popen(
+            ["stdbuf", "-oL", "halcmd", "-s", "-k", "-f"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=environment,
+        )
+
+    @property
+    def at_mm(self) -> Triple:
+        """Joint coordinates; of a controller that is gone the last ones."""
+        told, said = self._hal.stdin, self._hal.stdout
+        assert told is not None
+        assert said is not None
+        with self._lock, contextlib.suppress(OSError, ValueError):
+            told.write("".join(f"getp joint.{k}.motor-pos-fb\n" for k in range(3)))
+            told.flush()
+            motors = [float(line) for line in (said.readline() for _ in range(3))]
+            x, y, z = (a + b for a, b in zip(self._mounted, motors, strict=True))
+            self._last = x, y, z
+        return self._last
+
+    def close(self) -> None:
+        """No more questions."""
+        self._hal.kill()
+        self._hal.communicate()
+
+
+class _Operator(LinuxCnc):
+    """Who switches on and homes: glidecal never does, nor does its driver."""
+
+    def prepare(self) -> None:
+        self._set("estop off", ACCEPT_S)
+        self._comes("estop", "OFF")
+        self._set("machine on", ACCEPT_S)
+        self._comes("machine", "ON")
+        self._set("mode manual", ACCEPT_S)
+        self._comes("mode", "MANUAL")
+        self._set("home -1", ACCEPT_S)
+        self._comes("joint_homed", "YES YES YES NO NO NO")
+        self.ready()
+
+    def _comes(self, what: str, wanted: str) -> None:
+        end_s = time.monotonic() + START_S
+        while (found := self._get(what)) != wanted:
+            if time.monotonic() > end_s:
+                raise MotionError(f"LinuxCNC, {what}", found, wanted, OTHERWISE)
+            time.sleep(0.05)
+
+
+class HeadlessLinuxCnc:
+    """LinuxCNC, switched on and homed, as long as it is open; its files lie in a folder of its own.
+
+    Its text server can be reached on every network address, so it gets passwords nobody knows.
+    Raises UsageError where there is no LinuxCNC, MotionError where it does not get ready.
+    """
+
+    def __init__(self, joints: SimulatedJoints) -> None:
+        check_linuxcnc()
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = free.getsockname()[1]
+        self.told = f"linuxcnc:127.0.0.1:{port}"
+        connect, enable = secrets.token_hex(6), secrets.token_hex(6)
+        self._folder = Path(tempfile.mkdtemp(prefix="glidecal-linuxcnc-"))
+        self._passwords = os.environ.get(PASSWORDS)
+        os.environ[PASSWORDS] = f"{connect} {enable}"  # for the guard beside this program, too
+        display = DISPLAY.format(port=port, connect=connect, enable=enable)
+        for name, text in {**_files(joints), "display": display, "sim.tbl": ""}.items():
+            (self._folder / name).write_text(text, encoding="utf-8")
+        (self._folder / "display").chmod(0o700)
+        own = {name: value for name, value in os.environ.items() if name != "DISPLAY"}
+        own["HOME"] = str(self._folder)  # its logs
+        with (self._folder / "log").open("w") as log:
+            self._running = subprocess.Popen(
+                ["linuxcnc", "-r", "machine.ini"],
+                cwd=self._folder,
+                env=own,
+                stdin=subprocess.PIPE,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,  # a key that ends this program lets it clean up
+            )
+        try:
+            self._homed(Limits(joints.low_mm, joints.high_mm, 0.0, 0.0))
+            self.axes = Motors(joints.mounted_mm, own)
+        except BaseException:
+            self._end()
+            raise
+
+    def _homed(self, limits: Limits) -> None:
+        operator = _Operator(self.told.removeprefix("linuxcnc:"), limits)
+        operator.answer_s = ACCEPT_S
+        end_s = time.monotonic() + START_S
+        while True:
+            try:
+                operator.connect()
+                break
+            except Faulted as problem:
+                if self._running.poll() is not None or time.monotonic() > end_s:
+                    raise MotionError("LinuxCNC, start", self._said(), "", OTHERWISE) from problem
+                time.sleep(0.1)
+        try:
+            operator.prepare()
+        finally:
+            operator.close()
+
+    def _said(self) -> str:
+        """The last that it said, without the names of its logs: they are removed with it."""
+        log = (self._folder / "log").read_text(encoding="utf-8", errors="replace")
+        return " ".join(log.partition("LinuxCNC terminated")[0].split())[-LAST:]
+
+    def close(self) -> None:
+        """End it and remove its files."""
+        self.axes.close()
+        self._end()
+
+    def _end(self) -> None:
+        if self._running.stdin is not None:
+            self._running.stdin.close()
+        try:
+            self._running.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self._running.kill()
+            self._running.wait()
+        shutil.rmtree(self._folder, ignore_errors=True)
+        os.environ.pop(PASSWORDS, None)
+        if self._passwords is not None:
+            os.environ[PASSWORDS] = self._passwords
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _files(joints: SimulatedJoints) -> dict[str, str]:
+    """What LinuxCNC reads, by name."""
+    ini, hal = INI, HAL
+    for k, axis in enumerate("XYZ"):
+        name = f"calib_joint{k}.inc"
+        ini += JOINT.format(
+            axis=axis,
+            k=k,
+            include=f"#INCLUDE {name}\n" if name in joints.includes else "",
+            home_offset=joints.home_offset_mm[k],
+            home=joints.zero_mm[k],
+            low=joints.low_mm[k] - ROOM_MM,
+            high=joints.high_mm[k] + ROOM_MM,
+        )
+        hal += WIRED.format(k=k, switch=joints.switch_mm)
+    return {"machine.ini": ini, "machine.hal": hal, **joints.includes}

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from app.measuring.moving import Mover, Moving, Ways, feed_mm_min, limits_of, ways_of
 from app.measuring.opening import Plan
-from app.report.text.session import dry_run_text
+from app.report.text.preparing import dry_run_text
 from app.report.text.tables import wrapped
 from calib.errors import sentence
 from drivers.motion.controller import place_words

@@ -277,9 +277,9 @@ def squares_in(basis: FloatArray, rows: FloatArray) -> float:
 
 
 def squares_in_each(bases: Sequence[FloatArray], rows: FloatArray) -> FloatArray:
-    """The same ``(J,)`` of ``(n,)`` for each of several bases."""
+    """The same ``(J,)`` for each of several bases."""
     owner = np.repeat(np.arange(len(bases)), [basis.shape[1] for basis in bases])
-    squares = (np.hstack(bases).T @ rows) ** 2
+    squares = ((np.hstack(bases).T @ rows.reshape(len(rows), -1)) ** 2).sum(axis=1)
     return np.asarray(np.bincount(owner, squares, len(bases)), dtype=np.float64)
 
 
@@ -300,7 +300,11 @@ def basis_of(columns: FloatArray, cut: float, scale: float | None = None) -> Flo
 
 def bases_of(stacked: FloatArray, cut: float, scale: float | None = None) -> FloatArray:
     """`basis_of` of each of ``(m, n, k)``, as wide as that: what does not count is zero."""
-    left, singular, _ = np.linalg.svd(stacked, full_matrices=False)
+    if stacked.shape[2] == 1:  # much the most, and no more than a length
+        singular = np.sqrt((stacked**2).sum(axis=1))
+        left = stacked / np.maximum(singular, TINY)[:, None]
+    else:
+        left, singular, _ = np.linalg.svd(stacked, full_matrices=False)
     bar = cut * (singular.max(axis=1, keepdims=True, initial=0.0) if scale is None else scale)
     return np.asarray(left * (singular > bar)[:, None])
 

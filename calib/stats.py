@@ -24,9 +24,9 @@ def variance_ratio_p_value(ratio: float, numerator_df: float, denominator_df: fl
     return float(fdtrc(numerator_df, denominator_df, ratio))
 
 
-def two_sided_p_value(t: float, degrees_of_freedom: float) -> float:
-    """Chance of a Student t at least this far from zero, on either side."""
-    return float(2.0 * stdtr(degrees_of_freedom, -abs(t)))
+def two_sided_p_values(t: FloatArray, degrees_of_freedom: FloatArray) -> FloatArray:
+    """Chance of each Student t ``(k,)`` at least this far from zero, on either side."""
+    return np.asarray(2.0 * stdtr(degrees_of_freedom, -np.abs(t)))
 
 
 def coverage_factors(degrees_of_freedom: FloatArray) -> FloatArray:

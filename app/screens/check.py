@@ -66,6 +66,7 @@ class CheckScreen(Screen[None]):
         yield Footer()
 
     def on_mount(self) -> None:
+        self.app.clear_notifications()  # they would lie over the readings
         self._open()
 
     @work(thread=True)

@@ -326,7 +326,8 @@ class Interface(App[str]):
         self.notify(copied_text(text), timeout=8, markup=False)
 
     def complain(self, problem: GlidecalError | str) -> None:
-        """Show an error that a person can act on."""
+        """Show an error that a person can act on, in the place of what was told before."""
+        self.clear_notifications()
         self.notify(str(problem), severity="error", timeout=12, markup=False)
 
     def ask_to_replace(self, problem: FilesThere, write: Callable[[], object]) -> None:
@@ -448,7 +449,8 @@ class Interface(App[str]):
     def replay(self, path: Path) -> Screen[None]: ...
 
     def go_to(self, screen: Screen[Any]) -> None:
-        """Replace the present screen."""
+        """Replace the present screen; what was told of it goes with it."""
+        self.clear_notifications()
         self.switch_screen(screen)
 
 

@@ -64,14 +64,16 @@ class _Rest:
         self.spread = Spread(self.gap, float(self.freedom))  # what the law leaves is noise, too
         sessions = [(one.model, one.observed) for one in problem.fitted_sessions]
         stacked = stacked_columns(sessions, [Empirical((name,)) for name in BASES])
-        self.terms: dict[tuple[str, str], int] = {}
-        columns = [np.zeros((len(problem.y), 0))]
-        for name, of_it in zip(BASES, stacked, strict=True):
-            for place, column in of_it.items():
-                if problem.block(column).shape[1]:
-                    self.terms[place, name] = len(self.terms)
-                    columns.append(column)
-        self.columns = np.hstack(columns)
+        every = {
+            (place, name): column
+            for name, of_it in zip(BASES, stacked, strict=True)
+            for place, column in of_it.items()
+        }
+        blocks = problem.blocks([*every.values()])
+        shown = [key for key, block in zip(every, blocks, strict=True) if block.shape[1]]
+        self.terms = {key: k for k, key in enumerate(shown)}
+        nothing = np.zeros((len(problem.y), 0))
+        self.columns = np.hstack([nothing, *(every[key] for key in shown)])
         self.size = lengths(problem.root_weight[:, None] * self.columns)
         self.free = problem.free(self.columns / self.size)
         self._products, self._across = self.free.T @ self.free, self.free.T @ self.y

@@ -20,8 +20,6 @@ from calib.arrays import (
     lengths,
     numbered,
     onto,
-    rows_of,
-    squares_in,
 )
 from calib.diagnosis.problem import FittedSession, Problem, Whitening
 from calib.diagnosis.results import Cell, HeldOutGap, Residuals, Share
@@ -46,15 +44,14 @@ def locate(problem: Problem) -> tuple[Share, ...]:
             continue
         inside = float((explained[mask] ** 2).sum())
         taken = (problem.whitening.free[mask] ** 2).sum()
-        freedom = float((problem.structure[mask] ** 2).sum() - taken)
-        chance = problem.gap_p_value(inside, max(round(freedom), 1))
+        own = float((problem.structure[mask] ** 2).sum() - taken)
+        chance = problem.gap_p_value(inside, max(round(own), 1))
         shares.append(Share(leg, axis, pattern, inside / total if total else 0.0, chance))
     mounts = incidence(problem.mount)
     for pattern, columns in _patterns(problem):
         each = (mounts[:, :, None] * columns[:, None, :]).reshape(len(columns), -1)
-        block = problem.block(each)
-        inside = squares_in(block, problem.y)
-        chance = problem.gap_p_value(inside, block.shape[1])
+        inside, freedom = problem.explained_by(each)
+        chance = problem.gap_p_value(inside, freedom)
         shares.append(Share("", "", pattern, min(inside / total, 1.0) if total else 0.0, chance))
     return tuple(descending(descending(shares, lambda s: s.share), lambda s: -s.p_value))
 
@@ -110,38 +107,40 @@ def where_words(shares: tuple[Share, ...], level: float) -> str:
 
 def residuals(problem: Problem, after: FloatArray | None) -> Residuals:
     """Means of each cell; ``after`` ``(n,)`` is the whitened residual with effects adopted."""
-    before_mm = problem.mm(problem.y)
-    after_mm = None if after is None else problem.mm(after)
     names = ("leg", "axis", "station", "displacement_mm", "approach")
     columns = [*map(problem.conditions, names), *problem.conditions("position_mm").T]
     keys = [column.astype(np.float64).round(4) for column in columns]
-    cells = []
-    for rows in rows_of(numbered(*keys)):
-        leg, axis, station, displacement, approach, *position = (float(k[rows[0]]) for k in keys)
-        cells.append(
-            Cell(
-                leg=TOUCHED_NAMES[int(leg)],
-                axis=LEG_NAMES[int(axis)],
-                station=station,
-                displacement_mm=displacement,
-                approach=int(approach),
-                before_mm=float(before_mm[rows].mean()),
-                after_mm=None if after_mm is None else float(after_mm[rows].mean()),
-                noise_mm=float(np.sqrt((problem.root_weight[rows] ** -2.0).sum()) / len(rows)),
-                position_mm=tuple(position) if leg == TOOL else None,
-            )
-        )
-    later = [cell.after_mm for cell in cells if cell.after_mm is not None]
-    return Residuals(
-        tuple(cells),
-        _rms([cell.before_mm for cell in cells]),
-        _rms(later) if later else None,
-        _rms([cell.noise_mm for cell in cells]),
+    cell = numbered(*keys)
+    first, count = np.unique(cell, return_index=True)[1], np.bincount(cell)
+    before = np.bincount(cell, problem.mm(problem.y)) / count
+    later = None if after is None else np.bincount(cell, problem.mm(after)) / count
+    noise = np.sqrt(np.bincount(cell, problem.root_weight**-2.0)) / count
+    each = zip(
+        np.column_stack(keys)[first].tolist(),
+        before.tolist(),
+        [None] * len(first) if later is None else later.tolist(),
+        noise.tolist(),
+        strict=True,
     )
+    cells = tuple(
+        Cell(
+            leg=TOUCHED_NAMES[int(place[0])],
+            axis=LEG_NAMES[int(place[1])],
+            station=place[2],
+            displacement_mm=place[3],
+            approach=int(place[4]),
+            before_mm=before_mm,
+            after_mm=after_mm,
+            noise_mm=noise_mm,
+            position_mm=tuple(place[5:]) if place[0] == TOOL else None,
+        )
+        for place, before_mm, after_mm, noise_mm in each
+    )
+    return Residuals(cells, _rms(before), None if later is None else _rms(later), _rms(noise))
 
 
-def _rms(values_mm: list[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(values_mm)))) if values_mm else 0.0
+def _rms(values_mm: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values_mm**2)))
 
 
 def left_out_postures(
@@ -205,11 +204,12 @@ def _chosen(
         spread = Spread(float(rest @ rest), float(len(train) - whitening.free.shape[1]))
     blocks = whitening.blocks([column[train] for column in white])
     search = Search(rest, blocks, spread, np.zeros(len(blocks)))
-    larger = search.singles()
     members: tuple[int, ...] = ()
-    while larger and len(members) < size:
+    while len(members) < size:
+        larger = search.larger(members) if members else search.singles()
+        if not larger:
+            break
         members = heaviest_first(larger)[0].members
-        larger = search.larger(members)
     return members
 
 

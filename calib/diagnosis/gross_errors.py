@@ -29,16 +29,19 @@ from calib.arrays import (
     basis_of,
     descending,
     incidence,
+    largest,
     lengths,
     numbered,
     onto,
     rows_of,
     without,
+    without_means,
     without_zeros,
 )
 from calib.diagnosis.policy import POLICY
 from calib.diagnosis.results import Named
 from calib.diagnosis.selection import LOG_UNIT
+from calib.noise.reading import LEAST_NOISE_MM
 from calib.noise.repeats import Repeats
 from calib.tripod.differences import reading_matrix
 from calib.tripod.pipeline import Model
@@ -141,29 +144,29 @@ def _best_step(
     observed: Observations, rows: IntArray, basis: FloatArray, noise: float
 ) -> _Step | None:
     value = without(basis, observed.value_mm[rows])
-    total = float(value @ value)
-    order = np.arange(len(rows))
-    steps = [
-        (k, *_explained(value, basis, np.where(order >= k, 1.0, 0.0)))
-        for k in range(2, len(rows) - 1)
-    ]
-    if not steps:
+    total, count = float(value @ value), len(rows)
+    if count < 4:
         return None
-    k, gain, shift = descending(steps, lambda one: one[1])[0]
-    drift = _explained(value, basis, order.astype(np.float64))[0]
-    outlier = max(_explained(value, basis, np.where(order == j, 1.0, 0.0))[0] for j in order)
-    clear = max(total - gain, noise) <= BETTER * (total - max(drift, outlier))
-    return _Step(rows[k:], gain, shift, clear)
+    order = np.arange(count, dtype=np.float64)
+    from_row_on = np.cumsum(np.column_stack([value, basis])[::-1], axis=0)[::-1]
+    slopes, gains = _explained(from_row_on, count - order)
+    outliers = _explained(np.column_stack([value, basis]), np.ones(count))[1]
+    drift = _explained(order[None] @ np.column_stack([value, basis]), order[None] @ order)[1]
+    k = 2 + largest(gains[2:-1])
+    beside = max(float(drift[0]), float(outliers.max()))
+    clear = max(total - float(gains[k]), noise) <= BETTER * (total - beside)
+    return _Step(rows[k:], float(gains[k]), float(slopes[k]), clear)
 
 
-def _explained(value: FloatArray, cells: FloatArray, column: FloatArray) -> tuple[float, float]:
-    """What a column explains given the cells, and its coefficient."""
-    rest = without(cells, column)
-    share = float(rest @ rest)
-    if share < NEW_DIRECTION**2:
-        return 0.0, 0.0
-    slope = float(rest @ value) / share
-    return slope**2 * share, slope
+def _explained(products: FloatArray, squares: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Coefficients ``(k,)`` of columns given a basis, and what they explain of a value beside it.
+
+    ``products`` ``(k, 1 + r)`` of each with value and basis, ``squares`` ``(k,)`` with itself.
+    """
+    share = squares - (products[:, 1:] ** 2).sum(axis=1)
+    seen = share >= NEW_DIRECTION**2
+    slope = np.where(seen, products[:, 0] / np.where(seen, share, 1.0), 0.0)
+    return slope, slope**2 * share
 
 
 def cell_basis(observed: Observations, rows: IntArray) -> FloatArray:
@@ -219,10 +222,10 @@ def suspicions(
     fit = _BaseFit(model, observed, tolerance_mm)
     tried = list(_hypotheses(observed))
     log_tried = math.log(max(len(tried), 1))
-    before = fit.square_sum(observed.value_mm)
+    values = [observed.value_mm, *(error.corrected.value_mm for error, _, _ in tried)]
+    before, *every = fit.square_sums(np.column_stack(values)).tolist()
     found: list[tuple[float, Suspicion]] = []
-    for error, slope, log_scale in tried:
-        after = fit.square_sum(error.corrected.value_mm)
+    for (error, slope, log_scale), after in zip(tried, every, strict=True):
         gain = 0.5 * len(observed) * math.log(before / after) + log_scale
         shrinks = before * math.exp(2.0 * log_scale / len(observed)) / after
         clear = shrinks > LEAST_RATIO and fit.slope_fits(error, slope)
@@ -236,7 +239,10 @@ def suspicions(
 
 def _hypotheses(observed: Observations) -> Iterator[tuple[GrossError, float, float]]:
     """Mistakes, the slope that each would make, and the log of the scale that it takes away."""
+    moved = np.abs(without_means(observed.mount, observed.averaged, observed.value_mm))
     for where, rows in _groups(observed):
+        if moved[rows].max() < LEAST_NOISE_MM:  # a factor would change zeros of mountings only
+            continue
         for name, words, factor in CHANGES:
             value = observed.value_mm.copy()
             value[rows] *= factor
@@ -302,18 +308,18 @@ class _BaseFit:
         return without_zeros(self._observed, self._observed.averaged, rows)
 
     def _solved(self, residual: FloatArray, rows: IntArray | slice) -> FloatArray:
-        """Parameters ``(6,)`` from these rows, with the scatter as weight of the tolerances."""
+        """Parameters ``(6,)`` or ``(6, k)`` from these rows; the scatter weighs the tolerances."""
         design = self._design[rows]
         hold = np.diag(self._floor / self._tolerance**2)
         return np.asarray(np.linalg.solve(design.T @ design + hold, design.T @ residual[rows]))
 
-    def square_sum(self, value_mm: FloatArray) -> float:
-        """What the fit leaves, tolerances included, mm²."""
-        residual = self._centred(value_mm - self._nominal)
+    def square_sums(self, value_mm: FloatArray) -> FloatArray:
+        """What the fit leaves ``(k,)``, tolerances included, mm², of values ``(n, k)``."""
+        residual = self._centred(value_mm - self._nominal[:, None])
         x = self._solved(residual, slice(None))
         rest = residual - self._design @ x
-        hold = self._floor * float(((x / self._tolerance) ** 2).sum())
-        return float((rest**2).sum()) + hold + self._floor
+        hold = ((x / self._tolerance[:, None]) ** 2).sum(axis=0) + 1.0
+        return np.asarray((rest**2).sum(axis=0) + self._floor * hold)
 
     def slope_fits(self, error: GrossError, slope: float) -> bool:
         """Whether the raw readings follow what the other rows predict with the right slope."""

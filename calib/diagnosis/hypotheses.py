@@ -52,9 +52,9 @@ def hypotheses_of(problem: Problem, effects: Sequence[Effect]) -> list[Candidate
     """
     sessions = [(one.model, one.observed) for one in problem.fitted_sessions]
     powers = [Empirical((name,)) for name in BASES if BASES[name].stage == Stage.ACTUATOR]
-    nameless = [one for one in candidates_together(sessions, powers) if one.arrangement == "one"]
-    laws = with_searched_leads(problem, effects)
-    return [*candidates_together(sessions, laws), *nameless, *_other_bars(problem)]
+    every = candidates_together(sessions, [*with_searched_leads(problem, effects), *powers])
+    known = [one for one in every if one.kind != Kind.EMPIRICAL or one.arrangement == "one"]
+    return [*known, *_other_bars(problem)]
 
 
 def is_known(candidate: Candidate) -> bool:

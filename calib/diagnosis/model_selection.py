@@ -21,7 +21,6 @@ from calib.arrays import (
     numbered,
     onto,
     rank_of,
-    squares_in,
     squares_in_each,
     without,
 )
@@ -40,7 +39,6 @@ from calib.diagnosis.selection import (
     Search,
     Spread,
     WeighedModel,
-    contained,
     credible_set,
     evidence,
     foremost,
@@ -50,6 +48,7 @@ from calib.diagnosis.selection import (
     scores,
 )
 from calib.errors import NotIdentifiable
+from calib.noise.reading import LEAST_NOISE_MM
 from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import EffectInstance, Kind
 
@@ -116,7 +115,8 @@ class ModelSelection:
             if block.shape[1]
             and not (
                 candidates[k].kind == Kind.EMPIRICAL
-                and any(contained(block, other) > POLICY.alike for other in known)
+                and known
+                and squares_in_each(known, block).max() > POLICY.alike * block.shape[1]
             )
         ]
         some = [candidates[k] for k in shown]
@@ -191,8 +191,7 @@ class ModelSelection:
         if self.problem.noise_df <= 0.0:
             return -np.inf
         own = incidence(numbered(self.problem.mount, self.problem.conditions(of)))
-        block = self.problem.block(own)
-        return evidence(squares_in(block, self.problem.y), block.shape[1], self.problem.spread)
+        return evidence(*self.problem.explained_by(own), self.problem.spread)
 
     def _beside_own_errors(self) -> tuple[WeighedModel | None, list[WeighedModel]]:
         """What stands out where postures err by themselves, by an amount that only the gap tells.
@@ -222,6 +221,8 @@ class ModelSelection:
         noise_df = self.problem.noise_df or None
         df = self._structure_df(kept)
         present = [k for k, block in enumerate(blocks) if block.shape[1]]
+        if noise_df is None and self.problem.gap_rms_mm(y) < LEAST_NOISE_MM:
+            present = []  # rounding is left, of which nothing is to be explained
         shown = [blocks[k] for k in present]
         local = np.zeros(len(blocks))
         if not present:

@@ -204,13 +204,18 @@ class Whitening:
         """Orthonormal basis ``(n, r)`` of what is left of each of these columns ``(n, k)``."""
         found: dict[int, FloatArray] = {}
         for alike, stacked in stacks(columns):
-            size = np.sqrt((stacked**2).sum(axis=1, keepdims=True))
-            shown = np.where(size > VISIBLE, stacked / np.maximum(size, VISIBLE), 0.0)
-            free = bases_of(without(self.free, shown), NEW_DIRECTION, 1.0)
+            free = without(self.free, _of_unit_length(stacked))
+            free = bases_of(free, NEW_DIRECTION, 1.0)
             bases = bases_of(self.held_back(free), DEPENDENT)
             for k, basis in zip(alike, bases, strict=True):
                 found[k] = basis[:, basis.any(axis=0)]
         return [found[k] for k in range(len(columns))]
+
+
+def _of_unit_length(columns: FloatArray) -> FloatArray:
+    """Columns ``(..., n, k)``, zero where they are not `VISIBLE`."""
+    size = np.sqrt((columns**2).sum(axis=-2, keepdims=True))
+    return np.where(size > VISIBLE, columns / np.maximum(size, VISIBLE), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,12 +278,20 @@ class Problem:
         more = self.whitening.held_back(y - self.y, 1.0 / self.whitening.kept)
         return replace(self, y=y, residual=self.residual + more)
 
-    def block(self, columns_mm: FloatArray) -> FloatArray:
-        """Orthonormal basis ``(n, r)`` of columns ``(n, k)`` in mm, whitened."""
-        return self.blocks([columns_mm])[0]
+    def explained_by(self, columns_mm: FloatArray) -> tuple[float, int]:
+        """What many columns ``(n, k)`` in mm explain of ``y``, and in how many directions.
+
+        By their products, which is quicker than `blocks`.
+        """
+        free = without(self.whitening.free, _of_unit_length(self.root_weight[:, None] * columns_mm))
+        square, axes = np.linalg.eigh(free.T @ free)
+        seen = square > NEW_DIRECTION**2
+        white = self.whitening.held_back(free @ (axes[:, seen] / np.sqrt(square[seen])))
+        along = white.T @ self.y
+        return float(along @ np.linalg.solve(white.T @ white, along)), len(along)
 
     def blocks(self, columns_mm: Sequence[FloatArray]) -> list[FloatArray]:
-        """The same of several."""
+        """Orthonormal bases ``(n, r)`` of columns ``(n, k)`` in mm, whitened."""
         return self.whitening.blocks([self.root_weight[:, None] * one for one in columns_mm])
 
     def free(self, columns_mm: FloatArray) -> FloatArray:

@@ -289,11 +289,13 @@ def null_scores(
     squares = np.array(
         [(parts[owner == r].reshape(-1, r, DRAWS) ** 2).sum(axis=1).max(axis=0) for r in ranks]
     )
-    variance, axes = np.linalg.eigh(together.T @ together)
+    products = together.T @ together
+    variance = np.linalg.eigvalsh(products)
     seen = variance > DEPENDENT * variance[-1]
     rest = max(structure_df - int(seen.sum()), 0)
     total = np.asarray(generator.chisquare(rest, DRAWS) if rest else np.zeros(DRAWS))
     if noise_df is None:
+        variance, axes = np.linalg.eigh(products)
         draws = (axes[:, seen] / np.sqrt(variance[seen])).T @ parts
         total = total + (draws**2).sum(axis=0)
     elif math.isfinite(noise_df):

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import fdtrc
 
 from calib.arrays import (
     NEW_DIRECTION,
@@ -19,7 +20,7 @@ from calib.arrays import (
     without,
     without_means,
 )
-from calib.stats import two_sided_p_value, variance_ratio_p_value
+from calib.stats import two_sided_p_values, variance_ratio_p_value
 
 WILD_LEVEL = 0.01
 """Chance that one of all readings is called wild although none is (Bonferroni)."""
@@ -122,15 +123,14 @@ def outlying_readings(repeats: Repeats, floor_mm2: float) -> tuple[Outlier, ...]
         return ()
     own = left[judged] ** 2 / open_share[judged]
     squares = repeats.sums_of_squares(repeats.observed.value_mm[:, None])[:, 0]
-    found = []
-    for row, square in zip(judged, own, strict=True):
-        one = int(repeats.observed.indicator[row])
-        variance, nu = _others(squares, repeats.degrees_of_freedom, one, float(square))
-        t = float(np.sign(left[row])) * math.sqrt(square / max(variance, floor_mm2, TINY))
-        p = min(1.0, two_sided_p_value(t, nu) * len(judged))
-        if p < WILD_LEVEL:
-            found.append(Outlier(int(row), t, p))
-    return tuple(found)
+    variance, nu = _others(
+        squares, repeats.degrees_of_freedom, repeats.observed.indicator[judged], own
+    )
+    t = np.sign(left[judged]) * np.sqrt(own / np.maximum(variance, max(floor_mm2, TINY)))
+    p = np.minimum(two_sided_p_values(t, nu) * len(judged), 1.0)
+    wild = p < WILD_LEVEL
+    each = zip(judged[wild].tolist(), t[wild].tolist(), p[wild].tolist(), strict=True)
+    return tuple(Outlier(*one) for one in each)
 
 
 def cycle_drift(repeats: Repeats, floor_mm2: float) -> float | None:
@@ -157,15 +157,19 @@ def cycle_drift(repeats: Repeats, floor_mm2: float) -> float | None:
 
 
 def _others(
-    squares: FloatArray, free: FloatArray, indicator: int, square: float
-) -> tuple[float, float]:
-    """Variance to judge a reading by, without its own ``square``, and its degrees of freedom."""
+    squares: FloatArray, free: FloatArray, indicator: IntArray, square: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Variance to judge each reading by, without its own ``square``, and its degrees of freedom.
+
+    ``indicator`` and ``square`` ``(k,)`` are those of the readings.
+    """
     total, nu_total = float(squares.sum()), float(free.sum())
-    own, nu_own = max(float(squares[indicator]) - square, 0.0), float(free[indicator]) - 1.0
-    others, nu_others = total - float(squares[indicator]), nu_total - float(free[indicator])
-    if nu_own > 0.0 and nu_others > 0.0:
-        ratio = (own / nu_own) / max(others / nu_others, TINY)
-        noisier = variance_ratio_p_value(ratio, nu_own, nu_others)
-        if min(noisier, 1.0 - noisier) < UNEQUAL_LEVEL:
-            return own / nu_own, nu_own
-    return max(total - square, 0.0) / (nu_total - 1.0), nu_total - 1.0
+    own, nu_own = np.maximum(squares[indicator] - square, 0.0), free[indicator] - 1.0
+    others, nu_others = total - squares[indicator], nu_total - free[indicator]
+    both = (nu_own > 0.0) & (nu_others > 0.0)
+    alone, nu_alone = own / np.where(both, nu_own, 1.0), np.where(both, nu_own, 1.0)
+    nu_beside = np.where(both, nu_others, 1.0)
+    noisier = fdtrc(nu_alone, nu_beside, alone / np.maximum(others / nu_beside, TINY))
+    unequal = both & (np.minimum(noisier, 1.0 - noisier) < UNEQUAL_LEVEL)
+    pooled = np.maximum(total - square, 0.0) / (nu_total - 1.0)
+    return np.where(unequal, alone, pooled), np.where(unequal, nu_own, nu_total - 1.0)

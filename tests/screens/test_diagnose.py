@@ -66,9 +66,11 @@ async def test_a_session_that_cannot_be_diagnosed(samples: Path) -> None:
         for page in ("where", "candidates", "change"):
             assert text(interface, f"#{page}-text") == verdict(interface)
         assert not screen.query_one("#change-chart").display
-        await pilot.press("a", "n", "y")
-        await pilot.pause()
-        assert said(interface).count("There is no diagnosis") == 3
+        for key in "any":
+            interface.clear_notifications()
+            await pilot.press(key)
+            await pilot.pause()
+            assert said(interface).count("There is no diagnosis") == 1
         await pilot.press("f10")
     assert interface.return_code == 0
 

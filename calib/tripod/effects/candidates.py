@@ -150,18 +150,24 @@ def tool_columns(
 
 def _all_candidates(
     sessions: Sequence[tuple[Model, Conditions]], effects: Sequence[Effect]
-) -> Iterator[tuple[Candidate, bool]]:
+) -> Iterable[tuple[Candidate, bool]]:
     """Every candidate and whether it is seen."""
     geometry = sessions[0][0].geometry
     known = effects_of(effects, geometry)
     centre = _Centre([observed for _, observed in sessions])
-    for effect, columns in zip(known, stacked_columns(sessions, known), strict=True):
-        seen = {p: c for p, c in columns.items() if centre.is_seen(c, effect.parameters)}
-        for place in columns:
-            if place not in seen:
-                yield _one(effect, place, columns[place]), False
-        for candidate in _arrangements(effect, seen, geometry):
-            yield candidate, centre.is_seen(candidate.columns, candidate.parameters)
+    places = stacked_columns(sessions, known)
+    alone = [
+        [_one(effect, place, own) for place, own in columns.items()]
+        for effect, columns in zip(known, places, strict=True)
+    ]
+    shown = iter(centre.are_seen([one for some in alone for one in some]))
+    every: list[Candidate] = []
+    for effect, some in zip(known, alone, strict=True):
+        each = [(one, next(shown)) for one in some]
+        every += [one for one, seen in each if not seen]
+        by_place = {one.where: one.columns for one, seen in each if seen}
+        every += _arrangements(effect, by_place, geometry)
+    return zip(every, centre.are_seen(every), strict=True)
 
 
 def stacked_columns(
@@ -187,13 +193,18 @@ class _Centre:
 
     def __init__(self, observed: Sequence[Conditions]) -> None:
         member = block_diag(*(np.eye(one.mount_count)[one.mount] for one in observed))
-        self._member = member
+        self._mount = np.nonzero(member)[1]
         self._mean = (member / np.maximum(member.sum(axis=0), 1.0)).T
 
-    def is_seen(self, columns: FloatArray, parameters: tuple[EffectParameter, ...]) -> bool:
-        left = columns - self._member @ (self._mean @ columns)
-        sizes = np.array([parameter.tolerance for parameter in parameters])
-        return bool((np.abs(left) * sizes).max(initial=0.0) > VANISHES_MM)
+    def are_seen(self, some: Sequence[Candidate]) -> list[bool]:
+        """Whether an unremarkable size of each changes more than zeros."""
+        if not some:
+            return []
+        columns = np.hstack([one.columns for one in some])
+        sizes = np.array([parameter.tolerance for one in some for parameter in one.parameters])
+        left = np.abs(columns - (self._mean @ columns)[self._mount]).max(axis=0, initial=0.0)
+        starts = np.cumsum([0, *(len(one.parameters) for one in some[:-1])])
+        return list(np.maximum.reduceat(left * sizes, starts) > VANISHES_MM)
 
 
 def _arrangements(
@@ -277,16 +288,18 @@ def _grouped(
         where="all",
         arrangement=arrangement,
         parameters=tuple(
-            replace(parameter, name=parameter.name + ending)
+            replace(parameter, name=parameter.name + ending) if ending else parameter
             for ending in groups
             for parameter in effect.parameters
         ),
-        columns=np.hstack(
-            [np.sum([seen[place] for place in places], axis=0) for places in groups.values()]
-        ),
+        columns=np.hstack([_sum([seen[place] for place in places]) for places in groups.values()]),
         shares=tuple(
             Share(effect, place, tuple(range(number * count, (number + 1) * count)))
             for number, places in enumerate(groups.values())
             for place in places
         ),
     )
+
+
+def _sum(columns: Sequence[FloatArray]) -> FloatArray:
+    return columns[0] if len(columns) == 1 else np.sum(columns, axis=0)

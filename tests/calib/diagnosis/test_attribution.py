@@ -81,7 +81,7 @@ def test_sizes_that_only_each_other_call_for_cost() -> None:
     odd = made.root_weight[:, None] * other
     y = 100.0 * odd[:, 0] / np.linalg.norm(odd)
     moved = replace(made, y=made.whitening(y))
-    blocks = [moved.block(e.columns) for e in pair]
+    blocks = moved.blocks([e.columns for e in pair])
     selection = ModelSelection(moved, pair, blocks, log_choices(pair))
     assert implausible(moved, pair[:1]) < 1.0
     assert implausible(moved, pair[1:]) < 1.0
@@ -91,7 +91,7 @@ def test_sizes_that_only_each_other_call_for_cost() -> None:
 
 def attributed(made: Problem, one: Candidate) -> Attribution:
     """With a single candidate, that is kept."""
-    selection = ModelSelection(made, [one], [made.block(one.columns)], np.zeros(1))
+    selection = ModelSelection(made, [one], made.blocks([one.columns]), np.zeros(1))
     found = Attribution(selection, selection.run())
     assert found.outcome.members == (0,)
     return found

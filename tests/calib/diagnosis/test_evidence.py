@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.arrays import union
+from calib.arrays import squares_in, union
 from calib.diagnosis.gap import locate
 from calib.diagnosis.hypotheses import alias_map, causes_of, hypotheses_of
 from calib.diagnosis.model_selection import ModelSelection
+from calib.diagnosis.policy import POLICY
 from calib.diagnosis.problem import Problem
 from calib.diagnosis.selection import (
     KNOWN,
@@ -73,7 +74,7 @@ def test_the_fewest_causes_are_kept() -> None:
     made = problem(TWO_STATION, 0)
     entries = {(e.id, e.where): e for e in hypotheses_of(made, CATALOGUE)}
     one, every = (entries["axis_offset", where] for where in ("x", "xy,yz,zx"))
-    few, many = made.block(one.columns), made.block(every.columns)
+    few, many = made.blocks([one.columns, every.columns])
     further = many @ np.linalg.svd(few.T @ many)[2][-1]
     assert np.abs(few.T @ further).max() < 1e-6
     moved = replace(made, y=made.y + 30.0 * few[:, 0] + (3.2 - further @ made.y) * further)
@@ -83,6 +84,34 @@ def test_the_fewest_causes_are_kept() -> None:
         for other in (every, shared)
     ]
     assert [model.members for model in kept if model] == [(0,), (1,)]
+
+
+def test_one_and_many_at_once_are_weighed_alike() -> None:
+    made = problem(TWO_STATION, 0)
+    selection = ModelSelection.of(made, hypotheses_of(made, CATALOGUE))
+    search = selection.search
+    assert len({block.shape[1] for block in search.blocks}) > 2
+    for one in search.singles():
+        assert search.weighed(one.members).log_weight == pytest.approx(one.log_weight)
+    columns = np.hstack([one.columns for one in selection.candidates[:20]])
+    (block,) = made.blocks([columns])
+    explained, rank = made.explained_by(columns)
+    assert rank == block.shape[1] < columns.shape[1]
+    assert explained == pytest.approx(squares_in(block, made.y))
+
+
+def test_the_limit_of_a_chance_spares_draws_and_decides_alike() -> None:
+    made = problem(TWO_STATION, 1)
+    selection = ModelSelection.of(made, hypotheses_of(made, CATALOGUE))
+    limit, local = selection.step(())
+    drawn, again = selection.step((), drawn=True)
+    assert limit == pytest.approx(math.exp(float(local.min())))
+    assert POLICY.naming_level < limit < drawn
+    assert local.tolist() == again.tolist()
+    strong = replace(made, y=made.y + 8.0 * selection.blocks[0][:, 0])
+    found = ModelSelection.of(strong, selection.candidates)
+    assert found.step(())[0] == found.step((), drawn=True)[0]
+    assert found.step(())[0] <= POLICY.naming_level
 
 
 def test_causes_of_an_entry() -> None:

@@ -15,7 +15,7 @@ from tests.calib.diagnosis.diagnosed_sessions import TWO_STATION, problem
 
 def visible() -> list[Candidate]:
     made = problem(TWO_STATION, 0)
-    return [e for e in hypotheses_of(made, CATALOGUE) if made.block(e.columns).shape[1]]
+    return [e for e in hypotheses_of(made, CATALOGUE) if made.blocks([e.columns])[0].shape[1]]
 
 
 def test_an_effect_then_one_part_or_all_then_which() -> None:

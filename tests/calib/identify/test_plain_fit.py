@@ -15,10 +15,12 @@ from calib.arrays import (
     tool_conditions,
     without_zeros,
 )
-from calib.identify.fit import exact_fit
+from calib.identify.fit import exact_fit, prior_fit
 from calib.identify.identify import SUBSETS, Subset
 from calib.identify.monte_carlo import identify_many
 from calib.newton import minimise, solve_positive
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, derivatives, simulate
 from calib.tripod.plain import PapersDesign, TripodDesign
@@ -41,6 +43,27 @@ def test_closed_form_and_its_derivatives_are_the_pipeline(seed: int) -> None:
     generator = np.random.default_rng(seed)
     geometry = Geometry(leg_length_mm=(float(generator.uniform(200.0, 900.0)),) * 3)
     assert_is_the_pipeline(geometry, random_conditions(generator, geometry), PapersDesign, seed)
+
+
+@pytest.mark.parametrize("geometry", TRIPODS.values(), ids=TRIPODS)
+def test_a_fit_held_by_tolerances_is_the_same_through_the_stages(geometry: Geometry) -> None:
+    """Without effects in closed form, each posture once; with one of size nothing by stages."""
+    low, high = geometry.workspace_mm or ((-60.0,) * 3, (40.0,) * 3)
+    places = np.repeat(np.random.default_rng(2).uniform(low, high, (12, 3)), 2, axis=0)
+    taken = tool_conditions(places)
+    truth = Model(geometry, (0.4, -0.3, 0.2, 0.05, -0.02, 0.01))
+    observed = observe(taken, truth.readings(taken))
+    nothing = EffectInstance(
+        next(one for one in CATALOGUE if one.id == "actuator_scale"), "x", (0.0,)
+    )
+    tolerance_mm = np.array([2.0] * 3 + [0.1] * 3)
+    plain, staged = (
+        prior_fit(Model(geometry, effects=effects), observed, np.full(24, 1e6), tolerance_mm)
+        for effects in ((), (nothing,))
+    )
+    assert plain.parameters_mm == pytest.approx(staged.parameters_mm, abs=1e-8)
+    assert plain.design == pytest.approx(staged.design, abs=1e-9)
+    assert plain.predicted_mm == pytest.approx(staged.predicted_mm, abs=1e-9)
 
 
 @pytest.mark.parametrize("geometry", TRIPODS.values(), ids=TRIPODS)

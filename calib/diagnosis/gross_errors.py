@@ -35,11 +35,13 @@ from calib.arrays import (
     onto,
     rows_of,
     without,
+    without_means,
     without_zeros,
 )
 from calib.diagnosis.policy import POLICY
 from calib.diagnosis.results import Named
 from calib.diagnosis.selection import LOG_UNIT
+from calib.noise.reading import LEAST_NOISE_MM
 from calib.noise.repeats import Repeats
 from calib.tripod.differences import reading_matrix
 from calib.tripod.pipeline import Model
@@ -237,7 +239,10 @@ def suspicions(
 
 def _hypotheses(observed: Observations) -> Iterator[tuple[GrossError, float, float]]:
     """Mistakes, the slope that each would make, and the log of the scale that it takes away."""
+    moved = np.abs(without_means(observed.mount, observed.averaged, observed.value_mm))
     for where, rows in _groups(observed):
+        if moved[rows].max() < LEAST_NOISE_MM:  # a factor would change zeros of mountings only
+            continue
         for name, words, factor in CHANGES:
             value = observed.value_mm.copy()
             value[rows] *= factor

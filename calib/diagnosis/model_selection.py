@@ -48,6 +48,7 @@ from calib.diagnosis.selection import (
     scores,
 )
 from calib.errors import NotIdentifiable
+from calib.noise.reading import LEAST_NOISE_MM
 from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import EffectInstance, Kind
 
@@ -220,6 +221,8 @@ class ModelSelection:
         noise_df = self.problem.noise_df or None
         df = self._structure_df(kept)
         present = [k for k, block in enumerate(blocks) if block.shape[1]]
+        if noise_df is None and self.problem.gap_rms_mm(y) < LEAST_NOISE_MM:
+            present = []  # rounding is left, of which nothing is to be explained
         shown = [blocks[k] for k in present]
         local = np.zeros(len(blocks))
         if not present:

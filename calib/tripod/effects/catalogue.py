@@ -72,19 +72,6 @@ BESIDE_CATALOGUE: tuple[Effect, ...] = (
 """Those that models may hold and simulations follow; the diagnosis does not look for them."""
 
 
-ISO_230 = {
-    "axis_squareness": "E_A0Z of yz, E_B0Z of xz, E_C0Y of xy",
-    "straightness": "E_YX of xy, E_ZX of xz, E_XY of yx …",
-    "straightness_cubic": "E_YX of xy, E_ZX of xz, E_XY of yx …",
-    "actuator_scale": "E_XX of x, its linear part",
-    "actuator_cyclic": "E_XX of x, its periodic part",
-    "backlash": "B of x (reversal value, ISO 230-2)",
-    "thermal_drift": "ETVE (ISO 230-3)",
-    "thermal_growth": "E_XX(T) of x (ISO 230-3)",
-}
-"""Symbols of ISO 230-1 for errors of linear axes; bars, indicators and clearances have none."""
-
-
 def effects_of(effects: Iterable[Effect], geometry: Geometry) -> tuple[Effect, ...]:
     """The laws as they are on this machine: its screws' lead, the directions across its drives."""
     return with_directions(with_machine_lead(effects, geometry), geometry)

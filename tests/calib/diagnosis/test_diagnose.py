@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.arrays import Observations
+from calib.arrays import Observations, observe
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.results import Diagnosis
+from calib.noise.reading import IndicatorFigures
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.actuators import ActuatorCyclic
 from calib.tripod.effects.effect import EffectInstance
@@ -25,6 +26,20 @@ def test_nothing_missing_agrees_and_says_what_would_have_been_seen(taken: Observ
     assert quiet.effects == ()
     sizes = {one.id: one.size for one in quiet.smallest_detectable}
     assert 0.0 < sizes["backlash"] < 0.1
+
+
+@pytest.mark.parametrize(("resolution_mm", "verdict"), [(None, "cannot-tell"), (0.001, "agrees")])
+@pytest.mark.parametrize("all_alike", [True, False], ids=["stuck", "exact"])
+def test_readings_without_any_scatter_name_nothing(
+    all_alike: bool, resolution_mm: float | None, verdict: str
+) -> None:
+    """A factor shows in nothing that stands still, and no effect explains what rounding leaves."""
+    exact_mm = Model(parameters_mm=(0.3, 0.2, -0.1, 0.0, 0.0, 0.0)).readings(SHORT)
+    value_mm = np.full(len(SHORT), 0.5) if all_alike else exact_mm
+    made = case(SHORT).with_readings(observe(SHORT, value_mm))
+    found = diagnose([replace(made, indicator=IndicatorFigures(resolution_mm))], CATALOGUE)
+    assert (found.verdict, found.effects) == (verdict, ())
+    assert "best guess" not in found.sentence
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from calib.tripod.effects.actuators import STANDARD_LEADS_MM, Backlash
 from calib.tripod.effects.axes import AxisDistance, AxisOffset
 from calib.tripod.effects.bars import pull_of_weight
 from calib.tripod.effects.candidates import Candidate, candidates, invisible
-from calib.tripod.effects.catalogue import BESIDE_CATALOGUE, ISO_230, effects_of
+from calib.tripod.effects.catalogue import BESIDE_CATALOGUE, effects_of
 from calib.tripod.effects.effect import Effect, EffectInstance, remedies
 from calib.tripod.geometry import Geometry, trilaterate
 from calib.tripod.movements import last_movement
@@ -97,7 +97,6 @@ def test_the_catalogue_holds_the_ids_of_the_contract() -> None:
     contract = """axis_squareness axis_offset straightness actuator_scale actuator_cyclic backlash
         leg_length gravity_sag thermal_drift leg_taper leg_bow gauge_gain gauge_tilt"""
     assert set(contract.split()) == {known.id for known in CATALOGUE}
-    assert set(ISO_230) < {known.id for known in EVERY}
     assert not {known.id for known in CATALOGUE} & {known.id for known in BESIDE_CATALOGUE}
     for known in EVERY:
         assert known.title

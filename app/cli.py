@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import sys
 from typing import Annotated
@@ -92,6 +93,8 @@ def main() -> None:
     """Run the program; every error meant for a person becomes one paragraph and a status."""
     # numpy reads it once; for matrices as small as ours, waiting threads cost more than they help
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # what is made here mostly stays: looking for garbage after 700 things took a tenth of a report
+    gc.set_threshold(50_000)
     guard_standard_streams()
     status = _run()
     try:

@@ -178,7 +178,6 @@ def _sessions(
 
 def _beside(names: Sequence[str], sessions: Sequence[Session], digests: Sequence[str]) -> Table:
     table = new_table("session", *names, left=1 + len(names))
-    _set_widths(table, HEADING_EM, *[(WIDTH_EM - HEADING_EM) // len(names)] * len(names))
     opened = [session.opened for session in sessions]
     rows: dict[str, list[str]] = {
         "origin": [one.origin for one in opened],
@@ -201,12 +200,6 @@ def _beside(names: Sequence[str], sessions: Sequence[Session], digests: Sequence
     if any(notes):
         table.add_row("notes", *notes)
     return table
-
-
-def _set_widths(table: Table, *widths_em: int) -> None:
-    """For tables too long, or with texts too long, to be fitted to what stands in them."""
-    for column, width_em in zip(table.columns, widths_em, strict=True):
-        column.width = width_em
 
 
 def _set_ups(session: Session) -> list[Picture]:
@@ -330,7 +323,6 @@ def _doubted(solved: SessionSolution, names: Sequence[str], sessions: Sequence[S
     """Readings that were questioned, superseded or do not fit their repeats; steps left out."""
     suspects = {(one.session, one.reading.reading): one.studentised for one in solved.suspects}
     table = new_table("session", "no.", "at", "value, mm", "", left=3)
-    _set_widths(table, *DOUBTED_EM)
     said = []
     for name, session in zip(names, sessions, strict=True):
         for reading in session.all_readings:
@@ -349,19 +341,30 @@ def _doubted(solved: SessionSolution, names: Sequence[str], sessions: Sequence[S
 
 
 def _readings(name: str, session: Session) -> Section:
-    """Every reading that was taken, those that do not count too."""
-    table = new_table("no.", "mounting", "at", "value, mm", "min", "°C", "", left=3)
-    _set_widths(table, *READING_EM)
-    for reading in session.all_readings:
-        table.add_row(
-            f"{reading.reading}",
-            reading.mount,
-            reading.place_words,
-            signed(reading.value_mm, 4),
-            "" if reading.time_s is None else f"{reading.time_s / 60.0:.1f}",
-            "" if reading.temperature_c is None else f"{reading.temperature_c:g}",
-            _state(session, reading),
+    """Every reading that was taken, those that do not count too; those of one posture in a row."""
+    readings = session.all_readings
+    axes = sorted({one.axis for one in readings})
+    values = [f"{axis}, mm" for axis in axes]
+    table = new_table("no.", "mounting", "at", "station", *values, "time, min", "°C", "", left=3)
+    several = len({one.station for one in readings}) > 1
+    rows: list[tuple[tuple[str, ...], dict[str, Reading]]] = []
+    for one in readings:
+        state = (
+            one.place_words,
+            f"{one.station:g}" if several else "",
+            f"{one.cycle}",
+            "" if one.time_s is None else f"{one.time_s / 60.0:.1f}",
+            "" if one.temperature_c is None else f"{one.temperature_c:g}",
+            _state(session, one),
         )
+        if not rows or rows[-1][0] != state or one.axis in rows[-1][1]:
+            rows.append((state, {}))
+        rows[-1][1][one.axis] = one
+    for (place, station, _, *others), taken in rows:
+        numbers = ", ".join(f"{one.reading}" for one in taken.values())
+        mounts = ", ".join(dict.fromkeys(one.mount for one in taken.values()))
+        shown = [signed(taken[axis].value_mm, 4) if axis in taken else "" for axis in axes]
+        table.add_row(numbers, mounts, place, station, *shown, *others)
     return Section(f"Readings of {name}", tables=[table])
 
 
@@ -375,12 +378,6 @@ def _state(session: Session, reading: Reading) -> str:
 
 BESIDE = 3
 """So many sessions stand beside each other in a table."""
-
-WIDTH_EM, HEADING_EM = 56, 11
-"""Of a table that takes the whole page."""
-
-DOUBTED_EM = (14, 3, 14, 7, 18)
-READING_EM = (3, 6, 14, 7, 4, 4, 18)
 
 MOST_OPEN = 8
 

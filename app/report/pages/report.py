@@ -26,6 +26,15 @@ PDF_NEEDS = (
 ONE_PIECE = 16
 """A table of at most so many rows is not cut by the end of a page."""
 
+WIDTH_EM, LETTER_EM, GAP_EM = 60.0, 0.64, 1.4
+"""Of a table at most, of a letter, and what keeps columns apart."""
+
+LEAST_EM = 8.0
+"""Of a column of texts, however many numbers stand beside them."""
+
+HEADING_LETTERS = 14
+"""A longer heading takes two lines."""
+
 
 def html_of(report: CalibrationReport) -> str:
     """One page without a script or anything from elsewhere; texts of strangers are inert."""
@@ -37,7 +46,13 @@ def _template() -> Template:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, finalize=_shown, keep_trailing_newline=True
     )
-    environment.filters |= {"data": _data, "columns": _columns, "rows": _rows, "kind": _kind}
+    environment.filters |= {
+        "data": _data,
+        "columns": _columns,
+        "rows": _rows,
+        "kind": _kind,
+        "widths": widths_em,
+    }
     text = resources.files("app.report.pages").joinpath("report.html").read_text(encoding="utf-8")
     return environment.from_string(text)
 
@@ -55,6 +70,29 @@ def _columns(table: Table) -> list[Column]:
 def _kind(column: Column) -> str:
     """Numbers stand to the right; what has no heading is a remark."""
     return "number" if column.justify == "right" and column.header else "text"
+
+
+def widths_em(columns: Sequence[Column]) -> list[float]:
+    """In em, from the letters in each: numbers have theirs, texts share what is left of a page.
+
+    Whoever shows the page then measures no cell, and one word of 300 letters squeezes no column.
+    """
+    wanted = [GAP_EM + LETTER_EM * _letters(column) for column in columns]
+    texts = [k for k, column in enumerate(columns) if _kind(column) == "text"]
+    numbers = sum(wanted) - sum(wanted[k] for k in texts)
+    left = max(WIDTH_EM - numbers, LEAST_EM * len(texts))
+    for number, k in enumerate(sorted(texts, key=wanted.__getitem__)):
+        wanted[k] = min(wanted[k], left / (len(texts) - number))
+        left -= wanted[k]
+    return wanted
+
+
+def _letters(column: Column) -> int:
+    """Of the longest line."""
+    heading = str(column.header)
+    half = max(map(len, (*heading.split(), heading[: len(heading) // 2 + 2])))
+    lines = (line for cell in column.cells for line in str(cell).split("\n"))
+    return max(len(heading) if len(heading) <= HEADING_LETTERS else half, *map(len, lines), 0)
 
 
 def _rows(columns: Sequence[Column]) -> list[tuple[RenderableType, ...]]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 
 from app.evaluating.solution import NoisyChannel, SessionSolution, indicator_figures
-from app.report.text.tables import decimals_for, signed, uncertain
+from app.report.text.tables import decimals_for, free_words, signed, uncertain
 from calib.arrays import LEG_NAMES
 from calib.design.identifiability import Direction
 from calib.identify.solution import Subset
@@ -104,7 +104,7 @@ def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
             f"WARNING: the residual is {math.sqrt(fit.statistic):.1f} times the noise: something "
             "is missing from the model (glidecal diagnose). With the residual counted as noise the "
             f"uncertainty is ±{uncertain(larger)} mm (k = {solution.left_over_factor:.3f}, "
-            f"{fit.degrees_of_freedom:.3g} degrees of freedom)."
+            f"{free_words(fit.degrees_of_freedom)})."
         )
     for subset, problem in refused.items():
         yield f"LEFT OUT: {SUBSET_WORDS[subset]}: {problem.found}."

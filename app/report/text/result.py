@@ -21,6 +21,7 @@ from app.report.text.caveats import (
 )
 from app.report.text.tables import (
     decimals_for,
+    free_words,
     map_text,
     new_table,
     signed,
@@ -209,7 +210,7 @@ def noise_words(solution: Solution) -> str:
 
 def _source_words(noise: Noise) -> str:
     free = noise.degrees_of_freedom
-    degrees = "" if math.isinf(free) else f", {free:.3g} degrees of freedom"
+    degrees = "" if math.isinf(free) else f", {free_words(free)}"
     if noise.source == "repeats":
         return f"from repeats{degrees}"
     if noise.source == "residuals":

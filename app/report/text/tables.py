@@ -80,6 +80,12 @@ def signed(value: float, decimals: int = 3) -> str:
     return f"{round(value, decimals) + 0.0:+.{decimals}f}"
 
 
+def free_words(degrees: float) -> str:
+    """Degrees of freedom: all digits of the whole ones, however many."""
+    shown = f"{degrees:.0f}" if degrees >= 100.0 else f"{degrees:.3g}"
+    return f"{shown} degrees of freedom"
+
+
 def copied_text(text: str) -> str:
     """How much was copied, and why it may not arrive."""
     return (

@@ -23,7 +23,7 @@ from app.evaluating.diagnosis import diagnose_files
 from app.evaluating.solution import judge, solve_files
 from app.report.charts.charts import residuals_before_and_after
 from app.report.pages.contents import CalibrationReport, Picture, Section, report_of
-from app.report.pages.report import html_of, pdf_of
+from app.report.pages.report import WIDTH_EM, html_of, pdf_of, widths_em
 from app.report.text.tables import new_table
 from calib.errors import UsageError, extra
 from calib.printable import HIDDEN, printable
@@ -148,6 +148,37 @@ def test_readings_that_were_questioned_stand_by_themselves(tmp_path: Path) -> No
     assert ("3", "does not count: questioned: not as expected") in rows
     assert ("4", "counts again: kept: looked twice") in rows
     assert section.sentences == ["doubted.jsonl: 1 steps left out: no room"]
+
+
+def test_readings_of_a_posture_stand_in_a_row_each_below_its_axis() -> None:
+    (table,) = _section(report_of([SIMULATED]), f"Readings of {SIMULATED.name}").tables
+    headings = [str(column.header) for column in table.columns]
+    (session,) = solve_files([SIMULATED])[0].sessions
+    readings = {one.reading: one for one in session.all_readings}
+    shown: list[int] = []
+    for row in _cells(table):
+        cells = dict(zip(headings, row, strict=True))
+        numbers = [int(number) for number in cells["no."].split(", ")]
+        values: dict[str, float] = {readings[k].axis: readings[k].value_mm for k in numbers}
+        for axis in "xyz":
+            cell = cells[f"{axis}, mm"]
+            assert (float(cell) if cell else None) == values.get(axis)
+        assert {readings[k].place_words for k in numbers} == {cells["at"]}
+        shown += numbers
+    assert shown == sorted(readings)
+    assert len(table.rows) == len(readings) / 2, "two indicators"
+
+
+def test_columns_have_room_for_their_numbers_and_share_the_rest() -> None:
+    table = new_table("no.", "remark", "other", "value, mm", left=3)
+    table.add_row("1", "x" * 300, "short", "+0.1234")
+    number, long, short, value = widths_em(table.columns)
+    assert sum((number, long, short, value)) == pytest.approx(WIDTH_EM)
+    assert value > 0.64 * len("value, mm") > 0.64 * len("+0.1234")
+    assert number < short < long
+    crowded = new_table("at", *(f"value {k:02d}, mm" for k in range(12)))
+    crowded.add_row("leg X at +60 mm", *["+0.1234"] * 12)
+    assert min(widths_em(crowded.columns)) > 5.0, "texts keep some room beside many numbers"
 
 
 def test_a_name_stands_in_the_evidence(tmp_path: Path) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from math import inf
+from typing import TYPE_CHECKING, Protocol
 
 import typer
 
@@ -54,3 +56,56 @@ def measure(guided: GuidedSession) -> None:
     measure_by_itself(
         guided, lambda step: typer.confirm(f"{set_up_text(step)}. Ready?", err=True), say
     )
+
+
+class Measures(Protocol):
+    """What measures a whole session."""
+
+    def __call__(self, plan: Plan, *, headless: bool) -> None:
+        """On the screen, or ``headless``."""
+
+
+def measured_until(
+    plan: Plan, until: float | None, measure: Measures, *, headless: bool, done: bool = False
+) -> None:
+    """A session, if it is not ``done``; then further ones where the machine moves itself.
+
+    Raises UsageError where no set-up after set-up can be measured up to the bound ``until``.
+    """
+    of_legs = bool(plan.procedure.levels) and plan.machine.geometry().orthogonal
+    if until is not None and (plan.motion is None or not headless):
+        raise UsageError("--until", "no --motion, or a screen", "--motion … --headless")
+    if until is not None and not of_legs:
+        found = f"procedure {plan.procedure.name} on machine {plan.machine.name}"
+        raise UsageError("--until", found, "readings of legs, on drives that are square")
+    if not done:
+        measure(plan, headless=headless)
+    if plan.motion is not None and of_legs:
+        _go_on(plan, until, measure)
+
+
+def _go_on(plan: Plan, until: float | None, measure: Measures) -> None:
+    """What the readings bound; up to the bound ``until`` set-up after set-up, each a session.
+
+    Ends where that is reached or more would not help. Without one it is said how to go on.
+    """
+    from app.planning.tripod import (
+        all_sessions,
+        further_procedure,
+        further_session,
+        next_measurement,
+    )
+    from app.report.text.motion import further_text
+
+    first, before_mm = plan.path, inf
+    while True:
+        reach = next_measurement(all_sessions(first)).found.reach
+        chosen = None if until is None else reach.towards(until, before_mm)
+        say(further_text(reach, plan, until, chosen))
+        if chosen is None:
+            return
+        procedure = further_procedure(plan.procedure, chosen)
+        plan = replace(plan, path=further_session(first), procedure=procedure, continued=False)
+        plan = replace(plan, before=None, verifies=None, note="")
+        before_mm = reach.bound_mm
+        measure(plan, headless=True)

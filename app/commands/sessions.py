@@ -81,6 +81,9 @@ def run(
         str | None,
         typer.Option(help="Controller that moves the machine: linuxcnc:HOST:PORT or grbl:PORT."),
     ] = None,
+    until: Annotated[
+        float | None, figure("Set-up after set-up, until the tool is off by at most this, mm.")
+    ] = None,
 ) -> None:
     """The guided session on real indicators. With --simulated on a simulated machine."""
     from app.measuring.indicators import (
@@ -98,13 +101,16 @@ def run(
     from protocols.machine import load_machine
     from protocols.motion import procedure_of
     from protocols.procedure import load_procedure, shuffled
+    from protocols.record import read_record
 
     known = load_machine(machine)
     chosen = choose_indicators(
         indicator or (), port or (), profile, machine=known, simulated=simulated
     )
     if resume:
-        _measure(replace(plan_to_continue(resume, chosen), motion=motion), headless=headless)
+        whole = until is not None and read_record(resume).end == "closed"
+        plan = replace(plan_to_continue(resume, chosen, whole=whole), motion=motion)
+        moving.measured_until(plan, until, _measure, headless=headless, done=whole)
         return
     named = protocol or procedure_of(known, moving=motion is not None)
     procedure = load_procedure(named, known.geometry())
@@ -134,7 +140,7 @@ def run(
         steps = moving.shown(plan) if plan.motion else dry_run_text(*asked)
         typer.echo(f"{steps}\n\n{before_measuring_text(*before_measuring(*asked))}")
     else:
-        _measure(plan, headless=headless)
+        moving.measured_until(plan, until, _measure, headless=headless)
 
 
 def _measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --simulated") -> None:

@@ -270,15 +270,17 @@ def start_session(plan: Plan) -> GuidedSession:
         raise
 
 
-def plan_to_continue(path: Path, instruments: tuple[Instrument, ...] = ()) -> Plan:
+def plan_to_continue(
+    path: Path, instruments: tuple[Instrument, ...] = (), *, whole: bool = False
+) -> Plan:
     """The plan of an interrupted session, on the same indicators unless others are named.
 
-    Raises RecordError where the record is altered, closed or was imported, PortsUnknown where it
-    was begun on another computer and no indicators are named.
+    Of a ``whole`` one that more set-ups follow. Raises RecordError where the record is altered,
+    closed or imported, PortsUnknown where it is of another computer and no indicators are named.
     """
     record = read_record(path)
     opened = record.opened
-    if record.end == "closed" or opened.procedure is None:
+    if (record.end == "closed" and not whole) or opened.procedure is None:
         found = "a closed session" if opened.procedure else "an imported table"
         raise RecordError(f"session {path}", found, "an interrupted session to continue")
     if instruments and [i.axes for i in instruments] != [i.axes for i in opened.instruments]:

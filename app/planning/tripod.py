@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ from calib.identify.next_mounting import (
     MINUTES_PER_MOUNTING,
     SECONDS_PER_STEP,
     Expected,
+    FurtherSetUp,
     NextMountings,
     Proposal,
     expected_of,
@@ -28,7 +30,7 @@ from calib.tripod.effects.effect import Effect
 from calib.tripod.pipeline import Model
 from calib.tripod.planning import Orders, TripodPlanning
 from protocols.data_table import DataTable
-from protocols.files import Written
+from protocols.files import Written, unused_path
 from protocols.machine import Instrument, Machine, load_machine
 from protocols.model_file import read_model
 from protocols.motion import seconds_per_step
@@ -224,6 +226,28 @@ def next_measurement(
         minutes_per_mounting=minutes_per_mounting,
     )
     return replace(found, warnings=tuple(warnings))
+
+
+FURTHER = "_further"
+
+
+def all_sessions(first: Path) -> list[Path]:
+    """A session, and those of further set-ups that were measured after it."""
+    return [first, *sorted(first.parent.glob(f"{escape(first.stem)}{FURTHER}*.jsonl"))]
+
+
+def further_session(first: Path) -> Path:
+    """The file of one more set-up after a session."""
+    return unused_path(first.with_name(f"{first.stem}{FURTHER}.jsonl"))
+
+
+def further_procedure(like: Procedure, one: FurtherSetUp) -> Procedure:
+    """A proposed set-up as a procedure; timing and limits are those of the one ``like`` it."""
+    own = {"legs": one.legs, "stations": (one.station,), "levels": one.displacements_mm}
+    once = {"cycles": 1, "return_to_zero": False, "order": "fixed", "random_seed": None}
+    said = {"name": "further", "title": "A further set-up, there and back", "description": ""}
+    planned: Procedure = like.model_copy(update={**own, **once, **said, "plane": None})
+    return planned
 
 
 def _pace_s(machine: Machine, folded: Sequence[Session]) -> float:

@@ -107,6 +107,15 @@ class Reach:
         """Whether more set-ups would not help."""
         return len(self.further) < MOST_FURTHER
 
+    def towards(self, wanted_mm: float, before_mm: float = math.inf) -> FurtherSetUp | None:
+        """The next set-up; None where the bound is as wanted, or more would not help.
+
+        More does not help where none is worth it, nor where the last one was not: ``before_mm`` is
+        the bound before that.
+        """
+        helped = self.bound_mm <= WORTH * before_mm
+        return self.further[0] if self.further and helped and self.bound_mm > wanted_mm else None
+
 
 @dataclass(frozen=True)
 class NextMountings:

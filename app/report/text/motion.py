@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from shlex import quote
 
 from app.measuring.moving import Mover, Moving, Ways, feed_mm_min, limits_of, ways_of
 from app.measuring.opening import Plan
 from app.report.text.preparing import dry_run_text
-from app.report.text.tables import wrapped
+from app.report.text.tables import uncertain, wrapped
 from calib.errors import sentence
+from calib.identify.next_mounting import FurtherSetUp, Reach
 from drivers.motion.controller import place_words
 from protocols.machine import MotionLimits
 from protocols.motion import SELF_MOVING
@@ -74,3 +76,33 @@ def moving_text(mover: Mover, step: Step) -> str:
         case Moving.THERE:
             return f"Arrived at step {step.number}."
     return f"STOPPED: {sentence(mover.why)} Nothing was taken. P goes on."
+
+
+def further_text(
+    reach: Reach, plan: Plan, until_mm: float | None, chosen: FurtherSetUp | None
+) -> str:
+    """The bound at the tool after a session, and what follows: the ``chosen`` set-up, or the end.
+
+    Where no bound was asked for, how to go on.
+    """
+    said = f"Tool over the workspace: at most {uncertain(reach.bound_mm)} mm r.m.s. (95 %)"
+    said += f", because of {reach.open_name}." if reach.open_name else "."
+    if chosen is not None:
+        return wrapped(f"{said} Next, {_set_up_words(chosen)}.")
+    if until_mm is not None and reach.bound_mm <= until_mm:
+        return wrapped(f"{said} That is within the {until_mm:g} mm asked for.")
+    if until_mm is not None or not reach.further:
+        return wrapped(f"{said} More set-ups on legs would not help: see glidecal plan.")
+    command = (
+        f"glidecal run --headless --continue {quote(str(plan.path))} --motion {plan.motion} "
+        f"--until {uncertain(reach.further[-1].bound_mm)}"
+    )
+    return f"{wrapped(f'{said} Next, {_set_up_words(reach.further[0])}. To go on:')}\n{command}"
+
+
+def _set_up_words(one: FurtherSetUp) -> str:
+    count = len(one.legs) * len(one.displacements_mm)
+    return (
+        f"leg {', '.join(one.legs)} at station {one.station:g}, {count} postures in "
+        f"{one.minutes:.0f} minutes: {uncertain(one.bound_mm)} mm expected"
+    )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,9 +13,13 @@ import typer
 from app.commands import moving
 from app.commands.sessions import run
 from app.measuring.opening import Plan
+from app.measuring.simulated import simulated_session
 from calib.errors import MotionError, UsageError
+from calib.tripod.pipeline import Model
 from drivers.motion.twins import LinuxCncTwin, SimulatedAxes, Trouble
+from protocols.journal import write_whole
 from protocols.machine import Instrument
+from protocols.procedure import load_procedure
 from protocols.record import read_record
 from tests.app.cli import glidecal
 from tests.app.measuring.moving_machine import FAST, SHORT, following, taken, wrong
@@ -132,3 +138,67 @@ def test_a_session_in_a_plain_terminal(
     assert read_record(path).end == "closed"
     assert len(taken(path)) == 6
     assert not wrong(taken(path), bench)
+
+
+def simulated(truth: Model, taken: list[Plan]) -> moving.Measures:
+    """Measures what it is asked to on a machine of its own, without ports."""
+
+    def measure(plan: Plan, *, headless: bool) -> None:
+        assert headless
+        taken.append(plan)
+        opened, readings = simulated_session(
+            plan.procedure,
+            plan.machine,
+            truth,
+            seed=len(taken),
+            scatter_mm=0.002,
+            resolution_mm=0.001,
+        )
+        write_whole(plan.path, opened, list(readings))
+
+    return measure
+
+
+def test_set_up_after_set_up_until_the_bound_is_reached(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth = Model(FAST.geometry(), (0.8, -1.3, 0.45, 0.02, -0.01, 0.03))
+    usual = load_procedure("zero-max-min", FAST.geometry())
+    plan = replace(plan_of(tmp_path, "linuxcnc:nowhere:1", ("a", "b")), procedure=usual)
+    taken: list[Plan] = []
+    measure = simulated(truth, taken)
+    moving.measured_until(plan, None, measure, headless=True)
+    said = " ".join(capsys.readouterr().err.split())
+    assert "postures in" in said
+    assert len(taken) == 1
+    assert f"glidecal run --headless --continue {plan.path}" in said
+    moving.measured_until(plan, 0.04, measure, headless=True, done=True)
+    said = " ".join(capsys.readouterr().err.split())
+    assert "That is within the 0.04 mm asked for" in said
+    assert 2 <= len(taken) <= 3
+    bounds = [float(mm) for mm in re.findall(r"at most ([\d.]+) mm r\.m\.s\.", said)]
+    assert bounds[0] > 0.04 >= bounds[-1]
+    assert [plan.path.name for plan in taken[:2]] == ["a.jsonl", "a_further.jsonl"]
+    assert (taken[1].procedure.name, taken[1].procedure.cycles) == ("further", 1)
+
+
+def test_where_more_does_not_help_it_stops(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth = Model(FAST.geometry(), (0.8, -1.3, 0.45, 0.02, -0.01, 0.03))
+    sweep = load_procedure("two-station", FAST.geometry())
+    plan = replace(plan_of(tmp_path, "linuxcnc:nowhere:1", ("a", "b")), procedure=sweep)
+    taken: list[Plan] = []
+    moving.measured_until(plan, 0.0, simulated(truth, taken), headless=True)
+    assert "More set-ups on legs would not help" in " ".join(capsys.readouterr().err.split())
+    assert len(taken) <= 4
+
+
+def test_until_is_for_a_machine_that_moves_itself_and_legs(tmp_path: Path) -> None:
+    plan = plan_of(tmp_path, "linuxcnc:nowhere:1", ("a", "b"))
+    taken: list[Plan] = []
+    measure = simulated(Model(FAST.geometry()), taken)
+    for wrong_plan, headless in ((plan, False), (replace(plan, motion=None), True)):
+        with pytest.raises(UsageError, match="--headless"):
+            moving.measured_until(wrong_plan, 0.1, measure, headless=headless)
+    assert not taken

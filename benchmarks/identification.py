@@ -23,8 +23,8 @@ from scipy.optimize import least_squares
 
 from calib.arrays import FloatArray, Observations
 from calib.identify.fit import PlainFit
-from calib.identify.identify import SUBSETS
 from calib.identify.monte_carlo import identify_many
+from calib.identify.solution import SUBSETS
 from calib.newton import Optimum
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model, simulate

@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # heavy: imported where used
     from app.evaluating.solution import SessionSolution
     from app.evaluating.what_if import WhatIf
     from app.planning.tripod import MeasurementPlan
-    from calib.identify.identify import Method, Subset
+    from calib.identify.solution import Method, Subset
 
 __all__ = [
     "GlidecalError",

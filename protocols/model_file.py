@@ -13,7 +13,7 @@ from pydantic import AwareDatetime, Field
 from calib.arrays import TOOL, conditions
 from calib.errors import RecordError, UsageError
 from calib.identify.fit import Size
-from calib.identify.identify import FittedSize, Solution
+from calib.identify.solution import FittedSize, Solution
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.actuators import cyclic_of
 from calib.tripod.effects.catalogue import BESIDE_CATALOGUE, effects_of

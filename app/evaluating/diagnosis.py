@@ -20,7 +20,6 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.problem import Case
 from calib.diagnosis.results import Contender, Diagnosis, Finding
 from calib.errors import CalibrationError, NotIdentifiable, RecordError, UsageError
-from calib.identify.identify import Subset
 from calib.identify.next_mounting import (
     MINUTES_PER_MOUNTING,
     SECONDS_PER_STEP,
@@ -28,6 +27,7 @@ from calib.identify.next_mounting import (
     bound_of,
     reach_of,
 )
+from calib.identify.solution import Subset
 from calib.identify.tool_bound import ToolBound
 from calib.noise.reading import Noise, reading_noise, visits
 from calib.tripod.effects.effect import Effect, Kind

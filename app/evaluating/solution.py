@@ -12,8 +12,8 @@ from calib.arrays import Observations
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.identify.accuracy import Decision, ToolError, decide, tool_map
 from calib.identify.fit import plane_tilts_mrad
-from calib.identify.identify import Method, Solution, Subset, Weights
 from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identify
+from calib.identify.solution import Method, Solution, Subset, Weights
 from calib.identify.subset_choice import CLEARLY_BETTER, SubsetChoice, choose_subset, left_after
 from calib.noise.reading import (
     IndicatorFigures,

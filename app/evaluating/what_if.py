@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Literal
 from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import SessionSolution, indicator_figures, solve_sessions
 from calib.errors import NotIdentifiable, UsageError
-from calib.identify.identify import FittedSize, Solution, Subset, Told, identify_from
+from calib.identify.identify import Told, identify_from
+from calib.identify.solution import FittedSize, Solution, Subset
 from calib.tripod.controller import commanded_with, tool_error_mm
 from calib.tripod.effects.candidates import Candidate, candidates
 from calib.tripod.effects.effect import Effect, EffectInstance, EffectParameter, Kind

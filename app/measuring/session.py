@@ -248,10 +248,10 @@ class GuidedSession:
         before_mm = self._digits_mm.setdefault(number, outcome.resolution_mm)
         if outcome.resolution_mm == before_mm:
             return outcome
+        now, before = (f"{mm:.7f}".rstrip("0") for mm in (outcome.resolution_mm, before_mm))
         words = (
-            f"along {axis.upper()} it now shows steps of {outcome.resolution_mm:.6g} mm, before "
-            f"{before_mm:.6g}: inch for mm? Set it back, or "
-            "leave with F10 and continue the session with it as it is"
+            f"along {axis.upper()} it now shows steps of {now} mm, before {before}: inch for mm? "
+            "Set it back, or leave with F10 and continue the session with it as it is"
         )
         return Fault(FaultKind.WRONG_UNIT, outcome.text, words)
 

@@ -14,7 +14,7 @@ from app.report.schema.solution import Offset
 from app.report.text.caveats import bound_words, caveats
 from app.version import VERSION
 from calib.errors import RecordError
-from calib.identify.identify import Method, Subset
+from calib.identify.solution import Method, Subset
 from calib.printable import printable
 from calib.tripod.controller import Controller
 from calib.tripod.geometry import PARAMETER_NAMES

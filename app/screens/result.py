@@ -29,7 +29,7 @@ from app.screens.interface import Interface
 from app.screens.pages import PagedScreen, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError, extra
-from calib.identify.identify import Subset
+from calib.identify.solution import Subset
 from protocols.files import FilesThere
 from protocols.model_file import EffectEntry, ModelFile, read_model_file
 

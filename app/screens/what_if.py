@@ -21,7 +21,7 @@ from app.screens.interface import Interface
 from app.screens.pages import PagedScreen, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError, NotIdentifiable
-from calib.identify.identify import FittedSize
+from calib.identify.solution import FittedSize
 
 LEFT, DIFFERENCES, NUMBERS = "left-over", "predicted", "numbers"
 

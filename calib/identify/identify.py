@@ -11,9 +11,8 @@ Three ways, told apart by ``method`` and ``weights``:
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field, replace
-from typing import Literal, Self
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -22,13 +21,11 @@ from calib.arrays import (
     FloatArray,
     Observations,
     basis_of,
-    largest,
     set_up_unknowns,
     without,
     without_zeros,
 )
 from calib.design.identifiability import (
-    Direction,
     Identifiability,
     Sensitivity,
     analyse,
@@ -45,6 +42,15 @@ from calib.identify.fit import (
     weighted_fit,
 )
 from calib.identify.propagation import Propagation, propagate, uncertainties
+from calib.identify.solution import (
+    SUBSETS,
+    FittedSize,
+    Method,
+    Solution,
+    Subset,
+    Weights,
+    lack_of_fit,
+)
 from calib.noise.reading import (
     IndicatorFigures,
     IndicatorNoise,
@@ -53,243 +59,12 @@ from calib.noise.reading import (
     reading_weights,
     visits,
 )
-from calib.stats import coverage_factor, variance_ratio_p_value
+from calib.stats import coverage_factor
 from calib.tripod.differences import Differences, differences
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Model, derivatives
 from calib.tripod.sensitivity import sensitivity_of_readings
-
-Subset = Literal["joint-offsets", "leg-lengths", "both", "with-tolerances"]
-Method = Literal["linear", "exact"]
-Weights = Literal["equal", "covariance"]
-
-SUBSETS: dict[Subset, tuple[int, ...]] = {
-    "joint-offsets": (0, 1, 2),
-    "leg-lengths": (3, 4, 5),
-    "both": (0, 1, 2, 3, 4, 5),
-    "with-tolerances": (0, 1, 2, 3, 4, 5),
-}
-
-
-@dataclass(frozen=True)
-class LackOfFit:
-    """Ratio of what the model leaves to the noise (variances), and the chance of one as large."""
-
-    statistic: float
-    degrees_of_freedom: float
-    p_value: float
-
-
-@dataclass(frozen=True)
-class FittedSize:
-    """A size of an effect that was fitted with the parameters, in its own unit."""
-
-    name: str
-    unit: str
-    value: float
-    standard_uncertainty: float
-    coverage_factor: float
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """Identified parameters of one subset with everything needed to trust them or not.
-
-    ``names``, ``values_mm`` and ``coverage_factors`` (95 %) have k entries, ``covariance_mm2`` is
-    ``(k, k)``, of which ``held_mm2`` is what tolerances leave open; what effects fitted with them,
-    ``sizes``, leave open is in it, and ``rounding_mm2``, what steps of the display give to all
-    repeats alike.
-    ``predicted_mm`` and ``difference_uncertainty_mm`` belong to ``differences``,
-    ``(n_differences,)`` each.
-    Uncertainties carry the noise of the readings; they do not carry what the model leaves out.
-    ``outside`` ``(k, 6)`` is what an error of each parameter outside the set does to these, and
-    ``tolerance_mm`` ``(6,)`` how far they may be off, None where nobody stated it.
-    """
-
-    model: Model
-    subset: Subset
-    method: Method
-    weights: Weights
-    names: tuple[str, ...]
-    values_mm: FloatArray
-    covariance_mm2: FloatArray
-    held_mm2: FloatArray
-    rounding_mm2: FloatArray
-    coverage_factors: FloatArray
-    differences: Differences
-    difference_uncertainty_mm: FloatArray
-    predicted_mm: FloatArray
-    rms_before_mm: float
-    rms_after_mm: float
-    degrees_of_freedom: int
-    noise: Noise
-    lack_of_fit: LackOfFit | None
-    condition_number: float
-    weak_directions: tuple[Direction, ...]
-    residual_mm: FloatArray
-    sizes: tuple[FittedSize, ...] = ()
-    outside: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    tolerance_mm: FloatArray | None = None
-
-    @property
-    def expanded_with_tolerances_mm(self) -> FloatArray:
-        """Expanded uncertainties (95 %) ``(k,)`` with all outside the set off within tolerances."""
-        return self._with_tolerances(self.outside)
-
-    @property
-    def expanded_of_difference_mm(self) -> FloatArray | None:
-        """The same of d_rho - d_L ``(3,)`` where the readings tell little of d_rho but that."""
-        if self.subset != "joint-offsets" or self.tolerance_mm is None:
-            return None
-        apart = self.outside + np.eye(len(PARAMETER_NAMES))[3:]
-        found = self._with_tolerances(apart)
-        return found if (found < 0.5 * self.expanded_with_tolerances_mm).all() else None
-
-    def _with_tolerances(self, outside: FloatArray) -> FloatArray:
-        return np.asarray(np.hypot(self.expanded_mm, self._off_mm(outside)))
-
-    def _off_mm(self, outside: FloatArray) -> FloatArray:
-        """What parts outside the set, off within tolerances, make of the parameters (95 %)."""
-        if self.tolerance_mm is None:
-            return np.zeros_like(self.expanded_mm)
-        off = coverage_factor(math.inf) * np.linalg.norm(outside * self.tolerance_mm, axis=1)
-        return np.asarray(off)
-
-    @property
-    def budget_mm(self) -> dict[str, FloatArray]:
-        """What each source gives to `expanded_with_tolerances_mm` ``(k,)``, mm (95 %).
-
-        They add up as squares, the rule of GUM 5.1.2 for sources that know nothing of each other.
-        """
-        held, rounding = self.held_mm2.diagonal(), self.rounding_mm2.diagonal()
-        scatter = np.maximum(self.covariance_mm2.diagonal() - held - rounding, 0.0)
-        factors = self.coverage_factors
-        tolerances = np.hypot(factors * np.sqrt(np.maximum(held, 0.0)), self._off_mm(self.outside))
-        return {
-            "scatter of repeats": factors * np.sqrt(scatter),
-            "steps of the display": factors * np.sqrt(rounding),
-            "parts within tolerance": np.asarray(tolerances),
-        }
-
-    @property
-    def beyond_tolerance(self) -> tuple[tuple[str, float, float], ...]:
-        """Parameters surely more than `BELIEVED` tolerances off: name, value and tolerance, mm."""
-        if self.tolerance_mm is None:
-            return ()
-        tolerance = self.tolerance_mm[list(SUBSETS[self.subset])]
-        beyond = np.abs(self.values_mm) - self.expanded_mm > BELIEVED * tolerance
-        rows = zip(self.names, self.values_mm.tolist(), tolerance.tolist(), beyond, strict=True)
-        return tuple((name, value, within) for name, value, within, off in rows if off)
-
-    @property
-    def lacks_fit(self) -> bool:
-        """Whether the model leaves more than noise: something is missing from it."""
-        return self.lack_of_fit is not None and self.lack_of_fit.p_value < LACK_OF_FIT_LEVEL
-
-    @property
-    def coverage_factor(self) -> float:
-        """The largest of the coverage factors."""
-        return float(self.coverage_factors.max())
-
-    @property
-    def left_mm(self) -> FloatArray:
-        """What is left of each difference ``(n_differences,)``, mm."""
-        return np.asarray(self.differences.value_mm - self.predicted_mm)
-
-    @property
-    def uncertainty_mm(self) -> FloatArray:
-        """Standard uncertainties ``(k,)``, mm."""
-        return np.sqrt(self.covariance_mm2.diagonal())
-
-    @property
-    def expanded_mm(self) -> FloatArray:
-        """Expanded uncertainties for 95 % ``(k,)``, mm."""
-        return self.coverage_factors * self.uncertainty_mm
-
-    @property
-    def strongest_correlation(self) -> tuple[float, str, str] | None:
-        """That of the two parameters known least independently; None where there are no two."""
-        u = self.uncertainty_mm
-        if len(u) < 2 or not u.all():
-            return None
-        first, second = np.triu_indices(len(u), 1)
-        pairs = (self.covariance_mm2 / np.outer(u, u))[first, second]
-        at = largest(np.abs(pairs))
-        return float(pairs[at]), self.names[first[at]], self.names[second[at]]
-
-    @property
-    def spread(self) -> float:
-        """Factor on the variance of the noise where the model leaves more than that; at least 1."""
-        return max(1.0, self.lack_of_fit.statistic) if self.lack_of_fit else 1.0
-
-    @property
-    def enlarged(self) -> float:
-        """The same factor on its standard deviation."""
-        return math.sqrt(self.spread)
-
-    def enlarged_mm2(self, factor: float) -> FloatArray:
-        """Covariance ``(k, k)`` in mm² with so many times the variance of the noise."""
-        return np.asarray(factor * (self.covariance_mm2 - self.held_mm2) + self.held_mm2)
-
-    @property
-    def left_over_factor(self) -> float:
-        """Coverage factor (95 %) with what the model leaves, and its freedom, as noise."""
-        if not self.lack_of_fit or self.spread == 1.0:
-            return self.coverage_factor
-        return coverage_factor(self.lack_of_fit.degrees_of_freedom)
-
-    @property
-    def enlarged_expanded_mm(self) -> FloatArray:
-        """Expanded uncertainties (95 %) ``(k,)`` with what the model leaves as noise, mm."""
-        enlarged = np.sqrt(self.enlarged_mm2(self.spread).diagonal())
-        return np.maximum(self.expanded_mm, self.left_over_factor * enlarged)
-
-    def without_common(self) -> Solution:
-        """The joint offsets less what they share: a plate does not show that."""
-        shared = np.array([name in PARAMETER_NAMES[:3] for name in self.names], dtype=np.float64)
-        take = np.eye(len(shared)) - np.outer(shared, shared) / max(1.0, shared.sum())
-        return replace(
-            self,
-            values_mm=take @ self.values_mm,
-            covariance_mm2=take @ self.covariance_mm2 @ take,
-            held_mm2=take @ self.held_mm2 @ take,
-            rounding_mm2=take @ self.rounding_mm2 @ take,
-        )
-
-
-BELIEVED = 3.0
-"""Tolerances, each a standard deviation, by which a part may be off before something is wrong."""
-
-LACK_OF_FIT_LEVEL = 0.01
-"""Chance from which down the model is said to leave more than the noise."""
-
-
-def lack_of_fit(
-    visited: Observations, left_mm: FloatArray, parameter_count: float, noise: Noise
-) -> LackOfFit | None:
-    """Mean square of what the best fit leaves of the cell means, over their noise variance.
-
-    ``left_mm`` ``(n_readings,)`` is measured minus predicted, zeros not yet taken out.
-    ``parameter_count`` is the trace of what a fit makes of readings: less than the number of
-    parameters where tolerances hold them (Hastie, Tibshirani, Friedman, section 7.6). None where
-    nothing is free or the noise itself came from what the fit leaves.
-    """
-    first, cell = np.unique(visited.cell, return_index=True, return_inverse=True)[1:]
-    free = round(len(first) - set_up_unknowns(visited) - parameter_count, 6)
-    if noise.source == "residuals" or free <= 0.0:
-        return None
-    together = np.bincount(cell, visited.averaged)
-    mean = np.bincount(cell, visited.averaged * left_mm) / together
-    indicator = visited.indicator[first]
-    shown = np.array([one.repeatability_mm2 for one in noise.indicators])[indicator]
-    locked = np.array([one.quantisation_mm2 for one in noise.indicators])[indicator]
-    weight = 1.0 / (shown / together + locked)
-    left = without_zeros(visited.take(first), weight, mean)
-    statistic = float((weight * left**2).sum()) / free
-    p_value = variance_ratio_p_value(statistic, free, noise.degrees_of_freedom)
-    return LackOfFit(statistic, free, p_value)
-
 
 NOTICED = 50.0
 """Tolerances: so large an effect would be seen without measuring, as offsets of 5 mm would."""

@@ -15,7 +15,7 @@ import numpy as np
 from calib.arrays import FloatArray, Observations
 from calib.clusters import in_parallel
 from calib.identify.fit import PlainFit
-from calib.identify.identify import SUBSETS, Solution
+from calib.identify.solution import SUBSETS, Solution
 from calib.newton import Optimum, normal_equations, solve_positive
 from calib.noise.reading import IndicatorFigures, IndicatorNoise, Noise, reading_weights, visits
 from calib.noise.repeats import Repeats

@@ -13,7 +13,8 @@ from calib.arrays import FloatArray, Observations
 from calib.errors import NotIdentifiable
 from calib.identify.accuracy import ToolError, tool_error
 from calib.identify.fit import Size
-from calib.identify.identify import SUBSETS, Method, Solution, Subset, Told, Weights, identify_from
+from calib.identify.identify import Told, identify_from
+from calib.identify.solution import SUBSETS, Method, Solution, Subset, Weights
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.geometry import PARAMETER_NAMES, TOLERANCE_MM
 from calib.tripod.pipeline import Model

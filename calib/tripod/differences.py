@@ -75,7 +75,7 @@ def differences(geometry: Geometry, observed: Observations) -> Differences:
     if not terms:
         raise NotIdentifiable(
             "differences between postures",
-            f"{len(observed)} readings, each mounting in a single posture",
+            f"each mounting in a single posture, readings: {len(observed)}",
             "at least two postures for one mounting; over a plane two stations at Zero, too",
             "Measure Max and Min besides Zero without moving the stand.",
         )

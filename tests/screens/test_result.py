@@ -33,7 +33,7 @@ from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
 from app.settings import Settings
 from calib.errors import NotIdentifiable
-from calib.identify.identify import Subset
+from calib.identify.solution import Subset
 from tests.screens.driving import SIZE, quick_plan, text, until
 
 WIDE = (120, 40)

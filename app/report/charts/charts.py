@@ -12,7 +12,7 @@ from app.evaluating.solution import SessionSolution
 from app.measuring.gauges import SLOTS, Trace
 from app.measuring.leg_review import leg_rows
 from calib.diagnosis.results import SEEN, Cell
-from calib.identify.identify import Solution
+from calib.identify.solution import Solution
 from protocols.procedure import Step
 from protocols.session import Session
 

@@ -40,7 +40,7 @@ from app.report.text.tables import LEAST_MM, new_table, signed, uncertain
 from app.version import program
 from calib.diagnosis.results import Diagnosis
 from calib.errors import NotIdentifiable
-from calib.identify.identify import Subset
+from calib.identify.solution import Subset
 from calib.printable import printable
 from protocols.machine import Machine
 from protocols.model_file import read_model_file

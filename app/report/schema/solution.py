@@ -24,7 +24,7 @@ from app.report.schema.document import (
     schema,
 )
 from calib.identify.accuracy import Decision, ToolError
-from calib.identify.identify import FittedSize, Method, Solution, Subset, Weights
+from calib.identify.solution import FittedSize, Method, Solution, Subset, Weights
 from calib.noise.reading import NoiseSource, Repeated
 from protocols.machine import Instrument
 

@@ -9,7 +9,7 @@ from app.evaluating.solution import NoisyChannel, SessionSolution, indicator_fig
 from app.report.text.tables import decimals_for, free_words, signed, uncertain
 from calib.arrays import LEG_NAMES
 from calib.design.identifiability import Direction
-from calib.identify.identify import Subset
+from calib.identify.solution import Subset
 from calib.noise.reading import LEAST_NOISE_MM
 from calib.tripod.workspace import NEAR_ZERO_MM
 from protocols.procedure import position_words

@@ -29,7 +29,7 @@ from app.report.text.tables import (
     uncertain,
     wrapped,
 )
-from calib.identify.identify import SUBSETS, Solution
+from calib.identify.solution import SUBSETS, Solution
 from calib.noise.reading import Noise
 from protocols.machine import Instrument
 from protocols.session import Session

@@ -10,7 +10,7 @@ from app.evaluating.what_if import Choice, Trial, WhatIf
 from app.report.text.caveats import SUBSET_WORDS
 from app.report.text.diagnosis import decimals
 from app.report.text.tables import LEAST_MM, new_table, signed, table_text, uncertain, wrapped
-from calib.identify.identify import FittedSize, Solution
+from calib.identify.solution import FittedSize, Solution
 
 WHAT_IF_HELP = """\
 Left, Right   the size smaller, larger, by a step no larger than

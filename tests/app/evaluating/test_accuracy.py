@@ -10,7 +10,7 @@ import pytest
 
 from app.evaluating.solution import solve_files
 from app.report.text.result import solution_text
-from calib.identify.identify import SUBSETS
+from calib.identify.solution import SUBSETS
 from tests.app.cli import glidecal, refused
 
 

@@ -14,7 +14,7 @@ import glidecal
 from app.evaluating.what_if import FAR, Trial, choices, trial_of
 from app.report.text.caveats import caveats
 from calib.errors import UsageError
-from calib.identify.identify import Subset
+from calib.identify.solution import Subset
 from calib.tripod.geometry import Geometry, direct, inverse
 from calib.tripod.workspace import workspace_points
 

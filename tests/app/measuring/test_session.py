@@ -380,7 +380,7 @@ def test_other_decimals_in_mid_session_are_a_fault_with_a_name(tmp_path: Path) -
         assert fault.kind is FaultKind.WRONG_UNIT
         for words in (
             "indicator 2 (mitutoyo-01a, port): along Z",
-            "1e-05 mm",
+            "steps of 0.00001 mm",
             "before 0.001",
             "inch",
         ):

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from calib.arrays import FloatArray, Observations, conditions, observe
 from calib.errors import NotIdentifiable
-from calib.identify.identify import Method, Subset, identify
+from calib.identify.identify import identify
+from calib.identify.solution import Method, Subset
 from calib.identify.subset_choice import choose_subset
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.pipeline import Model

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from calib.arrays import FloatArray
-from calib.identify.identify import Subset, identify
+from calib.identify.identify import identify
+from calib.identify.solution import Subset
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.pipeline import Model
 from protocols.observations import to_observations

@@ -11,8 +11,9 @@ import pytest
 from calib.arrays import FloatArray, observe
 from calib.clusters import on_part
 from calib.identify.accuracy import decide, tool_error, tool_map
-from calib.identify.identify import SUBSETS, Subset, identify
+from calib.identify.identify import identify
 from calib.identify.monte_carlo import Campaign, simulate_and_identify
+from calib.identify.solution import SUBSETS, Subset
 from calib.identify.subset_choice import full_covariance
 from calib.noise.reading import IndicatorFigures
 from calib.stats import coverage_factor

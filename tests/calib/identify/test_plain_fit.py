@@ -16,8 +16,8 @@ from calib.arrays import (
     without_zeros,
 )
 from calib.identify.fit import exact_fit, prior_fit
-from calib.identify.identify import SUBSETS, Subset
 from calib.identify.monte_carlo import identify_many
+from calib.identify.solution import SUBSETS, Subset
 from calib.newton import minimise, solve_positive
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance

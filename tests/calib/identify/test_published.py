@@ -12,7 +12,8 @@ import pytest
 
 from calib.arrays import Observations
 from calib.errors import NotIdentifiable
-from calib.identify.identify import Solution, Subset, identify
+from calib.identify.identify import identify
+from calib.identify.solution import Solution, Subset
 from calib.identify.subset_choice import choose_subset
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.differences import differences, reading_matrix

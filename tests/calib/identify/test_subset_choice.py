@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from calib.arrays import FloatArray
-from calib.identify.identify import Subset, identify
+from calib.identify.identify import identify
+from calib.identify.solution import Subset
 from calib.identify.subset_choice import choose_subset
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.effects.actuators import Backlash

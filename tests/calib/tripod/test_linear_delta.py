@@ -10,8 +10,9 @@ from scipy.optimize import root
 
 from calib.arrays import Conditions, FloatArray, observe, tool_conditions, without_zeros
 from calib.errors import CalibrationError, NotIdentifiable
-from calib.identify.identify import SUBSETS, identify
+from calib.identify.identify import identify
 from calib.identify.monte_carlo import Campaign, simulate_and_identify
+from calib.identify.solution import SUBSETS
 from calib.identify.subset_choice import choose_subset
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.geometry import Geometry, Three, inverse

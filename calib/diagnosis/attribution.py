@@ -175,23 +175,16 @@ class Attribution:
 
         Two indicators that err are two causes, and still what they do may be what one bar does.
         """
-        members = self.outcome.members
-        own = self.selection.blocks[member]
-        return [
-            k
-            for k, block in enumerate(self.selection.blocks)
-            if k not in members
-            and block.shape[1] <= own.shape[1]
-            and self._left_more(member, k) < POLICY.told_apart
-            and not self._same_on_other_places(member, k)
-        ]
-
-    def _left_more(self, member: int, other: int) -> float:
-        """Noise variances that are left more with another candidate in its place."""
-        assert self.outcome.kept is not None
-        members = tuple(other if k == member else k for k in self.outcome.members)
-        explained = squares_in(self.selection.search.basis(members), self.problem.y)
-        return 2.0 * self.problem.spread.log_ratio(self.outcome.kept.explained, explained)
+        kept, blocks, others = self.outcome.kept, self.selection.blocks, self._others(member)
+        assert kept is not None
+        found = []
+        for model in self.selection.search.larger(others):
+            (k,) = set(model.members) - set(others)
+            left_more = 2.0 * self.problem.spread.log_ratio(kept.explained, model.explained)
+            narrow = k != member and blocks[k].shape[1] <= blocks[member].shape[1]
+            if narrow and left_more < POLICY.told_apart:
+                found.append(k)
+        return [k for k in sorted(found) if not self._same_on_other_places(member, k)]
 
     def by_evidence(self) -> tuple[int, ...]:
         """Members of the model, the strongest first."""

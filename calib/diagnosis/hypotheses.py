@@ -96,8 +96,8 @@ def unremarkable(candidate: Candidate) -> FloatArray:
 
 def log_priors(problem: Problem, candidates: Sequence[Candidate]) -> FloatArray:
     """What each candidate costs in log weight ``(J,)``: to be chosen, and for its size."""
-    losses = np.minimum(_losses(problem, [[one] for one in candidates]), MOST_LOSS)
-    return np.asarray(log_choices(candidates) + losses)
+    lost = np.minimum(losses(problem, [[one] for one in candidates]), MOST_LOSS)
+    return np.asarray(log_choices(candidates) + lost)
 
 
 def log_choices(candidates: Sequence[Candidate]) -> FloatArray:
@@ -125,13 +125,8 @@ def log_choices(candidates: Sequence[Candidate]) -> FloatArray:
     return np.asarray(np.array(causes) * np.log(np.array(choices, dtype=np.float64)))
 
 
-def implausible(problem: Problem, candidates: Sequence[Candidate]) -> float:
-    """What candidates lose for the sizes that they would need together, in log weight."""
-    return float(_losses(problem, [candidates])[0])
-
-
-def _losses(problem: Problem, together: Sequence[Sequence[Candidate]]) -> FloatArray:
-    """`implausible` of several sets ``(k,)``.
+def losses(problem: Problem, together: Sequence[Sequence[Candidate]]) -> FloatArray:
+    """What sets of candidates lose ``(k,)`` for the sizes that they would need, in log weight.
 
     A normal prior on each parameter, thirty times the unremarkable size wide and cut off at its
     limit: a fit that needs more pays, and directions that hardly show are not inflated.

@@ -26,9 +26,9 @@ from calib.arrays import (
 )
 from calib.diagnosis.hypotheses import (
     causes_of,
-    implausible,
     is_known,
     log_priors,
+    losses,
     prior_constrained,
     unremarkable,
 )
@@ -180,8 +180,8 @@ class ModelSelection:
         if len(members) < 2:
             return 0.0
         candidates = [self.candidates[k] for k in members]
-        alone = sum(implausible(self.problem, [one]) for one in candidates)
-        return max(implausible(self.problem, candidates) - alone, 0.0)
+        together, *alone = losses(self.problem, [candidates, *([one] for one in candidates)])
+        return max(float(together - sum(alone)), 0.0)
 
     def own_errors(self, of: str) -> float:
         """Log weight of an error of its own at each posture (``level``) or ``cell``, and no name.

@@ -24,6 +24,8 @@ from calib.stats import variance_ratio_p_value
 SEED = 20221
 DRAWS = 1999
 TIE = 1e-9
+RAREST = 1e-6
+"""Rarer chances are all alike to a reader."""
 
 
 def shared_pattern(sessions: Sequence[FittedSession]) -> SharedPattern | None:
@@ -62,9 +64,6 @@ def repeats_words(pattern: SharedPattern) -> str:
         f" It is reproducible: sessions {sessions} have the same residual pattern, by chance"
         f" {once_in(pattern.p_value_directions)}."
     )
-
-
-RAREST = 1e-6
 
 
 def once_in(p_value: float) -> str:

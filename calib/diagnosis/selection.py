@@ -27,7 +27,6 @@ from calib.arrays import (
     IntArray,
     descending,
     squares_in,
-    squares_in_each,
     union,
 )
 from calib.diagnosis.policy import POLICY
@@ -144,13 +143,7 @@ class Search:
 
     def singles(self) -> list[WeighedModel]:
         """Every candidate alone."""
-        if not self.blocks:
-            return []
-        explained = squares_in_each(self.blocks, self.y)
-        ranks = np.array([block.shape[1] for block in self.blocks])
-        weight = evidences(explained, ranks, self.spread) - self.log_priors
-        each = zip(explained.tolist(), weight.tolist(), strict=True)
-        return [WeighedModel((k,), *one) for k, one in enumerate(each)]
+        return sorted(self.larger(()), key=lambda one: one.members)
 
     def weighed(self, members: tuple[int, ...]) -> WeighedModel:
         """These candidates together."""

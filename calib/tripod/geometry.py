@@ -281,8 +281,8 @@ class Geometry:
     def reach_mm2(self, tool_mm: FloatArray) -> FloatArray:
         """Squares ``(..., 3)`` of what each bar covers along its drive for tools ``(..., 3)``."""
         ray = tool_mm[..., None, :] - self.anchors
-        along = (ray * self.directions).sum(axis=-1)
-        return np.asarray(self.lengths**2 - ((ray * ray).sum(axis=-1) - along * along))
+        along = dot(ray, self.directions)
+        return np.asarray(self.lengths**2 - (dot(ray, ray) - along * along))
 
     def touched(
         self, leg: IntArray, station: FloatArray, displacement_mm: FloatArray
@@ -346,7 +346,7 @@ def inverse(geometry: Geometry, tool_mm: ArrayLike) -> FloatArray:
     reach = geometry.reach_mm2(tool)
     if reach.size and not reach.min() >= 0.0:
         raise _unreachable(tool[(~(reach >= 0.0)).any(axis=-1)][0], "tool at")
-    along = ((tool[..., None, :] - geometry.anchors) * geometry.directions).sum(axis=-1)
+    along = dot(tool[..., None, :] - geometry.anchors, geometry.directions)
     return np.asarray(along + np.sqrt(reach))
 
 

@@ -11,7 +11,7 @@ from rich.table import Table
 from app.evaluating.diagnosis import SessionDiagnosis, mistakes_of
 from app.report.text.tables import hanging, new_table, signed, table_text, uncertain, wrapped
 from calib.arrays import descending
-from calib.diagnosis.pattern import once_in
+from calib.diagnosis.pattern import RAREST, once_in
 from calib.diagnosis.results import (
     SEEN,
     Cell,
@@ -214,9 +214,6 @@ def gap_text(found: Diagnosis) -> str:
         added = "what was named" if found.effects else "the best guess"
         said += f"\nWith {added}: {after.rms_mm:.4f} mm; that {by_chance(after.p_value)}."
     return said
-
-
-RAREST = 1e-6
 
 
 def by_chance(p_value: float) -> str:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from calib.diagnosis.hypotheses import causes_of, hypotheses_of, implausible, log_choices
+from calib.diagnosis.hypotheses import causes_of, hypotheses_of, log_choices, losses
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import Candidate
 from tests.calib.diagnosis.diagnosed_sessions import TWO_STATION, problem
@@ -58,7 +58,7 @@ def test_sizes_that_nobody_overlooks_are_not_believed(
     made = problem(TWO_STATION, 0)
     one = next(e for e in hypotheses_of(made, CATALOGUE) if (e.id, e.where) == (name, "xy"))
     cost = [
-        implausible(replace(made, y=made.y + made.free(size * one.columns[:, 0])), [one])
+        losses(replace(made, y=made.y + made.free(size * one.columns[:, 0])), [[one]])[0]
         for size in (usual, beyond)
     ]
     assert cost[0] < 1.0

@@ -97,7 +97,7 @@ def run(
         plan_to_continue,
         session_name,
     )
-    from app.report.text.session import dry_run_text
+    from app.report.text.preparing import dry_run_text
     from protocols.machine import load_machine
     from protocols.motion import procedure_of
     from protocols.procedure import load_procedure, shuffled

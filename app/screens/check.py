@@ -18,7 +18,7 @@ from app.measuring.gauges import PushResult, Trial
 from app.measuring.opening import Indicators, Plan, begin, first_step, open_indicators
 from app.report.text import motion
 from app.report.text.home import CHECK_HELP
-from app.report.text.session import check_text, dry_run_text, trial_text
+from app.report.text.preparing import check_text, dry_run_text, trial_text
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
 from app.screens.session_view import GaugeDisplay

@@ -7,7 +7,7 @@ from shlex import quote
 
 from app.measuring.moving import Mover, Moving, Ways, feed_mm_min, limits_of, ways_of
 from app.measuring.opening import Plan
-from app.report.text.session import dry_run_text
+from app.report.text.preparing import dry_run_text
 from app.report.text.tables import uncertain, wrapped
 from calib.errors import sentence
 from calib.identify.next_mounting import FurtherSetUp, Reach

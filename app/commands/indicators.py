@@ -181,7 +181,7 @@ def _rehearse(asked: str, plan: Plan, seconds: float | None) -> None:
     """Move a simulated machine through its procedure, as is typed here."""
     from app.measuring.opening import simulated_bench
     from app.measuring.simulated import rehearsed
-    from app.report.text.session import rehearsal_text, rehearsed_text
+    from app.report.text.preparing import rehearsal_text, rehearsed_text
 
     steps = plan.procedure.steps(plan.machine.geometry(), plan.axes)
     with closing(simulated_bench(plan)) as bench:

@@ -11,7 +11,7 @@ import typer
 
 from app.exit_codes import Exit
 from app.machines.options import say
-from calib.errors import UsageError
+from calib.errors import GlidecalError, UsageError
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.measuring.opening import Plan
@@ -50,7 +50,7 @@ def ask(plan: Plan, *, on_screen: bool) -> None:
 
 def measure(guided: GuidedSession) -> None:
     """The session without a screen, asked before each set-up."""
-    from app.measuring.moving import measure_by_itself
+    from app.measuring.unattended import measure_by_itself
     from app.report.text.motion import set_up_text
 
     measure_by_itself(
@@ -80,8 +80,14 @@ def measured_until(
         raise UsageError("--until", found, "readings of legs, on drives that are square")
     if not done:
         measure(plan, headless=headless)
-    if plan.motion is not None and of_legs:
+    if plan.motion is None or not of_legs:
+        return
+    try:
         _go_on(plan, until, measure)
+    except GlidecalError as problem:  # nobody asked for a bound: the session is as good without
+        if until is not None:
+            raise
+        say(f"{problem}")
 
 
 def _go_on(plan: Plan, until: float | None, measure: Measures) -> None:

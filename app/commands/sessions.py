@@ -97,7 +97,7 @@ def run(
         plan_to_continue,
         session_name,
     )
-    from app.report.text.session import dry_run_text
+    from app.report.text.preparing import dry_run_text
     from protocols.machine import load_machine
     from protocols.motion import procedure_of
     from protocols.procedure import load_procedure, shuffled
@@ -249,8 +249,8 @@ def run_headless(plan: Plan, say: Callable[[str], None]) -> tuple[SessionSolutio
 
 def _measured(plan: Plan, say: Callable[[str], None]) -> SessionSolution:
     from app.evaluating.solution import solve_for_controller
-    from app.measuring.moving import measure_by_itself
     from app.measuring.opening import measure_all, start_session
+    from app.measuring.unattended import measure_by_itself
 
     with start_session(plan) as guided:
         total = len(guided.steps)
@@ -301,7 +301,8 @@ def align(
     if session is None and as_json:
         raise UsageError("--json", "no session", "a session that was measured: align SESSION")
     if session is not None:
-        if indicator or simulated or output or resume or machine or protocol != "align":
+        measuring = indicator or simulated or output or resume or machine
+        if measuring or protocol != "align" or seed != 1:
             wrong = "options for measuring, beside a session that was measured"
             raise UsageError(f"align {session}", wrong, "--reference and --json")
         typer.echo(_aligned(session, rail, as_json=as_json))

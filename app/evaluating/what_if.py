@@ -121,6 +121,10 @@ class Trial:
             known = tolerances
         return tuple(_round(u or least) for u, least in zip(known, tolerances, strict=True))
 
+    def begin(self) -> tuple[Solution, tuple[float, ...]]:
+        """What is solved without it, and `steps`: worked out once. Raises NotIdentifiable."""
+        return self.without.solution, self.steps
+
     def moved(self, values: Sequence[float], number: int, steps: int) -> tuple[float, ...]:
         """The sizes with one moved by so many of its steps, onto a multiple of them, in bounds."""
         step, known = self.steps[number], self.parameters[number]
@@ -203,6 +207,19 @@ class WhatIf:
         machine = Model(self._geometry, found.parameters_mm, self.trial.placed(self._entry))
         return tool_error_mm(machine, commanded_with(self._geometry, former.parameters_mm))
 
+    def work_out(self) -> tuple[float, float]:
+        """`tool_mm` and `misled_mm`; later they and `solution` take no time.
+
+        Raises NotIdentifiable.
+        """
+        return self.tool_mm, self.misled_mm
+
+    def work_out_all(self) -> SessionSolution:
+        """`solved`, and what `work_out` does. Raises NotIdentifiable."""
+        solved = self.solved
+        self.work_out()
+        return solved
+
     @property
     def _geometry(self) -> Geometry:
         return self.trial.sessions[0].opened.machine.geometry()
@@ -240,7 +257,7 @@ def what_if(
         raise UsageError(f"values of {effect}", f"{len(values)}", numbers)
     trial = Trial(tuple(names), tuple(sessions), _lacking(beside, chosen), chosen, subset)
     found = trial.at(values)
-    found.solved, found.misled_mm  # what cannot be worked out is said here  # noqa: B018
+    found.work_out_all()  # what cannot be worked out is said here
     return found
 
 

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
-from app.measuring.gauges import Motion
-from calib.errors import IndicatorError, MotionError, UsageError, sentence
+from calib.errors import MotionError, UsageError
 from drivers.motion import controller_of
 from drivers.motion.controller import Faulted, Limits, Triple
 from drivers.motion.line import MotionLine
@@ -19,9 +16,6 @@ from protocols.machine import Machine, MotionLimits
 from protocols.motion import all_ways, box_mm, came_from, longest_mm, way_mm, whole_mm, zero_mm
 from protocols.procedure import Procedure, Step
 from protocols.session import Moved
-
-if TYPE_CHECKING:
-    from app.measuring.session import GuidedSession, TakenStep
 
 
 class Moving(StrEnum):
@@ -236,76 +230,3 @@ def open_mover(told: str, procedure: Procedure, machine: Machine, axes: Sequence
     mover = Mover(line, procedure, machine, axes)
     mover.said = line.start()
     return mover
-
-
-def lost_words(guided: GuidedSession) -> str | None:
-    """Which indicator gives no value, and why; a machine that nobody attends is then stopped."""
-    for number, gauge in enumerate(guided.gauges):
-        words = gauge.lost()
-        if words is not None:
-            lost = f"{guided.name_of(number)}: {words}"
-            if guided.mover is not None and guided.mover.state in UNATTENDED:
-                guided.mover.stop(lost)
-            return lost
-    return None
-
-
-LOOK_S = 0.02
-REST_S = 60.0
-"""Longer than any window: indicators that do not come to rest within it never do."""
-
-
-def measure_by_itself(
-    guided: GuidedSession, confirm: Callable[[Step], bool], tell: Callable[[str], None]
-) -> None:
-    """The whole session without a screen; ``confirm`` is asked before each set-up.
-
-    Stops at the first thing that is not as it should be, with nothing taken of it; the session can
-    be continued. Raises MotionError, IndicatorError or RecordError.
-    """
-    mover = guided.mover
-    assert mover is not None
-    while (step := guided.step()) is not None:
-        guided.go()
-        if _arrived(guided, mover) is Moving.SET_UP:
-            if not confirm(step):
-                raise MotionError("set-up", "not confirmed", "a set-up that stands")
-            mover.confirm()
-            _arrived(guided, mover)
-        _at_rest(guided, step)
-        taken = guided.take()
-        assert taken is not None
-        _check(taken)
-        tell(f"step {step.number} of {len(guided.steps)}")
-    guided.finish()
-
-
-def _arrived(guided: GuidedSession, mover: Mover) -> Moving:
-    while (state := mover.state) is Moving.UNDER_WAY:
-        lost_words(guided)
-        time.sleep(LOOK_S)
-    if state is Moving.STOPPED:
-        raise MotionError("motion", mover.why, next_step="Continue with: glidecal run --continue")
-    return state
-
-
-def _at_rest(guided: GuidedSession, step: Step) -> None:
-    end_s = time.monotonic() + REST_S
-    while True:
-        lost = lost_words(guided)
-        if lost is not None:
-            raise IndicatorError("motion", lost, "a reading")
-        if all(guided.gauges[k].live().motion is Motion.STABLE for k in step.indicators):
-            return
-        if time.monotonic() > end_s:
-            raise IndicatorError("indicator", f"moving for {REST_S:g} s", "readings at rest")
-        time.sleep(LOOK_S)
-
-
-def _check(taken: TakenStep) -> None:
-    if taken.faults:
-        raise IndicatorError(f"step {taken.step.number}", sentence(taken.faults[0].words), "")
-    if taken.doubt:
-        found = f"readings {taken.doubt}"
-        next_step = "They do not count. Look at stand and indicators, then continue the session."
-        raise IndicatorError(f"step {taken.step.number}", found, "readings as expected", next_step)

@@ -18,7 +18,7 @@ from app.measuring.gauges import PushResult, Trial
 from app.measuring.opening import Indicators, Plan, begin, first_step, open_indicators
 from app.report.text import motion
 from app.report.text.home import CHECK_HELP
-from app.report.text.session import check_text, dry_run_text, trial_text
+from app.report.text.preparing import check_text, dry_run_text, trial_text
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
 from app.screens.session_view import GaugeDisplay
@@ -93,7 +93,7 @@ class CheckScreen(Screen[None]):
         self.refresh_bindings()
         words = check_text(self._plan)
         if indicators.mover is not None:
-            words = f"{words}\n\n{motion.check_text(self._plan, indicators.mover)}"
+            words = f"{motion.check_text(self._plan, indicators.mover)}\n\n{words}"
         self.query_one("#words", Static).update(words)
         if not self._plan.simulated:  # no hand can push those spindles
             with self.app.complaining():

@@ -16,9 +16,10 @@ from textual.css.query import NoMatches
 from textual.widgets import Footer
 
 from app.measuring.gauges import Live, Motion
-from app.measuring.moving import Moving, lost_words
+from app.measuring.moving import Moving
 from app.measuring.opening import Plan
 from app.measuring.session import GuidedSession, TakenStep
+from app.measuring.unattended import lost_words
 from app.report.text import motion
 from app.report.text import session as texts
 from app.screens.corrections import Corrections

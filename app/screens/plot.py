@@ -75,6 +75,10 @@ class ChartPlot(PlotextPlot):
             self._chart = chart
             self.refresh()
 
+    def follow(self, chart: Chart) -> None:
+        """Show a chart whose values move: the scale of before stays, and only grows."""
+        self.show(chart if self._chart is None else chart.as_tall_as(self._chart))
+
     def render(self) -> RenderResult:
         """The picture of before where chart, size and theme are those of before."""
         if self._chart is None:

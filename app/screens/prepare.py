@@ -33,7 +33,7 @@ from app.measuring.indicators import (
 from app.measuring.opening import Plan, session_name
 from app.report.text import home as texts
 from app.report.text.indicator import findings_text, trial_text
-from app.report.text.session import procedure_sentence
+from app.report.text.preparing import procedure_sentence
 from app.screens.check import DryRunScreen
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import Interface

@@ -107,25 +107,21 @@ class WhatIfScreen(PagedScreen):
                 fitted = trial.fitted
             except NotIdentifiable as problem:
                 why_not = str(problem)
-            trial.steps  # noqa: B018 (worked out here, not while the page is drawn)
-            without = trial.without
-            without.solution  # noqa: B018
+            trial.begin()
         except GlidecalError as problem:
             self.app.call_from_thread(self._fail, problem)
         else:
-            self.app.call_from_thread(self._begun, trial, without, fitted, why_not)
+            self.app.call_from_thread(self._begun, trial, fitted, why_not)
 
     def _fail(self, problem: GlidecalError) -> None:
         self.looking = False
         if self.is_attached:  # nobody left it meanwhile
             self.query_one("#what-if", Static).update(str(problem))
 
-    def _begun(
-        self, trial: Trial, without: WhatIf, fitted: tuple[FittedSize, ...], why_not: str
-    ) -> None:
+    def _begun(self, trial: Trial, fitted: tuple[FittedSize, ...], why_not: str) -> None:
         if not self.is_attached:
             return
-        self.trial, self.without, self.fitted, self._why_not = trial, without, fitted, why_not
+        self.trial, self.without, self.fitted, self._why_not = trial, trial.without, fitted, why_not
         self.values = trial.values
         if fitted:
             self.action_best()
@@ -151,7 +147,7 @@ class WhatIfScreen(PagedScreen):
     @work(thread=True, group="what-if")
     def _work_out(self, found: WhatIf) -> None:
         try:
-            found.tool_mm, found.misled_mm  # noqa: B018
+            found.work_out()
         except GlidecalError as problem:
             self.app.call_from_thread(self._worked_out, found, problem)
         else:
@@ -183,8 +179,8 @@ class WhatIfScreen(PagedScreen):
             return
         self._show_words()
         pair = self.without.solution, self.now.solution
-        self.query_one("#left-chart", ChartPlot).show(residuals_with(*pair))
-        self.query_one("#predicted-chart", ChartPlot).show(predictions_with(*pair))
+        self.query_one("#left-chart", ChartPlot).follow(residuals_with(*pair))
+        self.query_one("#predicted-chart", ChartPlot).follow(predictions_with(*pair))
         numbers = texts.numbers_text(self.without, self.now)
         self.query_one("#numbers-text", Static).update(numbers)
 

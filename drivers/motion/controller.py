@@ -44,20 +44,11 @@ class MotionFault(StrEnum):
 
 
 class Faulted(MotionError):
-    """A `MotionError` with its kind."""
+    """A `MotionError` with its kind, told like any `GlidecalError`."""
 
-    def __init__(
-        self,
-        kind: MotionFault,
-        thing: str,
-        found: str = "",
-        allowed: str = "",
-        next_step: str = "",
-        *,
-        reason: str = "",
-    ) -> None:
+    def __init__(self, kind: MotionFault, *told: str, reason: str = "") -> None:
         self.kind = kind
-        super().__init__(thing, found, allowed, next_step, reason=reason or f"{kind}" * (not found))
+        super().__init__(*told, reason=reason or ("" if any(told[1:2]) else f"{kind}"))
 
 
 @dataclass(frozen=True)
@@ -222,14 +213,10 @@ class Controller(ABC):
         try:
             self.stop()
         except Faulted as second:
-            raise Faulted(
-                problem.kind,
-                problem.thing,
-                problem.found,
-                reason=problem.reason,
-                next_step=f"IT COULD NOT BE TOLD TO STOP ({second.found or second.reason}): "
-                "use the emergency stop.",
-            ) from problem
+            why = second.found or second.reason
+            next_step = f"IT COULD NOT BE TOLD TO STOP ({why}): use the emergency stop."
+            told = problem.thing, problem.found, "", next_step
+            raise Faulted(problem.kind, *told, reason=problem.reason) from problem
 
     def fault(
         self, kind: MotionFault, found: str = "", allowed: str = "", next_step: str = ""

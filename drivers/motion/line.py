@@ -41,9 +41,9 @@ class MotionLine:
     ``fault`` says why until the next request.
     """
 
-    def __init__(self, controller: Controller, listener: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, controller: Controller) -> None:
         self.controller = controller
-        self.listener = listener
+        self.listener: Callable[[], None] = lambda: None
         self.fault: Faulted | None = None
         self._wishes: queue.SimpleQueue[_Wish | None] = queue.SimpleQueue()
         self._thread = threading.Thread(

@@ -33,6 +33,7 @@ class Trouble(StrEnum):
     SILENCE = "no answer"
     HANG_UP = "hung up"
     ELSEWHERE = "stops short"
+    DIED = "killed, and started again when it is mended"
     CUT = "words lost to a client that asks at the same time"
 
 
@@ -138,17 +139,21 @@ class LinuxCncTwin:
         self._state = dict(RIGHT)
         self._silent = self._cut = self._failed = False
         self._clients: list[socket.socket] = []
+        self._dead = False
+        self._listen(0)
+        self.address = f"127.0.0.1:{self._server.server_address[1]}"
+        self.told = f"linuxcnc:{self.address}"
+
+    def _listen(self, port: int) -> None:
         twin = self
 
         class Handler(socketserver.BaseRequestHandler):
             def handle(self) -> None:
                 twin.serve(self.request)
 
-        self._server = socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler)
-        self.address = f"127.0.0.1:{self._server.server_address[1]}"
-        self.told = f"linuxcnc:{self.address}"
+        self._server = _Server(("127.0.0.1", port), Handler)
         self._thread = threading.Thread(
-            target=self._server.serve_forever, args=(0.05,), name=f"twin {self.told}", daemon=True
+            target=self._server.serve_forever, args=(0.05,), name=f"twin at {port}", daemon=True
         )
         self._thread.start()
 
@@ -171,12 +176,18 @@ class LinuxCncTwin:
                     self.errors.append("joint 0 following error")
         if trouble is Trouble.HANG_UP:
             self.hang_up()
+        if trouble is Trouble.DIED:
+            self.axes.stop()  # nothing drives it any more
+            self._end()
 
     def mend(self) -> None:
-        """Switched on and homed again."""
+        """Switched on and homed again; one that was killed runs again at the same port."""
         with self._lock:
             self._state, self._silent, self.axes.short_mm = dict(RIGHT), False, 0.0
             self._failed = False
+        if self._dead:
+            self._dead, self._control = False, None
+            self._listen(self._server.server_address[1])
 
     def hang_up(self) -> None:
         """Close every connection; the move that is under way goes on."""
@@ -271,6 +282,11 @@ class LinuxCncTwin:
 
     def close(self) -> None:
         """Stop listening."""
+        if not self._dead:
+            self._end()
+
+    def _end(self) -> None:
+        self._dead = True
         self._server.shutdown()
         self.hang_up()
         self._server.server_close()
@@ -281,6 +297,10 @@ class LinuxCncTwin:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+class _Server(socketserver.ThreadingTCPServer):
+    allow_reuse_address = True
 
 
 class _Client:

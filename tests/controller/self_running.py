@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import os
-import random
 import signal
 import socket
 import socketserver
@@ -23,19 +22,24 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 from app.exports.linuxcnc import pins
-from app.measuring.moving import measure_by_itself, ways_of
+from app.measuring.moving import ways_of
+from app.measuring.unattended import measure_by_itself
 from calib.tripod.pipeline import Model
 from drivers.motion.controller import Triple
 from drivers.motion.twins import SimulatedAxes, Trouble
 from protocols.machine import Machine, MotionLimits
 from protocols.procedure import load_procedure
-from protocols.record import read_record
-from tests.app.measuring.moving_machine import following, moving_session, taken, with_faults, wrong
+from tests.app.measuring.moving_machine import (
+    killed_and_continued,
+    moving_session,
+    taken,
+    with_faults,
+    wrong,
+)
 from tests.conftest import ROOT
 from tests.controller import running
 from tests.controller.machine import L
 from tests.controller.machine import Machine as Machines
-from tests.end_to_end.test_hang_up import Terminal
 
 PORT, TOLD_PORT = 5007, 5999
 NOMINAL = Machines()
@@ -251,10 +255,6 @@ class FollowedAxes(SimulatedAxes):
         self._told.close()
 
 
-DIED = Trouble.OFF
-"""LinuxCNC is killed, all of it."""
-
-
 class Running:
     """The real controller in the place of a twin, switched on and homed by its operator."""
 
@@ -282,15 +282,15 @@ class Running:
             case Trouble.FOLLOWING:
                 self._followed.tell("stuck")
             case _:
-                assert trouble == DIED
+                assert trouble is Trouble.DIED
                 os.kill(int((self._folder / "pid").read_text()), signal.SIGKILL)
 
     def mend(self) -> None:
         """What its operator does; control stays with nobody until the next move takes it."""
         befell, self._befell = self._befell, None
-        if befell == DIED:
+        if befell is Trouble.DIED:
             reached().close()
-        if befell in (Trouble.ESTOP, Trouble.FOLLOWING, DIED):
+        if befell in (Trouble.ESTOP, Trouble.FOLLOWING, Trouble.DIED):
             self._followed.switch_on()
 
     def close(self) -> None:
@@ -328,7 +328,7 @@ KINDS = (
     Trouble.ESTOP,
     Trouble.FOLLOWING,
     Trouble.HANG_UP,
-    DIED,
+    Trouble.DIED,
     "indicator",
     "stop",
 )
@@ -363,64 +363,6 @@ def killed(folder: Path) -> dict[str, object]:
     return {"at_mm": at_mm, "there_mm": there_mm, "stopped_s": stopped_s}
 
 
-def killed_and_continued(folder: Path, seed: int, kills: int, feed: float) -> dict[str, object]:
-    """`glidecal run --motion` in a terminal, killed at random moments, each time continued."""
-    chance, path, window_s = random.Random(seed), folder / "a.jsonl", 0.1
-    (folder / "machine.toml").write_text(
-        f'schema = "glidecal.machine/1"\nfastest_feed_mm_min = 60000.0\n'
-        f"[motion]\nfeed_mm_min = {feed}\n"
-    )
-    (folder / "short.toml").write_text(f"{ONE_LEG}window_s = {window_s}\n")
-    stops_s, kept = [], []
-    with following(lambda _: Running(folder)) as (bench, twin, ports):
-        usual = ["run", "--headless", "--motion", twin.told]
-        for port, axes in zip(ports, ("yzx", "zxy"), strict=True):
-            usual += ["--indicator", f"mitutoyo-01a:{port}@{axes}"]
-        new = ["--machine", "machine.toml", "--protocol", "short.toml", "-o", "a.jsonl"]
-        for life in range(kills + 1):
-            terminal = Terminal(folder, *usual, *(new if life == 0 else ["--continue", "a.jsonl"]))
-            for question in (1, 2):  # may it move? and: is it set up?
-
-                def asked(terminal: Terminal = terminal, question: int = question) -> bool:
-                    return terminal.shown.count(b"[y/N]: ") >= question
-
-                terminal.until(asked)
-                terminal.press(b"y\n")
-            if life == kills:
-                terminal.until(terminal.ended)
-                break
-            time.sleep(chance.uniform(0.0, 2.0))
-            while not bench.axes.moving:
-                time.sleep(0.002)
-            terminal.process.kill()
-            began = time.monotonic()
-            while bench.axes.moving and time.monotonic() - began < PATIENCE_S:
-                time.sleep(0.002)
-            stops_s.append(time.monotonic() - began)
-            terminal.process.wait()
-            terminal.close()
-            kept.append(len(taken(path)))
-        assert terminal.process.returncode == 0, terminal.shown[-2000:]
-        left = wrong(taken(path), bench)
-        terminal.close()
-    whole = read_record(path)
-    return {
-        "wrong": left,
-        "readings": len(taken(path)),
-        "kept": kept,
-        "end": whole.end,
-        "longest_stop_s": max(stops_s),
-    }
-
-
-ONE_LEG = """schema = "glidecal.procedure/1"
-name = "short"
-title = "Both directions, one leg"
-legs = ["x"]
-cycles = 1
-levels = ["zero", 22.0, 60.0, 22.0, -100.0]
-"""
-
 DIES = """
 import sys, time
 from drivers.motion import controller_of
@@ -441,7 +383,8 @@ def main() -> None:
     elif what == "disturbed":
         told = disturbed(Path(folder), int(rest[0]), int(rest[1]), rest[2:])
     elif what == "continued":
-        told = killed_and_continued(Path(folder), int(rest[0]), int(rest[1]), float(rest[2]))
+        made = Path(folder), int(rest[0]), int(rest[1]), float(rest[2])
+        told = killed_and_continued(*made, lambda _: Running(Path(folder)))
     else:
         told = killed(Path(folder))
     print(json.dumps(told))

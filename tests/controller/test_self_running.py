@@ -17,11 +17,11 @@ from protocols.session import Moved
 from tests.app.measuring.moving_machine import taken
 from tests.conftest import ROOT
 from tests.controller.running import need_linuxcnc
-from tests.controller.self_running import DIED, commanded
+from tests.controller.self_running import commanded
 
 
 def test_whatever_befalls_the_controller_no_reading_is_wrong_and_it_goes_on(tmp_path: Path) -> None:
-    kinds = (Trouble.NAK, Trouble.ESTOP, Trouble.FOLLOWING, Trouble.HANG_UP, DIED)
+    kinds = (Trouble.NAK, Trouble.ESTOP, Trouble.FOLLOWING, Trouble.HANG_UP, Trouble.DIED)
     told = commanded(tmp_path, "disturbed", "28", "5", *kinds)
     assert told["wrong"] == []
     assert told["met"] == 5

@@ -109,6 +109,29 @@ async def test_figures_follow_the_size_as_in_python(bowed: Path) -> None:
     assert bowed.read_bytes() == before
 
 
+async def test_the_scale_stays_while_a_size_is_moved(bowed: Path) -> None:
+    """Between nothing and about twice the size that fits; beyond it grows, and does not shrink."""
+    interface = Glidecal(DiagnoseScreen([bowed]))
+    async with interface.run_test(size=(120, 40), notifications=True) as pilot:
+        await diagnosed(pilot, interface)
+        screen = await tried(pilot, interface)
+        chart = screen.query_one("#left-chart", ChartPlot)
+
+        async def scale(*keys: str) -> list[float]:
+            await pressed(pilot, screen, *keys)
+            await pilot.pause()
+            return [float(one) for one in re.findall(r"([-+]?[\d.]+)┤", str(chart.render()))]
+
+        began = await scale("f")
+        assert began[0] > 0.0 > began[-1]
+        for keys in (["0"], ["shift+right"] * 2, ["f"]):
+            assert await scale(*keys) == began
+        far = await scale(*["shift+right"] * 20)
+        assert far[0] > began[0] or far[-1] < began[-1]
+        assert await scale("f") == far
+        await pilot.press("f10")
+
+
 async def test_a_size_that_was_moved_is_adopted_and_held(bowed: Path) -> None:
     interface = Glidecal(DiagnoseScreen([bowed]))
     model = bowed.with_name("bow [x]_model.json")

@@ -42,7 +42,7 @@ class Chart:
     """One plot: series over one horizontal axis with the words beside it.
 
     With ``x_names`` the places 1, 2, … of ``x`` carry names in the place of numbers. ``marks`` are
-    places of ``x`` with a line from top to bottom.
+    places of ``x`` with a line from top to bottom. The scale covers ``room``, too.
     """
 
     title: str
@@ -51,6 +51,7 @@ class Chart:
     series: tuple[Series, ...]
     x_names: tuple[str, ...] = ()
     marks: tuple[float, ...] = ()
+    room: tuple[float, ...] = ()
 
     @property
     def heading(self) -> str:
@@ -83,7 +84,12 @@ class Chart:
 
     def y_ticks(self) -> tuple[float, ...]:
         """Round numbers around all values and zero."""
-        return round_ticks(y for series in self.series for y in series.y)
+        return round_ticks((*(y for series in self.series for y in series.y), *self.room))
+
+    def as_tall_as(self, before: Chart) -> Chart:
+        """With a scale that reaches at least as far as that of another chart."""
+        ticks = before.y_ticks()
+        return replace(self, room=(*self.room, ticks[0], ticks[-1]))
 
 
 def readings_by_posture(session: Session, step: Step) -> Chart:
@@ -121,12 +127,16 @@ def predictions_with(without: Solution, now: Solution) -> Chart:
 
 
 def residuals_with(without: Solution, now: Solution) -> Chart:
-    """What is left of the differences without an effect and with it, µm."""
+    """What is left of the differences without an effect and with it, µm.
+
+    The scale has room for as much with the other sign: that is left at twice the size that fits.
+    """
     found, rows = now.differences, list(now.differences.published_rows)
     names = [found.names[k] for k in rows]
     left = [(1000.0 * one.left_mm[rows]).tolist() for one in (without, now)]
     chart = _differences(names, ("without", left[0], ()), ("with it", left[1], ()))
-    return replace(chart, title="Left of the differences", y_words="µm")
+    room = tuple(-um for um in left[0])
+    return replace(chart, title="Left of the differences", y_words="µm", room=room)
 
 
 def before_and_after(before: Solution, after: Solution) -> Chart:

@@ -5,22 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from app.measuring.gauges import PushResult, Trial
-from app.measuring.indicators import indicator_words, profile_of
 from app.measuring.leg_review import LegReview, LegRow, leg_rows, positions
-from app.measuring.opening import Plan
 from app.measuring.session import Doubt, TakenStep
-from app.measuring.simulated import short_travels
 from app.report.schema.readings import ReplayReport
 from app.report.text.tables import new_table, signed, table_text, uncertain, wrapped
 from calib.arrays import LEG_NAMES
 from calib.tripod.geometry import Geometry
-from drivers.profile import Evidence
 from protocols.expectation import Movement
 from protocols.machine import Instrument, Machine
 from protocols.motion import joints_mm, told_mm
 from protocols.procedure import (
-    Procedure,
     Step,
     leg_number,
     position_words,
@@ -48,7 +42,7 @@ Each panel says whether its reading moves or is stable. A reading is on
 the disk before this screen says that it is taken."""
 
 
-def _mdi_line(step: Step, machine: Machine, lift_mm: float = 0.0) -> str:
+def mdi_line(step: Step, machine: Machine, lift_mm: float = 0.0) -> str:
     """The line to type at the controller, in the coordinates that it takes.
 
     For the tool lifted off along its axis by ``lift_mm``.
@@ -56,132 +50,9 @@ def _mdi_line(step: Step, machine: Machine, lift_mm: float = 0.0) -> str:
     if lift_mm and step.position_mm is not None:
         parts = zip(LEG_NAMES, step.position_mm, strict=True)
         x, y, z = (mm + lift_mm * (name in step.axes) for name, mm in parts)
-        return _mdi_line(replace(step, position_mm=(x, y, z)), machine)
+        return mdi_line(replace(step, position_mm=(x, y, z)), machine)
     told = zip("XYZ", told_mm(step, machine), strict=True)
     return f"G53 G0 {' '.join(f'{name}{value:.3f}' for name, value in told)}"
-
-
-def procedure_sentence(procedure: Procedure, geometry: Geometry, axes: Sequence[str]) -> str:
-    """Steps, time and kind of repeats of a procedure."""
-    steps = len(procedure.steps(geometry, axes))
-    indicators = len(axes) if procedure.levels else 1
-    minutes = procedure.duration_s(geometry, axes) / 60.0
-    in_place = procedure.read_in_place(geometry)
-    repeats = "Every repeat approaches its posture anew."
-    if in_place:
-        repeats = f"{in_place} repeats do not leave their posture: they show the indicator only."
-    shuffled = ""
-    if procedure.random_seed is not None:
-        shuffled = f" Order shuffled in each cycle, seed {procedure.random_seed}."
-    return (
-        f"{procedure.title}. {steps} steps with {indicators} indicator"
-        f"{'s' if indicators > 1 else ''}, about {minutes:.0f} minutes. "
-        f"{procedure.description} {repeats}{shuffled}"
-    )
-
-
-def travel_text(procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]) -> str:
-    """A paragraph for each indicator whose travel may not be enough."""
-    return "".join(
-        wrapped(
-            f"Travel: {one.profile} moves up to {needed_mm:.1f} mm {where}, on a machine within "
-            f"its tolerances; it has {one.travel_mm:g} mm. Take one with more travel, or smaller "
-            "displacements."
-        )
-        + "\n\n"
-        for one, needed_mm, where in short_travels(procedure, machine, instruments)
-    )
-
-
-def dry_run_text(procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]) -> str:
-    """Every step of a procedure with the line to type at the controller."""
-    geometry, axes = machine.geometry(), [instrument.axes for instrument in instruments]
-    steps = procedure.steps(geometry, axes)
-    same = {"leg", "station", "axes"} if procedure.plate else set()  # of every step
-    columns = ("step", "leg", "posture", "cycle", "station", "axes", "controller")
-    headings = [name for name in columns if name not in same]
-    table = new_table(*headings, left=len(headings))
-    used = instruments[: max(step.indicators.stop for step in steps)]
-    names = [f"{k} {one.profile} ({one.port})" for k, one in enumerate(used, start=1)]
-    order = " Axes stand in this order." if len(names) > 1 else ""
-    if procedure.plane is not None:
-        order += " p: the stand is on the plane." + " 2: the second one reads." * (len(names) > 1)
-    who = wrapped(f"Indicators: {', '.join(names)}.{order}")
-    for step in steps:
-        place = (str(step.number), step.leg, step.posture(geometry), str(step.cycle))
-        station = f"p {step.station:g}" if step.over_plane else f"{step.station:g}"
-        axes_words = f"{step.axes[0]} 2" if step.first else " ".join(step.axes)
-        cells = (*place, station, axes_words, _mdi_line(step, machine))
-        table.add_row(*(one for name, one in zip(columns, cells, strict=True) if name not in same))
-    sentence = wrapped(procedure_sentence(procedure, geometry, axes))
-    travel = travel_text(procedure, machine, instruments)
-    return f"{sentence}\n\n{who}\n\n{travel}{table_text(table)}"
-
-
-def rehearsal_text(options: str, plan: Plan, ports: Sequence[str]) -> str:
-    """How a rehearsal is measured, with these ``options``, and moved."""
-    named = zip(plan.instruments, ports, strict=True)
-    return (
-        f"Measure with: glidecal run {options} "
-        + " ".join(f"--indicator {instrument.profile}:{port}" for instrument, port in named)
-        + "\nHere Enter moves the machine to the next step, a number and Enter to that step; "
-        "p1 and p2 push a spindle in. Ctrl-C ends."
-    )
-
-
-def rehearsed_text(step: Step, plan: Plan) -> str:
-    """Where the machine goes."""
-    posture = step.posture(plan.machine.geometry())
-    return f"step {step.number}: {step.touched}  {posture}  cycle {step.cycle}"
-
-
-def check_text(plan: Plan) -> str:
-    """What to look at before the first reading."""
-    if plan.simulated:
-        check = "The machine is simulated. Its indicators send real bytes over real ports."
-    else:
-        check = "Compare: each display below must show what its indicator shows, in mm."
-    unverified = [
-        instrument.profile
-        for instrument in plan.instruments
-        if profile_of(instrument).verified is Evidence.UNVERIFIED
-    ]
-    if unverified:
-        check += f"\nUNVERIFIED profile: {', '.join(unverified)}. Compare with the display first."
-    sentence = procedure_sentence(plan.procedure, plan.machine.geometry(), plan.axes)
-    check = travel_text(plan.procedure, plan.machine, plan.instruments) + check
-    begin = "Enter continues the session" if plan.continued else "Enter begins the session"
-    if plan.continued:
-        begin += "; after a break the indicators get a new zero"
-    entered = ""
-    if plan.before is not None:
-        entered = "Verification: the exported offsets must now be in the controller.\n"
-    return f"{entered}{plan.machine.name}. {sentence}\n\n{check}\n\n{begin}: {plan.path}"
-
-
-def trial_text(trial: Trial, step: Step) -> str:
-    """Which spindle is to be pushed, and what the last push told; ``step`` is the one to measure.
-
-    Empty where nothing is to be tried.
-    """
-    if trial.done:
-        return "Each spindle was found at its place. Enter begins."
-    named = [indicator_words(k, one) for k, one in enumerate(trial.instruments)]
-    which, other = named[trial.asked], named[trial.asked - 1]
-    one = trial.instruments[trial.asked]
-    reads = trial.asked in step.indicators
-    axis = step.axes[step.indicators.index(trial.asked)] if reads else one.axes[0]
-    axis = f"along {axis.upper()}"
-    told = {
-        PushResult.OTHER: f"{other.capitalize()} moved. Was it the one {axis}? Then X exchanges "
-        "the ports. Else: ",
-        PushResult.BOTH: "More than one moved. One at a time: ",
-        PushResult.SIGN: f"Pushed in it reads {trial.last}, {one.pushed_in} is stated: turn its "
-        "sign, or pushed_in in the machine file. Then: ",
-    }
-    where = "at the tool" if step.leg == "tool" else f"of {step.touched}"
-    said = told.get(trial.finding, "") + f"push in the spindle {axis} {where}"
-    return f"{said[0].upper()}{said[1:]} and let it go: {which}. Enter begins without."
 
 
 def progress_text(session: Session, steps: Sequence[Step], mode: str) -> str:
@@ -217,7 +88,7 @@ def step_text(step: Step, session: Session, *, itself: bool = False) -> str:
         f"The tool goes to {to}, and is read when stable."
         if itself
         else f"Move the tool to {to}. When stable, press Space.",
-        _mdi_line(step, machine),
+        mdi_line(step, machine),
         "joints " + "  ".join(f"{name} {value:.3f}" for name, value in joints.items()),
     ]
     if step.over_plane:
@@ -229,7 +100,7 @@ def step_text(step: Step, session: Session, *, itself: bool = False) -> str:
         lines[1] += f" {at}; Space."
     if plate is not None and plate.lift_mm:
         lines[1] = f"Lift off by {plate.lift_mm:g} mm, go above the position, come down; take."
-        lines.insert(2, _mdi_line(step, machine, plate.lift_mm))
+        lines.insert(2, mdi_line(step, machine, plate.lift_mm))
     if session.is_new_place(step):
         read = zip(step.axes, step.indicators, strict=True)
         axes = " and ".join(f"{axis.upper()} ({k + 1})" for axis, k in read)

@@ -20,8 +20,9 @@ from tempfile import mkdtemp
 import numpy as np
 
 from app.measuring.gauges import Gauge
-from app.measuring.moving import Mover, limits_of, lost_words, measure_by_itself
+from app.measuring.moving import Mover, limits_of
 from app.measuring.session import GuidedSession
+from app.measuring.unattended import lost_words, measure_by_itself
 from calib.errors import GlidecalError
 from drivers.motion import controller_of
 from drivers.motion.controller import Triple
@@ -37,6 +38,7 @@ from protocols.procedure import Procedure, Step, load_procedure
 from protocols.record import read_record
 from protocols.session import Opened, Reading, fold
 from tests.controller.machine import L, Machine
+from tests.end_to_end.test_hang_up import Terminal
 
 FAST = MachineFile(motion=MotionLimits(feed_mm_min=30_000.0), fastest_feed_mm_min=60_000.0)
 SLOWER = MachineFile(motion=MotionLimits(feed_mm_min=9_000.0), fastest_feed_mm_min=60_000.0)
@@ -176,6 +178,7 @@ TROUBLES = (
     Trouble.HANG_UP,
     Trouble.SILENCE,
     Trouble.ELSEWHERE,
+    Trouble.DIED,
     "indicator",
     "moved by hand",
     "stop",
@@ -251,15 +254,90 @@ def with_faults(
     return wrong(taken(path), bench), stops_s, met
 
 
+def killed_and_continued(
+    folder: Path,
+    seed: int,
+    kills: int,
+    feed: float,
+    make: Callable[[SimulatedAxes], MotionTwin] = LinuxCncTwin,
+) -> dict[str, object]:
+    """`glidecal run --motion` in a terminal, killed at random moments, each time continued."""
+    chance, path, window_s = random.Random(seed), folder / "a.jsonl", 0.1
+    (folder / "machine.toml").write_text(
+        f'schema = "glidecal.machine/1"\nfastest_feed_mm_min = 60000.0\n'
+        f"[motion]\nfeed_mm_min = {feed}\n"
+    )
+    (folder / "short.toml").write_text(f"{ONE_LEG}window_s = {window_s}\n")
+    stops_s, kept = [], []
+    with following(make) as (bench, twin, ports):
+        usual = ["run", "--headless", "--motion", twin.told]
+        for port, axes in zip(ports, ("yzx", "zxy"), strict=True):
+            usual += ["--indicator", f"mitutoyo-01a:{port}@{axes}"]
+        new = ["--machine", "machine.toml", "--protocol", "short.toml", "-o", "a.jsonl"]
+        for life in range(kills + 1):
+            terminal = Terminal(folder, *usual, *(new if life == 0 else ["--continue", "a.jsonl"]))
+            for question in (1, 2):  # may it move? and: is it set up?
+
+                def asked(terminal: Terminal = terminal, question: int = question) -> bool:
+                    return terminal.shown.count(b"[y/N]: ") >= question
+
+                terminal.until(asked)
+                terminal.press(b"y\n")
+            if life == kills:
+                terminal.until(terminal.ended)
+                break
+            time.sleep(chance.uniform(0.0, 2.0))
+            while not bench.axes.moving:
+                time.sleep(0.002)
+            terminal.process.kill()
+            began = time.monotonic()
+            while bench.axes.moving and time.monotonic() - began < 20.0:
+                time.sleep(0.002)
+            stops_s.append(time.monotonic() - began)
+            terminal.process.wait()
+            terminal.close()
+            kept.append(len(taken(path)))
+        assert terminal.process.returncode == 0, terminal.shown[-2000:]
+        left = wrong(taken(path), bench)
+        terminal.close()
+    whole = read_record(path)
+    return {
+        "wrong": left,
+        "readings": len(taken(path)),
+        "kept": kept,
+        "end": whole.end,
+        "longest_stop_s": max(stops_s),
+    }
+
+
+ONE_LEG = """schema = "glidecal.procedure/1"
+name = "short"
+title = "Both directions, one leg"
+legs = ["x"]
+cycles = 1
+levels = ["zero", 22.0, 60.0, 22.0, -100.0]
+"""
+
+
 def main() -> None:
-    """Faults at random moments, as many as asked for: what is wrong, and how long they took."""
+    """Faults at random moments, as many as asked for: what is wrong, and how long they took.
+
+    One in seven of them kills the program itself.
+    """
     wanted, met, seed = int(sys.argv[1]), 0, 0
+    kills = wanted // 7
     stops_s: list[tuple[float, str]] = []
-    while met < wanted:
+    while met < wanted - kills:
         seed += 1
         found, stopped, struck = with_faults(Path(mkdtemp()) / "a.jsonl", seed, 12)
         met, stops_s = met + struck, stops_s + stopped
         print(f"session {seed}: {struck} faults, {len(found)} wrong readings {found}", flush=True)
+    while kills > 0:
+        seed += 1
+        told = killed_and_continued(Path(mkdtemp()), seed, min(kills, 7), 3000.0)
+        met, kills = met + min(kills, 7), kills - 7
+        stops_s.append((float(str(told["longest_stop_s"])), "killed"))
+        print(f"session {seed}: {told}", flush=True)
     longer = sorted(f"{name} {s:.2f} s" for s, name in stops_s if s > STOP_S)
     print(f"{met} faults, longest {max(stops_s)}, longer than {STOP_S} s: {', '.join(longer)}")
 

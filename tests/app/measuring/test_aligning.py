@@ -182,6 +182,7 @@ def test_bad_input(tmp_path: Path) -> None:
         done = glidecal("align", tmp_path / "s.jsonl", unused, *value)
         assert done.status == 2
         assert "beside a session" in done.err
+    assert "beside a session" in glidecal("align", tmp_path / "s.jsonl", "--seed", "2").err
     assert "a session that was measured" in glidecal("align", "--simulated", "--json").err
     delta = tmp_path / "d.jsonl"
     assert glidecal("simulate", "--machine", "linear-delta", "-o", delta).status == 0

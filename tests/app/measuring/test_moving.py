@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from dataclasses import replace
@@ -10,9 +11,10 @@ from pathlib import Path
 import pytest
 
 from app.evaluating.solution import solve_for_controller
-from app.measuring.moving import Mover, Moving, check_motion, measure_by_itself, ways_of
+from app.measuring.moving import Mover, Moving, check_motion, ways_of
 from app.measuring.opening import demo_plan, moving_itself, start_session
 from app.measuring.simulated import BenchSettings
+from app.measuring.unattended import measure_by_itself
 from calib.errors import MotionError, RecordError, UsageError
 from calib.tripod.simulation import hidden_machine
 from drivers.motion.controller import Faulted, MotionFault
@@ -26,6 +28,7 @@ from tests.app.measuring.moving_machine import (
     FAST,
     SHORT,
     SLOWER,
+    killed_and_continued,
     moving_session,
     taken,
     with_faults,
@@ -69,11 +72,32 @@ def test_a_session_measures_itself(name: str, tmp_path: Path) -> None:
     assert len(twin.moves) == len(guided.steps) + 3  # Zero once, and two pre-rolls
 
 
+EVERY_KIND = (
+    Trouble.DIED,
+    Trouble.HANG_UP,
+    Trouble.ESTOP,
+    Trouble.NAK,
+    Trouble.FOLLOWING,
+    "indicator",
+)
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_no_fault_leaves_a_reading_of_a_wrong_posture(seed: int, tmp_path: Path) -> None:
-    found, stops_s, met = with_faults(tmp_path / "a.jsonl", seed, 2, FAST)
+    """Six kinds in an order and at moments of their own; the seventh, the program, is below."""
+    kinds = EVERY_KIND[seed - 1 :: 2]
+    found, stops_s, met = with_faults(tmp_path / "a.jsonl", seed, 3, FAST, troubles=kinds)
     assert not found
     assert len(stops_s) == met > 0
+    assert read_record(tmp_path / "a.jsonl").end == "closed"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="terminals")
+def test_a_program_that_is_killed_goes_on_with_right_readings(tmp_path: Path) -> None:
+    told = killed_and_continued(tmp_path, 1, 1, 9000.0)
+    assert told["wrong"] == []
+    assert told["readings"] == 2 * 6
+    assert told["end"] == "closed"
 
 
 def test_a_set_up_that_is_not_confirmed_moves_nothing_but_to_zero(tmp_path: Path) -> None:

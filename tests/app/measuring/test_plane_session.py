@@ -22,8 +22,8 @@ from app.measuring.opening import Plan, measure_all, opened_event
 from app.measuring.session import Doubt, GuidedSession
 from app.measuring.simulated import short_travels
 from app.report.charts.tripod import drawn_set_up
+from app.report.text.preparing import dry_run_text
 from app.report.text.session import (
-    dry_run_text,
     point_text,
     question_text,
     review_text,

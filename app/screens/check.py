@@ -93,7 +93,7 @@ class CheckScreen(Screen[None]):
         self.refresh_bindings()
         words = check_text(self._plan)
         if indicators.mover is not None:
-            words = f"{words}\n\n{motion.check_text(self._plan, indicators.mover)}"
+            words = f"{motion.check_text(self._plan, indicators.mover)}\n\n{words}"
         self.query_one("#words", Static).update(words)
         if not self._plan.simulated:  # no hand can push those spindles
             with self.app.complaining():

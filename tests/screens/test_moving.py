@@ -23,7 +23,7 @@ from drivers.motion.twins import MotionTwin, Trouble
 from protocols.machine import Instrument, Machine, MotionLimits
 from protocols.procedure import load_procedure
 from tests.app.measuring.moving_machine import Bench, following, taken, wrong
-from tests.screens.driving import SIZE, fill_in, text, to_measuring, until
+from tests.screens.driving import SIZE, fill_in, rows, text, to_measuring, until
 
 SLOW = Machine(motion=MotionLimits(feed_mm_min=6000.0))
 
@@ -89,7 +89,10 @@ async def test_the_check_says_what_will_move_before_a_key_lets_it(tmp_path: Path
             said = " ".join(text(interface, "#words").split())
             assert "joint_homed YES YES YES" in said
             assert "longest move 38.0 mm" in said  # from 22 to Max
-            assert "With Enter it moves" in said
+            await pilot.pause()
+            assert "With Enter it moves" in "".join(
+                rows(interface.screen)[:6]
+            )  # never scrolled out
             assert said.count("G53 G1 X") == 138  # of two-station, which nobody named
             await pilot.press("escape")
             await until(pilot, "the form", lambda: interface.screen is form)

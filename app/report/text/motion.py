@@ -18,6 +18,8 @@ from protocols.procedure import Step
 
 QUESTION = "Guards closed, emergency stop at hand, nobody at the machine: may it move?"
 
+MOVED_BY = {None: "", "twin": "A simulated controller", "linuxcnc": "LinuxCNC on this computer"}
+
 
 def plan_text(plan: Plan, ways: Ways, said: tuple[str, ...] = ()) -> str:
     """All that will move, every posture of it: shown before anything does."""
@@ -39,7 +41,7 @@ def limits_text(plan: Plan, ways: Ways, said: tuple[str, ...]) -> str:
         f"Procedure {SELF_MOVING}: the usual one where a machine moves itself and none is named."
         if unnamed and plan.procedure.name == SELF_MOVING
         else "",
-        f"{plan.motion or 'A simulated controller'} moves the machine, in {plan.machine.mdi} "
+        f"{plan.motion or MOVED_BY[plan.by_itself]} moves the machine, in {plan.machine.mdi} "
         f"coordinates: {len(ways.steps)} "
         f"steps at {feed_mm_min(plan.machine):g} mm/min, longest move {ways.longest_mm:.1f} mm, "
         f"{minutes:.1f} minutes of moving and rest. {set_ups} set-ups: before each it goes to Zero "
@@ -54,10 +56,10 @@ def limits_text(plan: Plan, ways: Ways, said: tuple[str, ...]) -> str:
 
 
 def check_text(plan: Plan, mover: Mover) -> str:
-    """The same on the screen, before the key that lets it move; every posture comes last."""
+    """The same on the screen, before the key that lets it move; the question is always in sight."""
     ways = ways_of(plan.procedure, plan.machine, plan.axes)
-    asked = f"With Enter it moves. {QUESTION}"
-    return f"{limits_text(plan, ways, mover.said)}\n\n{asked}\n\n{_postures_text(plan)}"
+    asked = wrapped(f"With Enter it moves. {QUESTION} Every posture stands below.")
+    return f"{asked}\n\n{limits_text(plan, ways, mover.said)}\n\n{_postures_text(plan)}"
 
 
 def set_up_text(step: Step) -> str:

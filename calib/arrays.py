@@ -334,13 +334,8 @@ def _counted(singular: FloatArray, cut: float, scale: float | None) -> NDArray[n
     return np.asarray(singular > cut * (singular.max(initial=0.0) if scale is None else scale))
 
 
-def new_directions(basis: FloatArray, columns: FloatArray) -> FloatArray:
-    """Basis of what columns ``(n, k)`` of unit length add to a basis."""
-    return basis_of(without(basis, columns), NEW_DIRECTION, 1.0)
-
-
-def new_directions_of(basis: FloatArray, blocks: Sequence[FloatArray]) -> list[FloatArray]:
-    """`new_directions` of several bases."""
+def new_directions(basis: FloatArray, blocks: Sequence[FloatArray]) -> list[FloatArray]:
+    """Basis of what each of several bases, or columns of unit length ``(n, k)``, adds to one."""
     found = list(blocks)
     for alike, stacked in stacks(blocks):
         bases = bases_of(without(basis, stacked), NEW_DIRECTION, 1.0)
@@ -353,7 +348,7 @@ def union(blocks: Sequence[FloatArray]) -> FloatArray:
     """Basis ``(n, r)`` of several bases together."""
     basis = blocks[0]
     for block in blocks[1:]:
-        basis = np.hstack([basis, new_directions(basis, block)])
+        basis = np.hstack([basis, *new_directions(basis, [block])])
     return basis
 
 

@@ -100,7 +100,7 @@ class Attribution:
 
     def evidence(self, member: int) -> float:
         """Non-centrality of one member given the others."""
-        block, y = self.selection.beside(self._others(member), member)
+        (block,), y = self.selection.beside(self._others(member), [member])
         return squares_in(block, y) - float(block.shape[1])
 
     def _others(self, member: int) -> tuple[int, ...]:
@@ -109,7 +109,7 @@ class Attribution:
     def without_any_one(self, member: int) -> float:
         """The least evidence that remains for one member when any one reading is left out."""
         others = self._others(member)
-        block, y = self.selection.beside(others, member)
+        (block,), y = self.selection.beside(others, [member])
         whitening = self.problem.whitening
         known = whitening.held_back(self.selection.search.basis(others))
         free = whitening.seen_alone - (known**2).sum(axis=1)

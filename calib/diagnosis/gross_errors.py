@@ -148,10 +148,11 @@ def _best_step(
     if count < 4:
         return None
     order = np.arange(count, dtype=np.float64)
-    from_row_on = np.cumsum(np.column_stack([value, basis])[::-1], axis=0)[::-1]
+    alone = np.column_stack([value, basis])
+    from_row_on = np.cumsum(alone[::-1], axis=0)[::-1]
     slopes, gains = _explained(from_row_on, count - order)
-    outliers = _explained(np.column_stack([value, basis]), np.ones(count))[1]
-    drift = _explained(order[None] @ np.column_stack([value, basis]), order[None] @ order)[1]
+    outliers = _explained(alone, np.ones(count))[1]
+    drift = _explained(order[None] @ alone, order[None] @ order)[1]
     k = 2 + largest(gains[2:-1])
     beside = max(float(drift[0]), float(outliers.max()))
     clear = max(total - float(gains[k]), noise) <= BETTER * (total - beside)

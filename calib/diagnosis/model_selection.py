@@ -17,7 +17,6 @@ from calib.arrays import (
     FloatArray,
     incidence,
     new_directions,
-    new_directions_of,
     numbered,
     onto,
     rank_of,
@@ -217,16 +216,16 @@ class ModelSelection:
         less likely than itself alone: where that is enough not to name it, and the p-value need not
         be ``drawn``, it is this limit.
         """
-        blocks, y = self.given(kept)
+        others = [k for k in range(len(self.blocks)) if k not in kept]
+        blocks, y = self.beside(kept, others)
         noise_df = self.problem.noise_df or None
         df = self._structure_df(kept)
-        present = [k for k, block in enumerate(blocks) if block.shape[1]]
-        if noise_df is None and self.problem.gap_rms_mm(y) < LEAST_NOISE_MM:
-            present = []  # rounding is left, of which nothing is to be explained
-        shown = [blocks[k] for k in present]
-        local = np.zeros(len(blocks))
-        if not present:
+        shown = [block for block in blocks if block.shape[1]]
+        local = np.zeros(len(self.blocks))
+        only_rounding = noise_df is None and self.problem.gap_rms_mm(y) < LEAST_NOISE_MM
+        if not shown or only_rounding:
             return 1.0, local
+        present = [k for k, block in zip(others, blocks, strict=True) if block.shape[1]]
         squares = squares_in_each(shown, y)[:, None]
         total = np.array([self.problem.gap(y)])
         if noise_df is None:
@@ -240,18 +239,15 @@ class ModelSelection:
         null = null_scores(shown, noise_df, df, deviation)
         return global_p_value(best, null), local
 
-    def given(self, kept: tuple[int, ...]) -> tuple[list[FloatArray], FloatArray]:
-        """The blocks and the vector with the kept candidates projected out."""
+    def beside(
+        self, kept: tuple[int, ...], some: Sequence[int]
+    ) -> tuple[list[FloatArray], FloatArray]:
+        """Blocks of some candidates and the vector, with those that are kept projected out."""
+        blocks = [self.blocks[k] for k in some]
         if not kept:
-            return list(self.blocks), self.problem.y
+            return blocks, self.problem.y
         basis = self.search.basis(kept)
-        others = [block[:, :0] if k in kept else block for k, block in enumerate(self.blocks)]
-        return new_directions_of(basis, others), without(basis, self.problem.y)
-
-    def beside(self, kept: tuple[int, ...], member: int) -> tuple[FloatArray, FloatArray]:
-        """The same of one block."""
-        basis = self.search.basis(kept)
-        return new_directions(basis, self.blocks[member]), without(basis, self.problem.y)
+        return new_directions(basis, blocks), without(basis, self.problem.y)
 
     def gap(self, kept: tuple[int, ...]) -> Gap:
         """What a model leaves beyond the scatter of repeats."""

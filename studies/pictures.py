@@ -7,7 +7,7 @@ import contextlib
 import re
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from concurrent.futures import Future
 from dataclasses import replace
 from functools import partial
@@ -129,7 +129,6 @@ async def measure(pilot: Pilot[str], interface: Interface, *, photographed: bool
             await photograph_measuring(pilot, screen)
         if isinstance(interface.screen, LegReviewScreen):
             if photographed and not reviewed:
-                await save(pilot, "review")
                 await photograph(pilot, "review_wide", WIDE)
                 reviewed = True
             await pilot.press("space")
@@ -159,9 +158,6 @@ async def pictures(folder: Path) -> None:
     async with interface.run_test(size=NARROW) as pilot:
         await measure(pilot, interface, photographed=True)
         await save(pilot, "result")
-        await photograph(pilot, "result_wide", WIDE)
-        await pilot.press("right")
-        await save(pilot, "plot")
         await pilot.press("v")
         await until_on(pilot, CheckScreen)
         await measure(pilot, interface, photographed=False)
@@ -169,44 +165,43 @@ async def pictures(folder: Path) -> None:
         await pilot.press("f10")
 
 
-async def diagnosis(folder: Path) -> None:
-    """The verdict on a simulated session with play hidden in one carriage, and where it shows."""
-    session = folder / "simulated.jsonl"
-    hidden = SimulateOptions("two-station", effect="backlash:x", size=0.03)
+@contextlib.asynccontextmanager
+async def diagnosed(session: Path, hidden: SimulateOptions) -> AsyncIterator[Pilot[str]]:
+    """The verdict on a simulated session with an effect hidden in it."""
     simulate(Simulation(session), hidden, print)
     screen = DiagnoseScreen([session])
     interface = Glidecal(screen)
     interface.animation_level = "none"
     async with interface.run_test(size=NARROW) as pilot:
         await until(pilot, lambda: screen.diagnosed is not None)
+        yield pilot
+        await pilot.press("f10")
+
+
+async def diagnosis(folder: Path) -> None:
+    """Play in one carriage, and where it shows."""
+    hidden = SimulateOptions("two-station", effect="backlash:x", size=0.03)
+    async with diagnosed(folder / "simulated.jsonl", hidden) as pilot:
         await save(pilot, "diagnosis")
         await pilot.resize_terminal(*WIDE)
         await pilot.press("2")
         await save(pilot, "diagnosis_where")
-        await pilot.press("f10")
 
 
 async def what_if(folder: Path) -> None:
     """A carriage that goes too far, its size moved beside the result."""
-    session = folder / "scaled.jsonl"
     hidden = SimulateOptions("zero-max-min", effect="actuator_scale:y", size=1.1)
-    simulate(Simulation(session), hidden, print)
-    diagnosed = DiagnoseScreen([session])
-    interface = Glidecal(diagnosed)
-    interface.animation_level = "none"
-    async with interface.run_test(size=NARROW) as pilot:
-        await until(pilot, lambda: diagnosed.diagnosed is not None)
+    async with diagnosed(folder / "scaled.jsonl", hidden) as pilot:
         await pilot.press("w")
         await until_on(pilot, ChoiceDialog)
         await pilot.press("1")
         await until_on(pilot, WhatIfScreen)
-        screen = interface.screen
+        screen = pilot.app.screen
         assert isinstance(screen, WhatIfScreen)
         await until(pilot, lambda: screen.ready)
         await pilot.press(*["left"] * 3)
         await until(pilot, lambda: screen.ready)
         await save(pilot, "what_if")
-        await pilot.press("f10")
 
 
 async def hexaslide() -> None:

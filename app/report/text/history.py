@@ -6,8 +6,13 @@ from datetime import datetime
 
 from app.evaluating.history import JOINTS, History, MachineHistory
 from app.report.text.tables import hanging, new_table, signed, table_text, wrapped
+from calib.control_chart import FEWEST
 
 DAYS_A_MONTH = 30.44
+
+TOO_EARLY = (
+    f"Whether it drifts cannot be told yet: that takes {FEWEST} sessions over a day or longer."
+)
 
 HISTORY_HELP = """\
 Tab, arrows   the plot of each machine, and back to the text
@@ -37,13 +42,16 @@ def machine_text(found: MachineHistory, now: datetime) -> str:
         f"{found.machine}: {count} session{'s' * (count > 1)}. Last calibrated {when}: "
         f"{found.points[-1].path.name}. {due_words(found)}"
     )
-    return "\n\n".join([wrapped(first), "\n".join(_drifts(found)), *_sessions(found)])
+    drifts = ["\n".join(_drifts(found))] if any(one.drift for one in found.joints) else []
+    return "\n\n".join([wrapped(first), *drifts, *_sessions(found)])
 
 
 def due_words(found: MachineHistory) -> str:
     """When the next calibration is due, or why that cannot be told."""
     if found.due is not None:
         return f"Due in {found.due:%B %Y}: by then drift will have used up the tolerance."
+    if not any(one.drift for one in found.joints):
+        return TOO_EARLY
     if not any(one.drift and one.drift.shown for one in found.joints):
         return "No drift beyond its uncertainty."
     if found.last.machine.tool_tolerance_mm is None:
@@ -55,7 +63,7 @@ def _drifts(found: MachineHistory) -> list[str]:
     said = []
     for name, one in zip(JOINTS, found.joints, strict=True):
         if one.drift is None:
-            said.append(f"Drift of joint {name}: cannot be told, too few days")
+            said.append(f"Drift of joint {name}: cannot be told")
             continue
         um, half_um = (1000.0 * DAYS_A_MONTH * v for v in (one.drift.per_day, one.drift.expanded))
         weak = "" if one.drift.shown else ", no more than its uncertainty"
@@ -64,7 +72,7 @@ def _drifts(found: MachineHistory) -> list[str]:
 
 
 def _sessions(found: MachineHistory) -> list[str]:
-    table = new_table("", "began", *(f"{n}, mm" for n in JOINTS), "±", "tool", "°C", left=2)
+    table = new_table("", "began", *(f"{n}, mm" for n in JOINTS), "±, mm", "tool, mm", "°C", left=2)
     notes = []
     for number, point in enumerate(found.points, start=1):
         entry = point.entry

@@ -390,11 +390,10 @@ def verification_text(found: Verification) -> str:
         f"{uncertain(after.bound_before.bound_mm)} mm is left; "
         f"{near_words(before.near_after_mm, after.near_before_mm)}."
     )
+    todo = [text] if (text := wrapped("\n".join(what_to_do(found)))) else []
     remarks = [wrapped(f"Remark: {remark}") for remark in found.compared.remarks]
     heading = f"before: {before.names[0]}\nafter:  {after.names[0]}"
-    return "\n\n".join(
-        [heading, wrapped(said), table_text(offsets_table(found)), *what_to_do(found), *remarks]
-    )
+    return "\n\n".join([heading, wrapped(said), table_text(offsets_table(found)), *todo, *remarks])
 
 
 def offsets_table(found: Verification) -> Table:
@@ -428,4 +427,4 @@ def what_to_do(found: Verification) -> list[str]:
         said.append(
             "The offsets are as expected. Measure more (glidecal plan), or fit the lengths too."
         )
-    return [wrapped("\n".join(said))] if said else []
+    return said

@@ -125,6 +125,14 @@ def test_what_is_altered_torn_or_doubled_is_named_and_the_rest_shown(
     assert "joint z changed beyond uncertainty" in text
 
 
+def test_two_sessions_tell_no_drift_and_none_is_denied(tmp_path: Path) -> None:
+    measured(tmp_path, 0, (0.1, 0.1, 0.1))
+    measured(tmp_path, 1, (0.1, 0.1, 0.1))
+    text = " ".join(history_text(read_history(tmp_path, index=tmp_path / "index"), NOW).split())
+    assert "Whether it drifts cannot be told yet: that takes 3 sessions" in text
+    assert "No drift" not in text
+
+
 def test_a_rebuilt_machine_is_an_event(tmp_path: Path) -> None:
     measured(tmp_path, 0, (0.1, 0.1, 0.1))
     measured(tmp_path, 1, (0.1, 0.1, 0.1), leg_length_mm=311.0)

@@ -67,6 +67,7 @@ class SessionDiagnosis:
     names: tuple[str, ...]
     held_out: tuple[str, ...]
     sessions: tuple[Session, ...]
+    cases: tuple[Case, ...]
     model: Model
     diagnosis: Diagnosis
     warnings: tuple[str, ...]
@@ -125,8 +126,7 @@ class SessionDiagnosis:
     @cached_property
     def _last(self) -> tuple[Case, Noise | None]:
         """The machine as it stands now, without mistakes that were found in its readings."""
-        (case,) = cases(self.sessions[-1:], self.model)
-        case = case.with_readings(self.diagnosis.cleaned[-1].observed)
+        case = self.cases[-1].with_readings(self.diagnosis.cleaned[-1].observed)
         return case, reading_noise(visits(case.observed), case.indicator)
 
 
@@ -185,6 +185,7 @@ def diagnose_sessions(
         names=tuple(names),
         held_out=tuple(aside),
         sessions=tuple(sessions),
+        cases=tuple(measured),
         model=known,
         diagnosis=diagnose(measured, effects, cases(others, known)),
         warnings=tuple(warnings),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import ClassVar
 
 from textual import work
@@ -15,6 +16,7 @@ from textual.widgets import Footer, Static
 
 from app.exit_codes import exit_code
 from app.measuring.gauges import PushResult, Trial
+from app.measuring.moving import ways_of
 from app.measuring.opening import Indicators, Plan, begin, first_step, open_indicators
 from app.report.text import motion
 from app.report.text.home import CHECK_HELP
@@ -187,11 +189,18 @@ class DryRunScreen(Screen[None]):
     ]
 
     def __init__(
-        self, procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]
+        self,
+        procedure: Procedure,
+        machine: Machine,
+        instruments: Sequence[Instrument],
+        moved_by: str = "",
     ) -> None:
         super().__init__()
         self._asked = procedure, machine, instruments
         self._steps = dry_run_text(*self._asked)
+        if moved_by:
+            plan = Plan(Path(), machine, procedure, tuple(instruments), motion=moved_by)
+            self._steps = motion.plan_text(plan, ways_of(procedure, machine, plan.axes))
 
     def compose(self) -> ComposeResult:
         yield Title()

@@ -409,7 +409,8 @@ class PrepareScreen(Screen[None]):
         with self.app.complaining():
             machine = self._machine()
             procedure = self._procedure(machine)
-            self.app.push_screen(DryRunScreen(procedure, machine, self._some(procedure)))
+            asked = procedure, machine, self._some(procedure), self._value("motion")
+            self.app.push_screen(DryRunScreen(*asked))
 
     def _value(self, name: str) -> str:
         return self.query_one(f"#{name}", Input).value.strip()

@@ -84,6 +84,12 @@ async def test_the_check_says_what_will_move_before_a_key_lets_it(tmp_path: Path
             assert chosen.value == "zero-max-min"
             form.query_one("#motion", Input).value = twin.told
             await until(pilot, "more to measure", lambda: chosen.value == "two-station")
+            await pilot.press("f2")
+            await until(pilot, "a dry run", lambda: text(interface, "#dry-run-text"))
+            words = " ".join(text(interface, "#dry-run-text").split())
+            assert "Procedure two-station: the usual one where a machine moves itself" in words
+            await pilot.press("escape")
+            await until(pilot, "the form", lambda: interface.screen is form)
             await pilot.press("f5")
             await until(pilot, "the check", lambda: "longest move" in text(interface, "#words"))
             said = " ".join(text(interface, "#words").split())

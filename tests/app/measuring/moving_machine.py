@@ -205,6 +205,7 @@ def with_faults(
     machine: MachineFile = SLOWER,
     make: Callable[[SimulatedAxes], MotionTwin] = LinuxCncTwin,
     troubles: Sequence[str] = TROUBLES,
+    latest_s: float = 2.0,
 ) -> tuple[list[str], list[tuple[float, str]], int]:
     """A session with a fault at each of so many random moments, mended and continued each time.
 
@@ -233,7 +234,7 @@ def with_faults(
                         time.sleep(0.002)
                     went_on.append((time.monotonic() - began, str(trouble)))
 
-                timer = threading.Timer(chance.uniform(0.05, 2.0), strike)
+                timer = threading.Timer(chance.uniform(0.05, latest_s), strike)
                 timer.start()
             try:
                 measure_by_itself(guided, bench.set_up, lambda _: None)

@@ -207,7 +207,8 @@ class MeasureScreen(Corrections, Resting):
 
     def _tell_motion(self) -> None:
         """One line when a machine that moves itself does something else; a stop is a hold."""
-        mover, step = self.guided.mover, self.guided.step()
+        mover = self.guided.mover
+        step = self.guided.step() if mover is not None else None
         if mover is None or step is None:
             return
         lost_words(self.guided)

@@ -20,6 +20,7 @@ from app.measuring.opening import Plan, demo_plan
 from app.measuring.simulated import BenchSettings
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.hexaslide import HexaSlideScreen
+from app.screens.history import HistoryScreen
 from app.screens.interface import Interface
 from app.screens.measure import HELD_KEY_S, MeasureScreen
 from app.screens.prepare import IndicatorScreen
@@ -88,6 +89,13 @@ async def looked(pilot: Pilot[str], interface: Interface, kind: type[Looking]) -
     await until(pilot, "the end of looking", lambda: screen.is_mounted and not screen.looking)
     await pilot.pause()
     return screen
+
+
+async def history_shown(pilot: Pilot[str], interface: Interface) -> str:
+    """The text of a history once its screen is there."""
+    await until(pilot, "history", lambda: isinstance(interface.screen, HistoryScreen))
+    await pilot.pause()
+    return text(interface, "#history")
 
 
 async def to_measuring(pilot: Pilot[str], interface: Interface) -> MeasureScreen:

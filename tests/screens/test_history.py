@@ -7,7 +7,7 @@ from datetime import timedelta
 from pathlib import Path
 
 import pytest
-from textual.widgets import OptionList, Static
+from textual.widgets import OptionList
 
 from app.evaluating.history import read_history
 from app.screens.history import HistoryScreen
@@ -17,7 +17,7 @@ from protocols.journal import write_whole
 from protocols.record import read_record
 from protocols.session import Line, Reading
 from tests.conftest import SAMPLES
-from tests.screens.driving import SIZE, rows, until
+from tests.screens.driving import SIZE, history_shown, rows, until
 
 SESSION = SAMPLES / "experiment_2_twelve.jsonl"
 
@@ -33,10 +33,7 @@ async def test_home_leads_to_the_history_and_back(
         choices = interface.screen.query_one(OptionList)
         choices.highlighted = [option.id for option in choices.options].index("history")
         await pilot.press("enter")
-        await until(pilot, "history", lambda: isinstance(interface.screen, HistoryScreen))
-        await pilot.pause()
-        text = str(interface.screen.query_one("#history", Static).content)
-        assert "a [b].jsonl" in text
+        assert "a [b].jsonl" in await history_shown(pilot, interface)
         await pilot.press("escape")
         await until(pilot, "home", lambda: isinstance(interface.screen, HomeScreen))
         await pilot.press("f10")

@@ -16,17 +16,16 @@ import aiohttp
 import pytest
 from aiohttp import web
 from aiohttp.test_utils import TestClient, TestServer
-from textual.widgets import OptionList, Static
+from textual.widgets import OptionList
 from yarl import URL
 
 from app.screens import serving_reports
-from app.screens.history import HistoryScreen
 from app.screens.home import ReplayChoiceScreen
 from app.screens.serving_reports import HEADERS, MOST_MADE, ReportPages
 from app.screens.start import Glidecal
 from tests.app.cli import glidecal, refused
 from tests.conftest import SAMPLES
-from tests.screens.driving import SIZE, said, until
+from tests.screens.driving import SIZE, history_shown, said, until
 from tests.screens.test_serving import PATIENCE_S, Served, all_gone, children, fetch
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and /proc as on Unix")
@@ -148,6 +147,15 @@ async def in_process(pages: ReportPages) -> AsyncIterator[TestClient[web.Request
         yield client
 
 
+@asynccontextmanager
+async def listed(
+    folder: Path,
+) -> AsyncIterator[tuple[TestClient[web.Request, web.Application], dict[str, str]]]:
+    """A browser of these pages, and the addresses of a folder's files by their names."""
+    async with in_process(ReportPages([folder])) as client:
+        yield client, links(await (await client.get("/reports")).text())
+
+
 def program(monkeypatch: pytest.MonkeyPatch, code: str) -> None:
     """In place of the program."""
     monkeypatch.setattr(serving_reports, "PROGRAM", (sys.executable, "-c", code))
@@ -157,9 +165,7 @@ async def test_pages_tell_the_browser_to_run_and_load_nothing(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     program(monkeypatch, "print('<p>made', end='')")
-    async with in_process(ReportPages([folder])) as client:
-        answer = await client.get("/reports")
-        found = links(await answer.text())
+    async with listed(folder) as (client, found):
         for path in ("/reports", *found.values()):
             answer = await client.get(path)
             assert answer.status == 200
@@ -180,8 +186,7 @@ async def test_what_takes_too_long_or_too_much_is_ended(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = children(os.getpid())
-    async with in_process(ReportPages([folder])) as client:
-        found = links(await (await client.get("/reports")).text())
+    async with listed(folder) as (client, found):
         program(monkeypatch, SLEEPS)
         monkeypatch.setattr(serving_reports, "MAKING_S", 0.5)
         assert (await client.get(found["damaged.jsonl"])).status == 504
@@ -200,8 +205,7 @@ async def test_so_many_at_once_and_each_ends_with_its_page(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = children(os.getpid())
-    async with in_process(ReportPages([folder])) as client:
-        found = links(await (await client.get("/reports")).text())
+    async with listed(folder) as (client, found):
         program(monkeypatch, SLEEPS)
         making = [asyncio.create_task(client.get(found["damaged.jsonl"])) for _ in range(MOST_MADE)]
         async with asyncio.timeout(PATIENCE_S):
@@ -226,10 +230,7 @@ async def test_a_tab_of_a_folder_shows_its_sessions_and_history(folder: Path) ->
         assert words[0] == "History of sessions"
         assert len(words) == 1 + 5
         await pilot.press("enter")
-        await until(pilot, "history", lambda: isinstance(interface.screen, HistoryScreen))
-        await pilot.pause()
-        text = str(interface.screen.query_one("#history", Static).content)
-        assert "damaged.jsonl" in text
+        assert "damaged.jsonl" in await history_shown(pilot, interface)
         await pilot.press("escape")
         await until(pilot, "list", lambda: isinstance(interface.screen, ReplayChoiceScreen))
         shutil.rmtree(folder)

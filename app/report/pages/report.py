@@ -32,8 +32,8 @@ WIDTH_EM, LETTER_EM, GAP_EM = 60.0, 0.64, 1.4
 LEAST_EM = 8.0
 """Of a column of texts, however many numbers stand beside them."""
 
-HEADING_LETTERS = 14
-"""A longer heading takes two lines."""
+HEADING_LETTERS, BOLD = 14, 1.15
+"""A longer heading takes two lines; a bold letter is so much wider."""
 
 
 def html_of(report: CalibrationReport) -> str:
@@ -87,12 +87,13 @@ def widths_em(columns: Sequence[Column]) -> list[float]:
     return wanted
 
 
-def _letters(column: Column) -> int:
-    """Of the longest line."""
+def _letters(column: Column) -> float:
+    """Of the longest line; those of a heading are bold."""
     heading = str(column.header)
     half = max(map(len, (*heading.split(), heading[: len(heading) // 2 + 2])))
+    above = len(heading) if len(heading) <= HEADING_LETTERS else half
     lines = (line for cell in column.cells for line in str(cell).split("\n"))
-    return max(len(heading) if len(heading) <= HEADING_LETTERS else half, *map(len, lines), 0)
+    return max(BOLD * above, *map(len, lines), 0)
 
 
 def _rows(columns: Sequence[Column]) -> list[tuple[RenderableType, ...]]:

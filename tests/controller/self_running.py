@@ -392,9 +392,9 @@ def main() -> None:
 
 def figures() -> None:
     """Those of docs/benchmarks.md: two stations at 50 mm/s, with the procedure's own rest."""
-    faults = [("disturbed", str(seed), "99") for seed in range(1, 5)]
-    continued = ("continued", "1", "6", "3000")
-    for words in (("session", "two-station", "3000", "1.0"), ("killed",), continued, *faults):
+    faults = [("disturbed", str(seed), "99") for seed in range(5, 12)]
+    continued = [("continued", str(seed), "7", "3000") for seed in (2, 3)]
+    for words in (("session", "two-station", "3000", "1.0"), ("killed",), *continued, *faults):
         print(words, commanded(Path(mkdtemp()), *words, timeout_s=1000.0), flush=True)
 
 

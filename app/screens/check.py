@@ -183,6 +183,7 @@ class DryRunScreen(Screen[None]):
         "line to type at the controller; at the end what to expect of the\n"
         "result. Nothing is opened or written."
     )
+    AUTO_FOCUS = "#dry-run"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "app.pop_screen", "Back", id="dry-run.back"),
         Binding("f10", "app.quit", "Quit", id="dry-run.quit"),
@@ -210,7 +211,6 @@ class DryRunScreen(Screen[None]):
         yield Footer()
 
     def on_mount(self) -> None:
-        self.query_one("#dry-run").focus()
         self._expect()
 
     @work(thread=True)

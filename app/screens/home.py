@@ -43,6 +43,7 @@ class HomeScreen(Screen[None]):
 
     app: Interface
     HELP = texts.HOME_HELP
+    AUTO_FOCUS = "#choices"
     BINDINGS: ClassVar[list[BindingType]] = [Binding("f10", "app.quit", "Quit", id="home.quit")]
 
     def __init__(self) -> None:
@@ -55,9 +56,6 @@ class HomeScreen(Screen[None]):
         yield Static(texts.HOME_QUESTION, markup=False, id="question")
         yield OptionList(id="choices", markup=False)
         yield Footer()
-
-    def on_mount(self) -> None:
-        self.query_one("#choices", OptionList).focus()
 
     def on_screen_resume(self) -> None:
         """Sessions may have come or gone on while another screen was open."""

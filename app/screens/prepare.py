@@ -270,6 +270,7 @@ class PrepareScreen(Screen[None]):
 
     app: Interface
     HELP = texts.PREPARE_HELP
+    AUTO_FOCUS = "#indicator1"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "choose", "Choose", id="prepare.choose"),
         Binding("delete", "clear", "Clear", id="prepare.clear"),
@@ -307,7 +308,6 @@ class PrepareScreen(Screen[None]):
     def on_mount(self) -> None:
         for name, words in texts.FIELD_HELP.items():
             self.query_one(f"#{name}").tooltip = Content(words)
-        self.query_one("#indicator1").focus()
 
     def on_screen_resume(self) -> None:
         """Ports may have come or gone on while another screen was open."""

@@ -278,6 +278,7 @@ class CompareScreen(Screen[None]):
 
     app: Interface
     HELP = texts.COMPARISON_HELP
+    AUTO_FOCUS = "#compare-words"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("g", "plot", "Plot", id="compare.plot"),
         Binding("y", "copy", "Copy", id="compare.copy"),
@@ -298,9 +299,6 @@ class CompareScreen(Screen[None]):
                 yield Static(self._text, id="compare-text", markup=False)
             yield ChartPlot(before_and_after(before, after), plot_id="compare-chart")
         yield Footer()
-
-    def on_mount(self) -> None:
-        self.query_one("#compare-words").focus()
 
     def action_plot(self) -> None:
         """The plot instead of the text, where there is no room for both."""

@@ -294,6 +294,7 @@ class LegReviewScreen(Dialog[bool]):
     """Look, then go on to the next leg; dismissed with whether the session shall be on hold."""
 
     HELP = REVIEW_HELP
+    AUTO_FOCUS = "#review"
     BINDINGS: ClassVar[list[BindingType]] = [
         ("space,enter,escape", "dismiss(False)", "Continue"),
         Binding("p", "dismiss(True)", "Hold", id="measure.hold"),
@@ -317,7 +318,6 @@ class LegReviewScreen(Dialog[bool]):
             yield ChartPlot(plot_id="review-chart")
 
     def on_mount(self) -> None:
-        self.query_one("#review").focus()
         self.set_class(self.app.size.width >= WIDE, "wide")  # before the first picture, not after
         self.call_after_refresh(self._draw_chart)  # a chart takes long; the words come first
         if self._unattended:

@@ -149,7 +149,7 @@ def test_what_table_1_leaves_in_experiment_2_it_leaves_in_3(samples: Path) -> No
 
 
 def test_three_sessions_leave_one_pattern(samples: Path) -> None:
-    """As docs/diagnosis.md says: share 0.987, by chance once in 2000 times or rarer."""
+    """As docs/published.md says: share 0.987, by chance once in 2000 times or rarer."""
     found = diagnosed(*(samples / f"experiment_{k}_six.jsonl" for k in (1, 2, 3)))
     assert found["gap_before"]["degrees_of_freedom"] == 9
     assert found["pattern"]["common_share"] == pytest.approx(0.987, abs=5e-4)

@@ -1,12 +1,11 @@
-"""The typed events of a session, one line of the record each, the state they fold into (what
-counts, what is done, what is next), and its clock, which nobody sets.
+"""The typed events of a session, one line of the record each, and the state they fold into: what
+counts, what is done, what is next.
 """
 
 from __future__ import annotations
 
 import re
-import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
@@ -495,62 +494,3 @@ def fold(events: Iterable[Event]) -> Session:
 
 def _without(reasons: dict[int, str], numbers: tuple[int, ...]) -> dict[int, str]:
     return {number: reason for number, reason in reasons.items() if number not in numbers}
-
-
-JUMP_S = 2.0
-"""The wall clock follows a time server by less than this between two looks; more was set."""
-
-STEADY = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))
-"""Goes on while the computer sleeps; Windows' only monotonic clock does too."""
-
-
-def steady_s() -> float:
-    """Seconds of a clock that only goes forward."""
-    return time.monotonic() if STEADY is None else time.clock_gettime(STEADY)
-
-
-def wall() -> datetime:
-    """What the clock of the computer shows."""
-    return datetime.now(UTC)
-
-
-class SessionClock:
-    """Time of one session in the life of one program.
-
-    Across an interruption only the wall clock knows how long it was; where that went back, the
-    interruption counts nothing.
-    """
-
-    def __init__(
-        self,
-        events: Sequence[Event],
-        steady_s: Callable[[], float] = steady_s,
-        wall: Callable[[], datetime] = wall,
-    ) -> None:
-        self._steady_s = steady_s
-        self.wall = wall
-        self._began_s = steady_s() - _reached_s(events)
-        self._ahead_s = self._wall_ahead_s()
-
-    def time_s(self) -> float:
-        """Seconds since the session began."""
-        return self._steady_s() - self._began_s
-
-    def jump_s(self) -> float:
-        """By how much the wall clock was set since the last look; 0 where it was not."""
-        ahead_s = self._wall_ahead_s()
-        jump_s, self._ahead_s = ahead_s - self._ahead_s, ahead_s
-        return jump_s if abs(jump_s) > JUMP_S else 0.0
-
-    def _wall_ahead_s(self) -> float:
-        return self.wall().timestamp() - self._steady_s()
-
-
-def _reached_s(events: Sequence[Event]) -> float:
-    """Session time at the last event: of the last reading that has one, and the gaps since."""
-    reached_s = 0.0
-    for before, event in pairwise(events):
-        reached_s += max(0.0, (event.at - before.at).total_seconds())
-        if isinstance(event, Reading) and event.time_s is not None:
-            reached_s = event.time_s
-    return reached_s

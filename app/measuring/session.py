@@ -14,6 +14,7 @@ from app.measuring.moving import Mover, Moving
 from calib.errors import MotionError
 from calib.tripod.pipeline import StageEffect
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome
+from protocols.clock import SessionClock
 from protocols.expectation import Expected, Movement, expected, movement
 from protocols.journal import Journal
 from protocols.procedure import Leg, Step, default_mount
@@ -27,7 +28,6 @@ from protocols.session import (
     Reading,
     Restored,
     Session,
-    SessionClock,
     Skipped,
     Superseded,
     fold,

@@ -28,9 +28,9 @@ from app.screens.pages import Resting
 from app.screens.session_view import LegReviewScreen, SessionView
 from calib.errors import GlidecalError, sentence
 from drivers.profile import Fault, IndicatorReading
+from protocols.clock import steady_s
 from protocols.expectation import Movement
 from protocols.procedure import Step
-from protocols.session import steady_s
 
 GATHER_S = 0.015
 """One picture shows all that is heard within so long after the first news."""

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from app.evaluating.solution import load_sessions
+from protocols.clock import SessionClock
 from protocols.journal import write_whole
 from protocols.observations import to_observations
-from protocols.session import Continued, Event, Noted, SessionClock, fold
+from protocols.session import Continued, Event, Noted, fold
 from tests.protocols.test_journal import opened, reading
 
 BEGIN = datetime(2026, 3, 1, 8, 0, tzinfo=UTC)

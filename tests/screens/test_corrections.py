@@ -22,8 +22,9 @@ from app.screens.plot import ChartPlot
 from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
 from drivers.profile import IndicatorReading, Outcome
+from protocols.clock import steady_s
 from protocols.record import read_record
-from protocols.session import Noted, fold, steady_s
+from protocols.session import Noted, fold
 from tests.screens.driving import press_for, quick_plan, take, text, to_measuring, until
 
 Driven = tuple[Pilot[str], Interface, MeasureScreen]

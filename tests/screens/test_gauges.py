@@ -10,7 +10,7 @@ from textual.pilot import Pilot
 from textual.widget import Widget
 
 from app.measuring.gauges import Live, Motion, Trace
-from app.report.charts.charts import strip_rows
+from app.report.charts.strips import strip_rows
 from app.screens import interface
 from app.screens.session_view import GaugeDisplay, big_digits
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome

@@ -1,15 +1,13 @@
-"""What the plots show, apart from any screen: series and scales, line drawings, strip charts."""
+"""What the plots show, apart from any screen: series and scales."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 from app.evaluating.history import JOINTS, MachineHistory
 from app.evaluating.solution import SessionSolution
-from app.measuring.gauges import SLOTS, Trace
 from app.measuring.leg_review import leg_rows
 from calib.diagnosis.results import SEEN, Cell
 from calib.identify.solution import Solution
@@ -358,155 +356,3 @@ def offsets_over_time(found: MachineHistory) -> Chart:
     days = zip(found.days, found.points, strict=True)
     marks = tuple(day for day, point in days if point.event)
     return Chart("Change of the offsets", "days", "µm", series, marks=marks)
-
-
-BITS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
-LEFT, RIGHT = (
-    tuple(sum(bit for k, bit in enumerate(four) if dots >> k & 1) for dots in range(16))
-    for four in BITS
-)
-"""Of a braille character: its bits for any four dots of one column, topmost first."""
-
-BLANK = 0x2800
-BANDS = 3.0
-"""The scale is at least so many times as high as the band of rest."""
-
-LEAST_MM = 1e-6
-EVERY = 4
-"""The edges of the band have one dot in so many."""
-
-
-def strip_rows(trace: Trace, columns: int, rows: int) -> tuple[str, ...]:
-    """The strip chart in a place of so many cells, the present at its right end.
-
-    Each moment reaches from its least to its largest reading and to the moment before. Dotted
-    lines are the edges of the band in which readings count as at rest.
-    """
-    wide, high = 2 * columns, 4 * rows
-    if not trace.moments or not wide or not high:
-        return ("",) * rows
-    lower, upper = _scale(trace)
-    per_mm = high / (upper - lower)
-
-    def down(value_mm: float) -> int:
-        return min(max(math.floor((upper - value_mm) * per_mm), 0), high - 1)
-
-    dots = [0] * wide  # a bit for each dot of a column, topmost first
-    before = trace.moments[0]
-    for moment in trace.moments:
-        ago, low, high_mm = moment
-        if before[0] == ago + 1:
-            low, high_mm = min(low, before[2]), max(high_mm, before[1])
-        before = moment
-        line = (2 << down(low)) - (1 << down(high_mm))
-        first = (SLOTS - 1 - ago) * wide // SLOTS
-        for x in range(first, max(first + 1, (SLOTS - ago) * wide // SLOTS)):
-            dots[x] |= line
-    if trace.band_mm[0] < trace.band_mm[1]:
-        edges = (1 << down(trace.band_mm[0])) | (1 << down(trace.band_mm[1]))
-        for x in range(0, wide, EVERY):
-            dots[x] |= edges
-    pairs = list(zip(dots[::2], dots[1::2], strict=True))
-    return tuple(
-        "".join(chr(BLANK + LEFT[(a >> y) & 15] + RIGHT[(b >> y) & 15]) for a, b in pairs)
-        for y in range(0, high, 4)
-    )
-
-
-def _scale(trace: Trace) -> tuple[float, float]:
-    """Lower and upper end in mm; they keep still while the readings stay near the band."""
-    low_mm, high_mm = trace.band_mm
-    band_mm = max(high_mm - low_mm, LEAST_MM)
-    lower = min(low_mm if band_mm > LEAST_MM else math.inf, *(low for _, low, _ in trace.moments))
-    upper = max(high_mm if band_mm > LEAST_MM else -math.inf, *(top for _, _, top in trace.moments))
-    middle = band_mm * round((low_mm + high_mm) / 2.0 / band_mm)
-    half = BANDS * band_mm / 2.0
-    if middle - half <= lower and upper <= middle + half:
-        return middle - half, middle + half
-    return lower, upper if upper > lower else lower + LEAST_MM
-
-
-Point = tuple[float, float]
-Limits = tuple[float, float]
-
-CELL_HEIGHT = 2.0
-"""A cell of a terminal is about twice as high as it is wide."""
-
-MARGIN = 0.04
-"""Room around what is drawn, as a share of it."""
-
-
-class StrokeStyle(StrEnum):
-    """How a stroke is drawn, told apart without colour."""
-
-    DOTTED = "dotted"
-    THIN = "thin"
-    THICK = "thick"
-    MARKED = "marked"
-    BEADED = "beaded"
-
-
-@dataclass(frozen=True)
-class Stroke:
-    """A line through points."""
-
-    style: StrokeStyle
-    points: tuple[Point, ...]
-
-
-@dataclass(frozen=True)
-class Caption:
-    """Letters at a place."""
-
-    words: str
-    at: Point
-
-
-@dataclass(frozen=True)
-class Drawing(Chart):
-    """Strokes under the points of a chart; ``even`` keeps lengths alike in both directions.
-
-    Without being ``scaled`` it is a picture: no frame, no numbers.
-    """
-
-    strokes: tuple[Stroke, ...] = ()
-    labels: tuple[Caption, ...] = ()
-    even: bool = False
-    scaled: bool = True
-
-    def limits(self, columns: int, rows: int) -> tuple[Limits, Limits]:
-        """Ends of both axes in a place of so many cells; none is taken for one."""
-        columns, rows = max(1, columns), max(1, rows)
-        points = [point for stroke in self.strokes for point in stroke.points]
-        points += [p for one in self.series for p in zip(one.x, one.y, strict=True)]
-        horizontal = _ends([x for x, _ in points])
-        vertical = _ends([y for _, y in points])
-        if not self.even:
-            return horizontal, vertical
-        cell = max(
-            (horizontal[1] - horizontal[0]) / columns,
-            (vertical[1] - vertical[0]) / (CELL_HEIGHT * rows),
-        )
-        return _around(horizontal, cell * columns), _around(vertical, cell * CELL_HEIGHT * rows)
-
-
-def _ends(values: Sequence[float]) -> Limits:
-    lower, upper = min(values), max(values)
-    room = MARGIN * (upper - lower)
-    return lower - room, upper + room
-
-
-def _around(ends: Limits, span: float) -> Limits:
-    middle = (ends[0] + ends[1]) / 2.0
-    return middle - span / 2.0, middle + span / 2.0
-
-
-def ticks_within(limits: Limits, most: int) -> tuple[float, ...]:
-    """Round numbers between two ends, at most so many."""
-    span = limits[1] - limits[0]
-    decade = 10.0 ** math.floor(math.log10(span / max(1, most)))
-    for step in (factor * decade for factor in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)):
-        first, last = math.ceil(limits[0] / step), math.floor(limits[1] / step)
-        if last - first < most:
-            return tuple(k * step for k in range(first, last + 1))
-    return ()

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from app.report.charts.charts import Caption, Drawing, Point, Series, Stroke, StrokeStyle
+from app.report.charts.charts import Series
+from app.report.charts.drawings import Caption, Drawing, Point, Stroke, StrokeStyle
 from calib.arrays import FloatArray
 from calib.hexaslide.drawing import lines_at, outline
 from calib.hexaslide.geometry import Box, HexaSlide

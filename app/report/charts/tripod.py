@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from app.report.charts.charts import Caption, Drawing, Point, Series, Stroke, StrokeStyle
+from app.report.charts.charts import Series
+from app.report.charts.drawings import Caption, Drawing, Point, Stroke, StrokeStyle
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.tripod.drawing import set_up_lines, view
 from protocols.machine import Instrument

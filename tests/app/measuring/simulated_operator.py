@@ -21,12 +21,13 @@ from app.measuring.gauges import Gauge, Motion
 from app.measuring.session import GuidedSession, TakenStep
 from drivers.profile import IndicatorReading, Outcome, Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
+from protocols.clock import SessionClock
 from protocols.expectation import Movement
 from protocols.journal import Journal
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Step, leg_number, load_procedure
 from protocols.record import read_record
-from protocols.session import Opened, SessionClock
+from protocols.session import Opened
 from tests.blind.forward import Hidden, Rows, readings
 
 PACE_S = 0.2

@@ -19,12 +19,13 @@ from app.measuring.session import Doubt, GuidedSession
 from app.measuring.simulated import BenchSettings
 from drivers.profile import FaultKind, IndicatorReading, Outcome, Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
+from protocols.clock import SessionClock
 from protocols.expectation import Movement
 from protocols.journal import Journal
 from protocols.machine import Machine
 from protocols.procedure import Procedure
 from protocols.record import read_record
-from protocols.session import SessionClock, fold
+from protocols.session import fold
 
 NOTES = 40
 

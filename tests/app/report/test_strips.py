@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.measuring.gauges import SLOTS, Trace
-from app.report.charts.charts import BANDS, strip_rows
+from app.report.charts.strips import BANDS, strip_rows
 
 Dots = set[tuple[int, int]]
 

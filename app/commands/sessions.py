@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from app.commands import moving
+from app.commands import measuring
 from app.exit_codes import Exit, exit_code
 from app.machines.options import (
     AsJson,
@@ -41,7 +41,6 @@ if TYPE_CHECKING:  # heavy: imported where used
 
     from app.evaluating.solution import SessionSolution
     from app.measuring.opening import Plan
-    from protocols.procedure import Leg
 
 
 HIDDEN = "The machine has more than offsets. To look for what is missing: glidecal diagnose {}"
@@ -110,7 +109,7 @@ def run(
     if resume:
         whole = until is not None and read_record(resume).end == "closed"
         plan = replace(plan_to_continue(resume, chosen, whole=whole), motion=motion)
-        moving.measured_until(plan, until, _measure, headless=headless, done=whole)
+        measuring.measured_until(plan, until, headless=headless, done=whole)
         return
     named = protocol or procedure_of(known, moving=motion is not None)
     procedure = load_procedure(named, known.geometry())
@@ -137,35 +136,10 @@ def run(
         from app.report.text.planning import before_measuring_text
 
         asked = plan.procedure, plan.machine, plan.instruments
-        steps = moving.shown(plan) if plan.motion else dry_run_text(*asked)
+        steps = measuring.shown(plan) if plan.motion else dry_run_text(*asked)
         typer.echo(f"{steps}\n\n{before_measuring_text(*before_measuring(*asked))}")
     else:
-        moving.measured_until(plan, until, _measure, headless=headless)
-
-
-def _measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --simulated") -> None:
-    """On the screen, or ``otherwise``; unattended where a program moves the machine."""
-    from app.measuring.opening import measure_all, start_session
-    from protocols.journal import check_new
-
-    if not plan.continued:
-        check_new(plan.path)
-    if plan.motion is not None:
-        moving.ask(plan, on_screen=not headless)
-    if not headless:
-        need_terminal("guided session", otherwise)
-        from app.screens.start import open_session
-
-        raise typer.Exit(open_session(plan, LOOKS))
-    if not (plan.simulated or plan.motion):
-        allowed = "--headless with --simulated or --motion"
-        raise UsageError("--headless", "real indicators", allowed)
-    with start_session(plan if plan.motion else replace(plan, interval_s=0.0)) as guided:
-        if plan.motion:
-            moving.measure(guided)
-        else:
-            measure_all(guided)
-    say(f"{len(guided.session.readings)} readings in {guided.path}")
+        measuring.measured_until(plan, until, headless=headless)
 
 
 def demo(
@@ -260,86 +234,6 @@ def _measured(plan: Plan, say: Callable[[str], None]) -> SessionSolution:
         else:
             measure_all(guided)
     return solve_for_controller(plan.path)
-
-
-def align(
-    session: Annotated[Path | None, argument("A session to tell from; none: measure.")] = None,
-    reference: Annotated[
-        str | None,
-        typer.Option(help="The rail that stays: x, y or z; else as before, or x.", metavar="RAIL"),
-    ] = None,
-    protocol: Protocol = "align",
-    machine: Machine = None,
-    indicator: Annotated[
-        list[str] | None, typer.Option(help="PROFILE:PORT or PROFILE:PORT@AXES; once or twice.")
-    ] = None,
-    simulated: Annotated[
-        bool, typer.Option("--simulated", help="A simulated machine whose rails are off.")
-    ] = False,
-    output: Annotated[Path | None, file("Session file.", "--output", "-o")] = None,
-    seed: Seed = 1,
-    resume: Annotated[Path | None, file("Go on with an interrupted session.", "--continue")] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Shims that make the rails square and meet. Measured, moved live, measured again."""
-    from app.measuring.aligning import check_procedure
-    from app.measuring.indicators import DEFAULT_PROFILE, check_indicators, choose_indicators
-    from app.measuring.opening import (
-        DEMO_MOTION_S,
-        Plan,
-        aligning,
-        plan_to_continue,
-        session_name,
-    )
-    from app.measuring.simulated import BenchSettings
-    from protocols.machine import load_machine
-    from protocols.procedure import ALL_AXES, load_procedure
-
-    rail = next((one for one in ALL_AXES if reference and one == reference.lower()), None)
-    if rail is None and reference is not None:
-        raise UsageError("--reference", repr(reference), "x, y or z")
-    if session is None and as_json:
-        raise UsageError("--json", "no session", "a session that was measured: align SESSION")
-    if session is not None:
-        measuring = indicator or simulated or output or resume or machine
-        if measuring or protocol != "align" or seed != 1:
-            wrong = "options for measuring, beside a session that was measured"
-            raise UsageError(f"align {session}", wrong, "--reference and --json")
-        typer.echo(_aligned(session, rail, as_json=as_json))
-        return
-    known = load_machine(machine)
-    chosen = choose_indicators(
-        indicator or (), (), DEFAULT_PROFILE, machine=known, simulated=simulated
-    )
-    if resume:
-        plan = plan_to_continue(resume, chosen)
-    else:
-        if not chosen:
-            allowed = "--indicator PROFILE:PORT once or twice, or --simulated"
-            raise UsageError("indicators", "none", allowed)
-        procedure = load_procedure(protocol or "align", known.geometry())
-        check_procedure(procedure, known, rail or "x")
-        bench = BenchSettings(motion_s=DEMO_MOTION_S) if simulated else BenchSettings()
-        path = output or session_name(Path(), procedure.name)
-        plan = Plan(path, known, procedure, chosen, seed=seed, bench=bench)
-        check_indicators(plan.instruments, legs=bool(procedure.levels))
-    otherwise = "a session that was measured: align SESSION"
-    _measure(aligning(plan, rail or plan.reference or "x"), headless=False, otherwise=otherwise)
-
-
-def _aligned(session: Path, reference: Leg | None, *, as_json: bool) -> str:
-    """What a session tells of the rails."""
-    from app.measuring.aligning import align_session
-    from app.report.schema.alignment import AlignmentReport
-    from app.report.schema.document import to_json
-    from app.report.text.alignment import aligned_text
-    from protocols.record import read_record
-    from protocols.session import fold
-
-    recorded = fold(read_record(session).events)
-    found = align_session(recorded, reference or recorded.opened.aligned_to or "x")
-    report = AlignmentReport.of(name=session.name, found=found)
-    return to_json(report) if as_json else aligned_text(found)
 
 
 @with_options_of_machines

@@ -1,16 +1,18 @@
-"""What ``glidecal run --motion`` shows and asks on the terminal before a machine moves."""
+"""Measuring from the command line; what a machine that moves itself shows and asks before."""
 
 from __future__ import annotations
 
 import sys
 from dataclasses import replace
 from math import inf
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import typer
 
 from app.exit_codes import Exit
 from app.machines.options import say
+from app.machines.registry import LOOKS
+from app.report.streams import need_terminal
 from calib.errors import GlidecalError, UsageError
 
 if TYPE_CHECKING:  # heavy: imported where used
@@ -48,8 +50,33 @@ def ask(plan: Plan, *, on_screen: bool) -> None:
         raise typer.Exit(Exit.INTERRUPTED)
 
 
-def measure(guided: GuidedSession) -> None:
-    """The session without a screen, asked before each set-up."""
+def measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --simulated") -> None:
+    """On the screen, or ``otherwise``; unattended where a program moves the machine."""
+    from app.measuring.opening import measure_all, start_session
+    from protocols.journal import check_new
+
+    if not plan.continued:
+        check_new(plan.path)
+    if plan.motion is not None:
+        ask(plan, on_screen=not headless)
+    if not headless:
+        need_terminal("guided session", otherwise)
+        from app.screens.start import open_session
+
+        raise typer.Exit(open_session(plan, LOOKS))
+    if not (plan.simulated or plan.motion):
+        allowed = "--headless with --simulated or --motion"
+        raise UsageError("--headless", "real indicators", allowed)
+    with start_session(plan if plan.motion else replace(plan, interval_s=0.0)) as guided:
+        if plan.motion:
+            _by_itself(guided)
+        else:
+            measure_all(guided)
+    say(f"{len(guided.session.readings)} readings in {guided.path}")
+
+
+def _by_itself(guided: GuidedSession) -> None:
+    """Without a screen; somebody is asked before each set-up."""
     from app.measuring.unattended import measure_by_itself
     from app.report.text.motion import set_up_text
 
@@ -58,16 +85,7 @@ def measure(guided: GuidedSession) -> None:
     )
 
 
-class Measures(Protocol):
-    """What measures a whole session."""
-
-    def __call__(self, plan: Plan, *, headless: bool) -> None:
-        """On the screen, or ``headless``."""
-
-
-def measured_until(
-    plan: Plan, until: float | None, measure: Measures, *, headless: bool, done: bool = False
-) -> None:
+def measured_until(plan: Plan, until: float | None, *, headless: bool, done: bool = False) -> None:
     """A session, if it is not ``done``; then further ones where the machine moves itself.
 
     Raises UsageError where no set-up after set-up can be measured up to the bound ``until``.
@@ -83,14 +101,14 @@ def measured_until(
     if plan.motion is None or not of_legs:
         return
     try:
-        _go_on(plan, until, measure)
+        _go_on(plan, until)
     except GlidecalError as problem:  # nobody asked for a bound: the session is as good without
         if until is not None:
             raise
         say(f"{problem}")
 
 
-def _go_on(plan: Plan, until: float | None, measure: Measures) -> None:
+def _go_on(plan: Plan, until: float | None) -> None:
     """What the readings bound; up to the bound ``until`` set-up after set-up, each a session.
 
     Ends where that is reached or more would not help. Without one it is said how to go on.

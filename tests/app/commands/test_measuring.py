@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from app.commands import moving
+from app.commands import measuring
 from app.commands.sessions import run
 from app.measuring.opening import Plan
 from app.measuring.simulated import simulated_session
@@ -63,7 +63,7 @@ def test_a_screen_asks_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     """Nobody is asked twice: the check on the screen shows everything, and Enter is the answer."""
     monkeypatch.setattr("sys.stdin", Terminal(""))
     with LinuxCncTwin(SimulatedAxes()) as twin:
-        moving.ask(plan_of(tmp_path, twin.told, ("a", "b")), on_screen=True)
+        measuring.ask(plan_of(tmp_path, twin.told, ("a", "b")), on_screen=True)
         assert not twin.moves
 
 
@@ -89,7 +89,7 @@ def test_the_operator_says_no(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr("sys.stdin", Terminal("n\n"))
     with following() as (_, twin, ports):
         with pytest.raises(typer.Exit) as left:
-            moving.ask(plan_of(tmp_path, twin.told, ports), on_screen=False)
+            measuring.ask(plan_of(tmp_path, twin.told, ports), on_screen=False)
         assert left.value.exit_code == 130
         assert not twin.moves
 
@@ -99,10 +99,10 @@ def test_a_machine_that_is_not_homed(tmp_path: Path, monkeypatch: pytest.MonkeyP
     with LinuxCncTwin(SimulatedAxes()) as twin:
         twin.befall(Trouble.NOT_HOMED)
         with pytest.raises(MotionError, match="home it"):
-            moving.ask(plan_of(tmp_path, twin.told, ("a", "b")), on_screen=False)
+            measuring.ask(plan_of(tmp_path, twin.told, ("a", "b")), on_screen=False)
     monkeypatch.setattr("sys.stdin", Terminal("y\n"))
     with pytest.raises(UsageError, match="linuxcnc:HOST:PORT or grbl:PORT"):
-        moving.ask(plan_of(tmp_path, "klipper:x", ("a", "b")), on_screen=False)
+        measuring.ask(plan_of(tmp_path, "klipper:x", ("a", "b")), on_screen=False)
 
 
 def test_a_session_in_a_plain_terminal(
@@ -140,8 +140,13 @@ def test_a_session_in_a_plain_terminal(
     assert not wrong(taken(path), bench)
 
 
-def simulated(truth: Model, taken: list[Plan]) -> moving.Measures:
-    """Measures what it is asked to on a machine of its own, without ports."""
+TRUTH = Model(FAST.geometry(), (0.8, -1.3, 0.45, 0.02, -0.01, 0.03))
+
+
+@pytest.fixture
+def measured(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
+    """What was measured since, on a machine without ports."""
+    taken: list[Plan] = []
 
     def measure(plan: Plan, *, headless: bool) -> None:
         assert headless
@@ -149,56 +154,52 @@ def simulated(truth: Model, taken: list[Plan]) -> moving.Measures:
         opened, readings = simulated_session(
             plan.procedure,
             plan.machine,
-            truth,
+            TRUTH,
             seed=len(taken),
             scatter_mm=0.002,
             resolution_mm=0.001,
         )
         write_whole(plan.path, opened, list(readings))
 
-    return measure
+    monkeypatch.setattr(measuring, "measure", measure)
+    return taken
 
 
 def test_set_up_after_set_up_until_the_bound_is_reached(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, measured: list[Plan], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    truth = Model(FAST.geometry(), (0.8, -1.3, 0.45, 0.02, -0.01, 0.03))
     usual = load_procedure("zero-max-min", FAST.geometry())
     plan = replace(plan_of(tmp_path, "linuxcnc:nowhere:1", ("a", "b")), procedure=usual)
-    taken: list[Plan] = []
-    measure = simulated(truth, taken)
-    moving.measured_until(plan, None, measure, headless=True)
+    measuring.measured_until(plan, None, headless=True)
     said = " ".join(capsys.readouterr().err.split())
     assert "postures in" in said
-    assert len(taken) == 1
+    assert len(measured) == 1
     assert f"glidecal run --headless --continue {plan.path}" in said
-    moving.measured_until(plan, 0.04, measure, headless=True, done=True)
+    measuring.measured_until(plan, 0.04, headless=True, done=True)
     said = " ".join(capsys.readouterr().err.split())
     assert "That is within the 0.04 mm asked for" in said
-    assert 2 <= len(taken) <= 3
+    assert 2 <= len(measured) <= 3
     bounds = [float(mm) for mm in re.findall(r"at most ([\d.]+) mm r\.m\.s\.", said)]
     assert bounds[0] > 0.04 >= bounds[-1]
-    assert [plan.path.name for plan in taken[:2]] == ["a.jsonl", "a_further.jsonl"]
-    assert (taken[1].procedure.name, taken[1].procedure.cycles) == ("further", 1)
+    assert [plan.path.name for plan in measured[:2]] == ["a.jsonl", "a_further.jsonl"]
+    assert (measured[1].procedure.name, measured[1].procedure.cycles) == ("further", 1)
 
 
 def test_where_more_does_not_help_it_stops(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, measured: list[Plan], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    truth = Model(FAST.geometry(), (0.8, -1.3, 0.45, 0.02, -0.01, 0.03))
     sweep = load_procedure("two-station", FAST.geometry())
     plan = replace(plan_of(tmp_path, "linuxcnc:nowhere:1", ("a", "b")), procedure=sweep)
-    taken: list[Plan] = []
-    moving.measured_until(plan, 0.0, simulated(truth, taken), headless=True)
+    measuring.measured_until(plan, 0.0, headless=True)
     assert "More set-ups on legs would not help" in " ".join(capsys.readouterr().err.split())
-    assert len(taken) <= 4
+    assert len(measured) <= 4
 
 
-def test_until_is_for_a_machine_that_moves_itself_and_legs(tmp_path: Path) -> None:
+def test_until_is_for_a_machine_that_moves_itself_and_legs(
+    tmp_path: Path, measured: list[Plan]
+) -> None:
     plan = plan_of(tmp_path, "linuxcnc:nowhere:1", ("a", "b"))
-    taken: list[Plan] = []
-    measure = simulated(Model(FAST.geometry()), taken)
     for wrong_plan, headless in ((plan, False), (replace(plan, motion=None), True)):
         with pytest.raises(UsageError, match="--headless"):
-            moving.measured_until(wrong_plan, 0.1, measure, headless=headless)
-    assert not taken
+            measuring.measured_until(wrong_plan, 0.1, headless=headless)
+    assert not measured

@@ -43,6 +43,7 @@ if TYPE_CHECKING:  # heavy: imported where used
     from app.measuring.opening import Plan
 
 
+NAMED = "What the first session shows, as glidecal diagnose {} says in full:"
 HIDDEN = "The machine has more than offsets. To look for what is missing: glidecal diagnose {}"
 
 
@@ -165,6 +166,7 @@ def demo(
     ] = None,
 ) -> None:
     """A whole calibration on a simulated machine. It is measured again after the export."""
+    from app.evaluating.diagnosis import diagnose_files
     from app.measuring.indicators import DEFAULT_PROFILE
     from app.measuring.opening import (
         DEMO_MOTION_S,
@@ -175,6 +177,7 @@ def demo(
         writable_folder,
     )
     from app.measuring.simulated import BenchSettings
+    from app.report.text.diagnosis import headline
     from app.report.text.result import comparison_text, solution_text
 
     unattended = headless or not (sys.stdin.isatty() and sys.stdout.isatty())
@@ -197,7 +200,11 @@ def demo(
     typer.echo(solution_text(before))
     typer.echo("\nAfter the joint offsets were entered in the controller:\n")
     typer.echo(comparison_text(before.solution, after.solution))
-    if effect is not None:
+    if controller is not None:  # the whole loop: what the first session shows is named, too
+        typer.echo(
+            f"\n{NAMED.format(plan.path)}\n\n{headline(diagnose_files([plan.path]).diagnosis)}"
+        )
+    elif effect is not None:
         typer.echo("\n" + HIDDEN.format(plan.path))
 
 

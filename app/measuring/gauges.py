@@ -261,6 +261,11 @@ class Trial:
     _moved_s: float = 0.0
 
     @property
+    def ready(self) -> bool:
+        """Whether it is known where the spindles rest: a push is noticed from then on."""
+        return bool(self._rest_mm)
+
+    @property
     def done(self) -> bool:
         """Whether each indicator was found where it was asked for."""
         return len(self.found) == len(self.instruments)

@@ -46,6 +46,7 @@ from calib.tripod.simulation import SimulatedMachine, hidden_machine
 from drivers.motion.headless import HeadlessLinuxCnc, check_linuxcnc
 from drivers.motion.twins import LinuxCncTwin, SimulatedAxes
 from drivers.twins import default_transport
+from protocols.documents import Triple
 from protocols.files import reason_of, unused_path
 from protocols.journal import Journal
 from protocols.machine import Instrument, Machine, load_machine
@@ -222,7 +223,11 @@ def self_moving_bench(plan: Plan) -> SelfMovingBench:
         exported = plan.path.with_name(plan.verifies).with_suffix("") if plan.verifies else None
         controller = HeadlessLinuxCnc(simulated_joints(plan.machine, exported))
     known = machine, profiles, default_transport(), bench, controller
-    return SelfMovingBench(*known, lambda: tool_at(controller.axes.at_mm, plan.machine))
+
+    def passed_mm() -> list[Triple]:
+        return [tool_at(place, plan.machine) for place in controller.axes.passed_mm()]
+
+    return SelfMovingBench(*known, passed_mm)
 
 
 def _truth(plan: Plan) -> Model:

@@ -174,8 +174,9 @@ class MovingController(Protocol):
 class SelfMovingBench:
     """The same machine behind a controller: its indicators follow where that moves it.
 
-    They show what they do where the machine is at that very moment, also on its way: at ``tool_mm``
-    if it had no errors. ``set_up`` puts the stand where a step needs it.
+    They show what they do where the machine is at that very moment, also on its way: the last of
+    ``passed_mm``, if it had no errors; those before tell from which side it came. ``set_up`` puts
+    the stand where a step needs it.
     """
 
     def __init__(
@@ -185,9 +186,9 @@ class SelfMovingBench:
         transport: Transport,
         settings: BenchSettings,
         controller: MovingController,
-        tool_mm: Callable[[], Triple],
+        passed_mm: Callable[[], Sequence[Triple]],
     ) -> None:
-        self._machine, self.controller, self._tool_mm = machine, controller, tool_mm
+        self._machine, self.controller, self._passed_mm = machine, controller, passed_mm
         self._clock_rate, self._start_s = settings.clock_rate, time.monotonic()
         self._lock = threading.Lock()
         self._step: Step | None = None
@@ -205,13 +206,18 @@ class SelfMovingBench:
     def set_up(self, step: Step) -> None:
         """What an operator does by hand before a step."""
         with self._lock:
+            self._follow()
             self._step, self._shown = step, (None, self._shown[1])
+            self._follow()
+
+    def _follow(self) -> None:
+        for place in self._passed_mm():
+            if self._step is not None and place != self._shown[0]:
+                self._shown = place, self._values(self._step, place)
 
     def _shows(self, number: int) -> float:
         with self._lock:
-            place = self._tool_mm()
-            if self._step is not None and place != self._shown[0]:
-                self._shown = place, self._values(self._step, place)
+            self._follow()
             return self._shown[1][number]
 
     def _values(self, step: Step, tool_mm: Triple) -> list[float]:

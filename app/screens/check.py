@@ -101,7 +101,6 @@ class CheckScreen(Screen[None]):
             with self.app.complaining():
                 self._first = first_step(self._plan)
                 self._trial = Trial(self._plan.instruments)
-        self._show_trial()
         self.set_interval(REFRESH_S, self._show_live)
 
     def _show_live(self) -> None:
@@ -110,9 +109,12 @@ class CheckScreen(Screen[None]):
         states = [gauge.live() for gauge in self.app.indicators.gauges]
         for display, live in zip(self.query(GaugeDisplay), states, strict=True):
             display.show(live)
-        if self._trial and self._trial.look(states):
-            self.app.bell()
-            self._show_trial()
+        if trial := self._trial:
+            unready = not trial.ready
+            if ended := trial.look(states):
+                self.app.bell()
+            if ended or (unready and trial.ready):
+                self._show_trial()
 
     def _show_trial(self) -> None:
         trial, step = self._trial, self._first
@@ -131,7 +133,6 @@ class CheckScreen(Screen[None]):
                 self.query(GaugeDisplay), self._trial.instruments, strict=True
             ):
                 display.name_it(known)
-            self._show_trial()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Begin is offered once the indicators are open, another try where they did not open."""

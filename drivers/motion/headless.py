@@ -16,6 +16,7 @@ import subprocess
 import tempfile
 import threading
 import time
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,7 @@ from typing import Self
 from calib.errors import MotionError, UsageError
 from drivers.motion.controller import Faulted, Limits, Triple
 from drivers.motion.linuxcnc import ACCEPT_S, PASSWORDS, LinuxCnc
+from drivers.motion.twins import PASSED
 
 OPTION = "--controller linuxcnc"
 NEEDED = ("linuxcnc", "linuxcncrsh", "halcmd", "pidof", "stdbuf")
@@ -31,6 +33,9 @@ OTHERWISE = "--controller twin needs nothing and shows the same."
 LOCK = Path("/tmp/linuxcnc.lock")
 PARTS = ("linuxcncsvr", "milltask", "rtapi_app")
 START_S, END_S = 30.0, 15.0
+EVERY_S = 0.005
+"""Motors are looked at so often: a machine that comes from below is below for longer."""
+
 LAST = 250
 """Characters of its log in a sentence."""
 
@@ -153,6 +158,21 @@ class Motors:
             text=True,
             env=environment,
         )
+        self._passed: deque[Triple] = deque(maxlen=PASSED)
+        self._ends = threading.Event()
+        self._thread = threading.Thread(target=self._follow, name="motors", daemon=True)
+        self._thread.start()
+
+    def _follow(self) -> None:
+        last = self._mounted
+        while not self._ends.wait(EVERY_S):
+            if (now := self.at_mm) != last:
+                self._passed.append(now)
+                last = now
+
+    def passed_mm(self) -> list[Triple]:
+        """Where they were since this was asked last, and where they are now."""
+        return [*(self._passed.popleft() for _ in range(len(self._passed))), self.at_mm]
 
     @property
     def at_mm(self) -> Triple:
@@ -170,6 +190,8 @@ class Motors:
 
     def close(self) -> None:
         """No more questions."""
+        self._ends.set()
+        self._thread.join()
         self._hal.kill()
         self._hal.communicate()
 

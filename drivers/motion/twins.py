@@ -20,6 +20,9 @@ from drivers.twins import Disconnected, Transport, TwinPort
 SHORT_MM = 0.5
 """How far from where it was sent a simulated machine with that trouble stops."""
 
+PASSED = 1000
+"""Places that are kept for who asks which way a machine came."""
+
 
 class Trouble(StrEnum):
     """What may befall a machine that moves by itself."""
@@ -48,12 +51,14 @@ class SimulatedAxes:
         self._lock = threading.Lock()
         self._from = self._to = at_mm
         self._departed_s, self._way_s = time.monotonic(), 0.0
+        self._turned: deque[Triple] = deque(maxlen=PASSED)
         self.short_mm = 0.0
 
     def go(self, to_mm: Triple, feed_mm_min: float) -> None:
         """Depart from where it is."""
         with self._lock:
             self._from = self._now()
+            self._turned.append(self._from)
             self._to = (to_mm[0] + self.short_mm, to_mm[1], to_mm[2])
             self._departed_s = time.monotonic()
             self._way_s = math.dist(self._from, self._to) / feed_mm_min * 60.0 / self._hurry
@@ -69,6 +74,13 @@ class SimulatedAxes:
         """Where it is now."""
         with self._lock:
             return self._now()
+
+    def passed_mm(self) -> list[Triple]:
+        """Where it turned since this was asked last, and where it is now."""
+        with self._lock:
+            turned = [*self._turned, self._now()]
+            self._turned.clear()
+        return turned
 
     @property
     def moving(self) -> bool:

@@ -286,11 +286,15 @@ class Running:
                 os.kill(int((self._folder / "pid").read_text()), signal.SIGKILL)
 
     def mend(self) -> None:
-        """What its operator does; control stays with nobody until the next move takes it."""
+        """What its operator does; control stays with nobody until the next move takes it.
+
+        A fault may show itself later than it was caused: a machine that is off is switched on.
+        """
         befell, self._befell = self._befell, None
         if befell is Trouble.DIED:
             reached().close()
-        if befell in (Trouble.ESTOP, Trouble.FOLLOWING, Trouble.DIED):
+        off = befell in (Trouble.ESTOP, Trouble.FOLLOWING, Trouble.DIED)
+        if off or not self._followed.ready:
             self._followed.switch_on()
 
     def close(self) -> None:

@@ -57,13 +57,19 @@ class Person:
             found[1], found[1].replace("f1", "F1")
         )
 
-    def do(self, act: Callable[[], object], *, until_gone: str) -> None:
-        """Act, then wait until this is no longer to be read."""
+    def do(
+        self, act: Callable[[], object], *, until_gone: str, again_s: float = PATIENCE_S
+    ) -> None:
+        """Act, then wait until this is no longer to be read; act again after so long."""
         self.met.append(until_gone)
-        act()
-        end = time.monotonic() + PATIENCE_S
+        due = time.monotonic()
+        end = due + PATIENCE_S
         while until_gone in self.read():
-            assert time.monotonic() < end, f"{until_gone!r} stays:\n{self.screen.screen()}"
+            now = time.monotonic()
+            assert now < end, f"{until_gone!r} stays:\n{self.screen.screen()}"
+            if now >= due:
+                act()
+                due = now + again_s
             time.sleep(0.1)
 
     def push(self, axis: str) -> None:
@@ -76,7 +82,8 @@ class Person:
         if moved := re.search(r"Was it the one along ([YZ])\? Then (\S) exchanges", shown):
             self.do(lambda: self.screen.press(moved[2].lower()), until_gone=moved[0])
         elif asked := re.search(r"[Pp]ush in the spindle along ([YZ]) of leg X", shown):
-            self.do(lambda: self.push(asked[1]), until_gone=shown[shown.index(asked[0]) :][:90])
+            words = shown[shown.index(asked[0]) :][:90]
+            self.do(lambda: self.push(asked[1]), until_gone=words, again_s=10.0)
         elif "found at its place. Enter begins" in shown:
             self.do(lambda: self.screen.press("Enter"), until_gone="Enter begins")
         elif answer := re.search(r"did the machine move\?.*?(\d)  No\.", shown):

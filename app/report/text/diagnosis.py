@@ -80,12 +80,17 @@ SHORT = {
 """Reasons that would not fit on the line of a candidate."""
 
 
+def headline(found: Diagnosis) -> str:
+    """The verdict in a sentence."""
+    return wrapped(f"{found.verdict.upper()}. {found.sentence}")
+
+
 def diagnosis_text(diagnosed: SessionDiagnosis) -> str:
     """The verdict first, then what supports it."""
     found = diagnosed.diagnosis
     listed = table_text(candidates_table(found.candidates))
     return _joined(
-        wrapped(f"{found.verdict.upper()}. {found.sentence}"),
+        headline(found),
         wrapped(gap_text(found)),
         effects_text(found.effects),
         pattern_text(diagnosed),
@@ -102,7 +107,7 @@ def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
     """The first page of the screen; ``adopted`` says what a step before did."""
     found = diagnosed.diagnosis
     return _joined(
-        wrapped(f"{found.verdict.upper()}. {found.sentence}"),
+        headline(found),
         wrapped(adopted),
         wrapped(_next(diagnosed)),
         effects_text(found.effects),

@@ -216,7 +216,8 @@ def with_faults(
     met = 0
     tries = 0
     order = chance.sample(troubles, len(troubles))
-    with moving_session(path, machine, make=make, profile=PROMPT) as (guided, bench, twin):
+    profile = PROMPT if "indicator" in troubles else MITUTOYO_01A
+    with moving_session(path, machine, make=make, profile=profile) as (guided, bench, twin):
         while guided.step() is not None:
             tries += 1
             assert tries < MOST_TRIES, guided.mover and guided.mover.why

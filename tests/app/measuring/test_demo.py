@@ -145,6 +145,18 @@ def test_demo_says_where_to_look(tmp_path: Path) -> None:
     assert "glidecal diagnose demo-sessions" not in plain.out  # chance may warn of a drift
 
 
+def test_the_whole_loop_names_what_is_hidden(tmp_path: Path) -> None:
+    words = ("--controller", "twin", "--effect", "backlash:x", "--seed", "2")
+    run = glidecal("demo", "--headless", *words, cwd=tmp_path)
+    assert run.status == 0, run.err
+    (session,) = (tmp_path / "demo-sessions").glob("*_demo.jsonl")
+    verdict, _, _ = glidecal("diagnose", session).out.partition("\n\n")
+    assert run.out.rstrip().endswith(verdict)
+    assert "EXPLAINED" in verdict
+    assert "has play" in verdict
+    assert "(x)" in verdict
+
+
 @pytest.mark.parametrize("verb", ["demo", "simulate"])
 def test_unknown_effect_is_status_2_with_the_list(tmp_path: Path, verb: str) -> None:
     output = ["-o", "s.jsonl"] if verb == "simulate" else ["--headless"]

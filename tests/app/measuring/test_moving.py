@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,13 +12,22 @@ import pytest
 
 from app.evaluating.solution import solve_for_controller
 from app.measuring.moving import Mover, Moving, check_motion, ways_of
-from app.measuring.opening import demo_plan, moving_itself, start_session
+from app.measuring.opening import (
+    demo_plan,
+    moving_itself,
+    self_moving_bench,
+    start_session,
+    with_hidden_effect,
+)
 from app.measuring.simulated import BenchSettings
 from app.measuring.unattended import measure_by_itself
 from calib.errors import MotionError, RecordError, UsageError
 from calib.tripod.simulation import hidden_machine
+from drivers.exchange import Exchange
 from drivers.motion.controller import Faulted, MotionFault
 from drivers.motion.twins import TWINS, LinuxCncTwin, SimulatedAxes, Trouble
+from drivers.profile import IndicatorReading, Query
+from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from protocols.machine import Machine, MotionLimits
 from protocols.observations import to_observations
 from protocols.procedure import Step, load_procedure
@@ -204,3 +214,30 @@ def test_a_demonstration_that_moves_itself_finds_the_hidden_offsets(tmp_path: Pa
     first = taken(plan.path)[0].moved
     assert first is not None
     assert first.driver == "linuxcnc"
+
+
+def test_an_indicator_knows_the_side_that_it_came_from_though_nobody_looked_on_the_way(
+    tmp_path: Path,
+) -> None:
+    quick = BenchSettings(scatter_mm=0.0, hurry=1e6)
+    plan = moving_itself(demo_plan(tmp_path, None, 5, quick), "twin", hurried=False)
+    plan = with_hidden_effect(plan, "backlash:x")
+    steps = plan.procedure.steps(plan.machine.geometry())
+    at_max = max(steps, key=lambda step: (step.leg == "x", step.displacement_mm))
+    with closing(self_moving_bench(plan)) as bench:
+        twin = bench.controller
+        assert isinstance(twin, LinuxCncTwin)
+        asked = Exchange(MITUTOYO_01A, bench.ports[0], Query(), 0.0)
+        asked.open()
+        bench.set_up(at_max)
+        shown = []
+        for beside_mm in (-10.0, 10.0, -10.0):
+            for along_mm in (beside_mm, 0.0):
+                twin.axes.go((at_max.displacement_mm + along_mm, 0.0, 0.0), 3000.0)
+                time.sleep(0.01)  # there, and nobody looked
+            reading = asked.taken()
+            assert isinstance(reading, IndicatorReading)
+            shown.append(reading.value_mm)
+        asked.hang_up()
+    assert shown[0] == shown[2]
+    assert abs(shown[1] - shown[0]) > 0.002

@@ -8,7 +8,7 @@ from pathlib import Path
 from app.exports.linuxcnc import pins
 from calib.tripod.pipeline import Model
 from tests.app.cli import glidecal
-from tests.controller.machine import Machine, homing, measured, old_home_offset_mm
+from tests.controller.machine import Controlled, Machine, homing, old_home_offset_mm
 from tests.controller.running import need_linuxcnc
 
 OFFSETS = (0.8, -1.3, 0.45)
@@ -21,9 +21,8 @@ class Loop:
         need_linuxcnc()
         self.machine, self.folder, self.zero_set = machine, folder, zero_set
         self.entries = [homing(old_home_offset_mm(machine, k, 1.0)) for k in range(3)]
-        table, self.before_mm = measured(
-            machine, folder / "before", self.entries, pins(Model()), zero_set=zero_set
-        )
+        before = Controlled(machine, self.entries, pins(Model()), zero_set=zero_set)
+        table, self.before_mm = before.measured(folder / "before")
         self.ini = folder / "before" / "config" / "machine.ini"
         self.session = folder / "before.jsonl"
         (folder / "before.csv").write_text(table)
@@ -47,12 +46,5 @@ class Loop:
             files[f"calib_joint{k}.inc"] = re.sub(r"(?m)^HOME_OFFSET = .*$", turned, include)
         includes = [f"#INCLUDE calib_joint{k}.inc\n" for k in range(3)]
         hal = files.pop("calib.hal", pins(Model()))
-        return measured(
-            self.machine,
-            self.folder / name,
-            self.entries,
-            hal,
-            files=files,
-            includes=includes,
-            zero_set=self.zero_set,
-        )[1]
+        known = self.machine, self.entries, hal, files, includes, self.zero_set
+        return Controlled(*known).checked_mm(self.folder / name)

@@ -19,9 +19,10 @@ FloatArray = NDArray[np.float64]
 L = 310.25
 SWITCH_MM = 345.0
 LEVELS = (0.0, 22.0, 60.0, 41.0, 22.0, 0.0, -37.0, -71.0, -100.0, -71.0, -37.0)
-"""Of the procedure two-station, Zero again at the end of a leg."""
+"""Of the procedure two-station."""
 
 CYCLES = 2
+AT = (*LEVELS * CYCLES, 0.0)
 STATIONS = (0.5, 0.35)
 SCATTER_MM, STEP_MM = 0.002, 0.001
 CHECKED = np.array(
@@ -123,55 +124,55 @@ def homing(home_offset_mm: float, way: float = 1.0) -> dict[str, float | str]:
     }
 
 
-def tool_error_mm(machine: Machine, stops: Sequence[Stop], *, zero_set: bool) -> float:
-    """R.m.s. distance of the tool from where it was sent, over `CHECKED`.
+@dataclass(frozen=True)
+class Controlled:
+    """A machine behind LinuxCNC: entries of each joint, ``calib.hal``, and what it includes."""
 
-    With ``zero_set`` from where the whole lies on average: readings on legs cannot tell where the
-    point is at which axes meet that do not meet, and a workpiece is touched off anyway.
-    """
-    sent = zip(stops, CHECKED, strict=True)
-    off = np.array([machine.tool(stop.carriage) - wanted for stop, wanted in sent])
-    off = off - off.mean(axis=0) if zero_set else off
-    return float(np.sqrt((off**2).sum(axis=1).mean()))
+    machine: Machine
+    entries: Sequence[Mapping[str, float | str]]
+    calib_hal: str
+    files: Mapping[str, str] = field(default_factory=dict)
+    includes: Sequence[str] = ("", "", "")
+    zero_set: bool = False
 
+    def measured(self, folder: Path) -> tuple[str, float]:
+        """A table of readings for ``glidecal import``, and the tool's error, from one run."""
+        legs = [np.eye(3)[leg] * level for leg in range(3) for level in AT]
+        stops = self._stops(folder, [*legs, *CHECKED])
+        machine, generator = self.machine, np.random.default_rng(3)
+        rows = ["leg,axis,displacement_mm,station,cycle,value_mm"]
+        for leg in range(3):
+            mine = stops[leg * len(AT) : (leg + 1) * len(AT)]
+            for station in STATIONS:
+                zeros = generator.normal(scale=0.3, size=3)
+                for number, (level, stop) in enumerate(zip(AT, mine, strict=True)):
+                    for axis in (k for k in range(3) if k != leg):
+                        shown = machine.reading(leg, axis, station, stop.carriage, mine[0].carriage)
+                        shown += zeros[axis] + generator.normal(scale=SCATTER_MM)
+                        cycle = min(number // len(LEVELS) + 1, CYCLES)
+                        rows.append(
+                            f"{'xyz'[leg]},{'xyz'[axis]},{level},{station},{cycle},"
+                            f"{round(shown / STEP_MM) * STEP_MM:.3f}"
+                        )
+        return "\n".join(rows) + "\n", self._error_mm(stops)
 
-def measured(
-    machine: Machine,
-    folder: Path,
-    entries: Sequence[Mapping[str, float | str]],
-    calib_hal: str,
-    *,
-    files: Mapping[str, str] | None = None,
-    includes: Sequence[str] = ("", "", ""),
-    zero_set: bool = False,
-) -> tuple[str, float]:
-    """A table of readings for ``glidecal import``, and the tool's error, from one run."""
-    levels = [*LEVELS * CYCLES, 0.0]
-    lines = [_go(np.eye(3)[leg] * level) for leg in range(3) for level in levels]
-    lines += [_go(wanted) for wanted in CHECKED]
-    told = ["home", *lines]
-    stops = run(folder, machine.joints(), entries, calib_hal, told, files=files, includes=includes)[
-        1:
-    ]
-    generator = np.random.default_rng(3)
-    rows = ["leg,axis,displacement_mm,station,cycle,value_mm"]
-    for leg in range(3):
-        mine = stops[leg * len(levels) : (leg + 1) * len(levels)]
-        for station in STATIONS:
-            zeros = generator.normal(scale=0.3, size=3)
-            for number, (level, stop) in enumerate(zip(levels, mine, strict=True)):
-                for axis in (k for k in range(3) if k != leg):
-                    shown = machine.reading(leg, axis, station, stop.carriage, mine[0].carriage)
-                    shown += zeros[axis] + generator.normal(scale=SCATTER_MM)
-                    cycle = min(number // len(LEVELS) + 1, CYCLES)
-                    rows.append(
-                        f"{'xyz'[leg]},{'xyz'[axis]},{level},{station},{cycle},"
-                        f"{round(shown / STEP_MM) * STEP_MM:.3f}"
-                    )
-    return "\n".join(rows) + "\n", tool_error_mm(
-        machine, stops[3 * len(levels) :], zero_set=zero_set
-    )
+    def checked_mm(self, folder: Path) -> float:
+        """The tool's error alone, at places that it comes to as after a session."""
+        last = [np.eye(3)[2] * level for level in AT[-2:]]
+        return self._error_mm(self._stops(folder, [*last, *CHECKED]))
 
+    def _stops(self, folder: Path, places: Sequence[FloatArray]) -> list[Stop]:
+        lines = ["G21 G90 G53 G1 F30000 X{:.4f} Y{:.4f} Z{:.4f}".format(*to) for to in places]
+        held = self.machine.joints(), self.entries, self.calib_hal, ["home", *lines]
+        return run(folder, *held, files=self.files, includes=self.includes)[1:]
 
-def _go(tool: Sequence[float] | FloatArray) -> str:
-    return "G21 G90 G53 G1 F30000 X{:.4f} Y{:.4f} Z{:.4f}".format(*tool)
+    def _error_mm(self, stops: Sequence[Stop]) -> float:
+        """R.m.s. distance of the tool from where it was sent, over `CHECKED`.
+
+        With ``zero_set`` from where the whole lies on average: readings on legs cannot tell where
+        the point is at which axes meet that do not meet, and a workpiece is touched off anyway.
+        """
+        sent = zip(stops[-len(CHECKED) :], CHECKED, strict=True)
+        off = np.array([self.machine.tool(stop.carriage) - wanted for stop, wanted in sent])
+        off = off - off.mean(axis=0) if self.zero_set else off
+        return float(np.sqrt((off**2).sum(axis=1).mean()))

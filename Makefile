@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# tests start hundreds of programs: bytecode is kept, also where the surroundings say otherwise
+export PYTHONDONTWRITEBYTECODE :=
 PIP := $(BIN)/pip --disable-pip-version-check install --quiet
 
 .PHONY: demo test check processors bench blind fuzz samples schemas clean

@@ -9,10 +9,10 @@ from enum import StrEnum
 
 import numpy as np
 
-from calib.arrays import conditions
+from calib.arrays import TOOL, conditions
 from calib.tripod.prediction import DRIFT_MM_S, predict
 from protocols.documents import ZERO
-from protocols.observations import along_mm
+from protocols.observations import along_mm, approaches
 from protocols.procedure import Step, leg_number
 from protocols.session import Reading, Session
 
@@ -35,13 +35,15 @@ class Expected:
     """What one indicator should show in a step: mean and standard deviation, mm.
 
     Further off than ``limit_mm`` is questioned. ``before`` is the last reading of the mounting.
-    A machine that was ``calibrated`` need not show a change at all.
+    ``sure`` are mean and standard deviation of a machine without play: a change that only play
+    would bring need not come. Nor need any where the machine was ``calibrated``.
     """
 
     before: Reading
     mean_mm: float
     deviation_mm: float
     limit_mm: float
+    sure: tuple[float, float]
     calibrated: bool
 
     def is_beyond(self, value_mm: float) -> bool:
@@ -53,7 +55,8 @@ class Expected:
         if self.calibrated:
             return 1.0
         ends = (self.before.value_mm - rest_mm, self.before.value_mm + rest_mm)
-        low, high = ((e - self.mean_mm) / (self.deviation_mm * math.sqrt(2.0)) for e in ends)
+        mean_mm, deviation_mm = self.sure
+        low, high = ((e - mean_mm) / (deviation_mm * math.sqrt(2.0)) for e in ends)
         return 0.5 * (math.erf(high) - math.erf(low))
 
 
@@ -92,17 +95,28 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[Expected, ...
     read: list[Reading | Step] = [*known, *(step for _ in mounts)]
     along = [along_mm(one, machine) for one in read]
     times_s = [r.time_s or 0.0 for r in known] + [time_s] * len(mounts)
+    sides = approaches(session)[-MOST:]
+    side = dict(zip((r.mount for r in known), sides, strict=True))
+    ways = {mount: np.sign(step.displacement_mm - last[mount].displacement_mm) for mount in mounts}
+    sides += [float(ways[mount]) or side[mount] for mount in mounts]
     limit_mm = procedure.repeat_limit_mm
     noise_mm = max(LEAST_NOISE_MM, min(procedure.tolerance_mm, limit_mm / (2.0 * REACH)))
     noises_mm = [limit_mm if r.reading in session.restored else noise_mm for r in known]
-    means, deviations = predict(
+    known_of = (
         machine.geometry(),
         machine.tolerances_mm(),
-        replace(taken, time_s=np.array(times_s), along_mm=np.array(along)),
+        replace(
+            taken,
+            time_s=np.array(times_s),
+            along_mm=np.array(along),
+            approach=np.where(taken.leg == TOOL, 0.0, sides),
+        ),
         np.array([r.value_mm for r in known]),
         np.array(noises_mm + [noise_mm] * len(mounts)),
         machine.plane_tilt_mrad,
     )
+    means, deviations = predict(*known_of)
+    sure = zip(*predict(*known_of, play_mm=0.0), strict=True)
     calibrated = session.opened.verifies is not None or any(machine.entered_offsets_mm)
     return tuple(
         Expected(
@@ -110,9 +124,12 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[Expected, ...
             mean_mm=float(mean),
             deviation_mm=float(deviation),
             limit_mm=max(limit_mm, REACH * float(deviation)),
+            sure=(float(plain), float(spread)),
             calibrated=calibrated,
         )
-        for mount, mean, deviation in zip(mounts, means, deviations, strict=True)
+        for mount, mean, deviation, (plain, spread) in zip(
+            mounts, means, deviations, sure, strict=True
+        )
     )
 
 

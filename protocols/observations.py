@@ -41,7 +41,7 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
         movement.append(_movements(session))
         rows += [
             (f"{number}/{reading.mount}", reading, approach)
-            for reading, approach in zip(session.readings, _approaches(session), strict=True)
+            for reading, approach in zip(session.readings, approaches(session), strict=True)
         ]
         times_s += _times_s(session)
         indicators += [f"{number}/{name}" for name in _indicators(session)]
@@ -129,7 +129,7 @@ def _by_mounting(readings: Iterable[Reading]) -> Iterable[list[Reading]]:
     return found.values()
 
 
-def _approaches(session: Session) -> list[float]:
+def approaches(session: Session) -> list[float]:
     """Sign of the last movement before each reading that counts, from the rows of its mounting.
 
     Superseded readings do not count, but the machine was there. A controller tells it itself.

@@ -52,7 +52,7 @@ def ask(plan: Plan, *, on_screen: bool) -> None:
 
 def measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --simulated") -> None:
     """On the screen, or ``otherwise``; unattended where a program moves the machine."""
-    from app.measuring.opening import measure_all, start_session
+    from app.measuring.opening import QUICK_INTERVAL_S, measure_all, start_session
     from protocols.journal import check_new
 
     if not plan.continued:
@@ -67,7 +67,9 @@ def measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --s
     if not (plan.simulated or plan.motion):
         allowed = "--headless with --simulated or --motion"
         raise UsageError("--headless", "real indicators", allowed)
-    with start_session(plan if plan.motion else replace(plan, interval_s=0.0)) as guided:
+    with start_session(
+        plan if plan.motion else replace(plan, interval_s=QUICK_INTERVAL_S)
+    ) as guided:
         if plan.motion:
             _by_itself(guided)
         else:

@@ -170,6 +170,7 @@ def demo(
     from app.measuring.indicators import DEFAULT_PROFILE
     from app.measuring.opening import (
         DEMO_MOTION_S,
+        QUICK_INTERVAL_S,
         SIMULATED_INTERVAL_S,
         demo_plan,
         moving_itself,
@@ -182,7 +183,7 @@ def demo(
 
     unattended = headless or not (sys.stdin.isatty() and sys.stdout.isatty())
     bench = BenchSettings() if unattended else BenchSettings(motion_s=DEMO_MOTION_S)
-    interval_s = 0.0 if unattended else SIMULATED_INTERVAL_S
+    interval_s = QUICK_INTERVAL_S if unattended else SIMULATED_INTERVAL_S
     plan = replace(
         demo_plan(folder, protocol, seed, bench, profile or [DEFAULT_PROFILE], machine),
         interval_s=interval_s,

@@ -55,8 +55,9 @@ from protocols.procedure import Leg, Procedure, Step, load_procedure
 from protocols.record import read_record
 from protocols.session import Opened, fold
 
-SIMULATED_INTERVAL_S = 0.05
-"""Simulated indicators may be asked faster than real ones; with 0 time is compressed."""
+SIMULATED_INTERVAL_S, QUICK_INTERVAL_S = 0.05, 0.01
+"""Simulated indicators may be asked faster than real ones, and faster still where nobody looks;
+without any pause they take the processor from all the rest."""
 
 SIMULATED_WINDOW_S = 0.4
 """How long simulated readings must stand still; real ones as the procedure says."""

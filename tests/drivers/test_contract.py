@@ -38,7 +38,7 @@ def plugged(
 
 def answer(profile: Profile, port: TwinPort) -> Outcome:
     """One question on a line of its own, in compressed time."""
-    line = IndicatorLine(profile, port.url, interval_s=0.0)
+    line = IndicatorLine(profile, port.url, interval_s=0.01)
     line.start()
     try:
         return line.ask().result(timeout=20)
@@ -124,7 +124,7 @@ def test_no_reading_is_stale(profile: Profile, transport: Transport) -> None:
     position = [0.0]
     twin = twin_of(profile, Spindle(lambda: position[0], 0.001))
     with TwinPort(twin, transport, stream_s=profile.stream_s) as port:
-        line = IndicatorLine(replace(profile, timeout_s=2.0), port.url, interval_s=0.0)
+        line = IndicatorLine(replace(profile, timeout_s=2.0), port.url, interval_s=0.01)
         line.start()
         for step in range(1, 6):
             position[0] = 0.25 * step

@@ -133,7 +133,7 @@ def test_unplugged_and_plugged_in_again(transport: Transport) -> None:
 @pytest.mark.parametrize("transport", BOTH)
 def test_two_indicators_on_a_moving_rig(transport: Transport) -> None:
     with SimulatedRig([QUICK, QUICK], resolution_mm=0.001, transport=transport) as rig:
-        lines = [IndicatorLine(QUICK, port, interval_s=0.0) for port in rig.ports]
+        lines = [IndicatorLine(QUICK, port, interval_s=0.01) for port in rig.ports]
         for opened in lines:
             opened.start()
         for goal in ((0.1, -0.1), (1.234, 5.678), (-0.5, 0.0)):
@@ -147,7 +147,7 @@ def test_two_indicators_on_a_moving_rig(transport: Transport) -> None:
 def test_motion_takes_its_time() -> None:
     """By a clock of its own: nothing here depends on how busy the computer is."""
     now_s = [100.0]
-    indicator = replace(MITUTOYO_01A, interval_s=0.0)
+    indicator = replace(MITUTOYO_01A, interval_s=0.01)
     with SimulatedRig(
         [indicator], resolution_mm=0.001, transport="tcp", motion_s=0.5, clock=lambda: now_s[0]
     ) as rig:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import pytest
@@ -67,7 +68,7 @@ def due(
     return expected(session, step, AT_S)
 
 
-CALM = [("xy", 60.0, 0.30), ("xy", 0.0, 0.0), ("xy", 60.0, 0.32), ("xy", 60.0, 0.34)]
+CALM = [("xy", 0.0, 0.0), ("xy", 60.0, 0.30), ("xy", 60.0, 0.32), ("xy", 60.0, 0.34)]
 
 
 def test_nothing_is_expected_of_the_first_reading_of_a_mounting() -> None:
@@ -88,10 +89,13 @@ def test_the_first_visit_is_expected_within_the_tolerances_of_the_parts() -> Non
     """sqrt(a² + b²) of 2 mm and sqrt(c² + b²) of 0.1 mm, a, b, c of papers/000, (11); 0.1 √2 mm."""
     (one,) = due([("xy", 0.0, 5.0)], 60.0)
     assert one.mean_mm == pytest.approx(5.0, abs=1e-6)
-    assert one.deviation_mm == pytest.approx((0.4737**2 + 0.0263**2 + 0.02) ** 0.5, abs=0.003)
+    parts_mm = (0.4737**2 + 0.0263**2 + 0.02) ** 0.5
+    assert one.sure == pytest.approx((5.0, parts_mm), abs=0.003)
+    play_mm = 0.05 * (0.5 + 60.0 / 310.25)  # of carriage y, which goes down; the bar slid by 60 mm
+    assert one.deviation_mm == pytest.approx(math.hypot(parts_mm, play_mm), abs=0.003)
     small = Machine(offset_tolerance_mm=0.02, length_tolerance_mm=0.01)
     (well_made,) = due([("xy", 0.0, 5.0)], 60.0, machine=small)
-    assert well_made.deviation_mm < 0.01
+    assert well_made.sure[1] < 0.01
 
 
 def test_the_limit_of_a_repeat_is_the_procedures() -> None:
@@ -108,8 +112,26 @@ def test_a_leg_tells_what_to_expect_of_the_next_one() -> None:
     readings = [reading(k, one) for k, one in enumerate(raw, start=1)]
     session = fold([opened(), *readings, mounted, zero])
     (one,) = expected(session, Step(99, "y", 60.0, 1, 0.5, ("x",)), AT_S)
-    assert one.deviation_mm < 0.25
+    assert one.sure[1] < 0.25
     assert one.mean_mm == pytest.approx(1.0 + x * 1.0 + y * 2.0, abs=0.25)
+
+
+def test_play_is_expected_from_the_other_side_and_known_once_it_was_seen() -> None:
+    """Carriage y goes down where the tool goes out along x, and up where it comes back.
+
+    By 0.05 mm it takes the tool along at Zero, and half of it the bar's middle.
+    """
+    out = [("xy", 0.0, 0.0), ("xy", 22.0, 0.0), ("xy", 60.0, 0.0)]
+    (again,) = due(out, 60.0)
+    assert again.limit_mm == LIMIT_MM
+    (back,) = due(out, 22.0)
+    assert back.deviation_mm == pytest.approx(0.5 * 0.05, abs=0.004)
+    assert not back.is_beyond(-0.06)
+    assert back.is_beyond(-0.10)
+    known = [*out, ("xy", 22.0, -0.06), ("xy", 0.0, -0.06), ("xy", 22.0, 0.0)]
+    (following,) = due([*known, ("xy", 60.0, 0.0)], 22.0)
+    assert following.mean_mm == pytest.approx(-0.06, abs=0.01)
+    assert following.limit_mm == LIMIT_MM
 
 
 def test_another_mounting_has_a_zero_of_its_own() -> None:

@@ -23,7 +23,7 @@ ONCE = SHORT.model_copy(update={"stations": (0.3, 0.6)})
 async def test_a_screw_is_turned_live(tmp_path: Path) -> None:
     path = tmp_path / "s.jsonl"
     known = Plan(path, Machine(), ONCE, simulated_indicators(["mitutoyo-01a"] * 2), seed=3)
-    plan = replace(aligning(known, "x"), interval_s=0.0)
+    plan = replace(aligning(known, "x"), interval_s=0.03)
     guided = start_session(plan)
     measure(guided)
     interface = Glidecal(MeasureScreen(guided, plan))

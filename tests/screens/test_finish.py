@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from app.evaluating.solution import SessionSolution, solve_files, solve_for_controller
-from app.measuring.opening import measure_all, start_session
+from app.measuring.opening import QUICK_INTERVAL_S, measure_all, start_session
 from app.report.text.result import solution_text
 from app.screens.check import CheckScreen
 from app.screens.interface import Interface
@@ -21,7 +21,7 @@ from tests.screens.driving import SIZE, quick_plan, take, text, to_measuring, un
 
 
 async def test_skipped_steps_are_named_in_the_result(tmp_path: Path) -> None:
-    plan = replace(quick_plan(tmp_path), interval_s=0.0)
+    plan = replace(quick_plan(tmp_path), interval_s=QUICK_INTERVAL_S)
     with start_session(plan) as guided:
         guided.go()
         guided.take()

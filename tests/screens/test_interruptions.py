@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from textual.widgets import OptionList
 
-from app.measuring.opening import plan_to_continue
+from app.measuring.opening import QUICK_INTERVAL_S, plan_to_continue
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
 from app.screens.start import Glidecal
@@ -211,7 +211,7 @@ async def test_a_continued_verification_still_compares(tmp_path: Path) -> None:
     from app.evaluating.solution import solve_for_controller
     from app.measuring.opening import measure_all, start_session, verification_plan
 
-    plan = replace(quick_plan(tmp_path), interval_s=0.0)
+    plan = replace(quick_plan(tmp_path), interval_s=QUICK_INTERVAL_S)
     with start_session(plan) as guided:
         measure_all(guided)
     verify = verification_plan(plan, solve_for_controller(plan.path))
@@ -221,7 +221,7 @@ async def test_a_continued_verification_still_compares(tmp_path: Path) -> None:
         await pilot.press("f10")
     again = plan_to_continue(verify.path)
     assert again.before is not None
-    with start_session(replace(again, interval_s=0.0)) as guided:
+    with start_session(replace(again, interval_s=QUICK_INTERVAL_S)) as guided:
         measure_all(guided)
     after = solve_for_controller(verify.path).solution
     assert after.rms_before_mm < 0.1 * again.before.solution.rms_before_mm

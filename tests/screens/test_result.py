@@ -15,6 +15,7 @@ from textual.widgets._footer import FooterKey
 
 from app.evaluating.solution import SessionSolution, solve_files, solve_for_controller
 from app.measuring.opening import (
+    QUICK_INTERVAL_S,
     Plan,
     demo_plan,
     measure_all,
@@ -69,7 +70,7 @@ def verified(tmp_path_factory: pytest.TempPathFactory) -> tuple[SessionSolution,
     """A simulated machine, calibrated and measured again."""
     plan = replace(
         demo_plan(tmp_path_factory.mktemp("demo"), "zero-max-min", 1, BenchSettings()),
-        interval_s=0.0,
+        interval_s=QUICK_INTERVAL_S,
     )
     with start_session(plan) as guided:
         measure_all(guided)
@@ -369,7 +370,7 @@ async def test_verify_needs_the_plan_of_the_session(
 async def test_any_finished_session_can_be_verified_later(samples: Path, tmp_path: Path) -> None:
     """After a restart the record alone tells machine, procedure, indicators; a table cannot."""
     plan = quick_plan(tmp_path)
-    with start_session(replace(plan, interval_s=0.0)) as guided:
+    with start_session(replace(plan, interval_s=QUICK_INTERVAL_S)) as guided:
         measure_all(guided)
     again = plan_to_repeat(guided.path)
     assert again is not None

@@ -11,6 +11,7 @@ from textual.widgets import Input, Static
 
 from app.evaluating.solution import solve_files
 from app.measuring.gauges import Gauge
+from app.measuring.opening import QUICK_INTERVAL_S
 from app.report.text.result import solution_text
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
@@ -256,7 +257,7 @@ def test_verification_carries_the_new_home_offset(tmp_path: Path) -> None:
     from app.evaluating.solution import solve_for_controller
     from app.measuring.opening import measure_all, start_session, verification_plan
 
-    plan = replace(quick_plan(tmp_path), interval_s=0.0)
+    plan = replace(quick_plan(tmp_path), interval_s=QUICK_INTERVAL_S)
     machine = plan.machine.model_copy(update={"home_offset_mm": (10.0, 20.0, 30.0)})
     plan = replace(plan, machine=machine)
     with start_session(plan) as guided:

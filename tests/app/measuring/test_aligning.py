@@ -15,7 +15,13 @@ from app.evaluating.comparison import compare_files, verify_files
 from app.evaluating.solution import solve_files
 from app.measuring.aligning import Round, align_session
 from app.measuring.indicators import simulated_indicators
-from app.measuring.opening import Plan, aligning, plan_to_continue, start_session
+from app.measuring.opening import (
+    QUICK_INTERVAL_S,
+    Plan,
+    aligning,
+    plan_to_continue,
+    start_session,
+)
 from app.measuring.session import GuidedSession
 from app.report.text.alignment import round_text, screw_text
 from app.report.text.result import comparison_report
@@ -34,7 +40,7 @@ SHORT = FULL.model_copy(update={"cycles": 2, "plane": None})
 
 def plan(path: Path) -> Plan:
     known = Plan(path, MACHINE, SHORT, simulated_indicators(["mitutoyo-01a"] * 2), seed=3)
-    return replace(aligning(known, "x"), interval_s=0.0)
+    return replace(aligning(known, "x"), interval_s=QUICK_INTERVAL_S)
 
 
 def measure(guided: GuidedSession) -> None:

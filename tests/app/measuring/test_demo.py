@@ -12,6 +12,7 @@ import pytest
 
 from app.evaluating.solution import solve_for_controller
 from app.measuring.opening import (
+    QUICK_INTERVAL_S,
     Plan,
     demo_plan,
     measure_all,
@@ -42,7 +43,7 @@ NOISE_MM = 0.002
 def plan_with(folder: Path, effect: str, protocol: str = "zero-max-min") -> Plan:
     """A demonstration with a hidden effect and without scatter."""
     plan = with_hidden_effect(demo_plan(folder, protocol, 4, BenchSettings()), effect)
-    return replace(plan, interval_s=0.0, bench=replace(plan.bench, scatter_mm=0.0))
+    return replace(plan, interval_s=QUICK_INTERVAL_S, bench=replace(plan.bench, scatter_mm=0.0))
 
 
 def measured(plan: Plan) -> Observations:
@@ -146,8 +147,12 @@ def test_demo_says_where_to_look(tmp_path: Path) -> None:
 
 
 def test_the_whole_loop_names_what_is_hidden(tmp_path: Path) -> None:
-    words = ("--controller", "twin", "--effect", "backlash:x", "--seed", "2")
-    run = glidecal("demo", "--headless", *words, cwd=tmp_path)
+    (tmp_path / "both.toml").write_text(
+        'schema = "glidecal.procedure/1"\nname = "both"\ntitle = "From both sides"\n'
+        'cycles = 1\nlevels = ["zero", "max", "zero", "min", "zero"]\n'
+    )
+    words = ("--protocol", "both.toml", "--effect", "backlash:x", "--seed", "2")
+    run = glidecal("demo", "--headless", "--controller", "twin", *words, cwd=tmp_path)
     assert run.status == 0, run.err
     (session,) = (tmp_path / "demo-sessions").glob("*_demo.jsonl")
     verdict, _, _ = glidecal("diagnose", session).out.partition("\n\n")

@@ -13,6 +13,7 @@ import pytest
 from app.evaluating.solution import solve_for_controller
 from app.measuring.moving import Mover, Moving, check_motion, ways_of
 from app.measuring.opening import (
+    QUICK_INTERVAL_S,
     demo_plan,
     moving_itself,
     self_moving_bench,
@@ -205,7 +206,7 @@ def test_a_check_says_who_says_so_and_moves_nothing() -> None:
 def test_a_demonstration_that_moves_itself_finds_the_hidden_offsets(tmp_path: Path) -> None:
     plan = moving_itself(demo_plan(tmp_path, None, 5, BenchSettings()), "twin", hurried=True)
     once = plan.procedure.model_copy(update={"cycles": 1})
-    plan = replace(plan, procedure=once, interval_s=0.0)
+    plan = replace(plan, procedure=once, interval_s=QUICK_INTERVAL_S)
     with start_session(plan) as guided:
         measure_by_itself(guided, lambda _: True, lambda _: None)
     found = solve_for_controller(plan.path).joint_offsets_mm

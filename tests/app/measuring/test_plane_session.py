@@ -83,7 +83,14 @@ def session(
             rig.go(values)
 
         gauges = [
-            Gauge(MITUTOYO_01A, port, Query(), interval_s=0.0, window_s=0.1, tolerance_mm=0.004)
+            Gauge(
+                MITUTOYO_01A,
+                port,
+                Query(),
+                interval_s=0.01,
+                window_s=0.1,
+                tolerance_mm=0.004,
+            )
             for port in rig.ports
         ]
         for gauge in gauges:

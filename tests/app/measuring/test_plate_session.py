@@ -16,7 +16,13 @@ import pytest
 from app.measuring.gauges import Gauge
 from app.measuring.indicators import simulated_indicators
 from app.measuring.leg_review import review_leg
-from app.measuring.opening import Plan, measure_all, opened_event, start_session
+from app.measuring.opening import (
+    QUICK_INTERVAL_S,
+    Plan,
+    measure_all,
+    opened_event,
+    start_session,
+)
 from app.measuring.session import Doubt, GuidedSession
 from app.report.text.session import (
     point_text,
@@ -51,7 +57,7 @@ def short(**plate: object) -> Procedure:
 
 
 def plan(path: Path, procedure: Procedure = RINGS) -> Plan:
-    return Plan(path, MACHINE, procedure, simulated_indicators(), interval_s=0.0)
+    return Plan(path, MACHINE, procedure, simulated_indicators(), interval_s=QUICK_INTERVAL_S)
 
 
 @contextmanager
@@ -67,7 +73,12 @@ def session(
             rig.go([float(there[2]) + 0.7 + chance.normal(scale=SCATTER_MM)])
 
         gauge = Gauge(
-            MITUTOYO_01A, rig.ports[0], Query(), interval_s=0.0, window_s=0.1, tolerance_mm=0.004
+            MITUTOYO_01A,
+            rig.ports[0],
+            Query(),
+            interval_s=QUICK_INTERVAL_S,
+            window_s=0.1,
+            tolerance_mm=0.004,
         )
         gauge.start()
         known = plan(path, procedure)

@@ -14,7 +14,14 @@ from pathlib import Path
 import pytest
 
 from app.measuring.gauges import Gauge
-from app.measuring.opening import Plan, demo_plan, measure_all, opened_event, start_session
+from app.measuring.opening import (
+    QUICK_INTERVAL_S,
+    Plan,
+    demo_plan,
+    measure_all,
+    opened_event,
+    start_session,
+)
 from app.measuring.session import Doubt, GuidedSession
 from app.measuring.simulated import BenchSettings
 from drivers.profile import FaultKind, IndicatorReading, Outcome, Query
@@ -31,7 +38,9 @@ NOTES = 40
 
 
 def test_notes_while_readings_are_taken(tmp_path: Path) -> None:
-    plan = replace(demo_plan(tmp_path, "zero-max-min", 1, BenchSettings()), interval_s=0.0)
+    plan = replace(
+        demo_plan(tmp_path, "zero-max-min", 1, BenchSettings()), interval_s=QUICK_INTERVAL_S
+    )
     with start_session(plan) as guided:
 
         def write() -> None:
@@ -59,7 +68,7 @@ def quick(folder: Path, **changes: object) -> Plan:
     """Two legs, one cycle each: ZERO MAX MIN ZERO, steps 1 … 4 on x and 5 … 8 on y."""
     plan = demo_plan(folder, "zero-max-min", 1, BenchSettings())
     short = plan.procedure.model_dump() | {"legs": ("x", "y"), "cycles": 1} | changes
-    return replace(plan, procedure=Procedure.model_validate(short), interval_s=0.0)
+    return replace(plan, procedure=Procedure.model_validate(short), interval_s=QUICK_INTERVAL_S)
 
 
 def take(guided: GuidedSession, count: int) -> list[int]:

@@ -54,8 +54,8 @@ def predict(
     nominal = (0.0,) * len(PARAMETER_NAMES)
     by_tolerance = derivatives(geometry, nominal, taken) * tolerance_mm
     exact = Model(geometry).readings(taken)
-    worn = (EffectInstance(Backlash(), carriage, (play_mm,)) for carriage in "xyz")
-    by_play = np.stack([Model(geometry, effects=(one,)).readings(taken) - exact for one in worn], 1)
+    worn = [EffectInstance(Backlash(), carriage, (play_mm,)) for carriage in "xyz" if play_mm]
+    by_play = np.array([Model(geometry, effects=(one,)).readings(taken) - exact for one in worn])
     one_mount = taken.mount[:, None] == taken.mount
     place = numbered(taken.leg, taken.axis, taken.station, taken.level, taken.over_plane)
     leaning_mm = 1e-3 * tilt_mrad / 2.0 * np.nan_to_num(taken.along_mm - taken.along_mm[first])
@@ -63,7 +63,7 @@ def predict(
     since_first = np.outer(drifted_mm, drifted_mm) + np.outer(leaning_mm, leaning_mm)
     covariance = (
         by_tolerance @ by_tolerance.T
-        + by_play @ by_play.T
+        + (by_play.T @ by_play if worn else 0.0)
         + one_mount * (ZERO_MM**2 + since_first)
         + (place[:, None] == place) * (LEFT_OUT * float(tolerance_mm[0])) ** 2
         + np.diag(noise_mm**2)

@@ -145,16 +145,18 @@ def test_postures_as_json() -> None:
     assert found["coordinates_on_bound"] == sum(on_limit) + sum(on_end)
 
 
-def test_twelve_chosen_postures_beat_the_twelve_of_a_procedure(tmp_path: Path) -> None:
+@pytest.mark.parametrize("criterion", Criterion)
+def test_twelve_chosen_postures_beat_the_twelve_of_a_procedure(
+    tmp_path: Path, criterion: Criterion
+) -> None:
     path = tmp_path / "twelve.toml"
     text = MAX_MIN.replace('["max", "min"]', '["zero", "max", "min", 30.0]')
     path.write_text(text, encoding="utf-8")
-    for criterion in Criterion:
-        found = optimum_postures(orthoglide(str(path), 0.02), 12, criterion=criterion)
-        before, after = found.before.value, found.after.value
-        assert before is not None
-        assert after is not None
-        assert after > before if criterion.larger_is_better else after < before
+    found = optimum_postures(orthoglide(str(path), 0.02), 12, criterion=criterion)
+    before, after = found.before.value, found.after.value
+    assert before is not None
+    assert after is not None
+    assert after > before if criterion.larger_is_better else after < before
 
 
 def test_common_postures_are_one_procedure_that_runs(tmp_path: Path) -> None:

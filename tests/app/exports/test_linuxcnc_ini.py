@@ -123,12 +123,13 @@ def expanded(path: Path) -> Path:
 
 
 @pytest.mark.skipif(not (INIVAR and SAMPLES.is_dir()), reason="needs LinuxCNC and its samples")
-def test_every_sample_of_the_controller_reads_alike(tmp_path: Path) -> None:
+@pytest.mark.parametrize("part", range(3))
+def test_every_sample_of_the_controller_reads_alike(tmp_path: Path, part: int) -> None:
     """Of its sample files, in a copy: 0 entries differ, and machines of three joints are taken."""
     copy = tmp_path / "samples"
     shutil.copytree(SAMPLES, copy, symlinks=True)
     different, read, refused = [], 0, []
-    for path in sorted(copy.rglob("*.ini")):
+    for path in sorted(copy.rglob("*.ini"))[part::3]:
         try:
             entries = Entries(path)
         except GlidecalError as problem:
@@ -145,7 +146,7 @@ def test_every_sample_of_the_controller_reads_alike(tmp_path: Path) -> None:
         except GlidecalError as problem:
             refused.append(f"{path.name}: {problem}")
     assert not different, different
-    assert read > 250
+    assert read > 80
     reasons = ("JOINTS: found 2", "no section [JOINT", "LINEAR_UNITS: found nothing")
     assert not [words for words in refused if not any(r in words for r in reasons)], refused
 

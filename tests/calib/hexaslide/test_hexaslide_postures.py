@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -120,19 +121,15 @@ LIMITS = {
 """Postures, rank, starts and the largest condition number; 20 starts find 45, 335, 190, 900."""
 
 
-@pytest.fixture(scope="module")
-def best() -> dict[Kind, BestPostures]:
-    return {
-        kind: best_postures(Procedure.of(kind), H60, count, Search(starts=starts))
-        for kind, (count, _, starts, _) in LIMITS.items()
-    }
+@cache
+def best(kind: Kind) -> BestPostures:
+    count, _, starts, _ = LIMITS[kind]
+    return best_postures(Procedure.of(kind), H60, count, Search(starts=starts))
 
 
 @pytest.mark.parametrize("kind", list(Kind))
-def test_condition_numbers_on_the_example_machine(
-    best: dict[Kind, BestPostures], kind: Kind
-) -> None:
-    (count, rank, starts, limit), found = LIMITS[kind], best[kind]
+def test_condition_numbers_on_the_example_machine(kind: Kind) -> None:
+    (count, rank, starts, limit), found = LIMITS[kind], best(kind)
     postures = found.refined.coordinates
     assert postures.shape == (count, 6)
     assert ((H60.box.lower <= postures) & (postures <= H60.box.upper)).all()
@@ -148,10 +145,10 @@ def test_condition_numbers_on_the_example_machine(
     assert found.start_on_bound == 0
 
 
-def test_condition_numbers_rise_in_this_order(best: dict[Kind, BestPostures]) -> None:
+def test_condition_numbers_rise_in_this_order() -> None:
     """Not that of papers/001: positions see less but see it better than whole poses."""
     order = (Kind.POSE_INVERSE, Kind.POSITION, Kind.POSE_FORWARD, Kind.CONSTRAINT_LINK)
-    figures = [best[kind].condition_number for kind in order]
+    figures = [best(kind).condition_number for kind in order]
     assert figures == sorted(figures)
 
 

@@ -21,10 +21,15 @@ class Terminal:
     """An 80 × 24 terminal of its own server."""
 
     def __init__(self, folder: Path) -> None:
-        self._tmux = ["tmux", "-S", str(folder / "tmux"), "-f", "/dev/null"]
-        self._folder = folder
+        self._folder, self._started = folder, 0
+
+    @property
+    def _tmux(self) -> list[str]:
+        """Another socket for each start: the server before may not have ended yet."""
+        return ["tmux", "-S", str(self._folder / f"tmux{self._started}"), "-f", "/dev/null"]
 
     def start(self, *arguments: str) -> None:
+        self._started += 1
         command = " ".join([sys.executable, "-m", "app", *arguments])
         # Ctrl-C is for the program alone: the shell must live to tell its status
         script = f"trap : INT; cd '{self._folder}' && {command}; echo STATUS $?; sleep 60"

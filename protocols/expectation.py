@@ -97,12 +97,13 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[Expected, ...
     times_s = [r.time_s or 0.0 for r in known] + [time_s] * len(mounts)
     sides = approaches(session)[-MOST:]
     side = dict(zip((r.mount for r in known), sides, strict=True))
-    ways = {mount: np.sign(step.displacement_mm - last[mount].displacement_mm) for mount in mounts}
-    sides += [float(ways[mount]) or side[mount] for mount in mounts]
+    for mount in mounts:  # what does not move stays as it came
+        way_mm = step.displacement_mm - last[mount].displacement_mm
+        sides.append(math.copysign(1.0, way_mm) if way_mm else side[mount])
     limit_mm = procedure.repeat_limit_mm
     noise_mm = max(LEAST_NOISE_MM, min(procedure.tolerance_mm, limit_mm / (2.0 * REACH)))
     noises_mm = [limit_mm if r.reading in session.restored else noise_mm for r in known]
-    known_of = (
+    worn, sure = predict(
         machine.geometry(),
         machine.tolerances_mm(),
         replace(
@@ -115,8 +116,6 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[Expected, ...
         np.array(noises_mm + [noise_mm] * len(mounts)),
         machine.plane_tilt_mrad,
     )
-    means, deviations = predict(*known_of)
-    sure = zip(*predict(*known_of, play_mm=0.0), strict=True)
     calibrated = session.opened.verifies is not None or any(machine.entered_offsets_mm)
     return tuple(
         Expected(
@@ -127,9 +126,7 @@ def expected(session: Session, step: Step, time_s: float) -> tuple[Expected, ...
             sure=(float(plain), float(spread)),
             calibrated=calibrated,
         )
-        for mount, mean, deviation, (plain, spread) in zip(
-            mounts, means, deviations, sure, strict=True
-        )
+        for mount, mean, deviation, plain, spread in zip(mounts, *worn, *sure, strict=True)
     )
 
 

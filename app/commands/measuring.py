@@ -67,9 +67,8 @@ def measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --s
     if not (plan.simulated or plan.motion):
         allowed = "--headless with --simulated or --motion"
         raise UsageError("--headless", "real indicators", allowed)
-    with start_session(
-        plan if plan.motion else replace(plan, interval_s=QUICK_INTERVAL_S)
-    ) as guided:
+    quick = plan if plan.motion else replace(plan, interval_s=QUICK_INTERVAL_S)
+    with start_session(quick) as guided:
         if plan.motion:
             _by_itself(guided)
         else:

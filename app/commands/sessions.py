@@ -166,7 +166,6 @@ def demo(
     ] = None,
 ) -> None:
     """A whole calibration on a simulated machine. It is measured again after the export."""
-    from app.evaluating.diagnosis import diagnose_files
     from app.measuring.indicators import DEFAULT_PROFILE
     from app.measuring.opening import (
         DEMO_MOTION_S,
@@ -178,7 +177,6 @@ def demo(
         writable_folder,
     )
     from app.measuring.simulated import BenchSettings
-    from app.report.text.diagnosis import headline
     from app.report.text.result import comparison_text, solution_text
 
     unattended = headless or not (sys.stdin.isatty() and sys.stdout.isatty())
@@ -202,9 +200,11 @@ def demo(
     typer.echo("\nAfter the joint offsets were entered in the controller:\n")
     typer.echo(comparison_text(before.solution, after.solution))
     if controller is not None:  # the whole loop: what the first session shows is named, too
-        typer.echo(
-            f"\n{NAMED.format(plan.path)}\n\n{headline(diagnose_files([plan.path]).diagnosis)}"
-        )
+        from app.evaluating.diagnosis import diagnose_files
+        from app.report.text.diagnosis import headline
+
+        found = headline(diagnose_files([plan.path]).diagnosis)
+        typer.echo(f"\n{NAMED.format(plan.path)}\n\n{found}")
     elif effect is not None:
         typer.echo("\n" + HIDDEN.format(plan.path))
 

@@ -206,7 +206,7 @@ class SelfMovingBench:
     def set_up(self, step: Step) -> None:
         """What an operator does by hand before a step."""
         with self._lock:
-            self._follow()
+            self._follow()  # what was passed belongs to the set-up before
             self._step, self._shown = step, (None, self._shown[1])
             self._follow()
 

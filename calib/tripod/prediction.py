@@ -31,6 +31,10 @@ LEFT_OUT = 0.05
 papers/000 had offsets up to 1.7 mm and 0.14 mm r.m.s. left over after the fit."""
 
 
+Predicted = tuple[FloatArray, FloatArray]
+"""Mean and standard deviation ``(k,)`` of readings, mm."""
+
+
 def predict(
     geometry: Geometry,
     tolerance_mm: FloatArray,
@@ -38,23 +42,20 @@ def predict(
     value_mm: FloatArray,
     noise_mm: FloatArray,
     tilt_mrad: float = 0.0,
-    play_mm: float = PLAY_MM,
-) -> tuple[FloatArray, FloatArray]:
-    """Mean and standard deviation ``(k,)`` of the last k readings from the n before them, mm.
+) -> tuple[Predicted, Predicted]:
+    """The last k readings from the n before them: if the carriages may have play, and without.
 
     ``taken`` has n + k rows, in time; every mounting has one among the n. ``value_mm`` ``(n,)`` are
     what was read, ``tolerance_mm`` ``(6,)`` standard deviations of the parameters, ``noise_mm``
-    ``(n + k,)`` of each reading, ``tilt_mrad`` the most that a reference plane leans, ``play_mm``
-    the standard deviation of each carriage's play. The first derivatives at the nominal machine
-    serve as its model.
+    ``(n + k,)`` of each reading, ``tilt_mrad`` the most that a reference plane leans. The first
+    derivatives at the nominal machine serve as its model.
     """
-    n = len(value_mm)
     first = np.unique(taken.mount, return_index=True)[1][taken.mount]
     since_s = taken.time_s - taken.time_s[first]
     nominal = (0.0,) * len(PARAMETER_NAMES)
     by_tolerance = derivatives(geometry, nominal, taken) * tolerance_mm
     exact = Model(geometry).readings(taken)
-    worn = [EffectInstance(Backlash(), carriage, (play_mm,)) for carriage in "xyz" if play_mm]
+    worn = [EffectInstance(Backlash(), carriage, (PLAY_MM,)) for carriage in "xyz"]
     by_play = np.array([Model(geometry, effects=(one,)).readings(taken) - exact for one in worn])
     one_mount = taken.mount[:, None] == taken.mount
     place = numbered(taken.leg, taken.axis, taken.station, taken.level, taken.over_plane)
@@ -63,14 +64,22 @@ def predict(
     since_first = np.outer(drifted_mm, drifted_mm) + np.outer(leaning_mm, leaning_mm)
     covariance = (
         by_tolerance @ by_tolerance.T
-        + (by_play.T @ by_play if worn else 0.0)
         + one_mount * (ZERO_MM**2 + since_first)
         + (place[:, None] == place) * (LEFT_OUT * float(tolerance_mm[0])) ** 2
         + np.diag(noise_mm**2)
     )
     expected = value_mm[first] + exact
+    known = value_mm, expected, noise_mm
+    return _last(covariance + by_play.T @ by_play, *known), _last(covariance, *known)
+
+
+def _last(
+    covariance: FloatArray, value_mm: FloatArray, expected_mm: FloatArray, noise_mm: FloatArray
+) -> Predicted:
+    """The readings beyond those of ``value_mm``, of a normal distribution that those narrow."""
+    n = len(value_mm)
     known, between = covariance[:n, :n], covariance[:n, n:]
     gain = np.linalg.solve(known, between)
-    mean = expected[n:] + gain.T @ (value_mm - expected[:n])
+    mean = expected_mm[n:] + gain.T @ (value_mm - expected_mm[:n])
     variance = np.diag(covariance[n:, n:] - between.T @ gain)
     return mean, np.sqrt(np.maximum(variance, noise_mm[n:] ** 2))

@@ -191,8 +191,8 @@ class Motors:
     def close(self) -> None:
         """No more questions."""
         self._ends.set()
+        self._hal.kill()  # first: who waits for its answer waits no more
         self._thread.join()
-        self._hal.kill()
         self._hal.communicate()
 
 

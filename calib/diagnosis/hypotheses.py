@@ -171,12 +171,6 @@ def losses(problem: Problem, together: Sequence[Sequence[Candidate]]) -> FloatAr
     return found
 
 
-def prior_constrained(white: FloatArray, y: FloatArray) -> FloatArray:
-    """Least squares ``(k,)`` with a unit normal prior on each value."""
-    inverse = np.linalg.solve(white.T @ white + np.eye(white.shape[1]), white.T)
-    return np.asarray(inverse @ y)
-
-
 def alias_map(model: Model, taken: Observations, effects: Sequence[Effect]) -> AliasMap:
     """Compare every effect in its smallest places with every other; base parameters are free.
 

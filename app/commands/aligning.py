@@ -9,6 +9,7 @@ import typer
 
 from app.commands.measuring import measure
 from app.machines.options import AsJson, Machine, Protocol, Seed, argument, file
+from app.machines.registry import typed
 from calib.errors import UsageError
 
 if TYPE_CHECKING:  # heavy: imported where used
@@ -16,6 +17,7 @@ if TYPE_CHECKING:  # heavy: imported where used
 
 
 def align(
+    context: typer.Context,
     session: Annotated[Path | None, argument("A session to tell from; none: measure.")] = None,
     reference: Annotated[
         str | None,
@@ -54,12 +56,13 @@ def align(
     if session is None and as_json:
         raise UsageError("--json", "no session", "a session that was measured: align SESSION")
     if session is not None:
-        measuring = indicator or simulated or output or resume or machine
-        if measuring or protocol != "align" or seed != 1:
+        if typed(context, context.params.keys() - {"session", "reference", "as_json"}):
             wrong = "options for measuring, beside a session that was measured"
             raise UsageError(f"align {session}", wrong, "--reference and --json")
         typer.echo(_aligned(session, rail, as_json=as_json))
         return
+    if resume and (held := typed(context, {"protocol", "output", "seed"})):
+        raise UsageError(held, "beside --continue", "--continue without: the record tells it")
     known = load_machine(machine)
     chosen = choose_indicators(
         indicator or (), (), DEFAULT_PROFILE, machine=known, simulated=simulated

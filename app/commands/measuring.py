@@ -36,6 +36,7 @@ Resume = Annotated[Path | None, file("Go on with an interrupted session.", "--co
 
 
 def run(
+    context: typer.Context,
     protocol: Protocol = None,
     machine: Machine = None,
     indicator: Annotated[
@@ -81,6 +82,7 @@ def run(
     from protocols.procedure import load_procedure, shuffled
     from protocols.record import read_record
 
+    refuse_beside_continue(context)
     known = load_machine(machine)
     chosen = choose_indicators(
         indicator or (), port or (), profile, machine=known, simulated=simulated

@@ -20,7 +20,7 @@ from protocols.journal import write_whole
 from protocols.machine import Instrument
 from protocols.procedure import load_procedure
 from protocols.record import read_record
-from tests.app.cli import glidecal, run_here
+from tests.app.cli import glidecal, refused, run_here
 from tests.app.measuring.moving_machine import FAST, SHORT, following, taken, wrong
 
 TWO = ("--indicator", "mitutoyo-01a:/dev/none0@xy", "--indicator", "mitutoyo-01a:/dev/none1@yzx")
@@ -64,6 +64,12 @@ def test_a_screen_asks_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     with LinuxCncTwin(SimulatedAxes()) as twin:
         measuring.ask(plan_of(tmp_path, twin.told, ("a", "b")), on_screen=True)
         assert not twin.moves
+
+
+def test_what_the_record_tells_is_refused_beside_continue(tmp_path: Path) -> None:
+    for words in (("--dry-run",), ("--seed", "1"), ("--note", "n"), ("-o", "b.jsonl")):
+        said = refused(2, "run", "--continue", tmp_path / "a.jsonl", *words)
+        assert f"{words[0].replace('-o', '--output')}: found beside --continue" in said
 
 
 @pytest.mark.parametrize(

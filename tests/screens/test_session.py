@@ -128,7 +128,7 @@ async def test_whole_session_verify_and_compare(tmp_path: Path) -> None:
         for _ in range(30):
             await take(pilot, screen)
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
-        known, _ = solve_files([plan.path])  # as glidecal solve, home and replay have it
+        known = solve_files([plan.path])  # as glidecal solve, home and replay have it
         same = solution_text(known)
         await until(pilot, "the same result", lambda: same in text(interface, "#text"))
         await pilot.press("3")
@@ -195,7 +195,7 @@ async def prepare(pilot: Pilot[str], interface: Interface, port: str) -> None:
 
 async def test_result_of_a_recorded_session(samples: Path) -> None:
     path = samples / "experiment_2_twelve.jsonl"
-    solved, _ = solve_files([path])
+    solved = solve_files([path])
     interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await until(pilot, "text", lambda: "something is missing" in text(interface, "#text"))

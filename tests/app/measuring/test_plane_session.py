@@ -129,7 +129,7 @@ def test_one_set_up_for_each_leg_and_what_was_off_is_found(tmp_path: Path) -> No
     ]
     observed = to_observations([found])
     assert observed.along_mm[:3] == pytest.approx([31.025, 279.225, 91.025])
-    solved, _ = solve_files([path], subset="joint-offsets")
+    solved = solve_files([path], subset="joint-offsets")
     # bars are off too (OFF): what shows along z is the height of the feet less that of the tool
     exact = [height(OFF, 0, 2, 0.0, s) for s in (0.1, 0.9)]
     assert float(observed.value_mm[1] - observed.value_mm[0]) == pytest.approx(

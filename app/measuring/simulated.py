@@ -171,6 +171,11 @@ class MovingController(Protocol):
         """Let go of all that it is."""
 
 
+PLACE_DECIMALS = 3
+"""A controller tells its place in seven digits or so: Zero would be 0.05 µm to one side of Zero,
+and the carriages beside would have come from the side that they did not come from."""
+
+
 class SelfMovingBench:
     """The same machine behind a controller: its indicators follow where that moves it.
 
@@ -211,7 +216,8 @@ class SelfMovingBench:
             self._follow()
 
     def _follow(self) -> None:
-        for place in self._passed_mm():
+        for x, y, z in self._passed_mm():
+            place = (round(x, PLACE_DECIMALS), round(y, PLACE_DECIMALS), round(z, PLACE_DECIMALS))
             if self._step is not None and place != self._shown[0]:
                 self._shown = place, self._values(self._step, place)
 

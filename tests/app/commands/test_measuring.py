@@ -12,7 +12,6 @@ import pytest
 import typer
 
 from app.commands import measuring
-from app.commands.sessions import run
 from app.measuring.opening import Plan
 from app.measuring.simulated import simulated_session
 from calib.errors import MotionError, UsageError
@@ -22,7 +21,7 @@ from protocols.journal import write_whole
 from protocols.machine import Instrument
 from protocols.procedure import load_procedure
 from protocols.record import read_record
-from tests.app.cli import glidecal
+from tests.app.cli import glidecal, refused, run_here
 from tests.app.measuring.moving_machine import FAST, SHORT, following, taken, wrong
 
 TWO = ("--indicator", "mitutoyo-01a:/dev/none0@xy", "--indicator", "mitutoyo-01a:/dev/none1@yzx")
@@ -68,6 +67,12 @@ def test_a_screen_asks_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         assert not twin.moves
 
 
+def test_what_the_record_tells_is_refused_beside_continue(tmp_path: Path) -> None:
+    for words in (("--dry-run",), ("--seed", "1"), ("--note", "n"), ("-o", "b.jsonl")):
+        said = refused(2, "run", "--continue", tmp_path / "a.jsonl", *words)
+        assert f"{words[0].replace('-o', '--output')}: found beside --continue" in said
+
+
 @pytest.mark.parametrize(
     ("words", "status", "said"),
     [
@@ -106,9 +111,7 @@ def test_a_machine_that_is_not_homed(tmp_path: Path, monkeypatch: pytest.MonkeyP
         measuring.ask(plan_of(tmp_path, "klipper:x", ("a", "b")), on_screen=False)
 
 
-def test_a_session_in_a_plain_terminal(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_session_in_a_plain_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All of `glidecal run`; whoever answers a question about a set-up has set it up."""
     machine, procedure = tmp_path / "machine.toml", tmp_path / "short.toml"
     machine.write_text(
@@ -122,18 +125,14 @@ def test_a_session_in_a_plain_terminal(
     path = tmp_path / "a.jsonl"
     with following() as (bench, twin, ports):
         monkeypatch.setattr("sys.stdin", Terminal("y\ny\n"))
-        run(
-            protocol=str(procedure),
-            machine=str(machine),
-            indicator=[
-                f"mitutoyo-01a:{port}@{axes}"
-                for port, axes in zip(ports, ("yzx", "zxy"), strict=True)
-            ],
-            output=path,
-            headless=True,
-            motion=twin.told,
-        )
-    said = capsys.readouterr().err
+        named = [
+            word
+            for port, axes in zip(ports, ("yzx", "zxy"), strict=True)
+            for word in ("--indicator", f"mitutoyo-01a:{port}@{axes}")
+        ]
+        files = ("--protocol", f"{procedure}", "--machine", f"{machine}", "-o", f"{path}")
+        status, _, said = run_here("run", *files, *named, "--headless", "--motion", twin.told)
+    assert status == 0
     assert "Guards closed" in said
     assert "Set up at leg X, station 0.5, along Y and Z" in said
     assert read_record(path).end == "closed"

@@ -25,7 +25,7 @@ from calib.tripod.sensitivity import excursion_mm, excursion_over_plane_mm
 from calib.tripod.simulation import SimulatedMachine
 from drivers.motion.headless import SimulatedJoints
 from drivers.profile import LARGEST_MM, Profile, Spindle
-from drivers.twins import SimulatedRig, Transport, TwinPort, twin_of
+from drivers.twins import IndicatorTwin, SimulatedRig, Transport, TwinPort
 from protocols.documents import Triple, read_text
 from protocols.machine import Instrument, Machine, MotionLimits, load_machine
 from protocols.model_file import read_model
@@ -200,7 +200,7 @@ class SelfMovingBench:
         self._shown: tuple[Triple | None, list[float]] = (None, [0.0] * len(profiles))
         self._ports = [
             TwinPort(
-                twin_of(profile, Spindle(partial(self._shows, k), settings.resolution_mm)),
+                IndicatorTwin(profile, Spindle(partial(self._shows, k), settings.resolution_mm)),
                 transport,
                 stream_s=profile.stream_s,
             )

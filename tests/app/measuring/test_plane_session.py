@@ -7,7 +7,7 @@ a plane that leans, over real serial connections.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -74,7 +74,7 @@ def session(
     plan = Plan(path, MACHINE, procedure, instruments)
     count = len(plan.instruments)
     profiles = [MITUTOYO_01A] * count
-    with SimulatedRig(profiles, resolution_mm=0.001, transport=default_transport()) as rig:
+    with closing(SimulatedRig(profiles, resolution_mm=0.001, transport=default_transport())) as rig:
         values = [5.0] * count
 
         def go(step: Step) -> None:

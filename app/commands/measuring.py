@@ -310,7 +310,7 @@ def run_headless(plan: Plan) -> tuple[SessionSolution, SessionSolution]:
 
     before = _measured(plan)
     folder = plan.path.with_suffix("")
-    for path in export_offsets(before, plan.path, folder)[0]:
+    for path in export_offsets(before, folder)[0]:
         say(f"exported: {path}")
     after = _measured(verification_plan(plan, before))
     if not after.solution.rms_before_mm < before.solution.rms_before_mm:

@@ -20,7 +20,7 @@ from calib.tripod.simulation import SimulatedMachine, hidden_machine
 from drivers.motion.headless import HeadlessLinuxCnc, SimulatedJoints, check_linuxcnc
 from drivers.motion.twins import LinuxCncTwin, SimulatedAxes
 from drivers.profile import Spindle
-from drivers.twins import SimulatedRig, TwinPort, default_transport, twin_of
+from drivers.twins import IndicatorTwin, SimulatedRig, TwinPort, default_transport
 from protocols.documents import Triple, read_text
 from protocols.machine import Machine, MotionLimits, load_machine
 from protocols.motion import box_mm, tool_at, zero_mm
@@ -183,7 +183,7 @@ class SelfMovingBench(Bench):
         profiles = [profile_of(instrument) for instrument in plan.instruments]
         self._ports = [
             TwinPort(
-                twin_of(profile, Spindle(partial(self._shows, k), plan.bench.resolution_mm)),
+                IndicatorTwin(profile, Spindle(partial(self._shows, k), plan.bench.resolution_mm)),
                 default_transport(),
                 stream_s=profile.stream_s,
             )

@@ -58,7 +58,7 @@ def solution_text(solved: SessionSolution) -> str:
         table_text(subset_table(solved)),
         wrapped(noise_words(solution)),
     ]
-    parts.append(wrapped("\n".join(map(_measured_words, solved.names, solved.sessions))))
+    parts.append(wrapped("\n".join(map(_measured_words, solved.sessions))))
     remarks = [remark for session in solved.sessions for remark in session.opened.remarks]
     for session in solved.sessions:
         remarks += dict.fromkeys(session.notes)
@@ -68,10 +68,10 @@ def solution_text(solved: SessionSolution) -> str:
     return "\n\n".join([*parts, *(wrapped(f"Remark: {remark}") for remark in remarks)])
 
 
-def _measured_words(name: str, session: Session) -> str:
+def _measured_words(session: Session) -> str:
     """When a session was measured, by whom, how warm, and with which indicators."""
     opened = session.opened
-    words = [f"{name}: {opened.origin} {opened.at:%Y-%m-%d %H:%M %Z}"]
+    words = [f"{session.name}: {opened.origin} {opened.at:%Y-%m-%d %H:%M %Z}"]
     words += [f"by {opened.operator}"] if opened.operator else []
     words += [] if opened.temperature_c is None else [f"at {opened.temperature_c:g} °C"]
     indicators = dict.fromkeys(map(indicator_words, opened.instruments))

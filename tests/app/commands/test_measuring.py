@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -61,7 +62,7 @@ def test_without_a_procedure_it_takes_one_that_nobody_would_type() -> None:
 def test_a_screen_asks_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nobody is asked twice: the check on the screen shows everything, and Enter is the answer."""
     monkeypatch.setattr("sys.stdin", Terminal(""))
-    with LinuxCncTwin(SimulatedAxes()) as twin:
+    with closing(LinuxCncTwin(SimulatedAxes())) as twin:
         measuring.ask(plan_of(tmp_path, twin.told, ("a", "b")), on_screen=True)
         assert not twin.moves
 
@@ -101,7 +102,7 @@ def test_the_operator_says_no(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 def test_a_machine_that_is_not_homed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", Terminal("y\n"))
-    with LinuxCncTwin(SimulatedAxes()) as twin:
+    with closing(LinuxCncTwin(SimulatedAxes())) as twin:
         twin.befall(Trouble.NOT_HOMED)
         with pytest.raises(MotionError, match="home it"):
             measuring.ask(plan_of(tmp_path, twin.told, ("a", "b")), on_screen=False)

@@ -190,7 +190,7 @@ def test_a_stand_that_is_slid_in_every_posture_is_left_to_the_operator() -> None
 
 
 def test_a_check_says_who_says_so_and_moves_nothing() -> None:
-    with LinuxCncTwin(SimulatedAxes()) as twin:
+    with closing(LinuxCncTwin(SimulatedAxes())) as twin:
         assert "joint_homed YES YES YES" in check_motion(twin.told, FAST)
         twin.befall(Trouble.NOT_HOMED)
         with pytest.raises(Faulted) as said:

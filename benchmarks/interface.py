@@ -34,7 +34,7 @@ from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
 from benchmarks.picture_delays import TICK_S, Blocked, Delays, Terminal, listening
 from drivers.profile import Query, Spindle
-from drivers.twins import TwinPort, default_transport, twin_of
+from drivers.twins import IndicatorTwin, TwinPort, default_transport
 from protocols.procedure import Step
 
 ROOT = Path(__file__).parent.parent
@@ -88,7 +88,7 @@ def open_indicators(plan: Plan, machine: Machine, undo: ExitStack) -> Indicators
     gauges = []
     for index, instrument in enumerate(plan.instruments):
         profile = profile_of(instrument)
-        twin = twin_of(profile, machine.spindle(index))
+        twin = IndicatorTwin(profile, machine.spindle(index))
         port = undo.enter_context(TwinPort(twin, default_transport()))
         gauge = Gauge(
             profile,

@@ -146,7 +146,7 @@ def simulate_indicator(
     from app.measuring.opening import rehearsal_plan
     from drivers.profile import Spindle
     from drivers.profiles import profile_named
-    from drivers.twins import TwinPort, default_transport, faults_of, twin_of
+    from drivers.twins import IndicatorTwin, TwinPort, default_transport, faults_of
 
     known = profile_named(profile)
     names = faults_of(known)
@@ -164,7 +164,7 @@ def simulate_indicator(
         _rehearse(f"--protocol {protocol}" + f" --machine {machine}" * bool(machine), plan, seconds)
         return
     transport = default_transport() if tcp is None else "tcp"
-    twin = twin_of(known, Spindle(swinging(), resolution, channel), fault)
+    twin = IndicatorTwin(known, Spindle(swinging(), resolution, channel), fault)
     with TwinPort(twin, transport, stream_s=known.stream_s, tcp_port=tcp or 0) as port:
         typer.echo(port.url)
         say(f"{known.title} listens there; Ctrl-C ends it.")

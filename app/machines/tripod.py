@@ -188,10 +188,10 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
     from app.evaluating.solution import solve_files
 
     with working("Solving"):
-        solved, warnings = solve_files(
+        solved = solve_files(
             files, subset=own.subset, method=own.method, weights=own.weights, model=own.model
         )
-    for warning in warnings:
+    for warning in solved.warnings:
         say(f"glidecal: {warning}")
     judged = mapped = simulated = None
     if own.tolerance is not None or own.show_map:

@@ -25,7 +25,7 @@ from calib.tripod.sensitivity import excursion_mm, excursion_over_plane_mm
 from calib.tripod.simulation import SimulatedMachine
 from drivers.motion.headless import SimulatedJoints
 from drivers.profile import LARGEST_MM, Profile, Spindle
-from drivers.twins import SimulatedRig, Transport, TwinPort, twin_of
+from drivers.twins import IndicatorTwin, SimulatedRig, Transport, TwinPort
 from protocols.documents import Triple, read_text
 from protocols.machine import Instrument, Machine, MotionLimits, load_machine
 from protocols.model_file import read_model
@@ -171,6 +171,11 @@ class MovingController(Protocol):
         """Let go of all that it is."""
 
 
+PLACE_DECIMALS = 3
+"""A controller tells its place in seven digits or so: Zero would be 0.05 µm to one side of Zero,
+and the carriages beside would have come from the side that they did not come from."""
+
+
 class SelfMovingBench:
     """The same machine behind a controller: its indicators follow where that moves it.
 
@@ -195,7 +200,7 @@ class SelfMovingBench:
         self._shown: tuple[Triple | None, list[float]] = (None, [0.0] * len(profiles))
         self._ports = [
             TwinPort(
-                twin_of(profile, Spindle(partial(self._shows, k), settings.resolution_mm)),
+                IndicatorTwin(profile, Spindle(partial(self._shows, k), settings.resolution_mm)),
                 transport,
                 stream_s=profile.stream_s,
             )
@@ -211,7 +216,8 @@ class SelfMovingBench:
             self._follow()
 
     def _follow(self) -> None:
-        for place in self._passed_mm():
+        for x, y, z in self._passed_mm():
+            place = (round(x, PLACE_DECIMALS), round(y, PLACE_DECIMALS), round(z, PLACE_DECIMALS))
             if self._step is not None and place != self._shown[0]:
                 self._shown = place, self._values(self._step, place)
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from app.measuring.gauges import Motion
 from app.measuring.moving import UNATTENDED, Mover, Moving
+from app.measuring.opening import measure_all
 from app.measuring.session import GuidedSession, TakenStep
 from calib.errors import IndicatorError, MotionError, sentence
 from protocols.procedure import Step
@@ -29,7 +30,9 @@ def lost_words(guided: GuidedSession) -> str | None:
 
 
 def measure_by_itself(
-    guided: GuidedSession, confirm: Callable[[Step], bool], tell: Callable[[str], None]
+    guided: GuidedSession,
+    confirm: Callable[[Step], bool] = lambda _: True,
+    tell: Callable[[str], None] = lambda _: None,
 ) -> None:
     """The whole session without a screen; ``confirm`` is asked before each set-up.
 
@@ -37,7 +40,9 @@ def measure_by_itself(
     be continued. Raises MotionError, IndicatorError or RecordError.
     """
     mover = guided.mover
-    assert mover is not None
+    if mover is None:
+        measure_all(guided)
+        return
     while (step := guided.step()) is not None:
         guided.go()
         if _arrived(guided, mover) is Moving.SET_UP:

@@ -218,7 +218,6 @@ def next_measurement(
     """As `next_after`, of files, with their warnings. Raises RecordError for those, too."""
     folded, warnings = load_sessions(sessions)
     found = next_after(
-        [path.name for path in sessions],
         folded,
         machine_file=machine_file,
         model_file=model_file,
@@ -260,7 +259,6 @@ def _pace_s(machine: Machine, folded: Sequence[Session]) -> float:
 
 
 def next_after(
-    names: Sequence[str],
     folded: Sequence[Session],
     *,
     machine_file: Path | str | None = None,
@@ -284,7 +282,7 @@ def next_after(
         _pace_s(machine, folded),
     )
     return MeasurementPlan(
-        sessions=tuple(names),
+        sessions=tuple(session.name for session in folded),
         machine=machine.name,
         found=found,
         warnings=(),

@@ -220,12 +220,12 @@ class HomeScreen(Screen[None]):
         from app.evaluating.solution import solve_files
         from app.measuring.opening import plan_to_repeat
 
-        solved, warnings = solve_files([path])
+        solved = solve_files([path])
         plan = None if self.app.read_only else plan_to_repeat(path)
 
         def show() -> None:
             self.app.push_screen(self.app.result(solved, plan, path))
-            for warning in warnings:
+            for warning in solved.warnings:
                 self.app.notify(warning, severity="warning", markup=False)
 
         return show
@@ -238,7 +238,7 @@ class HomeScreen(Screen[None]):
         folder = path.with_suffix("")
         solved = solve_for_controller(path)
         try:
-            written, refused = export_offsets(solved, path, folder, replace=replace)
+            written, refused = export_offsets(solved, folder, replace=replace)
         except FilesThere as problem:
             again = partial(self._start, partial(self._export, path, replace=True))
             return partial(self.app.ask_to_replace, problem, again)

@@ -83,7 +83,7 @@ async def test_a_result_opens_on_the_gravest_sentence_and_the_numbers(
     samples: Path, size: tuple[int, int], theme: str
 ) -> None:
     path = samples / "experiment_3_twelve.jsonl"
-    interface = interface_on(ResultScreen(solve_files([path])[0], None, path), theme)
+    interface = interface_on(ResultScreen(solve_files([path]), None, path), theme)
     async with interface.run_test(size=size) as pilot:
         await until(pilot, "text", lambda: "Next: D" in text(interface, "#text"))
         await pilot.pause()
@@ -138,7 +138,7 @@ def over_home(samples: Path, folder: Path) -> dict[str, Callable[[], Screen[Any]
     return {
         "prepare": PrepareScreen,
         "check": lambda: CheckScreen(demo_plan(folder, "zero-max-min", 1, BenchSettings())),
-        "result": lambda: ResultScreen(solve_files([one])[0], None, one),
+        "result": lambda: ResultScreen(solve_files([one]), None, one),
         "diagnose": lambda: DiagnoseScreen([one]),
         "compare": lambda: CompareScreen(compare_files(one, two)),
         "replay": lambda: ReplayScreen(one),

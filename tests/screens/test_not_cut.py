@@ -72,7 +72,7 @@ def simulated() -> Session:
 def result(folder: Path) -> Screen[Any]:
     """With a comparison beside it, as after a verification."""
     plan = demo_plan(folder, "zero-max-min", 1, BenchSettings())
-    return ResultScreen(solve_files([TWO])[0], replace(plan, before=solve_files([ONE])[0]), TWO)
+    return ResultScreen(solve_files([TWO]), replace(plan, before=solve_files([ONE])), TWO)
 
 
 def set_up(_: Path) -> Screen[Any]:
@@ -91,7 +91,7 @@ def what_if(_: Path) -> Screen[Any]:
     sessions = load_sessions([SWEEP])[0]
     (found,) = (c for c in choices(sessions) if c.key == ("straightness", "x"))
     found = replace(found, alike=("leg_bow (xy)", "leg_taper (xz)", "axis_squareness (yz)"))
-    trial = trial_of(found, [SWEEP.name], sessions, subset="with-tolerances")
+    trial = trial_of(found, sessions, subset="with-tolerances")
     return WhatIfScreen(found, trial, lambda _, __: None, mistakes=True)
 
 

@@ -88,15 +88,15 @@ def still(first: Screen[None]) -> Interface:
 
 
 def result_screen(path: Path) -> ResultScreen:
-    return ResultScreen(solve_files([path])[0], None, path)
+    return ResultScreen(solve_files([path]), None, path)
 
 
 def compared_screen(samples: Path, folder: Path) -> ResultScreen:
     """The published experiments 2 and 3, as if measured one after the other."""
     first, second = (samples / f"experiment_{n}_twelve.jsonl" for n in (2, 3))
     plan = demo_plan(folder, "zero-max-min", 1, BenchSettings())
-    before, _ = solve_files([first])
-    return ResultScreen(solve_files([second])[0], replace(plan, before=before), second)
+    before = solve_files([first])
+    return ResultScreen(solve_files([second]), replace(plan, before=before), second)
 
 
 def page_is(interface: Interface, name: str) -> Callable[[], bool]:

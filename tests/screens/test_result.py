@@ -62,7 +62,7 @@ def published(samples: Path, tmp_path: Path) -> tuple[SessionSolution, Path]:
     """A published session in a folder of its own, solved."""
     path = tmp_path / "published.jsonl"
     path.write_bytes((samples / "experiment_2_twelve.jsonl").read_bytes())
-    return solve_files([path])[0], path
+    return solve_files([path]), path
 
 
 @pytest.fixture(scope="module")

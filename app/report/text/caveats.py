@@ -225,7 +225,7 @@ def _of_the_measurement(solved: SessionSolution) -> Iterator[str]:
             f"{step_mm:.{decimals_for(step_mm, 0) - 1}f} mm. They do not show how much the "
             "readings scatter, and more of them would not make the result better."
         )
-    in_place = solved.reading_count - solved.visit_count
+    in_place = solved.reading_count - len(solved.visits)
     if in_place:
         yield (
             f"NOTE: {in_place} readings were taken without leaving the posture. They have the "

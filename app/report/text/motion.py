@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 from shlex import quote
 
-from app.measuring.moving import Mover, Moving, Ways, feed_mm_min, limits_of, ways_of
+from app.measuring.moving import Mover, Moving, feed_mm_min, limits_of, ways_of
 from app.measuring.opening import Plan
 from app.report.text.preparing import dry_run_text
 from app.report.text.tables import paragraphs, uncertain, wrapped
@@ -21,17 +21,21 @@ QUESTION = "Guards closed, emergency stop at hand, nobody at the machine: may it
 MOVED_BY = {None: "", "twin": "A simulated controller", "linuxcnc": "LinuxCNC on this computer"}
 
 
-def plan_text(plan: Plan, ways: Ways, said: tuple[str, ...] = ()) -> str:
-    """All that will move, every posture of it: shown before anything does."""
-    return f"{_postures_text(plan)}\n\n{limits_text(plan, ways, said)}"
+def plan_text(plan: Plan, said: tuple[str, ...] = ()) -> str:
+    """All that will move, every posture of it: shown before anything does.
+
+    ``said`` is what the controller says of itself. Raises as `ways_of`.
+    """
+    return f"{_postures_text(plan)}\n\n{_limits_text(plan, said)}"
 
 
 def _postures_text(plan: Plan) -> str:
     return dry_run_text(plan.procedure, plan.machine, plan.instruments).replace("G53 G0", "G53 G1")
 
 
-def limits_text(plan: Plan, ways: Ways, said: tuple[str, ...]) -> str:
+def _limits_text(plan: Plan, said: tuple[str, ...]) -> str:
     """How fast and how far, what is checked, and what the controller ``said`` of itself."""
+    ways = ways_of(plan.procedure, plan.machine, plan.axes)
     limits, motion = limits_of(plan.machine), plan.machine.motion or MotionLimits()
     places = [step.place for step in ways.steps]
     set_ups = 1 + sum(before != after for before, after in pairwise(places))
@@ -56,10 +60,9 @@ def limits_text(plan: Plan, ways: Ways, said: tuple[str, ...]) -> str:
 
 def check_text(plan: Plan, mover: Mover) -> str:
     """The same on the screen, before the key that lets it move; the question is always in sight."""
-    ways = ways_of(plan.procedure, plan.machine, plan.axes)
     return paragraphs(
         f"With Enter it moves. {QUESTION} Every posture stands below.",
-        limits_text(plan, ways, mover.said),
+        _limits_text(plan, mover.said),
         _postures_text(plan),
     )
 

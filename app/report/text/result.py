@@ -63,15 +63,15 @@ def solution_text(solved: SessionSolution) -> str:
         difference_table(solution),
         subset_table(solved),
         noise_words(solution),
-        "\n".join(map(_measured_words, solved.names, solved.sessions)),
+        "\n".join(map(_measured_words, solved.sessions)),
         *(f"Remark: {remark}" for remark in remarks),
     )
 
 
-def _measured_words(name: str, session: Session) -> str:
+def _measured_words(session: Session) -> str:
     """When a session was measured, by whom, how warm, and with which indicators."""
     opened = session.opened
-    words = [f"{name}: {opened.origin} {opened.at:%Y-%m-%d %H:%M %Z}"]
+    words = [f"{session.name}: {opened.origin} {opened.at:%Y-%m-%d %H:%M %Z}"]
     words += [f"by {opened.operator}"] if opened.operator else []
     words += [] if opened.temperature_c is None else [f"at {opened.temperature_c:g} °C"]
     indicators = dict.fromkeys(map(indicator_words, opened.instruments))

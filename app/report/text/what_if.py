@@ -72,7 +72,8 @@ def heading_text(choice: Choice, trial: Trial, model: Path | None) -> str:
     beside = f"model {model.name}" if model else "nominal machine"
     others = "".join(f", {one.id} ({one.where})" for one in choice.beside)
     what = f"{choice.entry.id} ({choice.entry.where})"
-    return f"What if {what}   {', '.join(trial.names)}   beside: {beside}{others}"
+    names = ", ".join(session.name for session in trial.sessions)
+    return f"What if {what}   {names}   beside: {beside}{others}"
 
 
 def doubt_text(choice: Choice, *, mistakes: bool) -> str:

@@ -30,7 +30,7 @@ from drivers.motion.line import MotionLine
 from drivers.motion.twins import LinuxCncTwin, MotionTwin, SimulatedAxes, Trouble
 from drivers.profile import Profile, Query, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
-from drivers.twins import TwinPort, twin_of
+from drivers.twins import IndicatorTwin, TwinPort
 from protocols.journal import Journal
 from protocols.machine import Instrument, MotionLimits
 from protocols.machine import Machine as MachineFile
@@ -89,7 +89,7 @@ class Unpluggable:
 
     def __init__(self, bench: Bench, number: int) -> None:
         spindle = Spindle(lambda: bench.shows_mm(number), STEP_MM)
-        self._bench, self._twin = bench, twin_of(MITUTOYO_01A, spindle)
+        self._bench, self._twin = bench, IndicatorTwin(MITUTOYO_01A, spindle)
 
     def receive(self, request: bytes) -> bytes:
         answer = self._twin.receive(request)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from app.measuring.unattended import measure_by_itself
 from calib.errors import MotionError, RecordError, UsageError
 from calib.tripod.simulation import hidden_machine
 from drivers.exchange import Exchange
-from drivers.motion.controller import Faulted, MotionFault
+from drivers.motion.controller import Faulted, MotionFault, Triple
 from drivers.motion.twins import TWINS, LinuxCncTwin, SimulatedAxes, Trouble
 from drivers.profile import IndicatorReading, Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
@@ -194,7 +195,7 @@ def test_a_stand_that_is_slid_in_every_posture_is_left_to_the_operator() -> None
 
 
 def test_a_check_says_who_says_so_and_moves_nothing() -> None:
-    with LinuxCncTwin(SimulatedAxes()) as twin:
+    with closing(LinuxCncTwin(SimulatedAxes())) as twin:
         assert "joint_homed YES YES YES" in check_motion(twin.told, FAST)
         twin.befall(Trouble.NOT_HOMED)
         with pytest.raises(Faulted) as said:
@@ -217,28 +218,60 @@ def test_a_demonstration_that_moves_itself_finds_the_hidden_offsets(tmp_path: Pa
     assert first.driver == "linuxcnc"
 
 
-def test_an_indicator_knows_the_side_that_it_came_from_though_nobody_looked_on_the_way(
-    tmp_path: Path,
-) -> None:
+@contextmanager
+def machine_with_play(
+    folder: Path, leg: str, *, outermost: bool
+) -> Iterator[tuple[float, Callable[[Triple], None], Callable[[], float]]]:
+    """With play of carriage x, at a step of a leg: how far that is out, and two calls.
+
+    The first moves the machine, and nobody looks on the way; the second reads an indicator.
+    """
     quick = BenchSettings(scatter_mm=0.0, hurry=1e6)
-    plan = moving_itself(demo_plan(tmp_path, None, 5, quick), "twin", hurried=False)
+    plan = moving_itself(demo_plan(folder, None, 5, quick), "twin", hurried=False)
     plan = with_hidden_effect(plan, "backlash:x")
-    steps = plan.procedure.steps(plan.machine.geometry())
-    at_max = max(steps, key=lambda step: (step.leg == "x", step.displacement_mm))
+    steps = [s for s in plan.procedure.steps(plan.machine.geometry()) if s.leg == leg]
+    step = max(steps, key=lambda s: s.displacement_mm if outermost else -abs(s.displacement_mm))
     with closing(self_moving_bench(plan)) as bench:
         twin = bench.controller
         assert isinstance(twin, LinuxCncTwin)
+        axes = twin.axes
         asked = Exchange(MITUTOYO_01A, bench.ports[0], Query(), 0.0)
         asked.open()
-        bench.set_up(at_max)
-        shown = []
-        for beside_mm in (-10.0, 10.0, -10.0):
-            for along_mm in (beside_mm, 0.0):
-                twin.axes.go((at_max.displacement_mm + along_mm, 0.0, 0.0), 3000.0)
-                time.sleep(0.01)  # there, and nobody looked
+        bench.set_up(step)
+
+        def go(to_mm: Triple) -> None:
+            axes.go(to_mm, 3000.0)
+            time.sleep(0.01)
+
+        def shown_mm() -> float:
             reading = asked.taken()
             assert isinstance(reading, IndicatorReading)
-            shown.append(reading.value_mm)
+            return reading.value_mm
+
+        yield step.displacement_mm, go, shown_mm
         asked.hang_up()
+
+
+def test_an_indicator_knows_the_side_that_it_came_from_though_nobody_looked_on_the_way(
+    tmp_path: Path,
+) -> None:
+    with machine_with_play(tmp_path, "x", outermost=True) as (at_mm, go, shown_mm):
+        shown = []
+        for beside_mm in (-10.0, 10.0, -10.0):
+            go((at_mm + beside_mm, 0.0, 0.0))
+            go((at_mm, 0.0, 0.0))
+            shown.append(shown_mm())
     assert shown[0] == shown[2]
     assert abs(shown[1] - shown[0]) > 0.002
+
+
+def test_zero_is_zero_where_a_controller_rounds_its_place(tmp_path: Path) -> None:
+    """Seven digits of a joint at 310 mm are good for 0.05 µm."""
+    with machine_with_play(tmp_path, "y", outermost=False) as (at_mm, go, shown_mm):
+        assert at_mm == 0.0
+        shown = []
+        for told_mm in (0.0, 4e-5, -4e-5):
+            go((0.0, -10.0, 0.0))
+            go((0.0, told_mm, 0.0))
+            shown.append(shown_mm())
+    assert shown[0] == shown[1] == shown[2]

@@ -7,7 +7,7 @@ a plane that leans, over real serial connections.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -74,7 +74,7 @@ def session(
     plan = Plan(path, MACHINE, procedure, instruments)
     count = len(plan.instruments)
     profiles = [MITUTOYO_01A] * count
-    with SimulatedRig(profiles, resolution_mm=0.001, transport=default_transport()) as rig:
+    with closing(SimulatedRig(profiles, resolution_mm=0.001, transport=default_transport())) as rig:
         values = [5.0] * count
 
         def go(step: Step) -> None:
@@ -129,7 +129,7 @@ def test_one_set_up_for_each_leg_and_what_was_off_is_found(tmp_path: Path) -> No
     ]
     observed = to_observations([found])
     assert observed.along_mm[:3] == pytest.approx([31.025, 279.225, 91.025])
-    solved, _ = solve_files([path], subset="joint-offsets")
+    solved = solve_files([path], subset="joint-offsets")
     # bars are off too (OFF): what shows along z is the height of the feet less that of the tool
     exact = [height(OFF, 0, 2, 0.0, s) for s in (0.1, 0.9)]
     assert float(observed.value_mm[1] - observed.value_mm[0]) == pytest.approx(

@@ -7,7 +7,7 @@ geometry; the indicators answer over real serial connections.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -66,7 +66,9 @@ def session(
 ) -> Iterator[tuple[GuidedSession, Callable[[Step], None]]]:
     """A session at the hidden machine; the second says where the machine is sent."""
     chance = np.random.default_rng(5)
-    with SimulatedRig([MITUTOYO_01A], resolution_mm=0.001, transport=default_transport()) as rig:
+    with closing(
+        SimulatedRig([MITUTOYO_01A], resolution_mm=0.001, transport=default_transport())
+    ) as rig:
 
         def go(step: Step) -> None:
             there = hidden.tool(BELIEVED(np.array(step.position_mm)))

@@ -9,6 +9,7 @@ from statistics import median
 from rich.table import Table
 
 from app.report.text.tables import new_table, paragraphs, table_text, wrapped
+from calib.arrays import FloatArray
 from calib.hexaslide.geometry import COORDINATES
 from calib.hexaslide.planning import (
     DIFFERENCE_STEP,
@@ -360,11 +361,14 @@ def search_text(
 
 
 def list_text(found: BestPostures | None) -> str:
-    """The best postures as a table, in metres and degrees."""
-    if found is None:
-        return NOT_YET
+    """The best postures as a table."""
+    return NOT_YET if found is None else postures_table(found.coordinates)
+
+
+def postures_table(postures: FloatArray) -> str:
+    """Postures ``(p, 6)`` in metres and degrees."""
     table = new_table("", *COORDINATES)
-    for number, posture in enumerate(found.coordinates.tolist(), start=1):
+    for number, posture in enumerate(postures.tolist(), start=1):
         places = (f"{value + 0.0:.4f}" for value in posture[:3])
         angles = (f"{math.degrees(value) + 0.0:.2f}" for value in posture[3:])
         table.add_row(f"{number}", *places, *angles)

@@ -28,7 +28,7 @@ from calib.errors import CalibrationError, GlidecalError, UsageError
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.evaluating.solution import SessionSolution
-    from app.measuring.opening import Plan
+    from app.measuring.plan import Plan
     from protocols.procedure import Leg
 
 SessionFile = Annotated[Path | None, file("Session file.", "--output", "-o")]
@@ -76,7 +76,7 @@ def run(
 ) -> None:
     """The guided session on real indicators. With --simulated on a simulated machine."""
     from app.measuring.indicators import check_indicators, choose_indicators, simulated_indicators
-    from app.measuring.opening import Plan, plan_to_continue, session_name
+    from app.measuring.plan import Plan, plan_to_continue, session_name
     from protocols.machine import load_machine
     from protocols.motion import procedure_of
     from protocols.procedure import load_procedure, shuffled
@@ -195,8 +195,9 @@ def _go_on(plan: Plan, until: float | None) -> None:
 
 def measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --simulated") -> None:
     """On the screen, or ``otherwise``; unattended where a program moves the machine."""
-    from app.measuring.opening import QUICK_INTERVAL_S, start_session
-    from app.measuring.unattended import measure_by_itself
+    from app.measuring.opening import start_session
+    from app.measuring.plan import QUICK_INTERVAL_S
+    from app.measuring.unattended import measure_all
     from app.report.text.motion import set_up_text
     from protocols.journal import check_new
 
@@ -213,7 +214,7 @@ def measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --s
         allowed = "--headless with --simulated or --motion"
         raise UsageError("--headless", "real indicators", allowed)
     with start_session(replace(plan, interval_s=QUICK_INTERVAL_S)) as guided:
-        measure_by_itself(
+        measure_all(
             guided, lambda step: typer.confirm(f"{set_up_text(step)}. Ready?", err=True), say
         )
     say(f"{len(guided.session.readings)} readings in {guided.path}")
@@ -268,36 +269,28 @@ def demo(
     ] = None,
 ) -> None:
     """A whole calibration on a simulated machine. It is measured again after the export."""
-    from app.measuring.indicators import DEFAULT_PROFILE
-    from app.measuring.opening import (
-        DEMO_MOTION_S,
-        QUICK_INTERVAL_S,
-        SIMULATED_INTERVAL_S,
-        demo_plan,
-        moving_itself,
-        with_hidden_effect,
-        writable_folder,
-    )
+    from app.measuring.demo import WATCHED, demo_plan
+    from app.measuring.plan import QUICK_INTERVAL_S, writable_folder
     from app.measuring.simulated import BenchSettings
     from app.report.text.result import comparison_text, solution_text
 
     unattended = headless or not (sys.stdin.isatty() and sys.stdout.isatty())
-    bench = BenchSettings() if unattended else BenchSettings(motion_s=DEMO_MOTION_S)
-    interval_s = QUICK_INTERVAL_S if unattended else SIMULATED_INTERVAL_S
-    plan = replace(
-        demo_plan(folder, protocol, seed, bench, profile or [DEFAULT_PROFILE], machine),
-        interval_s=interval_s,
+    plan = demo_plan(
+        folder,
+        protocol,
+        seed,
+        BenchSettings() if unattended else WATCHED,
+        profile or (),
+        machine,
+        by_itself=controller,
+        effect=effect,
     )
-    if controller is not None:
-        plan = moving_itself(plan, controller, hurried=unattended)
-    if effect is not None:
-        plan = with_hidden_effect(plan, effect)
     writable_folder(folder)
     if not unattended:
         from app.screens.start import open_session
 
         raise typer.Exit(open_session(plan, LOOKS))
-    before, after = run_headless(plan)
+    before, after = run_headless(replace(plan, interval_s=QUICK_INTERVAL_S))
     typer.echo(solution_text(before))
     typer.echo("\nAfter the joint offsets were entered in the controller:\n")
     typer.echo(comparison_text(before.solution, after.solution))
@@ -314,7 +307,7 @@ def demo(
 def run_headless(plan: Plan) -> tuple[SessionSolution, SessionSolution]:
     """Measure, identify, export, measure again; the two solutions to compare."""
     from app.exports import export_offsets
-    from app.measuring.opening import verification_plan
+    from app.measuring.plan import verification_plan
 
     before = _measured(plan)
     folder = plan.path.with_suffix("")
@@ -334,11 +327,11 @@ def run_headless(plan: Plan) -> tuple[SessionSolution, SessionSolution]:
 def _measured(plan: Plan) -> SessionSolution:
     from app.evaluating.solution import solve_for_controller
     from app.measuring.opening import start_session
-    from app.measuring.unattended import measure_by_itself
+    from app.measuring.unattended import measure_all
 
     with start_session(plan) as guided:
         say(f"measuring {len(guided.steps)} steps into {plan.path}")
-        measure_by_itself(guided)
+        measure_all(guided)
     return solve_for_controller(plan.path)
 
 
@@ -364,15 +357,9 @@ def align(
 ) -> None:
     """Shims that make the rails square and meet. Measured, moved live, measured again."""
     from app.measuring.aligning import check_procedure
+    from app.measuring.demo import WATCHED
     from app.measuring.indicators import DEFAULT_PROFILE, check_indicators, choose_indicators
-    from app.measuring.opening import (
-        DEMO_MOTION_S,
-        Plan,
-        aligning,
-        plan_to_continue,
-        session_name,
-    )
-    from app.measuring.simulated import BenchSettings
+    from app.measuring.plan import Plan, aligning, plan_to_continue, session_name
     from protocols.machine import load_machine
     from protocols.procedure import ALL_AXES, load_procedure
 
@@ -400,9 +387,8 @@ def align(
             raise UsageError("indicators", "none", allowed)
         procedure = load_procedure(protocol or "align", known.geometry())
         check_procedure(procedure, known, rail or "x")
-        bench = BenchSettings(motion_s=DEMO_MOTION_S) if simulated else BenchSettings()
         path = output or session_name(Path(), procedure.name)
-        plan = Plan(path, known, procedure, chosen, seed=seed, bench=bench)
+        plan = Plan(path, known, procedure, chosen, seed=seed, bench=WATCHED)
         check_indicators(plan.instruments, legs=bool(procedure.levels))
     otherwise = "a session that was measured: align SESSION"
     measure(aligning(plan, rail or plan.reference or "x"), headless=False, otherwise=otherwise)

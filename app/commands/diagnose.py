@@ -76,7 +76,7 @@ def diagnose(
         evaluated.write_procedure(found, next_procedure, replace=may)
         say(f"next measurement: glidecal run --protocol {next_procedure}")
     if adopt:
-        evaluated.adopt(found, sessions, adopt, known=model, candidate=candidate, replace=may)
+        evaluated.adopt(found, adopt, known=model, candidate=candidate, replace=may)
         say(f"model written: {adopt}")
         if evaluated.left_behind(found, candidate):
             say("there is an unnamed effect too: --candidate empirical")

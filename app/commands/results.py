@@ -243,8 +243,8 @@ def _table(
         (session,), warnings = load_sessions([source])
         found = session.table()
     else:
-        solved, warnings = solve_files([source], subset=subset, method=method, model=model)
-        found = solved.table(name)
+        solved = solve_files([source], subset=subset, method=method, model=model)
+        found, warnings = solved.table(name), [*solved.warnings]
     for warning in warnings:
         say(f"glidecal: {warning}")
     return found

@@ -8,10 +8,8 @@ from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
 from statistics import median
 
-from app.evaluating.solution import end_warning
 from app.measuring.gauges import SLOTS, Live, Motion, Trace
 from calib.errors import UsageError
 from drivers.profile import Fault, FaultKind, IndicatorReading
@@ -324,9 +322,7 @@ class Playback:
     @property
     def warning(self) -> str:
         """What is wrong with the end of the record; empty for a closed one."""
-        if self.record.end == "closed":
-            return ""
-        return end_warning(replace(self.record, path=Path(self.record.path.name)))
+        return self.record.unfinished
 
     @property
     def place(self) -> str:

@@ -171,6 +171,7 @@ def _go_on(plan: Plan, until: float | None) -> None:
 
     Ends where that is reached or more would not help. Without one it is said how to go on.
     """
+    from app.evaluating.solution import load_sessions
     from app.planning.tripod import (
         all_sessions,
         further_procedure,
@@ -181,7 +182,7 @@ def _go_on(plan: Plan, until: float | None) -> None:
 
     first, before_mm = plan.path, inf
     while True:
-        reach = next_measurement(all_sessions(first)).found.reach
+        reach = next_measurement(load_sessions(all_sessions(first))[0]).found.reach
         chosen = None if until is None else reach.towards(until, before_mm)
         say(further_text(reach, plan, until, chosen))
         if chosen is None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from app.evaluating.solution import indicator_figures
 from app.measuring.session import GuidedSession
 from app.measuring.simulated import BenchSettings, simulated_session
 from calib.errors import UsageError
@@ -18,7 +17,7 @@ from calib.tripod.alignment import (
 from calib.tripod.pipeline import Model
 from drivers.profile import IndicatorReading
 from protocols.machine import Machine
-from protocols.observations import to_observations
+from protocols.observations import indicator_figures, to_observations
 from protocols.procedure import ALL_AXES, Leg, Procedure, Step
 from protocols.session import Changed, Session, fold
 

@@ -264,8 +264,15 @@ class Exchange:
             late = now - self._asked_at > self.profile.timeout_s
             by_itself = self._fault.kind is FaultKind.SENDS_UNASKED and not owed
             silence_s = APART_S if by_itself else AFTER_LATE * self.profile.timeout_s
-            fault = _too_slow(self.profile) if owed and late else self._fault
-            self._doubt(fault if owed else _unasked(unasked[-1]), silence_s)
+            fault = self._fault if owed else _unasked(unasked[-1])
+            if owed and late:
+                words = (
+                    f"answers come later than {self.profile.timeout_s:g} s, too slow to tell old "
+                    "from new: none is taken; check cable, radio link and what else asks this "
+                    "indicator"
+                )
+                fault = Fault(FaultKind.TOO_SLOW, "", words)
+            self._doubt(fault, silence_s)
             return
         (first, *others) = unasked
         if self.profile.button and alone and isinstance(first, IndicatorReading) and not others:
@@ -340,14 +347,6 @@ class Exchange:
 def looks_like_parity(received: bytes) -> bool:
     """Seven data bits with even parity, read as eight: CR comes as 0x8D and never ends a line."""
     return b"\x8d" in received and all(byte.bit_count() % 2 == 0 for byte in received)
-
-
-def _too_slow(profile: Profile) -> Fault:
-    words = (
-        f"answers come later than {profile.timeout_s:g} s, too slow to tell old from new: none is "
-        "taken; check cable, radio link and what else asks this indicator"
-    )
-    return Fault(FaultKind.TOO_SLOW, "", words)
 
 
 def _unasked(line: Outcome) -> Fault:

@@ -14,6 +14,9 @@ from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome, Profile
 REOPEN_S = 0.25
 """Pause between attempts to open a port that was lost."""
 
+BUSY_WAIT_S = 0.05
+"""As readers of Mitutoyo's USB tools do, whose 918 says that it is busy."""
+
 LONGEST_LINE = 512
 """More than this without a line end is no answer of any profile."""
 
@@ -152,7 +155,7 @@ class Exchange:
         for _ in range(self.profile.busy_retries):
             if not (isinstance(outcome, Fault) and outcome.kind is FaultKind.BUSY):
                 break
-            self._wait(self.profile.busy_wait_s)
+            self._wait(BUSY_WAIT_S)
             outcome = self._exchange()
         if isinstance(outcome, IndicatorReading):
             self._form = outcome.text.translate(FORM)
@@ -311,7 +314,7 @@ class Exchange:
         CR, LF and both end a line. With ``gap`` the patience begins anew with every byte.
         """
         deadline = self._now() + patience_s
-        while not self._stopped():
+        while not self._stopped():  # by hand: readline knows LF only, and most devices end with CR
             received = self._received.replace(b"\n", b"\r").lstrip(b"\x00\r")
             line, end, rest = received.partition(b"\r")
             if end:
@@ -327,6 +330,7 @@ class Exchange:
 
     def _said(self, line: bytes) -> Outcome | None:
         """What a line says; None for an empty one, an echo or an identification."""
+        # latin-1: no byte is left out, for 12°345 without its ° would be a number
         outcome = self.profile.parse(line.decode("latin-1"), self._asked) if line else None
         return None if line == self._echo and not isinstance(outcome, IndicatorReading) else outcome
 

@@ -52,7 +52,7 @@ def open_port(profile: Profile, port: str) -> serial.Serial:
             stopbits=settings.stop_bits,
             timeout=SLICE_S,
             write_timeout=WRITE_S,
-            do_not_open=True,
+            do_not_open=True,  # else DTR and RTS rise first, and devices start anew or lose power
             **({} if "://" in port else {"exclusive": True}),
         )
         with contextlib.suppress(OSError):  # virtual ports have no control lines

@@ -109,6 +109,7 @@ class Grbl(Controller):
 
     def _begin(self, to_mm: Triple, feed_mm_min: float) -> None:
         words = "".join(f"{name}{mm:.4f}" for name, mm in zip("XYZ", to_mm, strict=True))
+        # machine coordinates in mm, whatever units and offsets the board is set to
         self._done(f"$J=G21G90G53{words}F{feed_mm_min:.1f}")
 
     def _barrier(self) -> None:

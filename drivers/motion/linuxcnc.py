@@ -131,6 +131,7 @@ class LinuxCnc(Controller):
     def _begin(self, to_mm: Triple, feed_mm_min: float) -> None:
         if self._get("mode") != "MDI":
             self._set("mode mdi", ACCEPT_S)
+        # G1, for G0 knows no feed; G53, whatever offset of a workpiece is active; mm, absolute
         words = " ".join(f"{name}{mm:.6f}" for name, mm in zip("XYZ", to_mm, strict=True))
         self._set(f"mdi G21 G90 G94 G53 G1 F{feed_mm_min:.3f} {words}", ACCEPT_S)
 

@@ -13,6 +13,7 @@ import typer
 
 from app.exit_codes import Exit, exit_code
 from app.machines.options import (
+    Answer,
     AsJson,
     Force,
     Machine,
@@ -114,7 +115,6 @@ def validate(sessions: Sessions) -> None:
     Names the first broken line. What it proves holds against accidents and careless edits: the
     digests have no key.
     """
-    from app.evaluating.solution import end_warning
     from app.measuring.recorded import check_values
     from protocols.record import read_record
     from protocols.session import fold
@@ -128,8 +128,8 @@ def validate(sessions: Sessions) -> None:
             say(f"glidecal: {problem}")
             status = exit_code(problem)
             continue
-        if record.end != "closed":
-            say(f"glidecal: {end_warning(record)} Continue it with: glidecal run --continue {path}")
+        if record.unfinished:
+            say(f"glidecal: {record.unfinished} Continue it with: glidecal run --continue {path}")
             status = Exit.RECORD
             continue
         session = fold(record.events)
@@ -157,8 +157,6 @@ def replay(
         from app.screens.start import open_replay, open_served
 
         raise typer.Exit(open_served(session, LOOKS) if served else open_replay(session, LOOKS))
-    from app.evaluating.solution import end_warning
-    from app.report.schema.document import to_json
     from app.report.schema.readings import ReplayReport
     from app.report.text.session import replay_text
     from protocols.record import read_record
@@ -167,10 +165,10 @@ def replay(
     if len(session) > 1:
         raise UsageError("replay without a screen", f"{len(session)} sessions", "one session")
     record = read_record(session[0])
-    if record.end != "closed":
-        say(f"glidecal: {end_warning(record)}")
+    if record.unfinished:
+        say(f"glidecal: {record.unfinished}")
     report = ReplayReport.of(name=session[0].name, session=fold(record.events), end=record.end)
-    typer.echo(to_json(report) if as_json else replay_text(report))
+    typer.echo(Answer(lambda: replay_text(report), lambda: report).shown(as_json=as_json))
 
 
 def _end_with_the_server() -> None:

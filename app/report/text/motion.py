@@ -6,9 +6,9 @@ from itertools import pairwise
 from shlex import quote
 
 from app.measuring.moving import Mover, Moving, feed_mm_min, limits_of, ways_of
-from app.measuring.opening import Plan
+from app.measuring.plan import Plan
 from app.report.text.preparing import dry_run_text
-from app.report.text.tables import uncertain, wrapped
+from app.report.text.tables import paragraphs, uncertain, wrapped
 from calib.errors import sentence
 from calib.identify.next_mounting import FurtherSetUp, Reach
 from drivers.motion.controller import place_words
@@ -41,7 +41,7 @@ def _limits_text(plan: Plan, said: tuple[str, ...]) -> str:
     set_ups = 1 + sum(before != after for before, after in pairwise(places))
     minutes = (ways.moving_s + ways.resting_s) / 60.0
     unnamed = plan.motion and plan.machine.procedure is None
-    sentences = [
+    return paragraphs(
         f"Procedure {SELF_MOVING}: the usual one where a machine moves itself and none is named."
         if unnamed and plan.procedure.name == SELF_MOVING
         else "",
@@ -55,14 +55,16 @@ def _limits_text(plan: Plan, said: tuple[str, ...]) -> str:
         f"{limits.longest_mm:g} mm, no feed over {limits.fastest_mm_min:g} mm/min. A reading is "
         f"taken where the position that is read back is within {limits.reached_mm:g} mm of the "
         "one it was sent to, before and after. It is never switched on, homed or reset from here.",
-    ]
-    return "\n\n".join(wrapped(one) for one in sentences if one)
+    )
 
 
 def check_text(plan: Plan, mover: Mover) -> str:
     """The same on the screen, before the key that lets it move; the question is always in sight."""
-    asked = wrapped(f"With Enter it moves. {QUESTION} Every posture stands below.")
-    return f"{asked}\n\n{_limits_text(plan, mover.said)}\n\n{_postures_text(plan)}"
+    return paragraphs(
+        f"With Enter it moves. {QUESTION} Every posture stands below.",
+        _limits_text(plan, mover.said),
+        _postures_text(plan),
+    )
 
 
 def set_up_text(step: Step) -> str:

@@ -19,7 +19,7 @@ from drivers.profile import IndicatorReading
 from protocols.machine import Machine
 from protocols.observations import indicator_figures, to_observations
 from protocols.procedure import ALL_AXES, Leg, Procedure, Step
-from protocols.session import Changed, Session, fold
+from protocols.session import Changed, Session
 
 WATCHED = 0.9
 """Far from the tool end the leg moves most with its rail."""
@@ -54,10 +54,10 @@ def align_session(session: Session, reference: Leg) -> Aligned:
 def check_procedure(procedure: Procedure, machine: Machine, reference: Leg) -> None:
     """Raises as `align_session` where readings of a procedure would not tell of the rails."""
     nominal, scatter_mm = Model(machine.geometry()), BenchSettings().scatter_mm
-    opened, readings = simulated_session(
+    session = simulated_session(
         procedure, machine, nominal, seed=0, scatter_mm=scatter_mm, resolution_mm=0.0
     )
-    align_session(fold([opened, *readings]), reference)
+    align_session(session, reference)
 
 
 @dataclass

@@ -16,8 +16,8 @@ from app.measuring.indicators import SIMULATED
 from app.version import program
 from calib.arrays import TOOL, Conditions, Observations, conditions, descending
 from calib.errors import RecordError, UsageError
+from calib.tripod.effects import BESIDE_CATALOGUE
 from calib.tripod.effects.candidates import candidates
-from calib.tripod.effects.catalogue import BESIDE_CATALOGUE
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.hidden import hidden_among
 from calib.tripod.pipeline import Model, StageEffect, measure

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from calib.arrays import LEG_NAMES, Conditions, FloatArray
-from calib.tripod.effects.catalogue import CATALOGUE, effects_of
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.drives import effects_of
 from calib.tripod.effects.effect import AROUND, Effect, EffectInstance, EffectParameter, Kind
 from calib.tripod.geometry import Geometry, inverse
 from calib.tripod.pipeline import COMPLEX_STEP_MM, Flow, Model, Stage, posture, simulate

@@ -21,7 +21,7 @@ from calib.tripod.effects.candidates import candidates
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.hidden import hidden_among
 from calib.tripod.pipeline import Model, StageEffect, measure
-from calib.tripod.sensitivity import excursion_mm, excursion_over_plane_mm
+from calib.tripod.planning import excursion_mm
 from calib.tripod.simulation import SimulatedMachine
 from drivers.motion.headless import SimulatedJoints
 from drivers.profile import LARGEST_MM, Profile, Spindle
@@ -451,15 +451,9 @@ def short_travels(
             read = leg_number(first.leg), leg_number(axis)
             where = f"along {axis.upper()} of leg {first.leg.upper()}, "
             at = [(step.displacement_mm, step.station) for step in steps]
-            if first.over_plane:
-                tilt = machine.plane_tilt_mrad
-                moved_mm = excursion_over_plane_mm(geometry, tolerance_mm, read, at, tilt)
-                where += "over the plane"
-            else:
-                moved_mm = excursion_mm(
-                    geometry, tolerance_mm, read, first.station, [mm for mm, _ in at]
-                )
-                where += f"station {first.station:g}"
+            tilt = machine.plane_tilt_mrad if first.over_plane else None
+            moved_mm = excursion_mm(geometry, tolerance_mm, read, at, tilt)
+            where += "over the plane" if first.over_plane else f"station {first.station:g}"
             needed.append((instrument, moved_mm, where))
         worst = descending(needed, lambda one: one[1])[0]
         if instrument.travel_mm is not None and worst[1] > instrument.travel_mm:

@@ -1,4 +1,7 @@
-"""What a machine may have beyond offsets and lengths: every law of the program."""
+"""What a machine may have beyond offsets and lengths: every law of the program.
+
+May import what `calib.tripod` may, its geometry and pipeline first of all.
+"""
 
 from __future__ import annotations
 

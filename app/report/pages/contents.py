@@ -12,7 +12,7 @@ from app.evaluating.comparison import Verification, verify_files
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_sessions
 from app.evaluating.history import JOINTS
 from app.evaluating.solution import SessionSolution, judge, maps, solve_files
-from app.report.charts.charts import (
+from app.report.charts.results import (
     before_and_after,
     measured_and_predicted,
     residuals_before_and_after,

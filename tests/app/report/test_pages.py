@@ -21,7 +21,7 @@ from rich.table import Table
 
 from app.evaluating.diagnosis import diagnose_files
 from app.evaluating.solution import judge, solve_files
-from app.report.charts.charts import residuals_before_and_after
+from app.report.charts.results import residuals_before_and_after
 from app.report.pages.contents import CalibrationReport, Picture, Section, report_of
 from app.report.pages.report import WIDTH_EM, html_of, pdf_of, widths_em
 from app.report.text.tables import new_table

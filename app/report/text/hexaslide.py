@@ -6,8 +6,6 @@ import math
 from pathlib import Path
 from statistics import median
 
-from rich.table import Table
-
 from app.report.text.tables import new_table, paragraphs, table_text, wrapped
 from calib.arrays import FloatArray
 from calib.hexaslide.geometry import COORDINATES
@@ -37,11 +35,11 @@ def postures_text(found: BestPostures) -> str:
     postures = new_table(*found.postures[0], left=0)
     for posture in found.postures:
         postures.add_row(*(f"{value + 0.0:.4f}" for value in posture.values()))
-    return paragraphs(_sentence(found), _criteria(found), postures, _search(found))
-
-
-def _sentence(found: BestPostures) -> str:
     procedure, moved = found.procedure, bool(found.values)
+    criteria = new_table("criteria of papers/001", *(["start", "found"] if moved else ["value"]))
+    sets = (found.start, found.found) if moved else (found.found,)
+    for name, words in PUBLISHED_WORDS.items():
+        criteria.add_row(words, *(f"{getattr(one, name):.4g}" for one in sets))
     before = f" (start {found.refined.start_value:.4g})" if moved else ""
     condition = f"{found.condition_number:.4g}"
     condition += f", at the start {found.start_condition_number:.4g}" if moved else ""
@@ -59,16 +57,7 @@ def _sentence(found: BestPostures) -> str:
             "calibration comes of them, and their condition number compares only with that of as "
             "few."
         )
-    return said
-
-
-def _criteria(found: BestPostures) -> Table:
-    moved = bool(found.values)
-    table = new_table("criteria of papers/001", *(["start", "found"] if moved else ["value"]))
-    sets = (found.start, found.found) if moved else (found.found,)
-    for name, words in PUBLISHED_WORDS.items():
-        table.add_row(words, *(f"{getattr(one, name):.4g}" for one in sets))
-    return table
+    return paragraphs(said, criteria, postures, _search(found))
 
 
 def _search(found: BestPostures) -> str:
@@ -197,8 +186,7 @@ def _conditions(found: HexaSlideSeen) -> str:
 
 def _rule(found: HexaSlideSeen) -> str:
     seen, qr = found.seen.found, found.seen.qr
-    count = len(seen.names)
-    counted = count - len(qr.flagged)
+    counted = len(seen.names) - len(qr.flagged)
     lines = [
         f"Rule of papers/001, QR in the order of the parameters, |r_ii| ≤ {qr.tolerance:.2g}: "
         f"counts {counted} with exact derivatives, flags {', '.join(qr.flagged) or 'none'}."

@@ -23,10 +23,12 @@ from pathlib import Path
 from textual.pilot import Pilot
 from textual.widgets import Tabs
 
+from app.measuring.demo import demo_plan
 from app.measuring.gauges import Gauge
 from app.measuring.indicators import profile_of
-from app.measuring.opening import Indicators, Plan, begin, demo_plan
-from app.measuring.simulated import BenchSettings
+from app.measuring.opening import begin
+from app.measuring.plan import Plan
+from app.measuring.session import Indicators
 from app.screens.interface import Interface
 from app.screens.measure import IDLE_S, MeasureScreen
 from app.screens.result import ResultScreen
@@ -212,7 +214,7 @@ def measured_session() -> Figures:
     delays = Delays()
     machine = Machine(delays)
     with tempfile.TemporaryDirectory() as folder, listening(delays), ExitStack() as undo:
-        demo = demo_plan(Path(folder), "zero-max-min", 1, BenchSettings())
+        demo = demo_plan(Path(folder), "zero-max-min", 1)
         plan = replace(demo, interval_s=INTERVAL_S, window_s=WINDOW_S)
         indicators = open_indicators(plan, machine, undo)
         guided = undo.enter_context(begin(plan, indicators))

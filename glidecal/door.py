@@ -153,11 +153,11 @@ def plan(
     noise_mm: float | None = None,
 ) -> MeasurementPlan:
     """The set-up that lowers the error of the tool most, after these sessions or before any."""
-    from app.planning.tripod import next_after
+    from app.planning.tripod import next_measurement
 
     loaded = _given(sessions)
     known = Path(model) if model else None
-    return next_after(loaded, machine_file=machine, model_file=known, noise_mm=noise_mm)
+    return next_measurement(loaded, machine_file=machine, model_file=known, noise_mm=noise_mm)
 
 
 def report(

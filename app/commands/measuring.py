@@ -1,17 +1,19 @@
-"""``glidecal run``, ``demo`` and ``align``: measuring, on real and on simulated machines."""
+"""``glidecal run`` and ``align``: measuring, on real and on simulated machines."""
 
 from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from functools import partial
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from app.exit_codes import Exit
 from app.machines.options import (
+    Answer,
     AsJson,
     Machine,
     Protocol,
@@ -24,11 +26,10 @@ from app.machines.options import (
 )
 from app.machines.registry import LOOKS, typed
 from app.report.streams import need_terminal
-from calib.errors import CalibrationError, GlidecalError, UsageError
+from calib.errors import GlidecalError, UsageError
 
 if TYPE_CHECKING:  # heavy: imported where used
-    from app.evaluating.solution import SessionSolution
-    from app.measuring.opening import Plan
+    from app.measuring.plan import Plan
     from protocols.procedure import Leg
 
 SessionFile = Annotated[Path | None, file("Session file.", "--output", "-o")]
@@ -76,7 +77,7 @@ def run(
 ) -> None:
     """The guided session on real indicators. With --simulated on a simulated machine."""
     from app.measuring.indicators import check_indicators, choose_indicators, simulated_indicators
-    from app.measuring.opening import Plan, plan_to_continue, session_name
+    from app.measuring.plan import Plan, plan_to_continue, session_name
     from protocols.machine import load_machine
     from protocols.motion import procedure_of
     from protocols.procedure import load_procedure, shuffled
@@ -170,6 +171,7 @@ def _go_on(plan: Plan, until: float | None) -> None:
 
     Ends where that is reached or more would not help. Without one it is said how to go on.
     """
+    from app.evaluating.solution import load_sessions
     from app.planning.tripod import (
         all_sessions,
         further_procedure,
@@ -180,7 +182,7 @@ def _go_on(plan: Plan, until: float | None) -> None:
 
     first, before_mm = plan.path, inf
     while True:
-        reach = next_measurement(all_sessions(first)).found.reach
+        reach = next_measurement(load_sessions(all_sessions(first))[0]).found.reach
         chosen = None if until is None else reach.towards(until, before_mm)
         say(further_text(reach, plan, until, chosen))
         if chosen is None:
@@ -194,8 +196,9 @@ def _go_on(plan: Plan, until: float | None) -> None:
 
 def measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --simulated") -> None:
     """On the screen, or ``otherwise``; unattended where a program moves the machine."""
-    from app.measuring.opening import QUICK_INTERVAL_S, start_session
-    from app.measuring.unattended import measure_by_itself
+    from app.measuring.opening import start_session
+    from app.measuring.plan import QUICK_INTERVAL_S
+    from app.measuring.unattended import measure_all
     from app.report.text.motion import set_up_text
     from protocols.journal import check_new
 
@@ -212,7 +215,7 @@ def measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --s
         allowed = "--headless with --simulated or --motion"
         raise UsageError("--headless", "real indicators", allowed)
     with start_session(replace(plan, interval_s=QUICK_INTERVAL_S)) as guided:
-        measure_by_itself(
+        measure_all(
             guided, lambda step: typer.confirm(f"{set_up_text(step)}. Ready?", err=True), say
         )
     say(f"{len(guided.session.readings)} readings in {guided.path}")
@@ -240,107 +243,6 @@ def ask(plan: Plan, *, on_screen: bool) -> None:
         raise typer.Exit(Exit.INTERRUPTED)
 
 
-NAMED = "What the first session shows, as glidecal diagnose {} says in full:"
-HIDDEN = "The machine has more than offsets. To look for what is missing: glidecal diagnose {}"
-
-
-def demo(
-    headless: Annotated[
-        bool, typer.Option("--headless", help="Run unattended and end with the summary.")
-    ] = False,
-    seed: Seed = 1,
-    protocol: Protocol = None,
-    machine: Machine = None,
-    profile: Annotated[
-        list[str] | None, typer.Option(help="Profile of the simulated indicators; once or twice.")
-    ] = None,
-    effect: Annotated[
-        str | None,
-        typer.Option(help="Hide an effect in the machine, by its id; to be found by diagnose."),
-    ] = None,
-    folder: Annotated[Path, typer.Option(help="Where the sessions are written.")] = Path(
-        "demo-sessions"
-    ),
-    controller: Annotated[
-        Literal["twin", "linuxcnc"] | None,
-        typer.Option(help="The machine moves itself: by a simulated controller, or LinuxCNC here."),
-    ] = None,
-) -> None:
-    """A whole calibration on a simulated machine. It is measured again after the export."""
-    from app.measuring.indicators import DEFAULT_PROFILE
-    from app.measuring.opening import (
-        DEMO_MOTION_S,
-        QUICK_INTERVAL_S,
-        SIMULATED_INTERVAL_S,
-        demo_plan,
-        moving_itself,
-        with_hidden_effect,
-        writable_folder,
-    )
-    from app.measuring.simulated import BenchSettings
-    from app.report.text.result import comparison_text, solution_text
-
-    unattended = headless or not (sys.stdin.isatty() and sys.stdout.isatty())
-    bench = BenchSettings() if unattended else BenchSettings(motion_s=DEMO_MOTION_S)
-    interval_s = QUICK_INTERVAL_S if unattended else SIMULATED_INTERVAL_S
-    plan = replace(
-        demo_plan(folder, protocol, seed, bench, profile or [DEFAULT_PROFILE], machine),
-        interval_s=interval_s,
-    )
-    if controller is not None:
-        plan = moving_itself(plan, controller, hurried=unattended)
-    if effect is not None:
-        plan = with_hidden_effect(plan, effect)
-    writable_folder(folder)
-    if not unattended:
-        from app.screens.start import open_session
-
-        raise typer.Exit(open_session(plan, LOOKS))
-    before, after = run_headless(plan)
-    typer.echo(solution_text(before))
-    typer.echo("\nAfter the joint offsets were entered in the controller:\n")
-    typer.echo(comparison_text(before.solution, after.solution))
-    if controller is not None:  # the whole loop: what the first session shows is named, too
-        from app.evaluating.diagnosis import diagnose_files
-        from app.report.text.diagnosis import headline
-
-        found = headline(diagnose_files([plan.path]).diagnosis)
-        typer.echo(f"\n{NAMED.format(plan.path)}\n\n{found}")
-    elif effect is not None:
-        typer.echo("\n" + HIDDEN.format(plan.path))
-
-
-def run_headless(plan: Plan) -> tuple[SessionSolution, SessionSolution]:
-    """Measure, identify, export, measure again; the two solutions to compare."""
-    from app.exports import export_offsets
-    from app.measuring.opening import verification_plan
-
-    before = _measured(plan)
-    folder = plan.path.with_suffix("")
-    for path in export_offsets(before, folder)[0]:
-        say(f"exported: {path}")
-    after = _measured(verification_plan(plan, before))
-    if not after.solution.rms_before_mm < before.solution.rms_before_mm:
-        raise CalibrationError(
-            "verification",
-            f"{after.solution.rms_before_mm:.3f} mm r.m.s. after calibration",
-            f"less than the {before.solution.rms_before_mm:.3f} mm before it",
-            "Look at both sessions with glidecal solve.",
-        )
-    return before, after
-
-
-def _measured(plan: Plan) -> SessionSolution:
-    from app.evaluating.solution import solve_for_controller
-    from app.measuring.opening import start_session
-    from app.measuring.unattended import measure_by_itself
-
-    with start_session(plan) as guided:
-        say(f"measuring {len(guided.steps)} steps into {plan.path}")
-        measure_by_itself(guided)
-    return solve_for_controller(plan.path)
-
-
 def align(
     context: typer.Context,
     session: Annotated[Path | None, argument("A session to tell from; none: measure.")] = None,
@@ -363,15 +265,9 @@ def align(
 ) -> None:
     """Shims that make the rails square and meet. Measured, moved live, measured again."""
     from app.measuring.aligning import check_procedure
+    from app.measuring.demo import WATCHED
     from app.measuring.indicators import DEFAULT_PROFILE, check_indicators, choose_indicators
-    from app.measuring.opening import (
-        DEMO_MOTION_S,
-        Plan,
-        aligning,
-        plan_to_continue,
-        session_name,
-    )
-    from app.measuring.simulated import BenchSettings
+    from app.measuring.plan import Plan, aligning, plan_to_continue, session_name
     from protocols.machine import load_machine
     from protocols.procedure import ALL_AXES, load_procedure
 
@@ -399,9 +295,8 @@ def align(
             raise UsageError("indicators", "none", allowed)
         procedure = load_procedure(protocol or "align", known.geometry())
         check_procedure(procedure, known, rail or "x")
-        bench = BenchSettings(motion_s=DEMO_MOTION_S) if simulated else BenchSettings()
         path = output or session_name(Path(), procedure.name)
-        plan = Plan(path, known, procedure, chosen, seed=seed, bench=bench)
+        plan = Plan(path, known, procedure, chosen, seed=seed, bench=WATCHED)
         check_indicators(plan.instruments, legs=bool(procedure.levels))
     otherwise = "a session that was measured: align SESSION"
     measure(aligning(plan, rail or plan.reference or "x"), headless=False, otherwise=otherwise)
@@ -411,12 +306,11 @@ def _aligned(session: Path, reference: Leg | None, *, as_json: bool) -> str:
     """What a session tells of the rails."""
     from app.measuring.aligning import align_session
     from app.report.schema.alignment import AlignmentReport
-    from app.report.schema.document import to_json
     from app.report.text.alignment import aligned_text
     from protocols.record import read_record
     from protocols.session import fold
 
     recorded = fold(read_record(session).events)
     found = align_session(recorded, reference or recorded.opened.aligned_to or "x")
-    report = AlignmentReport.of(name=session.name, found=found)
-    return to_json(report) if as_json else aligned_text(found)
+    report = partial(AlignmentReport.of, name=session.name, found=found)
+    return Answer(lambda: aligned_text(found), report).shown(as_json=as_json)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import (
-    indicator_figures,
     load_sessions,
     refuse_leaning_planes,
     solve_sessions,
@@ -52,7 +51,12 @@ from protocols.model_file import (
     without_effect,
 )
 from protocols.motion import seconds_per_step
-from protocols.observations import changed_between, corrected_readings, to_observations
+from protocols.observations import (
+    changed_between,
+    corrected_readings,
+    indicator_figures,
+    to_observations,
+)
 from protocols.record import read_record
 from protocols.session import Closed, Line, Opened, Reading, Session, Superseded
 

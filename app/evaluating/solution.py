@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +16,6 @@ from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identi
 from calib.identify.solution import Method, Solution, Subset, Weights
 from calib.identify.subset_choice import CLEARLY_BETTER, SubsetChoice, choose_subset, left_after
 from calib.noise.reading import (
-    IndicatorFigures,
     NoisyIndicator,
     noisy_indicators,
     single_posture_rows,
@@ -26,7 +25,7 @@ from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 from calib.tripod.workspace import PLANES, PlaneMap
 from protocols.data_table import Cell, DataTable
-from protocols.observations import to_observations
+from protocols.observations import indicator_figures, to_observations
 from protocols.record import read_record
 from protocols.session import Reading, Session
 from protocols.table import off_bar_words
@@ -374,27 +373,6 @@ def refuse_leaning_planes(
                 f"up to {limit_mrad:g} mrad, plane_tilt_mrad in the machine file",
                 "Level it and measure this leg again, or state there what it may lean.",
             )
-
-
-def indicator_figures(sessions: Sequence[Session]) -> IndicatorFigures:
-    """The worst that is stated or seen of the indicators of all sessions.
-
-    ``resolution_mm`` is the coarsest stated of an indicator or with a reading, ``step_mm`` the
-    coarsest step in which the readings of a session are written down.
-    """
-
-    def worst(figures: Iterable[float | None]) -> float | None:
-        return max((figure for figure in figures if figure is not None), default=None)
-
-    stated = [one for session in sessions for one in session.opened.instruments]
-    shown = [reading for session in sessions for reading in session.readings]
-    return IndicatorFigures(
-        resolution_mm=worst(
-            [*(one.resolution_mm for one in stated), *(one.resolution_mm for one in shown)]
-        ),
-        repeatability_mm=worst(one.repeatability_mm for one in stated),
-        step_mm=worst(session.step_mm for session in sessions),
-    )
 
 
 def solve_files(

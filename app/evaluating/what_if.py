@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 from app.evaluating.own_effects import known_effects
-from app.evaluating.solution import SessionSolution, indicator_figures, solve_sessions
+from app.evaluating.solution import SessionSolution, solve_sessions
 from calib.errors import NotIdentifiable, UsageError
 from calib.identify.identify import Told, identify_from
 from calib.identify.solution import FittedSize, Solution, Subset
@@ -27,7 +27,7 @@ from protocols.model_file import (
     sizes_of,
     to_model,
 )
-from protocols.observations import to_observations
+from protocols.observations import indicator_figures, to_observations
 from protocols.session import Session
 
 if TYPE_CHECKING:  # heavy, and only where there is one

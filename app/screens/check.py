@@ -16,7 +16,9 @@ from textual.widgets import Footer, Static
 
 from app.exit_codes import exit_code
 from app.measuring.gauges import PushResult, Trial
-from app.measuring.opening import Indicators, Plan, begin, first_step, open_indicators
+from app.measuring.opening import begin, first_step, open_indicators
+from app.measuring.plan import Plan
+from app.measuring.session import Indicators
 from app.report.text import motion
 from app.report.text.home import CHECK_HELP
 from app.report.text.preparing import check_text, dry_run_text, trial_text

@@ -10,7 +10,7 @@ from textual import work
 from textual.screen import ModalScreen, Screen
 
 from app.evaluating.solution import solve_files
-from app.measuring.opening import Plan
+from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession
 from app.report.text.alignment import adjusted_words
 from app.report.text.session import (

@@ -15,7 +15,9 @@ from hypothesis import strategies as st
 
 from app.evaluating.solution import load_sessions, solve_sessions
 from app.measuring.indicators import simulated_indicators
-from app.measuring.opening import Indicators, begin, plan_to_repeat
+from app.measuring.opening import begin
+from app.measuring.plan import plan_to_repeat
+from app.measuring.session import Indicators
 from app.measuring.simulated import planned_readings, short_travels, simulated_session
 from app.planning.tripod import stated_noise
 from calib.arrays import LEG_NAMES, FloatArray, conditions

@@ -6,8 +6,8 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from app.measuring.opening import Plan, demo_plan
-from app.measuring.simulated import BenchSettings
+from app.measuring.demo import demo_plan
+from app.measuring.plan import Plan
 from app.screens.check import CheckScreen
 from app.screens.measure import MeasureScreen
 from app.screens.session_view import GaugeDisplay
@@ -31,7 +31,7 @@ def plan_of(folder: Path, places_mm: list[float], undo: ExitStack) -> Plan:
         Instrument(profile="mitutoyo-01a", port=ports[0], axes="yxz"),
         Instrument(profile="mitutoyo-01a", port=ports[1], axes="zyx"),
     )
-    plan = demo_plan(folder, "zero-max-min", 1, BenchSettings())
+    plan = demo_plan(folder, "zero-max-min", 1)
     return replace(plan, instruments=both, window_s=0.3)
 
 

@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 from app.evaluating.solution import SessionSolution, solve_files, solve_for_controller
-from app.measuring.opening import QUICK_INTERVAL_S, measure_all, start_session
+from app.measuring.opening import start_session
+from app.measuring.plan import QUICK_INTERVAL_S
+from app.measuring.unattended import measure_all
 from app.report.text.result import solution_text
 from app.screens.check import CheckScreen
 from app.screens.interface import Interface

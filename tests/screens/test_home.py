@@ -10,9 +10,9 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input, OptionList, Select, Static
 
-from app.commands.measuring import run_headless
+from app.commands.demo import run_headless
 from app.exports import FILE_NAMES
-from app.measuring.opening import QUICK_INTERVAL_S
+from app.measuring.plan import QUICK_INTERVAL_S
 from app.screens.check import CheckScreen, DryRunScreen
 from app.screens.home import HomeScreen, PickScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from textual.widgets import OptionList
 
-from app.measuring.opening import QUICK_INTERVAL_S, plan_to_continue
+from app.measuring.plan import QUICK_INTERVAL_S, plan_to_continue
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
 from app.screens.start import Glidecal
@@ -209,7 +209,9 @@ def point_to(name: Path, port: str) -> None:
 
 async def test_a_continued_verification_still_compares(tmp_path: Path) -> None:
     from app.evaluating.solution import solve_for_controller
-    from app.measuring.opening import measure_all, start_session, verification_plan
+    from app.measuring.opening import start_session
+    from app.measuring.plan import verification_plan
+    from app.measuring.unattended import measure_all
 
     plan = replace(quick_plan(tmp_path), interval_s=QUICK_INTERVAL_S)
     with start_session(plan) as guided:

@@ -16,8 +16,7 @@ from textual.widgets import Label
 from app.evaluating.comparison import compare_files
 from app.evaluating.solution import solve_files
 from app.machines.registry import LOOKS
-from app.measuring.opening import demo_plan
-from app.measuring.simulated import BenchSettings
+from app.measuring.demo import demo_plan
 from app.screens.check import CheckScreen
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.home import HomeScreen, PickScreen
@@ -137,7 +136,7 @@ def over_home(samples: Path, folder: Path) -> dict[str, Callable[[], Screen[Any]
     one, two = (samples / f"experiment_{n}_twelve.jsonl" for n in (2, 3))
     return {
         "prepare": PrepareScreen,
-        "check": lambda: CheckScreen(demo_plan(folder, "zero-max-min", 1, BenchSettings())),
+        "check": lambda: CheckScreen(demo_plan(folder, "zero-max-min", 1)),
         "result": lambda: ResultScreen(solve_files([one]), None, one),
         "diagnose": lambda: DiagnoseScreen([one]),
         "compare": lambda: CompareScreen(compare_files(one, two)),

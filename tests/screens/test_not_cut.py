@@ -24,10 +24,9 @@ from app.evaluating.history import read_history
 from app.evaluating.solution import load_sessions, solve_files
 from app.evaluating.what_if import choices, trial_of
 from app.machines.registry import LOOKS
-from app.measuring.opening import demo_plan
+from app.measuring.demo import demo_plan
 from app.measuring.recorded import recent_sessions
 from app.measuring.session import Doubt
-from app.measuring.simulated import BenchSettings
 from app.report.text.session import question_choices
 from app.screens.align import AlignScreen
 from app.screens.check import CheckScreen, DryRunScreen
@@ -71,7 +70,7 @@ def simulated() -> Session:
 
 def result(folder: Path) -> Screen[Any]:
     """With a comparison beside it, as after a verification."""
-    plan = demo_plan(folder, "zero-max-min", 1, BenchSettings())
+    plan = demo_plan(folder, "zero-max-min", 1)
     return ResultScreen(solve_files([TWO]), replace(plan, before=solve_files([ONE])), TWO)
 
 
@@ -104,7 +103,7 @@ MAKERS: dict[type[Screen[Any]], Callable[[Path], Screen[Any]]] = {
     PrepareScreen: lambda _: PrepareScreen(),
     IndicatorScreen: lambda _: IndicatorScreen("Second indicator", FORM, {}),
     DryRunScreen: dry_run,
-    CheckScreen: lambda _: CheckScreen(demo_plan(Path(), "sweep", 1, BenchSettings())),
+    CheckScreen: lambda _: CheckScreen(demo_plan(Path(), "sweep", 1)),
     ResultScreen: result,
     CompareScreen: lambda _: CompareScreen(compare_files(ONE, TWO)),
     DiagnoseScreen: lambda _: DiagnoseScreen([SWEEP]),

@@ -14,16 +14,10 @@ from textual.widgets import Static, TabbedContent
 from textual.widgets._footer import FooterKey
 
 from app.evaluating.solution import SessionSolution, solve_files, solve_for_controller
-from app.measuring.opening import (
-    QUICK_INTERVAL_S,
-    Plan,
-    demo_plan,
-    measure_all,
-    plan_to_repeat,
-    start_session,
-    verification_plan,
-)
-from app.measuring.simulated import BenchSettings
+from app.measuring.demo import demo_plan
+from app.measuring.opening import start_session
+from app.measuring.plan import QUICK_INTERVAL_S, Plan, plan_to_repeat, verification_plan
+from app.measuring.unattended import measure_all
 from app.report.text.result import solution_text
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
@@ -69,7 +63,7 @@ def published(samples: Path, tmp_path: Path) -> tuple[SessionSolution, Path]:
 def verified(tmp_path_factory: pytest.TempPathFactory) -> tuple[SessionSolution, Plan]:
     """A simulated machine, calibrated and measured again."""
     plan = replace(
-        demo_plan(tmp_path_factory.mktemp("demo"), "zero-max-min", 1, BenchSettings()),
+        demo_plan(tmp_path_factory.mktemp("demo"), "zero-max-min", 1),
         interval_s=QUICK_INTERVAL_S,
     )
     with start_session(plan) as guided:

@@ -11,7 +11,7 @@ from textual.widgets import Input, Static
 
 from app.evaluating.solution import solve_files
 from app.measuring.gauges import Gauge
-from app.measuring.opening import QUICK_INTERVAL_S
+from app.measuring.plan import QUICK_INTERVAL_S
 from app.report.text.result import solution_text
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
@@ -255,7 +255,9 @@ async def test_automatic_on_a_real_machine_waits_for_a_movement(tmp_path: Path) 
 def test_verification_carries_the_new_home_offset(tmp_path: Path) -> None:
     """A second export must start from what the first one made the controller hold."""
     from app.evaluating.solution import solve_for_controller
-    from app.measuring.opening import measure_all, start_session, verification_plan
+    from app.measuring.opening import start_session
+    from app.measuring.plan import verification_plan
+    from app.measuring.unattended import measure_all
 
     plan = replace(quick_plan(tmp_path), interval_s=QUICK_INTERVAL_S)
     machine = plan.machine.model_copy(update={"home_offset_mm": (10.0, 20.0, 30.0)})

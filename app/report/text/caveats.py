@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from app.evaluating.solution import NoisyChannel, SessionSolution, indicator_figures
+from app.evaluating.solution import NoisyChannel, SessionSolution
 from app.report.text.tables import decimals_for, free_words, signed, uncertain
 from calib.arrays import LEG_NAMES
 from calib.identify.solution import Subset
 from calib.noise.reading import LEAST_NOISE_MM
 from calib.tripod.workspace import NEAR_ZERO_MM
+from protocols.observations import indicator_figures
 from protocols.procedure import position_words
 from protocols.session import Reading
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 from shlex import quote
 
 from app.measuring.moving import Mover, Moving, feed_mm_min, limits_of, ways_of
-from app.measuring.opening import Plan
+from app.measuring.plan import Plan
 from app.report.text.preparing import dry_run_text
 from app.report.text.tables import paragraphs, uncertain, wrapped
 from calib.errors import sentence

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from app.measuring.gauges import PushResult, Trial
 from app.measuring.indicators import indicator_words, profile_of
-from app.measuring.opening import Plan
+from app.measuring.plan import Plan
 from app.measuring.simulated import short_travels
 from app.report.text.session import mdi_line
 from app.report.text.tables import new_table, paragraphs

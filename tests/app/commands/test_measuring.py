@@ -12,7 +12,7 @@ import pytest
 import typer
 
 from app.commands import measuring
-from app.measuring.opening import Plan
+from app.measuring.plan import Plan
 from app.measuring.simulated import simulated_session
 from calib.errors import MotionError, UsageError
 from calib.tripod.pipeline import Model

@@ -15,13 +15,8 @@ from app.evaluating.comparison import compare_files, verify_files
 from app.evaluating.solution import solve_files
 from app.measuring.aligning import Round, align_session
 from app.measuring.indicators import simulated_indicators
-from app.measuring.opening import (
-    QUICK_INTERVAL_S,
-    Plan,
-    aligning,
-    plan_to_continue,
-    start_session,
-)
+from app.measuring.opening import start_session
+from app.measuring.plan import QUICK_INTERVAL_S, Plan, aligning, plan_to_continue
 from app.measuring.session import GuidedSession
 from app.report.text.alignment import round_text, screw_text
 from app.report.text.result import comparison_report

@@ -12,17 +12,12 @@ from pathlib import Path
 import pytest
 
 from app.evaluating.solution import solve_for_controller
+from app.measuring.demo import SelfMovingBench, demo_plan
 from app.measuring.moving import Mover, Moving, check_motion, ways_of
-from app.measuring.opening import (
-    QUICK_INTERVAL_S,
-    demo_plan,
-    moving_itself,
-    self_moving_bench,
-    start_session,
-    with_hidden_effect,
-)
+from app.measuring.opening import start_session
+from app.measuring.plan import QUICK_INTERVAL_S
 from app.measuring.simulated import BenchSettings
-from app.measuring.unattended import measure_by_itself
+from app.measuring.unattended import measure_all
 from calib.errors import MotionError, RecordError, UsageError
 from calib.tripod.simulation import hidden_machine
 from drivers.exchange import Exchange
@@ -64,7 +59,7 @@ def test_a_session_measures_itself(name: str, tmp_path: Path) -> None:
             asked.append((bench.axes.at_mm, bench.axes.moving))
             return bench.set_up(step)
 
-        measure_by_itself(guided, set_up, lambda _: None)
+        measure_all(guided, set_up, lambda _: None)
         readings = taken(path)
     assert read_record(path).end == "closed"
     assert len(readings) == 2 * len(guided.steps)
@@ -109,7 +104,7 @@ def test_no_fault_leaves_a_reading_of_a_wrong_posture(seed: int, tmp_path: Path)
 def test_a_set_up_that_is_not_confirmed_moves_nothing_but_to_zero(tmp_path: Path) -> None:
     with moving_session(tmp_path / "a.jsonl") as (guided, _, twin):
         with pytest.raises(MotionError, match="not confirmed"):
-            measure_by_itself(guided, lambda _: False, lambda _: None)
+            measure_all(guided, lambda _: False, lambda _: None)
         assert len(twin.moves) == 1
         assert not taken(tmp_path / "a.jsonl")
 
@@ -123,9 +118,9 @@ def test_a_session_that_broke_off_is_continued_from_the_same_side(tmp_path: Path
                 raise MotionError("the program", "killed")
 
         with pytest.raises(MotionError, match="killed"):
-            measure_by_itself(guided, bench.set_up, break_off)
+            measure_all(guided, bench.set_up, break_off)
     with moving_session(path) as (guided, bench, twin):
-        measure_by_itself(guided, bench.set_up, lambda _: None)
+        measure_all(guided, bench.set_up, lambda _: None)
         readings = taken(path)
     assert read_record(path).end == "closed"
     assert not wrong(readings, bench)
@@ -155,7 +150,7 @@ def test_a_controller_that_is_gone_is_told_with_the_emergency_stop(tmp_path: Pat
                 threading.Thread(target=on_the_way).start()
 
         with pytest.raises(MotionError, match="emergency stop"):
-            measure_by_itself(guided, bench.set_up, switch_off)
+            measure_all(guided, bench.set_up, switch_off)
     assert len(taken(path)) == 2
 
 
@@ -205,11 +200,11 @@ def test_a_check_says_who_says_so_and_moves_nothing() -> None:
 
 
 def test_a_demonstration_that_moves_itself_finds_the_hidden_offsets(tmp_path: Path) -> None:
-    plan = moving_itself(demo_plan(tmp_path, None, 5, BenchSettings()), "twin", hurried=True)
+    plan = demo_plan(tmp_path, None, 5, by_itself="twin")
     once = plan.procedure.model_copy(update={"cycles": 1})
     plan = replace(plan, procedure=once, interval_s=QUICK_INTERVAL_S)
     with start_session(plan) as guided:
-        measure_by_itself(guided, lambda _: True, lambda _: None)
+        measure_all(guided, lambda _: True, lambda _: None)
     found = solve_for_controller(plan.path).joint_offsets_mm
     hidden = hidden_machine(plan.machine.geometry(), 5).parameters_mm
     assert found == pytest.approx(hidden[:3], abs=0.1)  # lengths, 0.03 mm, are taken for offsets
@@ -227,11 +222,10 @@ def machine_with_play(
     The first moves the machine, and nobody looks on the way; the second reads an indicator.
     """
     quick = BenchSettings(scatter_mm=0.0, hurry=1e6)
-    plan = moving_itself(demo_plan(folder, None, 5, quick), "twin", hurried=False)
-    plan = with_hidden_effect(plan, "backlash:x")
+    plan = demo_plan(folder, None, 5, quick, by_itself="twin", effect="backlash:x")
     steps = [s for s in plan.procedure.steps(plan.machine.geometry()) if s.leg == leg]
     step = max(steps, key=lambda s: s.displacement_mm if outermost else -abs(s.displacement_mm))
-    with closing(self_moving_bench(plan)) as bench:
+    with closing(SelfMovingBench(plan)) as bench:
         twin = bench.controller
         assert isinstance(twin, LinuxCncTwin)
         axes = twin.axes

@@ -18,9 +18,11 @@ from app.evaluating.solution import solve_files
 from app.measuring.gauges import Gauge
 from app.measuring.indicators import simulated_indicators
 from app.measuring.leg_review import review_leg
-from app.measuring.opening import Plan, measure_all, opened_event
-from app.measuring.session import Doubt, GuidedSession
+from app.measuring.opening import opened_event
+from app.measuring.plan import Plan
+from app.measuring.session import Doubt, GuidedSession, Indicators
 from app.measuring.simulated import short_travels
+from app.measuring.unattended import measure_all
 from app.report.charts.tripod import drawn_set_up
 from app.report.text.preparing import dry_run_text
 from app.report.text.session import (
@@ -82,7 +84,7 @@ def session(
                 values[number] = shown_mm(step, axis, tilt)
             rig.go(values)
 
-        gauges = [
+        gauges = tuple(
             Gauge(
                 MITUTOYO_01A,
                 port,
@@ -92,19 +94,15 @@ def session(
                 tolerance_mm=0.004,
             )
             for port in rig.ports
-        ]
+        )
         for gauge in gauges:
             gauge.start()
         known = path.exists()
         journal = (
             Journal.resume(path, program()) if known else Journal.create(path, opened_event(plan))
         )
-
-        def close() -> None:
-            for gauge in gauges:
-                gauge.close()
-
-        with GuidedSession(journal, gauges, None if by_hand else go, close) as guided:
+        indicators = Indicators(gauges, None if by_hand else go)
+        with GuidedSession(journal, indicators) as guided:
             yield guided, go
 
 

@@ -16,14 +16,10 @@ import pytest
 from app.measuring.gauges import Gauge
 from app.measuring.indicators import simulated_indicators
 from app.measuring.leg_review import review_leg
-from app.measuring.opening import (
-    QUICK_INTERVAL_S,
-    Plan,
-    measure_all,
-    opened_event,
-    start_session,
-)
-from app.measuring.session import Doubt, GuidedSession
+from app.measuring.opening import opened_event, start_session
+from app.measuring.plan import QUICK_INTERVAL_S, Plan
+from app.measuring.session import Doubt, GuidedSession, Indicators
+from app.measuring.unattended import measure_all
 from app.report.text.session import (
     point_text,
     question_text,
@@ -89,7 +85,8 @@ def session(
             if path.exists()
             else Journal.create(path, opened_event(known))
         )
-        with GuidedSession(journal, [gauge], None if by_hand else go, gauge.close) as guided:
+        indicators = Indicators((gauge,), None if by_hand else go)
+        with GuidedSession(journal, indicators) as guided:
             yield guided, go
 
 

@@ -186,7 +186,7 @@ def test_effects_are_diagnosed_where_asked_for(tmp_path: Path) -> None:
 
 
 @given(words=st.text(max_size=30))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_hostile_names_are_inert(words: str) -> None:
     entry = Entry(
         began=BEGAN,

@@ -253,7 +253,7 @@ def test_hostile_words_are_text(words: str) -> None:
     assert not HIDDEN.search(page.text)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.text(min_size=1, max_size=60) | st.text("<>&\"'{}%$\\=\n\x1b\u202e;()", min_size=1))
 def test_any_words_are_text(words: str) -> None:
     page = Page(html_of(_report_with(words)))

@@ -117,12 +117,6 @@ def reading(text: str, number: str, asked: Query, unit: Unit | None = None) -> O
     )
 
 
-def wrong_channel(text: str, found: str, asked: Query) -> Fault:
-    """The answer of another input than the one that was asked."""
-    words = f"answer of channel {found} where channel {asked.channel} was asked"
-    return Fault(FaultKind.WRONG_CHANNEL, text, words)
-
-
 def not_understood(text: str) -> Fault:
     """A line outside the grammar of the profile."""
     return Fault(FaultKind.NOT_UNDERSTOOD, text, "not an answer of this profile: wrong profile?")
@@ -181,10 +175,11 @@ NOTHING = r"(?!)"
 class Grammar:
     """The lines of a device without their end. A pattern matches a whole line, or nothing of it.
 
-    ``value`` has a group ``number``, and groups ``unit`` and ``channel`` where replies name them.
-    ``fault`` may have a ``code`` (none: empty), with ``words`` and ``kinds`` of its own;
-    ``other_words`` may name the groups. What is ``passed_over`` is no answer, such as an echo or
-    an identification. Any other line is not understood.
+    ``value`` has a group ``number``, and groups ``unit`` and ``channel`` where replies name them;
+    where the form of a reply tells its unit, the part that does is a group ``mm`` or ``inch``.
+    ``fault`` may have a ``code`` (none: empty), with ``words`` or else ``other_words``, which may
+    name groups and what was ``asked``, and ``kinds``. What is ``passed_over`` is no answer, such as
+    an echo or an identification. Any other line is not understood.
     """
 
     value: str
@@ -208,10 +203,12 @@ class Grammar:
         if unit and unit not in UNITS:
             return not_understood(text)
         if channel is not None and int(channel) != asked.channel:
-            return wrong_channel(text, channel, asked)
+            words = f"answer of channel {channel} where channel {asked.channel} was asked"
+            return Fault(FaultKind.WRONG_CHANNEL, text, words)
         if value:
-            return reading(text, groups["number"], asked, UNITS.get(unit))
-        words = self.words.get(code) or self.other_words.format(**groups)
+            told = (name for name in ("mm", "inch") if groups.get(name) is not None)
+            return reading(text, groups["number"], asked, UNITS.get(unit or next(told, "")))
+        words = (self.words.get(code) or self.other_words).format(asked=asked, **groups)
         return Fault(self.kinds.get(code, FaultKind.DEVICE_FAULT), text, words)
 
 
@@ -248,7 +245,6 @@ class Profile:
     interval_s: float = 0.2
     bad_replies: Mapping[str, BadReply] = field(default_factory=dict)
     busy_retries: int = 0
-    busy_wait_s: float = 0.05
     stream_s: float = 0.0
     button: bool = False
     hint: str = ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Container
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -11,7 +11,7 @@ from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import SessionSolution, solve_files
 from app.report.schema.document import rows
 from app.report.schema.solution import Offset
-from app.report.text.caveats import bound_words, caveats
+from app.report.text.caveats import bound_made_of, bound_now_and_then, caveats
 from app.version import VERSION
 from calib.errors import RecordError
 from calib.identify.solution import Method, Subset
@@ -27,7 +27,6 @@ from protocols.model_file import (
     read_model_file,
     to_model,
 )
-from protocols.record import read_record
 
 JOINT_OFFSETS = PARAMETER_NAMES[:3]
 
@@ -89,16 +88,15 @@ class Offsets:
         return {name: mm for name in names if (mm := self.parameters[name].value)}
 
 
-def offsets_from_solved(solved: SessionSolution, paths: Sequence[Path]) -> Offsets:
-    """Offsets of a solution of these session files. Raises RecordError."""
+def offsets_from_solved(solved: SessionSolution) -> Offsets:
+    """Offsets of a solution of session files."""
     solution = solved.solution
     machine = solved.sessions[0].opened.machine
-    remarks = []
-    if solution.subset != solved.choice.recommended:
-        remarks.append(
-            f"exported set: {solution.subset}; recommended: {solved.choice.recommended} "
-            f"({solved.choice.reasons[0]})"
-        )
+    bound = f"{bound_now_and_then(solved)} {bound_made_of(solved)}"
+    remark = (
+        f"exported set: {solution.subset}; recommended: {solved.choice.recommended} "
+        f"({solved.choice.reasons[0]})"
+    )
     return Offsets(
         source=", ".join(solved.names),
         machine=machine,
@@ -115,10 +113,10 @@ def offsets_from_solved(solved: SessionSolution, paths: Sequence[Path]) -> Offse
         model=solution.model,
         controller=_stated(machine),
         measured=max(one.opened.at for one in solved.sessions),
-        digests=tuple(read_record(path).digest for path in paths),
+        digests=tuple(session.digest for session in solved.sessions),
         ambiguous=solved.ambiguous,
-        remarks=tuple(remarks),
-        cautions=(one_line(bound_words(solved)), *map(one_line, caveats(solved))),
+        remarks=(remark,) if solution.subset != solved.choice.recommended else (),
+        cautions=tuple(map(one_line, (bound, *caveats(solved)))),
         lacks_fit=solution.lacks_fit,
     )
 
@@ -146,11 +144,11 @@ def offsets_from_file(
     """
     if is_model(path):
         return _offsets_from_model(path)
-    solved, warnings = solve_files([path], subset=subset, method=method, model=model)
+    solved = solve_files([path], subset=subset, method=method, model=model)
     if subset is None:
         solved = solved.for_controller()
-    offsets = offsets_from_solved(solved, [path])
-    return replace(offsets, cautions=(*map(one_line, warnings), *offsets.cautions))
+    offsets = offsets_from_solved(solved)
+    return replace(offsets, cautions=(*map(one_line, solved.warnings), *offsets.cautions))
 
 
 def _offsets_from_model(path: Path) -> Offsets:

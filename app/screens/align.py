@@ -11,7 +11,7 @@ from textual.containers import Horizontal
 from textual.widgets import Footer, Static
 
 from app.measuring.aligning import Round, align_session
-from app.measuring.opening import Plan
+from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession
 from app.report.text.alignment import (
     ALIGN_HELP,

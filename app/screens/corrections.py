@@ -9,8 +9,8 @@ from typing import ClassVar, TypeVar
 from textual import work
 from textual.screen import ModalScreen, Screen
 
-from app.evaluating.solution import solve_recorded
-from app.measuring.opening import Plan
+from app.evaluating.solution import solve_files
+from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession
 from app.report.text.alignment import adjusted_words
 from app.report.text.session import (
@@ -76,7 +76,7 @@ class Corrections(Screen[None]):
         """Close the record, on to the result."""
         try:
             self.guided.finish()
-            solved = solve_recorded(self.guided.path)
+            solved = solve_files([self.guided.path])
         except GlidecalError as problem:
             again = f"{self.FINISHES} tries again, F10 leaves."
             said = f"Every reading is on the disk, but: {problem} {again}"

@@ -25,8 +25,8 @@ from app.evaluating.diagnosis import (
 )
 from app.evaluating.solution import SessionSolution, solve_files
 from app.evaluating.what_if import Choice, choices, trial_of
-from app.measuring.opening import Plan, plan_to_repeat
-from app.report.charts.charts import residuals_before_and_after
+from app.measuring.plan import Plan, plan_to_repeat
+from app.report.charts.results import residuals_before_and_after
 from app.report.text import diagnosis as texts
 from app.report.text import what_if as what_if_texts
 from app.report.text.result import ONLY_SHOWN
@@ -196,7 +196,7 @@ class DiagnoseScreen(PagedScreen):
             self.app.complain(what_if_texts.NOTHING_TO_TRY)
 
     def _try(self, found: SessionDiagnosis, choice: Choice) -> None:
-        trial = trial_of(choice, found.names, found.sessions, self._known)
+        trial = trial_of(choice, found.sessions, self._known)
         mistakes = bool(mistakes_of(found))
         screen = self.app.what_if(
             choice, trial, self._adopt_tried, model=self.model, mistakes=mistakes
@@ -210,7 +210,7 @@ class DiagnoseScreen(PagedScreen):
             self._ask_file(answer, entry)
         elif self.diagnosed is not None and self.model is not None:
             with self.app.complaining():
-                resize(self.diagnosed.names, self.diagnosed.sessions, self.model, entry)
+                resize(self.diagnosed.sessions, self.model, entry)
                 said = texts.MODEL_WRITTEN.format(self.model)
                 self.app.notify(said, timeout=10, markup=False)
                 self._gap_before_mm = self.diagnosed.diagnosis.gap_before.rms_mm
@@ -263,7 +263,6 @@ class DiagnoseScreen(PagedScreen):
         with self.app.complaining(again):
             adopt(
                 found,
-                self.paths,
                 target,
                 known=self.model,
                 candidate=candidate,
@@ -296,7 +295,7 @@ class DiagnoseScreen(PagedScreen):
         """What these sessions give, with the adopted effects where there are any."""
         path = self.paths[0]
         try:
-            solved, _ = solve_files(self.paths, model=self.model)
+            solved = solve_files(self.paths, model=self.model)
             plan = None if self.app.read_only else plan_to_repeat(path)
         except GlidecalError as problem:
             self.app.call_from_thread(self.app.complain, problem)

@@ -132,7 +132,7 @@ class HomeScreen(Screen[None]):
     def _continue(self, path: Path, typed: str = "") -> None:
         """The instrument check, after asking for the ports of a record of another computer."""
         from app.measuring.indicators import parse_indicator
-        from app.measuring.opening import PortsUnknown, plan_to_continue
+        from app.measuring.plan import PortsUnknown, plan_to_continue
 
         try:
             plan = plan_to_continue(path, tuple(map(parse_indicator, typed.split())))
@@ -148,11 +148,10 @@ class HomeScreen(Screen[None]):
                 self._continue(path, typed)
 
     def _demonstrate(self) -> None:
-        from app.measuring.opening import DEMO_MOTION_S, demo_plan, writable_folder
-        from app.measuring.simulated import BenchSettings
+        from app.measuring.demo import WATCHED, demo_plan
+        from app.measuring.plan import writable_folder
 
-        folder = writable_folder(DEMO_FOLDER)
-        plan = demo_plan(folder, "zero-max-min", 1, BenchSettings(motion_s=DEMO_MOTION_S))
+        plan = demo_plan(writable_folder(DEMO_FOLDER), "zero-max-min", 1, WATCHED)
         self.app.push_screen(self.app.check(plan))
 
     def _pick(
@@ -218,14 +217,14 @@ class HomeScreen(Screen[None]):
 
     def _show_result(self, path: Path) -> Callable[[], object]:
         from app.evaluating.solution import solve_files
-        from app.measuring.opening import plan_to_repeat
+        from app.measuring.plan import plan_to_repeat
 
-        solved, warnings = solve_files([path])
+        solved = solve_files([path])
         plan = None if self.app.read_only else plan_to_repeat(path)
 
         def show() -> None:
             self.app.push_screen(self.app.result(solved, plan, path))
-            for warning in warnings:
+            for warning in solved.warnings:
                 self.app.notify(warning, severity="warning", markup=False)
 
         return show
@@ -238,7 +237,7 @@ class HomeScreen(Screen[None]):
         folder = path.with_suffix("")
         solved = solve_for_controller(path)
         try:
-            written, refused = export_offsets(solved, path, folder, replace=replace)
+            written, refused = export_offsets(solved, folder, replace=replace)
         except FilesThere as problem:
             again = partial(self._start, partial(self._export, path, replace=True))
             return partial(self.app.ask_to_replace, problem, again)

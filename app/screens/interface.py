@@ -48,8 +48,8 @@ if TYPE_CHECKING:
     from app.evaluating.history import History
     from app.evaluating.solution import SessionSolution
     from app.evaluating.what_if import Adopt, Choice, Trial
-    from app.measuring.opening import Indicators, Plan
-    from app.measuring.session import GuidedSession
+    from app.measuring.plan import Plan
+    from app.measuring.session import GuidedSession, Indicators
 
 Thing = TypeVar("Thing")
 

@@ -203,7 +203,7 @@ class ReplayScreen(Screen[None]):
     @work(thread=True)
     def _solve(self) -> None:
         try:
-            solved, _ = solve_files([self.path])
+            solved = solve_files([self.path])
         except GlidecalError as problem:
             self.app.call_from_thread(self._solved, str(problem))
         else:

@@ -19,8 +19,8 @@ from app.evaluating.diagnosis import resize
 from app.evaluating.solution import SessionSolution, solve_sessions
 from app.evaluating.what_if import Choice, choices, trial_of
 from app.exports import export_offsets
-from app.measuring.opening import Plan, verification_plan
-from app.report.charts.charts import before_and_after, measured_and_predicted
+from app.measuring.plan import Plan, verification_plan
+from app.report.charts.results import before_and_after, measured_and_predicted
 from app.report.text import result as texts
 from app.report.text import what_if as what_if_texts
 from app.report.text.home import REPORTS_SERVED
@@ -146,7 +146,7 @@ class ResultScreen(PagedScreen):
         folder = self.path.with_suffix("")
         try:
             offsets = self._joint_offsets()
-            written, refused = export_offsets(offsets, self.path, folder, replace=replace)
+            written, refused = export_offsets(offsets, folder, replace=replace)
             said = texts.exported_text(folder, written)
             caution = texts.export_caution(offsets, refused)
         except FilesThere as problem:
@@ -219,7 +219,7 @@ class ResultScreen(PagedScreen):
     def _try(self, known: ModelFile | None, choice: Choice) -> None:
         solved = self.solved
         subset = solved.solution.subset
-        trial = trial_of(choice, solved.names, solved.sessions, known, subset)
+        trial = trial_of(choice, solved.sessions, known, subset)
         screen = self.app.what_if(
             choice, trial, self._adopt_tried, model=self.model, mistakes=False
         )
@@ -235,11 +235,10 @@ class ResultScreen(PagedScreen):
 
     @work(thread=True, group="what-if", exclusive=True)
     def _resize(self, model: Path, entry: EffectEntry) -> None:
-        names, sessions = self.solved.names, self.solved.sessions
-        subset = self.solved.solution.subset
+        sessions, subset = self.solved.sessions, self.solved.subset
         try:
-            written = resize(names, sessions, model, entry)
-            solved = solve_sessions(names, sessions, subset=subset, model=written)
+            written = resize(sessions, model, entry)
+            solved = solve_sessions(sessions, subset=subset, model=written)
         except GlidecalError as problem:
             self.app.call_from_thread(self.app.complain, problem)
         else:

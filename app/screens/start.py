@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from app.evaluating.history import History
     from app.evaluating.solution import SessionSolution
     from app.evaluating.what_if import Adopt, Choice, Trial
-    from app.measuring.opening import Plan
+    from app.measuring.plan import Plan
     from app.measuring.session import GuidedSession
     from app.screens.prepare import PrepareScreen
 

@@ -19,7 +19,6 @@ from calib.diagnosis.problem import Case, Problem
 from calib.diagnosis.results import AliasMap, Imitation
 from calib.diagnosis.selection import contained
 from calib.noise.reading import IndicatorFigures
-from calib.tripod.effects.actuators import ISO_LEADS_MM, ActuatorCyclic, ActuatorScale
 from calib.tripod.effects.candidates import (
     Candidate,
     candidates,
@@ -27,6 +26,7 @@ from calib.tripod.effects.candidates import (
     invisible,
     stacked_columns,
 )
+from calib.tripod.effects.drives import ISO_LEADS_MM, ActuatorCyclic, ActuatorScale
 from calib.tripod.effects.effect import (
     PER_THOUSAND,
     Effect,

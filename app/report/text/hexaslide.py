@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from statistics import median
 
-from app.report.text.tables import new_table, table_text, wrapped
+from app.report.text.tables import new_table, paragraphs, table_text, wrapped
 from calib.arrays import FloatArray
 from calib.hexaslide.geometry import COORDINATES
 from calib.hexaslide.planning import (
@@ -16,7 +16,6 @@ from calib.hexaslide.planning import (
     SCALED_WORDS,
     HexaSlideSeen,
     PaperRule,
-    PublishedSet,
 )
 from calib.hexaslide.procedures import MEASURABLE_WORDS, Kind
 from calib.hexaslide.search import BestPostures
@@ -33,12 +32,14 @@ PUBLISHED_WORDS = {
 
 def postures_text(found: BestPostures) -> str:
     """Before and after, then the postures and how they were found."""
-    parts = [wrapped(_sentence(found)), _criteria(found), _postures(found.postures)]
-    return "\n\n".join([*parts, wrapped(_search(found))])
-
-
-def _sentence(found: BestPostures) -> str:
+    postures = new_table(*found.postures[0], left=0)
+    for posture in found.postures:
+        postures.add_row(*(f"{value + 0.0:.4f}" for value in posture.values()))
     procedure, moved = found.procedure, bool(found.values)
+    criteria = new_table("criteria of papers/001", *(["start", "found"] if moved else ["value"]))
+    sets = (found.start, found.found) if moved else (found.found,)
+    for name, words in PUBLISHED_WORDS.items():
+        criteria.add_row(words, *(f"{getattr(one, name):.4g}" for one in sets))
     before = f" (start {found.refined.start_value:.4g})" if moved else ""
     condition = f"{found.condition_number:.4g}"
     condition += f", at the start {found.start_condition_number:.4g}" if moved else ""
@@ -56,23 +57,7 @@ def _sentence(found: BestPostures) -> str:
             "calibration comes of them, and their condition number compares only with that of as "
             "few."
         )
-    return said
-
-
-def _criteria(found: BestPostures) -> str:
-    moved = bool(found.values)
-    table = new_table("criteria of papers/001", *(["start", "found"] if moved else ["value"]))
-    sets = (found.start, found.found) if moved else (found.found,)
-    for name, words in PUBLISHED_WORDS.items():
-        table.add_row(words, *(f"{getattr(one, name):.4g}" for one in sets))
-    return table_text(table)
-
-
-def _postures(postures: tuple[dict[str, float], ...]) -> str:
-    table = new_table(*postures[0], left=0)
-    for posture in postures:
-        table.add_row(*(f"{value + 0.0:.4f}" for value in posture.values()))
-    return table_text(table)
+    return paragraphs(said, criteria, postures, _search(found))
 
 
 def _search(found: BestPostures) -> str:
@@ -116,12 +101,15 @@ MOST_TOLD = 4
 def seen_text(found: HexaSlideSeen) -> str:
     """What is seen and lost, the condition number with its units, then the paper's rule."""
     examined = found.seen.examined
-    head = (
+    return paragraphs(
         f"hexaslide, {examined.procedure}: {examined.posture_count} postures ({examined.source}) "
-        f"reading {', '.join(examined.measured)}. Derivatives are exact; noise plays no part."
+        f"reading {', '.join(examined.measured)}. Derivatives are exact; noise plays no part.",
+        _verdict(found),
+        _lost(found),
+        _known(found),
+        _conditions(found),
+        _rule(found),
     )
-    parts = [head, _verdict(found), _lost(found), _known(found), _conditions(found), _rule(found)]
-    return "\n\n".join(wrapped(part) for part in parts if part)
 
 
 def _verdict(found: HexaSlideSeen) -> str:
@@ -198,8 +186,7 @@ def _conditions(found: HexaSlideSeen) -> str:
 
 def _rule(found: HexaSlideSeen) -> str:
     seen, qr = found.seen.found, found.seen.qr
-    count = len(seen.names)
-    counted = count - len(qr.flagged)
+    counted = len(seen.names) - len(qr.flagged)
     lines = [
         f"Rule of papers/001, QR in the order of the parameters, |r_ii| ≤ {qr.tolerance:.2g}: "
         f"counts {counted} with exact derivatives, flags {', '.join(qr.flagged) or 'none'}."
@@ -268,18 +255,14 @@ STOPPED = "Stopped. The best so far stays."
 DRAWING_WORDS = "· rail   ⡇ link and its number   ▀ platform   : box of the postures"
 
 
-def heading_text(machine: str, view: HexaSlideSeen | None) -> str:
-    """Machine and procedure on one line."""
+def heading_text(file: Path | None, view: HexaSlideSeen | None) -> str:
+    """Machine file, none for the example, and procedure on one line."""
+    machine = file.name if file else "example H60"
     if view is None:
         return machine
     kind = view.procedure.kind
     number = f"{KINDS.index(kind) + 1} of {len(KINDS)}" if view.published else "your own"
     return f"{machine}   {number}: {kind.value}"
-
-
-def machine_words(path: Path | None) -> str:
-    """The name of the machine file, or of the example."""
-    return path.name if path else "example H60"
 
 
 def problem_text(problem: Exception) -> str:
@@ -295,19 +278,30 @@ def sees_text(
     rank, count = seen.found.rank, len(seen.found.names)
     published = seen.examined.published_rank
     paper = "" if published is None else f" (papers/001: {published})"
-    parts = [
-        wrapped(
-            f"{PROCEDURE_WORDS[view.procedure.kind].capitalize()}: reads "
-            f"{', '.join(seen.examined.measured)}.\n"
-            f"IDENTIFIABLE: {rank} of {count} combinations of the parameters{paper}.\n"
-            f"NOT IDENTIFIABLE by any posture: {lost_words(view)}.\n"
-            f"FEWEST POSTURES: {view.fewest}."
-        )
-    ]
-    if seen.examined.remark:
-        parts.append(wrapped(seen.examined.remark))
-    parts += [_condition_table(view, found, best), wrapped(_known_line(view))]
-    return "\n\n".join(parts)
+    known = seen.found.individually_known
+    one_by_one = f" ({len(known)}): {', '.join(known) or 'none'}."
+    if len(known) == count:
+        one_by_one = f": all {count} parameters."
+    table = new_table("condition number", *view.conditions)
+    conditions = map(_number, view.conditions.values())
+    table.add_row(f"{seen.examined.posture_count} random postures", *conditions)
+    if found is not None and best is not None:
+        start = found.start_condition_number
+        table.add_row(f"{len(found.begin)} random, the start of the search", _number(start))
+        table.add_row(f"{len(found.begin)} optimum postures", *map(_number, best.values()))
+    if (paper_set := view.published) is not None:
+        table.add_row(f"papers/001: {paper_set.count} random", _number(paper_set.random))
+        table.add_row(f"papers/001: {paper_set.count} optimum", _number(paper_set.best))
+    return paragraphs(
+        f"{PROCEDURE_WORDS[view.procedure.kind].capitalize()}: reads "
+        f"{', '.join(seen.examined.measured)}.\n"
+        f"IDENTIFIABLE: {rank} of {count} combinations of the parameters{paper}.\n"
+        f"NOT IDENTIFIABLE by any posture: {lost_words(view)}.\n"
+        f"FEWEST POSTURES: {view.fewest}.",
+        seen.examined.remark,
+        f"{table_text(table)}\nColumns not scaled, so the number depends on the units.",
+        f"KNOWN ONE BY ONE{one_by_one}",
+    )
 
 
 def lost_words(view: HexaSlideSeen) -> str:
@@ -319,32 +313,6 @@ def lost_words(view: HexaSlideSeen) -> str:
     if others:
         said.append(f"{others} other combination{'s' if others > 1 else ''}")
     return "; ".join(said) or "nothing"
-
-
-def _known_line(view: HexaSlideSeen) -> str:
-    known = view.seen.found.individually_known
-    if len(known) == len(view.seen.found.names):
-        return f"KNOWN ONE BY ONE: all {len(known)} parameters."
-    return f"KNOWN ONE BY ONE ({len(known)}): {', '.join(known) or 'none'}."
-
-
-def _condition_table(
-    view: HexaSlideSeen, found: BestPostures | None, best: dict[str, float] | None
-) -> str:
-    """Condition numbers in each unit, the paper's below."""
-    table = new_table("condition number", *view.conditions)
-    count = view.seen.examined.posture_count
-    table.add_row(f"{count} random postures", *map(_number, view.conditions.values()))
-    if found is not None and best is not None:
-        start = found.start_condition_number
-        table.add_row(f"{len(found.begin)} random, the start of the search", _number(start))
-        table.add_row(f"{len(found.begin)} optimum postures", *map(_number, best.values()))
-    published = view.published
-    if published is not None:
-        table.add_row(f"papers/001: {published.count} random", _number(published.random))
-        table.add_row(f"papers/001: {published.count} optimum", _number(published.best))
-    note = "Columns not scaled, so the number depends on the units."
-    return f"{table_text(table)}\n{note}"
 
 
 def _number(value: float) -> str:
@@ -359,24 +327,19 @@ def search_text(
         waiting = f"Searching for {count} postures, the first start …  Escape stops."
         return waiting if searching else f"{NOT_YET} Now {count} of them; C changes that."
     share = found.refined.on_bound / found.refined.coordinates.size
+    paper = f", papers/001 {_number(view.published.best)}" if view.published else ""
     said = (
         f"{len(found.begin)} postures, start {len(found.values)} of {found.search.starts}: "
         f"condition number {_number(found.start_condition_number)} → "
-        f"{_number(found.condition_number)} (m, rad)"
-        f"{_beside(view.published)}; {share:.0%} of the coordinates on a bound."
+        f"{_number(found.condition_number)} (m, rad){paper}; {share:.0%} of the coordinates on a "
+        "bound."
     )
     return wrapped(f"{said} Escape stops." if searching else said)
 
 
-def _beside(published: PublishedSet | None) -> str:
-    return "" if published is None else f", papers/001 {_number(published.best)}"
-
-
 def list_text(found: BestPostures | None) -> str:
     """The best postures as a table."""
-    if found is None:
-        return NOT_YET
-    return postures_table(found.coordinates)
+    return NOT_YET if found is None else postures_table(found.coordinates)
 
 
 def postures_table(postures: FloatArray) -> str:
@@ -404,8 +367,3 @@ def count_question(fewest: int) -> str:
 def count_problem(found: str, fewest: int, most: int) -> str:
     """A number that is none, too small or too large."""
     return f"number of postures: found '{found}'; allowed: {fewest} to {most}"
-
-
-def copied_text(text: str) -> str:
-    """How much went to the clipboard."""
-    return f"Copied: {len(text.splitlines())} lines"

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands import diagnose, indicators, measuring, planning, results, sessions
+from app.commands import demo, diagnose, indicators, measuring, planning, results, sessions
 from app.exit_codes import Exit, exit_code
 from app.machines.registry import LOOKS
 from app.report.streams import guard_standard_streams
@@ -63,7 +63,7 @@ def settings() -> None:
     typer.echo(settings_text(path, path.exists(), present, rows))
 
 
-cli.command("demo")(measuring.demo)
+cli.command("demo")(demo.demo)
 cli.command("run")(measuring.run)
 cli.command("align")(measuring.align)
 cli.command("import")(sessions.import_table)

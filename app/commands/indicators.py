@@ -49,7 +49,7 @@ def read(
         say(f"glidecal: profile {known.name} is unverified: {known.source}")
     line = IndicatorLine(known, port, asked=asked_for(unit, channel))
     line.start()
-    try:
+    with closing(line):
         while True:
             outcome = line.ask().result()
             if as_json:
@@ -59,8 +59,6 @@ def read(
             if not watch:
                 break
             time.sleep(known.interval_s)
-    finally:
-        line.close()
     if isinstance(outcome, Fault):
         thing = f"indicator on {port}"
         raise IndicatorError(thing, f"{outcome.kind}: {outcome.words}", "", known.hint)

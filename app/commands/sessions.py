@@ -13,6 +13,7 @@ import typer
 
 from app.exit_codes import Exit, exit_code
 from app.machines.options import (
+    Answer,
     AsJson,
     Force,
     Machine,
@@ -156,7 +157,6 @@ def replay(
         from app.screens.start import open_replay, open_served
 
         raise typer.Exit(open_served(session, LOOKS) if served else open_replay(session, LOOKS))
-    from app.report.schema.document import to_json
     from app.report.schema.readings import ReplayReport
     from app.report.text.session import replay_text
     from protocols.record import read_record
@@ -168,7 +168,7 @@ def replay(
     if record.unfinished:
         say(f"glidecal: {record.unfinished}")
     report = ReplayReport.of(name=session[0].name, session=fold(record.events), end=record.end)
-    typer.echo(to_json(report) if as_json else replay_text(report))
+    typer.echo(Answer(lambda: replay_text(report), lambda: report).shown(as_json=as_json))
 
 
 def _end_with_the_server() -> None:

@@ -12,12 +12,12 @@ from app.measuring.indicators import SIMULATED
 from app.version import program
 from calib.arrays import TOOL, Conditions, Observations, descending
 from calib.errors import RecordError, UsageError
+from calib.tripod.effects import BESIDE_CATALOGUE
 from calib.tripod.effects.candidates import candidates
-from calib.tripod.effects.catalogue import BESIDE_CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.effects.hidden import hidden_among
 from calib.tripod.pipeline import Model, StageEffect, measure
-from calib.tripod.sensitivity import excursion_mm, excursion_over_plane_mm
+from calib.tripod.planning import excursion_mm
 from drivers.profile import LARGEST_MM
 from protocols.machine import Instrument, Machine, load_machine
 from protocols.model_file import read_model
@@ -232,15 +232,9 @@ def short_travels(
             read = leg_number(first.leg), leg_number(axis)
             where = f"along {axis.upper()} of leg {first.leg.upper()}, "
             at = [(step.displacement_mm, step.station) for step in steps]
-            if first.over_plane:
-                tilt = machine.plane_tilt_mrad
-                moved_mm = excursion_over_plane_mm(geometry, tolerance_mm, read, at, tilt)
-                where += "over the plane"
-            else:
-                moved_mm = excursion_mm(
-                    geometry, tolerance_mm, read, first.station, [mm for mm, _ in at]
-                )
-                where += f"station {first.station:g}"
+            tilt = machine.plane_tilt_mrad if first.over_plane else None
+            moved_mm = excursion_mm(geometry, tolerance_mm, read, at, tilt)
+            where += "over the plane" if first.over_plane else f"station {first.station:g}"
             needed.append((instrument, moved_mm, where))
         worst = descending(needed, lambda one: one[1])[0]
         if instrument.travel_mm is not None and worst[1] > instrument.travel_mm:

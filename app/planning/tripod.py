@@ -26,8 +26,9 @@ from calib.identify.next_mounting import (
 )
 from calib.noise.reading import IndicatorFigures, Noise
 from calib.tripod.effects.effect import Effect
+from calib.tripod.optimum import Orders
 from calib.tripod.pipeline import Model
-from calib.tripod.planning import Orders, TripodPlanning
+from calib.tripod.planning import TripodPlanning
 from protocols.data_table import DataTable
 from protocols.files import Written, unused_path
 from protocols.machine import Instrument, Machine, load_machine

@@ -10,7 +10,7 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input, OptionList, Select, Static
 
-from app.commands.measuring import run_headless
+from app.commands.demo import run_headless
 from app.exports import FILE_NAMES
 from app.measuring.plan import QUICK_INTERVAL_S
 from app.screens.check import CheckScreen, DryRunScreen

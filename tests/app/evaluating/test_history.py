@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from app.evaluating import history
 from app.evaluating.history import Entry, MachineHistory, read_history
 from app.measuring.simulated import simulated_session
-from app.report.charts.charts import offsets_over_time
+from app.report.charts.results import offsets_over_time
 from app.report.text.history import history_text
 from calib.printable import HIDDEN, printable
 from calib.tripod.pipeline import Model
@@ -186,7 +186,7 @@ def test_effects_are_diagnosed_where_asked_for(tmp_path: Path) -> None:
 
 
 @given(words=st.text(max_size=30))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_hostile_names_are_inert(words: str) -> None:
     entry = Entry(
         began=BEGAN,

@@ -190,7 +190,7 @@ def left_after(solutions: dict[Subset, Solution], subset: Subset) -> tuple[Float
     not even joint offsets are, the parameters held by tolerances say what is left.
     """
     solution, full = solutions[subset], solutions.get("both")
-    factor = noise_factor(solutions, subset)
+    factor = (full or solution).spread
     held = solutions.get("with-tolerances")
     if held is not None and not {"both", "joint-offsets"} & solutions.keys():
         # a plain set alone would take what it leaves out for perfect
@@ -206,11 +206,6 @@ def left_after(solutions: dict[Subset, Solution], subset: Subset) -> tuple[Float
     chance = float(np.einsum("pij,jk,pik->p", jacobian, differing, jacobian).mean())
     real = max(moved - max(chance, 0.0), 0.0)
     return shift * math.sqrt(real / moved if moved > 0.0 else 0.0), covariance
-
-
-def noise_factor(solutions: dict[Subset, Solution], subset: Subset) -> float:
-    """Factor on the variance of the noise: of what the full set leaves, else the subset itself."""
-    return solutions.get("both", solutions[subset]).spread
 
 
 def full_covariance(solution: Solution, factor: float = 1.0) -> FloatArray:

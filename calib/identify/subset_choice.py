@@ -16,7 +16,7 @@ from calib.identify.fit import Size
 from calib.identify.identify import Told, identify_from
 from calib.identify.solution import SUBSETS, Method, Solution, Subset, Weights
 from calib.noise.reading import IndicatorFigures
-from calib.tripod.geometry import PARAMETER_NAMES, TOLERANCE_MM
+from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 from calib.tripod.workspace import workspace_jacobian
 
@@ -33,9 +33,8 @@ class SubsetChoice:
     """The solution of every subset that the data determine, and which of them is recommended.
 
     ``tool_after`` is the error of the tool to expect over the workspace with the values of each
-    entered, and for ``with-tolerances`` where the tolerances of the parts are stated. ``refused``
-    holds the reason for every subset that the data do not determine. ``told`` and tolerances
-    ``(6,)`` are what all of them were made of.
+    entered. ``refused`` holds the reason for every subset that the data do not determine. ``told``
+    and tolerances ``(6,)`` are what all of them were made of.
     """
 
     told: Told
@@ -148,7 +147,7 @@ def choose_subset(
     *,
     weights: Weights = "equal",
     indicator: IndicatorFigures | None = None,
-    tolerance_mm: FloatArray | None = None,
+    tolerance_mm: FloatArray,
     sizes: tuple[Size, ...] = (),
 ) -> SubsetChoice:
     """Identify all subsets, and say what the tool would be off by with each.
@@ -159,8 +158,7 @@ def choose_subset(
     told = Told.of(model, observed, indicator or IndicatorFigures(), sizes)
     solutions: dict[Subset, Solution] = {}
     refused: dict[Subset, NotIdentifiable] = {}
-    wanted = [s for s in SUBSETS if s != "with-tolerances" or tolerance_mm is not None]
-    for subset in wanted:
+    for subset in SUBSETS:
         try:
             solutions[subset] = identify_from(
                 told, subset, method, weights=weights, tolerance_mm=tolerance_mm
@@ -175,7 +173,7 @@ def choose_subset(
     }
     return SubsetChoice(
         told,
-        np.full(len(PARAMETER_NAMES), TOLERANCE_MM) if tolerance_mm is None else tolerance_mm,
+        tolerance_mm,
         solutions,
         after,
         refused,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,12 +18,13 @@ from textual.widgets import Footer, Static
 from app.exit_codes import exit_code
 from app.measuring.gauges import PushResult, Trial
 from app.measuring.moving import ways_of
-from app.measuring.opening import Indicators, Plan, begin, first_step, open_indicators
+from app.measuring.opening import Plan, begin, first_step, open_indicators
 from app.report.text import motion
 from app.report.text.home import CHECK_HELP
 from app.report.text.preparing import check_text, dry_run_text, trial_text
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
+from app.screens.pages import apart
 from app.screens.session_view import GaugeDisplay
 from calib.errors import GlidecalError
 from protocols.machine import Instrument, Machine
@@ -69,34 +71,28 @@ class CheckScreen(Screen[None]):
 
     def on_mount(self) -> None:
         self.app.clear_notifications()  # they would lie over the readings
-        self._open()
+        self.app.run_worker(self._open())
 
-    @work(thread=True)
-    def _open(self) -> None:
+    async def _open(self) -> None:
+        """A worker of the application: it goes on when this screen is left."""
+        words = self.query_one("#words", Static)
         try:
-            indicators = open_indicators(self._plan)
+            indicators = await asyncio.to_thread(open_indicators, self._plan)
         except GlidecalError as problem:
-            self.app.call_from_thread(self._refused, problem)
-        else:
-            self.app.call_from_thread(self._opened, indicators)
-
-    def _refused(self, problem: GlidecalError) -> None:
-        if self not in self.app.screen_stack:
+            if self in self.app.screen_stack:
+                self._problem = problem
+                words.update(f"{problem}\n\nR tries again, Escape goes back.")
+                self.refresh_bindings()
             return
-        self._problem = problem
-        self.query_one("#words", Static).update(f"{problem}\n\nR tries again, Escape goes back.")
-        self.refresh_bindings()
-
-    def _opened(self, indicators: Indicators) -> None:
         if self not in self.app.screen_stack:  # left meanwhile: nobody else would close them
             indicators.close()
             return
         self.app.indicators = indicators
         self.refresh_bindings()
-        words = check_text(self._plan)
+        checked = check_text(self._plan)
         if indicators.mover is not None:
-            words = f"{motion.check_text(self._plan, indicators.mover)}\n\n{words}"
-        self.query_one("#words", Static).update(words)
+            checked = f"{motion.check_text(self._plan, indicators.mover)}\n\n{checked}"
+        words.update(checked)
         if not self._plan.simulated:  # no hand can push those spindles
             with self.app.complaining():
                 self._first = first_step(self._plan)
@@ -147,7 +143,7 @@ class CheckScreen(Screen[None]):
         self._problem = None
         self.query_one("#words", Static).update(OPENING)
         self.refresh_bindings()
-        self._open()
+        self.app.run_worker(self._open())
 
     def action_begin(self) -> None:
         """Start or continue the record and go measuring."""
@@ -211,20 +207,16 @@ class DryRunScreen(Screen[None]):
             yield Static("", id="expected", markup=False)
         yield Footer()
 
-    def on_mount(self) -> None:
-        self._expect()
+    @work
+    async def on_mount(self) -> None:
+        said = await apart(self, self._expected)
+        self.query_one("#expected", Static).update(f"\n{said}")
 
-    @work(thread=True)
-    def _expect(self) -> None:
+    def _expected(self) -> str:
         from app.planning.tripod import before_measuring
         from app.report.text.planning import before_measuring_text
 
         try:
-            said = before_measuring_text(*before_measuring(*self._asked))
+            return before_measuring_text(*before_measuring(*self._asked))
         except GlidecalError as problem:
-            said = str(problem)
-        self.app.call_from_thread(self._expected, said)
-
-    def _expected(self, text: str) -> None:
-        if self in self.app.screen_stack:
-            self.query_one("#expected", Static).update(f"\n{text}")
+            return str(problem)

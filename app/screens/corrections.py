@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from typing import ClassVar, TypeVar
@@ -71,23 +72,23 @@ class Corrections(Screen[None]):
             return False
         return True
 
-    @work(thread=True)
-    def finish(self) -> None:
+    @work
+    async def finish(self) -> None:
         """Close the record, on to the result."""
         try:
-            self.guided.finish()
-            solved = solve_recorded(self.guided.path)
+            result = await asyncio.to_thread(self._result)
         except GlidecalError as problem:
             again = f"{self.FINISHES} tries again, F10 leaves."
-            said = f"Every reading is on the disk, but: {problem} {again}"
-            self.app.call_from_thread(self.refused, said)
+            self.refused(f"Every reading is on the disk, but: {problem} {again}")
             return
         self.app.guided = None
-        result = self.app.result(solved, self.plan, self.guided.path)
-        self.app.call_from_thread(self.app.go_to, result)
+        self.app.go_to(result)
         if self.guided.session.changes:
-            said = adjusted_words(self.guided.session.adjusted)
-            self.app.call_from_thread(self.app.notify, said, timeout=30)
+            self.app.notify(adjusted_words(self.guided.session.adjusted), timeout=30)
+
+    def _result(self) -> Screen[None]:
+        self.guided.finish()
+        return self.app.result(solve_recorded(self.guided.path), self.plan, self.guided.path)
 
     def action_undo(self) -> None:
         """Measure the last step again; its readings stay in the record, superseded.

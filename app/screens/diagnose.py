@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -12,7 +12,6 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
 from textual.widgets import Footer, Static, TabbedContent, TabPane
-from textual.worker import get_current_worker
 
 from app.evaluating.diagnosis import (
     SessionDiagnosis,
@@ -23,16 +22,16 @@ from app.evaluating.diagnosis import (
     resize,
     write_procedure,
 )
-from app.evaluating.solution import SessionSolution, solve_files
+from app.evaluating.solution import solve_files
 from app.evaluating.what_if import Choice, choices, trial_of
-from app.measuring.opening import Plan, plan_to_repeat
+from app.measuring.opening import plan_to_repeat
 from app.report.charts.charts import residuals_before_and_after
 from app.report.text import diagnosis as texts
-from app.report.text import what_if as what_if_texts
 from app.report.text.result import ONLY_SHOWN
 from app.screens.interface import ChoiceDialog, Interface, TextDialog
-from app.screens.pages import PagedScreen, signalled
+from app.screens.pages import PagedScreen, apart, signalled
 from app.screens.plot import ChartPlot
+from app.screens.what_if import ask_effect
 from calib.errors import GlidecalError
 from protocols.files import unused_path
 from protocols.model_file import EffectEntry, ModelFile, read_model_file
@@ -111,29 +110,14 @@ class DiagnoseScreen(PagedScreen):
     def _page_text(self, name: str) -> Static:
         return self.query_one(f"#{name}-text", Static)
 
-    @work(thread=True, group="diagnose", exclusive=True)
-    def _diagnose(self) -> None:
-        worker = get_current_worker()
+    @work(group="diagnose", exclusive=True)
+    async def _diagnose(self) -> None:
         try:
-            self._known = read_model_file(self.model) if self.model else None
-            found = diagnose_files(self.paths, model=self.model)
-            found.tool_bound  # worked out here, not while the page is drawn  # noqa: B018
+            self._known, found = await apart(self, _diagnosis, self.paths, self.model)
         except GlidecalError as problem:
-            if not worker.is_cancelled:
-                self.app.call_from_thread(self._found, partial(self._fail, problem))
-        else:
-            if not worker.is_cancelled:
-                self.app.call_from_thread(self._found, partial(self._show, found))
-
-    def _found(self, show: Callable[[], None]) -> None:
-        if self in self.app.screen_stack:  # nobody left it meanwhile
-            show()
-
-    def _fail(self, problem: GlidecalError) -> None:
-        self.looking = False
-        self._say_everywhere(texts.problem_text(problem))
-
-    def _show(self, found: SessionDiagnosis) -> None:
+            self.looking = False
+            self._say_everywhere(texts.problem_text(problem))
+            return
         self.looking, self.diagnosed = False, found
         self.refresh_bindings()
         now = found.diagnosis.gap_before.rms_mm
@@ -189,11 +173,7 @@ class DiagnoseScreen(PagedScreen):
         if found is None:
             return
         listed = choices(found.sessions, self._known, found)
-        if listed:
-            asked = [(one, what_if_texts.choice_words(one)) for one in listed]
-            self.app.ask_which(what_if_texts.WHICH, asked, partial(self._try, found))
-        else:
-            self.app.complain(what_if_texts.NOTHING_TO_TRY)
+        ask_effect(self.app, listed, partial(self._try, found))
 
     def _try(self, found: SessionDiagnosis, choice: Choice) -> None:
         trial = trial_of(choice, found.names, found.sessions, self._known)
@@ -291,23 +271,26 @@ class DiagnoseScreen(PagedScreen):
             write_procedure(found, path)
             self.app.notify(texts.NEXT_WRITTEN.format(path), timeout=12, markup=False)
 
-    @work(thread=True, group="result", exclusive=True)
-    def action_result(self) -> None:
+    @work(group="result", exclusive=True)
+    async def action_result(self) -> None:
         """What these sessions give, with the adopted effects where there are any."""
-        path = self.paths[0]
-        try:
-            solved, _ = solve_files(self.paths, model=self.model)
-            plan = None if self.app.read_only else plan_to_repeat(path)
-        except GlidecalError as problem:
-            self.app.call_from_thread(self.app.complain, problem)
-        else:
-            self.app.call_from_thread(self._show_result, solved, plan, path)
-
-    def _show_result(self, solved: SessionSolution, plan: Plan | None, path: Path) -> None:
-        self.app.push_screen(self.app.result(solved, plan, path, self.model))
+        path, model = self.paths[0], self.model
+        with self.app.complaining():
+            solved, _ = await apart(self, solve_files, self.paths, model=model)
+            plan = None if self.app.read_only else await apart(self, plan_to_repeat, path)
+            self.app.push_screen(self.app.result(solved, plan, path, model))
 
     def action_copy(self) -> None:
         if self._ready() is None:
             return
         text = str(self._page_text(self.query_one(TabbedContent).active).content)
         self.app.copy(text)
+
+
+def _diagnosis(
+    paths: Sequence[Path], model: Path | None
+) -> tuple[ModelFile | None, SessionDiagnosis]:
+    known = read_model_file(model) if model else None
+    found = diagnose_files(paths, model=model)
+    found.tool_bound  # worked out here, not while the page is drawn  # noqa: B018
+    return known, found

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
-from textual import on, work
+from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.message import Message
 from textual.widgets import Footer, Static, TabbedContent, TabPane
 
 from app.planning.hexaslide import Request, hexaslide_planning
@@ -34,7 +33,7 @@ from app.report.text.hexaslide import (
     sees_text,
 )
 from app.screens.interface import Interface, TextDialog
-from app.screens.pages import PagedScreen
+from app.screens.pages import PagedScreen, apart
 from app.screens.plot import DrawingPlot
 from calib.errors import GlidecalError
 from calib.hexaslide.planning import (
@@ -52,25 +51,8 @@ TEXTS = {"sees": "sees-text", "machine": "drawn-text", "places": "search-text", 
 """What is copied from each page."""
 
 
-@dataclass
-class ShownProcedure(Message):
-    """What a procedure sees, or why that cannot be told."""
-
-    asked: int
-    view: HexaSlideSeen | GlidecalError
-
-
 class _Left(Exception):
     """Nobody waits for the search any more."""
-
-
-@dataclass
-class SearchNews(Message):
-    """A start of the search is done; without a result the search has ended."""
-
-    search: threading.Event
-    found: BestPostures | None
-    problem: GlidecalError | None = None
 
 
 class HexaSlideScreen(PagedScreen):
@@ -116,15 +98,9 @@ class HexaSlideScreen(PagedScreen):
         self.view: HexaSlideSeen | None = None
         self.found: BestPostures | None = None
         self.looking = False
-        self._asked = 0
+        self.searching = False
         self._count = 0
         self._drawn_at = 0
-        self._stop: threading.Event | None = None
-
-    @property
-    def searching(self) -> bool:
-        """Whether a search goes on."""
-        return self._stop is not None
 
     def compose(self) -> ComposeResult:
         yield Static("", id="hexaslide", markup=False)
@@ -155,10 +131,6 @@ class HexaSlideScreen(PagedScreen):
     def on_mount(self) -> None:
         self._look(self.request)
 
-    def on_unmount(self) -> None:
-        """A search does not outlive its screen."""
-        self._end_search()
-
     def _say(self, name: str, text: str) -> None:
         self.query_one(f"#{name}", Static).update(text)
 
@@ -167,10 +139,9 @@ class HexaSlideScreen(PagedScreen):
         self._end_search()
         self.request, self.view, self.found = request, None, None
         self.looking = True
-        self._asked += 1
         self._show_heading()
         self._say_everywhere(LOOKING)
-        self._look_apart(request, self._asked)
+        self._look_apart(request)
 
     def _show_heading(self) -> None:
         machine = machine_words(self.request.machine_file)
@@ -182,24 +153,16 @@ class HexaSlideScreen(PagedScreen):
         for plot in self.query(DrawingPlot):
             plot.display = False
 
-    @work(thread=True, group="look")
-    def _look_apart(self, request: Request, asked: int) -> None:
+    @work(group="look", exclusive=True)
+    async def _look_apart(self, request: Request) -> None:
         try:
-            view: HexaSlideSeen | GlidecalError = look_at(hexaslide_planning(request))
+            view = await apart(self, lambda: look_at(hexaslide_planning(request)))
         except GlidecalError as problem:
-            view = problem
-        self.post_message(ShownProcedure(asked, view))
-
-    @on(ShownProcedure)
-    def _show_view(self, message: ShownProcedure) -> None:
-        if message.asked != self._asked:
+            self.looking = False
+            self._say_everywhere(problem_text(problem))
             return
         self.looking = False
-        if isinstance(message.view, GlidecalError):
-            self._say_everywhere(problem_text(message.view))
-            return
-        self.view, self._drawn_at = message.view, 0
-        self._count = self.view.fewest
+        self.view, self._drawn_at, self._count = view, 0, view.fewest
         for plot in self.query(DrawingPlot):
             plot.display = True
         self._show_heading()
@@ -287,45 +250,34 @@ class HexaSlideScreen(PagedScreen):
             self.app.complain(LOOKING if self.looking else NO_VIEW)
             return
         self._end_search()
-        self._stop, self.found, self._drawn_at = threading.Event(), None, 0
+        self.searching, self.found, self._drawn_at = True, None, 0
         self.query_one(TabbedContent).active = "places"
         self._show_all()
-        self._search(self.view, self._count, self._stop)
+        self._search(self.view, self._count)
 
-    @work(thread=True, group="search")
-    def _search(self, view: HexaSlideSeen, count: int, stop: threading.Event) -> None:
+    @work(group="search")
+    async def _search(self, view: HexaSlideSeen, count: int) -> None:
+        left = threading.Event()
+
         def watch() -> None:
-            if stop.is_set():
+            if left.is_set():
                 raise _Left
 
         wanted = Search(seed=view.planned.seed, starts=STARTS)
-        problem: GlidecalError | None = None
         try:
-            for found in searches(view.procedure, view.machine, count, wanted, watch):
-                self.post_message(SearchNews(stop, found))
-        except _Left:
-            return
-        except GlidecalError as failure:
-            problem = failure
-        self.post_message(SearchNews(stop, None, problem))
-
-    @on(SearchNews)
-    def _show_found(self, message: SearchNews) -> None:
-        if message.search is not self._stop:
-            return
-        if message.found is None:
-            self._stop = None
-            if message.problem is not None:
-                self.app.complain(message.problem)
-            self._show_search()
-            return
-        self.found = message.found
-        self._show_all()
+            with self.app.complaining():
+                starts = searches(view.procedure, view.machine, count, wanted, watch)
+                while found := await apart(self, next, starts, None):
+                    self.found = found
+                    self._show_all()
+        finally:  # a search does not outlive its worker, and that not its screen
+            left.set()
+        self.searching = False
+        self._show_search()
 
     def _end_search(self) -> None:
-        if self._stop is not None:
-            self._stop.set()
-            self._stop = None
+        self.searching = False
+        self.workers.cancel_group(self, "search")
 
     def action_draw(self, by: int) -> None:
         """The machine at the next of the postures that were found; 0 is the middle of the box."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from textual import work
 from textual.app import ComposeResult
@@ -29,11 +29,9 @@ from app.report.text import home as texts
 from app.report.text.home import ELSEWHERE, NO_SESSIONS, PICK_KEYS, session_label
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
+from app.screens.pages import apart
 from calib.errors import GlidecalError
 from protocols.files import FilesThere
-
-if TYPE_CHECKING:
-    from app.evaluating.history import History
 
 DEMO_FOLDER = Path("demo-sessions")
 
@@ -195,25 +193,22 @@ class HomeScreen(Screen[None]):
         self._pick(question, picked, follow_up(before, self._recent), left_out=before)
 
     def _start(self, job: Callable[[], Callable[[], object]]) -> None:
-        """Compute apart from the screen; the job gives back what is to be shown."""
-        self._set_working(True)
-        self._run_job(job)
+        """Compute apart from the screen; the job gives back what is to be shown.
 
-    def _set_working(self, working: bool) -> None:
-        self._working = working
-        said = texts.COMPUTING if working else texts.HOME_QUESTION
-        self.query_one("#question", Static).update(said)
+        What it needs is loaded there, too.
+        """
+        self._working = True
+        self.query_one("#question", Static).update(texts.COMPUTING)
+        self._finish(job)
 
-    @work(thread=True)
-    def _run_job(self, job: Callable[[], Callable[[], object]]) -> None:
+    @work
+    async def _finish(self, job: Callable[[], Callable[[], object]]) -> None:
         try:
-            show = job()
+            show = await apart(self, job)
         except GlidecalError as problem:
             show = partial(self.app.complain, problem)
-        self.app.call_from_thread(self._finish_job, show)
-
-    def _finish_job(self, show: Callable[[], object]) -> None:
-        self._set_working(False)
+        self._working = False
+        self.query_one("#question", Static).update(texts.HOME_QUESTION)
         show()
 
     def _show_result(self, path: Path) -> Callable[[], object]:
@@ -248,10 +243,8 @@ class HomeScreen(Screen[None]):
         return partial(self.app.notify, said, timeout=10, markup=False)
 
     def _show_history(self) -> Callable[[], object]:
-        from app.evaluating.history import read_history
-
-        found = read_history(Path())
-        return lambda: self.app.push_screen(self.app.history(found))
+        screen = _history(self.app, Path())
+        return lambda: self.app.push_screen(screen)
 
     def _show_comparison(self, before: Path, after: Path) -> Callable[[], object]:
         from app.evaluating.comparison import compare_files
@@ -357,17 +350,15 @@ class ReplayChoiceScreen(Screen[None]):
         with self.app.complaining():
             self.app.push_screen(self.app.replay(self._paths[number]))
 
-    @work(thread=True, group="history", exclusive=True)
-    def _read_history(self, folder: Path) -> None:
-        from app.evaluating.history import read_history
+    @work(exclusive=True)
+    async def _read_history(self, folder: Path) -> None:
+        with self.app.complaining():
+            history = await apart(self, _history, self.app, folder)
+            if self.is_current:
+                self.app.push_screen(history)
 
-        try:
-            found = read_history(folder)
-        except GlidecalError as problem:
-            self.app.call_from_thread(self.app.complain, problem)
-        else:
-            self.app.call_from_thread(self._show_history, found)
 
-    def _show_history(self, found: History) -> None:
-        if self.is_current:
-            self.app.push_screen(self.app.history(found))
+def _history(interface: Interface, folder: Path) -> Screen[None]:
+    from app.evaluating.history import read_history
+
+    return interface.history(read_history(folder))

@@ -84,21 +84,21 @@ class TextDialog(Dialog[str]):
             event.input.placeholder = f"{self._hint}: none yet, write one, or Escape"
 
 
-class ChoiceDialog(Dialog[str]):
+class ChoiceDialog(Dialog[Thing]):
     """One of several answers, by arrow keys and Enter, by its number, or none by Escape.
 
     ``choices`` are pairs of an answer and the words that stand for it.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        ("escape", "dismiss('')", "Cancel"),
+        ("escape", "dismiss(None)", "Cancel"),
         *((str(number), f"pick({number})", "") for number in range(1, 10)),
     ]
 
     def __init__(
         self,
         question: str,
-        choices: Sequence[tuple[str, str]],
+        choices: Sequence[tuple[Thing, str]],
         highlighted: int = 0,
         leaving: str = "Escape cancels.",
     ) -> None:
@@ -338,18 +338,6 @@ class Interface(App[str]):
                 write()
 
         self.push_screen(ChoiceDialog(f"{problem.words}.", REPLACE_CHOICES), answered)
-
-    def ask_which(
-        self, question: str, listed: Sequence[tuple[Thing, str]], chosen: Callable[[Thing], None]
-    ) -> None:
-        """Ask for one of these things, by their words; nothing is done where none is chosen."""
-
-        def answered(answer: str | None) -> None:
-            if answer:
-                chosen(listed[int(answer)][0])
-
-        choices = [(str(number), words) for number, (_, words) in enumerate(listed)]
-        self.push_screen(ChoiceDialog(question, choices), answered)
 
     @contextmanager
     def complaining(self, replacing: Callable[[], object] | None = None) -> Iterator[None]:

@@ -24,7 +24,7 @@ from app.report.text import motion
 from app.report.text import session as texts
 from app.screens.corrections import Corrections
 from app.screens.interface import ChoiceDialog
-from app.screens.pages import Resting
+from app.screens.pages import Resting, apart
 from app.screens.session_view import LegReviewScreen, SessionView
 from calib.errors import GlidecalError, sentence
 from drivers.profile import Fault, IndicatorReading
@@ -262,16 +262,13 @@ class MeasureScreen(Corrections, Resting):
             self.busy, self._anyway_until = True, 0.0
             self._take()
 
-    @work(thread=True)
-    def _take(self) -> None:
+    @work
+    async def _take(self) -> None:
         try:
-            taken = self.guided.take()
+            taken = await apart(self, self.guided.take)
         except GlidecalError as problem:
-            self.app.call_from_thread(self.refused, str(problem))
-        else:
-            self.app.call_from_thread(self._taken, taken)
-
-    def _taken(self, taken: TakenStep | None) -> None:
+            self.refused(str(problem))
+            return
         self.busy = False
         if taken is None:
             return

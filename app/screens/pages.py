@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import Self
+from typing import Any, ParamSpec, Self, TypeVar
 
 from rich.segment import Segment
 from textual.color import Color
@@ -16,6 +17,9 @@ from textual.screen import Screen
 from textual.strip import Strip
 from textual.widget import Widget
 from textual.widgets import TabbedContent, Tabs
+
+Given = ParamSpec("Given")
+Found = TypeVar("Found")
 
 GOOD, CAUTION, FAULT = (f"bold $text-{name}" for name in ("success", "warning", "error"))
 SIGNALS = {
@@ -40,6 +44,21 @@ def signalled(text: str) -> Content:
     for word in re.finditer(rf"^({'|'.join(map(re.escape, SIGNALS))})", text, re.MULTILINE):
         found = found.stylize(SIGNALS[word[0]], *word.span())
     return found
+
+
+async def apart(
+    screen: Screen[Any], job: Callable[Given, Found], *given: Given.args, **named: Given.kwargs
+) -> Found:
+    """What a job gives that is done in a thread while the screen goes on.
+
+    For workers of the screen: where it was left meanwhile they end here, as if cancelled. Textual
+    cancels them too late, when parts of the screen are gone already.
+    """
+    try:
+        return await asyncio.to_thread(job, *given, **named)
+    finally:
+        if screen not in screen.app.screen_stack:
+            raise asyncio.CancelledError
 
 
 class Resting(Widget):

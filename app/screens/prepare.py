@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from functools import partial
 from itertools import permutations
 from pathlib import Path
 from threading import Event
@@ -37,8 +38,9 @@ from app.report.text.preparing import procedure_sentence
 from app.screens.check import DryRunScreen
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import Interface
+from app.screens.pages import apart
 from calib.errors import GlidecalError, IndicatorError, UsageError
-from drivers.doctor import PortFinding, Trials, findings_of, refused, try_profiles
+from drivers.doctor import Trials, findings_of, refused, try_profiles
 from drivers.profile import Evidence, Query, Unit
 from drivers.profiles import PROFILES
 from protocols.data_table import NUMBER
@@ -107,10 +109,6 @@ class IndicatorScreen(LeftOnce[Form]):
         first = "#here" if serial_ports() and not self._form.get("port") else "#port"
         self.query_one(first).focus()
 
-    def on_unmount(self) -> None:
-        if self._stop is not None:
-            self._stop.set()
-
     def on_select_changed(self, event: Select.Changed) -> None:
         name, value = str(event.select.id), event.value
         if not isinstance(value, str):
@@ -172,34 +170,32 @@ class IndicatorScreen(LeftOnce[Form]):
             asking = {name: self._read().get(name) for name in ("port", "channel", "unit")}
             known = indicator_of({"profile": DEFAULT_PROFILE, **asking})  # any: not asked for
             self._stop = Event()
-            self._try(known.port, asked_of(known))
+            self._try(known.port, asked_of(known), self._stop)
 
-    @work(thread=True)
-    def _try(self, port: str, asked: Query) -> None:
-        stop = self._stop or Event()
-
+    @work
+    async def _try(self, port: str, asked: Query, stop: Event) -> None:
         def tell(*trial: object) -> None:
             self.app.call_from_thread(self._say, f"{texts.TRYING}\n{trial_text(*trial)}")  # type: ignore[arg-type]
 
+        said = ""
         try:
-            found: Trials | IndicatorError = try_profiles(
-                PROFILES.values(), port, asked, progress=tell, stopped=stop.is_set
+            found = await apart(
+                self,
+                partial(try_profiles, progress=tell, stopped=stop.is_set),
+                PROFILES.values(),
+                port,
+                asked,
             )
         except IndicatorError as problem:
-            found = problem
-        self.app.call_from_thread(self._tried, port, found)
-
-    def _tried(self, port: str, found: Trials | IndicatorError) -> None:
-        if self not in self.app.screen_stack:
-            return
-        stopped, self._stop = self._stop is not None and self._stop.is_set(), None
-        if isinstance(found, IndicatorError):
-            findings: Iterable[PortFinding] = [refused(port, found)]
+            said = findings_text([refused(port, problem)])
         else:
-            findings = findings_of(found)
             self._propose(port, found)
-        none = isinstance(found, Trials) and not found.fits
-        self._say(texts.STOPPED if stopped and none else findings_text(findings))
+            stopped = stop.is_set() and not found.fits
+            said = texts.STOPPED if stopped else findings_text(findings_of(found))
+        finally:
+            stop.set()
+        self._stop = None
+        self._say(said)
 
     def _propose(self, port: str, found: Trials) -> None:
         """Put the profiles that fit first; take one that somebody verified, unless one is taken."""

@@ -13,10 +13,11 @@ from textual.events import Resize
 from textual.screen import Screen
 from textual.widgets import Footer, Log
 
-from app.evaluating.solution import SessionSolution, solve_files
+from app.evaluating.solution import solve_files
 from app.measuring.playback import Playback
 from app.report.text import replay as texts
 from app.screens.interface import Interface, TextDialog
+from app.screens.pages import apart
 from app.screens.session_view import SessionView
 from calib.errors import GlidecalError
 from protocols.record import read_record
@@ -193,25 +194,18 @@ class ReplayScreen(Screen[None]):
         """There is a way back where this is not the first screen; below it is the empty one."""
         return action != "back" or self in self.app.screen_stack[2:]
 
-    def action_result(self) -> None:
+    @work
+    async def action_result(self) -> None:
         """Solve the whole session in the background and show the result."""
-        if not self._solving:
-            self._pause()
-            self._solving = True
-            self._solve()
-
-    @work(thread=True)
-    def _solve(self) -> None:
+        if self._solving:
+            return
+        self._pause()
+        self._solving = True
         try:
-            solved, _ = solve_files([self.path])
+            solved, _ = await apart(self, solve_files, [self.path])
         except GlidecalError as problem:
-            self.app.call_from_thread(self._solved, str(problem))
+            self.view.say(texts.UNSOLVED.format(problem))
         else:
-            self.app.call_from_thread(self._solved, solved)
-
-    def _solved(self, found: SessionSolution | str) -> None:
+            if self.is_current:
+                self.app.push_screen(self.app.result(solved, None, self.path))
         self._solving = False
-        if isinstance(found, str):
-            self.view.say(texts.UNSOLVED.format(found))
-        elif self.is_current:
-            self.app.push_screen(self.app.result(found, None, self.path))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import asyncio
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -26,11 +26,11 @@ from app.report.text import what_if as what_if_texts
 from app.report.text.home import REPORTS_SERVED
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
-from app.screens.pages import PagedScreen, signalled
+from app.screens.pages import PagedScreen, apart, signalled
 from app.screens.plot import ChartPlot
-from calib.errors import GlidecalError, extra
+from app.screens.what_if import ask_effect
+from calib.errors import extra
 from calib.identify.solution import Subset
-from protocols.files import FilesThere
 from protocols.model_file import EffectEntry, ModelFile, read_model_file
 
 CHOICES: dict[str, Subset] = {
@@ -137,31 +137,22 @@ class ResultScreen(PagedScreen):
             self.solved = self.solved.with_subset(CHOICES[key])
             self._show()
 
-    def action_export(self) -> None:
+    def action_export(self, *, replace: bool = False) -> None:
         """Write the offsets in every format beside the session."""
-        self._export()
+        self.app.run_worker(self._export(replace=replace))
 
-    @work(thread=True, group="export")
-    def _export(self, *, replace: bool = False) -> None:
-        folder = self.path.with_suffix("")
-        try:
-            offsets = self._joint_offsets()
-            written, refused = export_offsets(offsets, self.path, folder, replace=replace)
-            said = texts.exported_text(folder, written)
-            caution = texts.export_caution(offsets, refused)
-        except FilesThere as problem:
-            again = partial(self._export, replace=True)
-            self.app.call_from_thread(self.app.ask_to_replace, problem, again)
-        except GlidecalError as problem:
-            self.app.call_from_thread(self.app.complain, problem)
-        else:
-            self.app.call_from_thread(self._exported, said, caution)
-
-    def _exported(self, said: str, caution: str) -> None:
+    async def _export(self, *, replace: bool) -> None:
         """What was written is said in passing, what to beware of stays on the page."""
-        self.app.notify(said, timeout=10, markup=False)
-        self.caution = caution
-        self._show()
+        folder = self.path.with_suffix("")
+        with self.app.complaining(partial(self.action_export, replace=True)):
+            offsets = await asyncio.to_thread(self._joint_offsets)
+            written, refused = await asyncio.to_thread(
+                export_offsets, offsets, self.path, folder, replace=replace
+            )
+            self.app.notify(texts.exported_text(folder, written), timeout=10, markup=False)
+            self.caution = texts.export_caution(offsets, refused)
+            if self.is_attached:  # nobody left it meanwhile
+                self._show()
 
     def _joint_offsets(self) -> SessionSolution:
         return self.solved.with_subset("joint-offsets")
@@ -177,44 +168,32 @@ class ResultScreen(PagedScreen):
     def action_report(self) -> None:
         """Write the report beside the session; after a verification that of both sessions."""
         self.app.notify(texts.WRITING_REPORT, markup=False)
-        self._report()
+        self._begin_report()
 
-    @work(thread=True, group="export")
-    def _report(self, *, replace: bool = False) -> None:
-        first = partner_of(self.path, self.solved.sessions[0].opened.verifies)
+    def _begin_report(self, *, replace: bool = False) -> None:
+        self.app.run_worker(self._report(replace=replace))
+
+    async def _report(self, *, replace: bool) -> None:
         target = self.path.with_suffix(".html")
-        try:
-            with extra("glidecal report", "report"):
-                from app.report.pages.report import write_report
-            write_report(
-                [first or self.path], target, after=self.path if first else None, replace=replace
-            )
-        except FilesThere as problem:
-            again = partial(self._report, replace=True)
-            self.app.call_from_thread(self.app.ask_to_replace, problem, again)
-        except GlidecalError as problem:
-            self.app.call_from_thread(self.app.complain, problem)
-        else:
-            said = texts.REPORT_WRITTEN.format(target)
-            self.app.call_from_thread(partial(self.app.notify, said, timeout=10, markup=False))
+        with self.app.complaining(partial(self._begin_report, replace=True)):
+            await asyncio.to_thread(self._write_report, target, replace=replace)
+            self.app.notify(texts.REPORT_WRITTEN.format(target), timeout=10, markup=False)
 
-    @work(thread=True, group="what-if", exclusive=True)
-    def action_what_if(self) -> None:
+    def _write_report(self, target: Path, *, replace: bool) -> None:
+        with extra("glidecal report", "report"):
+            from app.report.pages.report import write_report
+        first = partner_of(self.path, self.solved.sessions[0].opened.verifies)
+        after = self.path if first else None
+        write_report([first or self.path], target, after=after, replace=replace)
+
+    @work(exclusive=True)
+    async def action_what_if(self) -> None:
         """Ask for an effect, then show what it does at any size beside the set that is shown."""
-        try:
-            known = read_model_file(self.model) if self.model else None
-            listed = choices(self.solved.sessions, known)
-        except GlidecalError as problem:
-            self.app.call_from_thread(self.app.complain, problem)
-        else:
-            self.app.call_from_thread(self._ask_which, listed, known)
-
-    def _ask_which(self, listed: Sequence[Choice], known: ModelFile | None) -> None:
-        asked = [(one, what_if_texts.choice_words(one)) for one in listed]
-        if self.is_current and asked:
-            self.app.ask_which(what_if_texts.WHICH, asked, partial(self._try, known))
-        elif self.is_current:
-            self.app.complain(what_if_texts.NOTHING_TO_TRY)
+        with self.app.complaining():
+            known = await apart(self, read_model_file, self.model) if self.model else None
+            listed = await apart(self, choices, self.solved.sessions, known)
+            if self.is_current:
+                ask_effect(self.app, listed, partial(self._try, known))
 
     def _try(self, known: ModelFile | None, choice: Choice) -> None:
         solved = self.solved
@@ -231,26 +210,17 @@ class ResultScreen(PagedScreen):
             self.app.complain(what_if_texts.DIAGNOSE_FIRST)
             return
         self.app.notify(what_if_texts.RESIZING, markup=False)
-        self._resize(self.model, entry)
+        self.app.run_worker(self._resize(self.model, entry))
 
-    @work(thread=True, group="what-if", exclusive=True)
-    def _resize(self, model: Path, entry: EffectEntry) -> None:
-        names, sessions = self.solved.names, self.solved.sessions
-        subset = self.solved.solution.subset
-        try:
-            written = resize(names, sessions, model, entry)
-            solved = solve_sessions(names, sessions, subset=subset, model=written)
-        except GlidecalError as problem:
-            self.app.call_from_thread(self.app.complain, problem)
-        else:
-            self.app.call_from_thread(self._resized, solved, model)
-
-    def _resized(self, solved: SessionSolution, model: Path) -> None:
-        said = what_if_texts.RESIZED.format(model)
-        self.app.notify(said, timeout=10, markup=False)
-        if self.is_attached:  # nobody left it meanwhile
-            self.solved = solved
-            self._show()
+    async def _resize(self, model: Path, entry: EffectEntry) -> None:
+        asked, subset = (self.solved.names, self.solved.sessions), self.solved.solution.subset
+        with self.app.complaining():
+            written = await asyncio.to_thread(resize, *asked, model, entry)
+            solved = await asyncio.to_thread(solve_sessions, *asked, subset=subset, model=written)
+            self.app.notify(what_if_texts.RESIZED.format(model), timeout=10, markup=False)
+            if self.is_attached:  # nobody left it meanwhile
+                self.solved = solved
+                self._show()
 
     def action_diagnose(self) -> None:
         self.app.push_screen(self.app.diagnosis([self.path]))

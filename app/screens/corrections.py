@@ -87,8 +87,10 @@ class Corrections(Screen[None]):
             self.app.notify(adjusted_words(self.guided.session.adjusted), timeout=30)
 
     def _result(self) -> Screen[None]:
+        from app.screens.result import ResultScreen
+
         self.guided.finish()
-        return self.app.result(solve_recorded(self.guided.path), self.plan, self.guided.path)
+        return ResultScreen(solve_recorded(self.guided.path), self.plan, self.guided.path)
 
     def action_undo(self) -> None:
         """Measure the last step again; its readings stay in the record, superseded.

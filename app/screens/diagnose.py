@@ -31,7 +31,7 @@ from app.report.text.result import ONLY_SHOWN
 from app.screens.interface import ChoiceDialog, Interface, TextDialog
 from app.screens.pages import PagedScreen, apart, signalled
 from app.screens.plot import ChartPlot
-from app.screens.what_if import ask_effect
+from app.screens.what_if import WhatIfScreen, ask_effect
 from calib.errors import GlidecalError
 from protocols.files import unused_path
 from protocols.model_file import EffectEntry, ModelFile, read_model_file
@@ -178,9 +178,7 @@ class DiagnoseScreen(PagedScreen):
     def _try(self, found: SessionDiagnosis, choice: Choice) -> None:
         trial = trial_of(choice, found.names, found.sessions, self._known)
         mistakes = bool(mistakes_of(found))
-        screen = self.app.what_if(
-            choice, trial, self._adopt_tried, model=self.model, mistakes=mistakes
-        )
+        screen = WhatIfScreen(choice, trial, self._adopt_tried, model=self.model, mistakes=mistakes)
         self.app.push_screen(screen)
 
     def _adopt_tried(self, choice: Choice, entry: EffectEntry) -> None:
@@ -274,11 +272,13 @@ class DiagnoseScreen(PagedScreen):
     @work(group="result", exclusive=True)
     async def action_result(self) -> None:
         """What these sessions give, with the adopted effects where there are any."""
+        from app.screens.result import ResultScreen
+
         path, model = self.paths[0], self.model
         with self.app.complaining():
             solved, _ = await apart(self, solve_files, self.paths, model=model)
             plan = None if self.app.read_only else await apart(self, plan_to_repeat, path)
-            self.app.push_screen(self.app.result(solved, plan, path, model))
+            self.app.push_screen(ResultScreen(solved, plan, path, model))
 
     def action_copy(self) -> None:
         if self._ready() is None:

@@ -106,7 +106,7 @@ class HomeScreen(Screen[None]):
         """Carry a choice out, with a session or after asking which one."""
         with self.app.complaining():
             if what == "new":
-                self.app.push_screen(self.app.preparation())
+                self.app.push_screen(self._form())
             elif what == "demo":
                 self._demonstrate()
             elif what == "compare":
@@ -120,12 +120,22 @@ class HomeScreen(Screen[None]):
             elif what == "continue":
                 self._continue(session.path)
             elif what == "replay":
-                self.app.push_screen(self.app.replay(session.path))
+                self.app.push_screen(_replay(session.path))
             elif what == "diagnose":
                 self.app.push_screen(self.app.diagnosis([session.path]))
             else:
                 job = self._export if what == "export" else self._show_result
                 self._start(partial(job, session.path))
+
+    def _form(self) -> Screen[None]:
+        """The form that was left, as it was left."""
+        from app.screens.prepare import PrepareScreen
+
+        form = self.app.form
+        if form is None or form in self.app.screen_stack:  # there a session began with it
+            form = self.app.form = PrepareScreen()
+            self.app.install_screen(form, f"form {id(form)}")  # it stays when it is left
+        return form
 
     def _continue(self, path: Path, typed: str = "") -> None:
         """The instrument check, after asking for the ports of a record of another computer."""
@@ -214,12 +224,13 @@ class HomeScreen(Screen[None]):
     def _show_result(self, path: Path) -> Callable[[], object]:
         from app.evaluating.solution import solve_files
         from app.measuring.opening import plan_to_repeat
+        from app.screens.result import ResultScreen
 
         solved, warnings = solve_files([path])
         plan = None if self.app.read_only else plan_to_repeat(path)
 
         def show() -> None:
-            self.app.push_screen(self.app.result(solved, plan, path))
+            self.app.push_screen(ResultScreen(solved, plan, path))
             for warning in warnings:
                 self.app.notify(warning, severity="warning", markup=False)
 
@@ -243,14 +254,15 @@ class HomeScreen(Screen[None]):
         return partial(self.app.notify, said, timeout=10, markup=False)
 
     def _show_history(self) -> Callable[[], object]:
-        screen = _history(self.app, Path())
+        screen = _history(Path())
         return lambda: self.app.push_screen(screen)
 
     def _show_comparison(self, before: Path, after: Path) -> Callable[[], object]:
         from app.evaluating.comparison import compare_files
+        from app.screens.result import CompareScreen
 
         comparison = compare_files(before, after)
-        return lambda: self.app.push_screen(self.app.comparison(comparison))
+        return lambda: self.app.push_screen(CompareScreen(comparison))
 
 
 class PickScreen(LeftOnce[SessionFile]):
@@ -348,17 +360,24 @@ class ReplayChoiceScreen(Screen[None]):
             self._read_history(self._folders[event.option_index])
             return
         with self.app.complaining():
-            self.app.push_screen(self.app.replay(self._paths[number]))
+            self.app.push_screen(_replay(self._paths[number]))
 
     @work(exclusive=True)
     async def _read_history(self, folder: Path) -> None:
         with self.app.complaining():
-            history = await apart(self, _history, self.app, folder)
+            history = await apart(self, _history, folder)
             if self.is_current:
                 self.app.push_screen(history)
 
 
-def _history(interface: Interface, folder: Path) -> Screen[None]:
+def _history(folder: Path) -> Screen[None]:
     from app.evaluating.history import read_history
+    from app.screens.history import HistoryScreen
 
-    return interface.history(read_history(folder))
+    return HistoryScreen(read_history(folder))
+
+
+def _replay(path: Path) -> Screen[None]:
+    from app.screens.replay import ReplayScreen
+
+    return ReplayScreen(path)

@@ -44,10 +44,6 @@ from calib.printable import HIDDEN
 from protocols.files import FilesThere, unused_path
 
 if TYPE_CHECKING:
-    from app.evaluating.comparison import Comparison
-    from app.evaluating.history import History
-    from app.evaluating.solution import SessionSolution
-    from app.evaluating.what_if import Adopt, Choice, Trial
     from app.measuring.opening import Indicators, Plan
     from app.measuring.session import GuidedSession
 
@@ -187,8 +183,8 @@ PRINTABLE_ROWS = PrintableRows()
 class Interface(App[str]):
     """Screens over one session at a time. The result of `run` is a line for after the end.
 
-    A screen that leads to another one asks for it here and knows none itself; `Glidecal` in
-    `app.screens.start` knows them all.
+    A screen that leads back to one before it asks for that here; `Glidecal` in `app.screens.start`
+    knows those. Else they would import each other.
     """
 
     TITLE = "glidecal"
@@ -221,6 +217,8 @@ class Interface(App[str]):
             self.animation_level = "none"
         self.indicators: Indicators | None = None
         self.guided: GuidedSession | None = None
+        self.form: Screen[None] | None = None
+        """Of the preparation, as it was left."""
         self._status = Exit.DONE
 
     def on_mount(self) -> None:
@@ -403,38 +401,13 @@ class Interface(App[str]):
     def home(self) -> Screen[None]: ...
 
     @abstractmethod
-    def preparation(self) -> Screen[None]: ...
-
-    @abstractmethod
     def check(self, plan: Plan) -> Screen[None]: ...
 
     @abstractmethod
     def measuring(self, guided: GuidedSession, plan: Plan) -> Screen[None]: ...
 
     @abstractmethod
-    def aligning(self, guided: GuidedSession, plan: Plan) -> Screen[None]: ...
-
-    @abstractmethod
-    def result(
-        self, solved: SessionSolution, plan: Plan | None, path: Path, model: Path | None = None
-    ) -> Screen[None]: ...
-
-    @abstractmethod
-    def what_if(
-        self, choice: Choice, trial: Trial, adopt: Adopt, *, model: Path | None, mistakes: bool
-    ) -> Screen[None]: ...
-
-    @abstractmethod
-    def comparison(self, compared: Comparison) -> Screen[None]: ...
-
-    @abstractmethod
     def diagnosis(self, paths: list[Path]) -> Screen[None]: ...
-
-    @abstractmethod
-    def history(self, found: History) -> Screen[None]: ...
-
-    @abstractmethod
-    def replay(self, path: Path) -> Screen[None]: ...
 
     def go_to(self, screen: Screen[Any]) -> None:
         """Replace the present screen; what was told of it goes with it."""

@@ -369,7 +369,9 @@ class MeasureScreen(Corrections, Resting):
 
     def _begin_finish(self) -> None:
         if self.plan.reference and not self.guided.closed:
-            self.app.go_to(self.app.aligning(self.guided, self.plan))
+            from app.screens.align import AlignScreen
+
+            self.app.go_to(AlignScreen(self.guided, self.plan))
         elif not self.busy:
             self.busy = True
             self.say("Every reading is on the disk. Computing the result …")

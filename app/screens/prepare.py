@@ -35,7 +35,7 @@ from app.measuring.opening import Plan, session_name
 from app.report.text import home as texts
 from app.report.text.indicator import findings_text, trial_text
 from app.report.text.preparing import procedure_sentence
-from app.screens.check import DryRunScreen
+from app.screens.check import CheckScreen, DryRunScreen
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import Interface
 from app.screens.pages import apart
@@ -398,7 +398,7 @@ class PrepareScreen(Screen[None]):
 
     def action_check(self) -> None:
         with self.app.complaining():
-            self.app.push_screen(self.app.check(self._plan()))
+            self.app.push_screen(CheckScreen(self._plan()))
 
     def action_dry_run(self) -> None:
         """Every step, before anything is opened, and what the readings will tell."""

@@ -197,6 +197,8 @@ class ReplayScreen(Screen[None]):
     @work
     async def action_result(self) -> None:
         """Solve the whole session in the background and show the result."""
+        from app.screens.result import ResultScreen
+
         if self._solving:
             return
         self._pause()
@@ -207,5 +209,5 @@ class ReplayScreen(Screen[None]):
             self.view.say(texts.UNSOLVED.format(problem))
         else:
             if self.is_current:
-                self.app.push_screen(self.app.result(solved, None, self.path))
+                self.app.push_screen(ResultScreen(solved, None, self.path))
         self._solving = False

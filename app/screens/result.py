@@ -28,7 +28,7 @@ from app.screens.fast_keys import Title
 from app.screens.interface import Interface
 from app.screens.pages import PagedScreen, apart, signalled
 from app.screens.plot import ChartPlot
-from app.screens.what_if import ask_effect
+from app.screens.what_if import WhatIfScreen, ask_effect
 from calib.errors import extra
 from calib.identify.solution import Subset
 from protocols.model_file import EffectEntry, ModelFile, read_model_file
@@ -199,10 +199,7 @@ class ResultScreen(PagedScreen):
         solved = self.solved
         subset = solved.solution.subset
         trial = trial_of(choice, solved.names, solved.sessions, known, subset)
-        screen = self.app.what_if(
-            choice, trial, self._adopt_tried, model=self.model, mistakes=False
-        )
-        self.app.push_screen(screen)
+        self.app.push_screen(WhatIfScreen(choice, trial, self._adopt_tried, model=self.model))
 
     def _adopt_tried(self, choice: Choice, entry: EffectEntry) -> None:
         """An effect of the model gets this size; any other one is for the diagnosis to adopt."""

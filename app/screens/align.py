@@ -7,7 +7,6 @@ from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Horizontal
 from textual.widgets import Footer, Static
 
 from app.measuring.aligning import Round, align_session
@@ -23,9 +22,8 @@ from app.report.text.alignment import (
 )
 from app.report.text.session import progress_text
 from app.screens.corrections import Corrections
-from app.screens.interface import ChoiceDialog
 from app.screens.pages import signalled
-from app.screens.session_view import GaugeDisplay
+from app.screens.session_view import Gauges
 from calib.errors import GlidecalError
 from calib.tripod.alignment import RailMoved
 
@@ -57,13 +55,11 @@ class AlignScreen(Corrections):
         super().__init__(guided, plan)
         self.chosen = 0
         self.round: Round | None = None
-        self._displays = [GaugeDisplay(k, one) for k, one in enumerate(plan.instruments)]
 
     def compose(self) -> ComposeResult:
         yield Static("", id="progress", markup=False)
         yield Static("", id="step", markup=False)
-        with Horizontal(id="gauges"):
-            yield from self._displays
+        yield Gauges(self.plan.instruments)
         yield Static("", id="said", markup=False)
         yield Static("", id="screws", markup=False)
         yield Footer(compact=True, show_command_palette=False)
@@ -94,8 +90,7 @@ class AlignScreen(Corrections):
         self.say(text)
 
     def _show(self) -> None:
-        for display, gauge in zip(self._displays, self.guided.gauges, strict=True):
-            display.show(gauge.live())
+        self.query_one(Gauges).show([gauge.live() for gauge in self.guided.gauges])
         if self.round:
             self.query_one("#step", Static).update(screw_text(self.round, self.chosen))
             self.query_one("#screws", Static).update(round_text(self.round, self.chosen))
@@ -115,9 +110,7 @@ class AlignScreen(Corrections):
             self.say(str(problem))
             return
         self.guided.watch(step)
-        axes = dict(zip(step.indicators, step.axes, strict=True))
-        for k, (display, one) in enumerate(zip(self._displays, self.plan.instruments, strict=True)):
-            display.name_it(one, axes.get(k, ""))
+        self.query_one(Gauges).name_them(self.plan.instruments, step)
 
     def action_choose(self, by: int) -> None:
         """Another screw; one that is watched is finished first."""
@@ -132,11 +125,10 @@ class AlignScreen(Corrections):
 
     def _before_a_move(self, then: Callable[[], None]) -> None:
         """The first move of a round ends what the round has measured: that is asked."""
-        if not self.guided.session.readings:
+        if self.guided.session.readings:
+            self.ask_whether(MOVE_QUESTION, MOVE_CHOICES, then)
+        else:
             then()
-            return
-        dialog = ChoiceDialog(MOVE_QUESTION, MOVE_CHOICES)
-        self.ask(dialog, lambda answer: then() if answer == "move" else None)
 
     def action_watch(self) -> None:
         """Begin to watch the chosen screw, or write down where it is now."""

@@ -11,7 +11,7 @@ from typing import ClassVar
 from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Horizontal, VerticalScroll
+from textual.containers import VerticalScroll
 from textual.screen import Screen
 from textual.widgets import Footer, Static
 
@@ -25,7 +25,7 @@ from app.report.text.preparing import check_text, dry_run_text, trial_text
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
 from app.screens.pages import apart
-from app.screens.session_view import GaugeDisplay
+from app.screens.session_view import Gauges
 from calib.errors import GlidecalError
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Procedure, Step
@@ -64,9 +64,7 @@ class CheckScreen(Screen[None]):
         else:
             yield words
         yield Static("", id="trial", markup=False)
-        with Horizontal(id="gauges"):
-            for number, instrument in enumerate(self._plan.instruments):
-                yield GaugeDisplay(number, instrument)
+        yield Gauges(self._plan.instruments)
         yield Footer()
 
     def on_mount(self) -> None:
@@ -103,8 +101,7 @@ class CheckScreen(Screen[None]):
         if self.app.indicators is None:
             return
         states = [gauge.live() for gauge in self.app.indicators.gauges]
-        for display, live in zip(self.query(GaugeDisplay), states, strict=True):
-            display.show(live)
+        self.query_one(Gauges).show(states)
         if trial := self._trial:
             unready = not trial.ready
             if ended := trial.look(states):
@@ -125,10 +122,7 @@ class CheckScreen(Screen[None]):
             opened = self.app.indicators
             if opened:
                 self.app.indicators = replace(opened, gauges=opened.gauges[::-1])
-            for display, known in zip(
-                self.query(GaugeDisplay), self._trial.instruments, strict=True
-            ):
-                display.name_it(known)
+            self.query_one(Gauges).name_them(self._trial.instruments)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Begin is offered once the indicators are open, another try where they did not open."""

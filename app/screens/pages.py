@@ -51,13 +51,13 @@ async def apart(
 ) -> Found:
     """What a job gives that is done in a thread while the screen goes on.
 
-    For workers of the screen: where it was left meanwhile they end here, as if cancelled. Textual
-    cancels them too late, when parts of the screen are gone already.
+    For workers of the screen: where it was left meanwhile, or the program, they end here, as if
+    cancelled. Textual cancels them too late, when parts of the screen are gone already.
     """
     try:
         return await asyncio.to_thread(job, *given, **named)
     finally:
-        if screen not in screen.app.screen_stack:
+        if not screen.app.is_running or screen not in screen.app.screen_stack:
             raise asyncio.CancelledError
 
 

@@ -176,6 +176,25 @@ class Row(Horizontal, Resting):
     """Widgets side by side."""
 
 
+class Gauges(Row):
+    """The indicators side by side."""
+
+    def __init__(self, instruments: Sequence[Instrument | None]) -> None:
+        self._displays = [GaugeDisplay(k, one) for k, one in enumerate(instruments)]
+        super().__init__(*self._displays, id="gauges")
+
+    def show(self, states: Sequence[Live]) -> None:
+        """What they tell now."""
+        for display, live in zip(self._displays, states, strict=True):
+            display.show(live)
+
+    def name_them(self, instruments: Sequence[Instrument | None], step: Step | None = None) -> None:
+        """Which they are, and along which axes they measure in a step."""
+        axes = dict(zip(step.indicators, step.axes, strict=True)) if step else {}
+        for number, (display, known) in enumerate(zip(self._displays, instruments, strict=True)):
+            display.name_it(known, axes.get(number, ""))
+
+
 class Words(Static, Resting):
     """Lines of text."""
 
@@ -214,14 +233,13 @@ class SessionView(Vertical, Resting):
     def __init__(self, instruments: Sequence[Instrument | None]) -> None:
         super().__init__()
         self._instruments = tuple(instruments)
-        self._displays = tuple(GaugeDisplay(k, one) for k, one in enumerate(self._instruments))
+        self._gauges = Gauges(self._instruments)
 
     def compose(self) -> ComposeResult:
         yield Words("", id="progress", markup=False)
         yield Words("", id="step", markup=False)
         yield StepList()
-        with Row(id="gauges"):
-            yield from self._displays
+        yield self._gauges
         yield Words("", id="said", markup=False)
         with Row(id="lower"):
             yield Words("", id="table", markup=False)
@@ -243,11 +261,7 @@ class SessionView(Vertical, Resting):
         self.query_one("#step", Static).update(words, layout=False)
         self.query_one("#table", Static).update(so_far_text(session, steps, step), layout=False)
         self.set_timer(CHART_S, partial(self._show_chart, session, step))
-        axes = dict(zip(step.indicators, step.axes, strict=True))
-        for number, (display, known) in enumerate(
-            zip(self._displays, self._instruments, strict=False)
-        ):
-            display.name_it(known, axes.get(number, ""))
+        self._gauges.name_them(self._instruments, step)
 
     def _show_chart(self, session: Session, step: Step) -> None:
         """The readings of the leg; the picture of the set-up while there are none to show."""
@@ -258,8 +272,7 @@ class SessionView(Vertical, Resting):
 
     def show_live(self, states: Sequence[Live]) -> None:
         """What the indicators tell now."""
-        for display, live in zip(self._displays, states, strict=True):
-            display.show(live)
+        self._gauges.show(states)
 
     def where(self, session: Session, step: Step | None) -> SetUpScreen | None:
         """The set-up of a step as a picture with words; None where no leg is read."""

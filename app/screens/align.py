@@ -12,14 +12,7 @@ from textual.widgets import Footer, Static
 from app.measuring.aligning import Round, align_session
 from app.measuring.opening import Plan
 from app.measuring.session import GuidedSession
-from app.report.text.alignment import (
-    ALIGN_HELP,
-    MOVE_CHOICES,
-    MOVE_QUESTION,
-    UNSEEN,
-    round_text,
-    screw_text,
-)
+from app.report.text import alignment as texts
 from app.report.text.session import progress_text
 from app.screens.corrections import Corrections
 from app.screens.pages import signalled
@@ -35,7 +28,7 @@ TURN_MM = 0.02
 class AlignScreen(Corrections):
     """One screw after the other; what it has moved by and what is to go, while it is turned."""
 
-    HELP = ALIGN_HELP
+    HELP = texts.ALIGN_HELP
     FINISHES = "F"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "choose(-1)", "Up", show=False, id="align.up"),
@@ -74,7 +67,7 @@ class AlignScreen(Corrections):
             self.say(f"{problem} C measures again.")
         else:
             self.round = Round(self.guided, aligned)
-            self.say(UNSEEN.format(aligned.reference.upper()))
+            self.say(texts.UNSEEN.format(aligned.reference.upper()))
             self._stand()
         self.set_interval(LIVE_S, self._show)
         self._show()
@@ -92,8 +85,8 @@ class AlignScreen(Corrections):
     def _show(self) -> None:
         self.query_one(Gauges).show([gauge.live() for gauge in self.guided.gauges])
         if self.round:
-            self.query_one("#step", Static).update(screw_text(self.round, self.chosen))
-            self.query_one("#screws", Static).update(round_text(self.round, self.chosen))
+            self.query_one("#step", Static).update(texts.screw_text(self.round, self.chosen))
+            self.query_one("#screws", Static).update(texts.round_text(self.round, self.chosen))
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Only a simulated machine has screws to be turned by a key."""
@@ -126,7 +119,7 @@ class AlignScreen(Corrections):
     def _before_a_move(self, then: Callable[[], None]) -> None:
         """The first move of a round ends what the round has measured: that is asked."""
         if self.guided.session.readings:
-            self.ask_whether(MOVE_QUESTION, MOVE_CHOICES, then)
+            self.ask_whether(texts.MOVE_QUESTION, texts.MOVE_CHOICES, then)
         else:
             then()
 

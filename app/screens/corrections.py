@@ -14,16 +14,8 @@ from textual.screen import ModalScreen, Screen
 from app.evaluating.solution import solve_recorded
 from app.measuring.opening import Plan
 from app.measuring.session import GuidedSession
+from app.report.text import session as texts
 from app.report.text.alignment import adjusted_words
-from app.report.text.session import (
-    LEAVE_CHOICES,
-    LEAVE_QUESTION,
-    MOVED_CHOICES,
-    MOVED_QUESTION,
-    RESTORE_CHOICES,
-    RESTORE_QUESTION,
-    point_text,
-)
 from app.screens.interface import ChoiceDialog, Interface, TextDialog
 from calib.errors import GlidecalError
 
@@ -125,7 +117,7 @@ class Corrections(Screen[None]):
         points = [step for step in self.guided.steps if step.number in known]
         if self.busy or not points:
             return
-        choices = [(step.number, point_text(step, session)) for step in points]
+        choices = [(step.number, texts.point_text(step, session)) for step in points]
         question = "Which step? Nothing changes until you say what to do with it."
         self.ask(ChoiceDialog(question, choices, len(choices) - 1), self._chosen)
 
@@ -143,8 +135,8 @@ class Corrections(Screen[None]):
             self._with_reason(question, partial(self.guided.repeat, step), said)
         else:
             why = session.superseded[max(r.reading for r in session.all_readings if r.step == step)]
-            question = RESTORE_QUESTION.format(step, why)
-            self.ask_whether(question, RESTORE_CHOICES, partial(self._restore, step))
+            question = texts.RESTORE_QUESTION.format(step, why)
+            self.ask_whether(question, texts.RESTORE_CHOICES, partial(self._restore, step))
 
     def _restore(self, step: int) -> None:
         if self.write(lambda: self.guided.restore(step, "restored by the operator")):
@@ -191,7 +183,7 @@ class Corrections(Screen[None]):
     def action_remount(self) -> None:
         """The stand was moved: later readings have a new zero. Asks first."""
         if not self.busy:
-            self.ask_whether(MOVED_QUESTION, MOVED_CHOICES, self._remount)
+            self.ask_whether(texts.MOVED_QUESTION, texts.MOVED_CHOICES, self._remount)
 
     def _remount(self) -> None:
         if self.write(self.guided.remount):
@@ -202,7 +194,7 @@ class Corrections(Screen[None]):
         """Back to the home screen, with the session paused. Asks first."""
         self.automatic = False
         if not self.busy:
-            self.ask_whether(LEAVE_QUESTION, LEAVE_CHOICES, self._leave)
+            self.ask_whether(texts.LEAVE_QUESTION, texts.LEAVE_CHOICES, self._leave)
 
     def _leave(self) -> None:
         self.app.run_worker(self.app.pause_session())

@@ -132,9 +132,6 @@ class DiagnoseScreen(PagedScreen):
         chart.display = True
         chart.show(residuals_before_and_after(found.diagnosis.residuals.cells))
 
-    def action_page(self, name: str) -> None:
-        self.query_one(TabbedContent).active = name
-
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """What cannot be done now is not offered; its key says why."""
         return not self._why_not(action) if action in ("adopt", "next") else True

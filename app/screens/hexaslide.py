@@ -15,23 +15,7 @@ from textual.widgets import Footer, Static, TabbedContent, TabPane
 
 from app.planning.hexaslide import Request, hexaslide_planning
 from app.report.charts.hexaslide import drawn_machine, drawn_postures
-from app.report.text.hexaslide import (
-    HEXASLIDE_HELP,
-    LOOKING,
-    NO_VIEW,
-    STOPPED,
-    WHICH_COMPONENTS,
-    WHICH_MACHINE,
-    count_problem,
-    count_question,
-    drawn_at_text,
-    heading_text,
-    list_text,
-    machine_words,
-    problem_text,
-    search_text,
-    sees_text,
-)
+from app.report.text import hexaslide as texts
 from app.screens.interface import Interface, TextDialog
 from app.screens.pages import PagedScreen, apart
 from app.screens.plot import DrawingPlot
@@ -59,7 +43,7 @@ class HexaSlideScreen(PagedScreen):
     """Four procedures on one machine; nothing is written."""
 
     app: Interface
-    HELP = HEXASLIDE_HELP
+    HELP = texts.HEXASLIDE_HELP
     CSS = """
     HexaSlideScreen #hexaslide {
         height: 1; background: $primary; color: $text; padding: 0 1;
@@ -140,12 +124,12 @@ class HexaSlideScreen(PagedScreen):
         self.request, self.view, self.found = request, None, None
         self.looking = True
         self._show_heading()
-        self._say_everywhere(LOOKING)
+        self._say_everywhere(texts.LOOKING)
         self._look_apart(request)
 
     def _show_heading(self) -> None:
-        machine = machine_words(self.request.machine_file)
-        self._say("hexaslide", heading_text(machine, self.view))
+        machine = texts.machine_words(self.request.machine_file)
+        self._say("hexaslide", texts.heading_text(machine, self.view))
 
     def _say_everywhere(self, text: str) -> None:
         for name in TEXTS.values():
@@ -159,7 +143,7 @@ class HexaSlideScreen(PagedScreen):
             view = await apart(self, lambda: look_at(hexaslide_planning(request)))
         except GlidecalError as problem:
             self.looking = False
-            self._say_everywhere(problem_text(problem))
+            self._say_everywhere(texts.problem_text(problem))
             return
         self.looking = False
         self.view, self._drawn_at, self._count = view, 0, view.fewest
@@ -173,8 +157,8 @@ class HexaSlideScreen(PagedScreen):
         if view is None:
             return
         best = None if found is None else conditions_at(view, found.coordinates)
-        self._say("sees-text", sees_text(view, found, best))
-        self._say("list-text", list_text(found))
+        self._say("sees-text", texts.sees_text(view, found, best))
+        self._say("list-text", texts.list_text(found))
         self._show_search()
         for k, drawing in enumerate(drawn_postures(view.machine, found)):
             self.query_one(f"#projection{k}", DrawingPlot).show(drawing)
@@ -182,12 +166,12 @@ class HexaSlideScreen(PagedScreen):
 
     def _show_search(self) -> None:
         if self.view is not None:
-            text = search_text(self.view, self._count, self.found, searching=self.searching)
+            text = texts.search_text(self.view, self._count, self.found, searching=self.searching)
             self._say("search-text", text)
 
     def _draw_machine(self, view: HexaSlideSeen) -> None:
         count = 0 if self.found is None else len(self.found.coordinates)
-        self._say("drawn-text", drawn_at_text(self._drawn_at, count))
+        self._say("drawn-text", texts.drawn_at_text(self._drawn_at, count))
         posture = view.machine.box.centre
         if self.found is not None and self._drawn_at:
             posture = self.found.coordinates[self._drawn_at - 1]
@@ -211,7 +195,7 @@ class HexaSlideScreen(PagedScreen):
                 self._look(replace(self.request, procedure=kind, measured=measured))
 
         proposed = ",".join(self.request.measured or ("x", "y", "z", "theta"))
-        self.app.push_screen(TextDialog(WHICH_COMPONENTS, "x,y,z,theta", proposed), typed)
+        self.app.push_screen(TextDialog(texts.WHICH_COMPONENTS, "x,y,z,theta", proposed), typed)
 
     def action_machine(self) -> None:
         """Ask for a machine file."""
@@ -223,14 +207,14 @@ class HexaSlideScreen(PagedScreen):
                 self._look(replace(self.request, machine_file=path))
 
         proposed = str(now) if now else ""
-        self.app.push_screen(TextDialog(WHICH_MACHINE, "path", proposed), typed)
+        self.app.push_screen(TextDialog(texts.WHICH_MACHINE, "path", proposed), typed)
 
     def action_count(self) -> None:
         """Ask how many postures."""
         if self.view is None:
-            self.app.complain(LOOKING if self.looking else NO_VIEW)
+            self.app.complain(texts.LOOKING if self.looking else texts.NO_VIEW)
             return
-        question = TextDialog(count_question(self.view.fewest), "number", str(self._count))
+        question = TextDialog(texts.count_question(self.view.fewest), "number", str(self._count))
         self.app.push_screen(question, self._take_count)
 
     def _take_count(self, text: str | None) -> None:
@@ -238,7 +222,7 @@ class HexaSlideScreen(PagedScreen):
             return
         fewest = self.view.fewest
         if not text.isdecimal() or not fewest <= int(text) <= MOST_POSTURES:
-            self.app.complain(count_problem(text, fewest, MOST_POSTURES))
+            self.app.complain(texts.count_problem(text, fewest, MOST_POSTURES))
             return
         self._end_search()
         self._count, self.found, self._drawn_at = int(text), None, 0
@@ -247,7 +231,7 @@ class HexaSlideScreen(PagedScreen):
     def action_search(self) -> None:
         """Search for the best postures, one start after the other."""
         if self.view is None:
-            self.app.complain(LOOKING if self.looking else NO_VIEW)
+            self.app.complain(texts.LOOKING if self.looking else texts.NO_VIEW)
             return
         self._end_search()
         self.searching, self.found, self._drawn_at = True, None, 0
@@ -295,9 +279,7 @@ class HexaSlideScreen(PagedScreen):
         """Stop the search, or go back to where this was opened from."""
         if self.searching:
             self._end_search()
-            self.app.notify(STOPPED, markup=False)
+            self.app.notify(texts.STOPPED, markup=False)
             self._show_search()
-        elif self in self.app.screen_stack[2:]:  # Textual's blank one is the first
-            self.app.pop_screen()
         else:
-            self.app.go_to(self.app.home())
+            self.app.action_go_back()

@@ -26,7 +26,6 @@ from app.measuring.recorded import (
     sessions_below,
 )
 from app.report.text import home as texts
-from app.report.text.home import ELSEWHERE, NO_SESSIONS, PICK_KEYS, session_label
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.pages import apart
@@ -50,10 +49,7 @@ class HomeScreen(Screen[None]):
         self._working = False
 
     def compose(self) -> ComposeResult:
-        yield Title()
-        yield Static(texts.HOME_QUESTION, markup=False, id="question")
-        yield OptionList(id="choices", markup=False)
-        yield Footer()
+        yield from _listing(texts.HOME_QUESTION, ())
 
     def on_screen_resume(self) -> None:
         """Sessions may have come or gone on while another screen was open."""
@@ -288,18 +284,11 @@ class PickScreen(LeftOnce[SessionFile]):
         self._proposed = proposed
 
     def compose(self) -> ComposeResult:
-        yield Title()
-        words = self._question if self._sessions else f"{self._question}\n{NO_SESSIONS}"
-        yield Static(f"{words}\n{PICK_KEYS}", markup=False, id="question")
-        labels = [Option(session_label(session)) for session in self._sessions]
-        yield OptionList(*labels, Option(ELSEWHERE), id="choices", markup=False)
-        yield Footer()
-
-    def on_mount(self) -> None:
-        choices = self.query_one("#choices", OptionList)
-        known = self._proposed in self._sessions
-        choices.highlighted = self._sessions.index(self._proposed) if known else 0
-        choices.focus()
+        words = self._question if self._sessions else f"{self._question}\n{texts.NO_SESSIONS}"
+        labels = [Option(texts.session_label(session)) for session in self._sessions]
+        at = self._sessions.index(self._proposed) if self._proposed in self._sessions else 0
+        options = [*labels, Option(texts.ELSEWHERE)]
+        yield from _listing(f"{words}\n{texts.PICK_KEYS}", options, at)
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         if event.option_index < len(self._sessions):
@@ -340,18 +329,10 @@ class ReplayChoiceScreen(Screen[None]):
             self._paths += sessions_below(folder)[:MOST_LISTED]
 
     def compose(self) -> ComposeResult:
-        yield Title()
         served = f"\n{texts.REPORTS_SERVED}" if self.app.read_only else ""
-        yield Static(f"{texts.REPLAY_QUESTION}{served}", markup=False, id="question")
         histories = (Option(texts.HISTORY_OF.format(folder.name)) for folder in self._folders)
-        labels = (Option(session_label(look_at(path))) for path in self._paths)
-        yield OptionList(*histories, *labels, id="choices", markup=False)
-        yield Footer()
-
-    def on_mount(self) -> None:
-        choices = self.query_one("#choices", OptionList)
-        choices.highlighted = 0
-        choices.focus()
+        labels = (Option(texts.session_label(look_at(path))) for path in self._paths)
+        yield from _listing(f"{texts.REPLAY_QUESTION}{served}", [*histories, *labels])
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         number = event.option_index - len(self._folders)
@@ -368,6 +349,15 @@ class ReplayChoiceScreen(Screen[None]):
             history = await apart(self, _history, folder)
             if self.is_current:
                 self.app.push_screen(history)
+
+
+def _listing(question: str, options: Sequence[Option], at: int = 0) -> ComposeResult:
+    yield Title()
+    yield Static(question, markup=False, id="question")
+    choices = OptionList(*options, id="choices", markup=False)
+    choices.highlighted = at
+    yield choices
+    yield Footer()
 
 
 def _history(folder: Path) -> Screen[None]:

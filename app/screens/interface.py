@@ -357,6 +357,13 @@ class Interface(App[str]):
         said = await self._leave()
         self.exit(said, return_code=self._status)
 
+    def action_go_back(self) -> None:
+        """To the screen below, or home: not for those who only look, it offers other files."""
+        if len(self.screen_stack) > 2:  # Textual's blank one is the first
+            self.pop_screen()
+        elif not self.read_only:
+            self.go_to(self.home())
+
     async def pause_session(self) -> None:
         """Home; the open session can be continued."""
         said = await self._leave()

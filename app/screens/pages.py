@@ -172,6 +172,9 @@ class PagedScreen(Screen[None]):
         scrolls = event.pane.query(VerticalScroll)
         self.set_focus(scrolls.first() if scrolls else None)
 
+    def action_page(self, name: str) -> None:
+        self.query_one(TabbedContent).active = name
+
     def action_turn_to(self, direction: int) -> None:
         tabs = self.query_one(Tabs)
         if direction > 0:

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar
 
-from textual.app import ComposeResult, RenderResult
-from textual.binding import BindingType
+from textual.app import RenderResult
 from textual.color import Color
-from textual.containers import Vertical
 from textual.geometry import Size
-from textual.widgets import Static
 from textual_plotext import PlotextPlot
 
 from app.report.charts.charts import (
@@ -24,12 +20,6 @@ from app.report.charts.charts import (
     turned_limits,
 )
 from app.report.charts.drawings import Drawing, StrokeStyle, ticks_within
-from app.report.charts.tripod import drawn_set_up
-from app.report.text.session import set_up_text
-from app.screens.fast_keys import Dialog
-from protocols.machine import Instrument
-from protocols.procedure import Step
-from protocols.session import Session
 
 MARKERS = ("x", "o", "+", "*")
 """Told apart by shape, not by colour alone."""
@@ -177,31 +167,6 @@ LABEL_CELLS = 7
 
 LABELLED_ROWS = 3
 """So many rows for one number beside the drawing."""
-
-
-class SetUpScreen(Dialog[None]):
-    """Where the indicators of a step stand: words and picture, as large as the terminal."""
-
-    HELP = "Thick: the bar that is touched, x: where. Dots: each spindle, up to its body."
-    BINDINGS: ClassVar[list[BindingType]] = [
-        ("escape", "dismiss(None)", "Back"),
-        ("w", "dismiss(None)", "Back"),
-        ("enter", "dismiss(None)", "Back"),
-        ("space", "dismiss(None)", "Back"),
-    ]
-
-    def __init__(
-        self, session: Session, step: Step, instruments: Sequence[Instrument | None]
-    ) -> None:
-        super().__init__()
-        self._words = set_up_text(session, step, instruments)
-        self._drawing = drawn_set_up(session, step, instruments)
-
-    def compose(self) -> ComposeResult:
-        with Vertical(classes="wide-dialog"):
-            yield Static(self._words, markup=False)
-            yield DrawingPlot(self._drawing)
-            yield Static("Escape, Space or W goes back.", markup=False)
 
 
 class DrawingPlot(ChartPlot):

@@ -57,22 +57,18 @@ class ReplayScreen(Screen[None]):
         super().__init__()
         self.path = path
         self.playback = Playback(read_record(path))
+        known = self.playback.session.opened.instruments
+        self.view = SessionView((*known, None, None)[: self.playback.gauge_count])
         self._listed: list[str] = []
         self._looked_at_s = time.monotonic()
         self._solving = False
 
     def compose(self) -> ComposeResult:
-        known = self.playback.session.opened.instruments
-        yield SessionView((*known, None, None)[: self.playback.gauge_count])
+        yield self.view
         listing = Log(id="taken", auto_scroll=True)
         listing.can_focus = False  # the arrow keys are the replay's
         yield listing
         yield Footer(compact=True, show_command_palette=False)
-
-    @property
-    def view(self) -> SessionView:
-        """The picture of the session."""
-        return self.query_one(SessionView)
 
     def on_mount(self) -> None:
         self._show()

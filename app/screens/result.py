@@ -51,9 +51,9 @@ class ResultScreen(PagedScreen):
         Binding("e", "export", "Export", id="result.export"),
         Binding("v", "verify", "Verify", id="result.verify"),
         Binding("r", "report", "Report", id="result.report"),
-        Binding("e", "refuse_export", show=False),
-        Binding("v", "refuse_verify", show=False),
-        Binding("r", "refuse_report", show=False),
+        Binding("e", "refuse('export')", show=False),
+        Binding("v", "refuse('verify')", show=False),
+        Binding("r", "refuse('report')", show=False),
         Binding("1", "choose('1')", "Offsets", show=False, id="result.offsets"),
         Binding("2", "choose('2')", "Legs", show=False, id="result.lengths"),
         Binding("3", "choose('3')", "Both", show=False, id="result.both"),
@@ -64,7 +64,7 @@ class ResultScreen(PagedScreen):
         Binding("w", "what_if", "What if", id="result.what_if"),
         Binding("y", "copy", "Copy", show=False, id="result.copy"),
         Binding("h", "home", "Home", show=False, id="result.home"),
-        Binding("escape", "back", "Back", id="result.back"),
+        Binding("escape", "app.go_back", "Back", id="result.back"),
         Binding("f10", "app.quit", "Quit", id="result.quit"),
     ]
 
@@ -116,20 +116,13 @@ class ResultScreen(PagedScreen):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Nothing is offered that this program will not do; its key says why."""
-        if action in ("export", "report", "home"):
-            return not self.app.read_only
-        if action == "verify":
-            return not self.app.read_only and self.plan is not None
-        return True
+        if action == "verify" and self.plan is None:
+            return False
+        return action not in ("export", "report", "verify", "home") or not self.app.read_only
 
-    def action_refuse_export(self) -> None:
-        self.app.complain(texts.ONLY_SHOWN)
-
-    def action_refuse_report(self) -> None:
-        self.app.complain(f"{texts.ONLY_SHOWN} {REPORTS_SERVED}")
-
-    def action_refuse_verify(self) -> None:
-        self.app.complain(texts.ONLY_SHOWN if self.app.read_only else texts.NO_PLAN)
+    def action_refuse(self, action: str) -> None:
+        said = texts.ONLY_SHOWN if self.app.read_only else texts.NO_PLAN
+        self.app.complain(f"{said} {REPORTS_SERVED}" if action == "report" else said)
 
     def action_choose(self, key: str) -> None:
         """Show another set of parameters."""
@@ -227,17 +220,8 @@ class ResultScreen(PagedScreen):
         text = str(self.query_one("#compared" if compared else "#text", Static).content)
         self.app.copy(text)
 
-    def action_back(self) -> None:
-        """To the screen below, or home; from a served page nowhere else."""
-        if len(self.app.screen_stack) > 2:
-            self.app.pop_screen()
-        else:
-            self.action_home()
-
     def action_home(self) -> None:
-        """Home offers other files and real indicators: not to somebody who only looks."""
-        if not self.app.read_only:
-            self.app.go_to(self.app.home())
+        self.app.go_to(self.app.home())
 
 
 class CompareScreen(Screen[None]):

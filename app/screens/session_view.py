@@ -23,12 +23,12 @@ from app.measuring.leg_review import review_leg
 from app.report.charts.charts import readings_by_posture
 from app.report.charts.strips import strip_rows
 from app.report.charts.tripod import drawn_set_up
-from app.report.text.session import REVIEW_HELP, review_text, so_far_text, step_in_list, step_text
+from app.report.text import session as texts
 from app.report.text.tables import signed
 from app.screens.fast_keys import Dialog
 from app.screens.interface import WIDE
 from app.screens.pages import Resting, signalled
-from app.screens.plot import ChartPlot, DrawingPlot, SetUpScreen
+from app.screens.plot import ChartPlot, DrawingPlot
 from calib.errors import GlidecalError, sentence
 from calib.tripod.geometry import Geometry
 from drivers.profile import Fault, IndicatorReading
@@ -216,7 +216,7 @@ class StepList(Words):
         for step in steps:
             mark = "+" if step.number in done else "-" if step.number in session.skipped else " "
             mark = ">" if now and step.number == now.number else mark
-            self._lines.append(f"{mark} {step.number:>3} {step_in_list(step, geometry)}")
+            self._lines.append(f"{mark} {step.number:>3} {texts.step_in_list(step, geometry)}")
         self._at = (now.number if now else len(steps)) - 1
         self.on_resize()
 
@@ -257,9 +257,11 @@ class SessionView(Vertical, Resting):
         self.query_one(StepList).show(steps, step, session, geometry)
         if step is None:
             return
-        words = step_text(step, session, itself=itself)
+        words = texts.step_text(step, session, itself=itself)
         self.query_one("#step", Static).update(words, layout=False)
-        self.query_one("#table", Static).update(so_far_text(session, steps, step), layout=False)
+        self.query_one("#table", Static).update(
+            texts.so_far_text(session, steps, step), layout=False
+        )
         self.set_timer(CHART_S, partial(self._show_chart, session, step))
         self._gauges.name_them(self._instruments, step)
 
@@ -300,6 +302,31 @@ class SessionView(Vertical, Resting):
             self.add_class("plotted")
 
 
+class SetUpScreen(Dialog[None]):
+    """Where the indicators of a step stand: words and picture, as large as the terminal."""
+
+    HELP = "Thick: the bar that is touched, x: where. Dots: each spindle, up to its body."
+    BINDINGS: ClassVar[list[BindingType]] = [
+        ("escape", "dismiss(None)", "Back"),
+        ("w", "dismiss(None)", "Back"),
+        ("enter", "dismiss(None)", "Back"),
+        ("space", "dismiss(None)", "Back"),
+    ]
+
+    def __init__(
+        self, session: Session, step: Step, instruments: Sequence[Instrument | None]
+    ) -> None:
+        super().__init__()
+        self._words = texts.set_up_text(session, step, instruments)
+        self._drawing = drawn_set_up(session, step, instruments)
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="wide-dialog"):
+            yield Static(self._words, markup=False)
+            yield DrawingPlot(self._drawing)
+            yield Static("Escape, Space or W goes back.", markup=False)
+
+
 UNATTENDED_S = 1.0
 """How long an unattended demonstration shows the review."""
 
@@ -307,7 +334,7 @@ UNATTENDED_S = 1.0
 class LegReviewScreen(Dialog[bool]):
     """Look, then go on to the next leg; dismissed with whether the session shall be on hold."""
 
-    HELP = REVIEW_HELP
+    HELP = texts.REVIEW_HELP
     AUTO_FOCUS = "#review"
     BINDINGS: ClassVar[list[BindingType]] = [
         ("space,enter,escape", "dismiss(False)", "Continue"),
@@ -323,7 +350,7 @@ class LegReviewScreen(Dialog[bool]):
 
     def compose(self) -> ComposeResult:
         try:
-            text = review_text(review_leg(self._session, self._step))
+            text = texts.review_text(review_leg(self._session, self._step))
         except GlidecalError as problem:
             text = str(problem)
         with Horizontal(classes="wide-dialog"):

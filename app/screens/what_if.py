@@ -201,9 +201,6 @@ class WhatIfScreen(PagedScreen):
             self.app.pop_screen()
             self.app.call_later(partial(self._adopt, self.choice, entry))
 
-    def action_page(self, name: str) -> None:
-        self.query_one(TabbedContent).active = name
-
     def action_scroll(self, pages: int) -> None:
         page = self.query_one(VerticalScroll)
         if pages > 0:

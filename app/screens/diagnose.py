@@ -162,7 +162,7 @@ class DiagnoseScreen(PagedScreen):
         if found is None:
             return
         dialog = ChoiceDialog(texts.WHAT_TO_ADOPT, texts.adopt_choices(found))
-        self.app.push_screen(dialog, self._ask_file)
+        self.app.ask(dialog, partial(self._ask_file, found))
 
     def action_what_if(self) -> None:
         """Ask for an effect, then show what it does at any size."""
@@ -175,45 +175,43 @@ class DiagnoseScreen(PagedScreen):
     def _try(self, found: SessionDiagnosis, choice: Choice) -> None:
         trial = trial_of(choice, found.names, found.sessions, self._known)
         mistakes = bool(mistakes_of(found))
-        screen = WhatIfScreen(choice, trial, self._adopt_tried, model=self.model, mistakes=mistakes)
+        adopt = partial(self._adopt_tried, found)
+        screen = WhatIfScreen(choice, trial, adopt, model=self.model, mistakes=mistakes)
         self.app.push_screen(screen)
 
-    def _adopt_tried(self, choice: Choice, entry: EffectEntry) -> None:
+    def _adopt_tried(self, found: SessionDiagnosis, choice: Choice, entry: EffectEntry) -> None:
         """One of the model gets its size there, another one is adopted as by A."""
         if choice.standing != "model":
             answer = "named" if choice.standing == "named" else f"{entry.id}:{entry.where}"
-            self._ask_file(answer, entry)
-        elif self.diagnosed is not None and self.model is not None:
+            self._ask_file(found, answer, entry)
+        elif self.model is not None:
             with self.app.complaining():
-                resize(self.diagnosed.names, self.diagnosed.sessions, self.model, entry)
+                resize(found.names, found.sessions, self.model, entry)
                 said = texts.MODEL_WRITTEN.format(self.model)
                 self.app.notify(said, timeout=10, markup=False)
-                self._gap_before_mm = self.diagnosed.diagnosis.gap_before.rms_mm
+                self._gap_before_mm = found.diagnosis.gap_before.rms_mm
                 self._look()
 
-    def _ask_file(self, answer: str | None, held: EffectEntry | None = None) -> None:
-        if not answer:
-            return
+    def _ask_file(
+        self, found: SessionDiagnosis, answer: str, held: EffectEntry | None = None
+    ) -> None:
         first, correcting = self.paths[0], answer == texts.CORRECT
         proposed = self.model or unused_path(first.with_name(f"{first.stem}_model.json"))
         if correcting:
             proposed = unused_path(first.with_name(f"{first.stem}_corrected.jsonl"))
 
-        def named(typed: str | None) -> None:
-            if typed and correcting:
-                self._correct(Path(typed).expanduser())
-            elif typed:
-                candidate = None if answer == "named" else answer
-                self._adopt(Path(typed).expanduser(), candidate, held)
+        def named(typed: str) -> None:
+            target = Path(typed).expanduser()
+            if correcting:
+                self._correct(found, target)
+            else:
+                self._adopt(found, target, None if answer == "named" else answer, held)
 
         question = texts.WHICH_SESSION if correcting else texts.WHICH_FILE
-        self.app.push_screen(TextDialog(question, "path", str(proposed)), named)
+        self.app.ask(TextDialog(question, "path", str(proposed)), named)
 
-    def _correct(self, target: Path) -> None:
+    def _correct(self, found: SessionDiagnosis, target: Path) -> None:
         """Write the session without its mistakes and look again, at that."""
-        found = self._ready()
-        if found is None:
-            return
         with self.app.complaining():
             source = self.paths[0]
             correct(found, source, target)
@@ -224,6 +222,7 @@ class DiagnoseScreen(PagedScreen):
 
     def _adopt(
         self,
+        found: SessionDiagnosis,
         target: Path,
         candidate: str | None,
         held: EffectEntry | None,
@@ -231,10 +230,7 @@ class DiagnoseScreen(PagedScreen):
         replace: bool = False,
     ) -> None:
         """Write the model and look again with it."""
-        found = self._ready()
-        if found is None:
-            return
-        again = partial(self._adopt, target, candidate, held, replace=True)
+        again = partial(self._adopt, found, target, candidate, held, replace=True)
         with self.app.complaining(again):
             adopt(
                 found,

@@ -44,20 +44,6 @@ class HexaSlideScreen(PagedScreen):
 
     app: Interface
     HELP = texts.HEXASLIDE_HELP
-    CSS = """
-    HexaSlideScreen #hexaslide {
-        height: 1; background: $primary; color: $text; padding: 0 1;
-        text-wrap: nowrap; text-overflow: ellipsis;
-    }
-    HexaSlideScreen TabbedContent { height: 1fr; }
-    HexaSlideScreen TabPane { padding: 0; }
-    HexaSlideScreen .page { width: auto; height: auto; padding: 0 1; }
-    HexaSlideScreen DrawingPlot { width: 1fr; height: 1fr; }
-    HexaSlideScreen Horizontal { height: 1fr; }
-    HexaSlideScreen #sketch { display: none; width: 1fr; }
-    HexaSlideScreen.wide #sketch { display: block; }
-    HexaSlideScreen.wide #sees VerticalScroll { width: 79; }
-    """
     BINDINGS: ClassVar[list[BindingType]] = [
         *(
             Binding(f"{k}", f"procedure('{kind}')", kind, show=False, id=f"hexaslide.{kind}")
@@ -187,15 +173,14 @@ class HexaSlideScreen(PagedScreen):
     def action_measured(self) -> None:
         """Ask which components of the posture are measured."""
 
-        def typed(text: str | None) -> None:
-            if text:
-                measured = tuple(part.strip() for part in text.split(","))
-                linked = self.request.procedure == Kind.CONSTRAINT_LINK
-                kind = Kind.CONSTRAINT_LINK if linked else Kind.POSE_FORWARD
-                self._look(replace(self.request, procedure=kind, measured=measured))
+        def typed(text: str) -> None:
+            measured = tuple(part.strip() for part in text.split(","))
+            linked = self.request.procedure == Kind.CONSTRAINT_LINK
+            kind = Kind.CONSTRAINT_LINK if linked else Kind.POSE_FORWARD
+            self._look(replace(self.request, procedure=kind, measured=measured))
 
         proposed = ",".join(self.request.measured or ("x", "y", "z", "theta"))
-        self.app.push_screen(TextDialog(texts.WHICH_COMPONENTS, "x,y,z,theta", proposed), typed)
+        self.app.ask(TextDialog(texts.WHICH_COMPONENTS, "x,y,z,theta", proposed), typed)
 
     def action_machine(self) -> None:
         """Ask for a machine file."""
@@ -215,10 +200,10 @@ class HexaSlideScreen(PagedScreen):
             self.app.complain(texts.LOOKING if self.looking else texts.NO_VIEW)
             return
         question = TextDialog(texts.count_question(self.view.fewest), "number", str(self._count))
-        self.app.push_screen(question, self._take_count)
+        self.app.ask(question, self._take_count)
 
-    def _take_count(self, text: str | None) -> None:
-        if not text or self.view is None:
+    def _take_count(self, text: str) -> None:
+        if self.view is None:
             return
         fewest = self.view.fewest
         if not text.isdecimal() or not fewest <= int(text) <= MOST_POSTURES:

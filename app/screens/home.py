@@ -29,10 +29,10 @@ from app.report.text import home as texts
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.pages import apart
-from calib.errors import GlidecalError
-from protocols.files import FilesThere
 
 DEMO_FOLDER = Path("demo-sessions")
+Job = Callable[[], Callable[[], object]]
+"""Computes something, and gives back what shows it."""
 
 
 class HomeScreen(Screen[None]):
@@ -96,7 +96,7 @@ class HomeScreen(Screen[None]):
             return
         choices = texts.session_choices(session, read_only=self.app.read_only)
         dialog = ChoiceDialog(texts.session_label(session), choices)
-        self.app.push_screen(dialog, lambda what: self._do(what, session) if what else None)
+        self.app.ask(dialog, lambda what: self._do(what, session))
 
     def _do(self, what: str, session: SessionFile | None) -> None:
         """Carry a choice out, with a session or after asking which one."""
@@ -113,15 +113,21 @@ class HomeScreen(Screen[None]):
                 self.app.push_screen(look.screen())
             elif session is None:
                 self._pick(texts.WHICH[what], partial(self._do, what))
-            elif what == "continue":
-                self._continue(session.path)
-            elif what == "replay":
-                self.app.push_screen(_replay(session.path))
-            elif what == "diagnose":
-                self.app.push_screen(self.app.diagnosis([session.path]))
             else:
-                job = self._export if what == "export" else self._show_result
-                self._start(partial(job, session.path))
+                self._do_with(session.path, what)
+
+    def _do_with(self, path: Path, what: str) -> None:
+        if what == "continue":
+            self._continue(path)
+        elif what == "replay":
+            self.app.push_screen(_replay(path))
+        elif what == "diagnose":
+            self.app.push_screen(self.app.diagnosis([path]))
+        elif what == "export":
+            job = partial(self._export, path)
+            self._start(job, replacing=partial(job, replace=True))
+        else:
+            self._start(partial(self._show_result, path))
 
     def _form(self) -> Screen[None]:
         """The form that was left, as it was left."""
@@ -138,18 +144,14 @@ class HomeScreen(Screen[None]):
         from app.measuring.indicators import parse_indicator
         from app.measuring.opening import PortsUnknown, plan_to_continue
 
-        try:
-            plan = plan_to_continue(path, tuple(map(parse_indicator, typed.split())))
-        except PortsUnknown as problem:
-            dialog = TextDialog(texts.PORTS_QUESTION.format(problem.thing), texts.PORTS_HINT)
-            self.app.push_screen(dialog, partial(self._continue_with, path))
-        else:
-            self.app.push_screen(self.app.check(plan))
-
-    def _continue_with(self, path: Path, typed: str | None) -> None:
         with self.app.complaining():
-            if typed:
-                self._continue(path, typed)
+            try:
+                plan = plan_to_continue(path, tuple(map(parse_indicator, typed.split())))
+            except PortsUnknown as problem:
+                dialog = TextDialog(texts.PORTS_QUESTION.format(problem.thing), texts.PORTS_HINT)
+                self.app.ask(dialog, partial(self._continue, path))
+            else:
+                self.app.push_screen(self.app.check(plan))
 
     def _demonstrate(self) -> None:
         from app.measuring.opening import DEMO_MOTION_S, demo_plan, writable_folder
@@ -167,8 +169,7 @@ class HomeScreen(Screen[None]):
         left_out: SessionFile | None = None,
     ) -> None:
         sessions = [session for session in self._recent if session != left_out]
-        picking = PickScreen(question, sessions, proposed)
-        self.app.push_screen(picking, lambda session: then(session) if session else None)
+        self.app.ask(PickScreen(question, sessions, proposed), then)
 
     def _compare(self, session: SessionFile | None) -> None:
         """Find the two sessions; one that verifies another brings its partner."""
@@ -183,13 +184,13 @@ class HomeScreen(Screen[None]):
             return
         dialog = ChoiceDialog(texts.partner_question(session.path, partner), texts.PARTNER_CHOICES)
 
-        def answered(answer: str | None) -> None:
+        def answered(answer: str) -> None:
             if answer == "both":
                 self._start(partial(self._show_comparison, partner, session.path))
-            elif answer == "other":
+            else:
                 self._pick_after(session)
 
-        self.app.push_screen(dialog, answered)
+        self.app.ask(dialog, answered)
 
     def _pick_after(self, before: SessionFile) -> None:
         def picked(after: SessionFile) -> None:
@@ -198,24 +199,19 @@ class HomeScreen(Screen[None]):
         question = f"{before.path}\n{texts.WHICH['after']}"
         self._pick(question, picked, follow_up(before, self._recent), left_out=before)
 
-    def _start(self, job: Callable[[], Callable[[], object]]) -> None:
-        """Compute apart from the screen; the job gives back what is to be shown.
-
-        What it needs is loaded there, too.
-        """
+    def _start(self, job: Job, replacing: Job | None = None) -> None:
+        """Compute apart from the screen, which loads what the job needs there, too."""
         self._working = True
         self.query_one("#question", Static).update(texts.COMPUTING)
-        self._finish(job)
+        self._finish(job, replacing)
 
     @work
-    async def _finish(self, job: Callable[[], Callable[[], object]]) -> None:
-        try:
+    async def _finish(self, job: Job, replacing: Job | None) -> None:
+        with self.app.complaining(replacing and partial(self._start, replacing)):
             show = await apart(self, job)
-        except GlidecalError as problem:
-            show = partial(self.app.complain, problem)
+            show()
         self._working = False
         self.query_one("#question", Static).update(texts.HOME_QUESTION)
-        show()
 
     def _show_result(self, path: Path) -> Callable[[], object]:
         from app.evaluating.solution import solve_files
@@ -239,11 +235,7 @@ class HomeScreen(Screen[None]):
 
         folder = path.with_suffix("")
         solved = solve_for_controller(path)
-        try:
-            written, refused = export_offsets(solved, path, folder, replace=replace)
-        except FilesThere as problem:
-            again = partial(self._start, partial(self._export, path, replace=True))
-            return partial(self.app.ask_to_replace, problem, again)
+        written, refused = export_offsets(solved, path, folder, replace=replace)
         said, caution = exported_text(folder, written), export_caution(solved, refused)
         if caution:  # stays until it is read
             return partial(self.app.push_screen, HelpDialog(f"{said}\n\nWARNING: {caution}"))
@@ -294,13 +286,10 @@ class PickScreen(LeftOnce[SessionFile]):
         if event.option_index < len(self._sessions):
             self._choose(self._sessions[event.option_index])
         else:
-            self.app.push_screen(
-                TextDialog("Type the path of a session file.", "path"), self._typed
-            )
+            self.app.ask(TextDialog("Type the path of a session file.", "path"), self._typed)
 
-    def _typed(self, path: str | None) -> None:
-        if path:
-            self._choose(look_at(Path(path).expanduser()))
+    def _typed(self, path: str) -> None:
+        self._choose(look_at(Path(path).expanduser()))
 
     def _choose(self, session: SessionFile) -> None:
         if session.problem:

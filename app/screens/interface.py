@@ -9,7 +9,7 @@ import stat
 import sys
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
@@ -212,7 +212,6 @@ class Interface(App[str]):
         self.looks = looks
         self._settings = settings or Settings()
         self._remembered = self._settings.theme or self.theme
-        self._forget_signals: Callable[[], None] = lambda: None
         if not self._settings.animations:
             self.animation_level = "none"
         self.indicators: Indicators | None = None
@@ -222,7 +221,7 @@ class Interface(App[str]):
         self._status = Exit.DONE
 
     def on_mount(self) -> None:
-        self._forget_signals = on_signals(lambda: self.run_worker(self._hang_up()))
+        on_signals(lambda: self.run_worker(self._hang_up()))
         if self._settings.theme:
             self.theme = self._settings.theme
         self.set_keymap(self._settings.keys)
@@ -328,14 +327,14 @@ class Interface(App[str]):
         self.clear_notifications()
         self.notify(str(problem), severity="error", timeout=12, markup=False)
 
-    def ask_to_replace(self, problem: FilesThere, write: Callable[[], object]) -> None:
-        """Files are there already: write them where a person gives them up."""
+    def ask(self, dialog: Screen[Thing], then: Callable[[Thing], object]) -> None:
+        """Ask something; without an answer nothing is done."""
 
-        def answered(answer: str | None) -> None:
-            if answer == "replace":
-                write()
+        def answered(answer: Thing | None) -> None:
+            if answer:
+                then(answer)
 
-        self.push_screen(ChoiceDialog(f"{problem.words}.", REPLACE_CHOICES), answered)
+        self.push_screen(dialog, answered)
 
     @contextmanager
     def complaining(self, replacing: Callable[[], object] | None = None) -> Iterator[None]:
@@ -347,7 +346,8 @@ class Interface(App[str]):
             yield
         except GlidecalError as problem:
             if replacing and isinstance(problem, FilesThere):
-                self.ask_to_replace(problem, replacing)
+                dialog = ChoiceDialog(f"{problem.words}.", REPLACE_CHOICES)
+                self.ask(dialog, lambda answer: replacing() if answer == "replace" else None)
             else:
                 self.complain(problem)
 
@@ -381,7 +381,6 @@ class Interface(App[str]):
 
     async def on_unmount(self) -> None:
         """However the interface ends, ports and record are let go."""
-        self._forget_signals()
         await self._leave()
 
     async def _leave(self) -> str:
@@ -422,24 +421,16 @@ class Interface(App[str]):
         self.switch_screen(screen)
 
 
-def on_signals(leave: Callable[[], object]) -> Callable[[], None]:
-    """Call ``leave`` in the running loop for each of the signals; gives back how to undo that.
+def on_signals(leave: Callable[[], object]) -> None:
+    """Call ``leave`` in the running loop for each of the signals, until the loop is closed.
 
-    Where a loop takes no signals (Windows, another thread than the main one) nothing happens.
+    Where a loop takes no signals (Windows, another thread than the main one) nothing happens: the
+    terminal's own keys leave as before.
     """
     loop = asyncio.get_running_loop()
-    known = [getattr(signal, name) for name in SIGNALS if hasattr(signal, name)]
-    try:
-        for number in known:
+    with suppress(NotImplementedError, RuntimeError, ValueError):
+        for number in (getattr(signal, name) for name in SIGNALS if hasattr(signal, name)):
             loop.add_signal_handler(number, _receive, number, leave)
-    except (NotImplementedError, RuntimeError, ValueError):
-        known = []  # Windows, or not the main thread: the terminal's own keys leave as before
-
-    def undo() -> None:
-        for number in known:
-            loop.remove_signal_handler(number)
-
-    return undo
 
 
 def _receive(number: signal.Signals, leave: Callable[[], object]) -> None:

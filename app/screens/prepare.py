@@ -100,10 +100,7 @@ class IndicatorScreen(LeftOnce[Form]):
         yield Footer()
 
     def _input(self, name: str) -> ComposeResult:
-        label, hint = texts.INDICATOR_FIELDS[name]
-        typed = Input(str(self._form.get(name, "")), hint, id=name, compact=True)
-        typed.max_length = MOST_LETTERS
-        yield from row(label, typed)
+        yield from entry(name, *texts.INDICATOR_FIELDS[name], str(self._form.get(name, "")))
 
     def on_mount(self) -> None:
         first = "#here" if serial_ports() and not self._form.get("port") else "#port"
@@ -223,6 +220,13 @@ def row(label: str, widget: Widget) -> ComposeResult:
         yield widget
 
 
+def entry(name: str, label: str, hint: str, value: str = "") -> ComposeResult:
+    """A line to type into; a value of a file may be longer than what can be typed."""
+    typed = Input(value, hint, id=name, compact=True)
+    typed.max_length = MOST_LETTERS
+    yield from row(label, typed)
+
+
 def choice(
     name: str, rows: Iterable[tuple[str, str]], value: object = None, prompt: str = ""
 ) -> Select[str]:
@@ -288,18 +292,14 @@ class PrepareScreen(Screen[None]):
     def compose(self) -> ComposeResult:
         yield Title()
         with VerticalScroll(id="form"):
-            yield from self._input(*MACHINE)
+            yield from entry(*MACHINE)
             yield from row("Procedure", choice("procedure", _procedures(self._offered_for)))
             for name, words in zip(INDICATORS, texts.WHICH_INDICATOR, strict=True):
                 yield from row(words, IndicatorField(id=name, markup=False))
             for field in FIELDS:
-                yield from self._input(*field)
+                yield from entry(*field)
             yield Static("", id="summary", markup=False)
         yield Footer(compact=True, show_command_palette=False)
-
-    def _input(self, name: str, label: str, hint: str) -> ComposeResult:
-        typed = Input(placeholder=hint, id=name, compact=True, max_length=MOST_LETTERS)
-        yield from row(label, typed)
 
     def on_mount(self) -> None:
         for name, words in texts.FIELD_HELP.items():

@@ -144,11 +144,9 @@ class ReplayScreen(Screen[None]):
         self._pause()
         question = texts.JUMP_QUESTION.format(self.playback.unit)
         hint = f"1 … {len(self.playback.steps)}"
-        self.app.push_screen(TextDialog(question, hint), self._jump)
+        self.app.ask(TextDialog(question, hint), self._jump)
 
-    def _jump(self, text: str | None) -> None:
-        if not text:
-            return
+    def _jump(self, text: str) -> None:
         try:
             self.playback.jump_to(text)
         except GlidecalError as problem:

@@ -227,4 +227,4 @@ def ask_effect(
         interface.complain(texts.NOTHING_TO_TRY)
         return
     dialog = ChoiceDialog(texts.WHICH, [(one, texts.choice_words(one)) for one in listed])
-    interface.push_screen(dialog, lambda one: then(one) if one else None)
+    interface.ask(dialog, then)

@@ -18,7 +18,7 @@ from app.report.charts.hexaslide import drawn_machine, drawn_postures
 from app.report.text import hexaslide as texts
 from app.screens.interface import Interface, TextDialog
 from app.screens.pages import PagedScreen, apart
-from app.screens.plot import DrawingPlot
+from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError
 from calib.hexaslide.planning import (
     KINDS,
@@ -79,21 +79,21 @@ class HexaSlideScreen(PagedScreen):
                 with VerticalScroll():
                     yield Static("", id="sees-text", classes="page", markup=False)
                 with Vertical(id="sketch"):
-                    yield DrawingPlot(plot_id="sketch-front")
-                    yield DrawingPlot(plot_id="sketch-above")
+                    yield ChartPlot(plot_id="sketch-front")
+                    yield ChartPlot(plot_id="sketch-above")
             with TabPane("Machine", id="machine"), Vertical():
                 yield Static("", id="drawn-text", classes="page", markup=False)
                 with Horizontal():
-                    yield DrawingPlot(plot_id="front")
-                    yield DrawingPlot(plot_id="above")
+                    yield ChartPlot(plot_id="front")
+                    yield ChartPlot(plot_id="above")
             with TabPane("Postures", id="places"), Vertical():
                 yield Static("", id="search-text", classes="page", markup=False)
                 with Horizontal():
-                    yield DrawingPlot(plot_id="projection0")
-                    yield DrawingPlot(plot_id="projection1")
+                    yield ChartPlot(plot_id="projection0")
+                    yield ChartPlot(plot_id="projection1")
             with TabPane("Angles", id="angles"), Horizontal():
-                yield DrawingPlot(plot_id="projection2")
-                yield DrawingPlot(plot_id="projection3")
+                yield ChartPlot(plot_id="projection2")
+                yield ChartPlot(plot_id="projection3")
             with TabPane("List", id="list"), VerticalScroll():
                 yield Static("", id="list-text", classes="page", markup=False)
         yield Footer(compact=True, show_command_palette=False)
@@ -120,7 +120,7 @@ class HexaSlideScreen(PagedScreen):
     def _say_everywhere(self, text: str) -> None:
         for name in TEXTS.values():
             self._say(name, text)
-        for plot in self.query(DrawingPlot):
+        for plot in self.query(ChartPlot):
             plot.display = False
 
     @work(group="look", exclusive=True)
@@ -133,7 +133,7 @@ class HexaSlideScreen(PagedScreen):
             return
         self.looking = False
         self.view, self._drawn_at, self._count = view, 0, view.fewest
-        for plot in self.query(DrawingPlot):
+        for plot in self.query(ChartPlot):
             plot.display = True
         self._show_heading()
         self._show_all()
@@ -147,7 +147,7 @@ class HexaSlideScreen(PagedScreen):
         self._say("list-text", texts.list_text(found))
         self._show_search()
         for k, drawing in enumerate(drawn_postures(view.machine, found)):
-            self.query_one(f"#projection{k}", DrawingPlot).show(drawing)
+            self.query_one(f"#projection{k}", ChartPlot).show(drawing)
         self._draw_machine(view)
 
     def _show_search(self) -> None:
@@ -163,8 +163,8 @@ class HexaSlideScreen(PagedScreen):
             posture = self.found.coordinates[self._drawn_at - 1]
         front, above = drawn_machine(view.machine, posture)
         for place in ("", "sketch-"):
-            self.query_one(f"#{place}front", DrawingPlot).show(front)
-            self.query_one(f"#{place}above", DrawingPlot).show(above)
+            self.query_one(f"#{place}front", ChartPlot).show(front)
+            self.query_one(f"#{place}above", ChartPlot).show(above)
 
     def action_procedure(self, name: str) -> None:
         """One of the paper's procedures."""

@@ -128,11 +128,7 @@ class ChoiceDialog(Dialog[Thing]):
 class HelpDialog(Dialog[None]):
     """Words about the present screen and the panel that has the focus."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        ("escape", "dismiss(None)", "Close"),
-        ("f1", "dismiss(None)", "Close"),
-        ("enter", "dismiss(None)", "Close"),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = [("escape,f1,enter", "dismiss(None)", "Close")]
 
     def __init__(self, text: str) -> None:
         super().__init__()

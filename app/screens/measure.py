@@ -194,16 +194,13 @@ class MeasureScreen(Corrections, Resting):
     def _tell_lost_and_found(self, states: Sequence[Live]) -> None:
         """One line when an indicator goes and when it comes back."""
         for number, live in enumerate(states):
-            lost = isinstance(live.outcome, Fault)
-            if lost and number not in self._lost:
+            name, outcome = self.guided.name_of(number), live.outcome
+            if isinstance(outcome, Fault) and number not in self._lost:
                 self._lost.add(number)
-                words = live.outcome.words if isinstance(live.outcome, Fault) else ""
-                name = self.guided.name_of(number)
-                self.say(f"FAULT: {name}: {sentence(words)} The session waits.")
-            elif isinstance(live.outcome, IndicatorReading) and number in self._lost:
+                self.say(f"FAULT: {name}: {sentence(outcome.words)} The session waits.")
+            elif isinstance(outcome, IndicatorReading) and number in self._lost:
                 self._lost.remove(number)
-                name = self.guided.name_of(number).capitalize()
-                self.say(f"{name} answers again. Continue with this step.")
+                self.say(f"{name.capitalize()} answers again. Continue with this step.")
 
     def _tell_motion(self) -> None:
         """One line when a machine that moves itself does something else; a stop is a hold."""
@@ -211,7 +208,7 @@ class MeasureScreen(Corrections, Resting):
         step = self.guided.step() if mover is not None else None
         if mover is None or step is None:
             return
-        lost_words(self.guided)
+        lost_words(self.guided)  # a loss stops it; `_tell_lost_and_found` has the words
         if (mover.state, mover.why) == self._moving:
             return
         self._moving = mover.state, mover.why

@@ -33,12 +33,6 @@ from calib.errors import extra
 from calib.identify.solution import Subset
 from protocols.model_file import EffectEntry, ModelFile, read_model_file
 
-CHOICES: dict[str, Subset] = {
-    "1": "joint-offsets",
-    "2": "leg-lengths",
-    "3": "both",
-    "4": "with-tolerances",
-}
 RESULT, PLOT, COMPARISON = "tab-result", "tab-plot", "tab-comparison"
 
 
@@ -54,10 +48,10 @@ class ResultScreen(PagedScreen):
         Binding("e", "refuse('export')", show=False),
         Binding("v", "refuse('verify')", show=False),
         Binding("r", "refuse('report')", show=False),
-        Binding("1", "choose('1')", "Offsets", show=False, id="result.offsets"),
-        Binding("2", "choose('2')", "Legs", show=False, id="result.lengths"),
-        Binding("3", "choose('3')", "Both", show=False, id="result.both"),
-        Binding("4", "choose('4')", "Tolerances", show=False, id="result.tolerances"),
+        Binding("1", "choose('joint-offsets')", "Offsets", show=False, id="result.offsets"),
+        Binding("2", "choose('leg-lengths')", "Legs", show=False, id="result.lengths"),
+        Binding("3", "choose('both')", "Both", show=False, id="result.both"),
+        Binding("4", "choose('with-tolerances')", "Tolerances", show=False, id="result.tolerances"),
         Binding("tab,right", "turn_to(1)", "Next", show=False, id="result.next"),
         Binding("shift+tab,left", "turn_to(-1)", "Previous", show=False, id="result.previous"),
         Binding("d", "diagnose", "Diagnose", id="result.diagnose"),
@@ -124,10 +118,10 @@ class ResultScreen(PagedScreen):
         said = texts.ONLY_SHOWN if self.app.read_only else texts.NO_PLAN
         self.app.complain(f"{said} {REPORTS_SERVED}" if action == "report" else said)
 
-    def action_choose(self, key: str) -> None:
+    def action_choose(self, subset: Subset) -> None:
         """Show another set of parameters."""
         with self.app.complaining():
-            self.solved = self.solved.with_subset(CHOICES[key])
+            self.solved = self.solved.with_subset(subset)
             self._show()
 
     def action_export(self, *, replace: bool = False) -> None:

@@ -28,7 +28,7 @@ from app.report.text.tables import signed
 from app.screens.fast_keys import Dialog
 from app.screens.interface import WIDE
 from app.screens.pages import Resting, signalled
-from app.screens.plot import ChartPlot, DrawingPlot
+from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError, sentence
 from calib.tripod.geometry import Geometry
 from drivers.profile import Fault, IndicatorReading
@@ -243,7 +243,7 @@ class SessionView(Vertical, Resting):
         yield Words("", id="said", markup=False)
         with Row(id="lower"):
             yield Words("", id="table", markup=False)
-            yield DrawingPlot(plot_id="chart")
+            yield ChartPlot(plot_id="chart")
 
     def show_progress(self, text: str) -> None:
         """The line at the top."""
@@ -268,7 +268,7 @@ class SessionView(Vertical, Resting):
     def _show_chart(self, session: Session, step: Step) -> None:
         """The readings of the leg; the picture of the set-up while there are none to show."""
         chart = readings_by_posture(session, step)
-        self.query_one(DrawingPlot).show(
+        self.query_one(ChartPlot).show(
             chart if chart.series else drawn_set_up(session, step, self._instruments) or chart
         )
 
@@ -306,12 +306,7 @@ class SetUpScreen(Dialog[None]):
     """Where the indicators of a step stand: words and picture, as large as the terminal."""
 
     HELP = "Thick: the bar that is touched, x: where. Dots: each spindle, up to its body."
-    BINDINGS: ClassVar[list[BindingType]] = [
-        ("escape", "dismiss(None)", "Back"),
-        ("w", "dismiss(None)", "Back"),
-        ("enter", "dismiss(None)", "Back"),
-        ("space", "dismiss(None)", "Back"),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = [("escape,w,enter,space", "dismiss(None)", "Back")]
 
     def __init__(
         self, session: Session, step: Step, instruments: Sequence[Instrument | None]
@@ -323,7 +318,7 @@ class SetUpScreen(Dialog[None]):
     def compose(self) -> ComposeResult:
         with Vertical(classes="wide-dialog"):
             yield Static(self._words, markup=False)
-            yield DrawingPlot(self._drawing)
+            yield ChartPlot(self._drawing)
             yield Static("Escape, Space or W goes back.", markup=False)
 
 

@@ -35,8 +35,8 @@ from textual.widgets.option_list import Option
 from app.exit_codes import Exit
 from app.report.text.home import REPLACE_CHOICES, WORDS_OF_LOOKS, key_list_text
 from app.report.text.tables import copied_text
+from app.screens import Look
 from app.screens.fast_keys import Dialog, Palette, ready
-from app.screens.look import Look
 from app.screens.pages import legible, signalled
 from app.settings import Settings, save_theme, settings_path
 from calib.errors import GlidecalError

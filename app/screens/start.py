@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 from textual.screen import Screen
 
 from app.report.streams import need_terminal
+from app.screens import Look
 from app.screens.home import HomeScreen, ReplayChoiceScreen
 from app.screens.interface import Interface
 from app.screens.keys import settings_for_screens
-from app.screens.look import Look
 from app.settings import settings_path
 from protocols.record import read_record
 

@@ -24,7 +24,7 @@ from app.report.text.home import CHECK_HELP
 from app.report.text.preparing import check_text, dry_run_text, trial_text
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
-from app.screens.pages import apart
+from app.screens.pages import apart, is_left
 from app.screens.session_view import Gauges
 from calib.errors import GlidecalError
 from protocols.machine import Instrument, Machine
@@ -77,12 +77,12 @@ class CheckScreen(Screen[None]):
         try:
             indicators = await asyncio.to_thread(open_indicators, self._plan)
         except GlidecalError as problem:
-            if self in self.app.screen_stack:
+            if not is_left(self):
                 self._problem = problem
                 words.update(f"{problem}\n\nR tries again, Escape goes back.")
                 self.refresh_bindings()
             return
-        if self not in self.app.screen_stack:  # left meanwhile: nobody else would close them
+        if is_left(self):  # nobody else would close them
             indicators.close()
             return
         self.app.indicators = indicators

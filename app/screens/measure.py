@@ -12,7 +12,6 @@ from typing import ClassVar
 from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.css.query import NoMatches
 from textual.widgets import Footer
 
 from app.measuring.gauges import Live, Motion
@@ -24,7 +23,7 @@ from app.report.text import motion
 from app.report.text import session as texts
 from app.screens.corrections import Corrections
 from app.screens.interface import ChoiceDialog
-from app.screens.pages import Resting, apart
+from app.screens.pages import Resting, apart, is_left
 from app.screens.session_view import LegReviewScreen, SessionView
 from calib.errors import GlidecalError, sentence
 from drivers.profile import Fault, IndicatorReading
@@ -171,6 +170,8 @@ class MeasureScreen(Corrections, Resting):
         return states
 
     def _show_live(self) -> None:
+        if is_left(self):  # news come while the screen is being closed, too
+            return
         self._shown_at = time.monotonic()
         states = self._draw_live()
         self._tell_lost_and_found(states)
@@ -212,8 +213,7 @@ class MeasureScreen(Corrections, Resting):
         if (mover.state, mover.why) == self._moving:
             return
         self._moving = mover.state, mover.why
-        with suppress(NoMatches):  # news may come while the screen is being closed
-            self.say(motion.moving_text(mover, step))
+        self.say(motion.moving_text(mover, step))
         if mover.state is Moving.STOPPED and not self.held:
             self._set_hold(True, f"the machine stopped: {mover.why}")
 

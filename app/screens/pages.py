@@ -46,18 +46,22 @@ def signalled(text: str) -> Content:
     return found
 
 
+def is_left(screen: Screen[Any]) -> bool:
+    """Whether nobody comes back to a screen; Textual says so when parts of it are gone already."""
+    return not screen.app.is_running or screen not in screen.app.screen_stack
+
+
 async def apart(
     screen: Screen[Any], job: Callable[Given, Found], *given: Given.args, **named: Given.kwargs
 ) -> Found:
     """What a job gives that is done in a thread while the screen goes on.
 
-    For workers of the screen: where it was left meanwhile, or the program, they end here, as if
-    cancelled. Textual cancels them too late, when parts of the screen are gone already.
+    For workers of the screen: where it was left meanwhile they end here, as if cancelled.
     """
     try:
         return await asyncio.to_thread(job, *given, **named)
     finally:
-        if not screen.app.is_running or screen not in screen.app.screen_stack:
+        if is_left(screen):
             raise asyncio.CancelledError
 
 

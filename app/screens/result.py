@@ -26,7 +26,7 @@ from app.report.text import what_if as what_if_texts
 from app.report.text.home import REPORTS_SERVED
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
-from app.screens.pages import PagedScreen, apart, signalled
+from app.screens.pages import PagedScreen, apart, is_left, signalled
 from app.screens.plot import ChartPlot
 from app.screens.what_if import WhatIfScreen, ask_effect
 from calib.errors import extra
@@ -138,7 +138,7 @@ class ResultScreen(PagedScreen):
             )
             self.app.notify(texts.exported_text(folder, written), timeout=10, markup=False)
             self.caution = texts.export_caution(offsets, refused)
-            if self.is_attached:  # nobody left it meanwhile
+            if not is_left(self):
                 self._show()
 
     def _joint_offsets(self) -> SessionSolution:
@@ -202,7 +202,7 @@ class ResultScreen(PagedScreen):
             written = await asyncio.to_thread(resize, *asked, model, entry)
             solved = await asyncio.to_thread(solve_sessions, *asked, subset=subset, model=written)
             self.app.notify(what_if_texts.RESIZED.format(model), timeout=10, markup=False)
-            if self.is_attached:  # nobody left it meanwhile
+            if not is_left(self):
                 self.solved = solved
                 self._show()
 

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands import aligning, diagnose, indicators, planning, results, sessions
+from app.commands import demo, diagnose, indicators, measuring, planning, results, sessions
 from app.exit_codes import Exit, exit_code
 from app.machines.registry import LOOKS
 from app.report.streams import guard_standard_streams
@@ -63,9 +63,9 @@ def settings() -> None:
     typer.echo(settings_text(path, path.exists(), present, rows))
 
 
-cli.command("demo")(sessions.demo)
-cli.command("run")(sessions.run)
-cli.command("align")(aligning.align)
+cli.command("demo")(demo.demo)
+cli.command("run")(measuring.run)
+cli.command("align")(measuring.align)
 cli.command("import")(sessions.import_table)
 cli.command("replay")(sessions.replay)
 cli.command("serve")(sessions.serve)

@@ -23,10 +23,12 @@ from pathlib import Path
 from textual.pilot import Pilot
 from textual.widgets import Tabs
 
+from app.measuring.demo import demo_plan
 from app.measuring.gauges import Gauge
 from app.measuring.indicators import profile_of
-from app.measuring.opening import Indicators, Plan, begin, demo_plan
-from app.measuring.simulated import BenchSettings
+from app.measuring.opening import begin
+from app.measuring.plan import Plan
+from app.measuring.session import Indicators
 from app.screens.interface import Interface
 from app.screens.measure import IDLE_S, MeasureScreen
 from app.screens.result import ResultScreen
@@ -34,7 +36,7 @@ from app.screens.session_view import LegReviewScreen
 from app.screens.start import Glidecal
 from benchmarks.picture_delays import TICK_S, Blocked, Delays, Terminal, listening
 from drivers.profile import Query, Spindle
-from drivers.twins import TwinPort, default_transport, twin_of
+from drivers.twins import IndicatorTwin, TwinPort, default_transport
 from protocols.procedure import Step
 
 ROOT = Path(__file__).parent.parent
@@ -88,7 +90,7 @@ def open_indicators(plan: Plan, machine: Machine, undo: ExitStack) -> Indicators
     gauges = []
     for index, instrument in enumerate(plan.instruments):
         profile = profile_of(instrument)
-        twin = twin_of(profile, machine.spindle(index))
+        twin = IndicatorTwin(profile, machine.spindle(index))
         port = undo.enter_context(TwinPort(twin, default_transport()))
         gauge = Gauge(
             profile,
@@ -212,7 +214,7 @@ def measured_session() -> Figures:
     delays = Delays()
     machine = Machine(delays)
     with tempfile.TemporaryDirectory() as folder, listening(delays), ExitStack() as undo:
-        demo = demo_plan(Path(folder), "zero-max-min", 1, BenchSettings())
+        demo = demo_plan(Path(folder), "zero-max-min", 1)
         plan = replace(demo, interval_s=INTERVAL_S, window_s=WINDOW_S)
         indicators = open_indicators(plan, machine, undo)
         guided = undo.enter_context(begin(plan, indicators))

@@ -36,7 +36,7 @@ from drivers.line import IndicatorLine
 from drivers.port import open_port
 from drivers.profile import Spindle
 from drivers.profiles import PROFILES
-from drivers.twins import TwinPort, default_transport, twin_of
+from drivers.twins import IndicatorTwin, TwinPort, default_transport
 from protocols.observations import to_observations
 from protocols.record import read_record
 from protocols.session import fold
@@ -101,7 +101,7 @@ def whole_identification() -> list[str]:
 def indicators() -> list[str]:
     """From the request to the value in the program; the twin answers at once."""
     profile = PROFILES["mitutoyo-01a"]
-    twin = twin_of(profile, Spindle(lambda: 1.234, 0.001))
+    twin = IndicatorTwin(profile, Spindle(lambda: 1.234, 0.001))
     with TwinPort(twin, default_transport()) as port:
         bare = open_port(profile, port.url)
 

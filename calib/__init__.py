@@ -1,1 +1,4 @@
-"""Mathematics of calibration on arrays: numpy, scipy, joblib; no file, no port, no screen."""
+"""Mathematics of calibration on arrays; no file, no port, no screen.
+
+May import numpy, scipy and joblib, and nothing of the other three rooms.
+"""

@@ -1,1 +1,4 @@
-"""Bytes: ports, indicators and their simulated twins. Knows pyserial, no screen and no file."""
+"""Bytes: ports, indicators and their simulated twins; no screen and no record.
+
+May import pyserial, and of `calib` the errors.
+"""

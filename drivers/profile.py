@@ -181,10 +181,11 @@ NOTHING = r"(?!)"
 class Grammar:
     """The lines of a device without their end. A pattern matches a whole line, or nothing of it.
 
-    ``value`` has a group ``number``, and groups ``unit`` and ``channel`` where replies name them.
-    ``fault`` may have a ``code`` (none: empty), with ``words`` and ``kinds`` of its own;
-    ``other_words`` may name the groups. What is ``passed_over`` is no answer, such as an echo or
-    an identification. Any other line is not understood.
+    ``value`` has a group ``number``, and groups ``unit`` and ``channel`` where replies name them;
+    where the form of a reply tells its unit, the part that does is a group ``mm`` or ``inch``.
+    ``fault`` may have a ``code`` (none: empty), with ``words`` or else ``other_words``, which may
+    name groups and what was ``asked``, and ``kinds``. What is ``passed_over`` is no answer, such as
+    an echo or an identification. Any other line is not understood.
     """
 
     value: str
@@ -210,8 +211,9 @@ class Grammar:
         if channel is not None and int(channel) != asked.channel:
             return wrong_channel(text, channel, asked)
         if value:
-            return reading(text, groups["number"], asked, UNITS.get(unit))
-        words = self.words.get(code) or self.other_words.format(**groups)
+            told = (name for name in ("mm", "inch") if groups.get(name) is not None)
+            return reading(text, groups["number"], asked, UNITS.get(unit or next(told, "")))
+        words = (self.words.get(code) or self.other_words).format(asked=asked, **groups)
         return Fault(self.kinds.get(code, FaultKind.DEVICE_FAULT), text, words)
 
 

@@ -23,36 +23,6 @@ class Twin(Protocol):
         """The bytes that the device answers to these."""
 
 
-class Device:
-    """A device that answers each whole request, or streams and listens to nothing."""
-
-    def __init__(self, profile: Profile, spindle: Spindle) -> None:
-        self._profile = profile
-        self._spindle = spindle
-        asked = Query(channel=spindle.channel)
-        self._request = profile.request(asked) if profile.request else b""
-        self._received = b""
-
-    def receive(self, request: bytes) -> bytes:
-        """Answers to all whole requests so far; the next line of a stream for no request."""
-        if not self._request:
-            return b"" if request else self._profile.reply(self._spindle).encode("latin-1")
-        known, received = self._request.strip(), self._received + request
-        if self._request.endswith((b"\r", b"\n")):
-            *parts, self._received = received.split(self._request[-1:])
-            requests = [part.strip() for part in parts]
-        else:  # nothing ends a request: only the one that is known can be told
-            *parts, self._received = received.split(self._request)
-            requests = [known] * len(parts)
-        return b"".join(self._answer(part, known) for part in requests)
-
-    def _answer(self, request: bytes, known: bytes) -> bytes:
-        if request == known:
-            return self._profile.reply(self._spindle).encode("latin-1")
-        said = self._profile.otherwise(request.decode("latin-1"), self._spindle)
-        return said.encode("latin-1")
-
-
 class Trouble(StrEnum):
     """Faults that any device may show, besides those of its own profile."""
 
@@ -85,29 +55,53 @@ class Disconnected(Exception):
     """The device pulled its cable."""
 
 
-class FaultyTwin:
-    """A twin with a fault: one of `Trouble`, or the name of one of the profile's bad replies."""
+class IndicatorTwin:
+    """A device that answers each whole request, or streams and listens to nothing.
 
-    def __init__(self, twin: Twin, profile: Profile, fault: str) -> None:
-        self._twin = twin
+    Its ``fault``, if it has one, is one of `Trouble` or the name of a bad reply of the profile.
+    """
+
+    def __init__(self, profile: Profile, spindle: Spindle, fault: str | None = None) -> None:
         self._profile = profile
+        self._spindle = spindle
         self._fault = fault
+        asked = Query(channel=spindle.channel)
+        self._request = profile.request(asked) if profile.request else b""
+        self._received = b""
         self._count = 0
 
     def receive(self, request: bytes) -> bytes:
-        """The answer as the fault leaves it."""
-        answer = self._twin.receive(request)
-        if not answer:
-            return b""
-        self._count += 1
-        if self._fault == Trouble.DISCONNECT:
-            raise Disconnected
-        if self._fault == Trouble.SLOW:
-            time.sleep(SLOW_S)
-        bad = self._profile.bad_replies.get(self._fault)
-        return bad.reply if bad else self._shaped(request, answer)
+        """Answers to all whole requests so far; the next line of a stream for no request."""
+        answer = self._answers(request)
+        return self._faulty(self._fault, request, answer) if self._fault and answer else answer
 
-    def _shaped(self, request: bytes, answer: bytes) -> bytes:
+    def _answers(self, request: bytes) -> bytes:
+        if not self._request:
+            return b"" if request else self._profile.reply(self._spindle).encode("latin-1")
+        known, received = self._request.strip(), self._received + request
+        if self._request.endswith((b"\r", b"\n")):
+            *parts, self._received = received.split(self._request[-1:])
+            requests = [part.strip() for part in parts]
+        else:  # nothing ends a request: only the one that is known can be told
+            *parts, self._received = received.split(self._request)
+            requests = [known] * len(parts)
+        return b"".join(self._answer(part, known) for part in requests)
+
+    def _answer(self, request: bytes, known: bytes) -> bytes:
+        if request == known:
+            return self._profile.reply(self._spindle).encode("latin-1")
+        said = self._profile.otherwise(request.decode("latin-1"), self._spindle)
+        return said.encode("latin-1")
+
+    def _faulty(self, fault: str, request: bytes, answer: bytes) -> bytes:
+        """The answer as the fault leaves it."""
+        if fault in self._profile.bad_replies:
+            return self._profile.bad_replies[fault].reply
+        if fault == Trouble.DISCONNECT:
+            raise Disconnected
+        if fault == Trouble.SLOW:
+            time.sleep(SLOW_S)
+        self._count += 1
         shapes = {
             Trouble.SILENCE: b"",
             Trouble.SPLIT: answer[: max(1, len(answer) // 2)],
@@ -116,7 +110,7 @@ class FaultyTwin:
             Trouble.DROP_OUTS: b"" if self._count % 3 == 0 else answer,
             Trouble.PARITY: bytes(byte | (byte.bit_count() % 2) << 7 for byte in answer),
         }
-        return next((shape for name, shape in shapes.items() if name == self._fault), answer)
+        return next((shape for name, shape in shapes.items() if name == fault), answer)
 
 
 def faults_of(profile: Profile) -> dict[str, str]:
@@ -126,12 +120,6 @@ def faults_of(profile: Profile) -> dict[str, str]:
         for name, bad in profile.bad_replies.items()
     }
     return {**{trouble.value: words for trouble, words in WORDS.items()}, **own}
-
-
-def twin_of(profile: Profile, spindle: Spindle, fault: str | None = None) -> Twin:
-    """The simulated device, with a fault if one is named."""
-    device = Device(profile, spindle)
-    return FaultyTwin(device, profile, fault) if fault else device
 
 
 Transport = Literal["pty", "tcp"]
@@ -304,7 +292,7 @@ class SimulatedRig:
         self._pushed = [-math.inf] * len(profiles)
         self._ports = [
             TwinPort(
-                twin_of(profile, Spindle(self._spindle(k), resolution_mm)),
+                IndicatorTwin(profile, Spindle(self._spindle(k), resolution_mm)),
                 transport,
                 stream_s=FAST_STREAM_S if fastest_stream and profile.stream_s else profile.stream_s,
             )
@@ -332,12 +320,6 @@ class SimulatedRig:
         """Unplug every indicator."""
         for port in self._ports:
             port.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _spindle(self, index: int) -> Callable[[], float]:
         def position_mm() -> float:

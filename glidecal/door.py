@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -72,9 +73,9 @@ def solve(
     from app.evaluating.solution import solve_sessions
     from protocols.model_file import read_model_file
 
-    names, loaded = _given(sessions)
+    loaded = _given(sessions)
     known = read_model_file(Path(model)) if model else None
-    return solve_sessions(names, loaded, subset=subset, method=method, model=known)
+    return solve_sessions(loaded, subset=subset, method=method, model=known)
 
 
 def diagnose(
@@ -85,9 +86,9 @@ def diagnose(
     """What is missing in the model, and where it shows; ``held_out`` are for the gap alone."""
     from app.evaluating.diagnosis import diagnose_sessions
 
-    names, loaded = _given(sessions)
+    loaded = _given(sessions)
     known = Path(model) if model else None
-    found = diagnose_sessions(names, loaded, model=known, held_out=_given(held_out))
+    found = diagnose_sessions(loaded, model=known, held_out=_given(held_out))
     _warn(found.warnings)
     return found
 
@@ -107,10 +108,10 @@ def what_if(
     from app.evaluating.what_if import what_if as evaluated
     from protocols.model_file import read_model_file
 
-    names, loaded = _given(sessions)
+    loaded = _given(sessions)
     values = [size] if isinstance(size, int | float) else list(size)
     known = read_model_file(Path(model)) if model else None
-    return evaluated(names, loaded, effect, values, subset, known)
+    return evaluated(loaded, effect, values, subset, known)
 
 
 def simulate(
@@ -152,11 +153,11 @@ def plan(
     noise_mm: float | None = None,
 ) -> MeasurementPlan:
     """The set-up that lowers the error of the tool most, after these sessions or before any."""
-    from app.planning.tripod import next_after
+    from app.planning.tripod import next_measurement
 
-    names, loaded = _given(sessions)
+    loaded = _given(sessions)
     known = Path(model) if model else None
-    return next_after(names, loaded, machine_file=machine, model_file=known, noise_mm=noise_mm)
+    return next_measurement(loaded, machine_file=machine, model_file=known, noise_mm=noise_mm)
 
 
 def report(
@@ -175,19 +176,18 @@ def report(
     return write_report(found, Path(output), *paths, tolerance_mm=tolerance_mm, replace=replace)
 
 
-def _given(sessions: Iterable[File | Session]) -> tuple[list[str], list[Session]]:
-    """Names and sessions; records are read and may not be one session twice."""
+def _given(sessions: Iterable[File | Session]) -> list[Session]:
+    """Sessions by their files' names, or numbered; records may not be one session twice."""
     from app.evaluating.solution import load_sessions
 
     given = list(sessions)
     loaded, said = load_sessions([Path(one) for one in given if not isinstance(one, Session)])
     _warn(said)
     read = iter(loaded)
-    numbered = enumerate(given, start=1)
-    return (
-        [f"session {k}" if isinstance(one, Session) else Path(one).name for k, one in numbered],
-        [one if isinstance(one, Session) else next(read) for one in given],
-    )
+    return [
+        replace(one, name=f"session {k}") if isinstance(one, Session) else next(read)
+        for k, one in enumerate(given, start=1)
+    ]
 
 
 def _warn(said: Iterable[str]) -> None:

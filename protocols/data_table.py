@@ -1,18 +1,19 @@
-"""Tables to compute with: for pandas, and for files that other programs read."""
+"""Tables as files (CSV, XLSX, Parquet): as rows of texts, and new ones for other programs."""
 
 from __future__ import annotations
 
 import csv
 import re
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from io import BytesIO, StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from zipfile import ZipFile
 
 from calib.errors import RecordError, extra
 from calib.printable import printable
-from protocols import spreadsheet
 from protocols.documents import read_bytes
 
 if TYPE_CHECKING:
@@ -22,6 +23,14 @@ Cell = str | float | None
 """A whole number is an int, a missing value None."""
 
 FORMATS = ("csv", "xlsx", "parquet")
+
+Texts = list[tuple[int, list[str]]]
+"""Line numbers, and the cells as a spreadsheet shows them."""
+
+MOST_UNPACKED_BYTES = 200_000_000
+MOST_COLUMNS = 100
+MOST_LETTERS = 32_767
+"""In a cell of a workbook: more is cut off by who opens it."""
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 FORMULA = re.compile(r"""["'\s]*[=+\-@]""")
@@ -59,7 +68,7 @@ class DataTable:
             return csv_text(["" if c is None else str(c) for c in row] for row in self._lines)
         safe = [[protected(c) if isinstance(c, str) else c for c in row] for row in self._lines]
         if as_format == "xlsx":
-            return spreadsheet.workbook(safe, "export")
+            return workbook(safe, "export")
         arrow, parquet = _pyarrow("export")
         header, *rows = safe
         columns = zip(*rows, strict=True) if rows else ([] for _ in header)
@@ -105,7 +114,7 @@ def _is_quoted(text: str) -> bool:
     return len(text) > 1 and text[0] == text[-1] == "'"
 
 
-def parquet_rows(path: Path, most_rows: int) -> list[tuple[int, list[str]]]:
+def parquet_rows(path: Path, most_rows: int) -> Texts:
     """Line numbers and texts of a table of columns, its header first.
 
     Raises RecordError, and UsageError where pyarrow is not installed.
@@ -116,9 +125,9 @@ def parquet_rows(path: Path, most_rows: int) -> list[tuple[int, list[str]]]:
     try:
         file = parquet.ParquetFile(content)
         size = sum(file.metadata.row_group(k).total_byte_size for k in range(file.num_row_groups))
-        wide = file.metadata.num_columns > spreadsheet.MOST_COLUMNS
-        large = file.metadata.num_rows > most_rows or size > spreadsheet.MOST_UNPACKED_BYTES
-        read: Any = None if wide or large else file.read()  # None: refused as what is broken
+        narrow = file.metadata.num_columns <= MOST_COLUMNS
+        _check_size(narrow and file.metadata.num_rows <= most_rows and size <= MOST_UNPACKED_BYTES)
+        read = file.read()
         columns = [list(map(_text, column.to_pylist())) for column in read.columns]
         rows = list(map(list, zip(*columns, strict=True)))
     except Exception as problem:  # a broken file meets the library in any of its parts
@@ -126,6 +135,12 @@ def parquet_rows(path: Path, most_rows: int) -> list[tuple[int, list[str]]]:
             thing, next_step="Save the table anew, or as CSV", reason="no readable Parquet file"
         ) from problem
     return list(enumerate([list(map(str, read.column_names)), *rows], start=1))
+
+
+def _check_size(fits: bool) -> None:
+    """Raises ValueError for what is small only while it is packed."""
+    if not fits:
+        raise ValueError("too large")
 
 
 def _text(value: object) -> str:
@@ -137,3 +152,61 @@ def _pyarrow(thing: str) -> tuple[Any, Any]:
         import pyarrow
         from pyarrow import parquet
     return pyarrow, parquet
+
+
+def workbook_rows(path: Path, most_rows: int) -> Texts:
+    """Line numbers and texts of the first sheet, each row at least as long as the first one.
+
+    Formulas give what they had when the file was saved. Raises RecordError, and UsageError where
+    openpyxl is not installed.
+    """
+    thing = f"table {path}"
+    content, openpyxl = BytesIO(read_bytes(path, "table")), _openpyxl(thing)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of styles and extensions that nobody needs
+            with ZipFile(content) as parts:
+                size = sum(part.file_size for part in parts.infolist())
+            _check_size(size <= MOST_UNPACKED_BYTES)
+            book = openpyxl.load_workbook(content, read_only=True, data_only=True)
+            sheet = book.worksheets[0]
+            found = sheet.iter_rows(max_row=most_rows, max_col=MOST_COLUMNS, values_only=True)
+            rows = list(map(_texts, found))
+    except Exception as problem:  # a broken workbook meets the library in any of its parts
+        next_step = "Save the table anew, or as CSV"
+        raise RecordError(thing, next_step=next_step, reason="no readable workbook") from problem
+    width = len(rows[0]) if rows else 0
+    return [(line, row + [""] * (width - len(row))) for line, row in enumerate(rows, start=1)]
+
+
+def _texts(row: Iterable[object]) -> list[str]:
+    """The cells, numbers as a spreadsheet shows them; without the empty ones at the end."""
+    cells = [f"{cell:.15g}" if isinstance(cell, float) else cell for cell in row]
+    while cells and cells[-1] is None:
+        cells.pop()
+    return ["" if cell is None else str(cell) for cell in cells]
+
+
+def workbook(rows: Iterable[Sequence[Cell]], thing: str) -> bytes:
+    """A workbook with these rows; numbers of more digits than a spreadsheet has are texts.
+
+    Raises UsageError where openpyxl is not installed, RecordError for a text longer than a cell.
+    """
+    book = _openpyxl(thing).Workbook()
+    for row in rows:
+        longest = max((len(cell) for cell in row if isinstance(cell, str)), default=0)
+        if longest > MOST_LETTERS:
+            found, allowed = f"a text of {longest} letters", f"{MOST_LETTERS} in a workbook"
+            raise RecordError(thing, found, allowed)
+        book.active.append(
+            [repr(c) if isinstance(c, float) and float(f"{c:.15g}") != c else c for c in row]
+        )
+    out = BytesIO()
+    book.save(out)
+    return out.getvalue()
+
+
+def _openpyxl(thing: str) -> Any:  # noqa: ANN401 (a module)
+    with extra(thing, "xlsx", ", or save the table as CSV"):
+        import openpyxl
+    return openpyxl

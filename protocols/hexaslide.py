@@ -11,7 +11,6 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable
-from importlib import resources
 from io import StringIO
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
@@ -43,6 +42,7 @@ from calib.hexaslide.geometry import (
 from calib.hexaslide.procedures import Kind, Procedure
 from calib.hexaslide.residuals import Readings
 from protocols.documents import Document, Name, describe, read_text, read_toml
+from protocols.machine_files import MACHINES
 
 Coordinate = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Point = tuple[Coordinate, Coordinate, Coordinate]
@@ -188,11 +188,7 @@ def _geometry(chain: tuple[Chain, ...]) -> Geometry:
 
 def load_hexaslide(path: Path | None = None) -> HexaSlideMachine:
     """The machine of a TOML file; without one the example H60. Raises RecordError."""
-    if path is not None:
-        return read_toml(path, HexaSlideMachine, "machine file")
-    folder = resources.files("protocols") / "machines"
-    with resources.as_file(folder / "hexaslide-h60.toml") as found:
-        return read_toml(found, HexaSlideMachine, "machine file")
+    return read_toml(path or MACHINES / "hexaslide-h60.toml", HexaSlideMachine, "machine file")
 
 
 MOST_POSTURES = 10_000

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from importlib import resources
 from operator import ge
 from pathlib import Path
 from typing import Annotated, Literal
@@ -27,13 +26,7 @@ from protocols.documents import (
     read_text,
     read_toml,
 )
-from protocols.machine_files import (
-    SCHEMA,
-    USUAL_MACHINE,
-    machine_names,
-    schema_of,
-    shipped_file,
-)
+from protocols.machine_files import MACHINES, SCHEMA, USUAL_MACHINE, machine_names, schema_of
 
 Length = Annotated[float, Field(ge=0.001, le=100_000.0)]
 
@@ -278,17 +271,10 @@ def load_machine(wanted: Path | str | None) -> Machine:
     Raises UsageError for an unknown name and RecordError for a file that cannot be used.
     """
     name = USUAL_MACHINE if wanted is None else str(wanted)
-    if name in machine_names():
-        with resources.as_file(shipped_file(name)) as found:
-            return _read(found)
-    path = Path(name)
+    path = MACHINES / f"{name}.toml" if name in machine_names() else Path(name)
     if path.name == name and not path.suffix and not path.exists():
         allowed = f"{', '.join(machine_names())}, or the path of a machine file"
         raise UsageError("machine", repr(name), allowed)
-    return _read(path)
-
-
-def _read(path: Path) -> Machine:
     try:
         return read_toml(path, Machine, "machine file")
     except RecordError as problem:

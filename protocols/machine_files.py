@@ -7,25 +7,20 @@ from __future__ import annotations
 
 import re
 from functools import cache
-from importlib import resources
-from importlib.resources.abc import Traversable
+from pathlib import Path
 
 SCHEMA = "glidecal.machine/1"
 USUAL_MACHINE = "orthoglide"
 SCHEMA_LINE = re.compile(r'^schema[ \t]*=[ \t]*"([^"\n]{1,60})"', re.MULTILINE)
+MACHINES = Path(__file__).with_name("machines")
 
 
 @cache
 def machine_names() -> tuple[str, ...]:
     """Names of the machines with three linear drives."""
-    found = (path for path in _folder().iterdir() if path.name.endswith(".toml"))
+    found = MACHINES.glob("*.toml")
     of_family = (path for path in found if schema_of(path.read_text(encoding="utf-8")) == SCHEMA)
-    return tuple(sorted(path.name.removesuffix(".toml") for path in of_family))
-
-
-def shipped_file(name: str) -> Traversable:
-    """The file of one of `machine_names`."""
-    return _folder() / f"{name}.toml"
+    return tuple(sorted(path.stem for path in of_family))
 
 
 def schema_of(text: str) -> str:
@@ -35,7 +30,3 @@ def schema_of(text: str) -> str:
     """
     found = SCHEMA_LINE.search(text)
     return found[1] if found else ""
-
-
-def _folder() -> Traversable:
-    return resources.files("protocols") / "machines"

@@ -12,10 +12,11 @@ import numpy as np
 
 from calib.arrays import LEG_NAMES, TOUCHED_NAMES, FloatArray, Observations
 from calib.errors import NotIdentifiable, RecordError, UsageError
+from calib.noise.reading import IndicatorFigures
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.movements import carriage_movement
 from calib.tripod.pipeline import simulate
-from protocols.machine import Machine
+from protocols.machine import Instrument, Machine
 from protocols.motion import approach_sign, departure_mm, movement_signs
 from protocols.procedure import Step, leg_number
 from protocols.session import Reading, Session
@@ -204,6 +205,34 @@ def _check_same_machine(sessions: Sequence[Session]) -> None:
                 "sessions of one machine with the same offsets entered",
                 "Solve them one at a time.",
             )
+
+
+def indicator_figures(sessions: Sequence[Session]) -> IndicatorFigures:
+    """The worst that is stated or seen of the indicators of all sessions.
+
+    ``resolution_mm`` is the coarsest stated of an indicator or with a reading, ``step_mm`` the
+    coarsest step in which the readings of a session are written down.
+    """
+    stated = worst_stated(one for session in sessions for one in session.opened.instruments)
+    shown = (reading.resolution_mm for session in sessions for reading in session.readings)
+    return replace(
+        stated,
+        resolution_mm=_worst([stated.resolution_mm, *shown]),
+        step_mm=_worst(session.step_mm for session in sessions),
+    )
+
+
+def worst_stated(instruments: Iterable[Instrument]) -> IndicatorFigures:
+    """The coarsest resolution and the worst repeatability that these indicators state."""
+    known = list(instruments)
+    return IndicatorFigures(
+        resolution_mm=_worst(one.resolution_mm for one in known),
+        repeatability_mm=_worst(one.repeatability_mm for one in known),
+    )
+
+
+def _worst(figures: Iterable[float | None]) -> float | None:
+    return max((figure for figure in figures if figure is not None), default=None)
 
 
 SAME_MM = 1e-9

@@ -6,7 +6,6 @@ import math
 import random
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from itertools import chain, pairwise, product
 from pathlib import Path
 from typing import Annotated, Literal
@@ -35,8 +34,11 @@ Leg = Literal["x", "y", "z"]
 Touched = Literal["x", "y", "z", "tool"]
 """A leg, or the tool itself, as against a plate."""
 Level = Literal["zero", "max", "min"] | LengthMm
+Key = tuple[str | int, ...]
+"""Where in a procedure file something stands."""
 
 WHAT = "procedure file"
+PROCEDURES = Path(__file__).with_name("procedures")
 MOST_STEPS = 20_000
 """Four days of measuring at 20 s a step."""
 
@@ -275,34 +277,25 @@ class Procedure(Document):
                 "plate-rings is one.",
             )
         low, high = geometry.travel_min_mm, geometry.travel_max_mm
-        allowed = f"the joint limits {low:g} … {high:g} mm"
-        wrong: list[tuple[tuple[str | int, ...], str]]
+        what, allowed = "level", f"the joint limits {low:g} … {high:g} mm"
+        wrong: Iterator[tuple[Key, str]]
         if self.plate is not None:
             what, allowed = "position", f"a position that the bars reach within {allowed}"
             outside = (place for place in self.plate.places_mm() if not may_stand(geometry, place))
-            wrong = [(("plate",), position_words(place)) for place in outside]
+            wrong = ((("plate",), position_words(place)) for place in outside)
         else:
-            what = "level"
-            keys: list[tuple[tuple[str | int, ...], Level]] = [
+            levels: list[tuple[Key, Level]] = [
                 *((("levels", k), level) for k, level in enumerate(self.levels)),
                 *(
                     (("plane", "levels", k), level)
                     for k, level in enumerate(self.plane.levels if self.plane else ())
                 ),
             ]
-            wrong = [
-                (key, f"{_displacement(level, geometry):g} mm")
-                for key, level in keys
-                if not low <= _displacement(level, geometry) <= high
-            ]
-        if not wrong:
-            return
-        key, found = wrong[0]
-        where = f"procedure {self.name}"
-        if path is not None:
-            where = f"procedure file {path}, line {line_of(read_text(path, WHAT), key)}"
-        next_step = f"Change the {what}, or the limits in the machine file."
-        raise RecordError(f"{where}, {what}", found, allowed, next_step)
+            displacements = ((key, _displacement(level, geometry)) for key, level in levels)
+            wrong = ((key, f"{mm:g} mm") for key, mm in displacements if not low <= mm <= high)
+        for key, found in wrong:
+            next_step = f"Change the {what}, or the limits in the machine file."
+            raise RecordError(f"{self._where(path, key)}, {what}", found, allowed, next_step)
 
     def check_bars(self, geometry: Geometry, path: Path | None = None) -> None:
         """Raises RecordError for the first touched point off the usable part of its bar.
@@ -312,23 +305,18 @@ class Procedure(Document):
         """
         if self.plate is not None or not geometry.orthogonal:  # nor are legs read there
             return
-        levels = [0.0, *(_displacement(level, geometry) for level in self.levels)]
-        visits = list(product(self.stations, self.legs, levels))
-        touched = [(leg, at, mm) for at, leg, mm in visits] if self.levels else []
-        count = len(touched)
+        touched: list[tuple[Key, tuple[str, float, float]]] = []
+        if self.levels:
+            levels = [0.0, *(_displacement(level, geometry) for level in self.levels)]
+            for (k, at), leg, mm in product(enumerate(self.stations), self.legs, levels):
+                touched.append((("stations", k), (leg, at, mm)))
         if self.plane is not None:  # set anew in each posture, so as at Zero
-            touched += [(leg, at, 0.0) for at, leg in product(self.plane.stations, self.legs)]
             self._check_plane(self.plane, geometry, path)
-        for number, words in off_bar(touched, geometry)[:1]:
-            where = f"procedure {self.name}"
-            if path is not None:
-                key: tuple[str | int, ...] = ("stations", number // (len(self.legs) * len(levels)))
-                if number >= count:
-                    key = ("plane", "stations", (number - count) // len(self.legs))
-                line = line_of(read_text(path, WHAT), key)
-                where = f"procedure file {path}" + (f", line {line}" if line else "")
+            for (k, at), leg in product(enumerate(self.plane.stations), self.legs):
+                touched.append((("plane", "stations", k), (leg, at, 0.0)))
+        for number, words in off_bar([visit for _, visit in touched], geometry):
             raise RecordError(
-                f"{where}, stations",
+                f"{self._where(path, touched[number][0])}, stations",
                 words,
                 "points on the usable part of the bar at every level, and at Zero",
                 "Change the station or the levels, or usable_bar in the machine file.",
@@ -343,17 +331,20 @@ class Procedure(Document):
                 at_mm = level + station * geometry.covered_mm[leg_number(leg)]
                 if low <= at_mm <= high:
                     continue
-                where = f"procedure {self.name}"
-                if path is not None:
-                    key = ("plane", "stations", number)
-                    where = f"procedure file {path}, line {line_of(read_text(path, WHAT), key)}"
                 raise RecordError(
-                    f"{where}, stations over the plane",
+                    f"{self._where(path, ('plane', 'stations', number))}, stations over the plane",
                     f"station {station:g} of leg {leg} in posture "
                     f"{posture_name(level, geometry)} at {at_mm:.1f} mm along the leg",
                     f"plane_mm of the machine file, {low:g} … {high:g} mm",
                     "Change the station or the levels, or use a longer plane.",
                 )
+
+    def _where(self, path: Path | None, key: Key) -> str:
+        """The procedure by name, or the file that it is read from with the line of a key."""
+        if path is None:
+            return f"procedure {self.name}"
+        line = line_of(read_text(path, WHAT), key)
+        return f"procedure file {path}" + (f", line {line}" if line else "")
 
     def read_in_place(self, geometry: Geometry) -> int:
         """How many steps repeat a posture without leaving it; they show the indicator only."""
@@ -505,8 +496,7 @@ def position_words(position_mm: Triple) -> str:
 
 def procedure_names() -> tuple[str, ...]:
     """Names of the procedures that come with the program."""
-    folder = resources.files("protocols") / "procedures"
-    return tuple(sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if _is_toml(f.name)))
+    return tuple(sorted(path.stem for path in PROCEDURES.glob("*.toml")))
 
 
 def guided_procedure_names(geometry: Geometry) -> tuple[str, ...]:
@@ -527,16 +517,16 @@ def load_procedure(name: str, geometry: Geometry) -> Procedure:
     Raises UsageError for an unknown name and for legs that are not read on these drives,
     RecordError for a file that cannot be used.
     """
-    if _is_toml(name):
-        return _read_procedure(Path(name), geometry)
-    if name not in procedure_names():
-        raise UsageError(
-            "procedure",
-            repr(name),
-            ", ".join(procedure_names()) + ", or the path of a .toml file",
-        )
-    with resources.as_file(resources.files("protocols") / "procedures" / f"{name}.toml") as path:
-        return _read_procedure(path, geometry)
+    path = Path(name)
+    if not name.endswith(".toml"):
+        path = PROCEDURES / f"{name}.toml"
+        if name not in procedure_names():
+            allowed = ", ".join(procedure_names()) + ", or the path of a .toml file"
+            raise UsageError("procedure", repr(name), allowed)
+    procedure = read_toml(path, Procedure, WHAT)
+    procedure.check_limits(geometry, path)
+    procedure.check_bars(geometry, path)
+    return procedure
 
 
 def shuffled(procedure: Procedure, seed: int) -> Procedure:
@@ -553,17 +543,6 @@ def shuffled(procedure: Procedure, seed: int) -> Procedure:
             'a seed from 0 for a procedure with order = "free"',
             "Leave the seed out to measure in the order written.",
         ) from problem
-
-
-def _read_procedure(path: Path, geometry: Geometry) -> Procedure:
-    procedure = read_toml(path, Procedure, WHAT)
-    procedure.check_limits(geometry, path)
-    procedure.check_bars(geometry, path)
-    return procedure
-
-
-def _is_toml(name: str) -> bool:
-    return name.endswith(".toml")
 
 
 def _displacement(level: Level, geometry: Geometry) -> float:

@@ -11,7 +11,7 @@ import hashlib
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -30,7 +30,9 @@ from protocols.session import (
     Opened,
     Reading,
     Restored,
+    Session,
     Superseded,
+    fold,
 )
 
 MOST_BYTES = 64_000_000
@@ -61,6 +63,21 @@ class Record:
         first = self.events[0]
         assert isinstance(first, Opened)
         return first
+
+    @property
+    def session(self) -> Session:
+        """The state after all its events."""
+        return replace(fold(self.events), name=self.path.name, digest=self.digest)
+
+    @property
+    def unfinished(self) -> str:
+        """One sentence about a record that was cut or is still open; empty for a closed one."""
+        lines = len(self.events)
+        if self.end == "torn":
+            return f"{self.path.name}: cut inside line {lines + 1}; used up to line {lines}."
+        if self.end == "open":
+            return f"{self.path.name}: not closed after line {lines}; the session is not finished."
+        return ""
 
 
 def read_record(path: Path) -> Record:

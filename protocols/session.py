@@ -319,7 +319,8 @@ class Session:
 
     ``readings`` are those that count, in the order taken; ``superseded`` maps the numbers of the
     others to the reason, ``restored`` the numbers of those that count again, ``skipped`` the
-    numbers of the steps that are left out; ``notes`` are the remarks made on the way.
+    numbers of the steps that are left out; ``notes`` are the remarks made on the way. ``name`` and
+    ``digest`` are those of its record, empty where it has none.
     """
 
     opened: Opened
@@ -332,6 +333,8 @@ class Session:
     stand_untouched: bool
     notes: tuple[str, ...] = ()
     changes: tuple[Changed, ...] = ()
+    name: str = ""
+    digest: str = ""
 
     @property
     def adjusted(self) -> str | None:

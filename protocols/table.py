@@ -15,8 +15,15 @@ from pydantic import ValidationError
 
 from calib.errors import RecordError
 from calib.tripod.geometry import Geometry
-from protocols import spreadsheet
-from protocols.data_table import NUMBER, csv_text, parquet_rows, unprotected
+from protocols.data_table import (
+    NUMBER,
+    Texts,
+    csv_text,
+    parquet_rows,
+    unprotected,
+    workbook,
+    workbook_rows,
+)
 from protocols.documents import describe, read_text
 from protocols.machine import Instrument, Machine
 from protocols.procedure import SLIDING, Leg, Procedure, default_mount, may_stand, off_bar
@@ -55,7 +62,7 @@ NUMBERS = (
 )
 
 COMMA = re.compile(r"[+-]?\d*,\d+", re.ASCII)
-PARQUET = ".parquet"
+WORKBOOK, PARQUET = ".xlsx", ".parquet"
 LARGEST_COUNT = 1_000_000
 MOST_ROWS = 100_000
 LARGEST_NUMBER = 1e9
@@ -152,7 +159,7 @@ def _counting(rows: Sequence[Row]) -> list[Superseded | Restored]:
 
 def is_table(path: Path) -> bool:
     """Whether a path is that of a table, by its ending."""
-    return path.suffix.lower() in (".csv", spreadsheet.SUFFIX, PARQUET)
+    return path.suffix.lower() in (".csv", WORKBOOK, PARQUET)
 
 
 def opened_table(
@@ -220,10 +227,10 @@ def _rows(path: Path) -> tuple[list[Row], tuple[str, ...]]:
     return rows, tuple(name for name in header if name not in known + MOVED)
 
 
-def _lines(path: Path) -> tuple[list[tuple[int, list[str]]], bool]:
+def _lines(path: Path) -> tuple[Texts, bool]:
     """Line numbers and fields; whether semicolons stand between them, as with decimal commas."""
-    if path.suffix.lower() == spreadsheet.SUFFIX:
-        return spreadsheet.read_rows(path, MOST_ROWS + 2), False
+    if path.suffix.lower() == WORKBOOK:
+        return workbook_rows(path, MOST_ROWS + 2), False
     if path.suffix.lower() == PARQUET:
         return parquet_rows(path, MOST_ROWS + 1), False
     text = read_text(path, "table")
@@ -426,6 +433,6 @@ def empty_table(procedure: Procedure, geometry: Geometry, path: Path) -> str | b
             slides = (int(step.over_plane),) if over else ()
             place = (step.station, step.displacement_mm, *slides, "")
             rows += [(step.cycle, step.leg, axis, *place) for axis in step.axes]
-    if path.suffix.lower() == spreadsheet.SUFFIX:
-        return spreadsheet.workbook(rows, f"table {path}")
+    if path.suffix.lower() == WORKBOOK:
+        return workbook(rows, f"table {path}")
     return csv_text([c if isinstance(c, str) else f"{c:.12g}" for c in row] for row in rows)

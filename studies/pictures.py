@@ -20,9 +20,8 @@ from textual.screen import Screen
 
 from app.machines.options import Simulation
 from app.machines.tripod import SimulateOptions, simulate
+from app.measuring.demo import demo_plan
 from app.measuring.gauges import Gauge
-from app.measuring.opening import demo_plan
-from app.measuring.simulated import BenchSettings
 from app.planning.hexaslide import Request
 from app.screens.check import CheckScreen
 from app.screens.diagnose import DiagnoseScreen
@@ -151,7 +150,7 @@ async def photograph(pilot: Pilot[str], name: str, size: tuple[int, int]) -> Non
 
 async def pictures(folder: Path) -> None:
     """Drive a demonstration from the check to the comparison, and photograph it."""
-    plan = demo_plan(folder, "zero-max-min", 1, BenchSettings())
+    plan = demo_plan(folder, "zero-max-min", 1)
     plan = replace(plan, path=folder / "demonstration.jsonl", interval_s=0.01, window_s=0.15)
     interface = Glidecal(CheckScreen(plan))
     interface.animation_level = "none"

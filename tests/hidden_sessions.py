@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.measuring.simulated import hidden_effect, planned_readings, simulated_session
-from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.effects.empirical import Empirical
 from calib.tripod.simulation import hidden_machine
@@ -33,9 +32,7 @@ def write_session(
     truth = hidden_machine(machine.geometry(), seed)
     if effect:
         taken = planned_readings(procedure, machine)
-        hidden = hidden_effect(
-            effect, truth, taken, effects=CATALOGUE, seed=seed, noise_mm=SCATTER_MM, size=size
-        )
+        hidden = hidden_effect(effect, truth, taken, seed=seed, noise_mm=SCATTER_MM, size=size)
         truth = replace(truth, effects=hidden)
     if unnamed:
         truth = replace(truth, effects=(unnamed,))

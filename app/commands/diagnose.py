@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from app.machines.options import (
+    Answer,
     AsJson,
     Force,
     argument,
@@ -76,7 +77,7 @@ def diagnose(
         evaluated.write_procedure(found, next_procedure, replace=may)
         say(f"next measurement: glidecal run --protocol {next_procedure}")
     if adopt:
-        evaluated.adopt(found, sessions, adopt, known=model, candidate=candidate, replace=may)
+        evaluated.adopt(found, adopt, known=model, candidate=candidate, replace=may)
         say(f"model written: {adopt}")
         if evaluated.left_behind(found, candidate):
             say("there is an unnamed effect too: --candidate empirical")
@@ -89,29 +90,27 @@ def diagnose(
 def _show(found: SessionDiagnosis, *, further: bool, as_json: bool) -> None:
     """The diagnosis; with it the bound at the tool after ``further`` set-ups."""
     from app.report.schema.diagnosis import DiagnosisReport
-    from app.report.schema.document import to_json
     from app.report.text.diagnosis import diagnosis_text
     from app.report.text.planning import further_text
 
     reach = found.reach() if further else None
-    if as_json:
-        typer.echo(to_json(DiagnosisReport.of(found=found, reach=reach)))
-        return
-    typer.echo(diagnosis_text(found))
-    if reach:
-        typer.echo(f"\n{further_text(reach)}")
+    answer = Answer(
+        lambda: diagnosis_text(found) + (f"\n\n{further_text(reach)}" if reach else ""),
+        lambda: DiagnosisReport.of(found=found, reach=reach),
+    )
+    typer.echo(answer.shown(as_json=as_json))
 
 
 def _show_aliases(name: str | None, machine: str | None, *, as_json: bool) -> None:
     from app.evaluating.own_effects import known_effects
     from app.planning.tripod import alias_map
     from app.report.schema.diagnosis import AliasReport
-    from app.report.schema.document import to_json
     from app.report.text.planning import alias_text
 
     with working("Comparing effects"):
         found = alias_map(name, known_effects(), machine)
-    typer.echo(to_json(AliasReport.of(found=found)) if as_json else alias_text(found))
+    answer = Answer(lambda: alias_text(found), lambda: AliasReport.of(found=found))
+    typer.echo(answer.shown(as_json=as_json))
 
 
 def model(

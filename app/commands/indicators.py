@@ -7,6 +7,8 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -15,7 +17,6 @@ from app.machines.options import AsJson, Channel, Machine, Seed, figure, number,
 from calib.errors import IndicatorError, UsageError
 
 if TYPE_CHECKING:  # heavy: imported where used
-    from app.measuring.opening import Plan
     from drivers.twins import SimulatedRig
 
 indicator_verbs = typer.Typer(help="One indicator outside any session.", no_args_is_help=True)
@@ -48,7 +49,7 @@ def read(
         say(f"glidecal: profile {known.name} is unverified: {known.source}")
     line = IndicatorLine(known, port, asked=asked_for(unit, channel))
     line.start()
-    try:
+    with closing(line):
         while True:
             outcome = line.ask().result()
             if as_json:
@@ -58,8 +59,6 @@ def read(
             if not watch:
                 break
             time.sleep(known.interval_s)
-    finally:
-        line.close()
     if isinstance(outcome, Fault):
         thing = f"indicator on {port}"
         raise IndicatorError(thing, f"{outcome.kind}: {outcome.words}", "", known.hint)
@@ -143,10 +142,9 @@ def simulate_indicator(
     when Enter is pressed here: to rehearse a session on real ports.
     """
     from app.measuring.indicators import swinging
-    from app.measuring.opening import rehearsal_plan
     from drivers.profile import Spindle
     from drivers.profiles import profile_named
-    from drivers.twins import TwinPort, default_transport, faults_of, twin_of
+    from drivers.twins import IndicatorTwin, TwinPort, default_transport, faults_of
 
     known = profile_named(profile)
     names = faults_of(known)
@@ -160,11 +158,10 @@ def simulate_indicator(
     if protocol is not None:
         if fault is not None or tcp is not None or channel != 1:
             raise UsageError("--protocol", "--fault, --tcp or --channel, too", "one or the others")
-        plan = rehearsal_plan(profile, protocol, machine, seed, resolution)
-        _rehearse(f"--protocol {protocol}" + f" --machine {machine}" * bool(machine), plan, seconds)
+        _rehearse(profile, protocol, machine, seed, resolution, seconds)
         return
     transport = default_transport() if tcp is None else "tcp"
-    twin = twin_of(known, Spindle(swinging(), resolution, channel), fault)
+    twin = IndicatorTwin(known, Spindle(swinging(), resolution, channel), fault)
     with TwinPort(twin, transport, stream_s=known.stream_s, tcp_port=tcp or 0) as port:
         typer.echo(port.url)
         say(f"{known.title} listens there; Ctrl-C ends it.")
@@ -177,20 +174,31 @@ def _wait(seconds: float | None) -> None:
         time.sleep(0.1)
 
 
-def _rehearse(asked: str, plan: Plan, seconds: float | None) -> None:
-    """Move a simulated machine through its procedure, as is typed here."""
-    from app.measuring.opening import simulated_bench
-    from app.measuring.simulated import rehearsed
+def _rehearse(
+    profile: str,
+    protocol: str,
+    machine: str | None,
+    seed: int,
+    resolution_mm: float,
+    seconds: float | None,
+) -> None:
+    """Move a simulated machine through its procedure, as is typed here; there is no record."""
+    from app.measuring.demo import WATCHED, SimulatedBench, demo_plan, rehearsed
     from app.report.text.preparing import rehearsal_text, rehearsed_text
 
+    bench = replace(WATCHED, resolution_mm=resolution_mm)
+    plan = demo_plan(Path(), protocol, seed, bench, [profile], machine)
+    asked = f"--protocol {protocol}" + f" --machine {machine}" * bool(machine)
     steps = plan.procedure.steps(plan.machine.geometry(), plan.axes)
-    with closing(simulated_bench(plan)) as bench:
-        typer.echo("\n".join(bench.rig.ports))
-        say(rehearsal_text(asked, plan, bench.rig.ports))
+    # the name of the file is that of the run: a rehearsal scatters alike every time
+    stand = SimulatedBench(replace(plan, path=Path("rehearsal")))
+    with closing(stand):
+        typer.echo("\n".join(stand.ports))
+        say(rehearsal_text(asked, plan, stand.ports))
 
         def follow() -> None:
-            for step in rehearsed(steps, _pushing(bench.rig, _typed())):
-                bench.go(step)
+            for step in rehearsed(steps, _pushing(stand.rig, _typed())):
+                stand.go(step)
                 say(rehearsed_text(step, plan))
 
         threading.Thread(target=follow, daemon=True).start()

@@ -1,89 +1,146 @@
-"""Measuring from the command line; what a machine that moves itself shows and asks before."""
+"""``glidecal run`` and ``align``: measuring, on real and on simulated machines."""
 
 from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from functools import partial
 from math import inf
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from app.exit_codes import Exit
-from app.machines.options import say
-from app.machines.registry import LOOKS
+from app.machines.options import (
+    Answer,
+    AsJson,
+    Machine,
+    Protocol,
+    Seed,
+    argument,
+    figure,
+    file,
+    number,
+    say,
+)
+from app.machines.registry import LOOKS, typed
 from app.report.streams import need_terminal
 from calib.errors import GlidecalError, UsageError
 
 if TYPE_CHECKING:  # heavy: imported where used
-    from app.measuring.opening import Plan
-    from app.measuring.session import GuidedSession
+    from app.measuring.plan import Plan
+    from protocols.procedure import Leg
+
+SessionFile = Annotated[Path | None, file("Session file.", "--output", "-o")]
+Resume = Annotated[Path | None, file("Go on with an interrupted session.", "--continue")]
 
 
-def shown(plan: Plan, said: tuple[str, ...] = ()) -> str:
-    """All that will move; ``said`` is what the controller says of itself. Raises GlidecalError."""
-    from app.measuring.moving import ways_of
-    from app.report.text.motion import plan_text
+def run(
+    context: typer.Context,
+    protocol: Protocol = None,
+    machine: Machine = None,
+    indicator: Annotated[
+        list[str] | None,
+        typer.Option(help="PROFILE:PORT or PROFILE:PORT@AXES; twice for two indicators."),
+    ] = None,
+    port: Annotated[
+        list[str] | None, typer.Option(help="Port of an indicator of --profile; once or twice.")
+    ] = None,
+    simulated: Annotated[
+        bool, typer.Option("--simulated", help="A simulated machine instead of ports.")
+    ] = False,
+    profile: Annotated[str, typer.Option(help="Indicator profile.")] = "mitutoyo-01a",
+    output: SessionFile = None,
+    operator: Annotated[str, typer.Option(help="Name for the record.")] = "",
+    temperature: Annotated[float | None, number("Machine temperature, °C.", -50.0, 100.0)] = None,
+    note: Annotated[str, typer.Option(help="Remark for the record, shown with the result.")] = "",
+    seed: Seed = 1,
+    random_order: Annotated[
+        int | None,
+        typer.Option(help="Shuffle each cycle with this seed, where the order is free.", min=0),
+    ] = None,
+    resume: Resume = None,
+    headless: Annotated[
+        bool, typer.Option("--headless", help="Unattended, simulated machine only.")
+    ] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Show every step; open and write nothing.")
+    ] = False,
+    motion: Annotated[
+        str | None,
+        typer.Option(help="Controller that moves the machine: linuxcnc:HOST:PORT or grbl:PORT."),
+    ] = None,
+    until: Annotated[
+        float | None, figure("Set-up after set-up, until the tool is off by at most this, mm.")
+    ] = None,
+) -> None:
+    """The guided session on real indicators. With --simulated on a simulated machine."""
+    from app.measuring.indicators import check_indicators, choose_indicators, simulated_indicators
+    from app.measuring.plan import Plan, plan_to_continue, session_name
+    from protocols.machine import load_machine
+    from protocols.motion import procedure_of
+    from protocols.procedure import load_procedure, shuffled
+    from protocols.record import read_record
 
-    return plan_text(plan, ways_of(plan.procedure, plan.machine, plan.axes), said)
-
-
-def ask(plan: Plan, *, on_screen: bool) -> None:
-    """Show all that will move and what the controller says of itself, and ask once.
-
-    On the screen its check shows and asks the same. Raises UsageError where nobody can be asked,
-    MotionError for a machine that is not ready.
-    """
-    from app.measuring.moving import check_motion
-    from app.report.text.motion import QUESTION
-
-    if plan.simulated or plan.motion is None:
-        raise UsageError("--motion", "a simulated machine", "indicators on ports")
-    shown(plan)  # what is not allowed is refused before anybody is reached
-    if not sys.stdin.isatty():
-        raise UsageError("--motion", "nobody to ask", "a terminal: a machine will move")
-    if on_screen:
-        return
-    said = check_motion(plan.motion, plan.machine)
-    typer.echo(shown(plan, said), err=True)
-    if not typer.confirm(QUESTION, err=True):
-        raise typer.Exit(Exit.INTERRUPTED)
-
-
-def measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --simulated") -> None:
-    """On the screen, or ``otherwise``; unattended where a program moves the machine."""
-    from app.measuring.opening import QUICK_INTERVAL_S, measure_all, start_session
-    from protocols.journal import check_new
-
-    if not plan.continued:
-        check_new(plan.path)
-    if plan.motion is not None:
-        ask(plan, on_screen=not headless)
-    if not headless:
-        need_terminal("guided session", otherwise)
-        from app.screens.start import open_session
-
-        raise typer.Exit(open_session(plan, LOOKS))
-    if not (plan.simulated or plan.motion):
-        allowed = "--headless with --simulated or --motion"
-        raise UsageError("--headless", "real indicators", allowed)
-    quick = plan if plan.motion else replace(plan, interval_s=QUICK_INTERVAL_S)
-    with start_session(quick) as guided:
-        if plan.motion:
-            _by_itself(guided)
-        else:
-            measure_all(guided)
-    say(f"{len(guided.session.readings)} readings in {guided.path}")
-
-
-def _by_itself(guided: GuidedSession) -> None:
-    """Without a screen; somebody is asked before each set-up."""
-    from app.measuring.unattended import measure_by_itself
-    from app.report.text.motion import set_up_text
-
-    measure_by_itself(
-        guided, lambda step: typer.confirm(f"{set_up_text(step)}. Ready?", err=True), say
+    refuse_beside_continue(context)
+    known = load_machine(machine)
+    chosen = choose_indicators(
+        indicator or (), port or (), profile, machine=known, simulated=simulated
     )
+    if resume:
+        whole = until is not None and read_record(resume).end == "closed"
+        plan = replace(plan_to_continue(resume, chosen, whole=whole), motion=motion)
+        measured_until(plan, until, headless=headless, done=whole)
+        return
+    named = protocol or procedure_of(known, moving=motion is not None)
+    procedure = load_procedure(named, known.geometry())
+    if random_order is not None:
+        procedure = shuffled(procedure, random_order)
+    if not (chosen or dry_run):
+        allowed = "--indicator PROFILE:PORT, [[indicator]] in the machine file"
+        raise UsageError("indicators", "none", allowed)
+    plan = Plan(
+        path=output or session_name(Path(), procedure.name),
+        machine=known,
+        procedure=procedure,
+        instruments=chosen or simulated_indicators([profile]),
+        operator=operator,
+        temperature_c=temperature,
+        note=note,
+        seed=seed,
+        motion=motion,
+    )
+    check_indicators(plan.instruments, legs=bool(procedure.levels))
+    if dry_run:
+        typer.echo(_all_of_it(plan))
+    else:
+        measured_until(plan, until, headless=headless)
+
+
+HELD = {
+    *("protocol", "output", "operator", "temperature", "note", "seed", "random_order"),
+    "dry_run",
+}
+"""What is settled where a session goes on."""
+
+
+def refuse_beside_continue(context: typer.Context) -> None:
+    """Raises UsageError for what a session that goes on has told already."""
+    if context.params["resume"] and (wrong := typed(context, HELD)):
+        raise UsageError(wrong, "beside --continue", "--continue without: the record tells it")
+
+
+def _all_of_it(plan: Plan) -> str:
+    """Every step of a plan, and what to expect of the result."""
+    from app.planning.tripod import before_measuring
+    from app.report.text.motion import plan_text
+    from app.report.text.planning import before_measuring_text
+    from app.report.text.preparing import dry_run_text
+
+    asked = plan.procedure, plan.machine, plan.instruments
+    steps = plan_text(plan) if plan.motion else dry_run_text(*asked)
+    return f"{steps}\n\n{before_measuring_text(*before_measuring(*asked))}"
 
 
 def measured_until(plan: Plan, until: float | None, *, headless: bool, done: bool = False) -> None:
@@ -114,6 +171,7 @@ def _go_on(plan: Plan, until: float | None) -> None:
 
     Ends where that is reached or more would not help. Without one it is said how to go on.
     """
+    from app.evaluating.solution import load_sessions
     from app.planning.tripod import (
         all_sessions,
         further_procedure,
@@ -124,7 +182,7 @@ def _go_on(plan: Plan, until: float | None) -> None:
 
     first, before_mm = plan.path, inf
     while True:
-        reach = next_measurement(all_sessions(first)).found.reach
+        reach = next_measurement(load_sessions(all_sessions(first))[0]).found.reach
         chosen = None if until is None else reach.towards(until, before_mm)
         say(further_text(reach, plan, until, chosen))
         if chosen is None:
@@ -134,3 +192,125 @@ def _go_on(plan: Plan, until: float | None) -> None:
         plan = replace(plan, before=None, verifies=None, note="")
         before_mm = reach.bound_mm
         measure(plan, headless=True)
+
+
+def measure(plan: Plan, *, headless: bool, otherwise: str = "--headless with --simulated") -> None:
+    """On the screen, or ``otherwise``; unattended where a program moves the machine."""
+    from app.measuring.opening import start_session
+    from app.measuring.plan import QUICK_INTERVAL_S
+    from app.measuring.unattended import measure_all
+    from app.report.text.motion import set_up_text
+    from protocols.journal import check_new
+
+    if not plan.continued:
+        check_new(plan.path)
+    if plan.motion is not None:
+        ask(plan, on_screen=not headless)
+    if not headless:
+        need_terminal("guided session", otherwise)
+        from app.screens.start import open_session
+
+        raise typer.Exit(open_session(plan, LOOKS))
+    if not (plan.simulated or plan.motion):
+        allowed = "--headless with --simulated or --motion"
+        raise UsageError("--headless", "real indicators", allowed)
+    with start_session(replace(plan, interval_s=QUICK_INTERVAL_S)) as guided:
+        measure_all(
+            guided, lambda step: typer.confirm(f"{set_up_text(step)}. Ready?", err=True), say
+        )
+    say(f"{len(guided.session.readings)} readings in {guided.path}")
+
+
+def ask(plan: Plan, *, on_screen: bool) -> None:
+    """Show all that will move and what the controller says of itself, and ask once.
+
+    On the screen its check shows and asks the same. Raises UsageError where nobody can be asked,
+    MotionError for a machine that is not ready.
+    """
+    from app.measuring.moving import check_motion
+    from app.report.text.motion import QUESTION, plan_text
+
+    if plan.simulated or plan.motion is None:
+        raise UsageError("--motion", "a simulated machine", "indicators on ports")
+    plan_text(plan)  # what is not allowed is refused before anybody is reached
+    if not sys.stdin.isatty():
+        raise UsageError("--motion", "nobody to ask", "a terminal: a machine will move")
+    if on_screen:
+        return
+    said = check_motion(plan.motion, plan.machine)
+    typer.echo(plan_text(plan, said), err=True)
+    if not typer.confirm(QUESTION, err=True):
+        raise typer.Exit(Exit.INTERRUPTED)
+
+
+def align(
+    context: typer.Context,
+    session: Annotated[Path | None, argument("A session to tell from; none: measure.")] = None,
+    reference: Annotated[
+        str | None,
+        typer.Option(help="The rail that stays: x, y or z; else as before, or x.", metavar="RAIL"),
+    ] = None,
+    protocol: Protocol = "align",
+    machine: Machine = None,
+    indicator: Annotated[
+        list[str] | None, typer.Option(help="PROFILE:PORT or PROFILE:PORT@AXES; once or twice.")
+    ] = None,
+    simulated: Annotated[
+        bool, typer.Option("--simulated", help="A simulated machine whose rails are off.")
+    ] = False,
+    output: SessionFile = None,
+    seed: Seed = 1,
+    resume: Resume = None,
+    as_json: AsJson = False,
+) -> None:
+    """Shims that make the rails square and meet. Measured, moved live, measured again."""
+    from app.measuring.aligning import check_procedure
+    from app.measuring.demo import WATCHED
+    from app.measuring.indicators import DEFAULT_PROFILE, check_indicators, choose_indicators
+    from app.measuring.plan import Plan, aligning, plan_to_continue, session_name
+    from protocols.machine import load_machine
+    from protocols.procedure import ALL_AXES, load_procedure
+
+    rail = next((one for one in ALL_AXES if reference and one == reference.lower()), None)
+    if rail is None and reference is not None:
+        raise UsageError("--reference", repr(reference), "x, y or z")
+    if session is None and as_json:
+        raise UsageError("--json", "no session", "a session that was measured: align SESSION")
+    if session is not None:
+        if typed(context, context.params.keys() - {"session", "reference", "as_json"}):
+            wrong = "options for measuring, beside a session that was measured"
+            raise UsageError(f"align {session}", wrong, "--reference and --json")
+        typer.echo(_aligned(session, rail, as_json=as_json))
+        return
+    refuse_beside_continue(context)
+    known = load_machine(machine)
+    chosen = choose_indicators(
+        indicator or (), (), DEFAULT_PROFILE, machine=known, simulated=simulated
+    )
+    if resume:
+        plan = plan_to_continue(resume, chosen)
+    else:
+        if not chosen:
+            allowed = "--indicator PROFILE:PORT once or twice, or --simulated"
+            raise UsageError("indicators", "none", allowed)
+        procedure = load_procedure(protocol or "align", known.geometry())
+        check_procedure(procedure, known, rail or "x")
+        path = output or session_name(Path(), procedure.name)
+        plan = Plan(path, known, procedure, chosen, seed=seed, bench=WATCHED)
+        check_indicators(plan.instruments, legs=bool(procedure.levels))
+    otherwise = "a session that was measured: align SESSION"
+    measure(aligning(plan, rail or plan.reference or "x"), headless=False, otherwise=otherwise)
+
+
+def _aligned(session: Path, reference: Leg | None, *, as_json: bool) -> str:
+    """What a session tells of the rails."""
+    from app.measuring.aligning import align_session
+    from app.report.schema.alignment import AlignmentReport
+    from app.report.text.alignment import aligned_text
+    from protocols.record import read_record
+    from protocols.session import fold
+
+    recorded = fold(read_record(session).events)
+    found = align_session(recorded, reference or recorded.opened.aligned_to or "x")
+    report = partial(AlignmentReport.of, name=session.name, found=found)
+    return Answer(lambda: aligned_text(found), report).shown(as_json=as_json)

@@ -23,12 +23,22 @@ from app.machines.options import (
     say,
     working,
 )
-from app.machines.registry import NAMES, family_of_files, options_of, with_options_of_machines
+from app.machines.registry import (
+    LOOKS,
+    NAMES,
+    family_of_files,
+    options_of,
+    with_options_of_machines,
+)
 from calib.errors import UsageError, extra
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.evaluating.solution import TableName
     from protocols.data_table import DataTable
+
+Tolerance = Annotated[
+    float | None, number("What the tool may be off, mm r.m.s.; default: the machine file's.")
+]
 
 
 @with_options_of_machines
@@ -65,10 +75,7 @@ def compare(
 def verify(
     before: Annotated[Path, argument("Session before.")],
     after: Annotated[Path, argument("Session with the offsets entered.")],
-    tolerance: Annotated[
-        float | None,
-        number("What the tool may be off, mm r.m.s.; default: the machine file's."),
-    ] = None,
+    tolerance: Tolerance = None,
     as_json: AsJson = False,
 ) -> None:
     """Were the offsets entered, is the tool in tolerance?"""
@@ -201,22 +208,18 @@ def history(
     with working("Reading sessions"):
         found = read_history(folder, effects=effects)
     if screen:
-        from app.machines.registry import LOOKS
         from app.report.streams import need_terminal
         from app.screens.history import HistoryScreen
         from app.screens.start import open_screen
 
         need_terminal("history", "history without --screen")
         raise typer.Exit(open_screen(HistoryScreen(found), LOOKS))
-    if as_json:
-        from app.report.schema.document import to_json
-        from app.report.schema.history import HistoryReport
+    from app.report.schema.history import HistoryReport
+    from app.report.text.history import history_text
 
-        typer.echo(to_json(HistoryReport.of(found=found)))
-    else:
-        from app.report.text.history import history_text
-
-        typer.echo(history_text(found, datetime.now(UTC)))
+    now = datetime.now(UTC)
+    answer = Answer(lambda: history_text(found, now), lambda: HistoryReport.of(found=found))
+    typer.echo(answer.shown(as_json=as_json))
 
 
 def _refuse_beside_table(name: str, format_name: str, told: dict[str, object]) -> None:
@@ -243,8 +246,8 @@ def _table(
         (session,), warnings = load_sessions([source])
         found = session.table()
     else:
-        solved, warnings = solve_files([source], subset=subset, method=method, model=model)
-        found = solved.table(name)
+        solved = solve_files([source], subset=subset, method=method, model=model)
+        found, warnings = solved.table(name), [*solved.warnings]
     for warning in warnings:
         say(f"glidecal: {warning}")
     return found
@@ -255,10 +258,7 @@ def report(
     output: Output,
     model: Annotated[Path | None, file("Model with effects; their sizes are fitted, too.")] = None,
     after: Annotated[Path | None, file("Session with the offsets entered.")] = None,
-    tolerance: Annotated[
-        float | None,
-        number("What the tool may be off, mm r.m.s.; default: the machine file's."),
-    ] = None,
+    tolerance: Tolerance = None,
     force: Force = False,
 ) -> None:
     """The calibration report to sign, as .html or .pdf. With -o - as HTML on standard output."""

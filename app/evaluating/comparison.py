@@ -6,12 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from app.evaluating.solution import SessionSolution, end_warning, solve_sessions
+from app.evaluating.solution import SessionSolution, solve_sessions
 from calib.errors import CalibrationError, RecordError, UsageError
 from calib.identify.accuracy import Decision, ToolError, decide
 from protocols.observations import changed_between
 from protocols.record import Record, read_record
-from protocols.session import fold
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +53,8 @@ def compare_files(before: Path, after: Path) -> Comparison:
             f"machines of different geometry, {one.name} and {two.name}",
             "two sessions of one machine",
         )
-    first, second = (
-        solve_sessions([record.path.name], [fold(record.events)]).for_controller()
-        for record in (earlier, later)
-    )
+    sessions = earlier.session, later.session
+    first, second = (solve_sessions([session]).for_controller() for session in sessions)
     measured, again = _differences(first), _differences(second)
     if not measured & again:
         raise CalibrationError(
@@ -66,10 +63,9 @@ def compare_files(before: Path, after: Path) -> Comparison:
             "two sessions with the same postures",
             "Measure both with the same procedure.",
         )
-    states = [fold(record.events).adjusted for record in (earlier, later)]
-    changed = states[0] != states[1]
+    changed = sessions[0].adjusted != sessions[1].adjusted
     remarks = [MOVED] if changed else []
-    remarks += [end_warning(record) for record in (earlier, later) if record.end != "closed"]
+    remarks += [record.unfinished for record in (earlier, later) if record.unfinished]
     if not measured <= again:
         remarks.append(
             f"Only {len(measured & again)} of {len(measured)} differences are in both sessions; "

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import (
-    indicator_figures,
     load_sessions,
     refuse_leaning_planes,
     solve_sessions,
@@ -52,7 +51,12 @@ from protocols.model_file import (
     without_effect,
 )
 from protocols.motion import seconds_per_step
-from protocols.observations import changed_between, corrected_readings, to_observations
+from protocols.observations import (
+    changed_between,
+    corrected_readings,
+    indicator_figures,
+    to_observations,
+)
 from protocols.record import read_record
 from protocols.session import Closed, Line, Opened, Reading, Session, Superseded
 
@@ -62,15 +66,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class SessionDiagnosis:
-    """A diagnosis with the sessions it was made from."""
+    """A diagnosis with the sessions it was made from, ``others`` for the gap alone."""
 
-    names: tuple[str, ...]
-    held_out: tuple[str, ...]
     sessions: tuple[Session, ...]
+    others: tuple[Session, ...]
     cases: tuple[Case, ...]
     model: Model
     diagnosis: Diagnosis
     warnings: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the sessions that were diagnosed."""
+        return tuple(session.name for session in self.sessions)
+
+    @property
+    def held_out(self) -> tuple[str, ...]:
+        """Names of the others."""
+        return tuple(session.name for session in self.others)
 
     def table(self) -> DataTable:
         """A row for each size of what was named, then of the other candidates, best first."""
@@ -142,34 +155,26 @@ def diagnose_files(
     others, more = load_sessions(held_out)
     if {path.resolve() for path in paths} & {path.resolve() for path in held_out}:
         raise _on_both_sides()
-    names, aside = [path.name for path in paths], [path.name for path in held_out]
-    found = diagnose_sessions(
-        names, sessions, model=model, held_out=(aside, others), effects=effects
-    )
+    found = diagnose_sessions(sessions, model=model, held_out=others, effects=effects)
     return replace(found, warnings=(*warnings, *more, *found.warnings))
 
 
-NONE_HELD_OUT: tuple[Sequence[str], Sequence[Session]] = ((), ())
-
-
 def diagnose_sessions(
-    names: Sequence[str],
     sessions: Sequence[Session],
     *,
     model: Path | None = None,
-    held_out: tuple[Sequence[str], Sequence[Session]] = NONE_HELD_OUT,
+    held_out: Sequence[Session] = (),
     effects: Sequence[Effect] | None = None,
 ) -> SessionDiagnosis:
     """Diagnose sessions against their nominal machine, or against a model with effects.
 
-    ``held_out`` are names and sessions for the gap alone, ``effects`` are looked for in place of
+    ``held_out`` are sessions for the gap alone, ``effects`` are looked for in place of
     all that are known. Sessions may have different joint offsets entered; their geometry must be
     one. Raises UsageError and NotIdentifiable.
     """
     if not sessions:
         raise NotIdentifiable("sessions", "none", "at least one session")
-    aside, others = held_out
-    _check(sessions, others)
+    _check(sessions, held_out)
     effects = known_effects() if effects is None else effects
     known = Model(sessions[0].opened.machine.geometry())
     warnings: list[str] = []
@@ -178,16 +183,15 @@ def diagnose_sessions(
         known = to_model(found, f"model {model}", effects)
         warnings += [said] if (said := ambiguity(ambiguous_effects(found))) else []
     measured = cases(sessions, known)
-    for name, session, case in zip(names, sessions, measured, strict=True):
+    for session, case in zip(sessions, measured, strict=True):
         if case.observed.over_plane.any():
-            refuse_leaning_planes([name], [session], case.fitted().model, case.observed)
+            refuse_leaning_planes([session], case.fitted().model, case.observed)
     return SessionDiagnosis(
-        names=tuple(names),
-        held_out=tuple(aside),
         sessions=tuple(sessions),
+        others=tuple(held_out),
         cases=tuple(measured),
         model=known,
-        diagnosis=diagnose(measured, effects, cases(others, known)),
+        diagnosis=diagnose(measured, effects, cases(held_out, known)),
         warnings=tuple(warnings),
     )
 
@@ -246,7 +250,6 @@ def left_behind(diagnosed: SessionDiagnosis, candidate: str | None) -> bool:
 
 def adopt(
     diagnosed: SessionDiagnosis,
-    paths: Sequence[Path],
     target: Path,
     *,
     known: Path | None = None,
@@ -268,7 +271,7 @@ def adopt(
     model = read_model_file(known) if known else model_file(diagnosed.model, machine)
     source = Provenance(
         sessions=diagnosed.names,
-        digests=tuple(read_record(path).digest for path in paths),
+        digests=tuple(session.digest for session in diagnosed.sessions),
         measured=max(one.opened.at for one in diagnosed.sessions),
         found=datetime.now(UTC),
         verdict=diagnosed.diagnosis.verdict,
@@ -286,7 +289,7 @@ def adopt(
             entry = entry.model_copy(update={"parameters": held.parameters})
             why = f"{why} {HELD}"
         model = with_effect(model, entry, why)
-    model = _fitted(model, diagnosed.names, diagnosed.sessions)
+    model = _fitted(model, diagnosed.sessions)
     write_files(target, {"": model.text()}, replace=replace or target == known)
     return model
 
@@ -294,21 +297,19 @@ def adopt(
 HELD, FREED = "Its size is held, as a person stated it.", "Its size is fitted again."
 
 
-def resize(
-    names: Sequence[str], sessions: Sequence[Session], target: Path, entry: EffectEntry
-) -> ModelFile:
+def resize(sessions: Sequence[Session], target: Path, entry: EffectEntry) -> ModelFile:
     """Write the model of ``target`` with an effect that it has as ``entry`` has it.
 
     Everything that is not held is fitted again to the sessions. Raises RecordError.
     """
     held = any(one.held for one in entry.parameters.values())
     model = with_sizes(read_model_file(target), entry, HELD if held else FREED)
-    model = _fitted(model, names, sessions)
+    model = _fitted(model, sessions)
     write_files(target, {"": model.text()}, replace=True)
     return model
 
 
-def _fitted(model: ModelFile, names: Sequence[str], sessions: Sequence[Session]) -> ModelFile:
+def _fitted(model: ModelFile, sessions: Sequence[Session]) -> ModelFile:
     """The model with joint offsets and sizes fitted together to the sessions.
 
     With all parameters held by tolerances where the offsets alone are not determined. Where
@@ -317,7 +318,7 @@ def _fitted(model: ModelFile, names: Sequence[str], sessions: Sequence[Session])
     if len({one.opened.machine.entered_offsets_mm for one in sessions}) == 1:
         for subset in SETS:
             try:
-                solved = solve_sessions(names, sessions, subset=subset, model=model)
+                solved = solve_sessions(sessions, subset=subset, model=model)
             except NotIdentifiable:
                 continue
             return with_solution(model, solved.solution)

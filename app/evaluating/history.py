@@ -25,7 +25,7 @@ from calib.identify.accuracy import days_in_tolerance
 from protocols.documents import Document, read_bytes
 from protocols.machine import Machine
 from protocols.record import MOST_BYTES, check_record
-from protocols.session import Session, fold
+from protocols.session import Session
 
 JOINTS = ("x", "y", "z")
 DAY_S = 86_400.0
@@ -145,11 +145,10 @@ def key_of(content: bytes) -> str:
 
 def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:
     """What a record says. Raises RecordError for one that is altered."""
-    from app.evaluating.solution import end_warning, solve_sessions  # heavy: not for what is known
+    from app.evaluating.solution import solve_sessions  # heavy: not for what is known
 
     record = check_record(path, content)
-    session = fold(record.events)
-    opened = record.opened
+    session, opened = record.session, record.opened
     entry = Entry(
         began=opened.at,
         machine=opened.machine,
@@ -157,8 +156,8 @@ def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:
         verifies=opened.verifies,
     )
     try:
-        solved = solve_sessions([path.name], [session]).for_controller()
-        named = _named(path.name, session) if effects else None
+        solved = solve_sessions([session]).for_controller()
+        named = _named(session) if effects else None
     except GlidecalError as problem:
         return entry.model_copy(update={"problem": f"{path.name}: {problem}"})
     x, y, z = solved.solution.enlarged_expanded_mm.tolist()[:3]
@@ -171,15 +170,15 @@ def _told_by(path: Path, content: bytes, *, effects: bool) -> Entry:
             "bound_before_mm": solved.bound_before.bound_mm,
             "bound_after_mm": solved.bound_after.bound_mm,
             "effects": named,
-            "problem": "" if record.end == "closed" else end_warning(record),
+            "problem": record.unfinished,
         }
     )
 
 
-def _named(name: str, session: Session) -> tuple[str, ...]:
+def _named(session: Session) -> tuple[str, ...]:
     from app.evaluating.diagnosis import diagnose_sessions
 
-    found = diagnose_sessions([name], [session]).diagnosis.effects
+    found = diagnose_sessions([session]).diagnosis.effects
     return tuple(f"{one.id}:{one.where}" for one in found)
 
 

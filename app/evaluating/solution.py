@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +16,6 @@ from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identi
 from calib.identify.solution import Method, Solution, Subset, Weights
 from calib.identify.subset_choice import CLEARLY_BETTER, SubsetChoice, choose_subset, left_after
 from calib.noise.reading import (
-    IndicatorFigures,
     NoisyIndicator,
     noisy_indicators,
     single_posture_rows,
@@ -26,9 +25,9 @@ from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 from calib.tripod.workspace import PLANES, PlaneMap
 from protocols.data_table import Cell, DataTable
-from protocols.observations import to_observations
-from protocols.record import Record, read_record
-from protocols.session import Reading, Session, fold
+from protocols.observations import indicator_figures, to_observations
+from protocols.record import read_record
+from protocols.session import Reading, Session
 from protocols.table import off_bar_words
 
 if TYPE_CHECKING:  # asked for by option only
@@ -42,31 +41,72 @@ if TYPE_CHECKING:  # asked for by option only
 
 @dataclass(frozen=True, eq=False)
 class SessionSolution:
-    """A solution with the choice it was made from.
+    """One set of a choice, with what its readings tell, as the sessions know them.
 
-    ``tool_before`` is the tool's error with what the controller holds now, ``tool_after`` what
-    is expected with the solution entered, each with its standard uncertainty, for which
-    ``tool_factor`` is the coverage factor (95 %): of the six parameters alone, as the bounds are
-    not. ``visits`` are the readings, of those without a movement between them the first, each with
-    its session. ``suspects`` do not fit their own repeats, ``isolated`` readings have no other
-    posture to compare with. ``ambiguous`` are effects of the model that stand for a set of which
-    any would do, ``held`` sizes of the model that a person stated.
+    ``ambiguous`` are effects of the model that stand for a set of which any would do, ``held``
+    sizes of the model that a person stated; ``warnings`` are those of the session files.
     """
 
-    names: tuple[str, ...]
     sessions: tuple[Session, ...]
     observed: Observations
     choice: SubsetChoice
-    solution: Solution
-    tool_before: ToolError
-    tool_after: ToolError
-    tool_factor: float
-    suspects: tuple[Suspect, ...]
-    noisy: tuple[NoisyChannel, ...]
-    isolated: tuple[IsolatedReadings, ...]
-    ambiguous: tuple[str, ...]
-    held: tuple[str, ...]
-    visits: tuple[tuple[str, Reading], ...]
+    subset: Subset
+    ambiguous: tuple[str, ...] = ()
+    held: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the sessions."""
+        return tuple(session.name for session in self.sessions)
+
+    @property
+    def solution(self) -> Solution:
+        """That of the set."""
+        return self.choice.solutions[self.subset]
+
+    @cached_property
+    def tool_before(self) -> ToolError:
+        """The tool's error with what the controller holds now."""
+        return self.choice.error_before(self.subset)
+
+    @property
+    def tool_after(self) -> ToolError:
+        """What is expected with the solution entered."""
+        return self.choice.tool_after[self.subset]
+
+    @property
+    def tool_factor(self) -> float:
+        """Coverage factor (95 %) for both: of the six parameters alone, as the bounds are not."""
+        return self.choice.tool_factor(self.subset)
+
+    @cached_property
+    def visits(self) -> tuple[tuple[str, Reading], ...]:
+        """The readings, of those without a movement between them the first, with their sessions."""
+        known = _counting(self.sessions)
+        return tuple(known[row] for row in visit_starts(self.observed).tolist())
+
+    @property
+    def suspects(self) -> tuple[Suspect, ...]:
+        """Readings that do not fit their own repeats."""
+        wild = self.solution.noise.wild
+        return tuple(Suspect(*self.visits[one.row], one.studentised) for one in wild)
+
+    @property
+    def noisy(self) -> tuple[NoisyChannel, ...]:
+        """Indicators that scatter more than the quietest."""
+        known = _counting(self.sessions)
+        found = noisy_indicators(self.observed, self.solution.noise)
+        return tuple(NoisyChannel(*known[one.row], one) for one in found)
+
+    @cached_property
+    def isolated(self) -> tuple[IsolatedReadings, ...]:
+        """Readings that have no other posture to compare with."""
+        known = _counting(self.sessions)
+        return tuple(
+            IsolatedReadings(known[rows[0]][0], tuple(known[row][1] for row in rows))
+            for rows in single_posture_rows(self.observed)
+        )
 
     @cached_property
     def bound_before(self) -> ToolBound:
@@ -100,9 +140,15 @@ class SessionSolution:
         return min(noise_mm, self.bound_after.parameters_mm)
 
     def with_subset(self, subset: Subset) -> SessionSolution:
-        """Another set of the same choice; nothing is fitted again. Raises NotIdentifiable."""
-        known = self.names, self.sessions, self.observed, self.choice
-        return _solved(*known, subset, self.ambiguous, self.held)
+        """Another set of the same choice; nothing is fitted again.
+
+        Raises NotIdentifiable, and RecordError as `refuse_leaning_planes`.
+        """
+        if subset not in self.choice.solutions:
+            raise self.choice.refused[subset]
+        found = replace(self, subset=subset)
+        refuse_leaning_planes(self.sessions, found.solution.model, self.observed)
+        return found
 
     def for_controller(self) -> SessionSolution:
         """Joint offsets alone; as the tolerances hold them where a plate cannot show them alone.
@@ -112,11 +158,6 @@ class SessionSolution:
         at_zero = self.sessions[0].opened.machine.set_at_zero
         alone = "joint-offsets" not in self.choice.refused
         return self.with_subset("joint-offsets" if alone or not at_zero else "with-tolerances")
-
-    @property
-    def visit_count(self) -> int:
-        """How many readings there are, those without a movement between them counted as one."""
-        return len(self.visits)
 
     @property
     def reads_tool(self) -> bool:
@@ -247,30 +288,21 @@ def load_sessions(paths: Sequence[Path]) -> tuple[list[Session], list[str]]:
     for number, record in enumerate(records):
         if record.digest in digests[:number]:
             raise RecordError(f"session {record.path}", "the same session twice", "each one once")
-    warnings = [end_warning(record) for record in records if record.end != "closed"]
-    sessions = [fold(record.events) for record in records]
-    for path, session in zip(paths, sessions, strict=True):
-        back = session.time_goes_back()
+    warnings = [record.unfinished for record in records if record.unfinished]
+    sessions = [record.session for record in records]
+    for one in sessions:
+        back = one.time_goes_back()
         if back:
             warnings.append(
-                f"{path.name}: time_s goes back at reading {back.reading}: the clock was set. Its "
+                f"{one.name}: time_s goes back at reading {back.reading}: the clock was set. Its "
                 "times are not used, so drift with time cannot be told."
             )
-        if off_bar := off_bar_words(session.readings, session.opened.machine.geometry()):
-            warnings.append(f"{path.name}: {off_bar}. They are used as if the bar went on there.")
+        if off_bar := off_bar_words(one.readings, one.opened.machine.geometry()):
+            warnings.append(f"{one.name}: {off_bar}. They are used as if the bar went on there.")
     return sessions, warnings
 
 
-def end_warning(record: Record) -> str:
-    """One sentence about a record that was cut or is still open."""
-    lines = len(record.events)
-    if record.end == "torn":
-        return f"{record.path.name}: cut inside line {lines + 1}; used up to line {lines}."
-    return f"{record.path.name}: not closed after line {lines}; the session is not finished."
-
-
 def solve_sessions(
-    names: Sequence[str],
     sessions: Sequence[Session],
     *,
     subset: Subset | None = None,
@@ -282,7 +314,7 @@ def solve_sessions(
 
     The sizes of a model's effects are fitted with the parameters, except those that it holds.
     Raises NotIdentifiable where the readings do not determine what was asked for, UsageError for a
-    model of another machine.
+    model of another machine, RecordError as `refuse_leaning_planes`.
     """
     observed = to_observations(sessions)
     machine = sessions[0].opened.machine
@@ -296,12 +328,12 @@ def solve_sessions(
         tolerance_mm=machine.tolerances_mm(),
         sizes=sizes,
     )
-    known: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
+    found = SessionSolution(tuple(sessions), observed, choice, choice.recommended)
     if model is not None:
         from protocols.model_file import ambiguous_effects, held_sizes
 
-        known = ambiguous_effects(model), held_sizes(model)
-    return _solved(names, sessions, observed, choice, subset or choice.recommended, *known)
+        found = replace(found, ambiguous=ambiguous_effects(model), held=held_sizes(model))
+    return found.with_subset(subset or choice.recommended)
 
 
 def _of(model: ModelFile, machine: Machine, method: Method) -> tuple[Model, tuple[Size, ...]]:
@@ -321,57 +353,19 @@ def _of(model: ModelFile, machine: Machine, method: Method) -> tuple[Model, tupl
     return to_model(model, "model", effects), sizes_of(model, effects)
 
 
-def _solved(
-    names: Sequence[str],
-    sessions: Sequence[Session],
-    observed: Observations,
-    choice: SubsetChoice,
-    subset: Subset,
-    ambiguous: tuple[str, ...],
-    held: tuple[str, ...],
-) -> SessionSolution:
-    """One set of a choice, with what its readings tell, as the sessions know them."""
-    if subset not in choice.solutions:
-        raise choice.refused[subset]
-    solution = choice.solutions[subset]
-    refuse_leaning_planes(names, sessions, solution.model, observed)
-    nominal = Model(sessions[0].opened.machine.geometry())
-    known = [(name, r) for name, one in zip(names, sessions, strict=True) for r in one.readings]
-    starts: list[int] = visit_starts(observed).tolist()
-    return SessionSolution(
-        names=tuple(names),
-        sessions=tuple(sessions),
-        observed=observed,
-        choice=choice,
-        solution=solution,
-        tool_before=choice.error_before(subset, nominal),
-        tool_after=choice.tool_after[subset],
-        tool_factor=choice.tool_factor(subset),
-        suspects=tuple(
-            Suspect(*known[starts[wild.row]], wild.studentised) for wild in solution.noise.wild
-        ),
-        noisy=tuple(
-            NoisyChannel(*known[one.row], one) for one in noisy_indicators(observed, solution.noise)
-        ),
-        isolated=tuple(
-            IsolatedReadings(known[rows[0]][0], tuple(known[row][1] for row in rows))
-            for rows in single_posture_rows(observed)
-        ),
-        ambiguous=ambiguous,
-        held=held,
-        visits=tuple(known[row] for row in starts),
-    )
+def _counting(sessions: Sequence[Session]) -> list[tuple[str, Reading]]:
+    """The readings that count, as `to_observations` has them, with the names of their sessions."""
+    return [(session.name, reading) for session in sessions for reading in session.readings]
 
 
 def refuse_leaning_planes(
-    names: Sequence[str], sessions: Sequence[Session], model: Model, observed: Observations
+    sessions: Sequence[Session], model: Model, observed: Observations
 ) -> None:
     """Raises RecordError for a reference plane that leans by more than the machine file allows."""
     limit_mrad = sessions[0].opened.machine.plane_tilt_mrad
-    known = [(name, r) for name, one in zip(names, sessions, strict=True) for r in one.readings]
     for row, tilt_mrad in plane_tilts_mrad(model, observed):
         if abs(tilt_mrad) > limit_mrad:
-            name, reading = known[row]
+            name, reading = _counting(sessions)[row]
             raise RecordError(
                 f"session {name}, plane under leg {reading.leg.upper()} along "
                 f"{reading.axis.upper()}, from reading {reading.reading} on",
@@ -381,27 +375,6 @@ def refuse_leaning_planes(
             )
 
 
-def indicator_figures(sessions: Sequence[Session]) -> IndicatorFigures:
-    """The worst that is stated or seen of the indicators of all sessions.
-
-    ``resolution_mm`` is the coarsest stated of an indicator or with a reading, ``step_mm`` the
-    coarsest step in which the readings of a session are written down.
-    """
-
-    def worst(figures: Iterable[float | None]) -> float | None:
-        return max((figure for figure in figures if figure is not None), default=None)
-
-    stated = [one for session in sessions for one in session.opened.instruments]
-    shown = [reading for session in sessions for reading in session.readings]
-    return IndicatorFigures(
-        resolution_mm=worst(
-            [*(one.resolution_mm for one in stated), *(one.resolution_mm for one in shown)]
-        ),
-        repeatability_mm=worst(one.repeatability_mm for one in stated),
-        step_mm=worst(session.step_mm for session in sessions),
-    )
-
-
 def solve_files(
     paths: Sequence[Path],
     *,
@@ -409,32 +382,23 @@ def solve_files(
     method: Method = "exact",
     weights: Weights = "equal",
     model: Path | None = None,
-) -> tuple[SessionSolution, list[str]]:
+) -> SessionSolution:
     """`load_sessions` and `solve_sessions` in one step, with the warnings."""
     sessions, warnings = load_sessions(paths)
     if not sessions:
         raise NotIdentifiable("sessions", "none", "at least one session")
-    names = [path.name for path in paths]
     known = None
     if model:
         from protocols.model_file import read_model_file
 
         known = read_model_file(model)
-    solved = solve_sessions(
-        names, sessions, subset=subset, method=method, weights=weights, model=known
-    )
-    return solved, warnings
-
-
-def solve_recorded(path: Path) -> SessionSolution:
-    """The solution of one session as every verb and screen shows it: the recommended set."""
-    solved, _ = solve_files([path])
-    return solved
+    found = solve_sessions(sessions, subset=subset, method=method, weights=weights, model=known)
+    return replace(found, warnings=tuple(warnings))
 
 
 def solve_for_controller(path: Path) -> SessionSolution:
     """The solution whose offsets go into the controller, exact fit."""
-    return solve_files([path])[0].for_controller()
+    return solve_files([path]).for_controller()
 
 
 POINTS = 5

@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 from app.evaluating.own_effects import known_effects
-from app.evaluating.solution import SessionSolution, indicator_figures, solve_sessions
+from app.evaluating.solution import SessionSolution, solve_sessions
 from calib.errors import NotIdentifiable, UsageError
 from calib.identify.identify import Told, identify_from
 from calib.identify.solution import FittedSize, Solution, Subset
@@ -27,7 +27,7 @@ from protocols.model_file import (
     sizes_of,
     to_model,
 )
-from protocols.observations import to_observations
+from protocols.observations import indicator_figures, to_observations
 from protocols.session import Session
 
 if TYPE_CHECKING:  # heavy, and only where there is one
@@ -48,7 +48,6 @@ class Trial:
     Everything else is worked out once. ``subset`` None: at every size the recommended one.
     """
 
-    names: tuple[str, ...]
     sessions: tuple[Session, ...]
     beside: ModelFile
     entry: EffectEntry
@@ -160,7 +159,7 @@ class Trial:
     def solved(self, entry: EffectEntry) -> SessionSolution:
         """The same with all other sets. Raises NotIdentifiable."""
         whole = self._with(entry)
-        return solve_sessions(self.names, self.sessions, subset=self.subset, model=whole)
+        return solve_sessions(self.sessions, subset=self.subset, model=whole)
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,7 +229,6 @@ class WhatIf:
 
 
 def what_if(
-    names: Sequence[str],
     sessions: Sequence[Session],
     effect: str,
     values: Sequence[float],
@@ -255,7 +253,7 @@ def what_if(
     if chosen is None:
         numbers = " or ".join(sorted({str(len(one.parameters)) for one in fitting}))
         raise UsageError(f"values of {effect}", f"{len(values)}", numbers)
-    trial = Trial(tuple(names), tuple(sessions), _lacking(beside, chosen), chosen, subset)
+    trial = Trial(tuple(sessions), _lacking(beside, chosen), chosen, subset)
     found = trial.at(values)
     found.work_out_all()  # what cannot be worked out is said here
     return found
@@ -333,7 +331,6 @@ def choices(
 
 def trial_of(
     choice: Choice,
-    names: Sequence[str],
     sessions: Sequence[Session],
     model: ModelFile | None = None,
     subset: Subset | None = None,
@@ -341,7 +338,7 @@ def trial_of(
     """The effect of this choice, to be moved."""
     known = _lacking(model or ModelFile(machine=sessions[0].opened.machine), choice.entry)
     known = known.model_copy(update={"effects": (*known.effects, *choice.beside)})
-    return Trial(tuple(names), tuple(sessions), known, choice.entry, subset)
+    return Trial(tuple(sessions), known, choice.entry, subset)
 
 
 def _of_the_model(entry: EffectEntry) -> Choice:

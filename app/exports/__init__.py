@@ -71,14 +71,14 @@ FILE_NAMES = {"json": "offsets.json", "csv": "offsets.csv", "model": "model.json
 
 
 def export_offsets(
-    solved: SessionSolution, session: Path, folder: Path, *, replace: bool = False
+    solved: SessionSolution, folder: Path, *, replace: bool = False
 ) -> tuple[list[Path], str]:
     """Offsets of a session's solution in every format, into a folder. Raises as `write_files`.
 
     Where the machine file has heights of switches, as firmware of printers does, in its formats.
     The second result is why files for LinuxCNC are not among them, where effects stand against it.
     """
-    offsets = offsets_from_solved(solved, [session])
+    offsets = offsets_from_solved(solved)
     files = {file: FORMATS[name](offsets)[""] for name, file in FILE_NAMES.items()}
     if offsets.machine.position_endstop_mm:
         files["klipper.cfg"] = towers.printer_cfg(offsets)[""]

@@ -33,9 +33,6 @@ if TYPE_CHECKING:  # heavy: imported where used
     from app.screens.hexaslide import HexaSlideScreen
 
 NAMES = ("hexaslide",)
-NOISE_MM, ERRORS_MM = 0.01, 1.0
-"""What is simulated where nothing is asked for."""
-
 SHARE = 0.2
 """Of the postures, kept out as a check."""
 
@@ -212,28 +209,33 @@ class SimulateOptions:
 
 def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
     """Measured postures into a file."""
-    from app.planning.hexaslide import SimulationRequest, write_simulated
+    from app.planning.hexaslide import Request, write_simulated
     from app.report.text.hexaslide_calibration import simulated_text
 
-    postures = own.posture_file or own.postures
-    if own.procedure is None or postures is None or (own.posture_file and own.postures):
+    if own.procedure is None or (own.posture_file is None) == (own.postures is None):
         raise UsageError(
             "--procedure, --postures, --posture-file",
             "too few or too many",
             "with --machine hexaslide a procedure and either a number or a file of postures",
         )
-    wanted = SimulationRequest(
-        procedure=own.procedure,
-        postures=postures,
-        noise_mm=NOISE_MM if own.noise is None else own.noise,
-        angle_noise_mrad=own.angle_noise,
-        errors_mm=ERRORS_MM if own.errors is None else own.errors,
+    wanted = Request(
+        own.procedure,
+        machine_file_of(asked.machine or NAMES[0], NAMES, own.machine_file),
+        parts(own.measured),
+        postures=own.postures,
+        posture_file=own.posture_file,
         seed=asked.seed,
-        measured=parts(own.measured),
-        machine_file=machine_file_of(asked.machine or NAMES[0], NAMES, own.machine_file),
     )
     may = may_replace(asked.force, asked.output, own.truth)
-    measured = write_simulated(wanted, asked.output, own.truth, replace=may)
+    measured = write_simulated(
+        wanted,
+        asked.output,
+        own.truth,
+        noise_mm=own.noise,
+        angle_noise_mrad=own.angle_noise,
+        errors_mm=own.errors,
+        replace=may,
+    )
     say(f"{simulated_text(measured)}, written to {asked.output}")
     if own.truth is not None:
         say(f"the true machine written to {own.truth}")

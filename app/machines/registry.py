@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
@@ -123,18 +123,8 @@ def options_of(
     verb = context.command.name or ""
     ours = _own(family, verb)
     for other in FAMILIES:
-        theirs = _own(other, verb) - ours
-        wrong = [
-            option
-            for option in context.command.params
-            if option.name in theirs and _is_typed(context, option.name)
-        ]
-        if wrong:
-            names = [
-                (one.opts if given[one.name or ""] is not False else one.secondary_opts)[0]
-                for one in wrong
-            ]
-            raise UsageError(_listed(names), found, words(other))
+        if wrong := typed(context, _own(other, verb) - ours):
+            raise UsageError(wrong, found, words(other))
     return family.options[verb](**{name: given[name] for name in ours})
 
 
@@ -145,10 +135,12 @@ def _own(family: Family, verb: str) -> set[str]:
     )
 
 
-def _is_typed(context: typer.Context, name: str) -> bool:
-    """Whether a parameter stands on the command line."""
-    return getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"
-
-
-def _listed(names: Sequence[str]) -> str:
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+def typed(context: typer.Context, names: Container[str]) -> str:
+    """Those of these parameters that stand on the command line: ``--a, --b and --c``."""
+    found = [
+        (option.opts if context.params[option.name] is not False else option.secondary_opts)[0]
+        for option in context.command.params
+        if option.name in names
+        and getattr(context.get_parameter_source(option.name), "name", "") == "COMMANDLINE"
+    ]
+    return " and ".join([", ".join(found[:-1]), found[-1]] if len(found) > 1 else found)

@@ -34,6 +34,8 @@ from protocols.machine_files import SCHEMA, USUAL_MACHINE, machine_names
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.report.schema.document import Report
+    from protocols.machine import Machine
+    from protocols.procedure import Procedure
 
 
 Noise = Annotated[float | None, number("Standard deviation of a reading, mm.", most=10.0)]
@@ -54,16 +56,24 @@ def identifiability(asked: Question, own: IdentifiabilityOptions) -> Answer:
     from app.report.text.planning import expected_text, identifiability_text
     from calib.design.identifiability import seen_by
     from calib.identify.next_mounting import expected_of
-    from protocols.machine import load_machine
 
-    machine = load_machine(asked.machine_file or asked.machine)
-    planned, _ = tripod_planning(machine, asked.procedure, own.noise)
+    machine, procedure = _asked(asked)
+    planned = tripod_planning(machine, procedure, own.noise)
     seen = seen_by(planned)
     expected = expected_of(planned, machine.tolerances_mm())
     return Answer(
         lambda: f"{identifiability_text(seen)}\n\n{expected_text(expected)}",
         lambda: IdentifiabilityReport.of(seen=seen, expected=expected),
     )
+
+
+def _asked(asked: Question) -> tuple[Machine, Procedure]:
+    """A machine, with its usual procedure where none is named."""
+    from protocols.machine import load_machine
+    from protocols.procedure import load_procedure
+
+    machine = load_machine(asked.machine_file or asked.machine)
+    return machine, load_procedure(asked.procedure or machine.usual_procedure, machine.geometry())
 
 
 @dataclass(frozen=True)
@@ -92,14 +102,13 @@ def postures(asked: Question, search: PostureSearch, own: PostureOptions, say: S
     from calib.errors import UsageError
     from calib.tripod.optimum import optimum_postures
     from protocols.files import targets_of, write_files
-    from protocols.machine import load_machine
 
     if search.count is None:
         raise UsageError("--count", "none", "how many postures to choose")
     may = may_write(search.output, ".toml", force=search.force)  # run --protocol takes no other
     minutes = own.mounting_seconds / 60.0
-    machine = load_machine(asked.machine_file or asked.machine)
-    planned, like = tripod_planning(machine, asked.procedure, own.noise, minutes)
+    machine, like = _asked(asked)
+    planned = tripod_planning(machine, like, own.noise, minutes)
     with working("Looking for postures"):
         chosen = optimum_postures(
             planned,
@@ -188,10 +197,10 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
     from app.evaluating.solution import solve_files
 
     with working("Solving"):
-        solved, warnings = solve_files(
+        solved = solve_files(
             files, subset=own.subset, method=own.method, weights=own.weights, model=own.model
         )
-    for warning in warnings:
+    for warning in solved.warnings:
         say(f"glidecal: {warning}")
     judged = mapped = simulated = None
     if own.tolerance is not None or own.show_map:
@@ -236,19 +245,21 @@ class PlanOptions:
 
 def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: Say) -> Answer:
     """The mounting that is worth its minutes most."""
+    from app.evaluating.solution import load_sessions
     from app.planning.tripod import next_measurement
     from app.report.schema.plan import PlanReport
     from app.report.text.planning import plan_text
 
     with working("Looking for the next measurement"):
+        measured, warnings = load_sessions(sessions)
         found = next_measurement(
-            sessions,
+            measured,
             machine_file=machine,
             model_file=own.model,
             noise_mm=own.noise,
             minutes_per_mounting=own.mounting_seconds / 60.0,
         )
-    for warning in found.warnings:
+    for warning in warnings:
         say(f"glidecal: {warning}")
     return Answer(lambda: plan_text(found), lambda: PlanReport.of(plan=found))
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from app.evaluating.solution import indicator_figures
 from app.measuring.session import GuidedSession
 from app.measuring.simulated import BenchSettings, simulated_session
 from calib.errors import UsageError
 from calib.tripod.alignment import (
     Alignment,
-    RailMoved,
     Shim,
     alignment,
     shims,
@@ -19,7 +17,7 @@ from calib.tripod.alignment import (
 from calib.tripod.pipeline import Model
 from drivers.profile import IndicatorReading
 from protocols.machine import Machine
-from protocols.observations import to_observations
+from protocols.observations import indicator_figures, to_observations
 from protocols.procedure import ALL_AXES, Leg, Procedure, Step
 from protocols.session import Changed, Session, fold
 
@@ -60,16 +58,6 @@ def check_procedure(procedure: Procedure, machine: Machine, reference: Leg) -> N
         procedure, machine, nominal, seed=0, scatter_mm=scatter_mm, resolution_mm=0.0
     )
     align_session(fold([opened, *readings]), reference)
-
-
-def rail_moved(change: Changed, supports_mm: tuple[float, float]) -> RailMoved:
-    """A recorded move of one end, as a simulated machine makes it."""
-    low, high = supports_mm
-    at_mm = change.support_mm or low
-    moved_mm = change.asked_mm if change.moved_mm is None else change.moved_mm
-    rail, towards = (ALL_AXES.index(one) for one in (change.rail or "x", change.towards or "y"))
-    shim = Shim(rail, towards, at_mm, high if at_mm == low else low, 0.0, 0.0)
-    return RailMoved.by_shim(shim, moved_mm or 0.0)
 
 
 @dataclass

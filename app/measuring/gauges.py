@@ -316,11 +316,8 @@ class Trial:
         elif self.instruments[moved].pushed_in not in (None, self.last):
             self.finding = PushResult.SIGN
         else:
-            self._found()
-
-    def _found(self) -> None:
-        self.finding = PushResult.RIGHT
-        self.found[self.asked] = self.last
+            self.finding = PushResult.RIGHT
+            self.found[self.asked] = self.last
 
     def exchange(self) -> None:
         """The hand was right, the ports are not: each indicator takes the axes of the other.

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from app.evaluating.solution import indicator_figures
 from calib.noise.reading import visits
 from calib.noise.repeats import Repeats
 from calib.tripod.differences import differences
 from protocols.documents import ZERO, Triple
-from protocols.observations import to_observations
+from protocols.observations import indicator_figures, to_observations
 from protocols.procedure import Step
 from protocols.session import Reading, Session
 

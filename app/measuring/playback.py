@@ -8,10 +8,8 @@ from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
 from statistics import median
 
-from app.evaluating.solution import end_warning
 from app.measuring.gauges import SLOTS, Live, Motion, Trace
 from calib.errors import UsageError
 from drivers.profile import Fault, FaultKind, IndicatorReading
@@ -176,12 +174,9 @@ class Playback:
         self._by_number = {step.number: step for step in self.steps}
         self._ends = [frame.end for frame in self.frames]
         self._times_s = [frame.time_s for frame in self.frames]
-        self._frame = 0
-        self.time_s = 0.0  # play time at ×1 since the first event
         self._speed = SPEEDS.index(_first_speed(self._times_s))
-        self._playing = False
-        self._session: tuple[int, Session] | None = None
-        self._shown: tuple[int, ShownSession] | None = None
+        self.time_s = 0.0  # play time at ×1 since the first event
+        self.go(0)
 
     @property
     def position(self) -> int:
@@ -230,11 +225,13 @@ class Playback:
         """Let time pass. Returns whether other events are shown now."""
         if not self._playing:
             return False
-        before = self._frame
         self.time_s = min(self.time_s + max(elapsed_s, 0.0) * self.speed, self._times_s[-1])
-        self._frame = bisect_right(self._times_s, self.time_s) - 1
+        frame = bisect_right(self._times_s, self.time_s) - 1
+        if frame == self._frame:
+            return False
+        self._show(frame)
         self._playing = not self.at_end
-        return self._frame != before
+        return True
 
     def step(self, by: int) -> None:
         """So many moments on; back where negative."""
@@ -271,30 +268,22 @@ class Playback:
 
     def go(self, frame: int) -> None:
         """To one of the frames, or as far as there are any."""
-        self._frame = min(max(frame, 0), len(self.frames) - 1)
+        self._show(min(max(frame, 0), len(self.frames) - 1))
         self.time_s = self._times_s[self._frame]
         self._playing = False
 
-    @property
-    def session(self) -> Session:
-        """The session after the events shown, as `fold` gives it."""
-        if self._session is None or self._session[0] != self.position:
-            self._session = self.position, fold(self.record.events[: self.position])
-        return self._session[1]
+    def _show(self, frame: int) -> None:
+        """``session`` is that after the events shown, as `fold` gives it.
 
-    @property
-    def shown(self) -> ShownSession:
-        """The session for the picture: steps known, also of a table; with its mounting."""
-        if self._shown is None or self._shown[0] != self.position:
-            self._shown = self.position, self._fold()
-        return self._shown[1]
-
-    def _fold(self) -> ShownSession:
+        ``shown`` is the one for the picture: steps known, also of a table; with its mounting.
+        """
+        self._frame = frame
+        self.session = fold(self.record.events[: self.position])
         session = fold(self._events[: self.position]) if self.is_table else self.session
         if not session.mountings and session.all_readings:
             session = replace(session, mountings=(_mounting(session.all_readings),))
         known = {field.name: getattr(session, field.name) for field in fields(Session)}
-        return ShownSession(**known, known_steps=self.steps)
+        self.shown = ShownSession(**known, known_steps=self.steps)
 
     @property
     def now(self) -> Step | None:
@@ -324,9 +313,7 @@ class Playback:
     @property
     def warning(self) -> str:
         """What is wrong with the end of the record; empty for a closed one."""
-        if self.record.end == "closed":
-            return ""
-        return end_warning(replace(self.record, path=Path(self.record.path.name)))
+        return self.record.unfinished
 
     @property
     def place(self) -> str:

@@ -67,30 +67,42 @@ def _plausible(outcome: Outcome) -> Outcome:
     return outcome
 
 
+@dataclass(frozen=True)
+class Indicators:
+    """Indicators that answer, and how to move the machine where that can be done.
+
+    ``go`` is called with each step before it is measured and moves a simulated machine, ``turn`` a
+    screw of it. Without, the operator moves the machine, so that only the readings tell of it, or
+    the ``mover`` does, which is there or not.
+    """
+
+    gauges: tuple[Gauge, ...]
+    go: Callable[[Step], None] | None = None
+    close_bench: Callable[[], None] = lambda: None
+    turn: Callable[[StageEffect, Step], None] | None = None
+    mover: Mover | None = None
+
+    def close(self) -> None:
+        """Let go of a controller, close every port, then switch a simulated machine off."""
+        if self.mover is not None:
+            self.mover.close()
+        for gauge in self.gauges:
+            gauge.close()
+        self.close_bench()
+
+
 class GuidedSession:
     """One session being measured.
 
-    ``go`` is called with each step before it is measured and moves a simulated machine; None where
-    the operator moves the machine, so that only the readings tell of it, or the ``mover`` does,
-    which is there or not. ``on_close`` frees the ports.
     ``clock`` gives ``time_s`` of the readings; by default it goes on from the record.
     """
 
     def __init__(
-        self,
-        journal: Journal,
-        gauges: Sequence[Gauge],
-        go: Callable[[Step], None] | None,
-        on_close: Callable[[], None],
-        clock: SessionClock | None = None,
-        mover: Mover | None = None,
+        self, journal: Journal, indicators: Indicators, clock: SessionClock | None = None
     ) -> None:
         self._journal = journal
-        self.mover = mover
-        self.gauges = tuple(gauges)
-        self._go = go
-        self.turn: Callable[[StageEffect, Step], None] | None = None
-        self._on_close = on_close
+        self.gauges, self.mover = indicators.gauges, indicators.mover
+        self.turn, self._go, self._on_close = indicators.turn, indicators.go, indicators.close
         self.session: Session = fold(journal.events)
         self.steps = self.session.steps()
         self._closed = False

@@ -1,4 +1,4 @@
-"""A session that a machine measures by itself, and what stops one that nobody attends."""
+"""A session that is measured without a screen, and what stops a machine that nobody attends."""
 
 from __future__ import annotations
 
@@ -28,18 +28,24 @@ def lost_words(guided: GuidedSession) -> str | None:
     return None
 
 
-def measure_by_itself(
-    guided: GuidedSession, confirm: Callable[[Step], bool], tell: Callable[[str], None]
+def measure_all(
+    guided: GuidedSession,
+    confirm: Callable[[Step], bool] = lambda _: True,
+    tell: Callable[[str], None] = lambda _: None,
 ) -> None:
-    """The whole session without a screen; ``confirm`` is asked before each set-up.
+    """The whole session without a screen; the record is closed.
 
-    Stops at the first thing that is not as it should be, with nothing taken of it; the session can
-    be continued. Raises MotionError, IndicatorError or RecordError.
+    Where the machine moves itself ``confirm`` is asked before each set-up. Stops at the first thing
+    that is not as it should be, with nothing taken of it; the session can be continued. A simulated
+    machine is where it was sent at once, and all of it is kept. Raises MotionError, IndicatorError
+    or RecordError.
     """
     mover = guided.mover
-    assert mover is not None
     while (step := guided.step()) is not None:
         guided.go()
+        if mover is None:
+            _take_simulated(guided)
+            continue
         if _arrived(guided, mover) is Moving.SET_UP:
             if not confirm(step):
                 raise MotionError("set-up", "not confirmed", "a set-up that stands")
@@ -51,6 +57,14 @@ def measure_by_itself(
         _check(taken)
         tell(f"step {step.number} of {len(guided.steps)}")
     guided.finish()
+
+
+def _take_simulated(guided: GuidedSession) -> None:
+    taken = guided.take()
+    if taken is not None and taken.faults:
+        raise IndicatorError("simulated indicator", taken.faults[0].words, "a reading")
+    if taken is not None and taken.doubt:
+        guided.keep(taken, "unattended: kept")
 
 
 def _arrived(guided: GuidedSession, mover: Mover) -> Moving:

@@ -16,6 +16,7 @@ from calib.hexaslide.planning import HexaSlidePlanning
 from calib.hexaslide.procedures import Kind, Procedure
 from calib.hexaslide.search import BestPostures, Search, judged_postures, searches
 from calib.hexaslide.simulation import simulate
+from protocols.data_table import csv_text
 from protocols.files import write_files
 from protocols.hexaslide import (
     SCHEMA,
@@ -142,45 +143,45 @@ def posture_table(postures: FloatArray) -> str:
 
 def table(names: Sequence[str], rows: Sequence[Sequence[float]]) -> str:
     """Names, then numbers."""
-    lines = [names, *([f"{value:.12g}" for value in row] for row in rows)]
-    return "".join(f"{','.join(line)}\n" for line in lines)
+    return csv_text([names, *([f"{value:.12g}" for value in row] for row in rows)])
 
 
-@dataclass(frozen=True)
-class SimulationRequest:
-    """What is to be simulated; ``angle_noise_mrad`` None: as many mrad as ``noise_mm`` has mm.
+def write_simulated(
+    asked: Request,
+    output: Path,
+    truth: Path | None,
+    *,
+    noise_mm: float | None = None,
+    angle_noise_mrad: float | None = None,
+    errors_mm: float | None = None,
+    replace: bool = False,
+) -> HexaSlideMeasurements:
+    """Measurements on a machine that differs from its file, and that machine, into files.
 
-    ``postures`` are so many random ones, or a file of them.
+    ``errors_mm`` is the size of each error, 1 mm where it is None, ``noise_mm`` 0.01 mm; as many
+    mrad as that is the noise of angles. Raises UsageError for a procedure, noise or target,
+    RecordError for the machine file, CalibrationError for postures or machines that cannot be, and
+    as `write_files`.
     """
-
-    procedure: str
-    postures: int | Path
-    noise_mm: float
-    angle_noise_mrad: float | None = None
-    errors_mm: float = 1.0
-    seed: int = 1
-    measured: tuple[str, ...] = ()
-    machine_file: Path | None = None
-
-
-def simulated(asked: SimulationRequest) -> tuple[HexaSlideMeasurements, HexaSlideTruth]:
-    """Measurements on a machine that differs from its file, and that machine.
-
-    Raises UsageError for a procedure or noise, RecordError for the machine file, CalibrationError
-    for postures or machines that cannot be.
-    """
+    if truth is not None and truth.resolve() == output.resolve():
+        raise UsageError("--truth and --output", f"{output} twice", "two files")
     own = load_hexaslide(asked.machine_file)
-    procedure, noise = procedure_on(own, asked.procedure, asked.measured), _noise(asked)
-    nominal = own.whole()
-    wanted = asked.postures
-    readings, truth = simulate(
+    procedure = procedure_on(own, asked.procedure, asked.measured)
+    length_mm = 0.01 if noise_mm is None else noise_mm
+    angle_mrad = length_mm if angle_noise_mrad is None else angle_noise_mrad
+    if (angle_mrad == 0.0) != (length_mm == 0.0):
+        raise UsageError(
+            "--noise and --angle-noise", f"{length_mm:g} and {angle_mrad:g}", "both 0, or neither"
+        )
+    nominal, file = own.whole(), asked.posture_file
+    readings, true = simulate(
         procedure,
         nominal,
-        wanted if isinstance(wanted, int) else inside_box(load_postures(wanted), nominal),
+        (asked.postures or 0) if file is None else inside_box(load_postures(file), nominal),
         asked.seed,
-        errors_m=asked.errors_mm / 1000.0,
-        length_noise_m=noise.length_mm / 1000.0,
-        angle_noise_rad=noise.angle_mrad / 1000.0,
+        errors_m=(1.0 if errors_mm is None else errors_mm) / 1000.0,
+        length_noise_m=length_mm / 1000.0,
+        angle_noise_rad=angle_mrad / 1000.0,
     )
     rows = zip(readings.sliders.tolist(), readings.measured.tolist(), strict=True)
     measured = HexaSlideMeasurements(
@@ -191,36 +192,19 @@ def simulated(asked: SimulationRequest) -> tuple[HexaSlideMeasurements, HexaSlid
         procedure=procedure.kind,
         measured=procedure.measured,
         units=FileUnits(),
-        noise=noise,
+        noise=MeasuringNoise(length_mm=length_mm, angle_mrad=angle_mrad),
         machine_file=asked.machine_file.name if asked.machine_file else EXAMPLE,
         machine=own,
         postures=tuple(MeasuredPosture(sliders=tuple(s), values=tuple(v)) for s, v in rows),
     )
-    true = machine_like(own, f"{own.name}, as it truly is", truth)
-    return measured, HexaSlideTruth(
-        schema=TRUTH_SCHEMA, measurements_sha256=measured.digest(), machine=true
-    )
-
-
-def _noise(asked: SimulationRequest) -> MeasuringNoise:
-    angle = asked.noise_mm if asked.angle_noise_mrad is None else asked.angle_noise_mrad
-    if (angle == 0.0) != (asked.noise_mm == 0.0):
-        raise UsageError(
-            "--noise and --angle-noise", f"{asked.noise_mm:g} and {angle:g}", "both 0, or neither"
-        )
-    return MeasuringNoise(length_mm=asked.noise_mm, angle_mrad=angle)
-
-
-def write_simulated(
-    asked: SimulationRequest, output: Path, truth: Path | None, *, replace: bool = False
-) -> HexaSlideMeasurements:
-    """Simulate into files. Raises as `simulated` and `write_files`."""
-    if truth is not None and truth.resolve() == output.resolve():
-        raise UsageError("--truth and --output", f"{output} twice", "two files")
-    measured, true = simulated(asked)
     write_files(output, {"": measured.text()}, replace=replace)
     if truth is not None:
-        write_files(truth, {"": true.text()}, replace=replace)
+        hidden = HexaSlideTruth(
+            schema=TRUTH_SCHEMA,
+            measurements_sha256=measured.digest(),
+            machine=machine_like(own, f"{own.name}, as it truly is", true),
+        )
+        write_files(truth, {"": hidden.text()}, replace=replace)
     return measured
 
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.evaluating.own_effects import known_effects
-from app.evaluating.solution import indicator_figures, load_sessions
 from app.measuring.simulated import planned_readings, simulated_session
 from calib.arrays import LEG_NAMES
 from calib.diagnosis.hypotheses import alias_map as compare
@@ -34,7 +33,7 @@ from protocols.files import Written, unused_path
 from protocols.machine import Instrument, Machine, load_machine
 from protocols.model_file import read_model
 from protocols.motion import seconds_per_step
-from protocols.observations import to_observations
+from protocols.observations import indicator_figures, to_observations, worst_stated
 from protocols.procedure import Procedure, load_procedure
 from protocols.session import Session, fold
 
@@ -48,16 +47,9 @@ PROTOTYPE_NOISE_MM = 0.02
 
 def stated_noise(machine: Machine, noise_mm: float | None) -> tuple[Noise, str]:
     """Noise of single readings and where it is from. Raises UsageError where it is not positive."""
-    figures = IndicatorFigures(repeatability_mm=noise_mm)
-    words = "as asked for"
+    figures, words = IndicatorFigures(repeatability_mm=noise_mm), "as asked for"
     if noise_mm is None:
-        worst = [
-            max((float(v) for v in values if v is not None), default=None)
-            for values in zip(
-                *((i.resolution_mm, i.repeatability_mm) for i in machine.indicator), strict=True
-            )
-        ] or [None, None]
-        figures, words = IndicatorFigures(worst[0], worst[1]), "of the machine file's indicators"
+        figures, words = worst_stated(machine.indicator), "of the machine file's indicators"
         if figures.noise() is None:
             figures = IndicatorFigures(repeatability_mm=PROTOTYPE_NOISE_MM)
             words = "that of the papers' indicators"
@@ -69,26 +61,11 @@ def stated_noise(machine: Machine, noise_mm: float | None) -> tuple[Noise, str]:
 
 def tripod_planning(
     machine: Machine,
-    procedure_name: str = "",
-    noise_mm: float | None = None,
-    minutes_per_mounting: float = MINUTES_PER_MOUNTING,
-) -> tuple[TripodPlanning, Procedure]:
-    """With the procedure of a name or path; without one, or without noise, those of the machine.
-
-    Raises UsageError and RecordError.
-    """
-    procedure = load_procedure(procedure_name or machine.usual_procedure, machine.geometry())
-    planning = planning_of(machine, procedure, noise_mm, minutes_per_mounting)
-    return planning, procedure
-
-
-def planning_of(
-    machine: Machine,
     procedure: Procedure,
     noise_mm: float | None = None,
     minutes_per_mounting: float = MINUTES_PER_MOUNTING,
 ) -> TripodPlanning:
-    """The same of what is loaded. Raises UsageError."""
+    """What a procedure reads; without noise that of the machine file. Raises UsageError."""
     geometry = machine.geometry()
     noise, words = stated_noise(machine, noise_mm)
     steps = procedure.steps(geometry)
@@ -113,7 +90,7 @@ def before_measuring(
 ) -> tuple[Expected, str]:
     """What a procedure will tell with these indicators, and what their noise is."""
     at_hand = machine.model_copy(update={"indicator": tuple(instruments)})
-    planned = planning_of(at_hand, procedure)
+    planned = tripod_planning(at_hand, procedure)
     return expected_of(planned, machine.tolerances_mm()), planned.noise_words
 
 
@@ -180,7 +157,6 @@ class MeasurementPlan:
     sessions: tuple[str, ...]
     machine: str
     found: NextMountings
-    warnings: tuple[str, ...]
 
     @property
     def best(self) -> Proposal:
@@ -207,27 +183,6 @@ class MeasurementPlan:
         return self.table().to_frame()
 
 
-def next_measurement(
-    sessions: Sequence[Path] = (),
-    *,
-    machine_file: Path | str | None = None,
-    model_file: Path | None = None,
-    noise_mm: float | None = None,
-    minutes_per_mounting: float = MINUTES_PER_MOUNTING,
-) -> MeasurementPlan:
-    """As `next_after`, of files, with their warnings. Raises RecordError for those, too."""
-    folded, warnings = load_sessions(sessions)
-    found = next_after(
-        [path.name for path in sessions],
-        folded,
-        machine_file=machine_file,
-        model_file=model_file,
-        noise_mm=noise_mm,
-        minutes_per_mounting=minutes_per_mounting,
-    )
-    return replace(found, warnings=tuple(warnings))
-
-
 FURTHER = "_further"
 
 
@@ -250,45 +205,39 @@ def further_procedure(like: Procedure, one: FurtherSetUp) -> Procedure:
     return planned
 
 
-def _pace_s(machine: Machine, folded: Sequence[Session]) -> float:
-    """Of one more step: by hand, or as the last session went where the machine moves itself."""
-    if machine.motion is None:
-        return SECONDS_PER_STEP
-    last = folded[-1].opened.procedure if folded else None
-    like = last or load_procedure(machine.usual_procedure, machine.geometry())
-    return seconds_per_step(machine, like)
-
-
-def next_after(
-    names: Sequence[str],
-    folded: Sequence[Session],
+def next_measurement(
+    sessions: Sequence[Session],
     *,
     machine_file: Path | str | None = None,
     model_file: Path | None = None,
     noise_mm: float | None = None,
-    minutes_per_mounting: float = 2.0,
+    minutes_per_mounting: float = MINUTES_PER_MOUNTING,
 ) -> MeasurementPlan:
     """Judge every mounting with two or three displacements on top of the sessions.
 
     Before any reading the parameters are known to the tolerances of the machine file. Raises
     UsageError for files that do not fit each other.
     """
-    machine, model = _machine_and_model(folded, machine_file, model_file)
+    machine, model = _machine_and_model(sessions, machine_file, model_file)
     found = next_mountings(
         model,
         machine.tolerances_mm(),
         stated_noise(machine, noise_mm),
         minutes_per_mounting,
-        to_observations(folded) if folded else None,
-        indicator_figures(folded) if folded and noise_mm is None else None,
-        _pace_s(machine, folded),
+        to_observations(sessions) if sessions else None,
+        indicator_figures(sessions) if sessions and noise_mm is None else None,
+        _pace_s(machine, sessions),
     )
-    return MeasurementPlan(
-        sessions=tuple(names),
-        machine=machine.name,
-        found=found,
-        warnings=(),
-    )
+    return MeasurementPlan(tuple(session.name for session in sessions), machine.name, found)
+
+
+def _pace_s(machine: Machine, sessions: Sequence[Session]) -> float:
+    """Of one more step: by hand, or as the last session went where the machine moves itself."""
+    if machine.motion is None:
+        return SECONDS_PER_STEP
+    last = sessions[-1].opened.procedure if sessions else None
+    like = last or load_procedure(machine.usual_procedure, machine.geometry())
+    return seconds_per_step(machine, like)
 
 
 def _machine_and_model(

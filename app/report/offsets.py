@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Container
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -27,7 +27,6 @@ from protocols.model_file import (
     read_model_file,
     to_model,
 )
-from protocols.record import read_record
 
 JOINT_OFFSETS = PARAMETER_NAMES[:3]
 
@@ -89,8 +88,8 @@ class Offsets:
         return {name: mm for name in names if (mm := self.parameters[name].value)}
 
 
-def offsets_from_solved(solved: SessionSolution, paths: Sequence[Path]) -> Offsets:
-    """Offsets of a solution of these session files. Raises RecordError."""
+def offsets_from_solved(solved: SessionSolution) -> Offsets:
+    """Offsets of a solution of session files."""
     solution = solved.solution
     machine = solved.sessions[0].opened.machine
     remarks = []
@@ -115,7 +114,7 @@ def offsets_from_solved(solved: SessionSolution, paths: Sequence[Path]) -> Offse
         model=solution.model,
         controller=_stated(machine),
         measured=max(one.opened.at for one in solved.sessions),
-        digests=tuple(read_record(path).digest for path in paths),
+        digests=tuple(session.digest for session in solved.sessions),
         ambiguous=solved.ambiguous,
         remarks=tuple(remarks),
         cautions=(one_line(bound_words(solved)), *map(one_line, caveats(solved))),
@@ -146,11 +145,11 @@ def offsets_from_file(
     """
     if is_model(path):
         return _offsets_from_model(path)
-    solved, warnings = solve_files([path], subset=subset, method=method, model=model)
+    solved = solve_files([path], subset=subset, method=method, model=model)
     if subset is None:
         solved = solved.for_controller()
-    offsets = offsets_from_solved(solved, [path])
-    return replace(offsets, cautions=(*map(one_line, warnings), *offsets.cautions))
+    offsets = offsets_from_solved(solved)
+    return replace(offsets, cautions=(*map(one_line, solved.warnings), *offsets.cautions))
 
 
 def _offsets_from_model(path: Path) -> Offsets:

@@ -10,7 +10,7 @@ from textual.binding import Binding, BindingType
 from textual.widgets import Footer, Static
 
 from app.measuring.aligning import Round, align_session
-from app.measuring.opening import Plan
+from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession
 from app.report.text import alignment as texts
 from app.report.text.session import progress_text

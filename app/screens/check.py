@@ -17,8 +17,8 @@ from textual.widgets import Footer, Static
 
 from app.exit_codes import exit_code
 from app.measuring.gauges import PushResult, Trial
-from app.measuring.moving import ways_of
-from app.measuring.opening import Plan, begin, first_step, open_indicators
+from app.measuring.opening import begin, first_step, open_indicators
+from app.measuring.plan import Plan
 from app.report.text import motion
 from app.report.text.home import CHECK_HELP
 from app.report.text.preparing import check_text, dry_run_text, trial_text
@@ -192,7 +192,7 @@ class DryRunScreen(Screen[None]):
         self._steps = dry_run_text(*self._asked)
         if moved_by:
             plan = Plan(Path(), machine, procedure, tuple(instruments), motion=moved_by)
-            self._steps = motion.plan_text(plan, ways_of(procedure, machine, plan.axes))
+            self._steps = motion.plan_text(plan)
 
     def compose(self) -> ComposeResult:
         yield Title()

@@ -11,8 +11,8 @@ from typing import ClassVar, TypeVar
 from textual import work
 from textual.screen import ModalScreen, Screen
 
-from app.evaluating.solution import solve_recorded
-from app.measuring.opening import Plan
+from app.evaluating.solution import solve_files
+from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession
 from app.report.text import session as texts
 from app.report.text.alignment import adjusted_words
@@ -90,7 +90,7 @@ class Corrections(Screen[None]):
         from app.screens.result import ResultScreen
 
         self.guided.finish()
-        return ResultScreen(solve_recorded(self.guided.path), self.plan, self.guided.path)
+        return ResultScreen(solve_files([self.guided.path]), self.plan, self.guided.path)
 
     def action_undo(self) -> None:
         """Measure the last step again; its readings stay in the record, superseded.

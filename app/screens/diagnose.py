@@ -24,7 +24,7 @@ from app.evaluating.diagnosis import (
 )
 from app.evaluating.solution import solve_files
 from app.evaluating.what_if import Choice, choices, trial_of
-from app.measuring.opening import plan_to_repeat
+from app.measuring.plan import plan_to_repeat
 from app.report.charts.charts import residuals_before_and_after
 from app.report.text import diagnosis as texts
 from app.report.text.result import ONLY_SHOWN
@@ -173,7 +173,7 @@ class DiagnoseScreen(PagedScreen):
         ask_effect(self.app, listed, partial(self._try, found))
 
     def _try(self, found: SessionDiagnosis, choice: Choice) -> None:
-        trial = trial_of(choice, found.names, found.sessions, self._known)
+        trial = trial_of(choice, found.sessions, self._known)
         mistakes = bool(mistakes_of(found))
         adopt = partial(self._adopt_tried, found)
         screen = WhatIfScreen(choice, trial, adopt, model=self.model, mistakes=mistakes)
@@ -186,7 +186,7 @@ class DiagnoseScreen(PagedScreen):
             self._ask_file(found, answer, entry)
         elif self.model is not None:
             with self.app.complaining():
-                resize(found.names, found.sessions, self.model, entry)
+                resize(found.sessions, self.model, entry)
                 said = texts.MODEL_WRITTEN.format(self.model)
                 self.app.notify(said, timeout=10, markup=False)
                 self._gap_before_mm = found.diagnosis.gap_before.rms_mm
@@ -234,7 +234,6 @@ class DiagnoseScreen(PagedScreen):
         with self.app.complaining(again):
             adopt(
                 found,
-                self.paths,
                 target,
                 known=self.model,
                 candidate=candidate,
@@ -269,7 +268,7 @@ class DiagnoseScreen(PagedScreen):
 
         path, model = self.paths[0], self.model
         with self.app.complaining():
-            solved, _ = await apart(self, solve_files, self.paths, model=model)
+            solved = await apart(self, solve_files, self.paths, model=model)
             plan = None if self.app.read_only else await apart(self, plan_to_repeat, path)
             self.app.push_screen(ResultScreen(solved, plan, path, model))
 

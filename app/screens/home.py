@@ -142,7 +142,7 @@ class HomeScreen(Screen[None]):
     def _continue(self, path: Path, typed: str = "") -> None:
         """The instrument check, after asking for the ports of a record of another computer."""
         from app.measuring.indicators import parse_indicator
-        from app.measuring.opening import PortsUnknown, plan_to_continue
+        from app.measuring.plan import PortsUnknown, plan_to_continue
 
         with self.app.complaining():
             try:
@@ -154,11 +154,10 @@ class HomeScreen(Screen[None]):
                 self.app.push_screen(self.app.check(plan))
 
     def _demonstrate(self) -> None:
-        from app.measuring.opening import DEMO_MOTION_S, demo_plan, writable_folder
-        from app.measuring.simulated import BenchSettings
+        from app.measuring.demo import WATCHED, demo_plan
+        from app.measuring.plan import writable_folder
 
-        folder = writable_folder(DEMO_FOLDER)
-        plan = demo_plan(folder, "zero-max-min", 1, BenchSettings(motion_s=DEMO_MOTION_S))
+        plan = demo_plan(writable_folder(DEMO_FOLDER), "zero-max-min", 1, WATCHED)
         self.app.push_screen(self.app.check(plan))
 
     def _pick(
@@ -215,15 +214,15 @@ class HomeScreen(Screen[None]):
 
     def _show_result(self, path: Path) -> Callable[[], object]:
         from app.evaluating.solution import solve_files
-        from app.measuring.opening import plan_to_repeat
+        from app.measuring.plan import plan_to_repeat
         from app.screens.result import ResultScreen
 
-        solved, warnings = solve_files([path])
+        solved = solve_files([path])
         plan = None if self.app.read_only else plan_to_repeat(path)
 
         def show() -> None:
             self.app.push_screen(ResultScreen(solved, plan, path))
-            for warning in warnings:
+            for warning in solved.warnings:
                 self.app.notify(warning, severity="warning", markup=False)
 
         return show
@@ -235,7 +234,7 @@ class HomeScreen(Screen[None]):
 
         folder = path.with_suffix("")
         solved = solve_for_controller(path)
-        written, refused = export_offsets(solved, path, folder, replace=replace)
+        written, refused = export_offsets(solved, folder, replace=replace)
         said, caution = exported_text(folder, written), export_caution(solved, refused)
         if caution:  # stays until it is read
             return partial(self.app.push_screen, HelpDialog(f"{said}\n\nWARNING: {caution}"))

@@ -44,8 +44,8 @@ from calib.printable import HIDDEN
 from protocols.files import FilesThere, unused_path
 
 if TYPE_CHECKING:
-    from app.measuring.opening import Indicators, Plan
-    from app.measuring.session import GuidedSession
+    from app.measuring.plan import Plan
+    from app.measuring.session import GuidedSession, Indicators
 
 Thing = TypeVar("Thing")
 

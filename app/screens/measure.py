@@ -16,7 +16,7 @@ from textual.widgets import Footer
 
 from app.measuring.gauges import Live, Motion
 from app.measuring.moving import Moving
-from app.measuring.opening import Plan
+from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession, TakenStep
 from app.measuring.unattended import lost_words
 from app.report.text import motion

@@ -31,7 +31,7 @@ from app.measuring.indicators import (
     serial_ports,
     simulated_indicators,
 )
-from app.measuring.opening import Plan, session_name
+from app.measuring.plan import Plan, session_name
 from app.report.text import home as texts
 from app.report.text.indicator import findings_text, trial_text
 from app.report.text.preparing import procedure_sentence

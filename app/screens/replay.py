@@ -198,7 +198,7 @@ class ReplayScreen(Screen[None]):
         self._pause()
         self._solving = True
         try:
-            solved, _ = await apart(self, solve_files, [self.path])
+            solved = await apart(self, solve_files, [self.path])
         except GlidecalError as problem:
             self.view.say(texts.UNSOLVED.format(problem))
         else:

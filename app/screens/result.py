@@ -19,7 +19,7 @@ from app.evaluating.diagnosis import resize
 from app.evaluating.solution import SessionSolution, solve_sessions
 from app.evaluating.what_if import Choice, choices, trial_of
 from app.exports import export_offsets
-from app.measuring.opening import Plan, verification_plan
+from app.measuring.plan import Plan, verification_plan
 from app.report.charts.charts import before_and_after, measured_and_predicted
 from app.report.text import result as texts
 from app.report.text import what_if as what_if_texts
@@ -134,7 +134,7 @@ class ResultScreen(PagedScreen):
         with self.app.complaining(partial(self.action_export, replace=True)):
             offsets = await asyncio.to_thread(self._joint_offsets)
             written, refused = await asyncio.to_thread(
-                export_offsets, offsets, self.path, folder, replace=replace
+                export_offsets, offsets, folder, replace=replace
             )
             self.app.notify(texts.exported_text(folder, written), timeout=10, markup=False)
             self.caution = texts.export_caution(offsets, refused)
@@ -185,7 +185,7 @@ class ResultScreen(PagedScreen):
     def _try(self, known: ModelFile | None, choice: Choice) -> None:
         solved = self.solved
         subset = solved.solution.subset
-        trial = trial_of(choice, solved.names, solved.sessions, known, subset)
+        trial = trial_of(choice, solved.sessions, known, subset)
         self.app.push_screen(WhatIfScreen(choice, trial, self._adopt_tried, model=self.model))
 
     def _adopt_tried(self, choice: Choice, entry: EffectEntry) -> None:
@@ -197,10 +197,10 @@ class ResultScreen(PagedScreen):
         self.app.run_worker(self._resize(self.model, entry))
 
     async def _resize(self, model: Path, entry: EffectEntry) -> None:
-        asked, subset = (self.solved.names, self.solved.sessions), self.solved.solution.subset
+        sessions, subset = self.solved.sessions, self.solved.subset
         with self.app.complaining():
-            written = await asyncio.to_thread(resize, *asked, model, entry)
-            solved = await asyncio.to_thread(solve_sessions, *asked, subset=subset, model=written)
+            written = await asyncio.to_thread(resize, sessions, model, entry)
+            solved = await asyncio.to_thread(solve_sessions, sessions, subset=subset, model=written)
             self.app.notify(what_if_texts.RESIZED.format(model), timeout=10, markup=False)
             if not is_left(self):
                 self.solved = solved

@@ -19,7 +19,7 @@ from app.settings import settings_path
 from protocols.record import read_record
 
 if TYPE_CHECKING:
-    from app.measuring.opening import Plan
+    from app.measuring.plan import Plan
     from app.measuring.session import GuidedSession
 
 

@@ -1,1 +1,4 @@
-"""Where simulation and measurement disagree, what is missing, and how sure that is."""
+"""Where simulation and measurement disagree, what is missing, and how sure that is.
+
+May import every room of `calib`.
+"""

@@ -127,7 +127,7 @@ class SubsetChoice:
         metric = self._claim.metric[np.ix_(index, index)]
         return quantile_mm(metric, np.zeros(len(index)), one.covariance_mm2 - one.held_mm2)
 
-    def error_before(self, subset: Subset, model: Model) -> ToolError:
+    def error_before(self, subset: Subset) -> ToolError:
         """The tool's error with what the controller holds now, as far as this subset tells.
 
         The shift itself is known with the covariance, and the tool is off by the shift and by what
@@ -135,7 +135,7 @@ class SubsetChoice:
         """
         solution = self.solutions[subset]
         bias, covariance = left_after(self.solutions, subset)
-        shift = np.array(solution.model.parameters_mm) - np.array(model.parameters_mm) + bias
+        shift = np.array(solution.model.parameters_mm) + bias
         found = tool_error(solution.model.geometry, shift, covariance)
         exact = tool_error(solution.model.geometry, shift, np.zeros_like(covariance))
         return ToolError(exact.rms_mm, found.standard_uncertainty_mm, exact.worst_mm)

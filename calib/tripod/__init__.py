@@ -1,1 +1,4 @@
-"""The Orthoglide: three orthogonal linear drives, three bars, one tool that never turns."""
+"""Three linear drives, three bars, a platform that never turns: Orthoglide and linear delta.
+
+May import `calib.design` and `calib.noise`, and nothing of another machine.
+"""

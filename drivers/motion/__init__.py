@@ -1,4 +1,7 @@
-"""Controllers that move the machine: ``linuxcnc:HOST:PORT`` and ``grbl:PORT``."""
+"""Controllers that move the machine: ``linuxcnc:HOST:PORT`` and ``grbl:PORT``.
+
+May import all of `drivers`; indicators know nothing of it.
+"""
 
 from __future__ import annotations
 

@@ -20,7 +20,6 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
 
 from calib.errors import MotionError, UsageError
 from drivers.motion.controller import Faulted, Limits, Triple
@@ -296,12 +295,6 @@ class HeadlessLinuxCnc:
         os.environ.pop(PASSWORDS, None)
         if self._passwords is not None:
             os.environ[PASSWORDS] = self._passwords
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def _files(joints: SimulatedJoints) -> dict[str, str]:

@@ -12,7 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from enum import StrEnum
-from typing import Protocol, Self
+from typing import Protocol
 
 from drivers.motion.controller import Triple
 from drivers.twins import Disconnected, Transport, TwinPort
@@ -304,12 +304,6 @@ class LinuxCncTwin:
         self._server.server_close()
         self._thread.join()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
 
 class _Server(socketserver.ThreadingTCPServer):
     allow_reuse_address = True
@@ -403,12 +397,6 @@ class GrblTwin:
     def close(self) -> None:
         """Stop listening."""
         self._port.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 TWINS: dict[str, Callable[[SimulatedAxes], MotionTwin]] = {

@@ -1,4 +1,7 @@
-"""The indicator profiles by name."""
+"""The indicators, one a file: what they are asked, what they answer, which of it is a number.
+
+May import `drivers.profile` and the errors of `calib`.
+"""
 
 from __future__ import annotations
 

@@ -7,47 +7,25 @@ blank more than his table, so both widths pass.
 
 from __future__ import annotations
 
-import re
+from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile
 
-from drivers.profile import (
-    BadReply,
-    Evidence,
-    Fault,
-    FaultKind,
-    LineSettings,
-    Outcome,
-    Profile,
-    Query,
-    Unit,
-    not_understood,
-    reading,
+NUMBER = r"[+-](?=[ \d.]{9}\d ) *(?:\d+\.\d+|\.\d+)"
+# STX and ACK, of requests and of keys, may stand before anything
+GRAMMAR = Grammar(
+    value=(
+        rf"[\x02\x06]*(?P<number>{NUMBER})(?= .{{3,4}}$) {{1,2}}"
+        r"(?:(?P<inch>\")|(?P<mm> )) ?[<=> ][SAGD ]"
+    ),
+    fault=(
+        r"[\x02\x06]*(?:\x15|\?|[A-Z]+\.ERR\."
+        rf"|{NUMBER}(?= .{{3,4}}$)(?=.*(?P<code>\?)) {{1,2}}[ \"?] ?[<=>? ][SAGD ])"
+    ),
+    passed_over=r"[\x02\x06]+",
+    words={
+        "?": "the display unit marks this value as faulty: check the encoder and clear the error"
+    },
+    other_words="the display unit refuses the request or reports an error: see its display",
 )
-
-VALUE = re.compile(
-    r"[\x02\x06]*"
-    r"(?P<number>[+-](?=[ \d.]{9}\d ) *(\d+\.\d+|\.\d+))"
-    r"(?= .{3,4}$) {1,2}(?P<unit>[ \"?]) ?(?P<sorting>[<=>? ])[SAGD ]",
-    re.ASCII,
-)
-REFUSED = re.compile(r"[\x02\x06]*(\x15|\?|[A-Z]+\.ERR\.)", re.ASCII)
-PASSED_OVER = re.compile(r"[\x02\x06]+", re.ASCII)
-
-
-def parse(text: str, asked: Query) -> Outcome | None:
-    """A line without its end; None for an echo and for the acknowledgement of a key."""
-    if PASSED_OVER.fullmatch(text):
-        return None
-    if REFUSED.fullmatch(text):
-        words = "the display unit refuses the request or reports an error: see its display"
-        return Fault(FaultKind.DEVICE_FAULT, text, words)
-    found = VALUE.fullmatch(text)
-    if not found:
-        return not_understood(text)
-    if "?" in (found["unit"], found["sorting"]):
-        words = "the display unit marks this value as faulty: check the encoder and clear the error"
-        return Fault(FaultKind.DEVICE_FAULT, text, words)
-    return reading(text, found["number"], asked, Unit.INCH if found["unit"] == '"' else Unit.MM)
-
 
 HEIDENHAIN_ND28X = Profile(
     name="heidenhain-nd28x",
@@ -56,7 +34,7 @@ HEIDENHAIN_ND28X = Profile(
     source="ND 280/281B/221B manual p. 39 and 47",
     line=LineSettings(9600, 7, "E", 2),
     request=lambda _: b"\x02",
-    parse=parse,
+    parse=GRAMMAR.parse,
     reply=lambda spindle: f"{spindle.text(10, ' ')}    \r\n",
     bad_replies={
         "fault": BadReply(b"+   12.3456 ?  \r\n", FaultKind.DEVICE_FAULT),

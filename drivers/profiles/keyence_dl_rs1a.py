@@ -9,44 +9,44 @@ from __future__ import annotations
 import re
 
 from drivers.profile import (
+    NOTHING,
     BadReply,
     Evidence,
     Fault,
     FaultKind,
+    Grammar,
     LineSettings,
     Outcome,
     Profile,
     Query,
     Spindle,
-    not_understood,
     reading,
 )
 
 VALUES = re.compile(r"M0(?P<fields>(?:,[+-]\d{3}\.\d{4})+)", re.ASCII)
-FAULT = re.compile(r"ER,(?P<command>M0|MS|SR|SW),(?P<code>\d\d)", re.ASCII)
 BEYOND = "999.9999"
-
-FAULT_WORDS = {
-    "00": "the unit does not know this command",
-    "02": "an amplifier did not answer in time",
-    "20": "the command has a wrong length",
-    "21": "the command has a wrong number of parameters",
-    "22": "a parameter is out of its range",
-    "29": "no communication with an amplifier: check how they are joined",
-    "65": "there is no amplifier of this number",
-}
+NO_VALUES = Grammar(
+    value=NOTHING,
+    fault=r"ER,(?:M0|MS|SR|SW),(?P<code>\d\d)",
+    passed_over="M0",
+    words={
+        "00": "the unit does not know this command",
+        "02": "an amplifier did not answer in time",
+        "20": "the command has a wrong length",
+        "21": "the command has a wrong number of parameters",
+        "22": "a parameter is out of its range",
+        "29": "no communication with an amplifier: check how they are joined",
+        "65": "there is no amplifier of this number",
+    },
+    other_words="fault {code} of the unit",
+)
 
 
 def parse(text: str, asked: Query) -> Outcome | None:
     """A line without CR LF; None for the echo."""
-    if text == "M0":
-        return None
-    if found := FAULT.fullmatch(text):
-        words = FAULT_WORDS.get(found["code"], f"fault {found['code']} of the unit")
-        return Fault(FaultKind.DEVICE_FAULT, text, words)
     found = VALUES.fullmatch(text)
     if not found:
-        return not_understood(text)
+        return NO_VALUES.parse(text, asked)
     fields = found["fields"].split(",")[1:]
     if not 1 <= asked.channel <= len(fields):
         words = f"{len(fields)} amplifiers answered, number {asked.channel} was asked"

@@ -8,26 +8,32 @@ digits is an overflow, ``E`` behind the letter an alarm.
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 from drivers.profile import (
-    UNITS,
     BadReply,
     Evidence,
     Fault,
     FaultKind,
+    Grammar,
     LineSettings,
     Outcome,
     Profile,
     Query,
     Spindle,
     not_understood,
-    reading,
 )
 
 MODE = r"(?:[NPIA](?P<unit>[MI])[UGLE]?)?"
-VALUE = re.compile(MODE + r"(?P<number>[+\- ](?=[\d.]{7}$)\d+\.\d+)", re.ASCII)
-OVERFLOW = re.compile(MODE + r"(?=.*F)[+\- ]?[\dF.]{6,8}", re.ASCII)
-ALARM = re.compile(r'E[FO]?|[NPIA][MI]E?"? *Error *"?', re.ASCII)
+FIELD = Grammar(
+    value=MODE + r"(?P<number>[+\- ](?=[\d.]{7}$)\d+\.\d+)",
+    fault=MODE + r'(?=.*(?P<code>F))[+\- ]?[\dF.]{6,8}|E[FO]?|[NPIA][MI]E?"? *Error *"?',
+    words={"F": "the display overflows: reset it nearer to here"},
+    other_words=(
+        "alarm of the display: moved too fast or the cable is off; reset it, set zero again"
+    ),
+    kinds={"F": FaultKind.OVER_RANGE},
+)
 LINE = re.compile(r"(?:A(?P<A>[^B]+?))?(?:[ ,;]?B(?P<B>[^B]+))?", re.ASCII)
 
 
@@ -37,26 +43,16 @@ def parse(text: str, asked: Query) -> Outcome | None:
         return None
     found = LINE.fullmatch(text)
     fields = {name: field for name, field in found.groupdict().items() if field} if found else {}
-    if not fields or not all(map(_known, fields.values())):
+    if not fields or any(
+        not_understood(one) == FIELD.parse(one, Query()) for one in fields.values()
+    ):
         return not_understood(text)
     letter = chr(ord("A") + asked.channel - 1)
     if letter not in fields:
         words = f"answer of channel {'/'.join(fields)} where channel {letter} was asked"
         return Fault(FaultKind.WRONG_CHANNEL, text, words)
-    return _outcome(text, fields[letter], asked)
-
-
-def _known(field: str) -> bool:
-    return any(grammar.fullmatch(field) for grammar in (VALUE, OVERFLOW, ALARM))
-
-
-def _outcome(text: str, field: str, asked: Query) -> Outcome:
-    if found := VALUE.fullmatch(field):
-        return reading(text, found["number"], asked, UNITS.get(found["unit"] or ""))
-    if OVERFLOW.fullmatch(field):
-        return Fault(FaultKind.OVER_RANGE, text, "the display overflows: reset it nearer to here")
-    words = "alarm of the display: moved too fast or the cable is off; reset it, set zero again"
-    return Fault(FaultKind.DEVICE_FAULT, text, words)
+    outcome = FIELD.parse(fields[letter], asked)
+    return replace(outcome, text=text) if outcome else None
 
 
 def reply(spindle: Spindle) -> str:

@@ -8,19 +8,7 @@ from __future__ import annotations
 
 import re
 
-from drivers.profile import (
-    BadReply,
-    Evidence,
-    Fault,
-    FaultKind,
-    Grammar,
-    LineSettings,
-    Outcome,
-    Profile,
-    Query,
-    Spindle,
-    wrong_channel,
-)
+from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile, Spindle
 
 OPTORSD = Grammar(
     value=r"(?P<number>[+\- ]?\d{1,6}\.\d{1,7}) ?(?P<unit>inch|in|mm|um|\xb5m) ?",
@@ -31,24 +19,15 @@ C1202 = Grammar(
         r"(?P<channel>\d) (?P<number>[+-]\d{1,6}\.\d{1,7}) (?P<unit>inch|in|mm|um|\xb5m)"
         r"( ?[<=>]){0,2} ?"
     ),
-    fault=r"((?P<channel>\d) )?ERR(?P<code>\d{1,2})",
+    fault=(
+        r"((?P<channel>\d) )?(ERR(?P<code>\d{1,2})"
+        r"|(?<= )[+-](\d+\.\d+ (deg|rad)|\d+:\d\d:\d\d dms)( ?[<=>]){0,2} ?)"
+    ),
     passed_over=r"M\d\?",
+    words={"": "the feature reads an angle, {asked.unit} is expected: choose a length"},
     other_words="error {code}; 6 means that this feature is not active",
+    kinds={"": FaultKind.WRONG_UNIT},
 )
-ANGLE = re.compile(
-    r"(?P<channel>\d) [+-](\d+\.\d+ (deg|rad)|\d+:\d\d:\d\d dms)( ?[<=>]){0,2} ?", re.ASCII
-)
-
-
-def parse_c1202(text: str, asked: Query) -> Outcome | None:
-    """The line of one feature without CR; None for an echo."""
-    angle = ANGLE.fullmatch(text)
-    if not angle:
-        return C1202.parse(text, asked)
-    if angle["channel"] != str(asked.channel):
-        return wrong_channel(text, angle["channel"], asked)
-    words = f"the feature reads an angle, {asked.unit} is expected: choose a length"
-    return Fault(FaultKind.WRONG_UNIT, text, words)
 
 
 def other_feature(request: str, _: Spindle) -> str:
@@ -77,7 +56,7 @@ MAHR_C1202 = Profile(
     source="Millimar C1202 manual p. 82",
     line=LineSettings(9600, 7, "E", 2),
     request=lambda asked: f"M{asked.channel}?\r".encode(),
-    parse=parse_c1202,
+    parse=C1202.parse,
     reply=lambda spindle: f"{spindle.channel} {spindle.text(4 + spindle.decimals)} mm\r",
     otherwise=other_feature,
     bad_replies={

@@ -6,35 +6,14 @@ point are inches; otherwise nothing tells the unit.
 
 from __future__ import annotations
 
-import re
-
-from drivers.profile import (
-    BadReply,
-    Evidence,
-    FaultKind,
-    Grammar,
-    LineSettings,
-    Outcome,
-    Profile,
-    Query,
-    Unit,
-    reading,
-)
+from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile
 
 GRAMMAR = Grammar(
-    value=r"(?P<number>[+-](?=[\d.]{7}$)\d{1,5}\.\d{1,5})",
+    value=r"(?P<number>[+-](?=[\d.]{7}$)(?:\d{1,5}\.\d{1,5}|(?P<inch>\.\d{6})))",
     fault=r"ERR(?P<code>\d{1,2})",
     passed_over=r"\?",
     other_words="error {code}: see the manual of the instrument",
 )
-INCHES = re.compile(r"[+-]\.\d{6}", re.ASCII)
-
-
-def parse(text: str, asked: Query) -> Outcome | None:
-    """A line without its end; None for an echo."""
-    inches = INCHES.fullmatch(text)
-    return reading(text, text, asked, Unit.INCH) if inches else GRAMMAR.parse(text, asked)
-
 
 TESA = Profile(
     name="tesa",
@@ -43,7 +22,7 @@ TESA = Profile(
     source="TT80 manual p. 94-95 and TT20 manual p. 54; DIGICO and TLC: nothing found",
     line=LineSettings(4800, 7, "E", 2),
     request=lambda _: b"?\r",
-    parse=parse,
+    parse=GRAMMAR.parse,
     reply=lambda spindle: f"{spindle.text(7)}\r\n",
     bad_replies={
         "error": BadReply(b"ERR23\r\n", FaultKind.DEVICE_FAULT),

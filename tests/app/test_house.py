@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from app.planning.hexaslide import SimulationRequest, write_simulated
+from app.planning.hexaslide import Request, write_simulated
 from protocols.machine_files import machine_names
 from tests.conftest import ROOT
 
@@ -61,7 +61,7 @@ def test_a_machine_loads_nothing_of_another(
     other: str, arguments: list[str], tmp_path: Path
 ) -> None:
     measured = str(tmp_path / "measured.json")
-    write_simulated(SimulationRequest("pose-inverse", 10, 0.01), Path(measured), None)
+    write_simulated(Request("pose-inverse", postures=10, seed=1), Path(measured), None)
     asked = [measured if one == "measured.json" else one for one in arguments]
     script = f"""
 import atexit, sys

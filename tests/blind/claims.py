@@ -144,7 +144,7 @@ def scored(case: Case, seed: int, folder: Path, spread_mm: float = LENGTH_SPREAD
     with contextlib.redirect_stderr(io.StringIO()):
         import_table(table, session, machine=None, resolution=made.resolution_mm)
     said = SolutionReport.of(
-        solved=solve_files([session])[0], sizes=None, judged=None, maps=None, simulated=None
+        solved=solve_files([session]), sizes=None, judged=None, maps=None, simulated=None
     ).model_dump(mode="json")
     values = [said["parameters"].get(name, {"value": 0.0})["value"] for name in NAMES]
     found, tool = np.array(values), said["tool_error"]["after"]

@@ -17,9 +17,9 @@ from protocols.hexaslide import load_hexaslide
 
 
 def search() -> BestPostures:
-    """A short search from three starts."""
+    """A short search from two starts."""
     machine = load_hexaslide().whole()
-    return best_postures(Procedure.of("pose-inverse"), machine, 9, Search(seed=3, starts=3))
+    return best_postures(Procedure.of("pose-inverse"), machine, 9, Search(seed=3, starts=2))
 
 
 def main() -> int:

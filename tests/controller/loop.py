@@ -15,7 +15,11 @@ OFFSETS = (0.8, -1.3, 0.45)
 
 
 class Loop:
-    """One machine with its controller; ``ini`` is the controller's file, uncorrected."""
+    """One machine with its controller, measured uncorrected.
+
+    ``ini`` is the controller's file, ``session`` what was measured, ``model`` where to adopt what
+    is found.
+    """
 
     def __init__(self, machine: Machine, folder: Path, *, zero_set: bool = False) -> None:
         need_linuxcnc()
@@ -24,7 +28,7 @@ class Loop:
         before = Controlled(machine, self.entries, pins(Model()), zero_set=zero_set)
         table, self.before_mm = before.measured(folder / "before")
         self.ini = folder / "before" / "config" / "machine.ini"
-        self.session = folder / "before.jsonl"
+        self.session, self.model = folder / "before.jsonl", folder / "found.json"
         (folder / "before.csv").write_text(table)
         self.do("import", folder / "before.csv", "-o", self.session, "--resolution", "0.001")
 

@@ -23,7 +23,7 @@ from tempfile import mkdtemp
 
 from app.exports.linuxcnc import pins
 from app.measuring.moving import ways_of
-from app.measuring.unattended import measure_by_itself
+from app.measuring.unattended import measure_all
 from calib.tripod.pipeline import Model
 from drivers.motion.controller import Triple
 from drivers.motion.twins import SimulatedAxes, Trouble
@@ -313,7 +313,7 @@ def session(folder: Path, name: str, feed: float, window_s: float) -> dict[str, 
     real = moving_session(path, machine, procedure, lambda _: Running(folder), window_s)
     with real as (g, bench, _):
         began = time.monotonic()
-        measure_by_itself(g, bench.set_up, lambda _: None)
+        measure_all(g, bench.set_up, lambda _: None)
         took_s = time.monotonic() - began
         left = wrong(taken(path), bench)
     pure_s = ways.moving_s + ways.resting_s

@@ -14,44 +14,73 @@ from tests.app.cli import glidecal
 from tests.controller.loop import OFFSETS, Loop
 from tests.controller.machine import Machine
 
-
-def test_offsets(tmp_path: Path) -> None:
-    loop = Loop(Machine(OFFSETS), tmp_path)
-    assert loop.before_mm > 1.0
-    assert loop.after_mm("after", loop.session, "--format", "linuxcnc") < 0.003
+WORN = {"play": 0.06, "cyclic": 0.01}
 
 
-def test_play_and_screw_error_that_diagnose_names(tmp_path: Path) -> None:
-    machine = Machine(OFFSETS, joint={"play": 0.06, "cyclic": 0.01})
-    loop = Loop(machine, tmp_path)
-    model = tmp_path / "found.json"
-    loop.do("diagnose", loop.session, "--adopt", model)
-    assert loop.after_mm("offsets", loop.session, "--format", "linuxcnc") > 0.03
-    assert loop.after_mm("found", model, "--format", "linuxcnc") < 0.006
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Loop:
+    return Loop(Machine(OFFSETS), tmp_path_factory.mktemp("plain"))
 
 
-def test_a_scale_of_one_drive_beside_them(tmp_path: Path) -> None:
-    """That of all drives alike is a larger machine: readings of legs hardly show it."""
-    machine = Machine(OFFSETS, joint={"play": 0.06, "cyclic": 0.01}, one={2: {"scale": 5e-4}})
-    loop = Loop(machine, tmp_path)
-    model = tmp_path / "found.json"
-    loop.do("diagnose", loop.session, "--adopt", model)
-    assert loop.after_mm("offsets", loop.session, "--format", "linuxcnc") > 0.03
-    asked = ("--format", "linuxcnc", "--ambiguous")  # a law without a name would do as well
-    assert loop.after_mm("found", model, *asked) < 0.006
+@pytest.fixture(scope="module")
+def worn(tmp_path_factory: pytest.TempPathFactory) -> Loop:
+    return diagnosed(Machine(OFFSETS, joint=WORN), tmp_path_factory.mktemp("worn"))
 
 
-def test_lengths_and_axes_through_own_kinematics(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def scaled(tmp_path_factory: pytest.TempPathFactory) -> Loop:
+    machine = Machine(OFFSETS, joint=WORN, one={2: {"scale": 5e-4}})
+    return diagnosed(machine, tmp_path_factory.mktemp("scaled"))
+
+
+@pytest.fixture(scope="module")
+def crooked(tmp_path_factory: pytest.TempPathFactory) -> Loop:
     lean, shift = np.zeros((3, 3)), np.zeros((3, 3))
     lean[0, 1] = lean[1, 0] = 1e-3  # x and y lean together by 2 mrad
     shift[0, 2], shift[2, 1] = 0.2, -0.2
     machine = Machine(OFFSETS, (0.3, -0.2, 0.1), lean=lean, shift_mm=shift)
-    loop = Loop(machine, tmp_path, zero_set=True)
-    model = tmp_path / "found.json"
-    loop.do("diagnose", loop.session, "--adopt", model)
-    asked = (loop.session, "--model", model, "--subset", "both", "--format", "linuxcnc-kins")
-    assert loop.after_mm("found", *asked) < 0.010
-    assert loop.after_mm("turned", *asked, sign=-1.0) > loop.before_mm
+    return diagnosed(machine, tmp_path_factory.mktemp("crooked"), zero_set=True)
+
+
+def diagnosed(machine: Machine, folder: Path, *, zero_set: bool = False) -> Loop:
+    """Measured once for all its tests, with 15 seconds of moves, and what was found adopted."""
+    loop = Loop(machine, folder, zero_set=zero_set)
+    loop.do("diagnose", loop.session, "--adopt", loop.model)
+    return loop
+
+
+def test_offsets(plain: Loop) -> None:
+    assert plain.before_mm > 1.0
+    assert plain.after_mm("after", plain.session, "--format", "linuxcnc") < 0.003
+
+
+def test_offsets_alone_do_not_mend_play_and_screw_error(worn: Loop) -> None:
+    assert worn.after_mm("offsets", worn.session, "--format", "linuxcnc") > 0.03
+
+
+def test_play_and_screw_error_that_diagnose_names(worn: Loop) -> None:
+    assert worn.after_mm("found", worn.model, "--format", "linuxcnc") < 0.006
+
+
+def test_offsets_alone_do_not_mend_a_scale_of_one_drive(scaled: Loop) -> None:
+    assert scaled.after_mm("offsets", scaled.session, "--format", "linuxcnc") > 0.03
+
+
+def test_a_scale_of_one_drive_beside_them(scaled: Loop) -> None:
+    """That of all drives alike is a larger machine: readings of legs hardly show it."""
+    asked = ("--format", "linuxcnc", "--ambiguous")  # a law without a name would do as well
+    assert scaled.after_mm("found", scaled.model, *asked) < 0.006
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0], ids=["entered", "turned"])
+def test_lengths_and_axes_through_own_kinematics(sign: float, crooked: Loop) -> None:
+    asked = (crooked.session, "--model", crooked.model, "--subset", "both")
+    name = "entered" if sign > 0 else "turned"
+    after_mm = crooked.after_mm(name, *asked, "--format", "linuxcnc-kins", sign=sign)
+    if sign > 0:
+        assert after_mm < 0.010
+    else:
+        assert after_mm > crooked.before_mm
 
 
 @pytest.mark.parametrize("axes", ["xyz", "zxy"])

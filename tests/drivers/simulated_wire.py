@@ -13,7 +13,7 @@ import serial
 from drivers.exchange import Exchange
 from drivers.port import SLICE_S
 from drivers.profile import IndicatorReading, Outcome, Profile, Query, Spindle
-from drivers.twins import twin_of
+from drivers.twins import IndicatorTwin
 
 ROUND_S = 60.0
 """The spindle of the device shows the time in s as mm, and begins anew each minute."""
@@ -40,8 +40,8 @@ class Wire:
 
     def __post_init__(self) -> None:
         spindle = Spindle(lambda: self.now_s % ROUND_S, 0.001)
-        self._twin = twin_of(self.profile, spindle)
-        self._extra = twin_of(self.profile, spindle)
+        self._twin = IndicatorTwin(self.profile, spindle)
+        self._extra = IndicatorTwin(self.profile, spindle)
         self._request = self.profile.request(Query()) if self.profile.request else b""
         self.coming: deque[tuple[float, bytes]] = deque()
         self._here = b""

@@ -15,7 +15,7 @@ from drivers.line import IndicatorLine
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.profiles.sylvac import SYLVAC
-from drivers.twins import TwinPort, twin_of
+from drivers.twins import IndicatorTwin, TwinPort
 
 PATIENCE_S = 30.0
 
@@ -59,7 +59,7 @@ def test_replugged_under_the_same_name(tmp_path: Path) -> None:
     name = tmp_path / "gauge"
     heard: list[Outcome] = []
     quick = replace(MITUTOYO_01A, timeout_s=1.0)
-    first = TwinPort(twin_of(MITUTOYO_01A, Spindle(lambda: 1.0, 0.001)), "pty")
+    first = TwinPort(IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 1.0, 0.001)), "pty")
     name.symlink_to(first.url)
     line = IndicatorLine(quick, str(name), interval_s=0.02, listener=heard.append)
     line.start()
@@ -72,7 +72,7 @@ def test_replugged_under_the_same_name(tmp_path: Path) -> None:
     lost = heard[-1]
     assert isinstance(lost, Fault)
     assert lost.kind is FaultKind.DISCONNECTED
-    with TwinPort(twin_of(MITUTOYO_01A, Spindle(lambda: 2.0, 0.001)), "pty") as second:
+    with TwinPort(IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 2.0, 0.001)), "pty") as second:
         name.symlink_to(second.url)
         until(lambda: isinstance(heard[-1], IndicatorReading))
         line.close()

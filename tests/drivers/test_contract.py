@@ -15,7 +15,7 @@ import pytest
 from drivers.line import IndicatorLine
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome, Profile, Query, Spindle
 from drivers.profiles import PROFILES
-from drivers.twins import Transport, Trouble, TwinPort, twin_of
+from drivers.twins import IndicatorTwin, Transport, Trouble, TwinPort
 
 TRANSPORTS = (["pty"] if os.name == "posix" else []) + ["tcp"]
 QUICK_S = 0.4
@@ -26,7 +26,7 @@ def plugged(
     profile: Profile, transport: Transport, position_mm: float, fault: str | None = None
 ) -> Iterator[TwinPort]:
     """The twin of a profile; the number of its pty goes to nobody else when it is pulled."""
-    twin = twin_of(profile, Spindle(lambda: position_mm, 0.001), fault)
+    twin = IndicatorTwin(profile, Spindle(lambda: position_mm, 0.001), fault)
     with TwinPort(twin, transport, stream_s=profile.stream_s) as port:
         held = os.open(port.url, os.O_RDWR | os.O_NOCTTY) if transport == "pty" else None
         try:
@@ -122,7 +122,7 @@ def test_troubles_that_a_reader_must_stand(profile: Profile, transport: Transpor
 def test_no_reading_is_stale(profile: Profile, transport: Transport) -> None:
     """Whatever was asked, the answer is where the spindle stood after the question."""
     position = [0.0]
-    twin = twin_of(profile, Spindle(lambda: position[0], 0.001))
+    twin = IndicatorTwin(profile, Spindle(lambda: position[0], 0.001))
     with TwinPort(twin, transport, stream_s=profile.stream_s) as port:
         line = IndicatorLine(replace(profile, timeout_s=2.0), port.url, interval_s=0.01)
         line.start()

@@ -24,7 +24,7 @@ from drivers.profile import BadReply, Evidence, FaultKind, Profile, Query, Spind
 from drivers.profiles import PROFILES
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A, MITUTOYO_MUX
 from drivers.profiles.sylvac import SYLVAC
-from drivers.twins import Trouble, Twin, TwinPort, default_transport, twin_of
+from drivers.twins import IndicatorTwin, Trouble, Twin, TwinPort, default_transport
 
 QUICK = replace(MITUTOYO_01A, timeout_s=0.3, interval_s=0.0)
 
@@ -36,7 +36,7 @@ def told(profile: Profile, port: str, asked: Query | None = None) -> str:
 
 
 def examined(profile: Profile, fault: str | None = None, position_mm: float = 0.5) -> str:
-    twin = twin_of(profile, Spindle(lambda: position_mm, 0.001), fault)
+    twin = IndicatorTwin(profile, Spindle(lambda: position_mm, 0.001), fault)
     with TwinPort(twin, "tcp") as port:
         return told(profile, port.url)
 
@@ -66,9 +66,9 @@ def test_faults_by_name(fault: str, said: str) -> None:
 def test_over_range_and_wrong_profile() -> None:
     quick = replace(SYLVAC, timeout_s=0.3, interval_s=0.0)
     assert "over range" in examined(quick, "over-range")
-    with TwinPort(twin_of(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), "tcp"):
+    with TwinPort(IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), "tcp"):
         pass
-    device = twin_of(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001))
+    device = IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001))
 
     class AnswersAnything:
         def receive(self, request: bytes) -> bytes:
@@ -85,7 +85,7 @@ def test_wrong_unit_and_inch_that_looks_like_it() -> None:
         QUICK, bad_replies={"inch": BadReply(b"01A+00.12345\r", FaultKind.WRONG_UNIT)}
     )
     assert "look like inch" in examined(in_inch, "inch")
-    with TwinPort(twin_of(QUICK, Spindle(lambda: 0.5, 0.001)), "tcp") as port:
+    with TwinPort(IndicatorTwin(QUICK, Spindle(lambda: 0.5, 0.001)), "tcp") as port:
         assert "+12.7 mm" in told(QUICK, port.url, Query(unit=Unit.INCH))
 
 
@@ -127,7 +127,7 @@ def test_no_permission(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_port_in_use() -> None:
     from drivers.port import open_port
 
-    with TwinPort(twin_of(QUICK, Spindle(lambda: 0.5, 0.001)), "pty") as port:
+    with TwinPort(IndicatorTwin(QUICK, Spindle(lambda: 0.5, 0.001)), "pty") as port:
         holder = open_port(QUICK, port.url)
         assert "in use by another program" in told(QUICK, port.url)
         holder.close()
@@ -160,7 +160,7 @@ def names(trials: Trials) -> set[str]:
 @pytest.mark.parametrize("name", PROFILES)
 def test_trying_names_the_profile_of_each_twin(name: str) -> None:
     profile = PROFILES[name]
-    twin = twin_of(profile, Spindle(lambda: 0.5, 0.001))
+    twin = IndicatorTwin(profile, Spindle(lambda: 0.5, 0.001))
     found = tried(twin, min(profile.stream_s, 0.03))
     assert names(found) == ALIKE.get(name, {name})
     assert all(finding.well for finding in findings_of(found))
@@ -213,7 +213,7 @@ class Cable:
 def test_trying_on_a_line_with_speed_and_parity(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The device hears noise until it is asked at its own settings."""
     profile = PROFILES[name]
-    cable = Cable(profile, twin_of(profile, Spindle(lambda: 0.5, 0.001)), [])
+    cable = Cable(profile, IndicatorTwin(profile, Spindle(lambda: 0.5, 0.001)), [])
     monkeypatch.setattr("serial.serial_for_url", cable)
     monkeypatch.setattr("drivers.doctor.LISTEN_S", 0.2)
     found = try_profiles(HASTY, "/dev/ttyUSB7", Query())
@@ -240,9 +240,9 @@ class Noise:
 @pytest.mark.parametrize(
     ("twin", "stream_s"),
     [
-        (twin_of(SYLVAC, Spindle(lambda: 0.5, 0.001), Trouble.SILENCE), 0.0),
-        (twin_of(SYLVAC, Spindle(lambda: 0.5, 0.001), Trouble.NOISE), 0.0),
-        (twin_of(SYLVAC, Spindle(lambda: 0.5, 0.001), Trouble.PARITY), 0.0),
+        (IndicatorTwin(SYLVAC, Spindle(lambda: 0.5, 0.001), Trouble.SILENCE), 0.0),
+        (IndicatorTwin(SYLVAC, Spindle(lambda: 0.5, 0.001), Trouble.NOISE), 0.0),
+        (IndicatorTwin(SYLVAC, Spindle(lambda: 0.5, 0.001), Trouble.PARITY), 0.0),
         (Echo(), 0.0),
         *((Noise(seed), 0.0) for seed in range(3)),
         *((Noise(seed), 0.02) for seed in range(3)),
@@ -257,7 +257,7 @@ def test_no_profile_is_named_for_silence_noise_or_an_echo(twin: Twin, stream_s: 
 
 
 def test_trying_names_a_profile_in_another_unit_and_says_so() -> None:
-    found = tried(twin_of(PROFILES["mux"], Spindle(lambda: 0.5, 0.001), "wrong-unit"))
+    found = tried(IndicatorTwin(PROFILES["mux"], Spindle(lambda: 0.5, 0.001), "wrong-unit"))
     assert names(found) == ALIKE["mux"]
     said = findings_of(found)
     assert not any(finding.well for finding in said if "fits" in finding.what)
@@ -267,7 +267,7 @@ def test_trying_names_a_profile_in_another_unit_and_says_so() -> None:
 def test_trying_stops_when_asked_and_ends_where_the_port_is_gone() -> None:
     stopped = try_profiles(HASTY, "socket://127.0.0.1:1", Query(), stopped=lambda: True)
     assert (stopped.fits, stopped.count) == ((), 0)
-    twin = twin_of(QUICK, Spindle(lambda: 0.5, 0.001), Trouble.DISCONNECT)
+    twin = IndicatorTwin(QUICK, Spindle(lambda: 0.5, 0.001), Trouble.DISCONNECT)
     with TwinPort(twin, "tcp") as port, pytest.raises(IndicatorError, match="no device answers"):
         try_profiles(HASTY, port.url, Query())
 

@@ -6,7 +6,7 @@ import re
 from typing import Any
 
 from drivers.profile import FaultKind, IndicatorReading, Profile, Query, Spindle
-from drivers.twins import twin_of
+from drivers.twins import IndicatorTwin
 from tests.conftest import ROOT
 
 
@@ -17,7 +17,7 @@ def test_example_of_the_documentation() -> None:
     names: dict[str, Any] = {}
     exec(compile(code, "docs/indicators.md", "exec"), names)
     example: Profile = names["EXAMPLE"]
-    reply = twin_of(example, Spindle(lambda: -1.5, 0.001)).receive(b"R\r")
+    reply = IndicatorTwin(example, Spindle(lambda: -1.5, 0.001)).receive(b"R\r")
     found = example.parse(reply.decode().strip(), Query())
     assert isinstance(found, IndicatorReading)
     assert found.value_mm == -1.5

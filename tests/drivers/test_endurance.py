@@ -10,7 +10,7 @@ from drivers.line import IndicatorLine
 from drivers.profile import IndicatorReading, Outcome, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.profiles.sylvac import SYLVAC
-from drivers.twins import TwinPort, default_transport, twin_of
+from drivers.twins import IndicatorTwin, TwinPort, default_transport
 
 EXCHANGES = 3000
 """Ten minutes at five readings a second, the fastest that these profiles allow."""
@@ -49,7 +49,7 @@ def test_two_indicators_for_ten_minutes() -> None:
     tracemalloc.start()
     for number, (profile, start) in enumerate([(MITUTOYO_01A, 0.0), (SYLVAC, -50.0)]):
         spindle = Spindle(Counting(start), 0.001)
-        twins.append(TwinPort(twin_of(profile, spindle), default_transport()))
+        twins.append(TwinPort(IndicatorTwin(profile, spindle), default_transport()))
         line = IndicatorLine(profile, twins[-1].url, interval_s=0.0, listener=listener(number))
         lines.append(line)
     for line in lines:

@@ -17,7 +17,7 @@ import pytest
 from drivers.profile import Fault, FaultKind, IndicatorReading, Profile, Query, Spindle
 from drivers.profiles import PROFILES
 from drivers.profiles.ascii_line import ascii_line
-from drivers.twins import twin_of
+from drivers.twins import IndicatorTwin
 from tests.conftest import ROOT
 from tests.drivers.simulated_wire import Delay, Stalled, Tally, Wire, always, jittered, stalls
 
@@ -199,7 +199,7 @@ def frames(profile: Profile) -> Iterator[bytes]:
     for position in (1.234, -0.567, 12.345, -23.456, 0.012, -0.002):
         for resolution in (0.01, 0.001, 0.0001):
             spindle = Spindle(partial(float, position), resolution)
-            yield twin_of(profile, spindle).receive(request)
+            yield IndicatorTwin(profile, spindle).receive(request)
     yield from DOCUMENTED.get(profile.name, ())
 
 

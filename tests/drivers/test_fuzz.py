@@ -14,7 +14,7 @@ import pytest
 
 from drivers.profile import MILLIMETRES, Fault, IndicatorReading, Profile, Query, Spindle, Unit
 from drivers.profiles import PROFILES
-from drivers.twins import twin_of
+from drivers.twins import IndicatorTwin
 from tests.drivers.shapes import SHAPES
 
 COUNT = int(os.environ.get("GLIDECAL_FUZZ", "20000"))
@@ -24,7 +24,7 @@ def seeds_of(profile: Profile) -> list[bytes]:
     """Good and bad replies to start from."""
     replies = [bad.reply for bad in profile.bad_replies.values()]
     for position in (1.234, -0.5, 0.0):
-        twin = twin_of(profile, Spindle(partial(float, position), 0.001))
+        twin = IndicatorTwin(profile, Spindle(partial(float, position), 0.001))
         replies.append(twin.receive(profile.request(Query()) if profile.request else b""))
     return [reply.strip(b"\r\n") for reply in replies]
 

@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 
 import pytest
@@ -20,7 +20,7 @@ from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome, Profile
 from drivers.profiles import profile_named
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from drivers.profiles.sylvac import SYLVAC
-from drivers.twins import SimulatedRig, Transport, TwinPort, twin_of
+from drivers.twins import IndicatorTwin, SimulatedRig, Transport, TwinPort
 
 QUICK = replace(MITUTOYO_01A, timeout_s=0.3, interval_s=60.0)
 POSIX = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals need POSIX")
@@ -120,7 +120,7 @@ def test_a_late_answer_is_not_taken_for_the_next_reading(transport: Transport) -
 
 @pytest.mark.parametrize("transport", BOTH)
 def test_unplugged_and_plugged_in_again(transport: Transport) -> None:
-    twin = TwinPort(twin_of(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), transport)
+    twin = TwinPort(IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), transport)
     with line(twin.url, replace(QUICK, interval_s=0.05)) as opened:
         assert isinstance(opened.ask().result(timeout=5), IndicatorReading)
         twin.close()
@@ -132,7 +132,7 @@ def test_unplugged_and_plugged_in_again(transport: Transport) -> None:
 
 @pytest.mark.parametrize("transport", BOTH)
 def test_two_indicators_on_a_moving_rig(transport: Transport) -> None:
-    with SimulatedRig([QUICK, QUICK], resolution_mm=0.001, transport=transport) as rig:
+    with closing(SimulatedRig([QUICK, QUICK], resolution_mm=0.001, transport=transport)) as rig:
         lines = [IndicatorLine(QUICK, port, interval_s=0.01) for port in rig.ports]
         for opened in lines:
             opened.start()
@@ -148,8 +148,10 @@ def test_motion_takes_its_time() -> None:
     """By a clock of its own: nothing here depends on how busy the computer is."""
     now_s = [100.0]
     indicator = replace(MITUTOYO_01A, interval_s=0.01)
-    with SimulatedRig(
-        [indicator], resolution_mm=0.001, transport="tcp", motion_s=0.5, clock=lambda: now_s[0]
+    with closing(
+        SimulatedRig(
+            [indicator], resolution_mm=0.001, transport="tcp", motion_s=0.5, clock=lambda: now_s[0]
+        )
     ) as rig:
         rig.go((10.0,))
         with line(rig.ports[0], indicator) as opened:

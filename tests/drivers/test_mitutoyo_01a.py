@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from drivers.profile import Fault, FaultKind, IndicatorReading, Query, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
-from drivers.twins import twin_of
+from drivers.twins import IndicatorTwin
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,7 @@ def test_no_value_from_outside_the_grammar(frame: bytes) -> None:
 
 @given(st.floats(-99.0, 99.0), st.sampled_from([0.01, 0.001, 0.0001]))
 def test_the_twin_speaks_what_the_profile_reads(position: float, resolution: float) -> None:
-    reply = twin_of(MITUTOYO_01A, Spindle(lambda: position, resolution)).receive(b"1\r")
+    reply = IndicatorTwin(MITUTOYO_01A, Spindle(lambda: position, resolution)).receive(b"1\r")
     assert reply.endswith(b"\r")
     found = MITUTOYO_01A.parse(reply[:-1].decode(), Query())
     assert isinstance(found, IndicatorReading)
@@ -75,6 +75,6 @@ def test_the_twin_speaks_what_the_profile_reads(position: float, resolution: flo
 
 
 def test_the_twin_waits_for_a_whole_request() -> None:
-    device = twin_of(MITUTOYO_01A, Spindle(lambda: 1.0, 0.001))
+    device = IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 1.0, 0.001))
     assert device.receive(b"1") == b""
     assert device.receive(b"\r1\rx\r").count(b"\r") == 2

@@ -20,8 +20,9 @@ from typing import Any
 
 from app.measuring.gauges import Gauge
 from app.measuring.indicators import simulated_indicators
-from app.measuring.opening import Indicators, Plan, begin
-from app.measuring.session import GuidedSession
+from app.measuring.opening import begin
+from app.measuring.plan import Plan
+from app.measuring.session import GuidedSession, Indicators
 from drivers.line import IndicatorLine
 from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome, Query
 from drivers.profiles import PROFILES

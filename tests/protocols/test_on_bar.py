@@ -15,7 +15,9 @@ from hypothesis import strategies as st
 
 from app.evaluating.solution import load_sessions, solve_sessions
 from app.measuring.indicators import simulated_indicators
-from app.measuring.opening import Indicators, begin, plan_to_repeat
+from app.measuring.opening import begin
+from app.measuring.plan import plan_to_repeat
+from app.measuring.session import Indicators
 from app.measuring.simulated import planned_readings, short_travels, simulated_session
 from app.planning.tripod import stated_noise
 from calib.arrays import LEG_NAMES, FloatArray, conditions
@@ -338,7 +340,7 @@ def test_an_older_record_with_such_points_is_solved_and_not_repeated(tmp_path: P
         "of the bar in posture MIN; usable is 0.05 … 0.95. They are used as if the bar went on "
         "there."
     ]
-    assert solve_sessions(["old"], sessions).reading_count == len(readings)
+    assert solve_sessions(sessions).reading_count == len(readings)
     again = plan_to_repeat(path)
     assert again is not None
     with pytest.raises(RecordError, match=r"station 0\.65 of leg x touched at 0\.972"):

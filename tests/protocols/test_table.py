@@ -15,10 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calib.errors import RecordError, UsageError
+from protocols.data_table import MOST_UNPACKED_BYTES
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure
 from protocols.session import MOVED, Reading
-from protocols.spreadsheet import MOST_UNPACKED_BYTES
 from protocols.table import empty_table
 from tests.builders import read_table
 

@@ -16,8 +16,8 @@ from textual.strip import Strip
 from textual.widget import Widget
 from textual.widgets import Input, Select, Static
 
-from app.measuring.opening import Plan, demo_plan
-from app.measuring.simulated import BenchSettings
+from app.measuring.demo import demo_plan
+from app.measuring.plan import Plan
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.history import HistoryScreen
@@ -35,9 +35,7 @@ Looking = TypeVar("Looking", DiagnoseScreen, HexaSlideScreen)
 
 def quick_plan(folder: Path) -> Plan:
     """Compressed time, but unhurried indicators: a pilot waits until the program is idle."""
-    return replace(
-        demo_plan(folder, "zero-max-min", 1, BenchSettings()), interval_s=0.03, window_s=0.15
-    )
+    return replace(demo_plan(folder, "zero-max-min", 1), interval_s=0.03, window_s=0.15)
 
 
 def text(interface: Interface, selector: str) -> str:

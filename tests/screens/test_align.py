@@ -6,7 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.measuring.indicators import simulated_indicators
-from app.measuring.opening import Plan, aligning, start_session
+from app.measuring.opening import start_session
+from app.measuring.plan import Plan, aligning
 from app.screens.align import AlignScreen
 from app.screens.measure import MeasureScreen
 from app.screens.start import Glidecal

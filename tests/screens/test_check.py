@@ -6,15 +6,15 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from app.measuring.opening import Plan, demo_plan
-from app.measuring.simulated import BenchSettings
+from app.measuring.demo import demo_plan
+from app.measuring.plan import Plan
 from app.screens.check import CheckScreen
 from app.screens.measure import MeasureScreen
 from app.screens.session_view import GaugeDisplay
 from app.screens.start import Glidecal
 from drivers.profile import Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
-from drivers.twins import TwinPort, twin_of
+from drivers.twins import IndicatorTwin, TwinPort
 from protocols.machine import Instrument
 from protocols.record import read_record
 from protocols.session import fold
@@ -26,12 +26,12 @@ def plan_of(folder: Path, places_mm: list[float], undo: ExitStack) -> Plan:
     ports = []
     for k in range(2):
         spindle = Spindle(lambda k=k: places_mm[k], 0.001)  # type: ignore[misc]
-        ports.append(undo.enter_context(TwinPort(twin_of(MITUTOYO_01A, spindle), "tcp")).url)
+        ports.append(undo.enter_context(TwinPort(IndicatorTwin(MITUTOYO_01A, spindle), "tcp")).url)
     both = (
         Instrument(profile="mitutoyo-01a", port=ports[0], axes="yxz"),
         Instrument(profile="mitutoyo-01a", port=ports[1], axes="zyx"),
     )
-    plan = demo_plan(folder, "zero-max-min", 1, BenchSettings())
+    plan = demo_plan(folder, "zero-max-min", 1)
     return replace(plan, instruments=both, window_s=0.3)
 
 

@@ -183,7 +183,7 @@ async def test_a_mistake_is_put_right_in_a_new_session_and_its_result_shown(tmp_
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
         shown = interface.screen
         assert isinstance(shown, ResultScreen)
-        expected = solve_files([right])[0].joint_offsets_mm
+        expected = solve_files([right]).joint_offsets_mm
         assert shown.solved.joint_offsets_mm == pytest.approx(expected, abs=1e-9)
         assert "Corrected from wrong.jsonl" in " ".join(text(interface, "#text").split())
         await pilot.press("f10")

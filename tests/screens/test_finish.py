@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 from app.evaluating.solution import SessionSolution, solve_files, solve_for_controller
-from app.measuring.opening import QUICK_INTERVAL_S, measure_all, start_session
+from app.measuring.opening import start_session
+from app.measuring.plan import QUICK_INTERVAL_S
+from app.measuring.unattended import measure_all
 from app.report.text.result import solution_text
 from app.screens.check import CheckScreen
 from app.screens.interface import Interface
@@ -38,11 +40,11 @@ async def test_a_result_that_cannot_be_computed_yet(
     """The record is closed; words say why there is no result; Space tries again; F10 leaves."""
     tries: list[Path] = []
 
-    def refuse(path: Path) -> SessionSolution:
-        tries.append(path)
+    def refuse(paths: list[Path]) -> SessionSolution:
+        tries.extend(paths)
         raise NotIdentifiable("offsets", "nothing [seen]", "both postures of a leg")
 
-    monkeypatch.setattr("app.screens.corrections.solve_recorded", refuse)
+    monkeypatch.setattr("app.screens.corrections.solve_files", refuse)
     plan = quick_plan(tmp_path)
     interface = Glidecal(CheckScreen(plan))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
@@ -68,15 +70,15 @@ async def test_a_result_that_cannot_be_computed_yet(
 async def test_trying_again_may_succeed(
     tmp_path: Path, samples: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solved, _ = solve_files([samples / "experiment_2_twelve.jsonl"])
+    solved = solve_files([samples / "experiment_2_twelve.jsonl"])
     answers: list[SessionSolution | None] = [None, solved]
 
-    def at_last(path: Path) -> SessionSolution:
+    def at_last(paths: list[Path]) -> SessionSolution:
         if answer := answers.pop(0):
             return answer
         raise NotIdentifiable("offsets", "nothing", "something")
 
-    monkeypatch.setattr("app.screens.corrections.solve_recorded", at_last)
+    monkeypatch.setattr("app.screens.corrections.solve_files", at_last)
     interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         screen = await to_measuring(pilot, interface)
@@ -92,16 +94,16 @@ async def test_trying_again_may_succeed(
 async def test_space_twice_computes_the_result_once(
     tmp_path: Path, samples: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solved, _ = solve_files([samples / "experiment_2_twelve.jsonl"])
+    solved = solve_files([samples / "experiment_2_twelve.jsonl"])
     tries: list[Path] = []
     allowed = threading.Event()
 
-    def slowly(path: Path) -> SessionSolution:
-        tries.append(path)
+    def slowly(paths: list[Path]) -> SessionSolution:
+        tries.extend(paths)
         allowed.wait(20.0)
         return solved
 
-    monkeypatch.setattr("app.screens.corrections.solve_recorded", slowly)
+    monkeypatch.setattr("app.screens.corrections.solve_files", slowly)
     monkeypatch.setattr("app.screens.measure.HELD_KEY_S", 0.0)
     interface = Glidecal(CheckScreen(quick_plan(tmp_path)))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:

@@ -10,9 +10,9 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input, OptionList, Select, Static
 
-from app.commands.sessions import run_headless
+from app.commands.demo import run_headless
 from app.exports import FILE_NAMES
-from app.measuring.opening import QUICK_INTERVAL_S
+from app.measuring.plan import QUICK_INTERVAL_S
 from app.screens.check import CheckScreen, DryRunScreen
 from app.screens.home import HomeScreen, PickScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface
@@ -152,7 +152,7 @@ async def test_a_verification_proposes_its_partner(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    run_headless(replace(quick_plan(tmp_path), interval_s=QUICK_INTERVAL_S), lambda _: None)
+    run_headless(replace(quick_plan(tmp_path), interval_s=QUICK_INTERVAL_S))
     (verify,) = tmp_path.glob("*_verify.jsonl")
     interface = Glidecal(HomeScreen())
     async with interface.run_test(size=SIZE, notifications=True) as pilot:

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from textual.widgets import OptionList
 
-from app.measuring.opening import QUICK_INTERVAL_S, plan_to_continue
+from app.measuring.plan import QUICK_INTERVAL_S, plan_to_continue
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
 from app.screens.start import Glidecal
 from drivers.profile import Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
-from drivers.twins import TwinPort, default_transport, twin_of
+from drivers.twins import IndicatorTwin, TwinPort, default_transport
 from protocols.record import read_record
 from protocols.session import fold
 from tests.screens.driving import (
@@ -70,7 +70,7 @@ async def test_a_cable_plugged_in_later_is_found_by_another_try(tmp_path: Path) 
     late = Instrument(profile="mitutoyo-01a", port=str(plugged))
     plan = replace(quick_plan(tmp_path), instruments=(late,))
     interface = Glidecal(CheckScreen(plan))
-    with TwinPort(twin_of(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), "pty") as port:
+    with TwinPort(IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), "pty") as port:
         async with interface.run_test(size=SIZE) as pilot:
             await until(pilot, "words", lambda: "R tries again" in text(interface, "#words"))
             await pilot.press("enter")
@@ -177,7 +177,7 @@ async def test_pulled_cable_in_the_middle_of_a_session(tmp_path: Path) -> None:
     from protocols.machine import Instrument
 
     gauge = tmp_path / "gauge"
-    first = TwinPort(twin_of(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), default_transport())
+    first = TwinPort(IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), default_transport())
     point_to(gauge, first.url)
     known = Instrument(profile="mitutoyo-01a", port=str(gauge))
     plan = replace(quick_plan(tmp_path), instruments=(known,))
@@ -190,7 +190,7 @@ async def test_pulled_cable_in_the_middle_of_a_session(tmp_path: Path) -> None:
         await until(pilot, "told", lambda: "check the cable" in text(interface, "#said"))
         assert "The session waits" in text(interface, "#said")
         with TwinPort(
-            twin_of(MITUTOYO_01A, Spindle(lambda: 0.7, 0.001)), default_transport()
+            IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.7, 0.001)), default_transport()
         ) as second:
             point_to(gauge, second.url)
             await until(pilot, "back", lambda: "answers again" in text(interface, "#said"))
@@ -209,7 +209,9 @@ def point_to(name: Path, port: str) -> None:
 
 async def test_a_continued_verification_still_compares(tmp_path: Path) -> None:
     from app.evaluating.solution import solve_for_controller
-    from app.measuring.opening import measure_all, start_session, verification_plan
+    from app.measuring.opening import start_session
+    from app.measuring.plan import verification_plan
+    from app.measuring.unattended import measure_all
 
     plan = replace(quick_plan(tmp_path), interval_s=QUICK_INTERVAL_S)
     with start_session(plan) as guided:

@@ -16,8 +16,7 @@ from textual.widgets import Label
 from app.evaluating.comparison import compare_files
 from app.evaluating.solution import solve_files
 from app.machines.registry import LOOKS
-from app.measuring.opening import demo_plan
-from app.measuring.simulated import BenchSettings
+from app.measuring.demo import demo_plan
 from app.screens.check import CheckScreen
 from app.screens.diagnose import DiagnoseScreen
 from app.screens.home import HomeScreen, PickScreen
@@ -83,7 +82,7 @@ async def test_a_result_opens_on_the_gravest_sentence_and_the_numbers(
     samples: Path, size: tuple[int, int], theme: str
 ) -> None:
     path = samples / "experiment_3_twelve.jsonl"
-    interface = interface_on(ResultScreen(solve_files([path])[0], None, path), theme)
+    interface = interface_on(ResultScreen(solve_files([path]), None, path), theme)
     async with interface.run_test(size=size) as pilot:
         await until(pilot, "text", lambda: "Next: D" in text(interface, "#text"))
         await pilot.pause()
@@ -137,8 +136,8 @@ def over_home(samples: Path, folder: Path) -> dict[str, Callable[[], Screen[Any]
     one, two = (samples / f"experiment_{n}_twelve.jsonl" for n in (2, 3))
     return {
         "prepare": PrepareScreen,
-        "check": lambda: CheckScreen(demo_plan(folder, "zero-max-min", 1, BenchSettings())),
-        "result": lambda: ResultScreen(solve_files([one])[0], None, one),
+        "check": lambda: CheckScreen(demo_plan(folder, "zero-max-min", 1)),
+        "result": lambda: ResultScreen(solve_files([one]), None, one),
         "diagnose": lambda: DiagnoseScreen([one]),
         "compare": lambda: CompareScreen(compare_files(one, two)),
         "replay": lambda: ReplayScreen(one),

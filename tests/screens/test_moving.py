@@ -12,7 +12,7 @@ from textual.pilot import Pilot
 from textual.widgets import Input, Select
 
 from app.measuring.moving import Mover, Moving
-from app.measuring.opening import Plan
+from app.measuring.plan import Plan
 from app.screens.check import CheckScreen
 from app.screens.interface import ChoiceDialog
 from app.screens.measure import MeasureScreen

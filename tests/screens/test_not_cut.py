@@ -24,10 +24,9 @@ from app.evaluating.history import read_history
 from app.evaluating.solution import load_sessions, solve_files
 from app.evaluating.what_if import choices, trial_of
 from app.machines.registry import LOOKS
-from app.measuring.opening import demo_plan
+from app.measuring.demo import demo_plan
 from app.measuring.recorded import recent_sessions
 from app.measuring.session import Doubt
-from app.measuring.simulated import BenchSettings
 from app.report.text.session import question_choices
 from app.screens.align import AlignScreen
 from app.screens.check import CheckScreen, DryRunScreen
@@ -70,8 +69,8 @@ def simulated() -> Session:
 
 def result(folder: Path) -> Screen[Any]:
     """With a comparison beside it, as after a verification."""
-    plan = demo_plan(folder, "zero-max-min", 1, BenchSettings())
-    return ResultScreen(solve_files([TWO])[0], replace(plan, before=solve_files([ONE])[0]), TWO)
+    plan = demo_plan(folder, "zero-max-min", 1)
+    return ResultScreen(solve_files([TWO]), replace(plan, before=solve_files([ONE])), TWO)
 
 
 def set_up(_: Path) -> Screen[Any]:
@@ -90,7 +89,7 @@ def what_if(_: Path) -> Screen[Any]:
     sessions = load_sessions([SWEEP])[0]
     (found,) = (c for c in choices(sessions) if c.key == ("straightness", "x"))
     found = replace(found, alike=("leg_bow (xy)", "leg_taper (xz)", "axis_squareness (yz)"))
-    trial = trial_of(found, [SWEEP.name], sessions, subset="with-tolerances")
+    trial = trial_of(found, sessions, subset="with-tolerances")
     return WhatIfScreen(found, trial, lambda _, __: None, mistakes=True)
 
 
@@ -103,7 +102,7 @@ MAKERS: dict[type[Screen[Any]], Callable[[Path], Screen[Any]]] = {
     PrepareScreen: lambda _: PrepareScreen(),
     IndicatorScreen: lambda _: IndicatorScreen("Second indicator", FORM, {}),
     DryRunScreen: dry_run,
-    CheckScreen: lambda _: CheckScreen(demo_plan(Path(), "sweep", 1, BenchSettings())),
+    CheckScreen: lambda _: CheckScreen(demo_plan(Path(), "sweep", 1)),
     ResultScreen: result,
     CompareScreen: lambda _: CompareScreen(compare_files(ONE, TWO)),
     DiagnoseScreen: lambda _: DiagnoseScreen([SWEEP]),

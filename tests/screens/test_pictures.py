@@ -21,9 +21,8 @@ from textual.widgets import Input, OptionList, Static, TabbedContent
 
 from app.evaluating.solution import solve_files
 from app.machines.registry import LOOKS
-from app.measuring.opening import demo_plan
+from app.measuring.demo import demo_plan
 from app.measuring.session import Doubt
-from app.measuring.simulated import BenchSettings
 from app.report.text.session import question_choices
 from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, Interface, TextDialog
@@ -88,15 +87,15 @@ def still(first: Screen[None]) -> Interface:
 
 
 def result_screen(path: Path) -> ResultScreen:
-    return ResultScreen(solve_files([path])[0], None, path)
+    return ResultScreen(solve_files([path]), None, path)
 
 
 def compared_screen(samples: Path, folder: Path) -> ResultScreen:
     """The published experiments 2 and 3, as if measured one after the other."""
     first, second = (samples / f"experiment_{n}_twelve.jsonl" for n in (2, 3))
-    plan = demo_plan(folder, "zero-max-min", 1, BenchSettings())
-    before, _ = solve_files([first])
-    return ResultScreen(solve_files([second])[0], replace(plan, before=before), second)
+    plan = demo_plan(folder, "zero-max-min", 1)
+    before = solve_files([first])
+    return ResultScreen(solve_files([second]), replace(plan, before=before), second)
 
 
 def page_is(interface: Interface, name: str) -> Callable[[], bool]:

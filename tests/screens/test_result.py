@@ -14,16 +14,10 @@ from textual.widgets import Static, TabbedContent
 from textual.widgets._footer import FooterKey
 
 from app.evaluating.solution import SessionSolution, solve_files, solve_for_controller
-from app.measuring.opening import (
-    QUICK_INTERVAL_S,
-    Plan,
-    demo_plan,
-    measure_all,
-    plan_to_repeat,
-    start_session,
-    verification_plan,
-)
-from app.measuring.simulated import BenchSettings
+from app.measuring.demo import demo_plan
+from app.measuring.opening import start_session
+from app.measuring.plan import QUICK_INTERVAL_S, Plan, plan_to_repeat, verification_plan
+from app.measuring.unattended import measure_all
 from app.report.text.result import solution_text
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
@@ -62,14 +56,14 @@ def published(samples: Path, tmp_path: Path) -> tuple[SessionSolution, Path]:
     """A published session in a folder of its own, solved."""
     path = tmp_path / "published.jsonl"
     path.write_bytes((samples / "experiment_2_twelve.jsonl").read_bytes())
-    return solve_files([path])[0], path
+    return solve_files([path]), path
 
 
 @pytest.fixture(scope="module")
 def verified(tmp_path_factory: pytest.TempPathFactory) -> tuple[SessionSolution, Plan]:
     """A simulated machine, calibrated and measured again."""
     plan = replace(
-        demo_plan(tmp_path_factory.mktemp("demo"), "zero-max-min", 1, BenchSettings()),
+        demo_plan(tmp_path_factory.mktemp("demo"), "zero-max-min", 1),
         interval_s=QUICK_INTERVAL_S,
     )
     with start_session(plan) as guided:

@@ -11,7 +11,7 @@ from textual.widgets import Input, Static
 
 from app.evaluating.solution import solve_files
 from app.measuring.gauges import Gauge
-from app.measuring.opening import QUICK_INTERVAL_S
+from app.measuring.plan import QUICK_INTERVAL_S
 from app.report.text.result import solution_text
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
@@ -21,7 +21,7 @@ from app.screens.result import ResultScreen
 from app.screens.start import Glidecal
 from drivers.profile import Fault, FaultKind, IndicatorReading, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
-from drivers.twins import TwinPort, twin_of
+from drivers.twins import IndicatorTwin, TwinPort
 from protocols.record import read_record
 from protocols.session import fold
 from tests.screens.driving import (
@@ -128,7 +128,7 @@ async def test_whole_session_verify_and_compare(tmp_path: Path) -> None:
         for _ in range(30):
             await take(pilot, screen)
         await until(pilot, "result", lambda: isinstance(interface.screen, ResultScreen))
-        known, _ = solve_files([plan.path])  # as glidecal solve, home and replay have it
+        known = solve_files([plan.path])  # as glidecal solve, home and replay have it
         same = solution_text(known)
         await until(pilot, "the same result", lambda: same in text(interface, "#text"))
         await pilot.press("3")
@@ -169,7 +169,7 @@ async def test_prepare_form_with_keys(tmp_path: Path, monkeypatch: pytest.Monkey
         await pilot.press("enter")
         await until(pilot, "form", lambda: isinstance(interface.screen, PrepareScreen))
         assert "Choose an indicator" in text(interface, "#summary")
-        with TwinPort(twin_of(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), "tcp") as twin:
+        with TwinPort(IndicatorTwin(MITUTOYO_01A, Spindle(lambda: 0.5, 0.001)), "tcp") as twin:
             await prepare(pilot, interface, twin.url)
 
 
@@ -195,7 +195,7 @@ async def prepare(pilot: Pilot[str], interface: Interface, port: str) -> None:
 
 async def test_result_of_a_recorded_session(samples: Path) -> None:
     path = samples / "experiment_2_twelve.jsonl"
-    solved, _ = solve_files([path])
+    solved = solve_files([path])
     interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await until(pilot, "text", lambda: "something is missing" in text(interface, "#text"))
@@ -225,7 +225,7 @@ async def test_automatic_on_a_real_machine_waits_for_a_movement(tmp_path: Path) 
     from protocols.machine import Instrument
 
     position = [0.5]
-    twin = twin_of(MITUTOYO_01A, Spindle(lambda: position[0], 0.001))
+    twin = IndicatorTwin(MITUTOYO_01A, Spindle(lambda: position[0], 0.001))
     with TwinPort(twin, "tcp") as port:
         known = Instrument(profile="mitutoyo-01a", port=port.url)
         plan = replace(quick_plan(tmp_path), instruments=(known,))
@@ -255,7 +255,9 @@ async def test_automatic_on_a_real_machine_waits_for_a_movement(tmp_path: Path) 
 def test_verification_carries_the_new_home_offset(tmp_path: Path) -> None:
     """A second export must start from what the first one made the controller hold."""
     from app.evaluating.solution import solve_for_controller
-    from app.measuring.opening import measure_all, start_session, verification_plan
+    from app.measuring.opening import start_session
+    from app.measuring.plan import verification_plan
+    from app.measuring.unattended import measure_all
 
     plan = replace(quick_plan(tmp_path), interval_s=QUICK_INTERVAL_S)
     machine = plan.machine.model_copy(update={"home_offset_mm": (10.0, 20.0, 30.0)})

@@ -263,7 +263,7 @@ async def test_a_session_that_cannot_be_diagnosed_has_nothing_to_try(tmp_path: P
 
 async def test_on_a_result_any_effect_is_tried_and_none_adopted(tmp_path: Path) -> None:
     path = write_session(tmp_path / "plain.jsonl", "zero-max-min", 4)
-    solved, _ = solve_files([path], subset="both")
+    solved = solve_files([path], subset="both")
     interface = Glidecal(ResultScreen(solved, None, path))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.pause()
@@ -280,7 +280,7 @@ async def test_on_a_result_any_effect_is_tried_and_none_adopted(tmp_path: Path) 
 
 async def test_who_only_looks_adopts_nothing(tmp_path: Path) -> None:
     shutil.copy(SAMPLES / "simulated_sweep.jsonl", path := tmp_path / "sweep.jsonl")
-    interface = Glidecal(ResultScreen(solve_files([path])[0], None, path), read_only=True)
+    interface = Glidecal(ResultScreen(solve_files([path]), None, path), read_only=True)
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.pause()
         page = await tried(pilot, interface)
@@ -301,7 +301,7 @@ async def test_a_size_that_readings_do_not_show_can_be_moved_all_the_same(tmp_pa
     model = tmp_path / "m.json"
     known = ModelFile(machine=record.opened.machine, effects=(entry,))
     model.write_text(known.text(), encoding="utf-8")
-    solved, _ = solve_files([path], subset="both")
+    solved = solve_files([path], subset="both")
     interface = Glidecal(ResultScreen(solved, None, path, model))
     async with interface.run_test(size=SIZE, notifications=True) as pilot:
         await pilot.pause()

@@ -45,7 +45,6 @@ from calib.printable import printable
 from protocols.machine import Machine
 from protocols.model_file import read_model_file
 from protocols.procedure import Step
-from protocols.record import read_record
 from protocols.session import Reading, Session
 
 
@@ -89,22 +88,20 @@ def report_of(
 
     Raises as `solve_files`, `diagnose_sessions` and `verify_files`.
     """
-    solved, warnings = solve_files(paths, model=model)
-    diagnosed = diagnose_sessions(solved.names, solved.sessions, model=model)
+    solved = solve_files(paths, model=model)
+    diagnosed = diagnose_sessions(solved.sessions, model=model)
     verified = verify_files(paths[-1], after, tolerance_mm) if after else None
     machine = solved.sessions[0].opened.machine
     tolerance = machine.tool_tolerance_mm if tolerance_mm is None else tolerance_mm
     judged = _judged(solved, tolerance)
     found = diagnosed.diagnosis
     everything = [solved, *([verified.compared.after] if verified else [])]
-    names = [name for one in everything for name in one.names]
     sessions = [session for one in everything for session in one.sessions]
-    digests = [read_record(path).digest for path in (*paths, *([after] if after else []))]
     remarks = [f"Remark: {remark}" for remark in found.remarks]
     sections = [
         Section(
             "What was measured",
-            tables=[_machine(machine, tolerance), *_sessions(names, sessions, digests)],
+            tables=[_machine(machine, tolerance), *_sessions(sessions)],
             figures=_set_ups(solved.sessions[0]),
         ),
         _result(solved, judged if verified else ""),
@@ -112,12 +109,13 @@ def report_of(
         _controller(solved, model),
         *([_again(verified)] if verified else []),
         Section(
-            "What limits this result", [*warnings, *diagnosed.warnings, *caveats(solved), *remarks]
+            "What limits this result",
+            [*solved.warnings, *diagnosed.warnings, *caveats(solved), *remarks],
         ),
         _missing(diagnosed),
         _fit(solved),
-        _doubted(solved, names, sessions),
-        *map(_readings, names, sessions),
+        _doubted(solved, sessions),
+        *map(_readings, sessions),
     ]
     return CalibrationReport(
         machine=machine.name,
@@ -166,18 +164,13 @@ def _machine(machine: Machine, tolerance_mm: float | None) -> Table:
     return table
 
 
-def _sessions(
-    names: Sequence[str], sessions: Sequence[Session], digests: Sequence[str]
-) -> list[Table]:
+def _sessions(sessions: Sequence[Session]) -> list[Table]:
     """Who measured what, when, how warm and with what; some sessions beside each other."""
-    return [
-        _beside(names[k : k + BESIDE], sessions[k : k + BESIDE], digests[k : k + BESIDE])
-        for k in range(0, len(names), BESIDE)
-    ]
+    return [_beside(sessions[k : k + BESIDE]) for k in range(0, len(sessions), BESIDE)]
 
 
-def _beside(names: Sequence[str], sessions: Sequence[Session], digests: Sequence[str]) -> Table:
-    table = new_table("session", *names, left=1 + len(names))
+def _beside(sessions: Sequence[Session]) -> Table:
+    table = new_table("session", *(one.name for one in sessions), left=1 + len(sessions))
     opened = [session.opened for session in sessions]
     rows: dict[str, list[str]] = {
         "origin": [one.origin for one in opened],
@@ -192,7 +185,7 @@ def _beside(names: Sequence[str], sessions: Sequence[Session], digests: Sequence
         "readings that count": [
             f"{len(one.readings)} of {len(one.all_readings)}" for one in sessions
         ],
-        "SHA-256 of the last line": list(digests),
+        "SHA-256 of the last line": [one.digest for one in sessions],
     }
     for heading, values in rows.items():
         table.add_row(heading, *(value or "not stated" for value in values))
@@ -319,28 +312,28 @@ def _fit(solved: SessionSolution) -> Section:
     return Section("Differences", tables=[difference_table(solved.solution)], figures=figures)
 
 
-def _doubted(solved: SessionSolution, names: Sequence[str], sessions: Sequence[Session]) -> Section:
+def _doubted(solved: SessionSolution, sessions: Sequence[Session]) -> Section:
     """Readings that were questioned, superseded or do not fit their repeats; steps left out."""
     suspects = {(one.session, one.reading.reading): one.studentised for one in solved.suspects}
     table = new_table("session", "no.", "at", "value, mm", "", left=3)
     said = []
-    for name, session in zip(names, sessions, strict=True):
+    for session in sessions:
         for reading in session.all_readings:
             why = [_state(session, reading)]
-            if (off := suspects.get((name, reading.reading))) is not None:
+            if (off := suspects.get((session.name, reading.reading))) is not None:
                 why.append(f"{signed(off, 1)} standard deviations from its repeats")
             if words := "; ".join(filter(None, why)):
-                of = (name, f"{reading.reading}", reading.place_words)
+                of = (session.name, f"{reading.reading}", reading.place_words)
                 table.add_row(*of, signed(reading.value_mm, 4), words)
         if session.skipped:
             reasons = "; ".join(dict.fromkeys(session.skipped.values()))
-            said.append(f"{name}: {len(session.skipped)} steps left out: {reasons}")
+            said.append(f"{session.name}: {len(session.skipped)} steps left out: {reasons}")
     if not table.rows:
         said.append("No reading was questioned or superseded, and all fit their repeats.")
     return Section("Questioned and superseded readings", said, [table] if table.rows else [])
 
 
-def _readings(name: str, session: Session) -> Section:
+def _readings(session: Session) -> Section:
     """Every reading that was taken, those that do not count too; those of one posture in a row."""
     readings = session.all_readings
     axes = sorted({one.axis for one in readings})
@@ -365,7 +358,7 @@ def _readings(name: str, session: Session) -> Section:
         mounts = ", ".join(dict.fromkeys(one.mount for one in taken.values()))
         shown = [signed(taken[axis].value_mm, 4) if axis in taken else "" for axis in axes]
         table.add_row(numbers, mounts, place, station, *shown, *others)
-    return Section(f"Readings of {name}", tables=[table])
+    return Section(f"Readings of {session.name}", tables=[table])
 
 
 def _state(session: Session, reading: Reading) -> str:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from app.measuring.aligning import Aligned
 from app.report.schema.document import Report, at, made, schema
 from calib.arrays import LEG_NAMES
+from calib.tripod.alignment import Alignment
 from calib.tripod.effects.effect import AROUND, PAIRS
 
+LegName = Annotated[str, made(LEG_NAMES.__getitem__)]
 
-class FigureEntry(Report):
+
+@dataclass(frozen=True)
+class FigureEntry:
     """A figure of a pair of rails with its expanded uncertainty (95 %)."""
 
     axes: str
@@ -21,36 +25,20 @@ class FigureEntry(Report):
 class MoveEntry(Report):
     """By what one end of a rail is to be moved, positive towards the positive axis, mm."""
 
-    rail: str
+    rail: LegName
     support_mm: float
-    towards: str
+    towards: LegName
     move_mm: float
     expanded_mm: float
     needed: bool
 
 
-def _leans(found: Aligned) -> tuple[FigureEntry, ...]:
-    values = zip(PAIRS, found.found.lean_mrad.tolist(), found.found.expanded[:3], strict=True)
-    return tuple(FigureEntry(axes=a, value=v, expanded=float(u)) for a, v, u in values)
+def _leans(found: Alignment) -> tuple[FigureEntry, ...]:
+    return tuple(map(FigureEntry, PAIRS, found.lean_mrad.tolist(), found.expanded[:3].tolist()))
 
 
-def _distances(found: Aligned) -> tuple[FigureEntry, ...]:
-    values = zip(AROUND, found.found.distance_mm.tolist(), found.found.expanded[3:], strict=True)
-    return tuple(FigureEntry(axes=a, value=v, expanded=float(u)) for a, v, u in values)
-
-
-def _moves(found: Aligned) -> tuple[MoveEntry, ...]:
-    return tuple(
-        MoveEntry(
-            rail=LEG_NAMES[one.rail],
-            support_mm=one.support_mm,
-            towards=LEG_NAMES[one.towards],
-            move_mm=one.move_mm,
-            expanded_mm=one.expanded_mm,
-            needed=one.needed,
-        )
-        for one in found.shims
-    )
+def _distances(found: Alignment) -> tuple[FigureEntry, ...]:
+    return tuple(map(FigureEntry, AROUND, found.distance_mm.tolist(), found.expanded[3:].tolist()))
 
 
 class AlignmentReport(Report):
@@ -60,11 +48,11 @@ class AlignmentReport(Report):
     session: str = at("name")
     reference: str = at("found.reference", "the rail that stays")
     squareness_mrad: Annotated[tuple[FigureEntry, ...], made(_leans)] = at(
-        "found", "positive: less than a right angle"
+        "found.found", "positive: less than a right angle"
     )
     distance_mm: Annotated[tuple[FigureEntry, ...], made(_distances)] = at(
-        "found", "the first lies so much further along the third axis"
+        "found.found", "the first lies so much further along the third axis"
     )
-    moves: Annotated[tuple[MoveEntry, ...], made(_moves)] = at("found")
+    moves: tuple[MoveEntry, ...] = at("found.shims")
     left_mm: float = at("found.found.left_mm", "r.m.s. that the fit leaves")
     noise_mm: float = at("found.found.noise_mm", "of a reading")

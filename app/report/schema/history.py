@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from datetime import datetime
-from pathlib import Path
 from typing import Annotated, Literal
 
-from app.report.schema.document import Finite, Report, at, made, schema
+from app.report.schema.document import Finite, Numbers, Report, at, made, schema
 from protocols.documents import Triple
 
 FileName = Annotated[str, made(lambda path: path.name)]
 Flags = Annotated[list[bool], made(lambda array: array.tolist())]
-Changes = Annotated[list[float], made(lambda array: array.tolist())]
 OrNull = Annotated[list[Finite], made(lambda array: array.tolist())]
 
 
@@ -39,9 +38,9 @@ class Steady(Report):
 class WatchedJoint(Report):
     """Control chart of one joint offset, a value for each session."""
 
-    change_mm: Changes = at("change", "from the first session")
+    change_mm: Numbers = at("change", "from the first session")
     changed: Flags = at("chart.changed", "beyond its uncertainty and the limits so far")
-    centre_mm: Changes = at("chart.centre", "mean of the phase that the session is in")
+    centre_mm: Numbers = at("chart.centre", "mean of the phase that the session is in")
     limit_mm: OrNull = at("chart.limit", "limits from it; null for a phase of one session")
     drift: Steady | None
 
@@ -56,15 +55,12 @@ class PastMachine(Report):
     due: datetime | None = at("due", "null: no drift, no tolerance or no end to be seen")
 
 
-class Unusable(Report):
+@dataclass(frozen=True)
+class Unusable:
     """A file that is altered, cut or gives no result."""
 
     file: str
     problem: str
-
-
-def _unusable(problems: tuple[tuple[Path, str], ...]) -> list[dict[str, str]]:
-    return [{"file": str(path), "problem": text} for path, text in problems]
 
 
 class HistoryReport(Report):
@@ -73,4 +69,6 @@ class HistoryReport(Report):
     schema_id: Literal["glidecal.history/1"] = schema("glidecal.history/1")
     folder: Annotated[str, made(str)] = at("found.folder")
     machines: tuple[PastMachine, ...] = at("found.machines")
-    problems: Annotated[list[Unusable], made(_unusable)] = at("found.problems")
+    problems: Annotated[
+        list[Unusable], made(lambda found: [Unusable(str(path), text) for path, text in found])
+    ] = at("found.problems")

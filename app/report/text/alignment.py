@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from app.measuring.aligning import Aligned, Round
-from app.report.text.tables import new_table, signed, table_text, uncertain, wrapped
+from app.report.text.tables import new_table, paragraphs, signed, uncertain
 from calib.arrays import LEG_NAMES
 from calib.tripod.alignment import Shim
 from calib.tripod.effects.effect import AROUND, PAIRS
@@ -39,23 +39,15 @@ def aligned_text(aligned: Aligned) -> str:
     for shim in aligned.shims:
         fine = "" if shim.needed else "fine, leave it"
         moves.add_row(*_cells(shim), uncertain(shim.expanded_mm), fine)
-    return "\n\n".join(
-        [
-            table_text(figures),
-            wrapped(
-                "Positive: less than a right angle; the first axis, in the order x y z x, lies "
-                "further along the third."
-            ),
-            table_text(moves),
-            wrapped(
-                "An end lies so far along its rail from where the axes meet; rails rest at "
-                "rail_mm of the machine file. " + UNSEEN.format(aligned.reference.upper())
-            ),
-            wrapped(
-                f"Left by the fit {found.left_mm:.4f} mm r.m.s., noise of a reading "
-                f"{found.noise_mm:.4f} mm."
-            ),
-        ]
+    return paragraphs(
+        figures,
+        "Positive: less than a right angle; the first axis, in the order x y z x, lies further "
+        "along the third.",
+        moves,
+        "An end lies so far along its rail from where the axes meet; rails rest at rail_mm of the "
+        "machine file. " + UNSEEN.format(aligned.reference.upper()),
+        f"Left by the fit {found.left_mm:.4f} mm r.m.s., noise of a reading "
+        f"{found.noise_mm:.4f} mm.",
     )
 
 

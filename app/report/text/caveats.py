@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from app.evaluating.solution import NoisyChannel, SessionSolution, indicator_figures
+from app.evaluating.solution import NoisyChannel, SessionSolution
 from app.report.text.tables import decimals_for, free_words, signed, uncertain
 from calib.arrays import LEG_NAMES
 from calib.design.identifiability import Direction
 from calib.identify.solution import Subset
 from calib.noise.reading import LEAST_NOISE_MM
 from calib.tripod.workspace import NEAR_ZERO_MM
+from protocols.observations import indicator_figures
 from protocols.procedure import position_words
 from protocols.session import Reading
 
@@ -225,7 +226,7 @@ def _of_the_measurement(solved: SessionSolution) -> Iterator[str]:
             f"{step_mm:.{decimals_for(step_mm, 0) - 1}f} mm. They do not show how much the "
             "readings scatter, and more of them would not make the result better."
         )
-    in_place = solved.reading_count - solved.visit_count
+    in_place = solved.reading_count - len(solved.visits)
     if in_place:
         yield (
             f"NOTE: {in_place} readings were taken without leaving the posture. They have the "

@@ -9,7 +9,15 @@ from pathlib import Path
 from rich.table import Table
 
 from app.evaluating.diagnosis import SessionDiagnosis, mistakes_of
-from app.report.text.tables import hanging, new_table, signed, table_text, uncertain, wrapped
+from app.report.text.tables import (
+    hanging,
+    new_table,
+    paragraphs,
+    signed,
+    table_text,
+    uncertain,
+    wrapped,
+)
 from calib.arrays import descending
 from calib.diagnosis.pattern import RAREST, once_in
 from calib.diagnosis.results import (
@@ -89,34 +97,34 @@ def diagnosis_text(diagnosed: SessionDiagnosis) -> str:
     """The verdict first, then what supports it."""
     found = diagnosed.diagnosis
     listed = table_text(candidates_table(found.candidates))
-    return _joined(
+    return paragraphs(
         headline(found),
-        wrapped(gap_text(found)),
+        gap_text(found),
         effects_text(found.effects),
-        pattern_text(diagnosed),
+        _pattern(diagnosed),
         *_support(found),
-        wrapped(bound_text(diagnosed.tool_bound)),
-        "Where readings and model disagree\n" + shares_text(found.where),
-        "Candidates, best first\n" + listed if found.candidates else "",
-        detectable_text(found),
-        *_remarks(found.remarks),
+        bound_text(diagnosed.tool_bound),
+        f"Where readings and model disagree\n{shares_text(found.where)}",
+        f"Candidates, best first\n{listed}" if found.candidates else "",
+        *_detectable(found),
+        *(f"Remark: {remark}" for remark in found.remarks),
     )
 
 
 def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
     """The first page of the screen; ``adopted`` says what a step before did."""
     found = diagnosed.diagnosis
-    return _joined(
+    return paragraphs(
         headline(found),
-        wrapped(adopted),
-        wrapped(_next(diagnosed)),
+        adopted,
+        _next(diagnosed),
         effects_text(found.effects),
-        wrapped(bound_text(diagnosed.tool_bound)),
-        wrapped(gap_text(found)),
-        pattern_text(diagnosed),
+        bound_text(diagnosed.tool_bound),
+        gap_text(found),
+        _pattern(diagnosed),
         *_support(found, " Key N."),
-        detectable_text(found),
-        *_remarks((*diagnosed.warnings, *found.remarks)),
+        *_detectable(found),
+        *(f"Remark: {remark}" for remark in (*diagnosed.warnings, *found.remarks)),
     )
 
 
@@ -141,17 +149,13 @@ def _next(diagnosed: SessionDiagnosis) -> str:
     return f"Next: {said}"
 
 
-def _joined(*parts: str) -> str:
-    return "\n\n".join(part for part in parts if part)
-
-
 def _support(found: Diagnosis, key: str = "") -> list[str]:
     """What held-out readings say, what has no name, and what to measure next."""
     proposed = found.next_measurement
     return [
-        wrapped(held_out_words(found.held_out)) if found.held_out else "",
+        held_out_words(found.held_out) if found.held_out else "",
         discrepancy_text(found.left_over) if found.left_over else "",
-        wrapped(f"Next measurement: {proposed.reason}.{key}") if proposed else "",
+        f"Next measurement: {proposed.reason}.{key}" if proposed else "",
     ]
 
 
@@ -177,15 +181,11 @@ def bound_text(bound: ToolBound | None) -> str:
     return f"{said}."
 
 
-def _remarks(remarks: Iterable[str]) -> list[str]:
-    return [wrapped(f"Remark: {remark}") for remark in remarks]
-
-
-def pattern_text(diagnosed: SessionDiagnosis) -> str:
+def _pattern(diagnosed: SessionDiagnosis) -> list[str]:
     """Whether several sessions leave one pattern: chance, and each pair; empty for one session."""
     pattern = diagnosed.diagnosis.pattern
     if pattern is None:
-        return ""
+        return []
     names = (*diagnosed.names, *diagnosed.held_out)
     said = (
         f"{'One pattern' if pattern.reproducible else 'No common pattern'} in what is left of"
@@ -199,7 +199,7 @@ def pattern_text(diagnosed: SessionDiagnosis) -> str:
         f" {one.noise_rms_mm:.4f} mm"
         for one in pattern.pairs
     ]
-    return "\n".join([wrapped(said), *pairs])
+    return [wrapped(said), *pairs]
 
 
 def gap_text(found: Diagnosis) -> str:
@@ -240,14 +240,15 @@ def effects_text(findings: tuple[Finding, ...]) -> str:
     lines = []
     for one in findings:
         lines.append(wrapped(f"{one.id} ({one.where}), {one.kind}: {one.title}"))
-        lines += [hanging(line, INDENT) for line in _values_and_gap(one)]
-        lines += [hanging(f"{INDENT}{said}", INDENT) for said in remedies(one.effects)]
-        if one.indistinguishable_from:
-            rivals = ", ".join(f"{r.id} ({r.where})" for r in one.indistinguishable_from)
-            lines.append(
-                hanging(f"{INDENT}these readings cannot distinguish it from: {rivals}", INDENT)
-            )
+        below = [*_values_and_gap(one), *remedies(one.effects)]
+        if rivals := _rivals(one):
+            below.append(f"these readings cannot distinguish it from: {rivals}")
+        lines += [hanging(INDENT + said, INDENT) for said in below]
     return "\n".join(lines)
+
+
+def _rivals(one: Finding) -> str:
+    return ", ".join(f"{r.id} ({r.where})" for r in one.indistinguishable_from)
 
 
 def _values_and_gap(one: Finding) -> list[str]:
@@ -256,8 +257,8 @@ def _values_and_gap(one: Finding) -> list[str]:
     for value in one.parameters:
         u = value.standard_uncertainty
         places = decimals(u)
-        lines.append(f"    {value.name} = {value.value:+.{places}f} ± {u:.{places}f} {value.unit}")
-    return [*lines, f"    gap {one.gap_rms_before_mm:.4f} → {one.gap_rms_after_mm:.4f} mm"]
+        lines.append(f"{value.name} = {value.value:+.{places}f} ± {u:.{places}f} {value.unit}")
+    return [*lines, f"gap {one.gap_rms_before_mm:.4f} → {one.gap_rms_after_mm:.4f} mm"]
 
 
 def discrepancy_text(found: ModelDiscrepancy) -> str:
@@ -266,10 +267,10 @@ def discrepancy_text(found: ModelDiscrepancy) -> str:
     begin = "The rest has no name, but follows a pattern"
     if found.whole:
         begin = "One unnamed effect explains everything, instead of what was named"
-    lines = [wrapped(f"{begin}: {effect.title}."), *_values_and_gap(effect)]
+    below = _values_and_gap(effect)
     if found.held_out:
-        lines.append(hanging(INDENT + held_out_words(found.held_out), INDENT))
-    return "\n".join(lines)
+        below.append(held_out_words(found.held_out))
+    return "\n".join([f"{begin}: {effect.title}.", *(hanging(INDENT + v, INDENT) for v in below)])
 
 
 def decimals(size: float) -> int:
@@ -347,14 +348,12 @@ def _shown(candidates: tuple[Contender, ...]) -> tuple[Contender, ...]:
     return (*first, *(one for one in best if one in rest))
 
 
-def detectable_text(found: Diagnosis) -> str:
+def _detectable(found: Diagnosis) -> list[Table]:
     """What would have been found, where readings and model agree."""
-    if found.verdict != "agrees":
-        return ""
     table = new_table("would have been found", "from", "")
     for one in found.smallest_detectable:
         table.add_row(one.id, figures(one.size), one.unit)
-    return table_text(table)
+    return [table] if found.verdict == "agrees" else []
 
 
 def heading_text(names: Sequence[str], model: Path | None) -> str:
@@ -377,12 +376,12 @@ def where_text(diagnosed: SessionDiagnosis) -> str:
         at = f", {station:.0%} from the tool end" if len(stations) > 1 else ""
         here = [cell for cell in cells if cell.station == station]
         parts.append(f"Mean residual of each leg, µm{at}\n{_map_text(here)}")
-    parts.append(
+    return paragraphs(
+        *parts,
         f"▲ ▼ more than {SEEN:.0f}, ▲▲ ▼▼ more than {STRONG:.0f} standard deviations of a mean"
-        + ("\n↑ ↓ reached while moving up, down" if _both_ways(cells) else "")
+        + ("\n↑ ↓ reached while moving up, down" if _both_ways(cells) else ""),
+        f"Where the gap lies\n{shares_text(diagnosed.diagnosis.where)}",
     )
-    parts.append("Where the gap lies\n" + shares_text(diagnosed.diagnosis.where))
-    return "\n\n".join(parts)
 
 
 def _map_text(cells: Sequence[Cell]) -> str:
@@ -432,29 +431,26 @@ def ranking_text(diagnosed: SessionDiagnosis) -> str:
         why = SHORT.get(one.reason_rejected, one.reason_rejected) or "named"
         explains = f"{bar:<10} {one.explained:>4.0%}"
         table.add_row(one.id, one.where, explains, *_gaps(one, held_out=held_out), why)
-    parts = ["Candidates, best first; gaps in mm\n" + table_text(table)]
+    parts = [f"Candidates, best first; gaps in mm\n{table_text(table)}"]
     for finding in (finding for finding in found.effects if finding.effects):
         named = f"{finding.id} ({finding.where})"
-        rivals = ", ".join(f"{r.id} ({r.where})" for r in finding.indistinguishable_from)
         said = f"In these readings no other effect looks like {named}."
-        if rivals:
+        if rivals := _rivals(finding):
             said = f"These readings cannot distinguish {named} from: {rivals}."
-        parts.append(wrapped(said))
-    return "\n\n".join(parts)
+        parts.append(said)
+    return paragraphs(*parts)
 
 
 def change_text(diagnosed: SessionDiagnosis) -> str:
     """The chart in one line."""
     found = diagnosed.diagnosis.residuals
-    before, noise = 1000.0 * found.before_rms_mm, 1000.0 * found.noise_rms_mm
-    if found.after_rms_mm is None:
-        return wrapped(
-            f"Mean residuals {before:.1f} µm r.m.s.; their noise {noise:.1f} µm, x marks twice "
-            "the noise. This diagnosis names nothing to adopt."
-        )
+    after, last = "", " This diagnosis names nothing to adopt."
+    if found.after_rms_mm is not None:
+        after_um, last = 1000.0 * found.after_rms_mm, ""
+        after = f" before, {after_um:.1f} µm after adopting what was named"
     return wrapped(
-        f"Mean residuals {before:.1f} µm r.m.s. before, {1000.0 * found.after_rms_mm:.1f} µm after "
-        f"adopting what was named; their noise {noise:.1f} µm, x marks twice the noise."
+        f"Mean residuals {1000.0 * found.before_rms_mm:.1f} µm r.m.s.{after}; their noise "
+        f"{1000.0 * found.noise_rms_mm:.1f} µm, x marks twice the noise.{last}"
     )
 
 

@@ -6,7 +6,9 @@ import math
 from pathlib import Path
 from statistics import median
 
-from app.report.text.tables import new_table, table_text, wrapped
+from rich.table import Table
+
+from app.report.text.tables import new_table, paragraphs, table_text, wrapped
 from calib.arrays import FloatArray
 from calib.hexaslide.geometry import COORDINATES
 from calib.hexaslide.planning import (
@@ -16,7 +18,6 @@ from calib.hexaslide.planning import (
     SCALED_WORDS,
     HexaSlideSeen,
     PaperRule,
-    PublishedSet,
 )
 from calib.hexaslide.procedures import MEASURABLE_WORDS, Kind
 from calib.hexaslide.search import BestPostures
@@ -33,8 +34,10 @@ PUBLISHED_WORDS = {
 
 def postures_text(found: BestPostures) -> str:
     """Before and after, then the postures and how they were found."""
-    parts = [wrapped(_sentence(found)), _criteria(found), _postures(found.postures)]
-    return "\n\n".join([*parts, wrapped(_search(found))])
+    postures = new_table(*found.postures[0], left=0)
+    for posture in found.postures:
+        postures.add_row(*(f"{value + 0.0:.4f}" for value in posture.values()))
+    return paragraphs(_sentence(found), _criteria(found), postures, _search(found))
 
 
 def _sentence(found: BestPostures) -> str:
@@ -59,20 +62,13 @@ def _sentence(found: BestPostures) -> str:
     return said
 
 
-def _criteria(found: BestPostures) -> str:
+def _criteria(found: BestPostures) -> Table:
     moved = bool(found.values)
     table = new_table("criteria of papers/001", *(["start", "found"] if moved else ["value"]))
     sets = (found.start, found.found) if moved else (found.found,)
     for name, words in PUBLISHED_WORDS.items():
         table.add_row(words, *(f"{getattr(one, name):.4g}" for one in sets))
-    return table_text(table)
-
-
-def _postures(postures: tuple[dict[str, float], ...]) -> str:
-    table = new_table(*postures[0], left=0)
-    for posture in postures:
-        table.add_row(*(f"{value + 0.0:.4f}" for value in posture.values()))
-    return table_text(table)
+    return table
 
 
 def _search(found: BestPostures) -> str:
@@ -116,12 +112,15 @@ MOST_TOLD = 4
 def seen_text(found: HexaSlideSeen) -> str:
     """What is seen and lost, the condition number with its units, then the paper's rule."""
     examined = found.seen.examined
-    head = (
+    return paragraphs(
         f"hexaslide, {examined.procedure}: {examined.posture_count} postures ({examined.source}) "
-        f"reading {', '.join(examined.measured)}. Derivatives are exact; noise plays no part."
+        f"reading {', '.join(examined.measured)}. Derivatives are exact; noise plays no part.",
+        _verdict(found),
+        _lost(found),
+        _known(found),
+        _conditions(found),
+        _rule(found),
     )
-    parts = [head, _verdict(found), _lost(found), _known(found), _conditions(found), _rule(found)]
-    return "\n\n".join(wrapped(part) for part in parts if part)
 
 
 def _verdict(found: HexaSlideSeen) -> str:
@@ -295,19 +294,20 @@ def sees_text(
     rank, count = seen.found.rank, len(seen.found.names)
     published = seen.examined.published_rank
     paper = "" if published is None else f" (papers/001: {published})"
-    parts = [
-        wrapped(
-            f"{PROCEDURE_WORDS[view.procedure.kind].capitalize()}: reads "
-            f"{', '.join(seen.examined.measured)}.\n"
-            f"IDENTIFIABLE: {rank} of {count} combinations of the parameters{paper}.\n"
-            f"NOT IDENTIFIABLE by any posture: {lost_words(view)}.\n"
-            f"FEWEST POSTURES: {view.fewest}."
-        )
-    ]
-    if seen.examined.remark:
-        parts.append(wrapped(seen.examined.remark))
-    parts += [_condition_table(view, found, best), wrapped(_known_line(view))]
-    return "\n\n".join(parts)
+    known = seen.found.individually_known
+    one_by_one = f" ({len(known)}): {', '.join(known) or 'none'}."
+    if len(known) == count:
+        one_by_one = f": all {count} parameters."
+    return paragraphs(
+        f"{PROCEDURE_WORDS[view.procedure.kind].capitalize()}: reads "
+        f"{', '.join(seen.examined.measured)}.\n"
+        f"IDENTIFIABLE: {rank} of {count} combinations of the parameters{paper}.\n"
+        f"NOT IDENTIFIABLE by any posture: {lost_words(view)}.\n"
+        f"FEWEST POSTURES: {view.fewest}.",
+        seen.examined.remark,
+        _condition_table(view, found, best),
+        f"KNOWN ONE BY ONE{one_by_one}",
+    )
 
 
 def lost_words(view: HexaSlideSeen) -> str:
@@ -321,30 +321,21 @@ def lost_words(view: HexaSlideSeen) -> str:
     return "; ".join(said) or "nothing"
 
 
-def _known_line(view: HexaSlideSeen) -> str:
-    known = view.seen.found.individually_known
-    if len(known) == len(view.seen.found.names):
-        return f"KNOWN ONE BY ONE: all {len(known)} parameters."
-    return f"KNOWN ONE BY ONE ({len(known)}): {', '.join(known) or 'none'}."
-
-
 def _condition_table(
     view: HexaSlideSeen, found: BestPostures | None, best: dict[str, float] | None
 ) -> str:
     """Condition numbers in each unit, the paper's below."""
     table = new_table("condition number", *view.conditions)
-    count = view.seen.examined.posture_count
+    count, published = view.seen.examined.posture_count, view.published
     table.add_row(f"{count} random postures", *map(_number, view.conditions.values()))
     if found is not None and best is not None:
         start = found.start_condition_number
         table.add_row(f"{len(found.begin)} random, the start of the search", _number(start))
         table.add_row(f"{len(found.begin)} optimum postures", *map(_number, best.values()))
-    published = view.published
     if published is not None:
         table.add_row(f"papers/001: {published.count} random", _number(published.random))
         table.add_row(f"papers/001: {published.count} optimum", _number(published.best))
-    note = "Columns not scaled, so the number depends on the units."
-    return f"{table_text(table)}\n{note}"
+    return f"{table_text(table)}\nColumns not scaled, so the number depends on the units."
 
 
 def _number(value: float) -> str:
@@ -359,24 +350,19 @@ def search_text(
         waiting = f"Searching for {count} postures, the first start …  Escape stops."
         return waiting if searching else f"{NOT_YET} Now {count} of them; C changes that."
     share = found.refined.on_bound / found.refined.coordinates.size
+    paper = f", papers/001 {_number(view.published.best)}" if view.published else ""
     said = (
         f"{len(found.begin)} postures, start {len(found.values)} of {found.search.starts}: "
         f"condition number {_number(found.start_condition_number)} → "
-        f"{_number(found.condition_number)} (m, rad)"
-        f"{_beside(view.published)}; {share:.0%} of the coordinates on a bound."
+        f"{_number(found.condition_number)} (m, rad){paper}; {share:.0%} of the coordinates on a "
+        "bound."
     )
     return wrapped(f"{said} Escape stops." if searching else said)
 
 
-def _beside(published: PublishedSet | None) -> str:
-    return "" if published is None else f", papers/001 {_number(published.best)}"
-
-
 def list_text(found: BestPostures | None) -> str:
     """The best postures as a table."""
-    if found is None:
-        return NOT_YET
-    return postures_table(found.coordinates)
+    return NOT_YET if found is None else postures_table(found.coordinates)
 
 
 def postures_table(postures: FloatArray) -> str:

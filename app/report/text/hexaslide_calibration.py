@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 
+from rich.table import Table
+
 from app.planning.hexaslide import CalibratedMachine
 from app.report.schema.hexaslide import HexaSlideCalibrationReport, Rms
-from app.report.text.tables import new_table, signed, table_text, wrapped
+from app.report.text.tables import new_table, paragraphs, signed
 from calib.hexaslide.procedures import Kind
 from protocols.hexaslide import HexaSlideMeasurements
 
@@ -34,33 +36,22 @@ def simulated_text(measured: HexaSlideMeasurements) -> str:
 def calibration_text(solved: CalibratedMachine) -> str:
     """The sentences that matter, parameters, what is left, then the checks."""
     said = HexaSlideCalibrationReport.of(solved=solved)  # words and JSON tell the same numbers
-    factor = solved.factor
-    parts = [
-        wrapped(_heading(said)),
-        wrapped("\n".join([*_verdict(said), *caveats(said)])),
-        _parameters(said),
-        wrapped("\n".join(_figures(said, factor))),
-        _left(said),
-        wrapped("\n".join([_held_out(said), *_truth(said)])),
-    ]
-    return "\n\n".join(part for part in parts if part)
-
-
-def _heading(said: HexaSlideCalibrationReport) -> str:
     linked = said.procedure is Kind.CONSTRAINT_LINK
     read = ", ".join(["sliders on the constraint link" if linked else "sliders", *said.measured])
-    return (
-        f"{said.measurements}: {said.machine} ({said.machine_file}), {said.procedure.value}, "
-        f"{said.postures.count} {said.origin} postures; read: {read}"
-    )
-
-
-def _verdict(said: HexaSlideCalibrationReport) -> list[str]:
-    return [
+    verdict = (
         f"{said.rank} of {said.parameter_count} combinations of the parameters identified from "
         f"{said.postures.fitted} postures in {said.steps} steps.",
         f"{LEFT_WORDS[said.procedure]}, r.m.s.: {_both(said.rms_before, said.rms_after)}.",
-    ]
+    )
+    return paragraphs(
+        f"{said.measurements}: {said.machine} ({said.machine_file}), {said.procedure.value}, "
+        f"{said.postures.count} {said.origin} postures; read: {read}",
+        "\n".join([*verdict, *caveats(said)]),
+        _parameters(said),
+        "\n".join(_figures(said, solved.factor)),
+        *_left(said),
+        "\n".join([_held_out(said), *_truth(said)]),
+    )
 
 
 def _both(before: Rms, after: Rms) -> str:
@@ -78,30 +69,23 @@ def _both(before: Rms, after: Rms) -> str:
 
 def caveats(said: HexaSlideCalibrationReport) -> list[str]:
     """What stands against the result, and what it leaves out."""
-    return [*_warnings(said), *_lost(said)]
-
-
-def _warnings(said: HexaSlideCalibrationReport) -> list[str]:
+    lines = []
     p_value = said.lack_of_fit.p_value
     if p_value is not None and p_value < LACK_OF_FIT_LEVEL:
         ratio = math.sqrt(said.lack_of_fit.statistic or 0.0)
-        return [
+        lines.append(
             f"WARNING: what is left is {ratio:.1f} times the stated noise: a wrong reading, a "
             "noise that is stated too small, or something that the model does not have. The "
             "uncertainties below do not count it."
-        ]
-    if said.noise.length_mm is None:
-        return [
+        )
+    elif said.noise.length_mm is None:
+        lines.append(
             "WARNING: no noise is stated and nothing is left over to tell it: no uncertainties. "
             "Measure more postures, or state the noise."
-        ]
-    return []
-
-
-def _lost(said: HexaSlideCalibrationReport) -> list[str]:
+        )
     if not said.lost_count:
-        return ["Every parameter is known by itself."]
-    lines, motions = [], said.lost_motions
+        return [*lines, "Every parameter is known by itself."]
+    motions = said.lost_motions
     if motions:
         lines.append(f"NOT IDENTIFIABLE, left as the machine file has it: {'; '.join(motions)}.")
     other = said.lost_count - len(motions)
@@ -114,7 +98,7 @@ def _lost(said: HexaSlideCalibrationReport) -> list[str]:
     return lines
 
 
-def _parameters(said: HexaSlideCalibrationReport) -> str:
+def _parameters(said: HexaSlideCalibrationReport) -> str | Table:
     """Individually known parameters in thousandths of their units."""
     if not said.individually_known:
         return "No parameter is known by itself."
@@ -129,7 +113,7 @@ def _parameters(said: HexaSlideCalibrationReport) -> str:
             "unknown" if half is None else f"{1000.0 * half:.4f}",
             THOUSANDTHS[one.unit],
         )
-    return table_text(table)
+    return table
 
 
 def _figures(said: HexaSlideCalibrationReport, factor: float | None) -> list[str]:
@@ -172,7 +156,7 @@ def _inner(said: HexaSlideCalibrationReport, factor: float | None) -> list[str]:
     ]
 
 
-def _left(said: HexaSlideCalibrationReport) -> str:
+def _left(said: HexaSlideCalibrationReport) -> tuple[Table, str]:
     residuals = said.residuals
     heading = "chain" if said.procedure is Kind.POSE_INVERSE else "measured"
     table = new_table(heading, "residual r.m.s.", "unit", "share")
@@ -181,15 +165,9 @@ def _left(said: HexaSlideCalibrationReport) -> str:
     worst = sorted(residuals.by_posture, key=lambda one: -one.share)[:MOST_POSTURES]
     words = ", ".join(f"{one.posture} ({100.0 * one.share:.0f} %)" for one in worst)
     even = 100.0 / len(residuals.by_posture)
-    return "\n".join(
-        [
-            table_text(table),
-            "",
-            wrapped(
-                f"Postures with the largest shares: {words}; even would be {even:.0f} % each. "
-                f"{residuals.remark}"
-            ),
-        ]
+    return table, (
+        f"Postures with the largest shares: {words}; even would be {even:.0f} % each. "
+        f"{residuals.remark}"
     )
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from datetime import datetime
 
+from rich.table import Table
+
 from app.evaluating.history import JOINTS, History, MachineHistory
-from app.report.text.tables import hanging, new_table, signed, table_text, wrapped
+from app.report.text.tables import hanging, new_table, paragraphs, signed
 from calib.control_chart import FEWEST
 
 DAYS_A_MONTH = 30.44
@@ -29,8 +31,7 @@ are named first. !: changed beyond its uncertainty."""
 def history_text(found: History, now: datetime) -> str:
     """Files that cannot be used first, then each machine."""
     said = [hanging(f"WARNING: {text}", "  ") for _, text in found.problems]
-    machines = [machine_text(one, now) for one in found.machines]
-    return "\n\n".join([*(["\n".join(said)] if said else []), *machines])
+    return paragraphs(said, *(machine_text(one, now) for one in found.machines))
 
 
 def machine_text(found: MachineHistory, now: datetime) -> str:
@@ -38,12 +39,17 @@ def machine_text(found: MachineHistory, now: datetime) -> str:
     last = found.last
     ago, count = max(0, (now - last.began).days), len(found.points)
     when = "today" if ago == 0 else f"{ago} day{'s' * (ago > 1)} ago"
-    first = (
+    table, notes = _sessions(found)
+    return paragraphs(
         f"{found.machine}: {count} session{'s' * (count > 1)}. Last calibrated {when}: "
-        f"{found.points[-1].path.name}. {due_words(found)}"
+        f"{found.points[-1].path.name}. {due_words(found)}",
+        _drifts(found) if any(one.drift for one in found.joints) else [],
+        table,
+        "Offsets with what was entered added, so that entering them changes nothing; ± for 95 %. "
+        "!: changed beyond its uncertainty and the limits of its chart. tool: what it was off by "
+        "at most, mm r.m.s., as it was found.",
+        notes,
     )
-    drifts = ["\n".join(_drifts(found))] if any(one.drift for one in found.joints) else []
-    return "\n\n".join([wrapped(first), *drifts, *_sessions(found)])
 
 
 def due_words(found: MachineHistory) -> str:
@@ -71,7 +77,8 @@ def _drifts(found: MachineHistory) -> list[str]:
     return said
 
 
-def _sessions(found: MachineHistory) -> list[str]:
+def _sessions(found: MachineHistory) -> tuple[Table, list[str]]:
+    """A row for each session, and a note below."""
     table = new_table("", "began", *(f"{n}, mm" for n in JOINTS), "±, mm", "tool, mm", "°C", left=2)
     notes = []
     for number, point in enumerate(found.points, start=1):
@@ -92,9 +99,4 @@ def _sessions(found: MachineHistory) -> list[str]:
             joints = ", ".join(name for name, new in zip(JOINTS, changed, strict=True) if new)
             said.append(f"joint {joints} changed beyond uncertainty")
         notes.append(hanging(f"{number}  {'; '.join(filter(None, said))}", "   "))
-    below = (
-        "Offsets with what was entered added, so that entering them changes nothing; ± for 95 %. "
-        "!: changed beyond its uncertainty and the limits of its chart. tool: what it was off by "
-        "at most, mm r.m.s., as it was found."
-    )
-    return [table_text(table), wrapped(below), "\n".join(notes)]
+    return table, notes

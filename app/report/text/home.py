@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from app.measuring.recorded import SessionFile
-from app.report.text.tables import new_table, table_text
+from app.report.text.tables import new_table, paragraphs
 from app.settings import FILE_VARIABLE, Settings
 from drivers.profile import Evidence, Profile
 
@@ -213,22 +213,18 @@ KeyRow = tuple[str, Sequence[str], str]
 def settings_text(path: Path, exists: bool, settings: Settings, keys: Iterable[KeyRow]) -> str:
     """Where the file is, what holds now, and every key that can be changed."""
     state = "" if exists else " (not there yet: everything has its default)"
-    lines = [
-        f"Settings file: {path}{state}",
-        f"{FILE_VARIABLE} names another file.",
-        "",
-        f"theme       {settings.theme or 'default'}",
-        f"animations  {'on' if settings.animations else 'off'}",
-        "",
-        'Keys; under [keys] a line such as "measure.take" = "space,f2" changes them:',
-    ]
     table = new_table("id", "default", "now", "does", left=4)
     for key_id, default, words in keys:
         table.add_row(key_id, ", ".join(default), settings.keys.get(key_id, ""), words)
-    return "\n".join(lines) + "\n\n" + table_text(table)
+    return paragraphs(
+        [f"Settings file: {path}{state}", f"{FILE_VARIABLE} names another file."],
+        f"theme       {settings.theme or 'default'}\n"
+        f"animations  {'on' if settings.animations else 'off'}",
+        'Keys; under [keys] a line such as "measure.take" = "space,f2" changes them:',
+        table,
+    )
 
 
 def key_list_text(keys: Iterable[tuple[str, str]]) -> str:
     """The keys of the present screen, one a line."""
-    rows = [f"{key:<12}{words}" for key, words in keys]
-    return "Keys of this screen\n\n" + "\n".join(rows)
+    return paragraphs("Keys of this screen", [f"{key:<12}{words}" for key, words in keys])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from app.evaluating.own_effects import known_effects
-from app.report.text.tables import hanging, new_table, signed, table_text, wrapped
+from app.report.text.tables import hanging, new_table, paragraphs, signed, wrapped
 from calib.errors import RecordError
 from calib.tripod.effects.effect import remedies
 from protocols.machine import Machine
@@ -21,16 +21,19 @@ def model_text(model: ModelFile) -> str:
     table = new_table("parameter", "value, mm")
     for name, value in model.parameters_mm.items():
         table.add_row(name, signed(value, 4))
-    parts = [f"Model of {model.machine.name}", table_text(table)]
-    parts += [effect_words(effect, model.machine) for effect in model.effects] or ["No effects."]
-    parts += [wrapped(f"WARNING: {said}")] if (said := ambiguity(ambiguous_effects(model))) else []
-    if model.history:
-        lines = [
-            wrapped(f"{h.at:%Y-%m-%d %H:%M} {h.action} {h.effect.id} ({h.effect.where}): {h.why}")
-            for h in model.history
-        ]
-        parts.append("History\n" + "\n".join(lines))
-    return "\n\n".join(parts)
+    unsure = ambiguity(ambiguous_effects(model))
+    history = [
+        f"{h.at:%Y-%m-%d %H:%M} {h.action} {h.effect.id} ({h.effect.where}): {h.why}"
+        for h in model.history
+    ]
+    return paragraphs(
+        [f"Model of {model.machine.name}"],
+        table,
+        *([effect_words(effect, model.machine)] for effect in model.effects),
+        "" if model.effects else "No effects.",
+        f"WARNING: {unsure}" if unsure else "",
+        "\n".join(["History", *history]) if history else "",
+    )
 
 
 def effect_words(effect: EffectEntry, machine: Machine) -> str:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from itertools import pairwise
 from shlex import quote
 
-from app.measuring.moving import Mover, Moving, Ways, feed_mm_min, limits_of, ways_of
-from app.measuring.opening import Plan
+from app.measuring.moving import Mover, Moving, feed_mm_min, limits_of, ways_of
+from app.measuring.plan import Plan
 from app.report.text.preparing import dry_run_text
-from app.report.text.tables import uncertain, wrapped
+from app.report.text.tables import paragraphs, uncertain, wrapped
 from calib.errors import sentence
 from calib.identify.next_mounting import FurtherSetUp, Reach
 from drivers.motion.controller import place_words
@@ -21,23 +21,27 @@ QUESTION = "Guards closed, emergency stop at hand, nobody at the machine: may it
 MOVED_BY = {None: "", "twin": "A simulated controller", "linuxcnc": "LinuxCNC on this computer"}
 
 
-def plan_text(plan: Plan, ways: Ways, said: tuple[str, ...] = ()) -> str:
-    """All that will move, every posture of it: shown before anything does."""
-    return f"{_postures_text(plan)}\n\n{limits_text(plan, ways, said)}"
+def plan_text(plan: Plan, said: tuple[str, ...] = ()) -> str:
+    """All that will move, every posture of it: shown before anything does.
+
+    ``said`` is what the controller says of itself. Raises as `ways_of`.
+    """
+    return f"{_postures_text(plan)}\n\n{_limits_text(plan, said)}"
 
 
 def _postures_text(plan: Plan) -> str:
     return dry_run_text(plan.procedure, plan.machine, plan.instruments).replace("G53 G0", "G53 G1")
 
 
-def limits_text(plan: Plan, ways: Ways, said: tuple[str, ...]) -> str:
+def _limits_text(plan: Plan, said: tuple[str, ...]) -> str:
     """How fast and how far, what is checked, and what the controller ``said`` of itself."""
+    ways = ways_of(plan.procedure, plan.machine, plan.axes)
     limits, motion = limits_of(plan.machine), plan.machine.motion or MotionLimits()
     places = [step.place for step in ways.steps]
     set_ups = 1 + sum(before != after for before, after in pairwise(places))
     minutes = (ways.moving_s + ways.resting_s) / 60.0
     unnamed = plan.motion and plan.machine.procedure is None
-    sentences = [
+    return paragraphs(
         f"Procedure {SELF_MOVING}: the usual one where a machine moves itself and none is named."
         if unnamed and plan.procedure.name == SELF_MOVING
         else "",
@@ -51,15 +55,16 @@ def limits_text(plan: Plan, ways: Ways, said: tuple[str, ...]) -> str:
         f"{limits.longest_mm:g} mm, no feed over {limits.fastest_mm_min:g} mm/min. A reading is "
         f"taken where the position that is read back is within {limits.reached_mm:g} mm of the "
         "one it was sent to, before and after. It is never switched on, homed or reset from here.",
-    ]
-    return "\n\n".join(wrapped(one) for one in sentences if one)
+    )
 
 
 def check_text(plan: Plan, mover: Mover) -> str:
     """The same on the screen, before the key that lets it move; the question is always in sight."""
-    ways = ways_of(plan.procedure, plan.machine, plan.axes)
-    asked = wrapped(f"With Enter it moves. {QUESTION} Every posture stands below.")
-    return f"{asked}\n\n{limits_text(plan, ways, mover.said)}\n\n{_postures_text(plan)}"
+    return paragraphs(
+        f"With Enter it moves. {QUESTION} Every posture stands below.",
+        _limits_text(plan, mover.said),
+        _postures_text(plan),
+    )
 
 
 def set_up_text(step: Step) -> str:

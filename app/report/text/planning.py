@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from app.planning.tripod import MeasurementPlan
-from app.report.text.tables import map_text, new_table, table_text, uncertain, wrapped
+from app.report.text.tables import map_table, new_table, paragraphs, uncertain, wrapped
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.design.criteria import Criterion
 from calib.design.identifiability import Combination, SeenBy
@@ -36,26 +36,18 @@ def identifiability_text(seen: SeenBy) -> str:
     """The sentence that matters, combinations with added measurements, then the classical test."""
     examined, found = seen.examined, seen.found
     steps = "steps" if examined.fewest_postures is None else "postures"
-    parts = [
-        wrapped(
-            f"{seen.machine}, {examined.procedure}: {examined.posture_count} {steps} reading "
-            f"{', '.join(examined.measured)}; noise {examined.noise_words}"
-        ),
-        wrapped(_verdict(seen)),
-    ]
-    if seen.unidentifiable or seen.weak:
-        parts.append(_combinations(seen))
-    parts.append(
-        wrapped(
-            f"Condition number {found.condition_number:.1f} of the identifiable combinations "
-            f"({examined.units}; 1 is the least possible).\n"
-            f"Classical QR (papers/001), |r_ii| ≤ {seen.qr.tolerance:.2g}: flags "
-            f"{', '.join(seen.qr.flagged) or 'none'}. "
-            "WARNING: that test uses neither noise nor tolerance and depends on the order of the "
-            "parameters; the lines above decide."
-        )
+    return paragraphs(
+        f"{seen.machine}, {examined.procedure}: {examined.posture_count} {steps} reading "
+        f"{', '.join(examined.measured)}; noise {examined.noise_words}",
+        _verdict(seen),
+        _combinations(seen),
+        f"Condition number {found.condition_number:.1f} of the identifiable combinations "
+        f"({examined.units}; 1 is the least possible).\n"
+        f"Classical QR (papers/001), |r_ii| ≤ {seen.qr.tolerance:.2g}: flags "
+        f"{', '.join(seen.qr.flagged) or 'none'}. "
+        "WARNING: that test uses neither noise nor tolerance and depends on the order of the "
+        "parameters; the lines above decide.",
     )
-    return "\n\n".join(parts)
 
 
 def expected_text(expected: Expected) -> str:
@@ -66,11 +58,11 @@ def expected_text(expected: Expected) -> str:
         table.add_row(one.name, *free, uncertain(one.held_mm))
     worst = expected.bound.worst
     because = f", because of {worst.id} ({worst.where})" if worst else ""
-    tool = (
+    return paragraphs(
+        table,
         f"Tool over the workspace with the values entered, if the readings show nothing else: at "
-        f"most {uncertain(expected.bound.bound_mm)} mm r.m.s. (95 %){because}."
+        f"most {uncertain(expected.bound.bound_mm)} mm r.m.s. (95 %){because}.",
     )
-    return f"{table_text(table)}\n\n{wrapped(tool)}"
 
 
 def before_measuring_text(expected: Expected, noise_words: str) -> str:
@@ -114,7 +106,7 @@ def _combinations(seen: SeenBy) -> str:
             f"WEAK: {one.name} known only to ±{half:.3f} mm (95 %), ±{tool:.3f} mm at the tool."
         )
         lines += _addition(one)
-    return wrapped("\n".join(lines))
+    return "\n".join(lines)
 
 
 def _addition(one: Combination, *without: str) -> tuple[str, ...]:
@@ -126,10 +118,6 @@ def _addition(one: Combination, *without: str) -> tuple[str, ...]:
 
 def postures_text(chosen: ChosenPostures) -> str:
     """Before and after, then the postures."""
-    words = wrapped(
-        f"{chosen.machine}: {chosen.after.count} postures for the {chosen.criterion.value} "
-        f"criterion, {CRITERION_WORDS[chosen.criterion]}; noise {chosen.noise_words}"
-    )
     figures = new_table("", chosen.procedure, "chosen")
     for name, kind in (
         ("postures", "count"),
@@ -145,22 +133,26 @@ def postures_text(chosen: ChosenPostures) -> str:
     for posture in chosen.postures:
         coordinates = (posture[name] for name in names)
         table.add_row(*(one if isinstance(one, str) else f"{one:g}" for one in coordinates))
-    last = wrapped(
+    return paragraphs(
+        f"{chosen.machine}: {chosen.after.count} postures for the {chosen.criterion.value} "
+        f"criterion, {CRITERION_WORDS[chosen.criterion]}; noise {chosen.noise_words}",
+        figures,
+        table,
+        _moved(chosen),
         f"{chosen.coordinates_on_bound} coordinates stand on a bound of the search. Best of "
         f"{chosen.starts} starts, seed {chosen.seed}, {chosen.exchanges} exchanges, "
-        f"{chosen.seconds:.2f} s."
+        f"{chosen.seconds:.2f} s.",
     )
-    return "\n\n".join([words, table_text(figures), table_text(table), _moved(chosen), last])
 
 
 def _moved(chosen: ChosenPostures) -> str:
     """What it helped to leave the grid; a file holds just what is judged here."""
     grid, value = chosen.grid_value, chosen.after.value
     if grid is None:
-        return wrapped("The postures keep to the grid: --no-refine.")
+        return "The postures keep to the grid: --no-refine."
     if value is None or value == grid:
-        return wrapped("The grid is kept: off it nothing is better within the time.")
-    return wrapped(
+        return "The grid is kept: off it nothing is better within the time."
+    return (
         f"Moved off the grid: criterion {grid:.4g} → {value:.4g}. Displacements are whole tenths "
         "of a millimetre or a joint limit, stations whole hundredths; --no-refine keeps round ones."
     )
@@ -175,18 +167,19 @@ def plan_text(plan: MeasurementPlan) -> str:
     """One sentence, then the runners-up."""
     best = plan.best
     known = f"after {', '.join(plan.sessions)}" if plan.sessions else "with nothing measured yet"
-    sentence = wrapped(
-        f"Next, {known}: touch leg {best.leg} at station {best.station:g} and read both axes at "
-        f"{_levels(best)} mm. In {best.minutes:.1f} min this lowers the expected tool error from "
-        f"{plan.found.tool_before_mm:.4g} to {best.tool_mm:.4g} mm r.m.s. as far as noise and the "
-        f"six parameters go (noise {plan.found.noise_words})."
-    )
     table = new_table("leg", "station", "displacements, mm", "minutes", "tool error, mm")
     for one in plan.found.proposals:
         table.add_row(
             one.leg, f"{one.station:g}", _levels(one), f"{one.minutes:.1f}", f"{one.tool_mm:.4g}"
         )
-    return f"{sentence}\n\n{table_text(table)}\n\n{further_text(plan.found.reach)}"
+    return paragraphs(
+        f"Next, {known}: touch leg {best.leg} at station {best.station:g} and read both axes at "
+        f"{_levels(best)} mm. In {best.minutes:.1f} min this lowers the expected tool error from "
+        f"{plan.found.tool_before_mm:.4g} to {best.tool_mm:.4g} mm r.m.s. as far as noise and the "
+        f"six parameters go (noise {plan.found.noise_words}).",
+        table,
+        further_text(plan.found.reach),
+    )
 
 
 def further_text(found: Reach) -> str:
@@ -208,11 +201,12 @@ def further_text(found: Reach) -> str:
         levels = _levels(found.further[0])
         stop = f"Each is read there and back, both axes ({levels} mm). {stop}"
     told = "" if found.bound.names else ", without effects: none is modelled over a plane"
-    said = wrapped(
+    return paragraphs(
         "What the tool is off by at most, r.m.s. over the workspace (95 %), if the readings to "
-        f"come show nothing new{told}:"
+        f"come show nothing new{told}:",
+        table,
+        stop,
     )
-    return f"{said}\n\n{table_text(table)}\n\n{wrapped(stop)}"
 
 
 def _levels(one: Proposal | FurtherSetUp) -> str:
@@ -225,19 +219,17 @@ def alias_text(found: AliasMap) -> str:
     for one in found.imitations:
         by_effect.setdefault(one.effect, []).append(f"{one.by[0]} ({one.by[1]})")
     lines = [
-        wrapped(
-            f"{len(found.effects)} effects and places; {len(by_effect)} of them can be imitated by "
-            "another effect, offsets and zeros free, lengths within their tolerance:"
-        )
+        f"{len(found.effects)} effects and places; {len(by_effect)} of them can be imitated by "
+        "another effect, offsets and zeros free, lengths within their tolerance:"
     ]
     lines += [
-        wrapped(f"{name} ({where}): {', '.join(dict.fromkeys(others))}")
+        f"{name} ({where}): {', '.join(dict.fromkeys(others))}"
         for (name, where), others in by_effect.items()
     ]
     if found.invisible:
         shown = ", ".join(f"{name} ({where})" for name, where in found.invisible)
-        lines.append(wrapped(f"No reading shows: {shown}"))
-    return "\n".join(lines)
+        lines.append(f"No reading shows: {shown}")
+    return wrapped("\n".join(lines))
 
 
 def workspace_text(machine: Machine, found: Workspace) -> str:
@@ -248,7 +240,10 @@ def workspace_text(machine: Machine, found: Workspace) -> str:
         f"{axis} {a:.0f} … {b:.0f}"
         for axis, a, b in zip(LEG_NAMES, found.low_mm, found.high_mm, strict=True)
     )
-    parts = [
+    joints = new_table("leg", "θ, °", "β, °")
+    for leg, theta, beta in zip(LEG_NAMES, found.theta_deg, found.beta_deg, strict=True):
+        joints.add_row(leg, *(f"{a:+.1f} … {b:+.1f}" for a, b in (theta, beta)))
+    return paragraphs(
         f"{machine.name}: workspace {box} mm, {whose} (carriages {low:g} … {high:g} mm from Zero). "
         f"{found.reached:.0%} of this box is reached, {1e-6 * found.volume_mm3:.2f} dm³.",
         f"Velocity transmission factors, tool over carriages: {found.lowest_factor:.2f} … "
@@ -256,13 +251,10 @@ def workspace_text(machine: Machine, found: Workspace) -> str:
         f"{found.inside:.1%} of the workspace keeps 1/{found.limit:g} … {found.limit:g}.",
         _cube_words(found),
         "Passive joints over the workspace:",
-    ]
-    joints = new_table("leg", "θ, °", "β, °")
-    for leg, theta, beta in zip(LEG_NAMES, found.theta_deg, found.beta_deg, strict=True):
-        joints.add_row(leg, *(f"{a:+.1f} … {b:+.1f}" for a, b in (theta, beta)))
-    title = "The factor furthest from 1, or its inverse, on planes through Zero (–: not reached)"
-    maps = (map_text(one, lambda factor: f"{factor:.2f}") for one in found.maps)
-    return "\n\n".join([*map(wrapped, parts), table_text(joints), wrapped(title), *maps])
+        joints,
+        "The factor furthest from 1, or its inverse, on planes through Zero (–: not reached)",
+        *(map_table(one, lambda factor: f"{factor:.2f}") for one in found.maps),
+    )
 
 
 def _cube_words(found: Workspace) -> str:
@@ -282,10 +274,6 @@ def _cube_words(found: Workspace) -> str:
 def posture_text(machine: Machine, posture: PostureOfTool) -> str:
     """Angles and factors at a place of the tool, then the other solutions."""
     stands = "allow" if posture.stands else "do NOT allow"
-    heading = (
-        f"{machine.name}, tool at {position_words(posture.tool_mm)}: joint limits {stands} it. "
-        f"Velocity transmission factors {_factors(posture.factors)}."
-    )
     own = posture.modes[0]
     joints = new_table("leg", "carriage from Zero, mm", "θ, °", "β, °")
     for row in zip(LEG_NAMES, own.carriage_mm, posture.theta_deg, posture.beta_deg, strict=True):
@@ -295,11 +283,14 @@ def posture_text(machine: Machine, posture: PostureOfTool) -> str:
         signs = " ".join("+" if sign > 0 else "−" for sign in mode.signs)
         modes.add_row(signs, *(f"{v:+.3f}" for v in mode.carriage_mm))
     x, y, z = (round(v, 3) for v in posture.assembly_mm.tolist())
-    other = (
+    return paragraphs(
+        f"{machine.name}, tool at {position_words(posture.tool_mm)}: joint limits {stands} it. "
+        f"Velocity transmission factors {_factors(posture.factors)}.",
+        joints,
+        modes,
         "This machine is + + +: each carriage ahead of the platform. The same carriages could also "
-        f"be assembled with the tool at {position_words((x, y, z))}."
+        f"be assembled with the tool at {position_words((x, y, z))}.",
     )
-    return "\n\n".join([wrapped(heading), table_text(joints), table_text(modes), wrapped(other)])
 
 
 def _factors(factors: FloatArray) -> str:

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 from app.measuring.gauges import PushResult, Trial
 from app.measuring.indicators import indicator_words, profile_of
-from app.measuring.opening import Plan
+from app.measuring.plan import Plan
 from app.measuring.simulated import short_travels
 from app.report.text.session import mdi_line
-from app.report.text.tables import new_table, table_text, wrapped
+from app.report.text.tables import new_table, paragraphs
 from calib.tripod.geometry import Geometry
 from drivers.profile import Evidence
 from protocols.machine import Instrument, Machine
@@ -35,17 +35,14 @@ def procedure_sentence(procedure: Procedure, geometry: Geometry, axes: Sequence[
     )
 
 
-def travel_text(procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]) -> str:
+def _short(procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]) -> list[str]:
     """A paragraph for each indicator whose travel may not be enough."""
-    return "".join(
-        wrapped(
-            f"Travel: {one.profile} moves up to {needed_mm:.1f} mm {where}, on a machine within "
-            f"its tolerances; it has {one.travel_mm:g} mm. Take one with more travel, or smaller "
-            "displacements."
-        )
-        + "\n\n"
+    return [
+        f"Travel: {one.profile} moves up to {needed_mm:.1f} mm {where}, on a machine within its "
+        f"tolerances; it has {one.travel_mm:g} mm. Take one with more travel, or smaller "
+        "displacements."
         for one, needed_mm, where in short_travels(procedure, machine, instruments)
-    )
+    ]
 
 
 def dry_run_text(procedure: Procedure, machine: Machine, instruments: Sequence[Instrument]) -> str:
@@ -61,16 +58,18 @@ def dry_run_text(procedure: Procedure, machine: Machine, instruments: Sequence[I
     order = " Axes stand in this order." if len(names) > 1 else ""
     if procedure.plane is not None:
         order += " p: the stand is on the plane." + " 2: the second one reads." * (len(names) > 1)
-    who = wrapped(f"Indicators: {', '.join(names)}.{order}")
     for step in steps:
         place = (str(step.number), step.leg, step.posture(geometry), str(step.cycle))
         station = f"p {step.station:g}" if step.over_plane else f"{step.station:g}"
         axes_words = f"{step.axes[0]} 2" if step.first else " ".join(step.axes)
         cells = (*place, station, axes_words, mdi_line(step, machine))
         table.add_row(*(one for name, one in zip(columns, cells, strict=True) if name not in same))
-    sentence = wrapped(procedure_sentence(procedure, geometry, axes))
-    travel = travel_text(procedure, machine, instruments)
-    return f"{sentence}\n\n{who}\n\n{travel}{table_text(table)}"
+    return paragraphs(
+        procedure_sentence(procedure, geometry, axes),
+        f"Indicators: {', '.join(names)}.{order}",
+        *_short(procedure, machine, instruments),
+        table,
+    )
 
 
 def rehearsal_text(options: str, plan: Plan, ports: Sequence[str]) -> str:
@@ -104,14 +103,18 @@ def check_text(plan: Plan) -> str:
     if unverified:
         check += f"\nUNVERIFIED profile: {', '.join(unverified)}. Compare with the display first."
     sentence = procedure_sentence(plan.procedure, plan.machine.geometry(), plan.axes)
-    check = travel_text(plan.procedure, plan.machine, plan.instruments) + check
     begin = "Enter continues the session" if plan.continued else "Enter begins the session"
     if plan.continued:
         begin += "; after a break the indicators get a new zero"
     entered = ""
     if plan.before is not None:
         entered = "Verification: the exported offsets must now be in the controller.\n"
-    return f"{entered}{plan.machine.name}. {sentence}\n\n{check}\n\n{begin}: {plan.path}"
+    return paragraphs(
+        [f"{entered}{plan.machine.name}. {sentence}"],
+        *_short(plan.procedure, plan.machine, plan.instruments),
+        [check],
+        [f"{begin}: {plan.path}"],
+    )
 
 
 def trial_text(trial: Trial, step: Step) -> str:

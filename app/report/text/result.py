@@ -22,12 +22,12 @@ from app.report.text.caveats import (
 from app.report.text.tables import (
     decimals_for,
     free_words,
-    map_text,
+    map_table,
     new_table,
+    paragraphs,
     signed,
     table_text,
     uncertain,
-    wrapped,
 )
 from calib.identify.solution import SUBSETS, Solution
 from calib.noise.reading import Noise
@@ -45,33 +45,33 @@ def solution_text(solved: SessionSolution) -> str:
     """The whole result: the gravest sentence, the numbers, what else to know, then the tables."""
     solution, said = solved.solution, caveats(solved)
     grave = said[: said[0].startswith("WARNING")] if said else []
-    parts = [
-        wrapped(
-            f"{', '.join(solved.names)}: {SUBSET_WORDS[solution.subset]}, "
-            f"{_method_words(solution)}, {solved.reading_count} readings"
-        ),
-        wrapped("\n".join([*grave, verdict_words(solved)])),
-        table_text(parameter_table(solution)),
-        *([table_text(size_table(solution))] if solution.sizes else []),
-        wrapped("\n".join([tool_words(solved), *said[len(grave) :]])),
-        table_text(difference_table(solution)),
-        table_text(subset_table(solved)),
-        wrapped(noise_words(solution)),
-    ]
-    parts.append(wrapped("\n".join(map(_measured_words, solved.names, solved.sessions))))
+    bound = uncertain(solved.bound_after.bound_mm)
+    tool = f"Tool: at most {bound} mm with these values. {bound_made_of(solved)}"
     remarks = [remark for session in solved.sessions for remark in session.opened.remarks]
     for session in solved.sessions:
         remarks += dict.fromkeys(session.notes)
         if count := len(session.skipped):
             reasons = "; ".join(dict.fromkeys(session.skipped.values()))
             remarks.append(f"{count} step{'s' if count > 1 else ''} left out: {reasons}")
-    return "\n\n".join([*parts, *(wrapped(f"Remark: {remark}") for remark in remarks)])
+    return paragraphs(
+        f"{', '.join(solved.names)}: {SUBSET_WORDS[solution.subset]}, "
+        f"{_method_words(solution)}, {solved.reading_count} readings",
+        "\n".join([*grave, verdict_words(solved)]),
+        parameter_table(solution),
+        *([size_table(solution)] if solution.sizes else []),
+        "\n".join([tool, *said[len(grave) :]]),
+        difference_table(solution),
+        subset_table(solved),
+        noise_words(solution),
+        "\n".join(map(_measured_words, solved.sessions)),
+        *(f"Remark: {remark}" for remark in remarks),
+    )
 
 
-def _measured_words(name: str, session: Session) -> str:
+def _measured_words(session: Session) -> str:
     """When a session was measured, by whom, how warm, and with which indicators."""
     opened = session.opened
-    words = [f"{name}: {opened.origin} {opened.at:%Y-%m-%d %H:%M %Z}"]
+    words = [f"{session.name}: {opened.origin} {opened.at:%Y-%m-%d %H:%M %Z}"]
     words += [f"by {opened.operator}"] if opened.operator else []
     words += [] if opened.temperature_c is None else [f"at {opened.temperature_c:g} °C"]
     indicators = dict.fromkeys(map(indicator_words, opened.instruments))
@@ -104,12 +104,6 @@ def verdict_words(solved: SessionSolution) -> str:
         f"{solution.rms_after_mm:.4f} mm r.m.s.\n"
         f"{bound_now_and_then(solved)}"
     )
-
-
-def tool_words(solved: SessionSolution) -> str:
-    """What the bound at the tool is made of, for below the parameters."""
-    bound = uncertain(solved.bound_after.bound_mm)
-    return f"Tool: at most {bound} mm with these values. {bound_made_of(solved)}"
 
 
 def _known_words(solution: Solution) -> str:
@@ -227,7 +221,7 @@ DECISION_WORDS = {"pass": "passes", "fail": "fails", "undecided": "cannot be dec
 
 def judged_text(judged: Judgement) -> str:
     """Against the tolerance, with the guard band."""
-    return wrapped(
+    return paragraphs(
         f"Tolerance {judged.tolerance_mm:g} mm for the tool, r.m.s.: passed where the bound keeps "
         "it, failed beyond a guard band of the expanded uncertainty. Now it "
         f"{DECISION_WORDS[judged.before]}, with these values it {DECISION_WORDS[judged.after]}."
@@ -237,15 +231,14 @@ def judged_text(judged: Judgement) -> str:
 def maps_text(maps: tuple[PlaneMap, ...]) -> str:
     """Expected tool error in µm on planes through Zero."""
     title = "Expected tool error with these values, µm (–: beyond the joint limits)"
-    drawn = (map_text(one, lambda mm: f"{1000.0 * mm:.0f}") for one in maps)
-    return "\n\n".join([title, *drawn])
+    return paragraphs(title, *(map_table(one, lambda mm: f"{1000.0 * mm:.0f}") for one in maps))
 
 
 def monte_carlo_text(found: MonteCarlo) -> str:
     """Stated against true uncertainty."""
     table = new_table("parameter", "stated u, mm", "true, mm", "95 % held")
-    for row in zip(found.names, found.stated_mm, found.true_mm, found.covered, strict=True):
-        name, stated, true, covered = row
+    rows = zip(found.names, found.stated_mm, found.true_mm, found.covered, strict=True)
+    for name, stated, true, covered in rows:
         table.add_row(name, f"{stated:.4f}", f"{true:.4f}", f"{covered:.1%}")
     return f"{found.sessions} simulated sessions, {found.failed} failed\n{table_text(table)}"
 
@@ -261,7 +254,7 @@ def comparison_text(before: Solution, after: Solution, *, changed: bool = False)
     said = comparison_sentence(before, after)
     if changed:
         said = said.partition(";")[0] + ".\nThe machine was mechanically changed between them."
-    return f"{said}\n\n{table_text(table)}"
+    return paragraphs(said, table)
 
 
 def comparison_sentence(before: Solution, after: Solution) -> str:
@@ -297,13 +290,6 @@ tolerance. The bound at the tool adds every effect that these readings
 leave open. The residual is what the model does not explain. If it is
 much larger than the noise, something is missing from the model."""
 
-ENTER = "Next: E exports the joint offsets. Enter them in the controller"
-AGAIN = ", then V measures again and compares"
-LOOK_FIRST = (
-    "Next: D looks for what is missing from the model. Offsets exported before that carry its "
-    "error."
-)
-KEEP = "Next: leave the controller as it is. These offsets would not make the tool more accurate."
 ONLY_SHOWN = "This program only shows sessions: nothing is written and nothing is measured."
 NO_PLAN = (
     "This session cannot be measured again from here: it is a table, or its ports are those of "
@@ -314,12 +300,19 @@ NO_PLAN = (
 def next_text(solved: SessionSolution, *, exports: bool, measures: bool) -> str:
     """What to do with this result; nothing where nothing can be done from here."""
     if solved.solution.lacks_fit or solved.suspects:
-        return LOOK_FIRST
+        return (
+            "Next: D looks for what is missing from the model. Offsets exported before that carry "
+            "its error."
+        )
     if not exports:
         return ""
     if not solved.helps:
-        return KEEP
-    return f"{ENTER}{AGAIN if measures else ''}."
+        return (
+            "Next: leave the controller as it is. These offsets would not make the tool more "
+            "accurate."
+        )
+    again = ", then V measures again and compares" if measures else ""
+    return f"Next: E exports the joint offsets. Enter them in the controller{again}."
 
 
 def result_text(
@@ -331,11 +324,12 @@ def result_text(
     caution: str = "",
 ) -> str:
     """The result; what is to be known of an export, and what to do next, stand first."""
-    first = [wrapped(f"WARNING: {caution}")] if caution else []
-    if before is not None:
-        first.append(comparison_sentence(before.solution, solved.solution))
-    first.append(wrapped(next_text(solved, exports=exports, measures=measures)))
-    return "\n\n".join([*filter(None, first), solution_text(solved)])
+    return paragraphs(
+        f"WARNING: {caution}" if caution else "",
+        comparison_sentence(before.solution, solved.solution) if before else "",
+        next_text(solved, exports=exports, measures=measures),
+        solution_text(solved),
+    )
 
 
 def exported_text(folder: Path, paths: Sequence[Path]) -> str:
@@ -354,14 +348,10 @@ def export_caution(solved: SessionSolution, refused: str) -> str:
 def comparison_report(comparison: Comparison) -> str:
     """Which sessions, what a reader must know, then the differences of both."""
     before, after = comparison.before, comparison.after
-    heading = f"before: {before.names[0]}\nafter:  {after.names[0]}"
-    remarks = [wrapped(f"Remark: {remark}") for remark in comparison.remarks]
-    return "\n\n".join(
-        [
-            heading,
-            *remarks,
-            comparison_text(before.solution, after.solution, changed=comparison.changed),
-        ]
+    return paragraphs(
+        [f"before: {before.names[0]}", f"after:  {after.names[0]}"],
+        *(f"Remark: {remark}" for remark in comparison.remarks),
+        comparison_text(before.solution, after.solution, changed=comparison.changed),
     )
 
 
@@ -384,16 +374,16 @@ WRONG = {
 def verification_text(found: Verification) -> str:
     """The decision first, then what was expected and found, then what to do."""
     before, after = found.compared.before, found.compared.after
-    said = (
+    return paragraphs(
+        [f"before: {before.names[0]}", f"after:  {after.names[0]}"],
         f"{decided(found)} Tool over the workspace, r.m.s. (95 %): at most "
         f"{uncertain(before.bound_after.bound_mm)} mm was expected, at most "
         f"{uncertain(after.bound_before.bound_mm)} mm is left; "
-        f"{near_words(before.near_after_mm, after.near_before_mm)}."
+        f"{near_words(before.near_after_mm, after.near_before_mm)}.",
+        offsets_table(found),
+        "\n".join(what_to_do(found)),
+        *(f"Remark: {remark}" for remark in found.compared.remarks),
     )
-    todo = [text] if (text := wrapped("\n".join(what_to_do(found)))) else []
-    remarks = [wrapped(f"Remark: {remark}") for remark in found.compared.remarks]
-    heading = f"before: {before.names[0]}\nafter:  {after.names[0]}"
-    return "\n\n".join([heading, wrapped(said), table_text(offsets_table(found)), *todo, *remarks])
 
 
 def offsets_table(found: Verification) -> Table:

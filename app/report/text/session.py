@@ -8,7 +8,7 @@ from dataclasses import replace
 from app.measuring.leg_review import LegReview, LegRow, leg_rows, positions
 from app.measuring.session import Doubt, TakenStep
 from app.report.schema.readings import ReplayReport
-from app.report.text.tables import new_table, signed, table_text, uncertain, wrapped
+from app.report.text.tables import new_table, paragraphs, signed, uncertain
 from calib.arrays import LEG_NAMES
 from calib.tripod.geometry import Geometry
 from protocols.expectation import Movement
@@ -214,9 +214,13 @@ def replay_text(report: ReplayReport) -> str:
     for a in report.averages:
         place = (a.leg, a.axis, f"{a.station:g}", _at(a.displacement_mm, a.position_mm))
         averages.add_row(*place, signed(a.mean_mm, 4), str(a.readings))
-    title = f"{report.session}: {len(report.readings)} readings ({report.end})"
-    remarks = [wrapped(f"Remark: {remark}") for remark in report.remarks]
-    return "\n\n".join([title, *remarks, table_text(readings), "Averages", table_text(averages)])
+    return paragraphs(
+        [f"{report.session}: {len(report.readings)} readings ({report.end})"],
+        *(f"Remark: {remark}" for remark in report.remarks),
+        readings,
+        "Averages",
+        averages,
+    )
 
 
 def step_in_list(step: Step, geometry: Geometry) -> str:
@@ -348,13 +352,12 @@ def review_text(review: LegReview) -> str:
         read, wide = "The plate", 22
     cells = [f"{name:<{wide}}{signed(value):>8}" for name, value in review.differences_mm]
     rows = ["      ".join(cells[k : k + ACROSS]) for k in range(0, len(cells), ACROSS)]
-    parts = [
-        wrapped(f"{read} is done. {review_verdict(review)}"),
-        table_text(table),
-        "\n".join([f"{len(cells)} differences so far, mm", *rows]),
+    return paragraphs(
+        f"{read} is done. {review_verdict(review)}",
+        table,
+        [f"{len(cells)} differences so far, mm", *rows],
         "Space continues, P holds the session, G shows the plot.",
-    ]
-    return "\n\n".join(parts)
+    )
 
 
 ACROSS = 2

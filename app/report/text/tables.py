@@ -37,14 +37,25 @@ def table_text(table: Table) -> str:
     return "\n".join(line.rstrip() for line in out.getvalue().strip("\n").splitlines()).strip("\n")
 
 
-def map_text(one: PlaneMap, shown: Callable[[float], str]) -> str:
+def paragraphs(*parts: str | list[str] | Table) -> str:
+    """Texts broken at the width of a terminal, lines as they are, tables; nothing of empty ones."""
+    return "\n\n".join(filter(None, map(_paragraph, parts)))
+
+
+def _paragraph(part: str | list[str] | Table) -> str:
+    if isinstance(part, Table):
+        return table_text(part)
+    return "\n".join(part) if isinstance(part, list) else wrapped(part)
+
+
+def map_table(one: PlaneMap, shown: Callable[[float], str]) -> Table:
     """Values on a plane through Zero; a dash where the tool does not reach."""
     places = (f"{v:+.0f}" for v in one.coordinate_mm)
     table = new_table(f"{one.up} \\ {one.across}, mm", *places)
     for k in range(len(one.up_mm) - 1, -1, -1):
         row = ("–" if math.isnan(v) else shown(v) for v in one.value[k])
         table.add_row(f"{one.up_mm[k]:+.0f}", *row)
-    return table_text(table)
+    return table
 
 
 def wrapped(text: str) -> str:

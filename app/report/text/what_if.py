@@ -9,7 +9,15 @@ from pathlib import Path
 from app.evaluating.what_if import Choice, Trial, WhatIf
 from app.report.text.caveats import SUBSET_WORDS
 from app.report.text.diagnosis import decimals
-from app.report.text.tables import LEAST_MM, new_table, signed, table_text, uncertain, wrapped
+from app.report.text.tables import (
+    LEAST_MM,
+    new_table,
+    paragraphs,
+    signed,
+    table_text,
+    uncertain,
+    wrapped,
+)
 from calib.identify.solution import FittedSize, Solution
 
 WHAT_IF_HELP = """\
@@ -64,7 +72,8 @@ def heading_text(choice: Choice, trial: Trial, model: Path | None) -> str:
     beside = f"model {model.name}" if model else "nominal machine"
     others = "".join(f", {one.id} ({one.where})" for one in choice.beside)
     what = f"{choice.entry.id} ({choice.entry.where})"
-    return f"What if {what}   {', '.join(trial.names)}   beside: {beside}{others}"
+    names = ", ".join(session.name for session in trial.sessions)
+    return f"What if {what}   {names}   beside: {beside}{others}"
 
 
 def doubt_text(choice: Choice, *, mistakes: bool) -> str:
@@ -131,4 +140,4 @@ def numbers_text(without: WhatIf, now: WhatIf) -> str:
         shown = found.value_mm[k], former.predicted_mm[k], solution.predicted_mm[k]
         left = solution.left_mm[k]
         listed.add_row(found.names[k], *(signed(float(mm), 4) for mm in (*shown, left)))
-    return f"{table_text(table)}\n\n{table_text(listed)}"
+    return paragraphs(table, listed)

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from app.cli import cli
 from app.exit_codes import exit_code
 from app.machines.hexaslide import reads
-from app.planning.hexaslide import SimulationRequest, calibrate_file, write_simulated
+from app.planning.hexaslide import Request, calibrate_file, write_simulated
 from app.report.schema.hexaslide import HexaSlideCalibrationReport
 from app.report.text.hexaslide_calibration import calibration_text
 from calib.errors import GlidecalError, NotIdentifiable, RecordError, UsageError
@@ -31,18 +31,23 @@ SIMULATE = ("simulate", "--machine", "hexaslide", "--procedure")
 class Other(TypedDict, total=False):
     """What a test asks for beyond procedure and count."""
 
-    noise_mm: float
-    angle_noise_mrad: float
     seed: int
     measured: tuple[str, ...]
     machine_file: Path
 
 
-def written(folder: Path, procedure: str, postures: int, **own: Unpack[Other]) -> tuple[Path, Path]:
+def written(
+    folder: Path,
+    procedure: str,
+    postures: int,
+    noise_mm: float = 0.01,
+    angle_noise_mrad: float | None = None,
+    **own: Unpack[Other],
+) -> tuple[Path, Path]:
     """Measurements and truth, in new files."""
     path, truth = folder / f"{procedure}.json", folder / f"{procedure}-truth.json"
-    asked = replace(SimulationRequest(procedure, postures, 0.01), **own)
-    write_simulated(asked, path, truth)
+    asked = replace(Request(procedure, postures=postures, seed=1), **own)
+    write_simulated(asked, path, truth, noise_mm=noise_mm, angle_noise_mrad=angle_noise_mrad)
     return path, truth
 
 
@@ -294,8 +299,7 @@ def test_postures_of_a_file_are_measured(tmp_path: Path) -> None:
     header = "x_m,y_m,z_m,theta_deg,psi_deg,phi_deg"
     np.savetxt(table, chosen, fmt="%.17g", delimiter=",", header=header, comments="")
     file, truth = tmp_path / "m.json", tmp_path / "t.json"
-    asked = SimulationRequest("position", table, 0.01, errors_mm=0.5)
-    write_simulated(asked, file, truth)
+    write_simulated(Request("position", posture_file=table, seed=1), file, truth, errors_mm=0.5)
     values = np.array([posture.values for posture in read_measurements(file).postures])
     assert np.abs(values - chosen[:, :3]).max() < 0.05, "where the true machine stands, metres"
     with_random = document(*written(tmp_path, "position", 24), share=0.0)
@@ -347,7 +351,7 @@ def test_files_are_neither_overwritten_nor_mixed_up(tmp_path: Path) -> None:
     assert "two files" in told(2, *SIMULATE, *asked, "-o", other, "--truth", other)
     assert path.read_bytes() == before
     assert not other.exists()
-    write_simulated(SimulationRequest("position", 20, 0.01, seed=9), other, None)
+    write_simulated(Request("position", postures=20, seed=9), other, None)
     with pytest.raises(RecordError, match="the truth of other measurements"):
         calibrate_file(other, truth, 0.2)
     with pytest.raises(RecordError, match="truth file"):

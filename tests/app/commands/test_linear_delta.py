@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from protocols.machine import load_machine
-from protocols.machine_files import machine_names, shipped_file
+from protocols.machine_files import MACHINES, machine_names
 from protocols.observations import to_observations
 from protocols.record import read_record
 from protocols.session import fold
@@ -106,7 +106,7 @@ def test_aliases_of_a_plate() -> None:
 def test_a_machine_file_says_by_its_schema_of_what_kind_it_is(tmp_path: Path) -> None:
     drives, slides = tmp_path / "drives.toml", tmp_path / "slides.toml"
     for name, path in (("linear-delta", drives), ("hexaslide-h60", slides)):
-        path.write_bytes(shipped_file(name).read_bytes())
+        path.write_bytes((MACHINES / f"{name}.toml").read_bytes())
     seen = ("identifiability", "orthoglide", "--machine-file", drives)
     said = ran(*seen)
     assert said.startswith("linear-delta, plate-rings")  # not the name it was asked by

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,8 +12,7 @@ import pytest
 import typer
 
 from app.commands import measuring
-from app.commands.sessions import run
-from app.measuring.opening import Plan
+from app.measuring.plan import Plan
 from app.measuring.simulated import simulated_session
 from calib.errors import MotionError, UsageError
 from calib.tripod.pipeline import Model
@@ -21,7 +21,7 @@ from protocols.journal import write_whole
 from protocols.machine import Instrument
 from protocols.procedure import load_procedure
 from protocols.record import read_record
-from tests.app.cli import glidecal
+from tests.app.cli import glidecal, refused, run_here
 from tests.app.measuring.moving_machine import FAST, SHORT, following, taken, wrong
 
 TWO = ("--indicator", "mitutoyo-01a:/dev/none0@xy", "--indicator", "mitutoyo-01a:/dev/none1@yzx")
@@ -62,9 +62,15 @@ def test_without_a_procedure_it_takes_one_that_nobody_would_type() -> None:
 def test_a_screen_asks_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nobody is asked twice: the check on the screen shows everything, and Enter is the answer."""
     monkeypatch.setattr("sys.stdin", Terminal(""))
-    with LinuxCncTwin(SimulatedAxes()) as twin:
+    with closing(LinuxCncTwin(SimulatedAxes())) as twin:
         measuring.ask(plan_of(tmp_path, twin.told, ("a", "b")), on_screen=True)
         assert not twin.moves
+
+
+def test_what_the_record_tells_is_refused_beside_continue(tmp_path: Path) -> None:
+    for words in (("--dry-run",), ("--seed", "1"), ("--note", "n"), ("-o", "b.jsonl")):
+        said = refused(2, "run", "--continue", tmp_path / "a.jsonl", *words)
+        assert f"{words[0].replace('-o', '--output')}: found beside --continue" in said
 
 
 @pytest.mark.parametrize(
@@ -96,7 +102,7 @@ def test_the_operator_says_no(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 def test_a_machine_that_is_not_homed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", Terminal("y\n"))
-    with LinuxCncTwin(SimulatedAxes()) as twin:
+    with closing(LinuxCncTwin(SimulatedAxes())) as twin:
         twin.befall(Trouble.NOT_HOMED)
         with pytest.raises(MotionError, match="home it"):
             measuring.ask(plan_of(tmp_path, twin.told, ("a", "b")), on_screen=False)
@@ -105,9 +111,7 @@ def test_a_machine_that_is_not_homed(tmp_path: Path, monkeypatch: pytest.MonkeyP
         measuring.ask(plan_of(tmp_path, "klipper:x", ("a", "b")), on_screen=False)
 
 
-def test_a_session_in_a_plain_terminal(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_session_in_a_plain_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All of `glidecal run`; whoever answers a question about a set-up has set it up."""
     machine, procedure = tmp_path / "machine.toml", tmp_path / "short.toml"
     machine.write_text(
@@ -121,18 +125,14 @@ def test_a_session_in_a_plain_terminal(
     path = tmp_path / "a.jsonl"
     with following() as (bench, twin, ports):
         monkeypatch.setattr("sys.stdin", Terminal("y\ny\n"))
-        run(
-            protocol=str(procedure),
-            machine=str(machine),
-            indicator=[
-                f"mitutoyo-01a:{port}@{axes}"
-                for port, axes in zip(ports, ("yzx", "zxy"), strict=True)
-            ],
-            output=path,
-            headless=True,
-            motion=twin.told,
-        )
-    said = capsys.readouterr().err
+        named = [
+            word
+            for port, axes in zip(ports, ("yzx", "zxy"), strict=True)
+            for word in ("--indicator", f"mitutoyo-01a:{port}@{axes}")
+        ]
+        files = ("--protocol", f"{procedure}", "--machine", f"{machine}", "-o", f"{path}")
+        status, _, said = run_here("run", *files, *named, "--headless", "--motion", twin.told)
+    assert status == 0
     assert "Guards closed" in said
     assert "Set up at leg X, station 0.5, along Y and Z" in said
     assert read_record(path).end == "closed"

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.evaluating.solution import load_sessions
 from app.planning.tripod import next_measurement, tripod_planning
 from calib.arrays import conditions, descending
 from calib.design.criteria import Criterion
@@ -22,11 +23,13 @@ from calib.tripod.pipeline import derivatives
 from calib.tripod.planning import TripodPlanning
 from calib.tripod.pool import leg_pool, levels_mm, visiting_order
 from protocols.machine import load_machine
+from protocols.procedure import load_procedure
 from tests.app.cli import glidecal, refused
 
 
 def orthoglide(procedure: str, noise_mm: float) -> TripodPlanning:
-    return tripod_planning(load_machine("orthoglide"), procedure, noise_mm=noise_mm)[0]
+    machine = load_machine("orthoglide")
+    return tripod_planning(machine, load_procedure(procedure, machine.geometry()), noise_mm)
 
 
 MAX_MIN = """schema = "glidecal.procedure/1"
@@ -325,7 +328,7 @@ def test_plan_goes_to_the_legs_that_were_not_measured(tmp_path: Path) -> None:
     text = MAX_MIN.replace('["max", "min"]', '["zero", "max", "min"]')
     path.write_text(text.replace("cycles = 1", 'cycles = 3\nlegs = ["x", "y"]'), encoding="utf-8")
     assert glidecal("simulate", "--protocol", path, "-o", session).status == 0
-    assert next_measurement([session]).best.leg == "z"
+    assert next_measurement(load_sessions([session])[0]).best.leg == "z"
 
 
 def test_a_displacement_on_a_limit_is_reached_from_one_side_only() -> None:

@@ -18,9 +18,9 @@ def test_another_set_comes_from_the_choice_and_tells_what_a_solution_of_its_own_
     samples: Path,
 ) -> None:
     session = samples / "experiment_2_twelve.jsonl"
-    solved, _ = solve_files([session])
+    solved = solve_files([session])
     for subset in SUBSETS:
-        shown, (alone, _) = solved.with_subset(subset), solve_files([session], subset=subset)
+        shown, alone = solved.with_subset(subset), solve_files([session], subset=subset)
         assert shown.solution is solved.choice.solutions[subset]
         assert solution_text(shown) == solution_text(alone)
 

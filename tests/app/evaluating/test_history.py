@@ -163,7 +163,7 @@ def test_what_is_known_is_not_solved_again(
     folder: Path, index: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     read_history(folder, index=index)
-    monkeypatch.setattr(history, "fold", None)
+    monkeypatch.setattr("app.evaluating.solution.solve_sessions", None)
     assert len(orthoglide(folder, index).points) == 6
 
 

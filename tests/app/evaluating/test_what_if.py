@@ -30,7 +30,7 @@ def measured() -> glidecal.Session:
 def tried(effect: str, subset: Subset) -> Trial:
     """An effect of the catalogue, on a set of parameters."""
     (found,) = (c for c in choices([measured()]) if ":".join(c.key) == effect)
-    return trial_of(found, ["a"], [measured()], subset=subset)
+    return trial_of(found, [measured()], subset=subset)
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from app.exports.hexaslide import calibrated_files
 from app.planning.hexaslide import (
     CalibratedMachine,
-    SimulationRequest,
+    Request,
     calibrate_file,
     write_simulated,
 )
@@ -92,9 +92,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("calibrated")
     table = folder / "wanted.csv"
     np.savetxt(table, WANTED, fmt="%.17g", delimiter=",", header=HEADER, comments="")
-    write_simulated(
-        SimulationRequest("pose-inverse", 16, 0.0), folder / "m.json", folder / "t.json"
-    )
+    asked = Request("pose-inverse", postures=16, seed=1)
+    write_simulated(asked, folder / "m.json", folder / "t.json", noise_mm=0.0)
     solved = calibrate_file(folder / "m.json", None, 0.0)
     write_files(folder / "out", calibrated_files(solved, table))
     return folder
@@ -218,7 +217,7 @@ def test_solve_writes_them_and_says_why_not_for_genhexkins(files: Path, tmp_path
 
 def test_what_is_not_identifiable_stands_above_the_machine(tmp_path: Path) -> None:
     path = tmp_path / "m.json"
-    write_simulated(SimulationRequest("position", 30, 0.01), path, None)
+    write_simulated(Request("position", postures=30, seed=1), path, None)
     solved: CalibratedMachine = calibrate_file(path, None, 0.0)
     text = calibrated_files(solved, None)["machine.toml"]
     assert "# NOT IDENTIFIABLE, left as the machine file has it: platform frame turned" in text

@@ -21,8 +21,8 @@ import numpy as np
 
 from app.measuring.gauges import Gauge
 from app.measuring.moving import Mover, limits_of
-from app.measuring.session import GuidedSession
-from app.measuring.unattended import lost_words, measure_by_itself
+from app.measuring.session import GuidedSession, Indicators
+from app.measuring.unattended import lost_words, measure_all
 from calib.errors import GlidecalError
 from drivers.motion import controller_of
 from drivers.motion.controller import Triple
@@ -30,7 +30,7 @@ from drivers.motion.line import MotionLine
 from drivers.motion.twins import LinuxCncTwin, MotionTwin, SimulatedAxes, Trouble
 from drivers.profile import Profile, Query, Spindle
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
-from drivers.twins import TwinPort, twin_of
+from drivers.twins import IndicatorTwin, TwinPort
 from protocols.journal import Journal
 from protocols.machine import Instrument, MotionLimits
 from protocols.machine import Machine as MachineFile
@@ -89,7 +89,7 @@ class Unpluggable:
 
     def __init__(self, bench: Bench, number: int) -> None:
         spindle = Spindle(lambda: bench.shows_mm(number), STEP_MM)
-        self._bench, self._twin = bench, twin_of(MITUTOYO_01A, spindle)
+        self._bench, self._twin = bench, IndicatorTwin(MITUTOYO_01A, spindle)
 
     def receive(self, request: bytes) -> bytes:
         answer = self._twin.receive(request)
@@ -140,16 +140,14 @@ def moving_session(
                 tolerance_mm=0.004,
             )
             gauge.start()
-            stack.callback(gauge.close)
             gauges.append(gauge)
         controller = controller_of(twin.told, limits_of(machine))
         controller.answer_s = 2.0
         mover = Mover(MotionLine(controller), procedure, machine, ("xyz", "xyz"))
         mover.line.start()
-        stack.callback(mover.close)
         known = path.exists()
         journal = Journal.resume(path, "test") if known else Journal.create(path, opened)
-        with GuidedSession(journal, gauges, None, lambda: None, mover=mover) as guided:
+        with GuidedSession(journal, Indicators((*gauges,), mover=mover)) as guided:
             yield guided, bench, twin
 
 
@@ -238,7 +236,7 @@ def with_faults(
                 timer = threading.Timer(chance.uniform(0.05, latest_s), strike)
                 timer.start()
             try:
-                measure_by_itself(guided, bench.set_up, lambda _: None)
+                measure_all(guided, bench.set_up, lambda _: None)
             except GlidecalError:
                 if timer is not None:
                     timer.join()

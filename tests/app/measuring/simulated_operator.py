@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from app.measuring.gauges import Gauge, Motion
-from app.measuring.session import GuidedSession, TakenStep
+from app.measuring.session import GuidedSession, Indicators, TakenStep
 from drivers.profile import IndicatorReading, Outcome, Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from protocols.clock import SessionClock
@@ -305,8 +305,8 @@ def session(folder: Path, seed: int, patch: pytest.MonkeyPatch, tally: Tally) ->
     clock = SessionClock(
         journal.events, lambda: bench.now_s, lambda: begun + timedelta(seconds=bench.now_s)
     )
-    gauges = [BenchGauge(bench, number) for number in range(2)]
-    with GuidedSession(journal, gauges, None, lambda: None, clock) as guided:
+    gauges = tuple(BenchGauge(bench, number) for number in range(2))
+    with GuidedSession(journal, Indicators(gauges), clock) as guided:
         yield Operator(bench, guided, tally)
         guided.finish()
     events = read_record(guided.path).events

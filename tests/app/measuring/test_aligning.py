@@ -15,13 +15,8 @@ from app.evaluating.comparison import compare_files, verify_files
 from app.evaluating.solution import solve_files
 from app.measuring.aligning import Round, align_session
 from app.measuring.indicators import simulated_indicators
-from app.measuring.opening import (
-    QUICK_INTERVAL_S,
-    Plan,
-    aligning,
-    plan_to_continue,
-    start_session,
-)
+from app.measuring.opening import start_session
+from app.measuring.plan import QUICK_INTERVAL_S, Plan, aligning, plan_to_continue
 from app.measuring.session import GuidedSession
 from app.report.text.alignment import round_text, screw_text
 from app.report.text.result import comparison_report
@@ -31,7 +26,7 @@ from protocols.machine import Machine
 from protocols.procedure import load_procedure
 from protocols.record import read_record
 from protocols.session import Changed, fold
-from tests.app.cli import glidecal
+from tests.app.cli import glidecal, refused
 
 MACHINE = Machine(rail_mm=(200.0, 400.0))
 FULL = load_procedure("align", MACHINE.geometry())
@@ -130,12 +125,12 @@ def test_nothing_from_before_holds_after(tmp_path: Path) -> None:
     assert "was mechanically changed" in said
     assert "expected" not in said
     assert json.loads(glidecal("compare", earlier, later, "--json").out)["rms_expected_mm"] is None
-    for refused in (
+    for attempt in (
         lambda: verify_files(earlier, later),
         lambda: solve_files([earlier, later]),
     ):
         with pytest.raises(UsageError, match="mechanically changed between them"):
-            refused()
+            attempt()
     done = glidecal("diagnose", earlier, later)
     assert done.status == 2
     assert "mechanically changed" in done.err
@@ -183,12 +178,14 @@ def test_bad_input(tmp_path: Path) -> None:
     done = glidecal("align", "--simulated")
     assert done.status == 2
     assert "--headless" not in done.err  # it has no such option
-    for unused in ("--simulated", "--continue", "--output", "--machine", "--protocol"):
-        value = () if unused == "--simulated" else ("orthoglide",)
-        done = glidecal("align", tmp_path / "s.jsonl", unused, *value)
-        assert done.status == 2
-        assert "beside a session" in done.err
-    assert "beside a session" in glidecal("align", tmp_path / "s.jsonl", "--seed", "2").err
+    for unused in (
+        *(("--simulated",), ("--seed", "1"), ("--protocol", "align")),
+        *((name, "orthoglide") for name in ("--continue", "--output", "--machine", "--protocol")),
+    ):
+        assert "beside a session" in refused(2, "align", tmp_path / "s.jsonl", *unused)
+    for unused in (("--seed", "1"), ("--protocol", "align"), ("--output", "a.jsonl")):
+        said = refused(2, "align", "--continue", tmp_path / "s.jsonl", *unused)
+        assert f"{unused[0]}: found beside --continue" in said
     assert "a session that was measured" in glidecal("align", "--simulated", "--json").err
     delta = tmp_path / "d.jsonl"
     assert glidecal("simulate", "--machine", "linear-delta", "-o", delta).status == 0

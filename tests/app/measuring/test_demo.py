@@ -11,16 +11,11 @@ import numpy as np
 import pytest
 
 from app.evaluating.solution import solve_for_controller
-from app.measuring.opening import (
-    QUICK_INTERVAL_S,
-    Plan,
-    demo_plan,
-    measure_all,
-    start_session,
-    verification_plan,
-    with_hidden_effect,
-)
-from app.measuring.simulated import BenchSettings, hidden_effect, planned_readings
+from app.measuring.demo import demo_plan
+from app.measuring.opening import start_session
+from app.measuring.plan import QUICK_INTERVAL_S, Plan, verification_plan
+from app.measuring.simulated import hidden_effect, planned_readings
+from app.measuring.unattended import measure_all
 from calib.arrays import Observations
 from calib.errors import UsageError
 from calib.tripod.effects import CATALOGUE
@@ -42,7 +37,7 @@ NOISE_MM = 0.002
 
 def plan_with(folder: Path, effect: str, protocol: str = "zero-max-min") -> Plan:
     """A demonstration with a hidden effect and without scatter."""
-    plan = with_hidden_effect(demo_plan(folder, protocol, 4, BenchSettings()), effect)
+    plan = demo_plan(folder, protocol, 4, effect=effect)
     return replace(plan, interval_s=QUICK_INTERVAL_S, bench=replace(plan.bench, scatter_mm=0.0))
 
 
@@ -60,9 +55,7 @@ def test_every_effect_shows_and_nothing_else_imitates_it(wanted: str, protocol: 
     taken = planned_readings(load_procedure(protocol, MACHINE.geometry()), MACHINE)
     for seed in (1, 2, 3):
         truth = hidden_machine(MACHINE.geometry(), seed)
-        effects = hidden_effect(
-            wanted, truth, taken, effects=CATALOGUE, seed=seed, noise_mm=NOISE_MM
-        )
+        effects = hidden_effect(wanted, truth, taken, seed=seed, noise_mm=NOISE_MM)
         assert {one.id for one in effects} == {wanted}
         shift = replace(truth, effects=effects).readings(taken) - truth.readings(taken)
         zeros = np.eye(taken.mount_count)[taken.mount]
@@ -200,7 +193,6 @@ def test_places_and_options_that_do_not_fit(tmp_path: Path) -> None:
             "thermal_drift",
             hidden_machine(MACHINE.geometry(), 1),
             untimed,
-            effects=CATALOGUE,
             seed=1,
             noise_mm=NOISE_MM,
         )

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from app.measuring.demo import rehearsed
 from app.measuring.indicators import check_indicators, indicator_of, parse_indicator
-from app.measuring.simulated import rehearsed
 from calib.arrays import conditions
 from calib.errors import UsageError
 from calib.tripod.geometry import Geometry

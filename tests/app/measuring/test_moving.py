@@ -4,28 +4,24 @@ from __future__ import annotations
 
 import threading
 import time
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from app.evaluating.solution import solve_for_controller
+from app.measuring.demo import SelfMovingBench, demo_plan
 from app.measuring.moving import Mover, Moving, check_motion, ways_of
-from app.measuring.opening import (
-    QUICK_INTERVAL_S,
-    demo_plan,
-    moving_itself,
-    self_moving_bench,
-    start_session,
-    with_hidden_effect,
-)
+from app.measuring.opening import start_session
+from app.measuring.plan import QUICK_INTERVAL_S
 from app.measuring.simulated import BenchSettings
-from app.measuring.unattended import measure_by_itself
+from app.measuring.unattended import measure_all
 from calib.errors import MotionError, RecordError, UsageError
 from calib.tripod.simulation import hidden_machine
 from drivers.exchange import Exchange
-from drivers.motion.controller import Faulted, MotionFault
+from drivers.motion.controller import Faulted, MotionFault, Triple
 from drivers.motion.twins import TWINS, LinuxCncTwin, SimulatedAxes, Trouble
 from drivers.profile import IndicatorReading, Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
@@ -63,7 +59,7 @@ def test_a_session_measures_itself(name: str, tmp_path: Path) -> None:
             asked.append((bench.axes.at_mm, bench.axes.moving))
             return bench.set_up(step)
 
-        measure_by_itself(guided, set_up, lambda _: None)
+        measure_all(guided, set_up, lambda _: None)
         readings = taken(path)
     assert read_record(path).end == "closed"
     assert len(readings) == 2 * len(guided.steps)
@@ -108,7 +104,7 @@ def test_no_fault_leaves_a_reading_of_a_wrong_posture(seed: int, tmp_path: Path)
 def test_a_set_up_that_is_not_confirmed_moves_nothing_but_to_zero(tmp_path: Path) -> None:
     with moving_session(tmp_path / "a.jsonl") as (guided, _, twin):
         with pytest.raises(MotionError, match="not confirmed"):
-            measure_by_itself(guided, lambda _: False, lambda _: None)
+            measure_all(guided, lambda _: False, lambda _: None)
         assert len(twin.moves) == 1
         assert not taken(tmp_path / "a.jsonl")
 
@@ -122,9 +118,9 @@ def test_a_session_that_broke_off_is_continued_from_the_same_side(tmp_path: Path
                 raise MotionError("the program", "killed")
 
         with pytest.raises(MotionError, match="killed"):
-            measure_by_itself(guided, bench.set_up, break_off)
+            measure_all(guided, bench.set_up, break_off)
     with moving_session(path) as (guided, bench, twin):
-        measure_by_itself(guided, bench.set_up, lambda _: None)
+        measure_all(guided, bench.set_up, lambda _: None)
         readings = taken(path)
     assert read_record(path).end == "closed"
     assert not wrong(readings, bench)
@@ -154,7 +150,7 @@ def test_a_controller_that_is_gone_is_told_with_the_emergency_stop(tmp_path: Pat
                 threading.Thread(target=on_the_way).start()
 
         with pytest.raises(MotionError, match="emergency stop"):
-            measure_by_itself(guided, bench.set_up, switch_off)
+            measure_all(guided, bench.set_up, switch_off)
     assert len(taken(path)) == 2
 
 
@@ -194,7 +190,7 @@ def test_a_stand_that_is_slid_in_every_posture_is_left_to_the_operator() -> None
 
 
 def test_a_check_says_who_says_so_and_moves_nothing() -> None:
-    with LinuxCncTwin(SimulatedAxes()) as twin:
+    with closing(LinuxCncTwin(SimulatedAxes())) as twin:
         assert "joint_homed YES YES YES" in check_motion(twin.told, FAST)
         twin.befall(Trouble.NOT_HOMED)
         with pytest.raises(Faulted) as said:
@@ -204,11 +200,11 @@ def test_a_check_says_who_says_so_and_moves_nothing() -> None:
 
 
 def test_a_demonstration_that_moves_itself_finds_the_hidden_offsets(tmp_path: Path) -> None:
-    plan = moving_itself(demo_plan(tmp_path, None, 5, BenchSettings()), "twin", hurried=True)
+    plan = demo_plan(tmp_path, None, 5, by_itself="twin")
     once = plan.procedure.model_copy(update={"cycles": 1})
     plan = replace(plan, procedure=once, interval_s=QUICK_INTERVAL_S)
     with start_session(plan) as guided:
-        measure_by_itself(guided, lambda _: True, lambda _: None)
+        measure_all(guided, lambda _: True, lambda _: None)
     found = solve_for_controller(plan.path).joint_offsets_mm
     hidden = hidden_machine(plan.machine.geometry(), 5).parameters_mm
     assert found == pytest.approx(hidden[:3], abs=0.1)  # lengths, 0.03 mm, are taken for offsets
@@ -217,28 +213,59 @@ def test_a_demonstration_that_moves_itself_finds_the_hidden_offsets(tmp_path: Pa
     assert first.driver == "linuxcnc"
 
 
+@contextmanager
+def machine_with_play(
+    folder: Path, leg: str, *, outermost: bool
+) -> Iterator[tuple[float, Callable[[Triple], None], Callable[[], float]]]:
+    """With play of carriage x, at a step of a leg: how far that is out, and two calls.
+
+    The first moves the machine, and nobody looks on the way; the second reads an indicator.
+    """
+    quick = BenchSettings(scatter_mm=0.0, hurry=1e6)
+    plan = demo_plan(folder, None, 5, quick, by_itself="twin", effect="backlash:x")
+    steps = [s for s in plan.procedure.steps(plan.machine.geometry()) if s.leg == leg]
+    step = max(steps, key=lambda s: s.displacement_mm if outermost else -abs(s.displacement_mm))
+    with closing(SelfMovingBench(plan)) as bench:
+        twin = bench.controller
+        assert isinstance(twin, LinuxCncTwin)
+        axes = twin.axes
+        asked = Exchange(MITUTOYO_01A, bench.ports[0], Query(), 0.0)
+        asked.open()
+        bench.set_up(step)
+
+        def go(to_mm: Triple) -> None:
+            axes.go(to_mm, 3000.0)
+            time.sleep(0.01)
+
+        def shown_mm() -> float:
+            reading = asked.taken()
+            assert isinstance(reading, IndicatorReading)
+            return reading.value_mm
+
+        yield step.displacement_mm, go, shown_mm
+        asked.hang_up()
+
+
 def test_an_indicator_knows_the_side_that_it_came_from_though_nobody_looked_on_the_way(
     tmp_path: Path,
 ) -> None:
-    quick = BenchSettings(scatter_mm=0.0, hurry=1e6)
-    plan = moving_itself(demo_plan(tmp_path, None, 5, quick), "twin", hurried=False)
-    plan = with_hidden_effect(plan, "backlash:x")
-    steps = plan.procedure.steps(plan.machine.geometry())
-    at_max = max(steps, key=lambda step: (step.leg == "x", step.displacement_mm))
-    with closing(self_moving_bench(plan)) as bench:
-        twin = bench.controller
-        assert isinstance(twin, LinuxCncTwin)
-        asked = Exchange(MITUTOYO_01A, bench.ports[0], Query(), 0.0)
-        asked.open()
-        bench.set_up(at_max)
+    with machine_with_play(tmp_path, "x", outermost=True) as (at_mm, go, shown_mm):
         shown = []
         for beside_mm in (-10.0, 10.0, -10.0):
-            for along_mm in (beside_mm, 0.0):
-                twin.axes.go((at_max.displacement_mm + along_mm, 0.0, 0.0), 3000.0)
-                time.sleep(0.01)  # there, and nobody looked
-            reading = asked.taken()
-            assert isinstance(reading, IndicatorReading)
-            shown.append(reading.value_mm)
-        asked.hang_up()
+            go((at_mm + beside_mm, 0.0, 0.0))
+            go((at_mm, 0.0, 0.0))
+            shown.append(shown_mm())
     assert shown[0] == shown[2]
     assert abs(shown[1] - shown[0]) > 0.002
+
+
+def test_zero_is_zero_where_a_controller_rounds_its_place(tmp_path: Path) -> None:
+    """Seven digits of a joint at 310 mm are good for 0.05 µm."""
+    with machine_with_play(tmp_path, "y", outermost=False) as (at_mm, go, shown_mm):
+        assert at_mm == 0.0
+        shown = []
+        for told_mm in (0.0, 4e-5, -4e-5):
+            go((0.0, -10.0, 0.0))
+            go((0.0, told_mm, 0.0))
+            shown.append(shown_mm())
+    assert shown[0] == shown[1] == shown[2]

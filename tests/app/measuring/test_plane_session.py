@@ -7,7 +7,7 @@ a plane that leans, over real serial connections.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,9 +18,11 @@ from app.evaluating.solution import solve_files
 from app.measuring.gauges import Gauge
 from app.measuring.indicators import simulated_indicators
 from app.measuring.leg_review import review_leg
-from app.measuring.opening import Plan, measure_all, opened_event
-from app.measuring.session import Doubt, GuidedSession
+from app.measuring.opening import opened_event
+from app.measuring.plan import Plan
+from app.measuring.session import Doubt, GuidedSession, Indicators
 from app.measuring.simulated import short_travels
+from app.measuring.unattended import measure_all
 from app.report.charts.tripod import drawn_set_up
 from app.report.text.preparing import dry_run_text
 from app.report.text.session import (
@@ -74,7 +76,7 @@ def session(
     plan = Plan(path, MACHINE, procedure, instruments)
     count = len(plan.instruments)
     profiles = [MITUTOYO_01A] * count
-    with SimulatedRig(profiles, resolution_mm=0.001, transport=default_transport()) as rig:
+    with closing(SimulatedRig(profiles, resolution_mm=0.001, transport=default_transport())) as rig:
         values = [5.0] * count
 
         def go(step: Step) -> None:
@@ -82,7 +84,7 @@ def session(
                 values[number] = shown_mm(step, axis, tilt)
             rig.go(values)
 
-        gauges = [
+        gauges = tuple(
             Gauge(
                 MITUTOYO_01A,
                 port,
@@ -92,19 +94,15 @@ def session(
                 tolerance_mm=0.004,
             )
             for port in rig.ports
-        ]
+        )
         for gauge in gauges:
             gauge.start()
         known = path.exists()
         journal = (
             Journal.resume(path, program()) if known else Journal.create(path, opened_event(plan))
         )
-
-        def close() -> None:
-            for gauge in gauges:
-                gauge.close()
-
-        with GuidedSession(journal, gauges, None if by_hand else go, close) as guided:
+        indicators = Indicators(gauges, None if by_hand else go)
+        with GuidedSession(journal, indicators) as guided:
             yield guided, go
 
 
@@ -129,7 +127,7 @@ def test_one_set_up_for_each_leg_and_what_was_off_is_found(tmp_path: Path) -> No
     ]
     observed = to_observations([found])
     assert observed.along_mm[:3] == pytest.approx([31.025, 279.225, 91.025])
-    solved, _ = solve_files([path], subset="joint-offsets")
+    solved = solve_files([path], subset="joint-offsets")
     # bars are off too (OFF): what shows along z is the height of the feet less that of the tool
     exact = [height(OFF, 0, 2, 0.0, s) for s in (0.1, 0.9)]
     assert float(observed.value_mm[1] - observed.value_mm[0]) == pytest.approx(

@@ -7,7 +7,7 @@ geometry; the indicators answer over real serial connections.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +16,10 @@ import pytest
 from app.measuring.gauges import Gauge
 from app.measuring.indicators import simulated_indicators
 from app.measuring.leg_review import review_leg
-from app.measuring.opening import (
-    QUICK_INTERVAL_S,
-    Plan,
-    measure_all,
-    opened_event,
-    start_session,
-)
-from app.measuring.session import Doubt, GuidedSession
+from app.measuring.opening import opened_event, start_session
+from app.measuring.plan import QUICK_INTERVAL_S, Plan
+from app.measuring.session import Doubt, GuidedSession, Indicators
+from app.measuring.unattended import measure_all
 from app.report.text.session import (
     point_text,
     question_text,
@@ -66,7 +62,9 @@ def session(
 ) -> Iterator[tuple[GuidedSession, Callable[[Step], None]]]:
     """A session at the hidden machine; the second says where the machine is sent."""
     chance = np.random.default_rng(5)
-    with SimulatedRig([MITUTOYO_01A], resolution_mm=0.001, transport=default_transport()) as rig:
+    with closing(
+        SimulatedRig([MITUTOYO_01A], resolution_mm=0.001, transport=default_transport())
+    ) as rig:
 
         def go(step: Step) -> None:
             there = hidden.tool(BELIEVED(np.array(step.position_mm)))
@@ -87,7 +85,8 @@ def session(
             if path.exists()
             else Journal.create(path, opened_event(known))
         )
-        with GuidedSession(journal, [gauge], None if by_hand else go, gauge.close) as guided:
+        indicators = Indicators((gauge,), None if by_hand else go)
+        with GuidedSession(journal, indicators) as guided:
             yield guided, go
 
 

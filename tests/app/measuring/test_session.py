@@ -13,17 +13,12 @@ from pathlib import Path
 
 import pytest
 
+from app.measuring.demo import demo_plan
 from app.measuring.gauges import Gauge
-from app.measuring.opening import (
-    QUICK_INTERVAL_S,
-    Plan,
-    demo_plan,
-    measure_all,
-    opened_event,
-    start_session,
-)
-from app.measuring.session import Doubt, GuidedSession
-from app.measuring.simulated import BenchSettings
+from app.measuring.opening import opened_event, start_session
+from app.measuring.plan import QUICK_INTERVAL_S, Plan
+from app.measuring.session import Doubt, GuidedSession, Indicators
+from app.measuring.unattended import measure_all
 from drivers.profile import FaultKind, IndicatorReading, Outcome, Query
 from drivers.profiles.mitutoyo_01a import MITUTOYO_01A
 from protocols.clock import SessionClock
@@ -38,9 +33,7 @@ NOTES = 40
 
 
 def test_notes_while_readings_are_taken(tmp_path: Path) -> None:
-    plan = replace(
-        demo_plan(tmp_path, "zero-max-min", 1, BenchSettings()), interval_s=QUICK_INTERVAL_S
-    )
+    plan = replace(demo_plan(tmp_path, "zero-max-min", 1), interval_s=QUICK_INTERVAL_S)
     with start_session(plan) as guided:
 
         def write() -> None:
@@ -66,7 +59,7 @@ def test_notes_while_readings_are_taken(tmp_path: Path) -> None:
 
 def quick(folder: Path, **changes: object) -> Plan:
     """Two legs, one cycle each: ZERO MAX MIN ZERO, steps 1 … 4 on x and 5 … 8 on y."""
-    plan = demo_plan(folder, "zero-max-min", 1, BenchSettings())
+    plan = demo_plan(folder, "zero-max-min", 1)
     short = plan.procedure.model_dump() | {"legs": ("x", "y"), "cycles": 1} | changes
     return replace(plan, procedure=Procedure.model_validate(short), interval_s=QUICK_INTERVAL_S)
 
@@ -334,7 +327,7 @@ def by_hand(folder: Path, machine: Machine) -> Iterator[tuple[GuidedSession, lis
     time = Time()
     clock = SessionClock(journal.events, lambda: time.now_s, time.wall)
     gauges = [Still(0.0), Still(0.0)]
-    with GuidedSession(journal, gauges, None, lambda: None, clock) as guided:
+    with GuidedSession(journal, Indicators((*gauges,)), clock) as guided:
         yield guided, gauges, time
 
 

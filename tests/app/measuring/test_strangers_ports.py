@@ -12,7 +12,8 @@ from textual.pilot import Pilot
 from textual.widgets import Input
 
 from app.measuring.indicators import check_indicators, from_file, parse_indicator, this_computer
-from app.measuring.opening import PortsUnknown, opened_event, plan_to_continue
+from app.measuring.opening import opened_event
+from app.measuring.plan import PortsUnknown, plan_to_continue
 from app.screens.check import CheckScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import ChoiceDialog, Interface, TextDialog

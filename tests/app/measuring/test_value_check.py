@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from app.measuring.opening import begin, demo_plan, open_indicators
+from app.measuring.demo import demo_plan
+from app.measuring.opening import begin, open_indicators
 from app.measuring.recorded import check_values
-from app.measuring.simulated import BenchSettings
 from calib.errors import RecordError
 from protocols.journal import Journal
 from protocols.record import Record, check_record, read_record
@@ -20,7 +20,7 @@ from tests.recorded import unsealed
 
 @pytest.mark.parametrize("profile", ["mitutoyo-01a", "sylvac", "heidenhain-nd28x"])
 def test_a_measured_session_says_what_its_texts_say(tmp_path: Path, profile: str) -> None:
-    plan = demo_plan(tmp_path, "zero-max-min", 1, BenchSettings(), profiles=(profile,))
+    plan = demo_plan(tmp_path, "zero-max-min", 1, profiles=(profile,))
     with begin(plan, open_indicators(plan)) as guided:
         for _ in range(2):
             guided.go()

@@ -82,7 +82,7 @@ def experiment() -> CalibrationReport:
 def test_the_result_stands_in_it(experiment: CalibrationReport) -> None:
     """Numbers of `solve`, which other tests compare with the papers."""
     text = Page(html_of(experiment)).text
-    solution = solve_files([EXPERIMENT])[0].solution
+    solution = solve_files([EXPERIMENT]).solution
     for name, value in zip(solution.names, solution.values_mm, strict=True):
         shown = re.search(rf"{name} ([+-][0-9.]+)", text)
         assert shown, name
@@ -106,7 +106,7 @@ def _section(report: CalibrationReport, heading: str) -> Section:
 
 def test_the_budget_adds_up_to_what_is_stated(experiment: CalibrationReport) -> None:
     of_values, of_tool = _section(experiment, "Uncertainty budget").tables
-    solved = solve_files([EXPERIMENT])[0]
+    solved = solve_files([EXPERIMENT])
     stated = zip(solved.solution.names, solved.solution.expanded_with_tolerances_mm, strict=True)
     for row, (name, expanded_mm) in zip(_cells(of_values), stated, strict=True):
         assert row[0] == name
@@ -129,9 +129,7 @@ def test_what_to_enter_comes_on_top(tmp_path: Path) -> None:
     (table,) = _section(report, "What to enter in the controller").tables
     held, found, together = zip(*(map(float, row[1:]) for row in _cells(table)), strict=True)
     assert held == (0.25, 0.0, -1.0)
-    assert found == pytest.approx(
-        solve_files([path])[0].for_controller().joint_offsets_mm, abs=1e-4
-    )
+    assert found == pytest.approx(solve_files([path]).for_controller().joint_offsets_mm, abs=1e-4)
     assert together == pytest.approx([a + b for a, b in zip(held, found, strict=True)], abs=1e-4)
     assert "A. Fitter" in Page(html_of(report)).text
 
@@ -153,7 +151,7 @@ def test_readings_that_were_questioned_stand_by_themselves(tmp_path: Path) -> No
 def test_readings_of_a_posture_stand_in_a_row_each_below_its_axis() -> None:
     (table,) = _section(report_of([SIMULATED]), f"Readings of {SIMULATED.name}").tables
     headings = [str(column.header) for column in table.columns]
-    (session,) = solve_files([SIMULATED])[0].sessions
+    (session,) = solve_files([SIMULATED]).sessions
     readings = {one.reading: one for one in session.all_readings}
     shown: list[int] = []
     for row in _cells(table):
@@ -196,7 +194,7 @@ def test_a_name_stands_in_the_evidence(tmp_path: Path) -> None:
 def test_the_decision_rule_stands_with_the_decision() -> None:
     report = report_of([SIMULATED], tolerance_mm=0.05)
     assert report.decision.startswith("UNDECIDED with these values entered, FAIL as it is now")
-    judged = judge(solve_files([SIMULATED])[0], 0.05)
+    judged = judge(solve_files([SIMULATED]), 0.05)
     assert (judged.after, judged.before) == ("undecided", "fail")
     with_rule = Page(html_of(report)).text
     assert "Decision rule (ISO 14253-1)" in with_rule
@@ -291,7 +289,7 @@ def test_the_figures_of_a_plate_can_be_read(tmp_path: Path) -> None:
     made = glidecal("simulate", "--machine", "linear-delta", "--seed", "1", "-o", path)
     assert made.status == 0, made.err
     differences, *_ = _section(report_of([path]), "Differences").figures
-    names = solve_files([path])[0].solution.differences.names
+    names = solve_files([path]).solution.differences.names
     texts = [one for one in ElementTree.fromstring(differences.svg).iter() if one.text in names]
     assert len(texts) == 18
     assert all("rotate(-90" in one.get("transform", "") for one in texts)
@@ -302,7 +300,7 @@ def test_the_figures_of_a_plate_can_be_read(tmp_path: Path) -> None:
 
 def test_with_a_later_session_it_decides(tmp_path: Path) -> None:
     after = tmp_path / "after.jsonl"
-    offsets = ",".join(f"{mm}" for mm in solve_files([SIMULATED])[0].joint_offsets_mm)
+    offsets = ",".join(f"{mm}" for mm in solve_files([SIMULATED]).joint_offsets_mm)
     machine = tmp_path / "m.toml"
     machine.write_text(
         f'schema = "glidecal.machine/1"\nname = "orthoglide"\nentered_offsets_mm = [{offsets}]\n'

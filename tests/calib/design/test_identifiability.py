@@ -11,11 +11,12 @@ from app.planning.tripod import tripod_planning
 from calib.design.identifiability import Sensitivity, analyse, classical_qr
 from calib.tripod.geometry import Geometry
 from protocols.machine import load_machine
-from protocols.procedure import guided_procedure_names
+from protocols.procedure import guided_procedure_names, load_procedure
 
 
 def sensitivity_of(procedure: str) -> Sensitivity:
-    planned, _ = tripod_planning(load_machine("orthoglide"), procedure, noise_mm=0.02)
+    machine = load_machine("orthoglide")
+    planned = tripod_planning(machine, load_procedure(procedure, machine.geometry()), 0.02)
     return planned.examine().sensitivity
 
 

@@ -48,7 +48,7 @@ def test_what_a_set_cannot_say_is_in_its_promise(subset: Subset) -> None:
     real = tool_rms_mm(truth, entered)
     assert real > 1.0, "far beyond the reading noise"
     assert choice.tool_after[subset].rms_mm == pytest.approx(real, rel=0.15)
-    now = choice.error_before(subset, MODEL)
+    now = choice.error_before(subset)
     assert now.rms_mm == pytest.approx(tool_rms_mm(truth, np.zeros(6)), rel=0.15)
 
 

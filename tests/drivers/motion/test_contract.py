@@ -7,7 +7,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 import pytest
 
@@ -195,7 +195,7 @@ def test_a_barrier_whose_word_was_lost_is_asked_for_again() -> None:
 def test_a_refused_barrier_says_what_is_wrong() -> None:
     """An error between the last look and the barrier: the reason, not the NAK."""
     axes = Arriving(START)
-    with LinuxCncTwin(axes) as twin:
+    with closing(LinuxCncTwin(axes)) as twin:
         axes.then = lambda: twin.errors.extend(["joint 0 following error"] * (not twin.errors))
         twin.befall(Trouble.CUT)
         controller = controller_of(twin.told, LIMITS)
@@ -231,7 +231,7 @@ def test_unknown_controllers(told: str) -> None:
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 def test_grbl_over_a_terminal() -> None:
-    with GrblTwin(SimulatedAxes(START), "pty") as twin:
+    with closing(GrblTwin(SimulatedAxes(START), "pty")) as twin:
         controller = controller_of(twin.told, LIMITS)
         controller.connect()
         assert controller.move_to((3.0, 2.0, -3.0), FEED) == (3.0, 2.0, -3.0)
@@ -263,7 +263,7 @@ def test_bytes_of_the_text_server() -> None:
             b"ABS_ACT_POS 1.000000 2.000000 -3.000000 0.000000 0.000000 0.000000\r\n",
         ),
     ]
-    with LinuxCncTwin(SimulatedAxes(START)) as twin:
+    with closing(LinuxCncTwin(SimulatedAxes(START))) as twin:
         host, _, port = twin.address.partition(":")
         with socket.create_connection((host, int(port)), timeout=2.0) as client:
             for asked, answer in recorded:

@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 
 import pytest
 
@@ -22,7 +23,7 @@ PATIENCE_S = 10.0
 
 @pytest.fixture
 def twin() -> Iterator[LinuxCncTwin]:
-    with LinuxCncTwin(SimulatedAxes()) as twin:
+    with closing(LinuxCncTwin(SimulatedAxes())) as twin:
         yield twin
 
 

@@ -15,7 +15,7 @@ from drivers.profiles.mitutoyo_counter import MITUTOYO_COUNTER, MITUTOYO_VL50
 from drivers.profiles.sylvac import MAHR_MARCATOR
 from drivers.profiles.tesa import TESA
 from drivers.profiles.u_wave import U_WAVE
-from drivers.twins import twin_of
+from drivers.twins import IndicatorTwin
 
 PROFILES = (
     MITUTOYO_COUNTER,
@@ -244,7 +244,7 @@ def test_bad_replies_are_the_faults_that_they_claim_to_be(profile: Profile) -> N
 def answer(profile: Profile, spindle: Spindle) -> bytes:
     """What the twin sends when asked, or of its own accord."""
     request = profile.request(Query(channel=spindle.channel)) if profile.request else b""
-    return twin_of(profile, spindle).receive(request)
+    return IndicatorTwin(profile, spindle).receive(request)
 
 
 @pytest.mark.parametrize(
@@ -286,7 +286,7 @@ def test_round_trip(
 
 @EVERY
 def test_twins_give_no_value_at_the_wrong_request(profile: Profile) -> None:
-    twin = twin_of(profile, Spindle(lambda: 1.0, 0.001))
+    twin = IndicatorTwin(profile, Spindle(lambda: 1.0, 0.001))
     assert twin.receive(b"IR1000000\r\n") in {b"", b"ERR1\r"}
 
 
@@ -300,9 +300,12 @@ def test_streaming_and_asking() -> None:
 
 def test_other_features_and_numbers_of_the_twins() -> None:
     spindle = Spindle(lambda: 1.0, 0.001, channel=1)
-    assert twin_of(MAHR_C1202, spindle).receive(b"M2?\r") == b"2 ERR6\r"
-    assert twin_of(MITUTOYO_COUNTER, spindle).receive(b"GA02\r\nGA00\r\n") == b"GN01,+00001.000\r\n"
-    assert twin_of(MITUTOYO_VL50, spindle).receive(b"CS\r\n") == b"CH01\r\n"
+    assert IndicatorTwin(MAHR_C1202, spindle).receive(b"M2?\r") == b"2 ERR6\r"
+    assert (
+        IndicatorTwin(MITUTOYO_COUNTER, spindle).receive(b"GA02\r\nGA00\r\n")
+        == b"GN01,+00001.000\r\n"
+    )
+    assert IndicatorTwin(MITUTOYO_VL50, spindle).receive(b"CS\r\n") == b"CH01\r\n"
 
 
 LIKELY = st.text('GNXMWADHRTSCEIP0159.,+-<=>? :;mniuµ"\x02\x06\x15\r\n', max_size=24)

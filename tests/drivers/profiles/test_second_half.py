@@ -27,7 +27,7 @@ from drivers.profiles.marposs_quick_read import MARPOSS_QUICK_READ
 from drivers.profiles.metro_mux import METRO_MUX
 from drivers.profiles.mux import DMX, MUX
 from drivers.profiles.starrett_iq import STARRETT_IQ
-from drivers.twins import twin_of
+from drivers.twins import IndicatorTwin
 
 ASKED_LINE = ascii_line(r"(?P<number>-?\d+\.\d+)", request=b"READ?")
 
@@ -283,7 +283,7 @@ def test_twins_speak_these_bytes(
 
 
 def spoken(profile: Profile, position: float, resolution: float, channel: int = 1) -> bytes:
-    twin = twin_of(profile, Spindle(lambda: position, resolution, channel))
+    twin = IndicatorTwin(profile, Spindle(lambda: position, resolution, channel))
     if profile.request is None:
         assert profile.stream_s > 0.0
         assert twin.receive(b"anything") == b""
@@ -318,7 +318,7 @@ def test_bad_replies_are_what_they_say(name: str) -> None:
 
 @pytest.mark.parametrize("name", [name for name in PROFILES if name != "ascii-line"])
 def test_twins_answer_nothing_else_with_a_value(name: str) -> None:
-    twin = twin_of(PROFILES[name], Spindle(lambda: 1.5, 0.001))
+    twin = IndicatorTwin(PROFILES[name], Spindle(lambda: 1.5, 0.001))
     reply = twin.receive(b"?9\r\n").decode("latin-1").strip()
     assert not reply or not isinstance(heard(name, reply), IndicatorReading)
 

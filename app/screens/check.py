@@ -107,13 +107,9 @@ class CheckScreen(Screen[None]):
             if ended := trial.look(states):
                 self.app.bell()
             if ended or (unready and trial.ready):
-                self._show_trial()
-
-    def _show_trial(self) -> None:
-        trial, step = self._trial, self._first
-        if trial and step:
-            self.query_one("#trial", Static).update(trial_text(trial, step))
-        self.refresh_bindings()
+                if self._first:
+                    self.query_one("#trial", Static).update(trial_text(trial, self._first))
+                self.refresh_bindings()
 
     def action_exchange(self) -> None:
         """The spindle that moved is the one that was asked for: its port belongs there."""

@@ -118,12 +118,10 @@ class MeasureScreen(Corrections, Resting):
             self.guided.mover.on_news = tell
         while True:
             await news.wait()
-            await asyncio.sleep(self._gather_s())
+            idle = time.monotonic() - self._moved_at > IDLE_S
+            await asyncio.sleep(IDLE_GATHER_S if idle else GATHER_S)
             news.clear()
             self._show_live()
-
-    def _gather_s(self) -> float:
-        return IDLE_GATHER_S if time.monotonic() - self._moved_at > IDLE_S else GATHER_S
 
     def _look(self) -> None:
         now = steady_s()

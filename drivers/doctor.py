@@ -102,6 +102,9 @@ Group = tuple[Profile, ...]
 VALUE_KINDS = (FaultKind.WRONG_UNIT, FaultKind.WRONG_CHANNEL)
 """Faults whose line is a whole value of the profile all the same."""
 
+A_VALUE = 1
+"""The rank of these; lower is a reading, higher no value."""
+
 
 def try_profiles(
     profiles: Iterable[Profile],
@@ -127,7 +130,7 @@ def try_profiles(
         found = [
             FittingProfile(profile, said) for profile, said in _read(group, outcome.text, asked)
         ]
-        if found and _is_value(outcome):
+        if found and _rank(outcome) <= A_VALUE:
             fits += found
             left = ([p for p, _ in _read(one, outcome.text, asked)] for one in waiting)
             waiting = [tuple(one) for one in left if one]
@@ -186,24 +189,19 @@ def _tried(group: Group, port: str, asked: Query, stopped: Callable[[], bool]) -
 
 
 def _rank(outcome: Outcome | None) -> int:
+    """How much a line says: the reading that one profile finds in it wins over all others."""
     if isinstance(outcome, IndicatorReading):
         return 0
     if outcome is None:  # an echo or an identification
         return 2
-    ranks = {FaultKind.NOT_UNDERSTOOD: 4, **dict.fromkeys(VALUE_KINDS, 1)}
+    ranks = {FaultKind.NOT_UNDERSTOOD: 4, **dict.fromkeys(VALUE_KINDS, A_VALUE)}
     return ranks.get(outcome.kind, 3)
-
-
-def _is_value(outcome: Outcome | None) -> bool:
-    return isinstance(outcome, IndicatorReading) or (
-        outcome is not None and outcome.kind in VALUE_KINDS
-    )
 
 
 def _read(group: Sequence[Profile], text: str, asked: Query) -> list[tuple[Profile, Outcome]]:
     """The profiles of a group that read a value in a line."""
     said = ((profile, profile.parse(text, asked)) for profile in group)
-    return [(profile, outcome) for profile, outcome in said if outcome and _is_value(outcome)]
+    return [(profile, one) for profile, one in said if one and _rank(one) <= A_VALUE]
 
 
 def refused(port: str, problem: IndicatorError) -> PortFinding:

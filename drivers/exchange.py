@@ -14,6 +14,9 @@ from drivers.profile import Fault, FaultKind, IndicatorReading, Outcome, Profile
 REOPEN_S = 0.25
 """Pause between attempts to open a port that was lost."""
 
+BUSY_WAIT_S = 0.05
+"""As readers of Mitutoyo's USB tools do, whose 918 says that it is busy."""
+
 LONGEST_LINE = 512
 """More than this without a line end is no answer of any profile."""
 
@@ -152,7 +155,7 @@ class Exchange:
         for _ in range(self.profile.busy_retries):
             if not (isinstance(outcome, Fault) and outcome.kind is FaultKind.BUSY):
                 break
-            self._wait(self.profile.busy_wait_s)
+            self._wait(BUSY_WAIT_S)
             outcome = self._exchange()
         if isinstance(outcome, IndicatorReading):
             self._form = outcome.text.translate(FORM)
@@ -264,8 +267,15 @@ class Exchange:
             late = now - self._asked_at > self.profile.timeout_s
             by_itself = self._fault.kind is FaultKind.SENDS_UNASKED and not owed
             silence_s = APART_S if by_itself else AFTER_LATE * self.profile.timeout_s
-            fault = _too_slow(self.profile) if owed and late else self._fault
-            self._doubt(fault if owed else _unasked(unasked[-1]), silence_s)
+            fault = self._fault if owed else _unasked(unasked[-1])
+            if owed and late:
+                words = (
+                    f"answers come later than {self.profile.timeout_s:g} s, too slow to tell old "
+                    "from new: none is taken; check cable, radio link and what else asks this "
+                    "indicator"
+                )
+                fault = Fault(FaultKind.TOO_SLOW, "", words)
+            self._doubt(fault, silence_s)
             return
         (first, *others) = unasked
         if self.profile.button and alone and isinstance(first, IndicatorReading) and not others:
@@ -304,7 +314,7 @@ class Exchange:
         CR, LF and both end a line. With ``gap`` the patience begins anew with every byte.
         """
         deadline = self._now() + patience_s
-        while not self._stopped():
+        while not self._stopped():  # by hand: readline knows LF only, and most devices end with CR
             received = self._received.replace(b"\n", b"\r").lstrip(b"\x00\r")
             line, end, rest = received.partition(b"\r")
             if end:
@@ -320,6 +330,7 @@ class Exchange:
 
     def _said(self, line: bytes) -> Outcome | None:
         """What a line says; None for an empty one, an echo or an identification."""
+        # latin-1: no byte is left out, for 12°345 without its ° would be a number
         outcome = self.profile.parse(line.decode("latin-1"), self._asked) if line else None
         return None if line == self._echo and not isinstance(outcome, IndicatorReading) else outcome
 
@@ -340,14 +351,6 @@ class Exchange:
 def looks_like_parity(received: bytes) -> bool:
     """Seven data bits with even parity, read as eight: CR comes as 0x8D and never ends a line."""
     return b"\x8d" in received and all(byte.bit_count() % 2 == 0 for byte in received)
-
-
-def _too_slow(profile: Profile) -> Fault:
-    words = (
-        f"answers come later than {profile.timeout_s:g} s, too slow to tell old from new: none is "
-        "taken; check cable, radio link and what else asks this indicator"
-    )
-    return Fault(FaultKind.TOO_SLOW, "", words)
 
 
 def _unasked(line: Outcome) -> Fault:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import socket
 from collections.abc import Callable
+from dataclasses import replace
 
 import serial
 
@@ -38,7 +39,10 @@ PSEUDO_TERMINALS = ("/dev/pts/", "/dev/ttys00")
 def open_port(profile: Profile, port: str) -> serial.Serial:
     """The open port with the profile's settings. Raises IndicatorError in plain words."""
     check_port(port)
-    settings = _as_the_port_allows(profile.line, port)
+    settings = profile.line
+    if not carries_settings(port) and "://" not in port:
+        # a pseudo-terminal keeps 8N1 and refuses anything else when a setting changes later
+        settings = replace(settings, data_bits=8, parity="N", stop_bits=1)
     try:
         opened = serial.serial_for_url(
             port,
@@ -48,7 +52,7 @@ def open_port(profile: Profile, port: str) -> serial.Serial:
             stopbits=settings.stop_bits,
             timeout=SLICE_S,
             write_timeout=WRITE_S,
-            do_not_open=True,
+            do_not_open=True,  # else DTR and RTS rise first, and devices start anew or lose power
             **({} if "://" in port else {"exclusive": True}),
         )
         with contextlib.suppress(OSError):  # virtual ports have no control lines
@@ -65,13 +69,6 @@ def check_port(port: str) -> None:
     if url and scheme.lower() not in OVER_A_NETWORK:
         allowed = " or ".join(f"{known}://HOST:PORT" for known in OVER_A_NETWORK)
         raise IndicatorError(f"port {port!r}", f"{scheme[:20]!r}", f"a serial port, {allowed}")
-
-
-def _as_the_port_allows(line: LineSettings, port: str) -> LineSettings:
-    """Pseudo-terminals carry eight bits without parity and refuse anything else later on."""
-    if not carries_settings(port) and "://" not in port:
-        return LineSettings(line.baud, dtr=line.dtr, rts=line.rts, dtr_pulse_s=line.dtr_pulse_s)
-    return line
 
 
 def carries_settings(port: str) -> bool:

@@ -117,12 +117,6 @@ def reading(text: str, number: str, asked: Query, unit: Unit | None = None) -> O
     )
 
 
-def wrong_channel(text: str, found: str, asked: Query) -> Fault:
-    """The answer of another input than the one that was asked."""
-    words = f"answer of channel {found} where channel {asked.channel} was asked"
-    return Fault(FaultKind.WRONG_CHANNEL, text, words)
-
-
 def not_understood(text: str) -> Fault:
     """A line outside the grammar of the profile."""
     return Fault(FaultKind.NOT_UNDERSTOOD, text, "not an answer of this profile: wrong profile?")
@@ -209,7 +203,8 @@ class Grammar:
         if unit and unit not in UNITS:
             return not_understood(text)
         if channel is not None and int(channel) != asked.channel:
-            return wrong_channel(text, channel, asked)
+            words = f"answer of channel {channel} where channel {asked.channel} was asked"
+            return Fault(FaultKind.WRONG_CHANNEL, text, words)
         if value:
             told = (name for name in ("mm", "inch") if groups.get(name) is not None)
             return reading(text, groups["number"], asked, UNITS.get(unit or next(told, "")))
@@ -250,7 +245,6 @@ class Profile:
     interval_s: float = 0.2
     bad_replies: Mapping[str, BadReply] = field(default_factory=dict)
     busy_retries: int = 0
-    busy_wait_s: float = 0.05
     stream_s: float = 0.0
     button: bool = False
     hint: str = ""

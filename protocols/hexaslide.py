@@ -17,6 +17,7 @@ from typing import Annotated, Literal, TypeVar
 
 import numpy as np
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -47,15 +48,25 @@ from protocols.machine_files import MACHINES
 Coordinate = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Point = tuple[Coordinate, Coordinate, Coordinate]
 Length = Annotated[float, Field(ge=1e-6, le=1000.0)]
-Range = tuple[Coordinate, Coordinate]
 Angle = Annotated[float, Field(ge=-360.0, le=360.0)]
 
 
-def ordered(bounds: Range) -> Range:
-    """Raises ValueError for bounds in the wrong order."""
+def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
     if not bounds[0] < bounds[1]:
         raise ValueError("the lower bound first, then a larger one")
     return bounds
+
+
+Range = Annotated[tuple[Coordinate, Coordinate], AfterValidator(_ordered)]
+
+
+def _unit_vector(rail: Point) -> Point:
+    square = sum(part * part for part in rail)
+    if abs(square - 1.0) > NOT_UNIT:
+        raise ValueError(f"a unit vector; this one has the length {square**0.5:.10g}")
+    if abs(rail[2]) < LEVEL:
+        raise ValueError(f"a rail that is not level, |z| ≥ {LEVEL:g}")
+    return rail
 
 
 class Chain(Document):
@@ -66,26 +77,11 @@ class Chain(Document):
     """
 
     start_m: Point
-    rail: Point
+    rail: Annotated[Point, AfterValidator(_unit_vector)]
     joint_m: Point
     link_m: Length
     travel_m: Range | None = None
     zeros_deg: tuple[Angle, Angle] = (0.0, 0.0)
-
-    @field_validator("rail")
-    @classmethod
-    def _unit(cls, rail: Point) -> Point:
-        square = sum(part * part for part in rail)
-        if abs(square - 1.0) > NOT_UNIT:
-            raise ValueError(f"a unit vector; this one has the length {square**0.5:.10g}")
-        if abs(rail[2]) < LEVEL:
-            raise ValueError(f"a rail that is not level, |z| ≥ {LEVEL:g}")
-        return rail
-
-    @field_validator("travel_m")
-    @classmethod
-    def _forward(cls, travel: Range | None) -> Range | None:
-        return None if travel is None else ordered(travel)
 
 
 class PostureBox(Document):
@@ -97,11 +93,6 @@ class PostureBox(Document):
     theta_deg: Range
     psi_deg: Range
     phi_deg: Range
-
-    @field_validator("*")
-    @classmethod
-    def _ordered(cls, bounds: Range) -> Range:
-        return ordered(bounds)
 
     def bounds(self) -> Box:
         """The box in metres and radians."""
@@ -193,19 +184,16 @@ def load_hexaslide(path: Path | None = None) -> HexaSlideMachine:
 
 MOST_POSTURES = 10_000
 
-Metres = Annotated[float, Field(ge=-1000.0, le=1000.0)]
-Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
-
 
 class Posture(Document):
     """One posture."""
 
-    x_m: Metres
-    y_m: Metres
-    z_m: Metres
-    theta_deg: Degrees
-    psi_deg: Degrees
-    phi_deg: Degrees
+    x_m: Coordinate
+    y_m: Coordinate
+    z_m: Coordinate
+    theta_deg: Angle
+    psi_deg: Angle
+    phi_deg: Angle
 
 
 class _Written(BaseModel):
@@ -271,7 +259,6 @@ TRUTH_SCHEMA: TruthSchema = "glidecal.hexaslide-truth/1"
 EACH_OWN_LINE = ",\n  "
 NUMBER_OF_POSTURE = re.compile(r"postures\.(\d+)")
 
-Slider = Annotated[float, Field(ge=-100.0, le=100.0)]
 Value = Annotated[float, Field(ge=-100.0, le=100.0)]
 NoiseFigure = Annotated[float, Field(ge=0.0, le=100.0)]
 D = TypeVar("D", bound=BaseModel)
@@ -300,7 +287,7 @@ class FileUnits(Document):
 class MeasuredPosture(Document):
     """Six slider positions, and the values named by ``measured``."""
 
-    sliders: tuple[Slider, Slider, Slider, Slider, Slider, Slider]
+    sliders: tuple[Value, Value, Value, Value, Value, Value]
     values: tuple[Value, ...] = ()
 
 

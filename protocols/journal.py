@@ -6,7 +6,7 @@ import io
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NoReturn
 
@@ -44,14 +44,11 @@ class Journal:
 
         Raises RecordError where the file exists or cannot be written.
         """
-        file = _open_new(path)
-        journal = cls(path, file)
+        journal = cls(path, _open_new(path))
         try:
-            journal.append(opened)
-            files.sync_folder(path.parent)
-        except OSError as problem:
-            journal.discard()
-            raise _cannot_write(path, problem) from problem
+            with _writing(path):
+                journal.append(opened)
+                files.sync_folder(path.parent)
         except BaseException:
             journal.discard()
             raise
@@ -64,17 +61,14 @@ class Journal:
         Raises RecordError where the record is closed, altered, a link or in use.
         """
         try:
-            file = files.open_to_write(path, "r+b")
-        except PermissionError as problem:
-            raise _cannot_write(path, problem) from problem
+            with _writing(path, PermissionError):
+                file = files.open_to_write(path, "r+b")
         except OSError as problem:
             raise unreadable(f"session {path}", problem) from problem
         try:
-            _lock(path, file)
-            return cls._resumed(path, file, program)
-        except OSError as problem:
-            files.close(file)
-            raise _cannot_write(path, problem) from problem
+            with _writing(path):
+                _lock(path, file)
+                return cls._resumed(path, file, program)
         except BaseException:
             files.close(file)
             raise
@@ -116,12 +110,10 @@ class Journal:
             raise self._stopped
         lines, placed, digest = self._placed(events)
         check_size(self.path, len(self._content) + len(lines))
-        try:
+        with _writing(self.path):
             self._check()
             self._cut_off()
             self._write(lines)
-        except OSError as problem:
-            raise _cannot_write(self.path, problem) from problem
         self._content += lines  # first: an interruption must not leave lines of nobody
         self._unsure, self._digest = b"", digest
         self._events += placed
@@ -279,7 +271,7 @@ def check_new(path: Path) -> None:
 
 def _open_new(path: Path) -> io.FileIO:
     """A locked file without a byte. Raises RecordError."""
-    try:
+    with _writing(path):
         check_new(path)
         file = files.open_to_write(path, "r+b" if os.path.lexists(path) else "x+b")
         try:
@@ -288,8 +280,6 @@ def _open_new(path: Path) -> io.FileIO:
         except BaseException:
             files.close(file)
             raise
-    except OSError as problem:
-        raise _cannot_write(path, problem) from problem
     return file
 
 
@@ -319,11 +309,16 @@ def _second_places(path: Path) -> Iterator[Path]:
         yield files.unused_path(folder / f"{path.stem}-kept{path.suffix}")
 
 
-def _cannot_write(path: Path, problem: OSError) -> RecordError:
-    return RecordError(
-        f"writing {path}",
-        "",
-        "a folder with write permission and free space",
-        "What was acknowledged before is on the disk.",
-        reason=files.reason_of(problem),
-    )
+@contextmanager
+def _writing(path: Path, refused: type[OSError] = OSError) -> Iterator[None]:
+    """Raises RecordError for what the system does not let be written."""
+    try:
+        yield
+    except refused as problem:
+        raise RecordError(
+            f"writing {path}",
+            "",
+            "a folder with write permission and free space",
+            "What was acknowledged before is on the disk.",
+            reason=files.reason_of(problem),
+        ) from problem

@@ -14,9 +14,8 @@ from calib.arrays import TOOL, conditions
 from calib.errors import RecordError, UsageError
 from calib.identify.fit import Size
 from calib.identify.solution import FittedSize, Solution
-from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.actuators import cyclic_of
-from calib.tripod.effects.catalogue import BESIDE_CATALOGUE, effects_of
+from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
+from calib.tripod.effects.drives import cyclic_of, effects_of
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.empirical import BASES, EMPIRICAL, empirical_effect
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
@@ -162,8 +161,12 @@ def _effect_of(
     entry: EffectEntry, effects: Sequence[Effect], geometry: Geometry, thing: str
 ) -> Effect:
     """The variant of the effect that has these parameters."""
-    if entry.id == EMPIRICAL:
-        return _unnamed_effect(entry, thing)
+    named = [parameter.of or name for name, parameter in entry.parameters.items()]
+    if entry.id == EMPIRICAL:  # not in the catalogue, for it is the name of nothing
+        if unnamed := empirical_effect(named):
+            return unnamed
+        found = ", ".join(dict.fromkeys(named)) or "none"
+        raise RecordError(f"{thing}, parameters of {EMPIRICAL}", found, ", ".join(BASES))
     known = (*effects_of((*effects, *BESIDE_CATALOGUE), geometry), *effects)
     variants = [effect for effect in known if effect.id == entry.id]
     if not variants:
@@ -173,32 +176,18 @@ def _effect_of(
             ", ".join(dict.fromkeys(effect.id for effect in effects)),
             "An effect of your own must be in the folder of own effects, see docs/effects.md.",
         )
-    named = {parameter.of or name for name, parameter in entry.parameters.items()}
-    fitting = [effect for effect in variants if named == {p.name for p in effect.parameters}]
-    searched = cyclic_of(named)
+    fitting = [effect for effect in variants if set(named) == {p.name for p in effect.parameters}]
+    searched = cyclic_of(set(named))
     if not fitting and searched and searched.id == entry.id:
         return searched
     if not fitting:
         allowed = [" and ".join(p.name for p in effect.parameters) for effect in variants]
         raise RecordError(
             f"{thing}, parameters of {entry.id}",
-            ", ".join(sorted(named)) or "none",
+            ", ".join(sorted(set(named))) or "none",
             ", or ".join(dict.fromkeys(allowed)),
         )
     return fitting[0]
-
-
-def _unnamed_effect(entry: EffectEntry, thing: str) -> Effect:
-    """The effect of these bases; it is not in the catalogue, for it is the name of nothing."""
-    named = [parameter.of or name for name, parameter in entry.parameters.items()]
-    effect = empirical_effect(named)
-    if effect is None:
-        raise RecordError(
-            f"{thing}, parameters of {EMPIRICAL}",
-            ", ".join(dict.fromkeys(named)) or "none",
-            ", ".join(BASES),
-        )
-    return effect
 
 
 def _places(
@@ -341,8 +330,14 @@ def read_model(path: Path, effects: Sequence[Effect] = CATALOGUE) -> tuple[Model
 
 def to_model(found: ModelFile, thing: str, effects: Sequence[Effect] = CATALOGUE) -> Model:
     """The model of a file; ``thing`` names it in errors. Raises RecordError."""
-    _check_parameters(found, thing)
     geometry = found.machine.geometry()
+    longest = min(geometry.leg_length_mm)
+    for name, value in found.parameters_mm.items():
+        if name not in PARAMETER_NAMES:
+            raise RecordError(thing, name, ", ".join(PARAMETER_NAMES))
+        if abs(value) >= longest:
+            allowed = f"less than the leg length {longest:g} mm"
+            raise RecordError(f"{thing}, {name}", f"{value:g} mm", allowed)
     values = tuple(found.parameters_mm.get(name, 0.0) for name in PARAMETER_NAMES)
     placed = [placed_effects(entry, effects, geometry, thing) for entry in found.effects]
     return Model(geometry, values, tuple(effect for each in placed for effect in each))
@@ -426,14 +421,3 @@ def ambiguity(names: Sequence[str]) -> str:
         f"The model holds {', '.join(names)}, adopted as one of several effects that would do: "
         "its name and what follows from it are not certain."
     )
-
-
-def _check_parameters(found: ModelFile, thing: str) -> None:
-    longest = min(found.machine.geometry().leg_length_mm)
-    for name, value in found.parameters_mm.items():
-        if name not in PARAMETER_NAMES:
-            raise RecordError(thing, name, ", ".join(PARAMETER_NAMES))
-        if abs(value) >= longest:
-            raise RecordError(
-                f"{thing}, {name}", f"{value:g} mm", f"less than the leg length {longest:g} mm"
-            )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -132,16 +132,10 @@ def tool_at(told: Triple, machine: Machine) -> Triple:
     return x, y, z
 
 
-def longest_mm(ways: Sequence[Sequence[Triple]]) -> float:
-    """The longest single move of these ways, one after the other."""
+def moves_mm(ways: Iterable[Sequence[Triple]]) -> list[float]:
+    """How long each single move of these ways is, one after the other."""
     places = [place for way in ways for place in way]
-    return max((float(np.linalg.norm(np.subtract(a, b))) for a, b in pairwise(places)), default=0.0)
-
-
-def whole_mm(ways: Sequence[Sequence[Triple]]) -> float:
-    """How far the machine goes on all of these ways."""
-    places = [place for way in ways for place in way]
-    return sum(float(np.linalg.norm(np.subtract(a, b))) for a, b in pairwise(places))
+    return [float(np.linalg.norm(np.subtract(a, b))) for a, b in pairwise(places)]
 
 
 def all_ways(
@@ -165,7 +159,7 @@ def seconds_per_step(machine: Machine, procedure: Procedure, axes: Sequence[str]
     if machine.motion is None:
         return procedure.seconds_per_step
     ways = [way for _, way in all_ways(procedure, machine, axes)]
-    moving_s = whole_mm(ways) / machine.motion.feed_mm_min * 60.0
+    moving_s = sum(moves_mm(ways)) / machine.motion.feed_mm_min * 60.0
     return moving_s / len(ways) + procedure.window_s
 
 

@@ -26,7 +26,7 @@ from protocols.data_table import (
 )
 from protocols.documents import describe, read_text
 from protocols.machine import Instrument, Machine
-from protocols.procedure import SLIDING, Leg, Procedure, default_mount, may_stand, off_bar
+from protocols.procedure import ALL_AXES, SLIDING, Leg, Procedure, default_mount, may_stand, off_bar
 from protocols.session import (
     MOVED,
     MOVED_MM,
@@ -89,13 +89,9 @@ class Row:
 
     def letter(self, column: str) -> Leg:
         """x, y or z."""
-        match self.fields[column].lower():
-            case "x":
-                return "x"
-            case "y":
-                return "y"
-            case "z":
-                return "z"
+        for axis in ALL_AXES:
+            if self.fields[column].lower() == axis:
+                return axis
         raise self.fault(column, "x, y or z")
 
     def with_point(self, column: str) -> str:

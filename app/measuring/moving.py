@@ -13,7 +13,7 @@ from drivers.motion import controller_of
 from drivers.motion.controller import Faulted, Limits, Triple
 from drivers.motion.line import MotionLine
 from protocols.machine import Machine, MotionLimits
-from protocols.motion import all_ways, box_mm, came_from, longest_mm, way_mm, whole_mm, zero_mm
+from protocols.motion import all_ways, box_mm, came_from, moves_mm, way_mm, zero_mm
 from protocols.procedure import Procedure, Step
 from protocols.session import Moved
 
@@ -70,12 +70,13 @@ def ways_of(procedure: Procedure, machine: Machine, axes: Sequence[str]) -> Ways
     for way in ways:
         for place in way:
             limits.check(place, feed_mm_min(machine))
-    longest = longest_mm(ways)
+    moves = moves_mm(ways)
+    longest = max(moves, default=0.0)
     if longest > limits.longest_mm:
         thing = f"longest move of {procedure.name}"
         allowed = f"{limits.longest_mm:g} mm, longest_mm under [motion] in the machine file"
         raise MotionError(thing, f"{longest:.1f} mm", allowed, "Nothing was sent.")
-    moving_s = whole_mm(ways) / feed_mm_min(machine) * 60.0
+    moving_s = sum(moves) / feed_mm_min(machine) * 60.0
     return Ways(tuple(step for step, _ in found), longest, moving_s, procedure.window_s * len(ways))
 
 

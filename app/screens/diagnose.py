@@ -25,7 +25,7 @@ from app.evaluating.diagnosis import (
 from app.evaluating.solution import solve_files
 from app.evaluating.what_if import Choice, choices, trial_of
 from app.measuring.plan import plan_to_repeat
-from app.report.charts.charts import residuals_before_and_after
+from app.report.charts.results import residuals_before_and_after
 from app.report.text import diagnosis as texts
 from app.report.text.result import ONLY_SHOWN
 from app.screens.interface import ChoiceDialog, Interface, TextDialog

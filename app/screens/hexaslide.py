@@ -114,8 +114,7 @@ class HexaSlideScreen(PagedScreen):
         self._look_apart(request)
 
     def _show_heading(self) -> None:
-        machine = texts.machine_words(self.request.machine_file)
-        self._say("hexaslide", texts.heading_text(machine, self.view))
+        self._say("hexaslide", texts.heading_text(self.request.machine_file, self.view))
 
     def _say_everywhere(self, text: str) -> None:
         for name in TEXTS.values():

@@ -10,16 +10,18 @@ from textual_plotext import PlotextPlot
 
 from app.report.charts.charts import (
     Chart,
+    Drawing,
     Series,
+    StrokeStyle,
     even_limits,
     label_cells,
     spread,
     thinned,
     tick_labels,
+    ticks_within,
     turned,
     turned_limits,
 )
-from app.report.charts.drawings import Drawing, StrokeStyle, ticks_within
 
 MARKERS = ("x", "o", "+", "*")
 """Told apart by shape, not by colour alone."""

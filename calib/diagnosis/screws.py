@@ -10,8 +10,8 @@ import numpy as np
 from calib.arrays import LEG_NAMES, FloatArray, without
 from calib.diagnosis.policy import POLICY
 from calib.diagnosis.problem import Problem
-from calib.tripod.effects.actuators import ISO_LEADS_MM, ActuatorCyclic, ActuatorScale
 from calib.tripod.effects.candidates import stacked_columns
+from calib.tripod.effects.drives import ISO_LEADS_MM, ActuatorCyclic, ActuatorScale
 from calib.tripod.effects.effect import PER_THOUSAND, Effect, EffectInstance
 from calib.tripod.pipeline import command
 

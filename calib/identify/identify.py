@@ -64,7 +64,7 @@ from calib.tripod.differences import Differences, differences
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Model, derivatives
-from calib.tripod.sensitivity import sensitivity_of_readings
+from calib.tripod.planning import sensitivity_of_readings
 
 NOTICED = 50.0
 """Tolerances: so large an effect would be seen without measuring, as offsets of 5 mm would."""

@@ -29,9 +29,8 @@ from calib.noise.reading import IndicatorFigures, Noise, reading_noise, reading_
 from calib.stats import coverage_factor
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.pipeline import Model, derivatives
-from calib.tripod.planning import TripodPlanning
+from calib.tripod.planning import TripodPlanning, sensitivity_of_readings, tool_metric
 from calib.tripod.pool import FREE, PARAMETERS, STATIONS, LegPool, leg_pool
-from calib.tripod.sensitivity import sensitivity_of_readings, tool_metric
 
 SECONDS_PER_STEP = 20.0
 MINUTES_PER_MOUNTING = 2.0

@@ -36,8 +36,9 @@ from calib.arrays import (
 from calib.identify.fit import Size, design_of
 from calib.noise.reading import Noise, visits
 from calib.stats import COVERAGE
+from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import place_columns, tool_columns
-from calib.tripod.effects.catalogue import CATALOGUE, effects_of
+from calib.tripod.effects.drives import effects_of
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.empirical import AT_MM, BASES, Coupling, Empirical
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry

@@ -109,6 +109,7 @@ class Controller(ABC):
         self.limits = limits
         self.halt = threading.Event()
         self.answer_s = ANSWER_S
+        self._received = b""
 
     @property
     def words(self) -> str:
@@ -146,6 +147,23 @@ class Controller(ABC):
     @abstractmethod
     def close(self) -> None:
         """Let go of the controller, in whatever state that is."""
+
+    @abstractmethod
+    def _receive(self) -> bytes:
+        """What comes within a moment: a part of a line, or nothing."""
+
+    def _line(self, patience_s: float) -> str:
+        """The next line that is not empty; CR, LF and both in any order end one."""
+        end_s = time.monotonic() + patience_s
+        while True:
+            received = self._received.replace(b"\r", b"\n").lstrip(b"\n ")
+            line, end, self._received = received.partition(b"\n")
+            if end:
+                return line.decode("latin-1").strip()
+            self._received = line
+            if time.monotonic() > end_s:
+                raise self.fault(MotionFault.LOST, f"no answer within {patience_s:g} s")
+            self._received += self._receive()
 
     def move_to(self, to_mm: Triple, feed_mm_min: float) -> Triple:
         """One straight move, waited for; returns where the machine is read back.

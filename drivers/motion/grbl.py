@@ -39,7 +39,6 @@ class Grbl(Controller):
     def __init__(self, address: str, limits: Limits) -> None:
         super().__init__(address, limits)
         self._port: serial.Serial | None = None
-        self._received = b""
 
     def connect(self) -> None:
         """Open the port; nothing is asked of the machine."""
@@ -110,6 +109,7 @@ class Grbl(Controller):
 
     def _begin(self, to_mm: Triple, feed_mm_min: float) -> None:
         words = "".join(f"{name}{mm:.4f}" for name, mm in zip("XYZ", to_mm, strict=True))
+        # machine coordinates in mm, whatever units and offsets the board is set to
         self._done(f"$J=G21G90G53{words}F{feed_mm_min:.1f}")
 
     def _barrier(self) -> None:
@@ -137,7 +137,7 @@ class Grbl(Controller):
         """State and fields of a fresh status report."""
         self._send(b"?")
         while True:
-            found = STATUS.fullmatch(self._line(self.answer_s))
+            found = STATUS.fullmatch(self._told(self.answer_s))
             if found:
                 return found[1], found[2]
 
@@ -145,33 +145,23 @@ class Grbl(Controller):
         """Send a line; what was told until it was acknowledged."""
         self._send(words.encode() + b"\n")
         told: list[str] = []
-        while (line := self._line(ACCEPT_S)) != "ok":
+        while (line := self._told(ACCEPT_S)) != "ok":
             if line.startswith("error:"):
                 why = SAFE.get(line[6:], "see its list of errors")
                 raise self.fault(MotionFault.CONTROLLER, f"{line} ({why})")
             told.append(line)
         return told
 
-    def _line(self, patience_s: float) -> str:
+    def _told(self, patience_s: float) -> str:
         """The next line; an alarm, or a board that started anew, is a fault."""
-        end_s = time.monotonic() + patience_s
-        while True:
-            line, end, rest = self._received.partition(b"\n")
-            if end:
-                self._received = rest
-                told = line.decode("latin-1").strip()
-                if told.startswith("ALARM:"):
-                    raise self.fault(MotionFault.CONTROLLER, told)
-                if told.startswith("Grbl"):
-                    raise self.fault(MotionFault.CONTROLLER, f"it started anew ({told})")
-                if told:
-                    return told
-                continue
-            if time.monotonic() > end_s:
-                raise self.fault(MotionFault.LOST, f"no answer within {patience_s:g} s")
-            self._received += self._read()
+        told = self._line(patience_s)
+        if told.startswith("ALARM:"):
+            raise self.fault(MotionFault.CONTROLLER, told)
+        if told.startswith("Grbl"):
+            raise self.fault(MotionFault.CONTROLLER, f"it started anew ({told})")
+        return told
 
-    def _read(self) -> bytes:
+    def _receive(self) -> bytes:
         try:
             if self._port is None:
                 raise self.fault(MotionFault.LOST)

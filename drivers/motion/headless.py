@@ -150,6 +150,7 @@ class Motors:
     def __init__(self, mounted_mm: Triple, environment: Mapping[str, str]) -> None:
         self._mounted, self._last, self._lock = mounted_mm, mounted_mm, threading.Lock()
         self._hal = subprocess.Popen(
+            # stdbuf: into a pipe halcmd would hold its answers back
             ["stdbuf", "-oL", "halcmd", "-s", "-k", "-f"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -199,22 +200,19 @@ class _Operator(LinuxCnc):
     """Who switches on and homes: glidecal never does, nor does its driver."""
 
     def prepare(self) -> None:
-        self._set("estop off", ACCEPT_S)
-        self._comes("estop", "OFF")
-        self._set("machine on", ACCEPT_S)
-        self._comes("machine", "ON")
-        self._set("mode manual", ACCEPT_S)
-        self._comes("mode", "MANUAL")
-        self._set("home -1", ACCEPT_S)
-        self._comes("joint_homed", "YES YES YES NO NO NO")
+        for told, what, wanted in (
+            ("estop off", "estop", "OFF"),
+            ("machine on", "machine", "ON"),
+            ("mode manual", "mode", "MANUAL"),
+            ("home -1", "joint_homed", "YES YES YES NO NO NO"),  # of six joints, whatever there are
+        ):
+            self._set(told, ACCEPT_S)
+            end_s = time.monotonic() + START_S
+            while (found := self._get(what)) != wanted:
+                if time.monotonic() > end_s:
+                    raise MotionError(f"LinuxCNC, {what}", found, wanted, OTHERWISE)
+                time.sleep(0.05)
         self.ready()
-
-    def _comes(self, what: str, wanted: str) -> None:
-        end_s = time.monotonic() + START_S
-        while (found := self._get(what)) != wanted:
-            if time.monotonic() > end_s:
-                raise MotionError(f"LinuxCNC, {what}", found, wanted, OTHERWISE)
-            time.sleep(0.05)
 
 
 class HeadlessLinuxCnc:

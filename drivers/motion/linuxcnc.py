@@ -16,7 +16,7 @@ import os
 import socket
 from typing import ClassVar
 
-from drivers.motion.controller import Controller, Faulted, Limits, MotionFault, Triple
+from drivers.motion.controller import LOOK_S, Controller, Faulted, Limits, MotionFault, Triple
 
 PORT = 5007
 CONNECT_S = 2.0
@@ -39,29 +39,39 @@ class LinuxCnc(Controller):
 
     def __init__(self, address: str, limits: Limits) -> None:
         super().__init__(address, limits)
-        self._wire: _Wire | None = None
+        self._socket: socket.socket | None = None
 
     def connect(self) -> None:
         """Open the connection; nothing is asked of the machine."""
-        self._wire = self._joined()
+        self._join()
         self._set("set_wait received", ACCEPT_S)
 
-    def _joined(self) -> _Wire:
-        """A new connection that has control."""
-        connect, _, enable = os.environ.get(PASSWORDS, USUAL).partition(" ")
-        wire = _Wire(self)
+    def _join(self) -> None:
+        """Open a connection that has control."""
+        host, _, port = self.address.rpartition(":")
+        if not host:
+            host, port = self.address, str(PORT)
+        if not (port.isascii() and port.isdecimal() and 0 < int(port) < 65536):
+            raise self.fault(MotionFault.UNREACHABLE, f"port {port!r}", "1 … 65535")
         try:
-            if not wire.ask(f"hello {connect} glidecal 1", CONNECT_S).startswith("HELLO ACK"):
+            self._socket = socket.create_connection((host, int(port)), timeout=CONNECT_S)
+        except OSError as problem:
+            said = problem.strerror or str(problem) or "no answer"
+            next_step = "Is linuxcncrsh running there, and does this port belong to it?"
+            raise self.fault(MotionFault.UNREACHABLE, said, next_step=next_step) from problem
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connect, _, enable = os.environ.get(PASSWORDS, USUAL).partition(" ")
+        try:
+            if not self._asked(f"hello {connect} glidecal 1", CONNECT_S).startswith("HELLO ACK"):
                 raise self._refused("the password to connect")
-            wire.send("set echo off\nset verbose on")
-            while wire.line(CONNECT_S) != "SET VERBOSE ACK":
-                pass  # what is echoed until then
-            if wire.ask(f"set enable {enable}", CONNECT_S) != "SET ENABLE ACK":
+            told = self._asked("set echo off\nset verbose on", CONNECT_S)
+            while told != "SET VERBOSE ACK":
+                told = self._line(CONNECT_S)  # what is echoed until then
+            if self._asked(f"set enable {enable}", CONNECT_S) != "SET ENABLE ACK":
                 raise self._refused("the password to enable")
         except Faulted:
-            wire.close()
+            self.close()
             raise
-        return wire
 
     def _refused(self, what: str) -> Faulted:
         next_step = f"Set {PASSWORDS} to both, as 'CONNECT ENABLE'."
@@ -121,6 +131,7 @@ class LinuxCnc(Controller):
     def _begin(self, to_mm: Triple, feed_mm_min: float) -> None:
         if self._get("mode") != "MDI":
             self._set("mode mdi", ACCEPT_S)
+        # G1, for G0 knows no feed; G53, whatever offset of a workpiece is active; mm, absolute
         words = " ".join(f"{name}{mm:.6f}" for name, mm in zip("XYZ", to_mm, strict=True))
         self._set(f"mdi G21 G90 G94 G53 G1 F{feed_mm_min:.3f} {words}", ACCEPT_S)
 
@@ -137,22 +148,22 @@ class LinuxCnc(Controller):
 
     def stop(self) -> None:
         """Abort; over a new connection where this one is gone or has no control."""
-        if self._wire is not None:
+        if self._socket is not None:
             with contextlib.suppress(Faulted):  # gone; where it says NAK another has control
                 if self._accepts("abort", self.answer_s):
                     return
         self.close()
-        wire = self._joined()
+        self._join()
         try:
-            wire.ask("set abort", self.answer_s)
+            self._asked("set abort", self.answer_s)
         finally:
-            wire.close()
+            self.close()
 
     def close(self) -> None:
         """Let go of the connection."""
-        wire, self._wire = self._wire, None
-        if wire is not None:
-            wire.close()
+        connection, self._socket, self._received = self._socket, None, b""
+        if connection is not None:
+            connection.close()
 
     def _errors(self) -> list[str]:
         """What the controller complains of, each told once."""
@@ -182,65 +193,30 @@ class LinuxCnc(Controller):
         return answer.endswith("ACK")
 
     def _asked(self, words: str, patience_s: float) -> str:
-        if self._wire is None:
+        """The next line after these words; none has a number, so a missing one spoils the rest."""
+        if self._socket is None:
             raise self.fault(MotionFault.LOST)
-        return self._wire.ask(words, patience_s)
+        self._socket.settimeout(patience_s)
+        try:
+            self._socket.sendall(words.encode() + b"\n")
+        except OSError as problem:
+            raise self.fault(MotionFault.LOST, problem.strerror or str(problem)) from problem
+        return self._line(patience_s)
+
+    def _receive(self) -> bytes:
+        if self._socket is None:
+            raise self.fault(MotionFault.LOST)
+        self._socket.settimeout(LOOK_S)
+        try:
+            came = self._socket.recv(4096)
+        except TimeoutError:
+            return b""
+        except OSError as problem:
+            raise self.fault(MotionFault.LOST, problem.strerror or str(problem)) from problem
+        if not came:
+            raise self.fault(MotionFault.LOST, "it hung up")
+        return came
 
     def _not_understood(self, answer: str) -> Faulted:
         wanted = "what linuxcncrsh answers"
         return self.fault(MotionFault.LOST, repr(answer[:60]), wanted, "Is it another program?")
-
-
-class _Wire:
-    """Lines to and from one socket; of no use after a missing answer, for none has a number."""
-
-    def __init__(self, owner: LinuxCnc) -> None:
-        self._owner, self._received = owner, b""
-        host, _, port = owner.address.rpartition(":")
-        if not host:
-            host, port = owner.address, str(PORT)
-        if not (port.isascii() and port.isdecimal() and 0 < int(port) < 65536):
-            raise owner.fault(MotionFault.UNREACHABLE, f"port {port!r}", "1 … 65535")
-        try:
-            self._socket = socket.create_connection((host, int(port)), timeout=CONNECT_S)
-        except OSError as problem:
-            said = problem.strerror or str(problem) or "no answer"
-            next_step = "Is linuxcncrsh running there, and does this port belong to it?"
-            raise owner.fault(MotionFault.UNREACHABLE, said, next_step=next_step) from problem
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-
-    def ask(self, words: str, patience_s: float) -> str:
-        """The next line after these words."""
-        self.send(words)
-        return self.line(patience_s)
-
-    def send(self, words: str) -> None:
-        try:
-            self._socket.sendall(words.encode() + b"\n")
-        except OSError as problem:
-            raise self._lost(problem.strerror or str(problem)) from problem
-
-    def line(self, patience_s: float) -> str:
-        """The next line that is not empty; both \\r\\n and \\n\\r end one."""
-        self._socket.settimeout(patience_s)
-        while True:
-            received = self._received.replace(b"\r", b"\n").lstrip(b"\n")
-            line, end, rest = received.partition(b"\n")
-            if end:
-                self._received = rest
-                return line.decode("latin-1").strip()
-            try:
-                came = self._socket.recv(4096)
-            except TimeoutError as problem:
-                raise self._lost(f"no answer within {patience_s:g} s") from problem
-            except OSError as problem:
-                raise self._lost(problem.strerror or str(problem)) from problem
-            if not came:
-                raise self._lost("it hung up")
-            self._received = received + came
-
-    def _lost(self, said: str) -> Faulted:
-        return self._owner.fault(MotionFault.LOST, said)
-
-    def close(self) -> None:
-        self._socket.close()

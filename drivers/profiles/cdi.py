@@ -4,8 +4,6 @@
 vendor counts 8 characters of number and prints 9, so both are read.
 """
 
-from __future__ import annotations
-
 from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile
 
 GRAMMAR = Grammar(

@@ -5,8 +5,6 @@ unit (blank mm, ``"`` inch, ``?`` fault), sorting and series, CR LF. The vendor'
 blank more than his table, so both widths pass.
 """
 
-from __future__ import annotations
-
 from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile
 
 NUMBER = r"[+-](?=[ \d.]{9}\d ) *(?:\d+\.\d+|\.\d+)"

@@ -5,8 +5,6 @@ Reply: ``V``, channel, colon, unit (4 columns), tolerance (3 columns), sign, 5 d
 sign than its layout, so both are read. ``Nxy:En`` is a fault.
 """
 
-from __future__ import annotations
-
 from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile
 
 GRAMMAR = Grammar(

@@ -5,8 +5,6 @@ channel, code, CR. The frame names no unit. Layout from a vendor's document; sta
 retry times from open-source readers (docs/indicators.md).
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile
@@ -33,6 +31,7 @@ MITUTOYO_01A = Profile(
     request=lambda asked: f"{asked.channel}\r".encode(),
     parse=GRAMMAR.parse,
     reply=lambda spindle: f"0{spindle.channel}A{spindle.text(8)}\r",
+    # 5 s, and 918 asked again up to five times: as the reader that cites the maker's manual does
     timeout_s=5.0,
     bad_replies={
         "no-data": BadReply(b"911\r", FaultKind.DEVICE_FAULT),

@@ -5,8 +5,6 @@ leading zeros, unit, CR LF; blanks before the sign and behind the unit come and 
 of channels is answered by that list, four digits that are no value.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile

@@ -4,8 +4,6 @@
 ``MM``, CR. Faults are words in capitals; a parameter of the indicator can silence them.
 """
 
-from __future__ import annotations
-
 from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile
 
 GRAMMAR = Grammar(

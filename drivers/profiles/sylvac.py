@@ -4,8 +4,6 @@ Reply: sign (``+``, ``-`` or blank), number, an optional tolerance flag, CR; no 
 fault, ``SY…`` an identification at power-up, and older units echo the request.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile

@@ -4,8 +4,6 @@ Reply: sign, six digits with a floating point, CR LF. Six decimals with nothing 
 point are inches; otherwise nothing tells the unit.
 """
 
-from __future__ import annotations
-
 from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile
 
 GRAMMAR = Grammar(

@@ -4,8 +4,6 @@ Data: ``DT1``, group, channel, sign, digits with a point, unit letter (``0``: no
 ``ST1``, group, channel (``FF``: the receiver), ten characters of identity, code, CR.
 """
 
-from __future__ import annotations
-
 from drivers.profile import BadReply, Evidence, FaultKind, Grammar, LineSettings, Profile
 
 GRAMMAR = Grammar(

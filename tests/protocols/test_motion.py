@@ -18,12 +18,11 @@ from protocols.motion import (
     box_mm,
     came_from,
     departure_mm,
-    longest_mm,
     movement_signs,
+    moves_mm,
     seconds_per_step,
     told_mm,
     way_mm,
-    whole_mm,
 )
 from protocols.observations import to_observations
 from protocols.procedure import Procedure, load_procedure
@@ -92,8 +91,7 @@ def test_a_pre_roll_beyond_the_joint_limits_is_refused() -> None:
 
 def test_lengths_of_ways() -> None:
     ways = [[(-10.0, 0.0, 0.0), (0.0, 0.0, 0.0)], [(0.0, 30.0, 40.0)]]
-    assert longest_mm(ways) == 50.0
-    assert whole_mm(ways) == 60.0
+    assert moves_mm(ways) == [10.0, 50.0]
 
 
 def test_the_box_is_that_of_the_joint_limits_or_of_the_file() -> None:

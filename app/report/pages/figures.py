@@ -19,8 +19,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.transforms import Affine2D
 
-from app.report.charts.charts import NOISE, Chart, Series
-from app.report.charts.drawings import Drawing, StrokeStyle
+from app.report.charts.charts import NOISE, Chart, Drawing, Series, StrokeStyle
 from calib.diagnosis.results import SEEN
 from calib.tripod.workspace import PlaneMap
 

@@ -160,7 +160,7 @@ class ToolMapEntry(Report):
     across: str
     up: str
     coordinate_mm: Numbers = at("coordinate_mm", "across")
-    up_mm: Annotated[list[float] | None, made(lambda array: array.tolist())] = asked(
+    up_mm: Numbers | None = asked(
         "other_up_mm", "upwards, where these places are others than those across"
     )
     error_mm: Holes = at("value", "null beyond the joint limits")
@@ -237,7 +237,7 @@ class SolutionReport(Report):
         "expanded uncertainty (95 %) of each parameter with those outside the set off within "
         "their tolerance",
     )
-    difference_expanded_mm: Annotated[list[float] | None, made(lambda array: array.tolist())] = at(
+    difference_expanded_mm: Numbers | None = at(
         "solved.solution.expanded_of_difference_mm",
         "expanded uncertainty (95 %) of d_rho - d_L of x, y, z where the readings tell little of "
         "d_rho but that; else null",

@@ -108,7 +108,11 @@ def verdict_words(solved: SessionSolution) -> str:
 
 def _known_words(solution: Solution) -> str:
     """What is known to how much; of joint offsets often only how they differ from the bars."""
-    source = _source_of_uncertainty(solution)
+    source = "95 %, reading noise only"
+    if solution.subset == "with-tolerances":
+        source = "95 %, reading noise and tolerances of the parts"
+    elif solution.noise.source == "residuals":
+        source = "95 %, residual taken as noise"
     whole = uncertain(float(solution.expanded_with_tolerances_mm.max()))
     difference_mm = solution.expanded_of_difference_mm
     if difference_mm is not None:
@@ -116,23 +120,11 @@ def _known_words(solution: Solution) -> str:
             f"Known is d_rho − d_L, to ±{uncertain(float(difference_mm.max()))} mm ({source}); "
             f"d_rho by itself to ±{whole} mm, as bars may be off within their tolerance."
         )
-    known = f"{SUBSET_WORDS[solution.subset].capitalize()} known to ±"
+    known = f"{SUBSET_WORDS[solution.subset].capitalize()} known to ±{whole} mm"
     if solution.subset in ("both", "with-tolerances"):
-        return f"{known}{whole} mm ({source})."
+        return f"{known} ({source})."
     noise = uncertain(float(solution.expanded_mm.max()))
-    return (
-        f"{known}{whole} mm (95 %), the others being within their tolerances; "
-        f"±{noise} mm ({source})."
-    )
-
-
-def _source_of_uncertainty(solution: Solution) -> str:
-    """What the uncertainty in the first line is made of."""
-    if solution.subset == "with-tolerances":
-        return "95 %, reading noise and tolerances of the parts"
-    if solution.noise.source == "residuals":
-        return "95 %, residual taken as noise"
-    return "95 %, reading noise only"
+    return f"{known} (95 %), the others being within their tolerances; ±{noise} mm ({source})."
 
 
 def parameter_table(solution: Solution) -> Table:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from textual.app import RenderResult
 from textual.color import Color
+from textual.geometry import Size
 from textual_plotext import PlotextPlot
 
 from app.report.charts.charts import (
@@ -57,11 +58,13 @@ LABELLED_ROWS = 3
 
 
 class ChartPlot(PlotextPlot):
-    """Draws a chart, or strokes and marks; Textual keeps the picture until `refresh`."""
+    """Draws a chart, or strokes and marks; nothing is drawn again that did not change."""
 
     def __init__(self, chart: Chart | None = None, plot_id: str | None = None) -> None:
         super().__init__(id=plot_id)
         self._chart = chart
+        self._drawn: tuple[Chart | None, Size] | None = None
+        self._picture: RenderResult = ""
 
     def on_mount(self) -> None:
         self.app.theme_changed_signal.subscribe(self, lambda _: self._take_colours())
@@ -69,6 +72,7 @@ class ChartPlot(PlotextPlot):
 
     def _take_colours(self) -> None:
         self.theme = "clear" if self._colour("foreground") == TERMINAL else "auto"
+        self._drawn = None
         self.refresh()
 
     def show(self, chart: Chart) -> None:
@@ -82,10 +86,14 @@ class ChartPlot(PlotextPlot):
         self.show(chart if self._chart is None else chart.as_tall_as(self._chart))
 
     def render(self) -> RenderResult:
+        """The picture of before where chart, size and theme are those of before."""
         if self._chart is None:
             return ""
-        self._draw(self._chart)
-        return super().render()
+        wanted = (self._chart, self.size)
+        if wanted != self._drawn:
+            self._draw(self._chart)
+            self._picture, self._drawn = super().render(), wanted
+        return self._picture
 
     def _draw(self, chart: Chart) -> None:
         plot = self.plt

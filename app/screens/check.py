@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +18,7 @@ from app.exit_codes import exit_code
 from app.measuring.gauges import PushResult, Trial
 from app.measuring.opening import begin, first_step, open_indicators
 from app.measuring.plan import Plan
+from app.measuring.session import Indicators
 from app.report.text import motion
 from app.report.text.home import CHECK_HELP
 from app.report.text.preparing import check_text, dry_run_text, trial_text
@@ -69,28 +69,36 @@ class CheckScreen(Screen[None]):
 
     def on_mount(self) -> None:
         self.app.clear_notifications()  # they would lie over the readings
-        self.app.run_worker(self._open())
+        self._open()
 
-    async def _open(self) -> None:
-        """A worker of the application: it goes on when this screen is left."""
-        words = self.query_one("#words", Static)
+    @work(thread=True)
+    def _open(self) -> None:
+        """To its end, be this screen left meanwhile: ports that are open then are closed again."""
+        interface = self.app  # a screen that is gone has none
         try:
-            indicators = await asyncio.to_thread(open_indicators, self._plan)
+            indicators = open_indicators(self._plan)
         except GlidecalError as problem:
-            if not is_left(self):
-                self._problem = problem
-                words.update(f"{problem}\n\nR tries again, Escape goes back.")
-                self.refresh_bindings()
+            interface.call_from_thread(self._refused, problem)
+        else:
+            interface.call_from_thread(self._opened, indicators)
+
+    def _refused(self, problem: GlidecalError) -> None:
+        if is_left(self):
             return
-        if is_left(self):  # nobody else would close them
+        self._problem = problem
+        self.query_one("#words", Static).update(f"{problem}\n\nR tries again, Escape goes back.")
+        self.refresh_bindings()
+
+    def _opened(self, indicators: Indicators) -> None:
+        if is_left(self):
             indicators.close()
             return
         self.app.indicators = indicators
         self.refresh_bindings()
-        checked = check_text(self._plan)
+        words = check_text(self._plan)
         if indicators.mover is not None:
-            checked = f"{motion.check_text(self._plan, indicators.mover)}\n\n{checked}"
-        words.update(checked)
+            words = f"{motion.check_text(self._plan, indicators.mover)}\n\n{words}"
+        self.query_one("#words", Static).update(words)
         if not self._plan.simulated:  # no hand can push those spindles
             with self.app.complaining():
                 self._first = first_step(self._plan)
@@ -133,7 +141,7 @@ class CheckScreen(Screen[None]):
         self._problem = None
         self.query_one("#words", Static).update(OPENING)
         self.refresh_bindings()
-        self.app.run_worker(self._open())
+        self._open()
 
     def action_begin(self) -> None:
         """Start or continue the record and go measuring."""

@@ -270,6 +270,7 @@ class Interface(App[str]):
         yield SystemCommand(*theme, self.action_change_theme)
         yield SystemCommand(*light, self.action_light_or_dark)
         if not self.read_only:
+            # after a refresh: by then the palette is gone, and the screen below is the one shown
             yield SystemCommand(*picture, lambda: self.call_after_refresh(self._save_screenshot))
         yield SystemCommand(*keys, lambda: self.call_after_refresh(self._show_keys))
         yield SystemCommand(*leave, self.action_quit)

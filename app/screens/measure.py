@@ -131,7 +131,7 @@ class MeasureScreen(Corrections, Resting):
             self.say(texts.slept_text(slept_s))
         if not self.busy:  # a take holds the record, and looks itself
             self.write(self._look_at_clock)
-        if time.monotonic() - self._shown_at > AGES_S / 2:
+        if time.monotonic() - self._shown_at > AGES_S / 2:  # else news has just shown the ages
             self._show_live()
 
     def _look_at_clock(self) -> None:

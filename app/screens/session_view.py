@@ -222,7 +222,7 @@ class StepList(Words):
 
     def on_resize(self) -> None:
         """The present step stays in view."""
-        height = max(self.content_size.height, 4)
+        height = max(self.content_size.height, 4)  # so many on the least screen; 0 until laid out
         first = max(0, min(self._at - height // 2, len(self._lines) - height))
         self.update("\n".join(self._lines[first : first + height]), layout=False)
 

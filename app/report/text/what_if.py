@@ -8,9 +8,9 @@ from pathlib import Path
 
 from app.evaluating.what_if import Choice, Trial, WhatIf
 from app.report.text.caveats import SUBSET_WORDS
-from app.report.text.diagnosis import decimals
 from app.report.text.tables import (
     LEAST_MM,
+    decimals,
     new_table,
     paragraphs,
     signed,

@@ -150,7 +150,7 @@ def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
     from app.measuring.simulated import simulated_of_files
     from protocols.journal import write_whole
 
-    opened, readings = simulated_of_files(
+    made = simulated_of_files(
         own.protocol,
         asked.machine,
         own.model,
@@ -160,8 +160,8 @@ def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
         scatter_mm=own.scatter,
         resolution_mm=own.resolution,
     )
-    write_whole(asked.output, opened, list(readings))
-    say(f"{len(readings)} simulated readings written to {asked.output}")
+    write_whole(asked.output, made.opened, [*made.readings])
+    say(f"{len(made.readings)} simulated readings written to {asked.output}")
 
 
 @dataclass(frozen=True)

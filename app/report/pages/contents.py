@@ -10,7 +10,6 @@ from rich.table import Table
 
 from app.evaluating.comparison import Verification, verify_files
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_sessions
-from app.evaluating.history import JOINTS
 from app.evaluating.solution import SessionSolution, judge, maps, solve_files
 from app.report.charts.results import (
     before_and_after,
@@ -39,6 +38,7 @@ from app.report.text.result import (
 )
 from app.report.text.tables import LEAST_MM, new_table, signed, uncertain
 from app.version import program
+from calib.arrays import LEG_NAMES
 from calib.diagnosis.results import Diagnosis
 from calib.errors import NotIdentifiable
 from calib.identify.solution import Subset
@@ -262,7 +262,7 @@ def _controller(solved: SessionSolution, model: Path | None) -> Section:
         return Section(heading, [f"No joint offsets: {problem}", *effects])
     table = new_table("joint", "entered when measured, mm", "found, mm", "together, mm")
     held_mm = machine.entered_offsets_mm
-    for name, held, found in zip(JOINTS, held_mm, found_mm, strict=True):
+    for name, held, found in zip(LEG_NAMES, held_mm, found_mm, strict=True):
         table.add_row(name, signed(held, 4), signed(found, 4), signed(held + found, 4))
     said = (
         "True position of a joint = believed position + offset. These are the offsets that "

@@ -403,11 +403,11 @@ def decided(found: Verification) -> str:
 
 def what_to_do(found: Verification) -> list[str]:
     """What went wrong at the controller, or in the model."""
-    after = found.compared.after.names[0]
+    after = found.compared.after
     wrong = {kind: [one.name for one in found.offsets if one.entered == kind] for kind in WRONG}
     said = [f"{', '.join(names)}: {WRONG[kind]}" for kind, names in wrong.items() if names]
-    if found.something_missing:
-        said.append(f"Something is missing from the model: glidecal diagnose {after}")
+    if after.solution.lacks_fit:
+        said.append(f"Something is missing from the model: glidecal diagnose {after.names[0]}")
     if not said and found.decision in ("fail", "undecided"):
         said.append(
             "The offsets are as expected. Measure more (glidecal plan), or fit the lengths too."

@@ -77,9 +77,15 @@ def read_toml(path: Path, kind: type[D], what: str) -> D:
     try:
         return kind.model_validate_json(content)
     except ValidationError as problem:
-        keys = (field.alias or name for name, field in kind.model_fields.items())
+        strange = any(
+            fault["type"] == "extra_forbidden" and len(fault["loc"]) == 1
+            for fault in problem.errors()
+        )
+        keys = ", ".join(field.alias or name for name, field in kind.model_fields.items())
         raise RecordError(
-            f"{what} {path}", describe(problem, text), next_step="Keys: " + ", ".join(keys)
+            f"{what} {path}",
+            reason=describe(problem, text),
+            next_step=f"Keys: {keys}" if strange else "",
         ) from problem
 
 
@@ -127,17 +133,20 @@ def unreadable(thing: str, problem: OSError) -> RecordError:
 def describe(problem: ValidationError, text: str | None = None) -> str:
     """The first faults of a document in one line: where, what is wrong, the value found.
 
-    With the TOML ``text`` of the document each fault names its line.
+    With the TOML ``text`` of the document each fault names its line. What a validator of ours says
+    of the document as a whole is a sentence of its own and stays whole.
     """
     errors = problem.errors(include_url=False)
     faults = []
     for fault in errors[:MOST_FAULTS]:
-        where = ".".join(str(part) for part in fault["loc"])[:60] or "document"
+        where = ".".join(str(part) for part in fault["loc"])[:60]
         line = line_of(text, fault["loc"]) if text else None
         where = f"line {line}, {where}" if line else where
+        own = fault.get("ctx", {}).get("error")
+        said = str(own) if own else fault["msg"][:120]
         nested = isinstance(fault["input"], dict) or "{" in repr(fault["input"])[:2]
         found = "" if nested else f" (found {fault['input']!r:.40})"
-        faults.append(f"{where}: {fault['msg'][:120]}{found}")
+        faults.append(f"{where}: {said}{found}" if where else said)
     more = len(errors) - len(faults)
     return "; ".join(faults) + (f"; and {more} more" if more > 0 else "")
 

@@ -14,8 +14,8 @@ from calib.arrays import TOOL, conditions
 from calib.errors import RecordError, UsageError
 from calib.identify.fit import Size
 from calib.identify.solution import Solution
-from calib.tripod.effects.actuators import cyclic_of
-from calib.tripod.effects.catalogue import BESIDE_CATALOGUE, CATALOGUE, effects_of
+from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
+from calib.tripod.effects.drives import cyclic_of, effects_of
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.empirical import BASES, EMPIRICAL, empirical_effect
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry

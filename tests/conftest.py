@@ -10,6 +10,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("untimed", parent=settings.default, deadline=None)
+settings.load_profile("untimed")
+"""Machines are noisy: no test has a time to keep."""
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 """As the program does, before numpy is imported: small matrices are slower on several cores."""

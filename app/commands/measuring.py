@@ -308,9 +308,8 @@ def _aligned(session: Path, reference: Leg | None, *, as_json: bool) -> str:
     from app.report.schema.alignment import AlignmentReport
     from app.report.text.alignment import aligned_text
     from protocols.record import read_record
-    from protocols.session import fold
 
-    recorded = fold(read_record(session).events)
+    recorded = read_record(session).session
     found = align_session(recorded, reference or recorded.opened.aligned_to or "x")
     report = partial(AlignmentReport.of, name=session.name, found=found)
     return Answer(lambda: aligned_text(found), report).shown(as_json=as_json)

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 from calib.errors import GlidecalError, RecordError
-from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.catalogue import BESIDE_CATALOGUE
+from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
 from calib.tripod.effects.contract import fault_of
 from calib.tripod.effects.effect import Effect
 from protocols.documents import MOST_WRITTEN_BYTES, read_text

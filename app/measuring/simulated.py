@@ -12,12 +12,12 @@ from app.measuring.indicators import SIMULATED
 from app.version import program
 from calib.arrays import TOOL, Conditions, Observations, descending
 from calib.errors import RecordError, UsageError
+from calib.tripod.effects import BESIDE_CATALOGUE
 from calib.tripod.effects.candidates import candidates
-from calib.tripod.effects.catalogue import BESIDE_CATALOGUE
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.effects.hidden import hidden_among
 from calib.tripod.pipeline import Model, StageEffect, measure
-from calib.tripod.sensitivity import excursion_mm, excursion_over_plane_mm
+from calib.tripod.planning import excursion_mm
 from drivers.profile import LARGEST_MM
 from protocols.machine import Instrument, Machine, load_machine
 from protocols.model_file import read_model
@@ -31,7 +31,7 @@ from protocols.procedure import (
     leg_number,
     load_procedure,
 )
-from protocols.session import Opened, Reading, fold
+from protocols.session import Opened, Reading, Session, fold
 
 
 def hidden_effect(
@@ -103,8 +103,8 @@ def simulated_session(
     seed: int,
     scatter_mm: float,
     resolution_mm: float,
-) -> tuple[Opened, tuple[Reading, ...]]:
-    """First line and readings of a session that the simulation measured.
+) -> Session:
+    """A session that the simulation measured.
 
     The record names the seed but not the model: nothing in it tells what is to be found. Raises
     RecordError for points off the bars and for readings beyond what any indicator shows.
@@ -137,10 +137,11 @@ def simulated_session(
         )
     decimals = max(0, -math.floor(math.log10(resolution_mm))) if resolution_mm else EXACT_DECIMALS
     texts = [f"{value:.{decimals}f}" for value in values]
-    return opened, tuple(
+    readings = [
         reading.model_copy(update={"value_mm": float(text), "text": text})
         for reading, text in zip(blank, texts, strict=True)
-    )
+    ]
+    return fold([opened, *readings])
 
 
 def simulated_of_files(
@@ -153,7 +154,7 @@ def simulated_of_files(
     seed: int,
     scatter_mm: float,
     resolution_mm: float,
-) -> tuple[Opened, tuple[Reading, ...]]:
+) -> Session:
     """As `simulated_session`, of names and files, None: the usual ones.
 
     An ``effect`` (id, or id:where) of this ``size`` is hidden in the machine. Raises UsageError and
@@ -232,15 +233,9 @@ def short_travels(
             read = leg_number(first.leg), leg_number(axis)
             where = f"along {axis.upper()} of leg {first.leg.upper()}, "
             at = [(step.displacement_mm, step.station) for step in steps]
-            if first.over_plane:
-                tilt = machine.plane_tilt_mrad
-                moved_mm = excursion_over_plane_mm(geometry, tolerance_mm, read, at, tilt)
-                where += "over the plane"
-            else:
-                moved_mm = excursion_mm(
-                    geometry, tolerance_mm, read, first.station, [mm for mm, _ in at]
-                )
-                where += f"station {first.station:g}"
+            tilt = machine.plane_tilt_mrad if first.over_plane else None
+            moved_mm = excursion_mm(geometry, tolerance_mm, read, at, tilt)
+            where += "over the plane" if first.over_plane else f"station {first.station:g}"
             needed.append((instrument, moved_mm, where))
         worst = descending(needed, lambda one: one[1])[0]
         if instrument.travel_mm is not None and worst[1] > instrument.travel_mm:
@@ -250,7 +245,7 @@ def short_travels(
 
 def planned_readings(procedure: Procedure, machine: Machine) -> Observations:
     """Every reading of the procedure in order, its value without meaning."""
-    opened, readings = simulated_session(
+    nominal = simulated_session(
         procedure, machine, Model(machine.geometry()), seed=0, scatter_mm=0.0, resolution_mm=0.0
     )
-    return to_observations([fold([opened, *readings])])
+    return to_observations([nominal])

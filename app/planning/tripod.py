@@ -26,8 +26,9 @@ from calib.identify.next_mounting import (
 )
 from calib.noise.reading import IndicatorFigures, Noise
 from calib.tripod.effects.effect import Effect
+from calib.tripod.optimum import Orders
 from calib.tripod.pipeline import Model
-from calib.tripod.planning import Orders, TripodPlanning
+from calib.tripod.planning import TripodPlanning
 from protocols.data_table import DataTable
 from protocols.files import Written, unused_path
 from protocols.machine import Instrument, Machine, load_machine
@@ -35,7 +36,7 @@ from protocols.model_file import read_model
 from protocols.motion import seconds_per_step
 from protocols.observations import indicator_figures, to_observations, worst_stated
 from protocols.procedure import Procedure, load_procedure
-from protocols.session import Session, fold
+from protocols.session import Session
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -283,7 +284,7 @@ def alias_map(
     """
     machine = load_machine(machine_name)
     model = Model(machine.geometry(), TYPICAL_MM)
-    opened, readings = simulated_session(
+    planned = simulated_session(
         load_procedure(procedure or machine.usual_procedure, machine.geometry()),
         machine,
         model,
@@ -291,4 +292,4 @@ def alias_map(
         scatter_mm=0.0,
         resolution_mm=0.0,
     )
-    return compare(model, to_observations([fold([opened, *readings])]), effects)
+    return compare(model, to_observations([planned]), effects)

@@ -11,7 +11,7 @@ from app.evaluating.own_effects import known_effects
 from app.evaluating.solution import SessionSolution, solve_files
 from app.report.schema.document import rows
 from app.report.schema.solution import Offset
-from app.report.text.caveats import bound_words, caveats
+from app.report.text.caveats import bound_made_of, bound_now_and_then, caveats
 from app.version import VERSION
 from calib.errors import RecordError
 from calib.identify.solution import Method, Subset
@@ -92,12 +92,11 @@ def offsets_from_solved(solved: SessionSolution) -> Offsets:
     """Offsets of a solution of session files."""
     solution = solved.solution
     machine = solved.sessions[0].opened.machine
-    remarks = []
-    if solution.subset != solved.choice.recommended:
-        remarks.append(
-            f"exported set: {solution.subset}; recommended: {solved.choice.recommended} "
-            f"({solved.choice.reasons[0]})"
-        )
+    bound = f"{bound_now_and_then(solved)} {bound_made_of(solved)}"
+    remark = (
+        f"exported set: {solution.subset}; recommended: {solved.choice.recommended} "
+        f"({solved.choice.reasons[0]})"
+    )
     return Offsets(
         source=", ".join(solved.names),
         machine=machine,
@@ -116,8 +115,8 @@ def offsets_from_solved(solved: SessionSolution) -> Offsets:
         measured=max(one.opened.at for one in solved.sessions),
         digests=tuple(session.digest for session in solved.sessions),
         ambiguous=solved.ambiguous,
-        remarks=tuple(remarks),
-        cautions=(one_line(bound_words(solved)), *map(one_line, caveats(solved))),
+        remarks=(remark,) if solution.subset != solved.choice.recommended else (),
+        cautions=tuple(map(one_line, (bound, *caveats(solved)))),
         lacks_fit=solution.lacks_fit,
     )
 

@@ -26,7 +26,7 @@ from app.evaluating.diagnosis import (
 from app.evaluating.solution import SessionSolution, solve_files
 from app.evaluating.what_if import Choice, choices, trial_of
 from app.measuring.plan import Plan, plan_to_repeat
-from app.report.charts.charts import residuals_before_and_after
+from app.report.charts.results import residuals_before_and_after
 from app.report.text import diagnosis as texts
 from app.report.text import what_if as what_if_texts
 from app.report.text.result import ONLY_SHOWN

@@ -28,7 +28,6 @@ from app.report.text.hexaslide import (
     drawn_at_text,
     heading_text,
     list_text,
-    machine_words,
     problem_text,
     search_text,
     sees_text,
@@ -173,8 +172,7 @@ class HexaSlideScreen(PagedScreen):
         self._look_apart(request, self._asked)
 
     def _show_heading(self) -> None:
-        machine = machine_words(self.request.machine_file)
-        self._say("hexaslide", heading_text(machine, self.view))
+        self._say("hexaslide", heading_text(self.request.machine_file, self.view))
 
     def _say_everywhere(self, text: str) -> None:
         for name in TEXTS.values():

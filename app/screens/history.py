@@ -11,7 +11,7 @@ from textual.containers import VerticalScroll
 from textual.widgets import Footer, Static, TabbedContent, TabPane
 
 from app.evaluating.history import History
-from app.report.charts.charts import offsets_over_time
+from app.report.charts.results import offsets_over_time
 from app.report.text.history import HISTORY_HELP, history_text
 from app.screens.interface import Interface
 from app.screens.pages import PagedScreen, signalled

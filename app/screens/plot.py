@@ -15,15 +15,17 @@ from textual_plotext import PlotextPlot
 
 from app.report.charts.charts import (
     Chart,
+    Drawing,
+    StrokeStyle,
     even_limits,
     label_cells,
     spread,
     thinned,
     tick_labels,
+    ticks_within,
     turned,
     turned_limits,
 )
-from app.report.charts.drawings import Drawing, StrokeStyle, ticks_within
 from app.report.charts.tripod import drawn_set_up
 from app.report.text.session import set_up_text
 from app.screens.fast_keys import Dialog

@@ -20,7 +20,7 @@ from app.evaluating.solution import SessionSolution, solve_sessions
 from app.evaluating.what_if import Choice, choices, trial_of
 from app.exports import export_offsets
 from app.measuring.plan import Plan, verification_plan
-from app.report.charts.charts import before_and_after, measured_and_predicted
+from app.report.charts.results import before_and_after, measured_and_predicted
 from app.report.text import result as texts
 from app.report.text import what_if as what_if_texts
 from app.report.text.home import REPORTS_SERVED

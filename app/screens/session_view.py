@@ -20,7 +20,7 @@ from textual.widgets import Static
 
 from app.measuring.gauges import Live, Motion, Trace
 from app.measuring.leg_review import review_leg
-from app.report.charts.charts import readings_by_posture
+from app.report.charts.results import readings_by_posture
 from app.report.charts.strips import strip_rows
 from app.report.charts.tripod import drawn_set_up
 from app.report.text.session import REVIEW_HELP, review_text, so_far_text, step_in_list, step_text

@@ -14,7 +14,7 @@ from textual.containers import VerticalScroll
 from textual.widgets import Footer, Static, TabbedContent, TabPane
 
 from app.evaluating.what_if import COARSE, Adopt, Choice, Trial, WhatIf
-from app.report.charts.charts import predictions_with, residuals_with
+from app.report.charts.results import predictions_with, residuals_with
 from app.report.text import what_if as texts
 from app.report.text.result import ONLY_SHOWN
 from app.screens.interface import Interface

@@ -19,8 +19,8 @@ from calib.arrays import LEG_NAMES, FloatArray, Observations, conditions, withou
 from calib.errors import NotIdentifiable, UsageError
 from calib.noise.reading import IndicatorFigures, reading_noise, reading_weights, visits
 from calib.stats import coverage_factor
-from calib.tripod.effects.axes import AxisDistance, AxisSquareness
 from calib.tripod.effects.candidates import place_columns
+from calib.tripod.effects.drives import AxisDistance, AxisSquareness
 from calib.tripod.effects.effect import AROUND, PAIRS, PER_THOUSAND, EffectInstance, moved_foot
 from calib.tripod.geometry import Geometry
 from calib.tripod.movements import with_first_movements
@@ -203,7 +203,8 @@ class RailMoved:
     def change(self, stage_input: NDArray[Any], flow: Flow) -> NDArray[Any]:
         """The foot is sideways by a constant and in proportion to its coordinate."""
         way = self.shift_mm + self.lean * flow.carriage_mm[..., self.rail]
-        return moved_foot(stage_input, self.rail, flow.geometry.directions[self.towards], way)
+        across = flow.geometry.directions[self.towards]
+        return np.asarray(stage_input + moved_foot(self.rail, across, way))
 
     @classmethod
     def by_shim(cls, shim: Shim, moved_mm: float) -> RailMoved:

@@ -14,7 +14,6 @@ import numpy as np
 from calib.arrays import TINY, FloatArray, IntArray
 from calib.design.criteria import Aim
 from calib.design.refinement import Pull, judged, refine
-from calib.tripod.geometry import Geometry
 from calib.tripod.pool import DIAL_DECIMALS, LegPool
 
 STATION_DECIMALS = 2
@@ -30,25 +29,16 @@ STEP_MM, STEP_STATION = 1e-2, 1e-4
 """For central differences of rows that are exact to rounding."""
 
 
-@dataclass(frozen=True, eq=False)
-class MovedPostures:
-    """The postures ``(n,)`` at their new places, with the criterion there and on the grid."""
-
-    pool: LegPool
-    value: float
-    grid_value: float
-
-
 def move_off_grid(
-    geometry: Geometry, grid: LegPool, chosen: Sequence[int] | IntArray, noise_mm: float, aim: Aim
-) -> MovedPostures:
+    grid: LegPool, chosen: Sequence[int] | IntArray, noise_mm: float, aim: Aim
+) -> LegPool:
     """Improve the chosen postures of the grid; never worse than there, joint limits and bars kept.
 
     Repeats stay repeats, and legs that are treated alike stay so. Raises NotIdentifiable where
     the chosen ones do not see all wanted parameters.
     """
     postures = grid.take(np.array(chosen, dtype=np.intp))
-    moves = _Moves.of(geometry, grid, postures)
+    moves = _Moves.of(grid, postures)
 
     def rows_and_pull(coordinates: FloatArray) -> tuple[FloatArray, Pull]:
         rows = moves.at(coordinates).rows / noise_mm
@@ -56,12 +46,11 @@ def move_off_grid(
 
     found = refine(rows_and_pull, moves.start, moves.lower, moves.upper, aim, sharpness=SHARPNESS)
     rounded = moves.at(moves.rounded(found.coordinates))
-    grid_value = judged(postures.rows / noise_mm, aim)
-    value = judged(rounded.rows / noise_mm, aim)
-    better = value > grid_value if aim.criterion.larger_is_better else value < grid_value
+    before, after = (judged(one.rows / noise_mm, aim) for one in (postures, rounded))
+    better = after > before if aim.criterion.larger_is_better else after < before
     better &= _different(rounded) == _different(postures)  # a short travel has few tenths
-    better &= bool(geometry.on_bar(rounded.leg, rounded.station, rounded.displacement_mm).all())
-    return MovedPostures(*((rounded, value) if better else (postures, grid_value)), grid_value)
+    on_bar = grid.geometry.on_bar(rounded.leg, rounded.station, rounded.displacement_mm)
+    return rounded if better and on_bar.all() else postures
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +60,6 @@ class _Moves:
     ``level`` and ``stand`` ``(n,)`` number the coordinates of each posture.
     """
 
-    geometry: Geometry
     postures: LegPool
     level: IntArray
     stand: IntArray
@@ -81,7 +69,7 @@ class _Moves:
     level_count: int
 
     @staticmethod
-    def of(geometry: Geometry, grid: LegPool, postures: LegPool) -> _Moves:
+    def of(grid: LegPool, postures: LegPool) -> _Moves:
         alike = _legs_alike(postures)
         legs = np.zeros_like(postures.leg) if alike else postures.leg
         visits = list(
@@ -92,10 +80,9 @@ class _Moves:
         levels, stations = postures.displacement_mm[visit_first], postures.station[stand_first]
         level_cells = _cells(np.unique(grid.displacement_mm), levels, DIAL_DECIMALS)
         station_cells = _cells(np.unique(grid.station), stations, STATION_DECIMALS)
-        _keep_on_bars(geometry, postures, level, stand, level_cells, station_cells)
+        _keep_on_bars(postures, level, stand, level_cells, station_cells)
         cells = np.vstack([level_cells, station_cells])
         return _Moves(
-            geometry=geometry,
             postures=postures,
             level=level,
             stand=stand + len(levels),
@@ -108,9 +95,7 @@ class _Moves:
     def at(self, coordinates: FloatArray, by_mm: float = 0.0, by_station: float = 0.0) -> LegPool:
         """The postures at coordinates, all displacements and stations shifted by so much."""
         flat = coordinates[:, 0]
-        return self.postures.moved(
-            self.geometry, flat[self.level] + by_mm, flat[self.stand] + by_station
-        )
+        return self.postures.moved(flat[self.level] + by_mm, flat[self.stand] + by_station)
 
     def pulled(self, coordinates: FloatArray, weights: FloatArray) -> FloatArray:
         """Derivatives ``(c, 1)`` from those by the rows ``(n, 2, k)``."""
@@ -125,13 +110,13 @@ class _Moves:
         """What can be dialled; a joint limit can, whatever its digits."""
         exact, stations = np.split(coordinates, [self.level_count])
         levels = np.round(exact, DIAL_DECIMALS) + 0.0  # no minus zero
-        for limit in (self.geometry.travel_min_mm, self.geometry.travel_max_mm):
+        geometry = self.postures.geometry
+        for limit in (geometry.travel_min_mm, geometry.travel_max_mm):
             levels[np.abs(exact - limit) < 0.5 * 10.0**-DIAL_DECIMALS] = limit
         return np.vstack([levels, np.round(stations, STATION_DECIMALS)])
 
 
 def _keep_on_bars(
-    geometry: Geometry,
     postures: LegPool,
     level: IntArray,
     stand: IntArray,
@@ -142,7 +127,11 @@ def _keep_on_bars(
 
     A touched point goes towards the foot as the station rises and the displacement falls.
     """
-    station, displacement = postures.station, postures.displacement_mm
+    geometry, station, displacement = (
+        postures.geometry,
+        postures.station,
+        postures.displacement_mm,
+    )
     touched = geometry.touched(postures.leg, station, displacement)
     covered = geometry.covered_mm[postures.leg]
     rounding = 0.5 * 10.0**-STATION_DECIMALS + 0.5 * 10.0**-DIAL_DECIMALS / covered

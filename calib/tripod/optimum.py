@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.arrays import FloatArray, descending
+from calib.arrays import LEG_NAMES, FloatArray, IntArray, descending
 from calib.design.criteria import Aim, Criterion, value_of, wanted_information
-from calib.design.exchange import Choice, choose
+from calib.design.exchange import Candidates, Choice, choose
 from calib.errors import ImpossibleRequest, NotIdentifiable
-from calib.tripod.planning import Coordinates, Orders, TripodPlanning, TripodPool
+from calib.tripod.geometry import Pair
+from calib.tripod.leg_refinement import move_off_grid
+from calib.tripod.planning import TripodPlanning, tool_metric
+from calib.tripod.pool import FREE, PARAMETERS, STATIONS, LegPool, leg_pool, turning_mm
+
+Coordinates = dict[str, float | str]
+"""One posture: names with their unit, such as ``displacement_mm``."""
+
+Orders = dict[tuple[int, float], list[float]]
+"""Displacements in mm to visit for each mounting (leg, station)."""
 
 
 @dataclass(frozen=True)
@@ -69,21 +78,32 @@ def optimum_postures(
     ``common`` allows only sets that treat equal parts of the machine alike: one procedure file.
     With ``refine`` the chosen ones are then moved off the grid, as far as they stay distinct.
 
-    Raises ImpossibleRequest for a count or budget that cannot be, NotIdentifiable where so few
-    postures cannot determine the parameters.
+    Raises ImpossibleRequest for a count or budget that cannot be or where the tool is read, and
+    NotIdentifiable where so few postures cannot determine the parameters.
     """
-    examined, pool, metric = machine.examine(), machine.pool(), machine.metric()
-    _check_count(count, len(pool.candidates.rows), repeats=repeats)
-    aim = Aim(criterion, pool.wanted, metric)
+    examined, metric = machine.examine(), tool_metric(machine.geometry)
+    if machine.of_tool:
+        raise ImpossibleRequest(
+            f"optimum postures with {machine.procedure}",
+            "readings against a plate or plane alone",
+            "a procedure that reads legs from Zero",
+        )
+    pool = leg_pool(machine.geometry)
+    _check_count(count, len(pool), repeats=repeats)
+    aim = Aim(criterion, FREE, metric)
     begin = time.perf_counter()
-    search = _Search(count, aim, seed, starts, repeats=repeats, common=common)
-    pool, found = _within_budget(pool, search, budget_min)
-    chosen = found.chosen
+    search = _Search(machine, count, aim, seed, starts, repeats=repeats, common=common)
+    pool, found = search.within(pool, budget_min)
+    chosen: Sequence[int] = found.chosen
     if refine:
-        pool, chosen = _moved(pool, chosen, aim, budget_min)
+        noise_mm = machine.noise.standard_deviation_mm
+        moved, every = move_off_grid(pool, chosen, noise_mm, aim), range(len(chosen))
+        # unless the way there would turn more often than there is time for
+        if budget_min is None or not search.minutes(moved, every) > budget_min:
+            pool, chosen = moved, every
     seconds = time.perf_counter() - begin
     whitened = examined.sensitivity.jacobian
-    information = pool.candidates.information(np.array(chosen, dtype=np.intp))
+    information = search.candidates(pool).information(np.array(chosen, dtype=np.intp))
     remaining = wanted_information(information, aim)
     plain = Aim(criterion, None, metric)
     return ChosenPostures(
@@ -91,24 +111,25 @@ def optimum_postures(
         procedure=examined.procedure,
         criterion=criterion,
         before=_figures(whitened.T @ whitened, plain, examined.minutes, examined.posture_count),
-        after=_figures(remaining, plain, pool.minutes(chosen), count),
+        after=_figures(remaining, plain, search.minutes(pool, chosen), count),
         grid_value=found.value if refine else None,
         start_condition_number=found.start_condition_number,
-        postures=pool.coordinates(chosen),
-        coordinates_on_bound=pool.on_bound(chosen),
+        postures=tuple(_coordinates(pool, chosen)),
+        coordinates_on_bound=_on_bound(pool, chosen),
         seconds=seconds,
         starts=starts,
         seed=seed,
         exchanges=found.exchanges,
         noise_words=examined.noise_words,
-        orders=pool.orders(chosen),
+        orders=_orders(pool, chosen),
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Search:
     """How to choose from any pool."""
 
+    machine: TripodPlanning
     count: int
     aim: Aim
     seed: int
@@ -116,12 +137,49 @@ class _Search:
     repeats: bool
     common: bool
 
-    def best_of(self, pool: TripodPool) -> Choice:
+    def candidates(self, pool: LegPool) -> Candidates:
+        """Rows divided by the noise of a reading; columns of unused zeros left out."""
+        rows = pool.rows / self.machine.noise.standard_deviation_mm
+        used = np.asarray(np.abs(rows).max(axis=(0, 1)) > 0.0)
+        used[:PARAMETERS] = True
+        return Candidates(np.ascontiguousarray(rows[:, :, used]))
+
+    def minutes(self, pool: LegPool, chosen: Sequence[int]) -> float:
+        """Steps, with those where the way turns, and set-up of each mounting."""
+        orders = _orders(pool, chosen)
+        return self.machine.minutes(sum(map(len, orders.values())), len(orders))
+
+    def within(self, pool: LegPool, budget_min: float | None) -> tuple[LegPool, Choice]:
+        """Set-ups are given up, the least used first, until the time is enough."""
+        found = self.best_of(pool)
+        while budget_min is not None:
+            needed_min = self.minutes(pool, found.chosen)
+            if not needed_min > budget_min:
+                break
+            too_little = ImpossibleRequest(
+                "--budget",
+                f"{budget_min:g} min",
+                f"about {needed_min:.0f} min for {self.count} postures",
+                "Ask for fewer postures or give more time.",
+            )
+            used, counts = np.unique(pool.place[list(found.chosen)], return_counts=True)
+            kept = np.flatnonzero(np.isin(pool.place, np.delete(used, counts.argmin())))
+            if len(used) < 2 or (len(kept) < self.count and not self.repeats):
+                raise too_little
+            pool = pool.take(kept)
+            try:
+                found = self.best_of(pool)
+            except NotIdentifiable as problem:
+                raise too_little from problem
+        return pool, found
+
+    def best_of(self, pool: LegPool) -> Choice:
         """Raises ImpossibleRequest where no common set has this size."""
-        symmetric = pool.symmetric(self.count, self.aim, self.seed)
+        candidates = self.candidates(pool)
+        symmetric = list(self._symmetric(pool, candidates.rows))
         if not self.common:
             return choose(
-                pool.candidates,
+                candidates,
                 self.count,
                 self.aim,
                 seed=self.seed,
@@ -138,42 +196,115 @@ class _Search:
         sign = 1.0 if self.aim.criterion.larger_is_better else -1.0
         return descending(symmetric, lambda one: sign * one.value)[0]
 
+    def _symmetric(self, pool: LegPool, rows: FloatArray) -> Iterator[Choice]:
+        """Displacements common to all legs, at each station alone.
 
-def _within_budget(
-    pool: TripodPool, search: _Search, budget_min: float | None
-) -> tuple[TripodPool, Choice]:
-    """Set-ups are given up, the least used first, until the time is enough."""
-    found = search.best_of(pool)
-    while budget_min is not None and (needed := pool.minutes(found.chosen)) > budget_min:
-        kept = pool.reduced(found.chosen)
-        if kept is None or (len(kept) < search.count and not search.repeats):
-            raise _too_little_time(budget_min, needed, search.count)
-        pool = pool.take(kept)
-        try:
-            found = search.best_of(pool)
-        except NotIdentifiable as problem:
-            raise _too_little_time(budget_min, needed, search.count) from problem
-    return pool, found
-
-
-def _moved(
-    pool: TripodPool, chosen: Sequence[int], aim: Aim, budget_min: float | None
-) -> tuple[TripodPool, tuple[int, ...]]:
-    """Off the grid, unless the way there would turn more often than there is time for."""
-    moved = pool.moved(chosen, aim)
-    every = tuple(range(len(chosen)))
-    if budget_min is not None and moved.minutes(every) > budget_min:
-        return pool, tuple(chosen)
-    return moved, every
+        Single swaps rarely empty a mounting, so these serve as starts, too.
+        """
+        legs = np.unique(pool.leg)
+        each, rest = divmod(self.count, len(legs))
+        if rest:
+            return
+        for station in np.unique(pool.station):
+            together = _visits_of_all(pool, legs, station)
+            if each <= len(together):
+                merged = Candidates(rows[together].reshape(len(together), -1, rows.shape[2]))
+                try:
+                    best = choose(merged, each, self.aim, seed=self.seed, starts=2)
+                except NotIdentifiable:
+                    continue
+                yield replace(best, chosen=tuple(together[list(best.chosen)].ravel().tolist()))
 
 
-def _too_little_time(budget_min: float, needed_min: float, count: int) -> ImpossibleRequest:
-    return ImpossibleRequest(
-        "--budget",
-        f"{budget_min:g} min",
-        f"about {needed_min:.0f} min for {count} postures",
-        "Ask for fewer postures or give more time.",
-    )
+def _visits_of_all(pool: LegPool, legs: IntArray, station: float) -> IntArray:
+    """Candidates at a station ``(k, legs)``, of displacements that all legs allow."""
+    visits = list(zip(pool.displacement_mm, pool.approach, strict=True))
+    of_legs = [np.flatnonzero((pool.leg == leg) & (pool.station == station)) for leg in legs]
+    common = set.intersection(*({visits[k] for k in one} for one in of_legs))
+    members = [np.array([k for k in one if visits[k] in common], np.intp) for one in of_legs]
+    return np.stack(members, axis=1)
+
+
+def _coordinates(pool: LegPool, chosen: Sequence[int]) -> Iterator[Coordinates]:
+    """Leg by leg, station by station, rising displacements."""
+    for k in sorted(
+        chosen,
+        key=lambda k: (pool.leg[k], pool.station[k], pool.displacement_mm[k], pool.approach[k]),
+    ):
+        yield {
+            "leg": LEG_NAMES[pool.leg[k]],
+            "station": float(pool.station[k]),
+            "displacement_mm": float(pool.displacement_mm[k]),
+            "approach": "+" if pool.approach[k] > 0 else "-",
+        }
+
+
+def _on_bound(pool: LegPool, chosen: Sequence[int]) -> int:
+    """Displacements on a joint limit and stations at an end of their range."""
+    picked, geometry = list(chosen), pool.geometry
+    limits = (geometry.travel_min_mm, geometry.travel_max_mm)
+    ends = (min(STATIONS), max(STATIONS))
+    moved = np.isin(pool.displacement_mm[picked], limits).sum()
+    return int(moved + np.isin(pool.station[picked], ends).sum())
+
+
+def _orders(pool: LegPool, chosen: Sequence[int]) -> Orders:
+    """Displacements to visit for each mounting (leg, station)."""
+    grouped: dict[tuple[int, float], list[tuple[float, int]]] = {}
+    for k in sorted(chosen, key=lambda k: pool.place[k]):
+        visit = float(pool.displacement_mm[k]), int(pool.approach[k])
+        grouped.setdefault(pool.places[pool.place[k]], []).append(visit)
+    orders = {}
+    for place, visits in grouped.items():
+        ends = turning_mm(pool.geometry, *place)
+        levels = visiting_order(visits, ends)
+        if len(set(levels)) < 2:  # one displacement tells nothing: Zero is read, too
+            levels.append(0.0 if levels[0] else ends[1] or ends[0])
+        orders[place] = levels
+    return orders
+
+
+def visiting_order(visits: Sequence[tuple[float, int]], ends_mm: Pair) -> list[float]:
+    """Displacements of one mounting such that each visit comes from its own side.
+
+    ``visits`` are displacement and side, repeats allowed; the tool starts at Zero. Where the way
+    must turn first, the end of the way, `turning_mm`, is visited in between and read as well.
+    """
+    passes = _passes(visits)
+    orders = [_walk(_chained(passes, up_first=up), ends_mm) for up in (True, False)]
+    return min(orders, key=len)
+
+
+def _passes(visits: Sequence[tuple[float, int]]) -> list[list[tuple[float, int]]]:
+    """The visits without repeats, then the second ones of those repeated, and so on."""
+    passes: list[list[tuple[float, int]]] = []
+    for visit in visits:
+        free = next((one for one in passes if visit not in one), None)
+        if free is None:
+            passes.append([visit])
+        else:
+            free.append(visit)
+    return passes
+
+
+def _chained(passes: list[list[tuple[float, int]]], *, up_first: bool) -> list[tuple[float, int]]:
+    chain: list[tuple[float, int]] = []
+    for one in passes:
+        up = sorted(visit for visit in one if visit[1] > 0)
+        down = sorted((visit for visit in one if visit[1] <= 0), reverse=True)
+        chain += up + down if up_first else down + up
+    return chain
+
+
+def _walk(chain: list[tuple[float, int]], ends_mm: Pair) -> list[float]:
+    position, walked = 0.0, []
+    for level, side in chain:
+        if (level - position) * side <= 0.0:
+            position = ends_mm[0] if side > 0 else ends_mm[1]
+            walked.append(position)
+        walked.append(level)
+        position = level
+    return walked
 
 
 def _check_count(count: int, size: int, *, repeats: bool) -> None:

@@ -15,7 +15,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.arrays import Conditions, FloatArray, IntArray, conditions
+from calib.arrays import FloatArray, IntArray, conditions
 from calib.errors import ImpossibleRequest
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry, Pair
 from calib.tripod.pipeline import derivatives
@@ -32,6 +32,9 @@ LEVEL_COUNT = 17
 PARAMETERS = len(PARAMETER_NAMES)
 FREE = tuple(range(PARAMETERS))
 
+ACROSS = np.array([[1, 2], [0, 2], [0, 1]], dtype=np.intp)
+"""The two axes across each leg."""
+
 
 @dataclass(frozen=True, eq=False)
 class LegPool:
@@ -42,6 +45,7 @@ class LegPool:
     is reached from one side only.
     """
 
+    geometry: Geometry
     leg: IntArray
     displacement_mm: FloatArray
     approach: IntArray
@@ -55,39 +59,32 @@ class LegPool:
 
     def take(self, kept: IntArray) -> LegPool:
         """Only these candidates; the zeros stay."""
-        return LegPool(
-            leg=self.leg[kept],
-            displacement_mm=self.displacement_mm[kept],
-            approach=self.approach[kept],
-            station=self.station[kept],
-            place=self.place[kept],
-            places=self.places,
-            rows=self.rows[kept],
-        )
+        arrays = ("leg", "displacement_mm", "approach", "station", "place", "rows")
+        return replace(self, **{name: getattr(self, name)[kept] for name in arrays})
 
-    def moved(
-        self, geometry: Geometry, displacement_mm: FloatArray, station: FloatArray
-    ) -> LegPool:
+    def moved(self, displacement_mm: FloatArray, station: FloatArray) -> LegPool:
         """The same candidates elsewhere ``(n,)``; those of one mounting keep a common station."""
         places = list(self.places)
         for place, leg, value in zip(self.place, self.leg, station, strict=True):
             places[place] = int(leg), float(value)
-        rows = _rows(
-            geometry,
-            self.leg,
-            displacement_mm,
-            station,
-            self.place,
-            len(places),
-            (0.0,) * PARAMETERS,
+        elsewhere = replace(
+            self, displacement_mm=displacement_mm, station=station, places=tuple(places)
         )
-        return replace(
-            self,
-            displacement_mm=displacement_mm,
-            station=station,
-            places=tuple(places),
-            rows=rows,
-        )
+        return elsewhere.with_rows((0.0,) * PARAMETERS)
+
+    def with_rows(self, parameters_mm: ArrayLike) -> LegPool:
+        """The same with rows of a machine: derivatives by the six, 1 for the mounting's zero."""
+        rows, every = np.zeros((len(self), 2, PARAMETERS + 2 * len(self.places))), range(len(self))
+        for k, axis in enumerate(ACROSS[self.leg].T):
+            taken = conditions(
+                self.leg.tolist(),
+                axis.tolist(),
+                self.displacement_mm.tolist(),
+                station=self.station.tolist(),
+            )
+            rows[:, k, :PARAMETERS] = derivatives(self.geometry, parameters_mm, taken)
+            rows[every, k, PARAMETERS + 2 * self.place + k] = 1.0
+        return replace(self, rows=rows)
 
     def index(self, leg: int, displacement_mm: float, station: float) -> int:
         """The first candidate there."""
@@ -137,18 +134,16 @@ def leg_pool(
             "Widen usable_bar in the machine file.",
         )
     place = np.array([number for number, _, _ in steps], dtype=np.intp)
-    displacement = np.array([level for _, level, _ in steps])
-    leg = np.array([places[number][0] for number in place], dtype=np.intp)
-    station = np.array([places[number][1] for number in place])
     return LegPool(
-        leg=leg,
-        displacement_mm=displacement,
+        geometry=geometry,
+        leg=np.array([places[number][0] for number in place], dtype=np.intp),
+        displacement_mm=np.array([level for _, level, _ in steps]),
         approach=np.array([side for _, _, side in steps], dtype=np.intp),
-        station=station,
+        station=np.array([places[number][1] for number in place]),
         place=place,
         places=places,
-        rows=_rows(geometry, leg, displacement, station, place, len(places), parameters_mm),
-    )
+        rows=np.empty(0),
+    ).with_rows(parameters_mm)
 
 
 def turning_mm(geometry: Geometry, leg: int, station: float) -> Pair:
@@ -159,91 +154,3 @@ def turning_mm(geometry: Geometry, leg: int, station: float) -> Pair:
         low if low == geometry.travel_min_mm else math.ceil(low * steps) / steps,
         high if high == geometry.travel_max_mm else math.floor(high * steps) / steps,
     )
-
-
-def _rows(
-    geometry: Geometry,
-    leg: IntArray,
-    displacement: FloatArray,
-    station: FloatArray,
-    place: IntArray,
-    place_count: int,
-    parameters_mm: ArrayLike,
-) -> FloatArray:
-    """Derivatives by the six parameters, and 1 for the zero of the mounting."""
-    rows = np.zeros((len(leg), 2, PARAMETERS + 2 * place_count))
-    for k in range(2):
-        taken = conditions(
-            leg.tolist(), across(leg, k).tolist(), displacement.tolist(), station=station.tolist()
-        )
-        rows[:, k, :PARAMETERS] = derivatives(geometry, parameters_mm, taken)
-        rows[np.arange(len(leg)), k, PARAMETERS + 2 * place + k] = 1.0
-    return rows
-
-
-def across(leg: IntArray, k: int) -> IntArray:
-    """The first (``k`` 0) or second of the two axes across each leg."""
-    axes = np.array([[1, 2], [0, 2], [0, 1]], dtype=np.intp)
-    return np.asarray(axes[leg, k])
-
-
-def information_with_zeros(
-    design: FloatArray, weight: FloatArray, taken: Conditions, pool: LegPool
-) -> FloatArray:
-    """Information ``(6 + n_zeros, ...)`` of readings that stand at places of the pool.
-
-    ``design`` ``(n_readings, 6)`` in mm per mm, ``weight`` ``(n_readings,)`` in 1/mm². Readings
-    share the zero of the pool's mounting at their leg, station and axis.
-    """
-    number = {place: k for k, place in enumerate(pool.places)}
-    rows = np.zeros((len(taken), pool.rows.shape[2]))
-    rows[:, :PARAMETERS] = design
-    for n, (leg, axis, station) in enumerate(
-        zip(taken.leg, taken.axis, taken.station, strict=True)
-    ):
-        second = int(across(np.array([leg]), 1)[0] == axis)
-        rows[n, PARAMETERS + 2 * number[int(leg), float(station)] + second] = 1.0
-    return np.asarray((rows.T * weight) @ rows)
-
-
-def visiting_order(visits: Sequence[tuple[float, int]], ends_mm: Pair) -> list[float]:
-    """Displacements of one mounting such that each visit comes from its own side.
-
-    ``visits`` are displacement and side, repeats allowed; the tool starts at Zero. Where the way
-    must turn first, the end of the way, `turning_mm`, is visited in between and read as well.
-    """
-    passes = _passes(visits)
-    orders = [_walk(_chained(passes, up_first=up), ends_mm) for up in (True, False)]
-    return min(orders, key=len)
-
-
-def _passes(visits: Sequence[tuple[float, int]]) -> list[list[tuple[float, int]]]:
-    """The visits without repeats, then the second ones of those repeated, and so on."""
-    passes: list[list[tuple[float, int]]] = []
-    for visit in visits:
-        free = next((one for one in passes if visit not in one), None)
-        if free is None:
-            passes.append([visit])
-        else:
-            free.append(visit)
-    return passes
-
-
-def _chained(passes: list[list[tuple[float, int]]], *, up_first: bool) -> list[tuple[float, int]]:
-    chain: list[tuple[float, int]] = []
-    for one in passes:
-        up = sorted(visit for visit in one if visit[1] > 0)
-        down = sorted((visit for visit in one if visit[1] <= 0), reverse=True)
-        chain += up + down if up_first else down + up
-    return chain
-
-
-def _walk(chain: list[tuple[float, int]], ends_mm: Pair) -> list[float]:
-    position, walked = 0.0, []
-    for level, side in chain:
-        if (level - position) * side <= 0.0:
-            position = ends_mm[0] if side > 0 else ends_mm[1]
-            walked.append(position)
-        walked.append(level)
-        position = level
-    return walked

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib.arrays import Conditions, FloatArray, numbered
-from calib.tripod.effects.actuators import Backlash
+from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.pipeline import Model, derivatives

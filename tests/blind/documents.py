@@ -42,7 +42,7 @@ def _catalogue(also: tuple[str, ...]) -> tuple[Any, ...]:
         from app.evaluating.own_effects import known_effects
     except ImportError as problem:
         raise CannotLeaveOut from problem
-    from calib.tripod.effects.catalogue import BESIDE_CATALOGUE
+    from calib.tripod.effects import BESIDE_CATALOGUE
 
     return (*known_effects(), *(one for one in BESIDE_CATALOGUE if one.id in also))
 

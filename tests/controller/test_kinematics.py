@@ -11,8 +11,8 @@ import pytest
 
 from app.exports.linuxcnc import pins
 from calib.arrays import FloatArray, tool_conditions
-from calib.tripod.effects.axes import AxisOffset, AxisSquareness, Straightness
 from calib.tripod.effects.bars import GravitySag, LegLength
+from calib.tripod.effects.drives import AxisOffset, AxisSquareness, Straightness
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, posture

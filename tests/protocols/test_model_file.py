@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from calib.errors import RecordError, UsageError
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.actuators import ActuatorCyclic
-from calib.tripod.effects.axes import AxisOffset
 from calib.tripod.effects.candidates import candidates
+from calib.tripod.effects.drives import ActuatorCyclic, AxisOffset
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.empirical import Empirical
 from calib.tripod.pipeline import Flow, Model, Stage

@@ -110,6 +110,7 @@ FRONT, BACK = "-100.0, -60.0, 0.0", "0.0, 120.0, 0.0"
         (drives((FRONT, UP), ("300.0, 0.0, 0.0", UP), (BACK, UP)), "too short at Zero"),
         (drives((FRONT, UP), (BACK, UP)), "drive"),
         ('schema = "glidecal.hexaslide/1"\n', "another kind of machine"),
+        (drives((FRONT, UP), more="tower = 1\n"), r"tower: .* Keys: schema, name, .*, drive, "),
     ],
 )
 def test_machine_files_that_cannot_be(tmp_path: Path, text: str, said: str) -> None:
@@ -117,6 +118,18 @@ def test_machine_files_that_cannot_be(tmp_path: Path, text: str, said: str) -> N
     path.write_text(text, encoding="utf-8")
     with pytest.raises(RecordError, match=said):
         load_machine(path)
+
+
+def test_what_is_wrong_with_a_machine_as_a_whole_is_said_in_full(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(drives((FRONT, UP), ("300.0, 0.0, 0.0", UP), (BACK, UP)), encoding="utf-8")
+    with pytest.raises(RecordError) as caught:
+        load_machine(path)
+    assert str(caught.value) == (
+        f"machine file {path}: bar y: found 250 mm long, too short at Zero. Allowed: more than "
+        "300 mm, the distance from the platform's joint to the line of the drive. Check the bar's "
+        "length, the drive's origin and direction, and the platform."
+    )
 
 
 @pytest.mark.parametrize(

@@ -1,25 +1,29 @@
-"""What the plots show, apart from any screen: series and scales."""
+"""What a plot is, apart from any screen: series, strokes, scales and their labels."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
-from app.evaluating.history import JOINTS, MachineHistory
-from app.evaluating.solution import SessionSolution
-from app.measuring.leg_review import leg_rows
-from calib.diagnosis.results import SEEN, Cell
-from calib.identify.solution import Solution
-from protocols.procedure import Step
-from protocols.session import Session
+from calib.arrays import FloatArray
+
+Point = tuple[float, float]
+Limits = tuple[float, float]
 
 MOST_TICKS = 6
 LEAST_SPAN_MM = 0.004
 """A scale is not stretched over less: below stands the resolution of the indicators."""
 
-ASIDE = 0.12
-"""Two series over the same names stand so far to the left and right of each name."""
+NOISE = "noise"
+"""The series that bounds what is noise."""
+
+CELL_HEIGHT = 2.0
+"""A cell of a terminal is about twice as high as it is wide."""
+
+MARGIN = 0.04
+"""Room around what is drawn, as a share of it."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,7 @@ class Chart:
             return tuple(float(k) for k in range(1, len(self.x_names) + 1))
         return round_ticks(x for series in self.series for x in series.x)
 
-    def x_limits(self, columns: int) -> tuple[float, float]:
+    def x_limits(self, columns: int) -> Limits:
         """Ends of the horizontal axis; named places have room on both sides."""
         ticks = self.x_ticks()
         return (0.5, ticks[-1] + 0.5) if self.x_names else even_limits(ticks, columns)
@@ -90,79 +94,79 @@ class Chart:
         return replace(self, room=(*self.room, ticks[0], ticks[-1]))
 
 
-def readings_by_posture(session: Session, step: Step) -> Chart:
-    """Readings of a leg minus the Zero of their cycle over the displacement, one series an axis.
+class StrokeStyle(StrEnum):
+    """How a stroke is drawn, told apart without colour."""
 
-    Those of the tool over the number of the position.
+    DOTTED = "dotted"
+    THIN = "thin"
+    THICK = "thick"
+    MARKED = "marked"
+    BEADED = "beaded"
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """A line through points."""
+
+    style: StrokeStyle
+    points: tuple[Point, ...]
+
+
+@dataclass(frozen=True)
+class Caption:
+    """Letters at a place."""
+
+    words: str
+    at: Point
+
+
+@dataclass(frozen=True)
+class Drawing(Chart):
+    """Strokes under the points of a chart; ``even`` keeps lengths alike in both directions.
+
+    Without being ``scaled`` it is a picture: no frame, no numbers.
     """
-    series = []
-    for axis in step.axes:
-        rows = [row for row in leg_rows(session, step) if row.axis == axis]
-        points = [point for row in rows for point in row.minus_zero_mm.items()]
-        series.append(_series(f"along {axis.upper()}", points))
-    what = "far end minus near end" if step.over_plane else "readings minus Zero"
-    title = f"{step.touched[:1].upper()}{step.touched[1:]}: {what}"
-    x_words = "number of the position" if step.leg == "tool" else "displacement, mm"
-    return Chart(title, x_words, "mm", tuple(s for s in series if s.x))
+
+    strokes: tuple[Stroke, ...] = ()
+    labels: tuple[Caption, ...] = ()
+    even: bool = False
+    scaled: bool = True
+
+    def limits(self, columns: int, rows: int) -> tuple[Limits, Limits]:
+        """Ends of both axes in a place of so many cells; none is taken for one."""
+        columns, rows = max(1, columns), max(1, rows)
+        points = [point for stroke in self.strokes for point in stroke.points]
+        points += [p for one in self.series for p in zip(one.x, one.y, strict=True)]
+        horizontal = _ends([x for x, _ in points])
+        vertical = _ends([y for _, y in points])
+        if not self.even:
+            return horizontal, vertical
+        cell = max(
+            (horizontal[1] - horizontal[0]) / columns,
+            (vertical[1] - vertical[0]) / (CELL_HEIGHT * rows),
+        )
+        return _around(horizontal, cell * columns), _around(vertical, cell * CELL_HEIGHT * rows)
 
 
-def measured_and_predicted(solution: Solution) -> Chart:
-    """The differences as measured, and what the model leaves of them."""
-    found, rows = solution.differences, list(solution.differences.published_rows)
-    names = [found.names[k] for k in rows]
-    u_mm = solution.difference_uncertainty_mm[rows].tolist()
-    measured, residual = found.value_mm[rows].tolist(), solution.left_mm[rows].tolist()
-    return _differences(names, ("measured", measured, u_mm), ("residual", residual, u_mm))
+def _ends(values: Sequence[float]) -> Limits:
+    lower, upper = min(values), max(values)
+    room = MARGIN * (upper - lower)
+    return lower - room, upper + room
 
 
-def predictions_with(without: Solution, now: Solution) -> Chart:
-    """The differences as measured, and as predicted without an effect and with it."""
-    found, rows = now.differences, list(now.differences.published_rows)
-    values = (found.value_mm, without.predicted_mm, now.predicted_mm)
-    names = [found.names[k] for k in rows]
-    series = zip(("measured", "without", "with it"), values, strict=True)
-    return _differences(names, *((name, one[rows].tolist(), ()) for name, one in series))
+def _around(ends: Limits, span: float) -> Limits:
+    middle = (ends[0] + ends[1]) / 2.0
+    return middle - span / 2.0, middle + span / 2.0
 
 
-def residuals_with(without: Solution, now: Solution) -> Chart:
-    """What is left of the differences without an effect and with it, µm.
-
-    The scale has room for as much with the other sign: that is left at twice the size that fits.
-    """
-    found, rows = now.differences, list(now.differences.published_rows)
-    names = [found.names[k] for k in rows]
-    left = [(1000.0 * one.left_mm[rows]).tolist() for one in (without, now)]
-    chart = _differences(names, ("without", left[0], ()), ("with it", left[1], ()))
-    room = tuple(-um for um in left[0])
-    return replace(chart, title="Left of the differences", y_words="µm", room=room)
+def points_of(places: FloatArray) -> tuple[Point, ...]:
+    """Places ``(n, 2)`` as points."""
+    return tuple((x, y) for x, y in places.tolist())
 
 
-def before_and_after(before: Solution, after: Solution) -> Chart:
-    """The differences before and after the offsets were entered."""
-    found, again = before.differences, after.differences
-    later = {name: k for k, name in enumerate(again.names)}
-    rows = [k for k in found.published_rows if found.names[k] in later]
-    names = [found.names[k] for k in rows]
-    partners = [later[name] for name in names]
-    earlier = found.value_mm[rows], before.difference_uncertainty_mm[rows]
-    others = again.value_mm[partners], after.difference_uncertainty_mm[partners]
-    first, second = ([one.tolist() for one in pair] for pair in (earlier, others))
-    return _differences(names, ("before", *first), ("after", *second))
-
-
-def _differences(
-    names: Sequence[str], *shown: tuple[str, Sequence[float], Sequence[float]]
-) -> Chart:
-    """Two or three series over the same names, beside each other so that none hides another.
-
-    Each with its values and their standard uncertainties, none where nobody shows them.
-    """
-    series = []
-    for k, (name, values, u) in enumerate(shown):
-        aside = (2 * k + 1 - len(shown)) * ASIDE
-        x = tuple(place + aside for place in range(1, len(names) + 1))
-        series.append(Series(name, x, tuple(values), tuple(u)))
-    return Chart("Differences", "", "mm", tuple(series), tuple(names))
+def series_of(name: str, points: Sequence[Point]) -> Series:
+    """Points as a series."""
+    return Series(name, tuple(x for x, _ in points), tuple(y for _, y in points))
 
 
 def thinned(series: Series, columns: int) -> Series:
@@ -172,15 +176,15 @@ def thinned(series: Series, columns: int) -> Series:
     first = min(series.x)
     columns = max(1, columns)
     width = (max(series.x) - first) / columns or 1.0
-    by_column: dict[int, list[tuple[float, float]]] = {}
+    by_column: dict[int, list[Point]] = {}
     for point in zip(series.x, series.y, strict=True):
         column = min(int((point[0] - first) / width), columns - 1)
         by_column.setdefault(column, []).append(point)
-    extremes: list[tuple[float, float]] = []
+    extremes: list[Point] = []
     for points in by_column.values():
         ends = (min(points, key=lambda p: p[1]), max(points, key=lambda p: p[1]))
         extremes += dict.fromkeys(ends)
-    return _series(series.name, extremes)
+    return series_of(series.name, extremes)
 
 
 def turned(chart: Chart, rows: int) -> Chart:
@@ -198,7 +202,7 @@ def turned(chart: Chart, rows: int) -> Chart:
     return replace(chart, series=tuple(on_side))
 
 
-def turned_limits(names: int, rows: int) -> tuple[float, float]:
+def turned_limits(names: int, rows: int) -> Limits:
     """Lower and upper end of the axis on which every name falls on the middle of a row."""
     each = rows // names
     free = rows - 1 - (names - 1) * each
@@ -220,7 +224,7 @@ def round_ticks(values: Iterable[float]) -> tuple[float, ...]:
     return tuple(k * step for k in range(first, last + 1))
 
 
-def even_limits(ticks: Sequence[float], cells: int) -> tuple[float, float]:
+def even_limits(ticks: Sequence[float], cells: int) -> Limits:
     """Ends of an axis of so many cells on which every tick falls on the middle of a cell.
 
     Where there are fewer cells than ticks: the first and the last tick.
@@ -253,106 +257,12 @@ def label_cells(labels: Sequence[str]) -> int:
     return longest + longest // 2 + 2
 
 
-def _series(name: str, points: Sequence[tuple[float, float]]) -> Series:
-    return Series(name, tuple(x for x, _ in points), tuple(y for _, y in points))
-
-
-HALF = 0.36
-"""The displacements of one mounting stand so far to the left and right of its name."""
-
-EDGE = 0.45
-"""Where the noise of a mounting is marked, clear of its displacements."""
-
-BESIDE = 0.03
-
-NOISE = "noise"
-"""The series that bounds what is noise."""
-
-
-def residuals_before_and_after(cells: Sequence[Cell]) -> Chart:
-    """Mean residuals in µm of each mounting, its displacements from left to right, and the noise.
-
-    The noise is drawn at two standard deviations of a mean, on both sides of zero.
-    """
-    stations = {cell.station for cell in cells}
-    set_ups = sorted({_set_up(cell) for cell in cells})
-    places = {set_up: float(k) for k, set_up in enumerate(set_ups, start=1)}
-    names = tuple(_name(*set_up, stations=len(stations)) for set_up in set_ups)
-    adopted = any(cell.after_mm is not None for cell in cells)
-    aside = BESIDE if adopted else 0.0
-    series = [_noise(cells, places), _residuals("before", cells, places, -aside)]
-    if adopted:
-        series.append(_residuals("after adopting", cells, places, aside, after=True))
-    of_tool = any(cell.position_mm for cell in cells)
-    words = f"{'positions' if of_tool else 'displacement'} from left to right"
-    return Chart("Mean residual", words, "µm", tuple(series), names)
-
-
-def _name(leg: str, axis: str, station: float, *, stations: int) -> str:
-    """A mounting in a few letters; the station, in percent, only where there are several."""
-    if stations > 1:
-        return f"{leg}{axis}{100.0 * station:.0f}"
-    return f"{leg.upper()} along {axis.upper()}"
-
-
-def _set_up(cell: Cell) -> tuple[str, str, float]:
-    return cell.leg, cell.axis, cell.station
-
-
-def _residuals(
-    name: str,
-    cells: Sequence[Cell],
-    places: dict[tuple[str, str, float], float],
-    aside: float,
-    *,
-    after: bool = False,
-) -> Series:
-    reach = max(abs(cell.displacement_mm) for cell in cells) or 1.0
-    positions = sorted({cell.position_mm for cell in cells if cell.position_mm})
-    middle = (len(positions) - 1) / 2.0
-    x, y = [], []
-    for cell in cells:
-        value_mm = cell.after_mm if after else cell.before_mm
-        part = cell.displacement_mm / reach
-        if cell.position_mm and middle:
-            part = (positions.index(cell.position_mm) - middle) / middle
-        if value_mm is not None:
-            x.append(places[_set_up(cell)] + HALF * part + aside)
-            y.append(1000.0 * value_mm)
-    return Series(name, tuple(x), tuple(y))
-
-
-def _noise(cells: Sequence[Cell], places: dict[tuple[str, str, float], float]) -> Series:
-    x: list[float] = []
-    y: list[float] = []
-    for set_up, place in places.items():
-        floor = SEEN * 1000.0 * max(cell.noise_mm for cell in cells if _set_up(cell) == set_up)
-        for side in (-EDGE, EDGE):
-            x += [place + side, place + side]
-            y += [-floor, floor]
-    return Series(NOISE, tuple(x), tuple(y))
-
-
-def residuals_over_time(solved: SessionSolution) -> Chart:
-    """What the model leaves of each reading over the time of its session: drift shows here."""
-    several = len(solved.sessions) > 1
-    points: dict[str, list[tuple[float, float]]] = {}
-    for session, reading, residual_mm in solved.residuals:
-        if reading.time_s is not None:
-            name = f"{reading.leg} along {reading.axis}"
-            if several:
-                name = f"session {1 + solved.names.index(session)}"
-            points.setdefault(name, []).append((reading.time_s / 60.0, 1000.0 * residual_mm))
-    series = tuple(_series(name, found) for name, found in points.items())
-    return Chart("Residuals", "minutes", "residual, µm", series)
-
-
-def offsets_over_time(found: MachineHistory) -> Chart:
-    """Change of each joint offset since the first session; lines where something was changed."""
-    series = tuple(
-        Series(f"joint {name}", found.days, tuple(1000.0 * mm for mm in one.change.tolist()))
-        for name, one in zip(JOINTS, found.joints, strict=True)
-    )
-    days = zip(found.days, found.points, strict=True)
-    marks = tuple(day for day, point in days if point.event)
-    return Chart("Change of the offsets", "days", "µm", series, marks=marks)
+def ticks_within(limits: Limits, most: int) -> tuple[float, ...]:
+    """Round numbers between two ends, at most so many."""
+    span = limits[1] - limits[0]
+    decade = 10.0 ** math.floor(math.log10(span / max(1, most)))
+    for step in (factor * decade for factor in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)):
+        first, last = math.ceil(limits[0] / step), math.floor(limits[1] / step)
+        if last - first < most:
+            return tuple(k * step for k in range(first, last + 1))
+    return ()

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from app.report.charts.charts import Series
-from app.report.charts.drawings import Caption, Drawing, Point, Stroke, StrokeStyle
+from app.report.charts.charts import Caption, Drawing, Series, Stroke, StrokeStyle, points_of
 from calib.arrays import FloatArray
 from calib.hexaslide.drawing import lines_at, outline
 from calib.hexaslide.geometry import Box, HexaSlide
@@ -44,8 +43,8 @@ def _seen_from(
 ) -> Drawing:
     """Lines in space ``(n, 3)`` seen along the axis that is left out."""
     seen = list(axes)
-    flat = [Stroke(look, _points(line[:, seen])) for look, line in strokes]
-    numbers = enumerate(_points(carriages[:, seen]), start=1)
+    flat = [Stroke(look, points_of(line[:, seen])) for look, line in strokes]
+    numbers = enumerate(points_of(carriages[:, seen]), start=1)
     return Drawing(
         title=title,
         x_words=f"{'xyz'[axes[0]]}, m",
@@ -83,13 +82,9 @@ def _projected(
 
 def _outline(box: Box, axes: tuple[int, int]) -> Stroke:
     """Dots on the edges of the box."""
-    return Stroke(StrokeStyle.MARKED, _points(_scale_of(axes)[0] * outline(box, axes)))
+    return Stroke(StrokeStyle.MARKED, points_of(_scale_of(axes)[0] * outline(box, axes)))
 
 
 def _scale_of(axes: tuple[int, int]) -> tuple[float, str]:
     """Places are shown in metres, angles in degrees."""
     return (1.0, "m") if axes[0] < len("xyz") else (180.0 / math.pi, "°")
-
-
-def _points(places: FloatArray) -> tuple[Point, ...]:
-    return tuple((x, y) for x, y in places.tolist())

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from app.report.charts.charts import Series
-from app.report.charts.drawings import Caption, Drawing, Point, Stroke, StrokeStyle
-from calib.arrays import LEG_NAMES, FloatArray
+from app.report.charts.charts import Caption, Drawing, Series, Stroke, StrokeStyle, points_of
+from calib.arrays import LEG_NAMES
 from calib.tripod.drawing import set_up_lines, view
 from protocols.machine import Instrument
 from protocols.procedure import Step, leg_number
@@ -40,20 +39,20 @@ def drawn_set_up(
         station += step.displacement_mm / float(geometry.covered_mm[leg])
     lines = set_up_lines(geometry, leg, axes, sides, station, step.displacement_mm)
     lines = lines.seen(view(geometry))
-    strokes = [Stroke(StrokeStyle.DOTTED, _points(rail)) for rail in lines.rails]
+    strokes = [Stroke(StrokeStyle.DOTTED, points_of(rail)) for rail in lines.rails]
     thin = [*lines.platform, *(bar for k, bar in enumerate(lines.bars) if k != leg)]
-    strokes += [Stroke(StrokeStyle.THIN, _points(line)) for line in thin]
-    strokes.append(Stroke(StrokeStyle.THICK, _points(lines.bars[leg])))
-    strokes += [Stroke(StrokeStyle.BEADED, _points(spindle)) for spindle in lines.spindles]
+    strokes += [Stroke(StrokeStyle.THIN, points_of(line)) for line in thin]
+    strokes.append(Stroke(StrokeStyle.THICK, points_of(lines.bars[leg])))
+    strokes += [Stroke(StrokeStyle.BEADED, points_of(spindle)) for spindle in lines.spindles]
     names = zip(LEG_NAMES, lines.bars, strict=True)
-    labels = [Caption(name.upper(), _points(bar)[1]) for name, bar in names]
+    labels = [Caption(name.upper(), points_of(bar)[1]) for name, bar in names]
     for k, side in enumerate(sides):
         axis = f"+{step.axes[k].upper()}"
         together = side > 0.0
         body = f"{numbers[k] + 1} {axis}" if together else f"{numbers[k] + 1}"
-        labels.append(Caption(body, _points(lines.spindles[k])[1]))
-        labels += [Caption(axis, _points(lines.ahead[k])[1])] * (not together)
-    (touched,) = _points(lines.touched[None])
+        labels.append(Caption(body, points_of(lines.spindles[k])[1]))
+        labels += [Caption(axis, points_of(lines.ahead[k])[1])] * (not together)
+    (touched,) = points_of(lines.touched[None])
     return Drawing(
         title=f"Leg {step.leg.upper()} at {step.posture(geometry)}",
         x_words="",
@@ -64,7 +63,3 @@ def drawn_set_up(
         even=True,
         scaled=False,
     )
-
-
-def _points(places: FloatArray) -> tuple[Point, ...]:
-    return tuple((x, y) for x, y in places.tolist())

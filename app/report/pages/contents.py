@@ -10,9 +10,8 @@ from rich.table import Table
 
 from app.evaluating.comparison import Verification, verify_files
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_sessions
-from app.evaluating.history import JOINTS
 from app.evaluating.solution import SessionSolution, judge, maps, solve_files
-from app.report.charts.charts import (
+from app.report.charts.results import (
     before_and_after,
     measured_and_predicted,
     residuals_before_and_after,
@@ -28,6 +27,7 @@ from app.report.text.result import (
     decided,
     difference_table,
     indicator_words,
+    left_out_words,
     noise_words,
     offsets_table,
     parameter_table,
@@ -38,6 +38,7 @@ from app.report.text.result import (
 )
 from app.report.text.tables import LEAST_MM, new_table, signed, uncertain
 from app.version import program
+from calib.arrays import LEG_NAMES
 from calib.diagnosis.results import Diagnosis
 from calib.errors import NotIdentifiable
 from calib.identify.solution import Subset
@@ -58,12 +59,10 @@ class Picture:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with what stands below it, in this order."""
+    """A heading with what stands below it, in this order; an empty sentence is left out."""
 
     heading: str
-    sentences: Sequence[str] = ()
-    tables: Sequence[Table] = ()
-    figures: Sequence[Picture] = ()
+    parts: Sequence[str | Table | Picture]
 
 
 @dataclass(frozen=True)
@@ -101,8 +100,7 @@ def report_of(
     sections = [
         Section(
             "What was measured",
-            tables=[_machine(machine, tolerance), *_sessions(sessions)],
-            figures=_set_ups(solved.sessions[0]),
+            [_machine(machine, tolerance), *_sessions(sessions), *_set_ups(solved.sessions[0])],
         ),
         _result(solved, judged if verified else ""),
         _budget(solved),
@@ -128,7 +126,10 @@ def report_of(
 
 def _judged(solved: SessionSolution, tolerance_mm: float | None) -> str:
     if tolerance_mm is None:
-        return NOT_JUDGED
+        return (
+            "NOT JUDGED: no tolerance was given (--tolerance), nor does the machine file state one "
+            "(tool_tolerance_mm)."
+        )
     found = judge(solved, tolerance_mm)
     return (
         f"{DECIDED[found.after]} with these values entered, {DECIDED[found.before]} as it is now: "
@@ -166,10 +167,8 @@ def _machine(machine: Machine, tolerance_mm: float | None) -> Table:
 
 def _sessions(sessions: Sequence[Session]) -> list[Table]:
     """Who measured what, when, how warm and with what; some sessions beside each other."""
-    return [_beside(sessions[k : k + BESIDE]) for k in range(0, len(sessions), BESIDE)]
-
-
-def _beside(sessions: Sequence[Session]) -> Table:
+    if len(sessions) > BESIDE:
+        return [*_sessions(sessions[:BESIDE]), *_sessions(sessions[BESIDE:])]
     table = new_table("session", *(one.name for one in sessions), left=1 + len(sessions))
     opened = [session.opened for session in sessions]
     rows: dict[str, list[str]] = {
@@ -192,7 +191,7 @@ def _beside(sessions: Sequence[Session]) -> Table:
     notes = ["\n".join((*one.opened.remarks, *one.notes)) for one in sessions]
     if any(notes):
         table.add_row("notes", *notes)
-    return table
+    return [table]
 
 
 def _set_ups(session: Session) -> list[Picture]:
@@ -208,9 +207,6 @@ def _set_ups(session: Session) -> list[Picture]:
 
 def _result(solved: SessionSolution, judged: str) -> Section:
     solution = solved.solution
-    tables = [parameter_table(solution), subset_table(solved)]
-    if solution.sizes:
-        tables.insert(1, size_table(solution))
     caption = (
         "Expected error of the tool with these values, µm r.m.s., on three planes through Zero."
     )
@@ -218,13 +214,17 @@ def _result(solved: SessionSolution, judged: str) -> Section:
         "Result",
         [
             judged,
-            DECISION_RULE,
+            "Decision rule (ISO 14253-1): passed where the bound, which 95 of 100 such machines "
+            "keep, is within the tolerance; failed where the error that is shown exceeds it by "
+            "more than its expanded uncertainty (95 %); undecided in between.",
             verdict_words(solved),
             bound_made_of(solved),
             noise_words(solution),
+            parameter_table(solution),
+            *([size_table(solution)] if solution.sizes else []),
+            subset_table(solved),
+            Picture(maps_svg(maps(solved)), caption),
         ],
-        tables,
-        [Picture(maps_svg(maps(solved)), caption)],
     )
 
 
@@ -242,25 +242,34 @@ def _budget(solved: SessionSolution) -> Section:
     of_tool.add_row("and parts within tolerance", uncertain(bound.parameters_mm))
     for one in bound.names[:MOST_OPEN]:
         of_tool.add_row(f"and {one.title} ({one.id}, {one.where})", uncertain(one.bound_mm))
-    return Section("Uncertainty budget", [BUDGET_WORDS], [of_values, of_tool])
+    said = (
+        "The sources know nothing of each other: their squares add up to that of U. What the model "
+        "leaves stands by itself, for the case that it is noise. At the tool each effect stands by "
+        "itself with noise and parts: the bound is the largest line."
+    )
+    return Section("Uncertainty budget", [said, of_values, of_tool])
 
 
 def _controller(solved: SessionSolution, model: Path | None) -> Section:
     """What the controller held, and what is to be entered: offsets, and remedies of a model."""
     machine = solved.sessions[0].opened.machine
-    heading, said, tables = "What to enter in the controller", [ENTER_WORDS], []
+    heading = "What to enter in the controller"
+    named = read_model_file(model).effects if model else ()
+    effects = [effect_words(one, machine) for one in named]
     try:
         found_mm = solved.for_controller().joint_offsets_mm
     except NotIdentifiable as problem:
-        said = [f"No joint offsets: {problem}"]
-    else:
-        table = new_table("joint", "entered when measured, mm", "found, mm", "together, mm")
-        held_mm = machine.entered_offsets_mm
-        for name, held, found in zip(JOINTS, held_mm, found_mm, strict=True):
-            table.add_row(name, signed(held, 4), signed(found, 4), signed(held + found, 4))
-        tables.append(table)
-    effects = read_model_file(model).effects if model else ()
-    return Section(heading, [*said, *(effect_words(one, machine) for one in effects)], tables)
+        return Section(heading, [f"No joint offsets: {problem}", *effects])
+    table = new_table("joint", "entered when measured, mm", "found, mm", "together, mm")
+    held_mm = machine.entered_offsets_mm
+    for name, held, found in zip(LEG_NAMES, held_mm, found_mm, strict=True):
+        table.add_row(name, signed(held, 4), signed(found, 4), signed(held + found, 4))
+    said = (
+        "True position of a joint = believed position + offset. These are the offsets that "
+        "glidecal export writes, on top of those entered when it was measured; where the result "
+        "has another set of parameters, its d_rho differ from them."
+    )
+    return Section(heading, [said, *effects, table])
 
 
 def _again(verified: Verification) -> Section:
@@ -270,9 +279,13 @@ def _again(verified: Verification) -> Section:
     caption = f"Each difference before and after the offsets were entered{WHISKER_WORDS}"
     return Section(
         "Measured again, with the offsets entered",
-        [decided(verified), *what_to_do(verified), *compared.remarks],
-        [offsets_table(verified)],
-        [Picture(bars_svg(chart), caption)],
+        [
+            decided(verified),
+            *what_to_do(verified),
+            *compared.remarks,
+            offsets_table(verified),
+            Picture(bars_svg(chart), caption),
+        ],
     )
 
 
@@ -282,34 +295,45 @@ def _missing(diagnosed: SessionDiagnosis) -> Section:
     residuals = svg_of(residuals_before_and_after(found.residuals.cells))
     return Section(
         "What is missing from the model",
-        [gap_text(found), effects_text(found.effects)],
-        [candidates_table(found.candidates)] if found.candidates else [],
         [
+            gap_text(found),
+            effects_text(found.effects),
             *_evidence(found),
             Picture(residuals, "Mean residual of each posture; grey: twice its noise."),
         ],
     )
 
 
-def _evidence(found: Diagnosis) -> list[Picture]:
+def _evidence(found: Diagnosis) -> Sequence[Table | Picture]:
     """What speaks for the names, and for those that were not given."""
-    left = [
-        (printable(f"{one.id} ({one.where})"), 1000.0 * one.gap_rms_after_mm, one)
+    if not found.candidates:
+        return ()
+    bars = [
+        (
+            printable(f"{one.id} ({one.where})"),
+            1000.0 * one.gap_rms_after_mm,
+            not one.reason_rejected,
+        )
         for k, one in enumerate(found.candidates)
         if k < SHOWN_CANDIDATES or not one.reason_rejected
     ]
-    bars = [(name, left_um, not one.reason_rejected) for name, left_um, one in left]
-    picture = evidence_svg(bars, 1000.0 * found.gap_before.rms_mm) if bars else ""
-    return [Picture(picture, EVIDENCE_WORDS)] if bars else []
+    said = (
+        "Evidence: what each candidate leaves of the gap. The shorter its bar, the more the "
+        "readings speak for it; a name is given where that is more than chance among all "
+        "candidates."
+    )
+    picture = Picture(evidence_svg(bars, 1000.0 * found.gap_before.rms_mm), said)
+    return candidates_table(found.candidates), picture
 
 
 def _fit(solved: SessionSolution) -> Section:
     """What the model makes of the readings."""
     caption = f"Differences as measured, and what the model leaves of them{WHISKER_WORDS}"
-    figures = [Picture(bars_svg(measured_and_predicted(solved.solution)), caption)]
+    bars = Picture(bars_svg(measured_and_predicted(solved.solution)), caption)
+    parts: list[Table | Picture] = [difference_table(solved.solution), bars]
     if (over_time := residuals_over_time(solved)).series:
-        figures.append(Picture(svg_of(over_time), "Residuals over time: drift shows here."))
-    return Section("Differences", tables=[difference_table(solved.solution)], figures=figures)
+        parts.append(Picture(svg_of(over_time), "Residuals over time: drift shows here."))
+    return Section("Differences", parts)
 
 
 def _doubted(solved: SessionSolution, sessions: Sequence[Session]) -> Section:
@@ -325,12 +349,9 @@ def _doubted(solved: SessionSolution, sessions: Sequence[Session]) -> Section:
             if words := "; ".join(filter(None, why)):
                 of = (session.name, f"{reading.reading}", reading.place_words)
                 table.add_row(*of, signed(reading.value_mm, 4), words)
-        if session.skipped:
-            reasons = "; ".join(dict.fromkeys(session.skipped.values()))
-            said.append(f"{session.name}: {len(session.skipped)} steps left out: {reasons}")
-    if not table.rows:
-        said.append("No reading was questioned or superseded, and all fit their repeats.")
-    return Section("Questioned and superseded readings", said, [table] if table.rows else [])
+        said += [f"{session.name}: {words}" for words in left_out_words(session)]
+    none = "No reading was questioned or superseded, and all fit their repeats."
+    return Section("Questioned and superseded readings", [*said, table if table.rows else none])
 
 
 def _readings(session: Session) -> Section:
@@ -358,7 +379,7 @@ def _readings(session: Session) -> Section:
         mounts = ", ".join(dict.fromkeys(one.mount for one in taken.values()))
         shown = [signed(taken[axis].value_mm, 4) if axis in taken else "" for axis in axes]
         table.add_row(numbers, mounts, place, station, *shown, *others)
-    return Section(f"Readings of {session.name}", tables=[table])
+    return Section(f"Readings of {session.name}", [table])
 
 
 def _state(session: Session, reading: Reading) -> str:
@@ -374,27 +395,4 @@ BESIDE = 3
 
 MOST_OPEN = 8
 
-NOT_JUDGED = (
-    "NOT JUDGED: no tolerance was given (--tolerance), nor does the machine file state one "
-    "(tool_tolerance_mm)."
-)
-DECISION_RULE = (
-    "Decision rule (ISO 14253-1): passed where the bound, which 95 of 100 such machines keep, is "
-    "within the tolerance; failed where the error that is shown exceeds it by more than its "
-    "expanded uncertainty (95 %); undecided in between."
-)
-BUDGET_WORDS = (
-    "The sources know nothing of each other: their squares add up to that of U. What the model "
-    "leaves stands by itself, for the case that it is noise. At the tool each effect stands by "
-    "itself with noise and parts: the bound is the largest line."
-)
-ENTER_WORDS = (
-    "True position of a joint = believed position + offset. These are the offsets that glidecal "
-    "export writes, on top of those entered when it was measured; where the result has another "
-    "set of parameters, its d_rho differ from them."
-)
-EVIDENCE_WORDS = (
-    "Evidence: what each candidate leaves of the gap. The shorter its bar, the more the readings "
-    "speak for it; a name is given where that is more than chance among all candidates."
-)
 WHISKER_WORDS = "; below, on a scale of its own. Whiskers: twice the standard uncertainty."

@@ -19,8 +19,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.transforms import Affine2D
 
-from app.report.charts.charts import NOISE, Chart, Series
-from app.report.charts.drawings import Drawing, StrokeStyle
+from app.report.charts.charts import NOISE, Chart, Drawing, Series, StrokeStyle
 from calib.diagnosis.results import SEEN
 from calib.tripod.workspace import PlaneMap
 
@@ -44,7 +43,7 @@ MARKERS = "8sD^vP"
 the eye and takes a third of its bytes.
 """
 
-WIDTH_IN, HEIGHT_IN = 6.9, 2.5
+WIDTH_IN, HEIGHT_IN = 6.9, 2.5  # A4 less the margins of report.html is 7.0 wide
 BAR = 0.22
 
 Point = tuple[float, float]

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from app.evaluating.solution import NoisyChannel, SessionSolution
 from app.report.text.tables import decimals_for, free_words, signed, uncertain
 from calib.arrays import LEG_NAMES
-from calib.design.identifiability import Direction
 from calib.identify.solution import Subset
 from calib.noise.reading import LEAST_NOISE_MM
 from calib.tripod.workspace import NEAR_ZERO_MM
@@ -31,11 +30,6 @@ UNKNOWN_HOME_OFFSET = (
 
 MOST_NAMED = 8
 """So many of a kind are named; nobody reads hundreds."""
-
-
-def bound_words(solved: SessionSolution) -> str:
-    """What the tool is off by at most, and what that is made of."""
-    return f"{bound_now_and_then(solved)} {bound_made_of(solved)}"
 
 
 def bound_now_and_then(solved: SessionSolution) -> str:
@@ -76,23 +70,16 @@ def bound_made_of(solved: SessionSolution) -> str:
 
 def caveats(solved: SessionSolution) -> list[str]:
     """One line each, the gravest first."""
-    return [
-        *_of_the_model(solved),
-        *_of_the_fit(solved),
-        *_of_noise(solved),
-        *_of_readings(solved),
-        *_of_the_measurement(solved),
-        *_of_the_choice(solved),
-    ]
-
-
-def _of_the_model(solved: SessionSolution) -> Iterator[str]:
+    said = []
     if solved.ambiguous:
         from protocols.model_file import ambiguity  # with a model only
 
-        yield f"WARNING: {ambiguity(solved.ambiguous)}"
+        said.append(f"WARNING: {ambiguity(solved.ambiguous)}")
     if solved.held:
-        yield f"Held as a person stated it, not fitted: {'; '.join(solved.held)}."
+        said.append(f"Held as a person stated it, not fitted: {'; '.join(solved.held)}.")
+    for part in (_of_the_fit, _of_noise, _of_readings, _of_the_measurement, _of_the_choice):
+        said += part(solved)
+    return said
 
 
 def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
@@ -110,12 +97,9 @@ def _of_the_fit(solved: SessionSolution) -> Iterator[str]:
     for subset, problem in refused.items():
         yield f"LEFT OUT: {SUBSET_WORDS[subset]}: {problem.found}."
     if "both" in refused:
-        constrained = solution.subset == "with-tolerances"
-        right = (
-            "the parts are within their tolerances"
-            if constrained
-            else "the other parameters are nominal"
-        )
+        right = "the other parameters are nominal"
+        if solution.subset == "with-tolerances":
+            right = "the parts are within their tolerances"
         yield (
             f"All figures are valid only if {right}: these readings show neither an error there "
             "nor what it does at the tool."
@@ -145,8 +129,17 @@ def _of_noise(solved: SessionSolution) -> Iterator[str]:
             "WARNING: these readings show no noise, so the uncertainties are only rounding. "
             "State the resolution and repeatability of the indicators."
         )
-    for direction in solution.weak_directions:
-        yield _weak(direction, solution.coverage_factor)
+    factor = solution.coverage_factor
+    for one in solution.weak_directions:
+        against = ""
+        if one.against:
+            name, uncertainty = one.against
+            against = f" ({name} to ±{uncertain(uncertainty * factor)})"
+        yield (
+            f"WEAK: {one.combination} known only to "
+            f"±{uncertain(one.standard_uncertainty_mm * factor, 2)} mm{against}; at the tool that "
+            f"is {uncertain(one.tool_mm * factor, 2)} mm."
+        )
     if solution.weak_directions and not solved.reads_tool:
         yield "What to measure to improve this: glidecal plan."
     if solved.noisy:
@@ -165,17 +158,6 @@ def _of_noise(solved: SessionSolution) -> Iterator[str]:
             "within a cycle is part of the differences. Is the machine warm? Is the stand firm? "
             "glidecal diagnose looks for drift."
         )
-
-
-def _weak(direction: Direction, factor: float) -> str:
-    said = (
-        f"WEAK: {direction.combination} known only to "
-        f"±{uncertain(direction.standard_uncertainty_mm * factor, 2)} mm"
-    )
-    if direction.against:
-        name, uncertainty = direction.against
-        said += f" ({name} to ±{uncertain(uncertainty * factor)})"
-    return f"{said}; at the tool that is {uncertain(direction.tool_mm * factor, 2)} mm."
 
 
 def _noisy(channel: NoisyChannel) -> str:
@@ -255,8 +237,6 @@ def _of_the_choice(solved: SessionSolution) -> Iterator[str]:
         yield "NOTE: no degree of freedom is left, so the fit of the model cannot be checked."
     same = solution.subset == choice.recommended
     begin = "Recommended set" if same else "RECOMMENDED instead"
-    said = f"{begin}: {SUBSET_WORDS[choice.recommended]}"
-    expected_mm = choice.expected_mm
-    if min(expected_mm.values()) < expected_mm[choice.recommended]:
-        said += f"; {choice.reasons[1]}"
-    yield f"{said}."
+    other_is_better = min(choice.expected_mm.values()) < choice.expected_mm[choice.recommended]
+    why = f"; {choice.reasons[1]}" if other_is_better else ""
+    yield f"{begin}: {SUBSET_WORDS[choice.recommended]}{why}."

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.table import Table
 
 from app.evaluating.diagnosis import SessionDiagnosis, mistakes_of
 from app.report.text.tables import (
+    decimals,
+    figures,
     hanging,
     new_table,
     paragraphs,
@@ -128,24 +129,20 @@ def verdict_text(diagnosed: SessionDiagnosis, adopted: str = "") -> str:
     )
 
 
-NEXT = {
-    "agrees": "R shows the result.",
-    "explained": "A adopts what was named. Then R shows the result with it.",
-    "partly-explained": "A adopts what was named, and looks again for the rest.",
-}
-
-
 def _next(diagnosed: SessionDiagnosis) -> str:
     """What to do with such a verdict."""
     found = diagnosed.diagnosis
+    said = "page 2 shows where the gap lies. Look at the machine and the stand there."
     if mistakes_of(diagnosed):
         said = "A writes a corrected session, without the mistakes, and diagnoses that."
-    elif found.verdict in NEXT:
-        said = NEXT[found.verdict]
+    elif found.verdict == "agrees":
+        said = "R shows the result."
+    elif found.verdict == "explained":
+        said = "A adopts what was named. Then R shows the result with it."
+    elif found.verdict == "partly-explained":
+        said = "A adopts what was named, and looks again for the rest."
     elif found.next_measurement:
         said = "measure what is proposed below (N), then diagnose both sessions together."
-    else:
-        said = "page 2 shows where the gap lies. Look at the machine and the stand there."
     return f"Next: {said}"
 
 
@@ -253,12 +250,12 @@ def _rivals(one: Finding) -> str:
 
 def _values_and_gap(one: Finding) -> list[str]:
     """Parameters to two figures of their standard uncertainty, then the gap before and after."""
-    lines = []
+    said = []
     for value in one.parameters:
         u = value.standard_uncertainty
         places = decimals(u)
-        lines.append(f"{value.name} = {value.value:+.{places}f} ± {u:.{places}f} {value.unit}")
-    return [*lines, f"gap {one.gap_rms_before_mm:.4f} → {one.gap_rms_after_mm:.4f} mm"]
+        said.append(f"{value.name} = {value.value:+.{places}f} ± {u:.{places}f} {value.unit}")
+    return [*said, f"gap {one.gap_rms_before_mm:.4f} → {one.gap_rms_after_mm:.4f} mm"]
 
 
 def discrepancy_text(found: ModelDiscrepancy) -> str:
@@ -271,17 +268,6 @@ def discrepancy_text(found: ModelDiscrepancy) -> str:
     if found.held_out:
         below.append(held_out_words(found.held_out))
     return "\n".join([f"{begin}: {effect.title}.", *(hanging(INDENT + v, INDENT) for v in below)])
-
-
-def decimals(size: float) -> int:
-    """Decimals that show two significant figures of a size."""
-    return max(0, 1 - math.floor(math.log10(size))) if size > 0.0 else 4
-
-
-def figures(size: float) -> str:
-    """A size to two significant figures, without an exponent."""
-    rounded = float(f"{size:.1e}")
-    return f"{rounded:.{decimals(rounded)}f}"
 
 
 def held_out_words(gap: HeldOutGap) -> str:
@@ -319,33 +305,23 @@ def part_words(share: Share) -> str:
 
 def candidates_table(candidates: tuple[Contender, ...]) -> Table:
     """The candidates, with the gap that each would leave."""
-    held_out = _any_held_out(candidates)
-    columns = ["gap after, mm", "held out, mm"] if held_out else ["gap after, mm"]
+    judged = [one for one in candidates if one.held_out_gap_rms_mm is not None]
+    columns = ["gap after, mm", "held out, mm"][: 2 if judged else 1]
     table = new_table("effect", "where", *columns, "", left=2)
-    for one in _shown(candidates):
-        gaps = _gaps(one, held_out=held_out)
+    shown = list(candidates[:SHOWN_CANDIDATES])
+    # through ties: every processor must show the same one
+    best = descending(judged, lambda one: -(one.held_out_gap_rms_mm or 0.0))[:1]
+    shown += [one for one in best if one not in shown]  # it does most for what it never saw
+    for one in shown:
+        gaps = _gaps(one)[: len(columns)]
         table.add_row(one.id, one.where, *gaps, one.reason_rejected or "named")
     return table
 
 
-def _any_held_out(candidates: Iterable[Contender]) -> bool:
-    return any(one.held_out_gap_rms_mm is not None for one in candidates)
-
-
-def _gaps(one: Contender, *, held_out: bool) -> list[str]:
+def _gaps(one: Contender) -> tuple[str, str]:
     """The gap that a candidate leaves, and on readings that it never saw."""
     unseen_mm = one.held_out_gap_rms_mm
-    unseen = "" if unseen_mm is None else f"{unseen_mm:.4f}"
-    return [f"{one.gap_rms_after_mm:.4f}", *([unseen] if held_out else [])]
-
-
-def _shown(candidates: tuple[Contender, ...]) -> tuple[Contender, ...]:
-    """The first ones, and the one that does most for readings it never saw."""
-    first, rest = candidates[:SHOWN_CANDIDATES], candidates[SHOWN_CANDIDATES:]
-    judged = [one for one in candidates if one.held_out_gap_rms_mm is not None]
-    # through ties: every processor must show the same one
-    best = descending(judged, lambda one: -(one.held_out_gap_rms_mm or 0.0))[:1]
-    return (*first, *(one for one in best if one in rest))
+    return f"{one.gap_rms_after_mm:.4f}", "" if unseen_mm is None else f"{unseen_mm:.4f}"
 
 
 def _detectable(found: Diagnosis) -> list[Table]:
@@ -422,15 +398,15 @@ def ranking_text(diagnosed: SessionDiagnosis) -> str:
     found = diagnosed.diagnosis
     if not found.candidates:
         return "No effect of the catalogue shows in these readings."
-    held_out = _any_held_out(found.candidates)
-    gaps = ["gap after", "held out"] if held_out else ["gap after"]
-    table = new_table("effect", "where", "explains", *gaps, "why", left=3)
+    held_out = any(one.held_out_gap_rms_mm is not None for one in found.candidates)
+    columns = ["gap after", "held out"][: 2 if held_out else 1]
+    table = new_table("effect", "where", "explains", *columns, "why", left=3)
     table.columns[-1].justify = "left"
     for one in found.candidates[:SHOWN_CANDIDATES]:
         bar = "█" * round(10 * one.explained)
         why = SHORT.get(one.reason_rejected, one.reason_rejected) or "named"
         explains = f"{bar:<10} {one.explained:>4.0%}"
-        table.add_row(one.id, one.where, explains, *_gaps(one, held_out=held_out), why)
+        table.add_row(one.id, one.where, explains, *_gaps(one)[: len(columns)], why)
     parts = [f"Candidates, best first; gaps in mm\n{table_text(table)}"]
     for finding in (finding for finding in found.effects if finding.effects):
         named = f"{finding.id} ({finding.where})"

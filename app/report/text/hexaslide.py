@@ -6,8 +6,6 @@ import math
 from pathlib import Path
 from statistics import median
 
-from rich.table import Table
-
 from app.report.text.tables import new_table, paragraphs, table_text, wrapped
 from calib.arrays import FloatArray
 from calib.hexaslide.geometry import COORDINATES
@@ -37,11 +35,11 @@ def postures_text(found: BestPostures) -> str:
     postures = new_table(*found.postures[0], left=0)
     for posture in found.postures:
         postures.add_row(*(f"{value + 0.0:.4f}" for value in posture.values()))
-    return paragraphs(_sentence(found), _criteria(found), postures, _search(found))
-
-
-def _sentence(found: BestPostures) -> str:
     procedure, moved = found.procedure, bool(found.values)
+    criteria = new_table("criteria of papers/001", *(["start", "found"] if moved else ["value"]))
+    sets = (found.start, found.found) if moved else (found.found,)
+    for name, words in PUBLISHED_WORDS.items():
+        criteria.add_row(words, *(f"{getattr(one, name):.4g}" for one in sets))
     before = f" (start {found.refined.start_value:.4g})" if moved else ""
     condition = f"{found.condition_number:.4g}"
     condition += f", at the start {found.start_condition_number:.4g}" if moved else ""
@@ -59,16 +57,7 @@ def _sentence(found: BestPostures) -> str:
             "calibration comes of them, and their condition number compares only with that of as "
             "few."
         )
-    return said
-
-
-def _criteria(found: BestPostures) -> Table:
-    moved = bool(found.values)
-    table = new_table("criteria of papers/001", *(["start", "found"] if moved else ["value"]))
-    sets = (found.start, found.found) if moved else (found.found,)
-    for name, words in PUBLISHED_WORDS.items():
-        table.add_row(words, *(f"{getattr(one, name):.4g}" for one in sets))
-    return table
+    return paragraphs(said, criteria, postures, _search(found))
 
 
 def _search(found: BestPostures) -> str:
@@ -197,8 +186,7 @@ def _conditions(found: HexaSlideSeen) -> str:
 
 def _rule(found: HexaSlideSeen) -> str:
     seen, qr = found.seen.found, found.seen.qr
-    count = len(seen.names)
-    counted = count - len(qr.flagged)
+    counted = len(seen.names) - len(qr.flagged)
     lines = [
         f"Rule of papers/001, QR in the order of the parameters, |r_ii| ≤ {qr.tolerance:.2g}: "
         f"counts {counted} with exact derivatives, flags {', '.join(qr.flagged) or 'none'}."
@@ -267,18 +255,14 @@ STOPPED = "Stopped. The best so far stays."
 DRAWING_WORDS = "· rail   ⡇ link and its number   ▀ platform   : box of the postures"
 
 
-def heading_text(machine: str, view: HexaSlideSeen | None) -> str:
-    """Machine and procedure on one line."""
+def heading_text(file: Path | None, view: HexaSlideSeen | None) -> str:
+    """Machine file, none for the example, and procedure on one line."""
+    machine = file.name if file else "example H60"
     if view is None:
         return machine
     kind = view.procedure.kind
     number = f"{KINDS.index(kind) + 1} of {len(KINDS)}" if view.published else "your own"
     return f"{machine}   {number}: {kind.value}"
-
-
-def machine_words(path: Path | None) -> str:
-    """The name of the machine file, or of the example."""
-    return path.name if path else "example H60"
 
 
 def problem_text(problem: Exception) -> str:
@@ -298,6 +282,16 @@ def sees_text(
     one_by_one = f" ({len(known)}): {', '.join(known) or 'none'}."
     if len(known) == count:
         one_by_one = f": all {count} parameters."
+    table = new_table("condition number", *view.conditions)
+    conditions = map(_number, view.conditions.values())
+    table.add_row(f"{seen.examined.posture_count} random postures", *conditions)
+    if found is not None and best is not None:
+        start = found.start_condition_number
+        table.add_row(f"{len(found.begin)} random, the start of the search", _number(start))
+        table.add_row(f"{len(found.begin)} optimum postures", *map(_number, best.values()))
+    if (paper_set := view.published) is not None:
+        table.add_row(f"papers/001: {paper_set.count} random", _number(paper_set.random))
+        table.add_row(f"papers/001: {paper_set.count} optimum", _number(paper_set.best))
     return paragraphs(
         f"{PROCEDURE_WORDS[view.procedure.kind].capitalize()}: reads "
         f"{', '.join(seen.examined.measured)}.\n"
@@ -305,7 +299,7 @@ def sees_text(
         f"NOT IDENTIFIABLE by any posture: {lost_words(view)}.\n"
         f"FEWEST POSTURES: {view.fewest}.",
         seen.examined.remark,
-        _condition_table(view, found, best),
+        f"{table_text(table)}\nColumns not scaled, so the number depends on the units.",
         f"KNOWN ONE BY ONE{one_by_one}",
     )
 
@@ -319,23 +313,6 @@ def lost_words(view: HexaSlideSeen) -> str:
     if others:
         said.append(f"{others} other combination{'s' if others > 1 else ''}")
     return "; ".join(said) or "nothing"
-
-
-def _condition_table(
-    view: HexaSlideSeen, found: BestPostures | None, best: dict[str, float] | None
-) -> str:
-    """Condition numbers in each unit, the paper's below."""
-    table = new_table("condition number", *view.conditions)
-    count, published = view.seen.examined.posture_count, view.published
-    table.add_row(f"{count} random postures", *map(_number, view.conditions.values()))
-    if found is not None and best is not None:
-        start = found.start_condition_number
-        table.add_row(f"{len(found.begin)} random, the start of the search", _number(start))
-        table.add_row(f"{len(found.begin)} optimum postures", *map(_number, best.values()))
-    if published is not None:
-        table.add_row(f"papers/001: {published.count} random", _number(published.random))
-        table.add_row(f"papers/001: {published.count} optimum", _number(published.best))
-    return f"{table_text(table)}\nColumns not scaled, so the number depends on the units."
 
 
 def _number(value: float) -> str:
@@ -390,8 +367,3 @@ def count_question(fewest: int) -> str:
 def count_problem(found: str, fewest: int, most: int) -> str:
     """A number that is none, too small or too large."""
     return f"number of postures: found '{found}'; allowed: {fewest} to {most}"
-
-
-def copied_text(text: str) -> str:
-    """How much went to the clipboard."""
-    return f"Copied: {len(text.splitlines())} lines"

@@ -12,7 +12,7 @@ from calib.design.identifiability import Combination, SeenBy
 from calib.diagnosis.results import AliasMap
 from calib.identify.next_mounting import Expected, FurtherSetUp, Proposal, Reach
 from calib.stats import coverage_factor
-from calib.tripod.optimum import ChosenPostures, Figures
+from calib.tripod.optimum import ChosenPostures
 from calib.tripod.workspace import PostureOfTool, Workspace
 from protocols.machine import Machine
 from protocols.procedure import position_words
@@ -127,40 +127,34 @@ def postures_text(chosen: ChosenPostures) -> str:
         ("tool error from noise, r.m.s. mm", "tool_mm"),
         ("minutes with set-up", "minutes"),
     ):
-        figures.add_row(name, _figure(chosen.before, kind), _figure(chosen.after, kind))
+        values = (getattr(one, kind) for one in (chosen.before, chosen.after))
+        figures.add_row(name, *("not identifiable" if v is None else f"{v:.4g}" for v in values))
     names = list(chosen.postures[0])
     table = new_table(*(name.replace("_mm", ", mm") for name in names))
     for posture in chosen.postures:
         coordinates = (posture[name] for name in names)
         table.add_row(*(one if isinstance(one, str) else f"{one:g}" for one in coordinates))
+    grid, value = chosen.grid_value, chosen.after.value
+    if grid is None:  # a file holds just what is judged here
+        moved = "The postures keep to the grid: --no-refine."
+    elif value is None or value == grid:
+        moved = "The grid is kept: off it nothing is better within the time."
+    else:
+        moved = (
+            f"Moved off the grid: criterion {grid:.4g} → {value:.4g}. Displacements are whole "
+            "tenths of a millimetre or a joint limit, stations whole hundredths; --no-refine keeps "
+            "round ones."
+        )
     return paragraphs(
         f"{chosen.machine}: {chosen.after.count} postures for the {chosen.criterion.value} "
         f"criterion, {CRITERION_WORDS[chosen.criterion]}; noise {chosen.noise_words}",
         figures,
         table,
-        _moved(chosen),
+        moved,
         f"{chosen.coordinates_on_bound} coordinates stand on a bound of the search. Best of "
         f"{chosen.starts} starts, seed {chosen.seed}, {chosen.exchanges} exchanges, "
         f"{chosen.seconds:.2f} s.",
     )
-
-
-def _moved(chosen: ChosenPostures) -> str:
-    """What it helped to leave the grid; a file holds just what is judged here."""
-    grid, value = chosen.grid_value, chosen.after.value
-    if grid is None:
-        return "The postures keep to the grid: --no-refine."
-    if value is None or value == grid:
-        return "The grid is kept: off it nothing is better within the time."
-    return (
-        f"Moved off the grid: criterion {grid:.4g} → {value:.4g}. Displacements are whole tenths "
-        "of a millimetre or a joint limit, stations whole hundredths; --no-refine keeps round ones."
-    )
-
-
-def _figure(figures: Figures, kind: str) -> str:
-    value = getattr(figures, kind)
-    return "not identifiable" if value is None else f"{value:.4g}"
 
 
 def plan_text(plan: MeasurementPlan) -> str:

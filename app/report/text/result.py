@@ -49,10 +49,7 @@ def solution_text(solved: SessionSolution) -> str:
     tool = f"Tool: at most {bound} mm with these values. {bound_made_of(solved)}"
     remarks = [remark for session in solved.sessions for remark in session.opened.remarks]
     for session in solved.sessions:
-        remarks += dict.fromkeys(session.notes)
-        if count := len(session.skipped):
-            reasons = "; ".join(dict.fromkeys(session.skipped.values()))
-            remarks.append(f"{count} step{'s' if count > 1 else ''} left out: {reasons}")
+        remarks += [*dict.fromkeys(session.notes), *left_out_words(session)]
     return paragraphs(
         f"{', '.join(solved.names)}: {SUBSET_WORDS[solution.subset]}, "
         f"{_method_words(solution)}, {solved.reading_count} readings",
@@ -66,6 +63,12 @@ def solution_text(solved: SessionSolution) -> str:
         "\n".join(map(_measured_words, solved.sessions)),
         *(f"Remark: {remark}" for remark in remarks),
     )
+
+
+def left_out_words(session: Session) -> list[str]:
+    """How many steps were left out and why; nothing where none was."""
+    count, reasons = len(session.skipped), "; ".join(dict.fromkeys(session.skipped.values()))
+    return [f"{count} step{'s' if count > 1 else ''} left out: {reasons}"] if count else []
 
 
 def _measured_words(session: Session) -> str:
@@ -108,7 +111,11 @@ def verdict_words(solved: SessionSolution) -> str:
 
 def _known_words(solution: Solution) -> str:
     """What is known to how much; of joint offsets often only how they differ from the bars."""
-    source = _source_of_uncertainty(solution)
+    source = "95 %, reading noise only"
+    if solution.subset == "with-tolerances":
+        source = "95 %, reading noise and tolerances of the parts"
+    elif solution.noise.source == "residuals":
+        source = "95 %, residual taken as noise"
     whole = uncertain(float(solution.expanded_with_tolerances_mm.max()))
     difference_mm = solution.expanded_of_difference_mm
     if difference_mm is not None:
@@ -116,23 +123,11 @@ def _known_words(solution: Solution) -> str:
             f"Known is d_rho − d_L, to ±{uncertain(float(difference_mm.max()))} mm ({source}); "
             f"d_rho by itself to ±{whole} mm, as bars may be off within their tolerance."
         )
-    known = f"{SUBSET_WORDS[solution.subset].capitalize()} known to ±"
+    known = f"{SUBSET_WORDS[solution.subset].capitalize()} known to ±{whole} mm"
     if solution.subset in ("both", "with-tolerances"):
-        return f"{known}{whole} mm ({source})."
+        return f"{known} ({source})."
     noise = uncertain(float(solution.expanded_mm.max()))
-    return (
-        f"{known}{whole} mm (95 %), the others being within their tolerances; "
-        f"±{noise} mm ({source})."
-    )
-
-
-def _source_of_uncertainty(solution: Solution) -> str:
-    """What the uncertainty in the first line is made of."""
-    if solution.subset == "with-tolerances":
-        return "95 %, reading noise and tolerances of the parts"
-    if solution.noise.source == "residuals":
-        return "95 %, residual taken as noise"
-    return "95 %, reading noise only"
+    return f"{known} (95 %), the others being within their tolerances; ±{noise} mm ({source})."
 
 
 def parameter_table(solution: Solution) -> Table:
@@ -408,11 +403,11 @@ def decided(found: Verification) -> str:
 
 def what_to_do(found: Verification) -> list[str]:
     """What went wrong at the controller, or in the model."""
-    after = found.compared.after.names[0]
+    after = found.compared.after
     wrong = {kind: [one.name for one in found.offsets if one.entered == kind] for kind in WRONG}
     said = [f"{', '.join(names)}: {WRONG[kind]}" for kind, names in wrong.items() if names]
-    if found.something_missing:
-        said.append(f"Something is missing from the model: glidecal diagnose {after}")
+    if after.solution.lacks_fit:
+        said.append(f"Something is missing from the model: glidecal diagnose {after.names[0]}")
     if not said and found.decision in ("fail", "undecided"):
         said.append(
             "The offsets are as expected. Measure more (glidecal plan), or fit the lengths too."

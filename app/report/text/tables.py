@@ -75,9 +75,20 @@ LEAST_MM = 1e-6
 """What is less than a millionth of a millimetre is arithmetic."""
 
 
+def decimals(size: float) -> int:
+    """Decimals that show two digits of a size (GUM 7.2.6); of nothing, four."""
+    return max(0, 1 - math.floor(math.log10(size))) if size > 0.0 else 4
+
+
+def figures(size: float) -> str:
+    """A size to two digits, without an exponent."""
+    rounded = float(f"{size:.1e}")
+    return f"{rounded:.{decimals(rounded)}f}"
+
+
 def decimals_for(uncertainty_mm: float, least: int = 3) -> int:
-    """Decimals that show two digits of an uncertainty (GUM 7.2.6), at least so many."""
-    return max(least, 1 - math.floor(math.log10(max(uncertainty_mm, LEAST_MM))))
+    """Decimals for an uncertainty in mm, at least so many."""
+    return max(least, decimals(max(uncertainty_mm, LEAST_MM)))
 
 
 def uncertain(value_mm: float, least: int = 3) -> str:

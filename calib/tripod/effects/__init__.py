@@ -1,8 +1,69 @@
-"""What a machine may have beyond offsets and lengths: laws, and where they may act.
+"""What a machine may have beyond offsets and lengths: every law of the program.
 
 May import what `calib.tripod` may, its geometry and pipeline first of all.
 """
 
-from calib.tripod.effects.catalogue import CATALOGUE
+from __future__ import annotations
 
-__all__ = ["CATALOGUE"]
+from calib.tripod.effects.bars import (
+    BarGrowth,
+    GravitySag,
+    JointClearance,
+    LegBow,
+    LegLength,
+    LegTaper,
+)
+from calib.tripod.effects.drives import (
+    STANDARD_LEADS_MM,
+    ActuatorCyclic,
+    ActuatorScale,
+    AxisDistance,
+    AxisOffset,
+    AxisSquareness,
+    Backlash,
+    ScrewGrowth,
+    Straightness,
+    StraightnessOfThirdOrder,
+)
+from calib.tripod.effects.effect import Effect
+from calib.tripod.effects.gauges import (
+    DriftOfStand,
+    DriftWithTemperature,
+    DriftWithTime,
+    GaugeGain,
+    GaugeHysteresis,
+    GaugeTilt,
+    PlateTilt,
+    TipOnRoundBar,
+)
+
+CATALOGUE: tuple[Effect, ...] = (
+    AxisSquareness(),
+    AxisOffset(),
+    AxisDistance(),
+    Straightness(),
+    ActuatorScale(),
+    *(ActuatorCyclic(lead_mm) for lead_mm in STANDARD_LEADS_MM),
+    Backlash(),
+    LegLength(),
+    GravitySag(),
+    LegTaper(),
+    LegBow(),
+    GaugeGain(),
+    GaugeTilt(),
+    PlateTilt(),
+    DriftWithTime(),
+    DriftWithTemperature(),
+)
+"""Those that the diagnosis looks for."""
+
+BESIDE_CATALOGUE: tuple[Effect, ...] = (
+    StraightnessOfThirdOrder(),
+    ScrewGrowth(),
+    BarGrowth(),
+    JointClearance(),
+    TipOnRoundBar(),
+    GaugeHysteresis(),
+    DriftOfStand(),
+)
+"""Those that models may hold and simulations follow; the diagnosis does not look for them."""

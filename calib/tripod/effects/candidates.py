@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
-from calib.arrays import LEG_NAMES, Conditions, FloatArray
-from calib.tripod.effects.catalogue import CATALOGUE, effects_of
+from calib.arrays import LEG_NAMES, Conditions, FloatArray, IntArray, incidence, joined
+from calib.tripod.effects import CATALOGUE
+from calib.tripod.effects.drives import effects_of
 from calib.tripod.effects.effect import AROUND, Effect, EffectInstance, EffectParameter, Kind
 from calib.tripod.geometry import Geometry, inverse
 from calib.tripod.pipeline import COMPLEX_STEP_MM, Flow, Model, Stage, posture, simulate
@@ -95,6 +95,12 @@ class _Together:
         return np.stack([effect.change(stage_input, flow) for effect in self.effects])
 
 
+def _steps(effect: Effect, place: str) -> list[EffectInstance]:
+    """The law with each of its values a complex step from nothing."""
+    steps = 1j * COMPLEX_STEP_MM * np.eye(len(effect.parameters))
+    return [EffectInstance(effect, place, tuple(step)) for step in steps.tolist()]
+
+
 def place_columns(
     model: Model, observed: Conditions, effects: Sequence[Effect]
 ) -> list[dict[str, FloatArray]]:
@@ -105,11 +111,11 @@ def place_columns(
     found: list[dict[str, list[FloatArray]]] = [{} for _ in effects]
     for stage in Stage:
         stepped = [
-            (rows.setdefault(place, []), EffectInstance(effect, place, tuple(step.tolist())))
+            (rows.setdefault(place, []), one)
             for effect, rows in zip(effects, found, strict=True)
             if effect.stage == stage
             for place in effect.places(observed)
-            for step in 1j * COMPLEX_STEP_MM * np.eye(len(effect.parameters))
+            for one in _steps(effect, place)
         ]
         if stepped:
             together = _Together(tuple(placed for _, placed in stepped), stage)
@@ -133,11 +139,7 @@ def tool_columns(
     """
     points = np.vstack([tool_mm, np.zeros(3)])
     joint_mm, taken = inverse(geometry, points), reached(len(points), way)
-    stepped = [
-        EffectInstance(effect, place, tuple(step.tolist()))
-        for effect, place in placed
-        for step in 1j * COMPLEX_STEP_MM * np.eye(len(effect.parameters))
-    ]
+    stepped = [one for effect, place in placed for one in _steps(effect, place)]
     moved = np.zeros((len(points), 3, len(stepped)))
     for stage in (Stage.ACTUATOR, Stage.FOOT, Stage.TOOL):
         index = [k for k, one in enumerate(stepped) if one.stage == stage]
@@ -154,20 +156,20 @@ def _all_candidates(
     """Every candidate and whether it is seen."""
     geometry = sessions[0][0].geometry
     known = effects_of(effects, geometry)
-    centre = _Centre([observed for _, observed in sessions])
+    mount = joined([observed for _, observed in sessions]).mount
     places = stacked_columns(sessions, known)
     alone = [
-        [_one(effect, place, own) for place, own in columns.items()]
+        [_one(effect, columns, place) for place in columns]
         for effect, columns in zip(known, places, strict=True)
     ]
-    shown = iter(centre.are_seen([one for some in alone for one in some]))
+    shown = iter(_are_seen(mount, [one for some in alone for one in some]))
     every: list[Candidate] = []
     for effect, some in zip(known, alone, strict=True):
         each = [(one, next(shown)) for one in some]
         every += [one for one, seen in each if not seen]
         by_place = {one.where: one.columns for one, seen in each if seen}
         every += _arrangements(effect, by_place, geometry)
-    return zip(every, centre.are_seen(every), strict=True)
+    return zip(every, _are_seen(mount, every), strict=True)
 
 
 def stacked_columns(
@@ -188,23 +190,17 @@ def stacked_columns(
     return found
 
 
-class _Centre:
-    """Takes the mean of each mounting away."""
-
-    def __init__(self, observed: Sequence[Conditions]) -> None:
-        member = block_diag(*(np.eye(one.mount_count)[one.mount] for one in observed))
-        self._mount = np.nonzero(member)[1]
-        self._mean = (member / np.maximum(member.sum(axis=0), 1.0)).T
-
-    def are_seen(self, some: Sequence[Candidate]) -> list[bool]:
-        """Whether an unremarkable size of each changes more than zeros."""
-        if not some:
-            return []
-        columns = np.hstack([one.columns for one in some])
-        sizes = np.array([parameter.tolerance for one in some for parameter in one.parameters])
-        left = np.abs(columns - (self._mean @ columns)[self._mount]).max(axis=0, initial=0.0)
-        starts = np.cumsum([0, *(len(one.parameters) for one in some[:-1])])
-        return list(np.maximum.reduceat(left * sizes, starts) > VANISHES_MM)
+def _are_seen(mount: IntArray, some: Sequence[Candidate]) -> list[bool]:
+    """Whether an unremarkable size of each changes more than zeros of mountings."""
+    if not some:
+        return []
+    columns = np.hstack([one.columns for one in some])
+    sizes = np.array([parameter.tolerance for one in some for parameter in one.parameters])
+    member = incidence(mount)
+    mean = (member / member.sum(axis=0)).T @ columns  # a product: columns are many
+    left = np.abs(columns - mean[mount]).max(axis=0, initial=0.0)
+    starts = np.cumsum([0, *(len(one.parameters) for one in some[:-1])])
+    return list(np.maximum.reduceat(left * sizes, starts) > VANISHES_MM)
 
 
 def _arrangements(
@@ -212,7 +208,7 @@ def _arrangements(
 ) -> Iterator[Candidate]:
     lateral = _is_lateral(seen, geometry)
     if not lateral or effect.stage in (Stage.TOUCH, Stage.READING):
-        yield from (_one(effect, place, columns) for place, columns in seen.items())
+        yield from (_one(effect, seen, place) for place in seen)
     if lateral or set(seen) == set(AROUND):
         yield from _by_leg(effect, seen)
     if len(seen) > 1:
@@ -222,8 +218,7 @@ def _arrangements(
             yield from _symmetric(effect, seen, geometry)
         legs = {place[0] for place in seen}
         if not lateral or len(legs) > 1:
-            found = _grouped(effect, seen, "each", {f"_{place}": (place,) for place in seen})
-            yield replace(found, where=",".join(_listed(seen, lateral=lateral)))
+            yield _each(effect, seen, seen, ",".join(_listed(seen, lateral=lateral)))
 
 
 def _is_lateral(seen: Iterable[str], geometry: Geometry) -> bool:
@@ -264,13 +259,17 @@ def _by_leg(effect: Effect, seen: dict[str, FloatArray]) -> Iterator[Candidate]:
     for leg in LEG_NAMES:
         both = [place for place in seen if leg in (place if set(seen) == set(AROUND) else place[0])]
         if len(both) == 2:
-            found = _grouped(effect, seen, "each", {f"_{place}": (place,) for place in both})
-            yield replace(found, where=leg)
+            yield _each(effect, seen, both, leg)
 
 
-def _one(effect: Effect, place: str, columns: FloatArray) -> Candidate:
-    found = _grouped(effect, {place: columns}, "one", {"": (place,)})
-    return replace(found, where=place)
+def _one(effect: Effect, seen: dict[str, FloatArray], place: str) -> Candidate:
+    return _grouped(effect, seen, "one", {"": (place,)}, place)
+
+
+def _each(
+    effect: Effect, seen: dict[str, FloatArray], places: Iterable[str], where: str
+) -> Candidate:
+    return _grouped(effect, seen, "each", {f"_{place}": (place,) for place in places}, where)
 
 
 def _grouped(
@@ -278,6 +277,7 @@ def _grouped(
     seen: dict[str, FloatArray],
     arrangement: str,
     groups: dict[str, tuple[str, ...]],
+    where: str = "all",
 ) -> Candidate:
     """Groups of places that share their values, by the ending of their parameters' names."""
     count = len(effect.parameters)
@@ -285,21 +285,19 @@ def _grouped(
         id=effect.id,
         title=effect.title,
         kind=effect.kind,
-        where="all",
+        where=where,
         arrangement=arrangement,
         parameters=tuple(
             replace(parameter, name=parameter.name + ending) if ending else parameter
             for ending in groups
             for parameter in effect.parameters
         ),
-        columns=np.hstack([_sum([seen[place] for place in places]) for places in groups.values()]),
+        columns=np.hstack(
+            [np.sum([seen[one] for one in places], axis=0) for places in groups.values()]
+        ),
         shares=tuple(
             Share(effect, place, tuple(range(number * count, (number + 1) * count)))
             for number, places in enumerate(groups.values())
             for place in places
         ),
     )
-
-
-def _sum(columns: Sequence[FloatArray]) -> FloatArray:
-    return columns[0] if len(columns) == 1 else np.sum(columns, axis=0)

@@ -1,4 +1,4 @@
-"""What sort of cause an effect has, and what its parameters are."""
+"""What an effect is, and the sorts of laws: what is moved at which stage of the simulation."""
 
 from __future__ import annotations
 
@@ -66,10 +66,6 @@ class Effect(Protocol):
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         """Parameters of one place."""
-
-    @property
-    def invariances(self) -> tuple[str, ...]:
-        """What it does not depend on, in words."""
 
     @property
     def controller(self) -> str:
@@ -157,9 +153,6 @@ AROUND = ("xy", "yz", "zx")
 DIRECTIONS = tuple(first + second for first, second in permutations(LEG_NAMES, 2))
 AT_TOOL = ("tx", "ty", "tz")
 
-BOTH_WAYS = "same for both directions of approach"
-REPEATABLE = (BOTH_WAYS, "constant in time")
-
 PER_THOUSAND = 1e-3
 """mm in a µm, rad in a mrad, mm per mm in a mm/m."""
 
@@ -181,13 +174,8 @@ def numbers(place: str) -> tuple[int, int]:
     return leg, LEG_NAMES.index(place[1])
 
 
-def unit(axis: int) -> FloatArray:
-    """Unit vector ``(3,)``."""
-    return np.asarray(np.eye(3)[axis])
-
-
-def travel(flow: Flow, leg: int) -> FloatArray:
-    """Commanded travel of a carriage from Zero ``(n,)``, mm."""
+def travel_mm(flow: Flow, leg: int) -> FloatArray:
+    """Commanded travel of a carriage from Zero ``(n,)``."""
     return np.asarray(flow.command_mm[:, leg] - flow.geometry.zero_mm[leg])
 
 
@@ -197,17 +185,24 @@ def at_mount(flow: Flow, place: str) -> FloatArray:
     return np.asarray((flow.taken.leg == leg) & (flow.taken.axis == axis), dtype=np.float64)
 
 
-def moved_carriage(stage_input: NDArray[Any], leg: int, along_mm: NDArray[Any]) -> NDArray[Any]:
-    """Carriages ``(..., n, 3)`` with one moved along its axis by ``(..., n)``."""
-    return np.asarray(stage_input + along_mm[..., None] * unit(leg))
+def hours(taken: Conditions) -> FloatArray:
+    """From the start of the session ``(n,)``; NaN where not known."""
+    return np.asarray(taken.time_s / 3600.0)
 
 
-def moved_foot(
-    stage_input: NDArray[Any], leg: int, towards: FloatArray, sideways_mm: NDArray[Any]
-) -> NDArray[Any]:
-    """Feet ``(..., n, 3, 3)`` with one moved by ``(..., n)`` along a unit vector ``(3,)``."""
-    where = np.outer(unit(leg), towards)
-    return np.asarray(stage_input + sideways_mm[..., None, None] * where)
+def kelvins(taken: Conditions) -> FloatArray:
+    """Temperature of each reading above 20 °C ``(n,)``; NaN where not known."""
+    return np.asarray(taken.temperature_c - 20.0)  # the reference of ISO 1
+
+
+def machine_kelvins(taken: Conditions) -> FloatArray:
+    """The same for parts of the machine: 0 where not all readings have one.
+
+    At Zero, where an indicator is mounted, it is 0.
+    """
+    mounted = taken.mount >= 0
+    known = np.isfinite(taken.temperature_c[mounted]).all()
+    return np.where(mounted & known, np.nan_to_num(kelvins(taken)), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +212,7 @@ class Acting:
     stage_input: NDArray[Any]
     flow: Flow
     place: str
-    values: Sequence[Any]
+    values: Sequence[complex]
 
     @property
     def leg(self) -> int:
@@ -225,43 +220,96 @@ class Acting:
         return LEG_NAMES.index(self.place[0])
 
 
-class OfCarriageOrBar:
-    """Places and change of what makes one carriage further, or one bar longer, than it should be.
-
-    Positions of carriages and lengths of bars are alike ``(..., n, 3)``.
+class Law:
+    """What the laws here share. Sorts of them, below, say at which stage and how something moves;
+    a law says by how much.
     """
 
+    kind = Kind.MACHINE
+    where: tuple[str, ...] = ()
+
     def places(self, taken: Conditions) -> tuple[str, ...]:
-        """Every leg."""
-        return LEG_NAMES if len(taken) else ()
+        """All of ``where``, whatever was measured."""
+        return self.where if len(taken) else ()
 
     def change(
         self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
     ) -> NDArray[Any]:
-        """The carriage is further, or the bar longer, by `off_mm`."""
+        """What passes, moved by `off`."""
         at = Acting(stage_input, flow, place, values)
-        return moved_carriage(stage_input, at.leg, self.off_mm(at))
+        return np.asarray(stage_input + self.moved(at, self.off(at)))
 
-    def off_mm(self, at: Acting) -> NDArray[Any]:
-        """By how much ``(..., n)``."""
+    def off(self, at: Acting) -> NDArray[Any]:
+        """By how much ``(..., n)``, mm; one number where it is the same for all readings."""
+        raise NotImplementedError
+
+    def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
+        """The change of what passes."""
         raise NotImplementedError
 
 
-class OfTouch:
-    """Places and change of what puts the touched point off along the measuring axis."""
+class OfCarriage(Law):
+    """One carriage is further along its drive by `off`."""
+
+    stage = Stage.ACTUATOR
+    where: tuple[str, ...] = LEG_NAMES
+
+    def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
+        """Carriages or bars ``(..., n, 3)``."""
+        return np.asarray(off_mm[..., None] * np.eye(3)[at.leg])
+
+
+class OfBar(OfCarriage):
+    """One bar is longer by `off`."""
+
+    stage = Stage.TOOL
+
+
+@dataclass(frozen=True)
+class OfFoot(Law):
+    """One foot is sideways by `off`; ``"xy"``: that of axis x towards +y.
+
+    ``where`` are the directions across the machine's drives, of `Geometry.across`.
+    """
+
+    where: tuple[str, ...] = DIRECTIONS
+    stage = Stage.FOOT
+
+    def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
+        """Feet ``(..., n, 3, 3)``."""
+        return moved_foot(at.leg, at.flow.geometry.across[at.place], off_mm)
+
+
+class OfTouch(Law):
+    """The touched point of a leg is off along the measuring axis."""
+
+    stage = Stage.TOUCH
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every leg and measuring axis that was measured."""
         return on_legs(taken)
 
-    def change(
-        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
-    ) -> NDArray[Any]:
-        """The touched point is off by `off_mm` where the place is measured."""
-        off_mm = self.off_mm(Acting(stage_input, flow, place, values)) * at_mount(flow, place)
-        along = measuring_directions(flow.geometry, flow.taken)
-        return np.asarray(stage_input + off_mm[..., None] * along)
+    def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
+        """Touched points ``(..., n, 3)``."""
+        along = measuring_directions(at.flow.geometry, at.flow.taken)
+        return np.asarray((off_mm * at_mount(at.flow, at.place))[..., None] * along)
 
-    def off_mm(self, at: Acting) -> NDArray[Any]:
-        """By how much ``(..., n)``."""
-        raise NotImplementedError
+
+class OfReading(Law):
+    """What an indicator shows is off."""
+
+    kind = Kind.INDICATOR
+    stage = Stage.READING
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Every leg and measuring axis that was measured, and those of the tool."""
+        return mounts(taken)
+
+    def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
+        """Readings ``(..., n)``."""
+        return np.asarray(off_mm * at_mount(at.flow, at.place))
+
+
+def moved_foot(leg: int, towards: FloatArray, sideways_mm: NDArray[Any]) -> NDArray[Any]:
+    """The change of feet ``(..., n, 3, 3)``, one moved by ``(..., n)`` along a unit vector."""
+    return np.asarray(sideways_mm[..., None, None] * np.outer(np.eye(3)[leg], towards))

@@ -6,7 +6,7 @@ but nothing is ever called by it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,15 +17,17 @@ from calib.arrays import LEG_NAMES, Conditions, FloatArray
 from calib.tripod.effects.effect import (
     DIRECTIONS,
     PER_THOUSAND,
+    Acting,
     EffectParameter,
     Kind,
-    at_mount,
-    mounts,
-    moved_carriage,
-    travel,
+    Law,
+    OfCarriage,
+    OfReading,
+    hours,
+    kelvins,
+    travel_mm,
 )
-from calib.tripod.effects.environment import REFERENCE_C, SECONDS_PER_HOUR
-from calib.tripod.pipeline import Flow, Stage
+from calib.tripod.pipeline import Stage
 
 EMPIRICAL = "empirical"
 AT_MM = 100.0
@@ -70,14 +72,13 @@ BASES: dict[str, Basis] = {one.parameter.name: one for one in _bases()}
 
 
 @dataclass(frozen=True)
-class Empirical:
+class Empirical(Law):
     """A sum of bases: added to the readings of a mounting, or to the place of a carriage."""
 
     bases: tuple[str, ...]
-    id: str = EMPIRICAL
-    kind: Kind = Kind.EMPIRICAL
-    invariances: tuple[str, ...] = ()
-    controller: str = "nothing to enter before it has a name"
+    id = EMPIRICAL
+    kind = Kind.EMPIRICAL
+    controller = "nothing to enter before it has a name"
 
     @property
     def stage(self) -> Stage:
@@ -87,9 +88,8 @@ class Empirical:
     @property
     def title(self) -> str:
         """What depends on what."""
-        grows = (
-            "readings grow" if self.stage == Stage.READING else "a carriage is off along its way"
-        )
+        of_reading = self.stage == Stage.READING
+        grows = "readings grow" if of_reading else "a carriage is off along its way"
         return f"an unnamed effect: {grows} {empirical_words(self.bases)}"
 
     @property
@@ -97,74 +97,63 @@ class Empirical:
         """One for each basis."""
         return tuple(BASES[name].parameter for name in self.bases)
 
+    @property
+    def _sort(self) -> Law:
+        return OfReading() if self.stage == Stage.READING else OfCarriage()
+
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every leg and measuring axis that was measured, or every carriage."""
-        if self.stage == Stage.READING:
-            return mounts(taken)
-        return LEG_NAMES if len(taken) else ()
+        return self._sort.places(taken)
 
-    def change(
-        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
-    ) -> NDArray[Any]:
-        """What passes grows by each value times its basis."""
-        if self.stage == Stage.READING:
-            columns = [_of_reading(name, flow.taken) for name in self.bases]
-            return np.asarray(stage_input + _grown_mm(values, columns) * at_mount(flow, place))
-        leg = LEG_NAMES.index(place)
-        part = travel(flow, leg) / AT_MM
-        columns = [part ** BASES[name].power for name in self.bases]
-        return moved_carriage(stage_input, leg, _grown_mm(values, columns))
+    def off(self, at: Acting) -> NDArray[Any]:
+        """By each value times its basis."""
+        columns = [_column(name, at) for name in self.bases]
+        terms = [value * column for value, column in zip(at.values, columns, strict=True)]
+        return np.asarray(PER_THOUSAND * np.sum(terms, axis=0))
+
+    def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
+        """Readings or carriages."""
+        return self._sort.moved(at, off_mm)
 
 
-@dataclass(frozen=True)
-class Coupling:
-    """A carriage off by the product of its travel and another's: a frame that bends, say.
-
-    No session looks for it: readings of legs, where the others stand nearly still, hardly show it.
-    The bound at the tool counts with it.
-    """
-
-    id: str = EMPIRICAL
-    kind: Kind = Kind.EMPIRICAL
-    stage: Stage = Stage.ACTUATOR
-    title: str = "a carriage is off by its travel times another's, for no known reason"
-    parameters: tuple[EffectParameter, ...] = (
-        EffectParameter("travel_product_at_100mm", MICROMETRES, 10.0),
-    )
-    invariances: tuple[str, ...] = ()
-    controller: str = "nothing to enter before it has a name"
-
-    def places(self, taken: Conditions) -> tuple[str, ...]:
-        """The carriage, then the other one."""
-        return DIRECTIONS if len(taken) else ()
-
-    def change(
-        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
-    ) -> NDArray[Any]:
-        """The carriage goes so much further."""
-        leg, other = map(LEG_NAMES.index, place)
-        part = travel(flow, leg) * travel(flow, other) / AT_MM**2
-        return moved_carriage(stage_input, leg, _grown_mm(values, [part]))
-
-
-def _grown_mm(values: Sequence[Any], columns: Sequence[FloatArray]) -> NDArray[Any]:
-    terms = [value * column for value, column in zip(values, columns, strict=True)]
-    return np.asarray(PER_THOUSAND * np.sum(terms, axis=0))
-
-
-def _of_reading(name: str, taken: Conditions) -> FloatArray:
+def _column(name: str, at: Acting) -> FloatArray:
     """What a value is multiplied with ``(n,)``; 0 where it is not known.
 
-    Powers of displacement / 100 mm; half the sign of the approach; hours; kelvins above 20 °C.
+    Half the sign of the approach; hours; kelvins above 20 °C; powers of displacement or travel.
     """
+    taken, basis = at.flow.taken, BASES[name]
     match name:
         case "up_less_down":
             return np.asarray(taken.approach / 2.0)
         case "per_hour":
-            return np.nan_to_num(taken.time_s / SECONDS_PER_HOUR)
+            return np.nan_to_num(hours(taken))
         case "per_kelvin":
-            return np.nan_to_num(taken.temperature_c - REFERENCE_C)
-    return np.asarray((taken.displacement_mm / AT_MM) ** BASES[name].power)
+            return np.nan_to_num(kelvins(taken))
+    of_reading = basis.stage == Stage.READING
+    way_mm = taken.displacement_mm if of_reading else travel_mm(at.flow, at.leg)
+    return np.asarray((way_mm / AT_MM) ** basis.power)
+
+
+@dataclass(frozen=True)
+class Coupling(OfCarriage):
+    """A carriage off by the product of its travel and another's: a frame that bends, say.
+
+    The place is the carriage, then the other one. No session looks for it: readings of legs, where
+    the others stand nearly still, hardly show it. The bound at the tool counts with it.
+    """
+
+    id = EMPIRICAL
+    kind = Kind.EMPIRICAL
+    title = "a carriage is off by its travel times another's, for no known reason"
+    where = DIRECTIONS
+    parameters = (EffectParameter("travel_product_at_100mm", MICROMETRES, 10.0),)
+    controller = "nothing to enter before it has a name"
+
+    def off(self, at: Acting) -> NDArray[Any]:
+        """The value times both travels / 100 mm."""
+        leg, other = map(LEG_NAMES.index, at.place)
+        part = travel_mm(at.flow, leg) * travel_mm(at.flow, other) / AT_MM**2
+        return PER_THOUSAND * (at.values[0] * part)
 
 
 def empirical_words(bases: Iterable[str]) -> str:

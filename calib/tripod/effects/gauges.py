@@ -1,4 +1,4 @@
-"""Effects of the indicators; ``"xy"`` measures y on leg x, ``"tz"`` the tool along z."""
+"""Effects of indicators and stands; ``"xy"`` measures y on leg x, ``"tz"`` the tool along z."""
 
 from __future__ import annotations
 
@@ -9,41 +9,35 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.arrays import Conditions
+from calib.arrays import LEG_NAMES, Conditions, FloatArray
 from calib.tripod.effects.effect import (
     AT_TOOL,
-    BOTH_WAYS,
     PER_THOUSAND,
-    REPEATABLE,
     Acting,
     EffectParameter,
     Kind,
+    OfReading,
     OfTouch,
     at_mount,
+    hours,
+    kelvins,
     mounts,
     numbers,
     on_legs,
 )
-from calib.tripod.pipeline import Flow, Stage, moved_along
+from calib.tripod.pipeline import Flow, moved_along
 
 PERCENT = 1e-2
 
 
 @dataclass(frozen=True)
-class GaugeGain:
-    """Every reading is scaled; positive: the indicator shows too much."""
+class GaugeGain(OfReading):
+    """Every reading is scaled, whatever caused it; positive: the indicator shows too much."""
 
-    id: str = "gauge_gain"
-    title: str = "an indicator shows too much or too little in proportion"
-    kind: Kind = Kind.INDICATOR
-    stage: Stage = Stage.READING
-    parameters: tuple[EffectParameter, ...] = (EffectParameter("gain", "%", 0.5, 20.0),)
-    invariances: tuple[str, ...] = (*REPEATABLE, "in proportion to the reading, whatever caused it")
-    controller: str = "nothing to enter: check the indicator at {place}, it is {gain} off"
-
-    def places(self, taken: Conditions) -> tuple[str, ...]:
-        """Every leg and measuring axis that was measured."""
-        return mounts(taken)
+    id = "gauge_gain"
+    title = "an indicator shows too much or too little in proportion"
+    parameters = (EffectParameter("gain", "%", 0.5, 20.0),)
+    controller = "nothing to enter: check the indicator at {place}, it is {gain} off"
 
     def change(
         self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
@@ -54,21 +48,18 @@ class GaugeGain:
 
 @dataclass(frozen=True)
 class GaugeTilt(OfTouch):
-    """An indicator on a leg is askew; positive: the third axis' positive way reads positive."""
+    """An indicator on a leg is askew; positive: the third axis' positive way reads positive.
 
-    id: str = "gauge_tilt"
-    title: str = "an indicator is mounted askew and takes up motion across its axis"
-    kind: Kind = Kind.INDICATOR
-    stage: Stage = Stage.TOUCH
-    parameters: tuple[EffectParameter, ...] = (EffectParameter("tilt", "mrad", 10.0, 150.0),)
-    invariances: tuple[str, ...] = (
-        BOTH_WAYS,
-        "in proportion to what the other indicator of the leg shows",
-        "another one after the stand was set up anew",
-    )
-    controller: str = "nothing to enter: seat the indicator at {place} anew, askew by {tilt}"
+    In proportion to what the other indicator of the leg shows, until the stand is set up anew.
+    """
 
-    def off_mm(self, at: Acting) -> NDArray[Any]:
+    id = "gauge_tilt"
+    title = "an indicator is mounted askew and takes up motion across its axis"
+    kind = Kind.INDICATOR
+    parameters = (EffectParameter("tilt", "mrad", 10.0, 150.0),)
+    controller = "nothing to enter: seat the indicator at {place} anew, askew by {tilt}"
+
+    def off(self, at: Acting) -> NDArray[Any]:
         """The touched point along a plunger that is turned by the value towards the third axis."""
         leg, axis = numbers(at.place)
         drives = at.flow.geometry.directions
@@ -83,33 +74,27 @@ class PlateTilt(OfTouch):
     """What the tool is read against is not square to its coordinate, two ways.
 
     Positive: the positive direction of the first (second) of the other two coordinates reads
-    positive: a plate that falls that way.
+    positive: a plate that falls that way. Another one after the plate was set up anew.
     """
 
-    id: str = "gauge_tilt"
-    title: str = "the plate, or the indicator at the tool, is askew"
-    kind: Kind = Kind.INDICATOR
-    stage: Stage = Stage.TOUCH
-    parameters: tuple[EffectParameter, ...] = (
+    id = "gauge_tilt"
+    title = "the plate, or the indicator at the tool, is askew"
+    kind = Kind.INDICATOR
+    parameters = (
         EffectParameter("tilt_first", "mrad", 10.0, 150.0),
         EffectParameter("tilt_second", "mrad", 10.0, 150.0),
     )
-    invariances: tuple[str, ...] = (
-        BOTH_WAYS,
-        "in proportion to the way across the indicator",
-        "another one after the plate was set up anew",
-    )
-    controller: str = "nothing to enter: level the plate, or seat the indicator anew"
+    controller = "nothing to enter: level the plate, or seat the indicator anew"
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """The tool along every coordinate that was measured."""
         return tuple(place for place in mounts(taken) if place in AT_TOOL)
 
-    def off_mm(self, at: Acting) -> NDArray[Any]:
+    def off(self, at: Acting) -> NDArray[Any]:
         """The way across the coordinate is read in proportion."""
         first, second = (k for k in range(3) if k != numbers(at.place)[1])
         way = at.values[0] * at.stage_input[..., first] + at.values[1] * at.stage_input[..., second]
-        return np.asarray(PER_THOUSAND * way)
+        return PER_THOUSAND * way
 
 
 @dataclass(frozen=True)
@@ -121,51 +106,87 @@ class TipOnRoundBar(OfTouch):
     Positive: the tip touches the side that faces the positive axis.
     """
 
-    id: str = "tip_on_round_bar"
-    title: str = "the tip slides over the crest of a round bar"
-    kind: Kind = Kind.INDICATOR
-    stage: Stage = Stage.TOUCH
-    parameters: tuple[EffectParameter, ...] = (EffectParameter("curvature", "1/m", 10.0, 500.0),)
-    invariances: tuple[str, ...] = (
-        BOTH_WAYS,
-        "with the square of what the other indicator of the leg shows",
-    )
-    controller: str = (
-        "nothing to enter: use a flat tip at {place}, or one wider than the way across"
-    )
+    id = "tip_on_round_bar"
+    title = "the tip slides over the crest of a round bar"
+    kind = Kind.INDICATOR
+    parameters = (EffectParameter("curvature", "1/m", 10.0, 500.0),)
+    controller = "nothing to enter: use a flat tip at {place}, or one wider than the way across"
 
-    def off_mm(self, at: Acting) -> NDArray[Any]:
+    def off(self, at: Acting) -> NDArray[Any]:
         """The touched point goes back by value z² / 2."""
         leg, axis = numbers(at.place)
-        third = np.broadcast_to(
-            at.flow.geometry.directions[3 - leg - axis], (len(at.flow.taken), 3)
-        )
-        z_mm = moved_along(at.flow, at.stage_input, third)
-        return np.asarray(-PER_THOUSAND * at.values[0] * z_mm**2 / 2.0)
+        third = at.flow.geometry.directions[3 - leg - axis]
+        z_mm = moved_along(at.flow, at.stage_input, np.broadcast_to(third, (len(at.flow.taken), 3)))
+        return -PER_THOUSAND * at.values[0] * z_mm**2 / 2.0
 
 
 @dataclass(frozen=True)
-class GaugeHysteresis:
+class GaugeHysteresis(OfReading):
     """An indicator lags; positive: readings are lower after a movement to larger coordinates."""
 
-    id: str = "gauge_hysteresis"
-    title: str = "an indicator lags behind where its plunger turns round"
-    kind: Kind = Kind.INDICATOR
-    stage: Stage = Stage.READING
-    parameters: tuple[EffectParameter, ...] = (EffectParameter("lag", "µm", 3.0, 20.0),)
-    invariances: tuple[str, ...] = (
-        "depends on the direction of approach only",
-        "another indicator at the same place shows another one",
-    )
-    controller: str = "nothing to enter: check the indicator at {place}, it lags by {lag}"
+    id = "gauge_hysteresis"
+    title = "an indicator lags behind where its plunger turns round"
+    parameters = (EffectParameter("lag", "µm", 3.0, 20.0),)
+    controller = "nothing to enter: check the indicator at {place}, it lags by {lag}"
 
     def places(self, taken: Conditions) -> tuple[str, ...]:
         """Every leg and measuring axis that was measured."""
         return on_legs(taken)
 
-    def change(
-        self, stage_input: NDArray[Any], flow: Flow, place: str, values: Sequence[Any]
-    ) -> NDArray[Any]:
+    def off(self, at: Acting) -> NDArray[Any]:
         """Half of the value either way, by the carriage's last movement; 0 where nobody saw it."""
-        lag_mm = PER_THOUSAND * values[0] * flow.taken.approach / 2.0
-        return np.asarray(stage_input - lag_mm * at_mount(flow, place))
+        return -PER_THOUSAND * at.values[0] * at.flow.taken.approach / 2.0
+
+
+@dataclass(frozen=True)
+class DriftOfStand(OfReading):
+    """One stand wanders steadily, whatever the posture; hours count from the session's start."""
+
+    id = "stand_drift"
+    title = "the stand of an indicator wanders steadily with time"
+    kind = Kind.ENVIRONMENT
+    parameters = (EffectParameter("rate", "µm/h", 10.0),)
+    controller = "nothing to enter: clamp the stand at {place}, let it come to rest"
+
+    def off(self, at: Acting) -> NDArray[Any]:
+        """By value for each unit of what it wanders with.
+
+        Where one reading of a mounting has none, by nothing in all of it: so nothing jumps.
+        """
+        taken = at.flow.taken
+        figure = self.wanders_with(taken)
+        unknown = np.isin(taken.mount, taken.mount[np.isnan(figure)])
+        return PER_THOUSAND * at.values[0] * np.where(unknown, 0.0, figure)
+
+    def wanders_with(self, taken: Conditions) -> FloatArray:
+        """Hours ``(n,)``."""
+        return hours(taken)
+
+
+@dataclass(frozen=True)
+class DriftWithTime(DriftOfStand):
+    """All readings along an axis wander steadily with time; the place is the measuring axis."""
+
+    id = "thermal_drift"
+    title = "readings drift steadily with time"
+    controller = "nothing to enter: let the machine and the stand come to rest in temperature"
+
+    def places(self, taken: Conditions) -> tuple[str, ...]:
+        """Every measuring axis."""
+        return tuple(name for k, name in enumerate(LEG_NAMES) if k in taken.axis)
+
+    def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
+        """Readings ``(..., n)``."""
+        return np.asarray(off_mm * (at.flow.taken.axis == LEG_NAMES.index(at.place)))
+
+
+@dataclass(frozen=True)
+class DriftWithTemperature(DriftWithTime):
+    """The same with the temperature of the machine; kelvins count from 20 °C."""
+
+    title = "readings drift with the temperature"
+    parameters = (EffectParameter("per_kelvin", "µm/K", 5.0),)
+
+    def wanders_with(self, taken: Conditions) -> FloatArray:
+        """Kelvins ``(n,)``."""
+        return kelvins(taken)

@@ -18,10 +18,10 @@ from calib.arrays import conditions, descending
 from calib.design.criteria import Criterion
 from calib.design.identifiability import seen_by
 from calib.tripod.geometry import Geometry
-from calib.tripod.optimum import optimum_postures
+from calib.tripod.optimum import optimum_postures, visiting_order
 from calib.tripod.pipeline import derivatives
 from calib.tripod.planning import TripodPlanning
-from calib.tripod.pool import leg_pool, levels_mm, visiting_order
+from calib.tripod.pool import leg_pool, levels_mm
 from protocols.machine import load_machine
 from protocols.procedure import load_procedure
 from tests.app.cli import glidecal, refused

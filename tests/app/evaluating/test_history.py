@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from app.evaluating import history
 from app.evaluating.history import Entry, MachineHistory, read_history
 from app.measuring.simulated import simulated_session
-from app.report.charts.charts import offsets_over_time
+from app.report.charts.results import offsets_over_time
 from app.report.text.history import history_text
 from calib.printable import HIDDEN, printable
 from calib.tripod.pipeline import Model
@@ -36,12 +36,12 @@ def measured(
     left = (a - b for a, b in zip(offsets_mm, machine.entered_offsets_mm, strict=True))
     truth = Model(machine.geometry(), (*left, 0.0, 0.0, 0.0))
     procedure = load_procedure("zero-max-min", machine.geometry())
-    opened, readings = simulated_session(
+    made = simulated_session(
         procedure, machine, truth, seed=number, scatter_mm=0.002, resolution_mm=0.001
     )
     when = {"at": BEGAN + timedelta(days=30 * number), "temperature_c": 20.0 + number}
     path = folder / f"s{number}.jsonl"
-    write_whole(path, opened.model_copy(update=when), list(readings))
+    write_whole(path, made.opened.model_copy(update=when), [*made.readings])
     return path
 
 
@@ -186,7 +186,7 @@ def test_effects_are_diagnosed_where_asked_for(tmp_path: Path) -> None:
 
 
 @given(words=st.text(max_size=30))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_hostile_names_are_inert(words: str) -> None:
     entry = Entry(
         began=BEGAN,

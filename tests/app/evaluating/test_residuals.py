@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.evaluating.diagnosis import diagnose_files
-from app.report.charts.charts import residuals_before_and_after
+from app.report.charts.results import residuals_before_and_after
 from app.report.text.diagnosis import where_text
 from calib.diagnosis.diagnose import explained_share
 from tests.hidden_sessions import bowed_session

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import glidecal
@@ -131,7 +131,6 @@ def test_an_effect_of_the_model_is_held_in_place_of_being_fitted(
     assert "Held as a person stated it, not fitted: backlash" in "\n".join(caveats(solved))
 
 
-@settings(deadline=None)  # the first one fits
 @given(start=st.floats(-0.3, 0.3), steps=st.lists(st.sampled_from((-10, -1, 1, 10)), max_size=30))
 def test_steps_meet_round_sizes_and_keep_within_bounds(start: float, steps: list[int]) -> None:
     trial = tried("actuator_scale:all", "joint-offsets")

@@ -180,7 +180,6 @@ LINE = st.sampled_from(
 @pytest.mark.skipif(not INIVAR, reason="needs LinuxCNC")
 @settings(
     max_examples=150,
-    deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(lines=st.lists(LINE, max_size=8))

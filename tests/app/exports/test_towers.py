@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib.tripod.effects.axes import AxisOffset, AxisSquareness
+from calib.tripod.effects.drives import AxisOffset, AxisSquareness
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model
 from protocols.machine import Machine, load_machine

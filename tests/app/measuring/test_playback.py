@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from app.measuring.gauges import Live, Motion
@@ -310,7 +310,6 @@ def move(playback: Playback, name: str, value: float | str | None) -> None:
 
 
 @given(st.lists(MOVES, max_size=30))
-@settings(deadline=None)
 def test_any_way_leads_to_the_same_picture(moves: list[tuple[str, float | str | None]]) -> None:
     playback = told()
     ends = [frame.end for frame in playback.frames]
@@ -336,7 +335,6 @@ def everything(playback: Playback) -> tuple[object, ...]:
 
 
 @given(st.integers(0, 11))
-@settings(deadline=None)
 def test_one_forward_and_one_back_changes_nothing(frame: int) -> None:
     playback = told()
     playback.step(frame)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.planning.hexaslide import Request, hexaslide_planning
-from app.report.charts.drawings import Drawing, Stroke, StrokeStyle, ticks_within
+from app.report.charts.charts import Drawing, Stroke, StrokeStyle, ticks_within
 from app.report.charts.hexaslide import drawn_machine, drawn_postures
 from calib.arrays import condition
 from calib.hexaslide.derivatives import jacobian

@@ -21,7 +21,7 @@ from rich.table import Table
 
 from app.evaluating.diagnosis import diagnose_files
 from app.evaluating.solution import judge, solve_files
-from app.report.charts.charts import residuals_before_and_after
+from app.report.charts.results import residuals_before_and_after
 from app.report.pages.contents import CalibrationReport, Picture, Section, report_of
 from app.report.pages.report import WIDTH_EM, html_of, pdf_of, widths_em
 from app.report.text.tables import new_table
@@ -104,8 +104,16 @@ def _section(report: CalibrationReport, heading: str) -> Section:
     return found
 
 
+def _tables(section: Section) -> list[Table]:
+    return [part for part in section.parts if isinstance(part, Table)]
+
+
+def _pictures(section: Section) -> list[Picture]:
+    return [part for part in section.parts if isinstance(part, Picture)]
+
+
 def test_the_budget_adds_up_to_what_is_stated(experiment: CalibrationReport) -> None:
-    of_values, of_tool = _section(experiment, "Uncertainty budget").tables
+    of_values, of_tool = _tables(_section(experiment, "Uncertainty budget"))
     solved = solve_files([EXPERIMENT])
     stated = zip(solved.solution.names, solved.solution.expanded_with_tolerances_mm, strict=True)
     for row, (name, expanded_mm) in zip(_cells(of_values), stated, strict=True):
@@ -126,7 +134,7 @@ def test_what_to_enter_comes_on_top(tmp_path: Path) -> None:
     opened = record.opened.model_copy(update={"machine": machine, "operator": "A. Fitter"})
     write_whole(path, opened, list(record.events[1:-1]))
     report = report_of([path])
-    (table,) = _section(report, "What to enter in the controller").tables
+    (table,) = _tables(_section(report, "What to enter in the controller"))
     held, found, together = zip(*(map(float, row[1:]) for row in _cells(table)), strict=True)
     assert held == (0.25, 0.0, -1.0)
     assert found == pytest.approx(solve_files([path]).for_controller().joint_offsets_mm, abs=1e-4)
@@ -142,14 +150,15 @@ def test_readings_that_were_questioned_stand_by_themselves(tmp_path: Path) -> No
     left_out = Skipped(steps=(29,), reason="no room")
     write_whole(path, record.opened, [*record.events[1:-1], doubted, restored, left_out])
     section = _section(report_of([path]), "Questioned and superseded readings")
-    rows = [(row[1], row[4]) for row in _cells(*section.tables)]
+    rows = [(row[1], row[4]) for row in _cells(*_tables(section))]
     assert ("3", "does not count: questioned: not as expected") in rows
     assert ("4", "counts again: kept: looked twice") in rows
-    assert section.sentences == ["doubted.jsonl: 1 steps left out: no room"]
+    sentences = [part for part in section.parts if isinstance(part, str)]
+    assert sentences == ["doubted.jsonl: 1 step left out: no room"]
 
 
 def test_readings_of_a_posture_stand_in_a_row_each_below_its_axis() -> None:
-    (table,) = _section(report_of([SIMULATED]), f"Readings of {SIMULATED.name}").tables
+    (table,) = _tables(_section(report_of([SIMULATED]), f"Readings of {SIMULATED.name}"))
     headings = [str(column.header) for column in table.columns]
     (session,) = solve_files([SIMULATED]).sessions
     readings = {one.reading: one for one in session.all_readings}
@@ -181,7 +190,7 @@ def test_columns_have_room_for_their_numbers_and_share_the_rest() -> None:
 
 def test_a_name_stands_in_the_evidence(tmp_path: Path) -> None:
     path = write_session(tmp_path / "play.jsonl", "two-station", 4, "backlash", 0.05)
-    evidence, _ = _section(report_of([path]), "What is missing from the model").figures
+    evidence, _ = _pictures(_section(report_of([path]), "What is missing from the model"))
     drawn = ElementTree.fromstring(evidence.svg)
     words = {"".join(one.itertext()) for one in drawn.iter() if one.tag.endswith("text")}
     found = diagnose_files([path]).diagnosis
@@ -230,7 +239,7 @@ def _report_with(words: str) -> CalibrationReport:
     """A report that has these words wherever a text can stand."""
     table = new_table(words, words)
     table.add_row(words, words)
-    section = Section(words, [words], [table], [Picture("<svg></svg>", words)])
+    section = Section(words, [words, table, Picture("<svg></svg>", words)])
     return CalibrationReport(words, words, [words], [section], words)
 
 
@@ -244,7 +253,7 @@ def test_hostile_words_are_text(words: str) -> None:
     assert not HIDDEN.search(page.text)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.text(min_size=1, max_size=60) | st.text("<>&\"'{}%$\\=\n\x1b\u202e;()", min_size=1))
 def test_any_words_are_text(words: str) -> None:
     page = Page(html_of(_report_with(words)))
@@ -288,7 +297,7 @@ def test_the_figures_of_a_plate_can_be_read(tmp_path: Path) -> None:
     path = tmp_path / "plate.jsonl"
     made = glidecal("simulate", "--machine", "linear-delta", "--seed", "1", "-o", path)
     assert made.status == 0, made.err
-    differences, *_ = _section(report_of([path]), "Differences").figures
+    differences, *_ = _pictures(_section(report_of([path]), "Differences"))
     names = solve_files([path]).solution.differences.names
     texts = [one for one in ElementTree.fromstring(differences.svg).iter() if one.text in names]
     assert len(texts) == 18

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from textual.app import App, ComposeResult
 
-from app.report.charts.drawings import Drawing, StrokeStyle
+from app.report.charts.charts import Drawing, StrokeStyle
 from app.report.charts.tripod import drawn_set_up
 from app.report.text.session import set_up_text
 from app.screens.plot import DrawingPlot

@@ -12,7 +12,7 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.results import Diagnosis
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.effects import CATALOGUE
-from calib.tripod.effects.actuators import ActuatorCyclic
+from calib.tripod.effects.drives import ActuatorCyclic
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.pipeline import Model
 from tests.calib.diagnosis.diagnosed_sessions import LAWS, SHORT, SWEEP, TWO_STATION, case, names

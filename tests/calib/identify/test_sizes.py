@@ -12,8 +12,7 @@ from calib.errors import NotIdentifiable
 from calib.identify.fit import Size
 from calib.identify.identify import identify
 from calib.noise.reading import IndicatorFigures
-from calib.tripod.effects.actuators import ActuatorScale, Backlash
-from calib.tripod.effects.axes import AxisSquareness
+from calib.tripod.effects.drives import ActuatorScale, AxisSquareness, Backlash
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry
 from calib.tripod.pipeline import Model, measure

@@ -13,7 +13,7 @@ from calib.identify.identify import identify
 from calib.identify.solution import Subset
 from calib.identify.subset_choice import choose_subset
 from calib.noise.reading import IndicatorFigures
-from calib.tripod.effects.actuators import Backlash
+from calib.tripod.effects.drives import Backlash
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry, direct, inverse
 from calib.tripod.movements import with_first_movements

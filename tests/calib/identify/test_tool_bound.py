@@ -13,9 +13,10 @@ from calib.arrays import observe
 from calib.identify.subset_choice import choose_subset
 from calib.identify.tool_bound import NAMELESS, quantile_mm
 from calib.noise.reading import IndicatorFigures
+from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import tool_columns
-from calib.tripod.effects.catalogue import CATALOGUE, effects_of
 from calib.tripod.effects.contract import fault_of
+from calib.tripod.effects.drives import effects_of
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.effects.empirical import Coupling
 from calib.tripod.geometry import Geometry, inverse

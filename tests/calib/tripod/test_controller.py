@@ -16,9 +16,15 @@ from calib.tripod.controller import (
     table_of,
     tool_error_mm,
 )
-from calib.tripod.effects.actuators import ActuatorCyclic, ActuatorScale, Backlash
-from calib.tripod.effects.axes import AxisOffset, AxisSquareness, Straightness
 from calib.tripod.effects.bars import GravitySag
+from calib.tripod.effects.drives import (
+    ActuatorCyclic,
+    ActuatorScale,
+    AxisOffset,
+    AxisSquareness,
+    Backlash,
+    Straightness,
+)
 from calib.tripod.effects.effect import Effect, EffectInstance
 from calib.tripod.effects.gauges import GaugeGain
 from calib.tripod.geometry import Geometry, inverse

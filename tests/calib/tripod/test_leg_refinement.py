@@ -10,6 +10,7 @@ import pytest
 from calib.arrays import FloatArray, IntArray, conditions
 from calib.design.criteria import Aim, Criterion
 from calib.design.exchange import Candidates, choose
+from calib.design.refinement import judged
 from calib.errors import NotIdentifiable
 from calib.tripod.geometry import Geometry
 from calib.tripod.leg_refinement import move_off_grid
@@ -28,6 +29,15 @@ def aim_of(criterion: Criterion) -> Aim:
 def chosen_of(criterion: Criterion, count: int = 12, *, repeats: bool = False) -> tuple[int, ...]:
     pool = Candidates(GRID.rows / NOISE_MM)
     return choose(pool, count, aim_of(criterion), starts=2, repeats=repeats).chosen
+
+
+def figure(pool: LegPool, criterion: Criterion) -> float:
+    return judged(pool.rows / NOISE_MM, aim_of(criterion))
+
+
+def better(moved: LegPool, grid: LegPool, criterion: Criterion) -> float:
+    """The gain of the moved postures, more than 0 where they are better."""
+    return gain(criterion, figure(grid, criterion), figure(moved, criterion))
 
 
 def by_readings(pool: LegPool, criterion: Criterion) -> float:
@@ -65,11 +75,11 @@ def gain(criterion: Criterion, before: float, after: float) -> float:
 def test_moving_helps_and_the_figure_is_of_the_rounded_postures(criterion: Criterion) -> None:
     chosen = chosen_of(criterion)
     grid = GRID.take(np.array(chosen))
-    moved = move_off_grid(Geometry(), GRID, chosen, NOISE_MM, aim_of(criterion))
-    assert moved.grid_value == pytest.approx(by_readings(grid, criterion), rel=1e-6)
-    assert moved.value == pytest.approx(by_readings(moved.pool, criterion), rel=1e-6)
-    assert gain(criterion, moved.grid_value, moved.value) > 1e-3
-    tenths, hundredths = 10 * moved.pool.displacement_mm, 100 * moved.pool.station
+    moved = move_off_grid(GRID, chosen, NOISE_MM, aim_of(criterion))
+    assert figure(grid, criterion) == pytest.approx(by_readings(grid, criterion), rel=1e-6)
+    assert figure(moved, criterion) == pytest.approx(by_readings(moved, criterion), rel=1e-6)
+    assert better(moved, grid, criterion) > 1e-3
+    tenths, hundredths = 10 * moved.displacement_mm, 100 * moved.station
     assert tenths == pytest.approx(np.round(tenths), abs=1e-9)
     assert hundredths == pytest.approx(np.round(hundredths), abs=1e-9)
 
@@ -78,15 +88,15 @@ def test_moving_helps_and_the_figure_is_of_the_rounded_postures(criterion: Crite
 def test_no_other_dial_in_the_cell_is_better(criterion: Criterion) -> None:
     """Every displacement tried by itself every millimetre of its cell."""
     chosen = chosen_of(criterion, 9)
-    found = move_off_grid(Geometry(), GRID, chosen, NOISE_MM, aim_of(criterion))
-    pool, grid = found.pool, GRID.displacement_mm[list(chosen)]
+    pool = move_off_grid(GRID, chosen, NOISE_MM, aim_of(criterion))
+    value, grid = figure(pool, criterion), GRID.displacement_mm[list(chosen)]
     for k, off_mm in product(range(9), range(-4, 5)):
         level = grid[k] + off_mm
         if -100.0 <= level <= 60.0:
             tried = pool.displacement_mm.copy()
             tried[k] = level
-            other = pool.moved(Geometry(), tried, pool.station)
-            assert gain(criterion, found.value, by_readings(other, criterion)) < 1e-5
+            other = pool.moved(tried, pool.station)
+            assert gain(criterion, value, by_readings(other, criterion)) < 1e-5
 
 
 @pytest.mark.parametrize("criterion", list(Criterion))
@@ -94,9 +104,8 @@ def test_no_other_dial_in_the_cell_is_better(criterion: Criterion) -> None:
 def test_random_sets_get_better_stay_distinct_and_inside(criterion: Criterion, seed: int) -> None:
     chosen = random_set(seed)
     geometry = Geometry()
-    found = move_off_grid(geometry, GRID, chosen, NOISE_MM, aim_of(criterion))
-    assert gain(criterion, found.grid_value, found.value) >= 0.0
-    pool = found.pool
+    pool = move_off_grid(GRID, chosen, NOISE_MM, aim_of(criterion))
+    assert better(pool, GRID.take(np.array(chosen)), criterion) >= 0.0
     assert pool.displacement_mm.min() >= geometry.travel_min_mm
     assert pool.displacement_mm.max() <= geometry.travel_max_mm
     assert (np.abs(pool.displacement_mm - GRID.displacement_mm[chosen]) <= 5.0).all()
@@ -133,10 +142,10 @@ def visits(pool: LegPool) -> list[tuple[float, ...]]:
 
 def test_repeats_stay_repeats() -> None:
     chosen = chosen_of(Criterion.DETERMINANT, 18, repeats=True)
-    moved = move_off_grid(Geometry(), GRID, chosen, NOISE_MM, aim_of(Criterion.DETERMINANT))
+    moved = move_off_grid(GRID, chosen, NOISE_MM, aim_of(Criterion.DETERMINANT))
     assert len(set(chosen)) < 18
-    assert len(set(visits(moved.pool))) == len(set(chosen))
-    assert moved.value > moved.grid_value
+    assert len(set(visits(moved))) == len(set(chosen))
+    assert better(moved, GRID.take(np.array(chosen)), Criterion.DETERMINANT) > 0.0
 
 
 def test_legs_that_are_treated_alike_stay_so() -> None:
@@ -144,20 +153,19 @@ def test_legs_that_are_treated_alike_stay_so() -> None:
     chosen = [
         GRID.index(leg, float(GRID.displacement_mm[k]), 0.35) for leg in range(3) for k in one
     ]
-    moved = move_off_grid(Geometry(), GRID, chosen, NOISE_MM, aim_of(Criterion.CONDITION))
-    assert moved.value < moved.grid_value
-    by_leg = [sorted(v[1:] for v in visits(moved.pool) if v[0] == leg) for leg in range(3)]
+    moved = move_off_grid(GRID, chosen, NOISE_MM, aim_of(Criterion.CONDITION))
+    assert better(moved, GRID.take(np.array(chosen)), Criterion.CONDITION) > 0.0
+    by_leg = [sorted(v[1:] for v in visits(moved) if v[0] == leg) for leg in range(3)]
     assert by_leg[0] == by_leg[1] == by_leg[2]
 
 
 def test_equal_arguments_give_equal_postures() -> None:
     chosen = random_set(5)
     first, second = (
-        move_off_grid(Geometry(), GRID, chosen, NOISE_MM, aim_of(Criterion.TOOL_VARIANCE))
-        for _ in range(2)
+        move_off_grid(GRID, chosen, NOISE_MM, aim_of(Criterion.TOOL_VARIANCE)) for _ in range(2)
     )
-    assert visits(first.pool) == visits(second.pool)
-    assert first.value == second.value
+    assert visits(first) == visits(second)
+    assert figure(first, Criterion.TOOL_VARIANCE) == figure(second, Criterion.TOOL_VARIANCE)
 
 
 def test_limits_that_are_no_tenths_are_kept() -> None:
@@ -166,9 +174,9 @@ def test_limits_that_are_no_tenths_are_kept() -> None:
     pool = Candidates(grid.rows / NOISE_MM)
     aim = aim_of(Criterion.DETERMINANT)
     chosen = choose(pool, 9, aim, starts=2).chosen
-    moved = move_off_grid(geometry, grid, chosen, NOISE_MM, aim)
-    assert moved.value > moved.grid_value
-    assert {float(mm) for mm in moved.pool.displacement_mm} >= {60.04, -99.97}
+    moved = move_off_grid(grid, chosen, NOISE_MM, aim)
+    assert better(moved, grid.take(np.array(chosen)), Criterion.DETERMINANT) > 0.0
+    assert {float(mm) for mm in moved.displacement_mm} >= {60.04, -99.97}
 
 
 def test_a_travel_too_short_for_tenths_keeps_postures_distinct() -> None:
@@ -176,9 +184,9 @@ def test_a_travel_too_short_for_tenths_keeps_postures_distinct() -> None:
     grid = leg_pool(geometry)
     chosen = np.flatnonzero(np.isin(grid.station, (0.2, 0.8)) & (grid.approach > 0))
     aim = aim_of(Criterion.AVERAGE_VARIANCE)
-    moved = move_off_grid(geometry, grid, chosen, NOISE_MM, aim)
-    assert len(set(visits(moved.pool))) == len(chosen)
-    assert moved.value <= moved.grid_value
+    moved = move_off_grid(grid, chosen, NOISE_MM, aim)
+    assert len(set(visits(moved))) == len(chosen)
+    assert better(moved, grid.take(chosen), Criterion.AVERAGE_VARIANCE) >= 0.0
 
 
 def test_zero_takes_the_place_of_what_is_next_to_it() -> None:
@@ -192,4 +200,4 @@ def test_zero_takes_the_place_of_what_is_next_to_it() -> None:
 def test_a_set_that_cannot_see_everything_is_refused() -> None:
     chosen = [GRID.index(leg, level, 0.5) for leg in range(3) for level in (-100.0, 60.0)]
     with pytest.raises(NotIdentifiable, match="of 6 combinations"):
-        move_off_grid(Geometry(), GRID, chosen, NOISE_MM, aim_of(Criterion.DETERMINANT))
+        move_off_grid(GRID, chosen, NOISE_MM, aim_of(Criterion.DETERMINANT))

@@ -1,0 +1,248 @@
+"""Effects of the three drives: errors along the way, how axes lie and how straight they are."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.tripod.effects.effect import (
+    AROUND,
+    PAIRS,
+    PER_THOUSAND,
+    Acting,
+    Effect,
+    EffectParameter,
+    Kind,
+    Law,
+    OfCarriage,
+    OfFoot,
+    machine_kelvins,
+    moved_foot,
+    numbers,
+    travel_mm,
+)
+from calib.tripod.geometry import Geometry
+from calib.tripod.movements import last_movement
+from calib.tripod.pipeline import Stage
+
+STANDARD_LEADS_MM = (4.0, 5.0, 10.0, 20.0)
+"""Leads that are tried first where the machine file does not name the screw's."""
+
+ISO_LEADS_MM = (4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 32.0, 40.0)
+"""Leads of ball screws, ISO 3408-2: one of them goes before another that fits as well."""
+
+LEAD = re.compile(r"(?:sine|cosine)_([0-9]{1,4}(?:\.[0-9]{1,4})?)mm")
+
+STRAIGHTNESS_TRAVEL_MM = 100.0
+
+
+@dataclass(frozen=True)
+class ActuatorScale(OfCarriage):
+    """Travel is wrong in proportion; positive: the carriage travels further than commanded."""
+
+    id = "actuator_scale"
+    title = "a carriage travels too far or too short in proportion to its travel"
+    parameters = (EffectParameter("scale", "mm/m", 0.1),)
+    controller = (
+        "joint {place}: multiply SCALE by 1 − ({scale}), or COMP_FILE of export --format linuxcnc"
+    )
+
+    def off(self, at: Acting) -> NDArray[Any]:
+        """A part of the commanded travel."""
+        return PER_THOUSAND * at.values[0] * travel_mm(at.flow, at.leg)
+
+
+@dataclass(frozen=True)
+class ActuatorCyclic(OfCarriage):
+    """Travel is wrong with the screw's turn: a sine and a cosine, zero at Zero."""
+
+    lead_mm: float
+    id = "actuator_cyclic"
+    title = "a screw's error repeats with every turn"
+    controller = "joint {place}: COMP_FILE of export --format linuxcnc"
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        """Two amplitudes; their names tell the lead."""
+        ending = f"{self.lead_mm:g}mm"
+        return (
+            EffectParameter(f"sine_{ending}", "µm", 5.0, 100.0),
+            EffectParameter(f"cosine_{ending}", "µm", 5.0, 100.0),
+        )
+
+    def off(self, at: Acting) -> NDArray[Any]:
+        """By a sin t + b (cos t - 1), t one turn for each lead of travel."""
+        turn = 2 * np.pi * travel_mm(at.flow, at.leg) / self.lead_mm
+        return PER_THOUSAND * (at.values[0] * np.sin(turn) + at.values[1] * (np.cos(turn) - 1.0))
+
+
+@dataclass(frozen=True)
+class ScrewGrowth(OfCarriage):
+    """A screw grows from its fixed bearing, where the coordinate is 0, with the temperature.
+
+    Steel: 11.5 µm/m K. Kelvins count from 20 °C.
+    """
+
+    id = "thermal_growth"
+    title = "a screw grows with the temperature"
+    kind = Kind.ENVIRONMENT
+    parameters = (EffectParameter("screw_per_kelvin", "µm/m K", 5.0),)
+    controller = "nothing to enter: keep the machine at the temperature of its calibration"
+
+    def off(self, at: Acting) -> NDArray[Any]:
+        """By value · coordinate · (temperature - 20 °C)."""
+        strain = PER_THOUSAND**2 * at.values[0] * machine_kelvins(at.flow.taken)
+        return np.asarray(strain * at.flow.command_mm[:, at.leg])
+
+
+@dataclass(frozen=True)
+class Backlash(OfCarriage):
+    """A carriage stays back, at the larger coordinate, when it last moved to smaller ones."""
+
+    id = "backlash"
+    title = "a carriage has play: it stays back when it comes from the other side"
+    parameters = (EffectParameter("play", "mm", 0.01, least=0.0),)
+    controller = "joint {place}: BACKLASH = {play}"
+
+    def off(self, at: Acting) -> NDArray[Any]:
+        """By the play after a movement to smaller coordinates."""
+        return at.values[0] * (last_movement(at.flow.taken)[:, at.leg] < 0)
+
+
+@dataclass(frozen=True)
+class AxisSquareness(Law):
+    """A pair of axes leans together; positive: their angle is less than 90°.
+
+    Both axes take half of it: leg readings see the sum of the two leans only. Parallel drives lean
+    towards each other with their coordinate.
+    """
+
+    id = "axis_squareness"
+    title = "two actuator axes are not square to each other"
+    stage = Stage.FOOT
+    where = PAIRS
+    parameters = (EffectParameter("lean", "mrad", 0.5),)
+    controller = (
+        "axes {place}: the kinematics of export --format linuxcnc-kins, or turn one "
+        "of them by {lean} away from the other"
+    )
+
+    def off(self, at: Acting) -> NDArray[Any]:
+        """Half of the angle for each, radians."""
+        return np.asarray(PER_THOUSAND * at.values[0] / 2)
+
+    def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
+        """Each foot of the pair towards the other axis in proportion to its coordinate."""
+        first, second = numbers(at.place)
+        towards, carriage = at.flow.geometry.towards, at.flow.carriage_mm
+        one = moved_foot(first, towards(first, second), off_mm * carriage[..., first])
+        other = moved_foot(second, towards(second, first), off_mm * carriage[..., second])
+        return np.asarray(one + other)
+
+
+@dataclass(frozen=True)
+class AxisOffset(OfFoot):
+    """An axis is shifted sideways; ``"xy"``: axis x towards +y.
+
+    Of square drives leg readings see differences only, see `AxisDistance`; a model may hold shifts.
+    """
+
+    id = "axis_offset"
+    title = "an actuator axis is shifted sideways and misses the point where they meet"
+    parameters = (EffectParameter("shift", "mm", 0.1),)
+    controller = (
+        "axis {axis}: the kinematics of export --format linuxcnc-kins, or shim it by "
+        "{shift} against {along}"
+    )
+
+    def off(self, at: Acting) -> NDArray[Any]:
+        """By the value, whatever the travel."""
+        return np.asarray(at.values[0])
+
+
+@dataclass(frozen=True)
+class AxisDistance(Law):
+    """Two square axes miss each other; ``"xy"``: along z, axis x lies further that way than axis y.
+
+    Of the six shifts of three square axes leg readings see these three distances between
+    neighbours: all axes shifted by one vector, the rest, are the same machine with other joint
+    offsets. Each axis of the pair takes half of it.
+    """
+
+    id = "axis_offset"
+    title = "two actuator axes miss each other"
+    stage = Stage.FOOT
+    where = AROUND
+    parameters = (EffectParameter("distance", "mm", 0.1),)
+    controller = (
+        "axes {place}: the kinematics of export --format linuxcnc-kins, or shim axis {axis} "
+        "against {third} by {distance}"
+    )
+
+    def off(self, at: Acting) -> NDArray[Any]:
+        """Half of the distance for each."""
+        return np.asarray(at.values[0] / 2)
+
+    def moved(self, at: Acting, off_mm: NDArray[Any]) -> NDArray[Any]:
+        """Both feet of the pair apart along the third axis."""
+        first, second = numbers(at.place)
+        third = at.flow.geometry.directions[3 - first - second]
+        return np.asarray(moved_foot(first, third, off_mm) - moved_foot(second, third, off_mm))
+
+
+@dataclass(frozen=True)
+class Straightness(OfFoot):
+    """A foot leaves its line sideways with the square of travel; ``"xy"``: axis x towards +y."""
+
+    id = "straightness"
+    title = "a guide is not straight: the foot leaves its line sideways"
+    parameters = (EffectParameter("sideways_at_100mm", "mm", 0.02),)
+    controller = "axis {axis}: the kinematics of export --format linuxcnc-kins"
+    power = 2
+
+    def off(self, at: Acting) -> NDArray[Any]:
+        """By value (travel / 100 mm) to the power."""
+        part = travel_mm(at.flow, at.leg) / STRAIGHTNESS_TRAVEL_MM
+        return np.asarray(at.values[0] * part**self.power)
+
+
+@dataclass(frozen=True)
+class StraightnessOfThirdOrder(Straightness):
+    """A guide bent like an S; ``"xy"``: axis x towards +y at positive travel."""
+
+    id = "straightness_cubic"
+    title = "a guide is bent like an S: the foot leaves its line sideways"
+    parameters = (EffectParameter("s_shape_at_100mm", "mm", 0.02),)
+    power = 3
+
+
+def cyclic_of(names: Iterable[str]) -> ActuatorCyclic | None:
+    """The law of any lead whose parameters have these names; None where there is none."""
+    wanted = set(names)
+    leads = {found[1] for found in map(LEAD.fullmatch, wanted) if found}
+    if len(leads) != 1 or not float(next(iter(leads))) > 0.0:
+        return None
+    law = ActuatorCyclic(float(leads.pop()))
+    return law if wanted == {parameter.name for parameter in law.parameters} else None
+
+
+def effects_of(effects: Iterable[Effect], geometry: Geometry) -> tuple[Effect, ...]:
+    """The laws as they are on this machine: its screws' lead, the directions across its drives.
+
+    Where the lead is known, cyclic errors have that lead only, and stand last. Axes that are square
+    to each other miss each other; others are shifted.
+    """
+    not_here = AxisOffset if geometry.orthogonal else AxisDistance
+    here = [effect for effect in effects if not isinstance(effect, not_here)]
+    others = [effect for effect in here if not isinstance(effect, ActuatorCyclic)]
+    if geometry.screw_lead_mm is not None and len(others) < len(here):
+        here = [*others, ActuatorCyclic(geometry.screw_lead_mm)]
+    across = tuple(geometry.across)
+    return tuple(
+        replace(effect, where=across) if isinstance(effect, OfFoot) else effect for effect in here
+    )

@@ -418,14 +418,19 @@ def judge(solved: SessionSolution, tolerance_mm: float) -> Judgement:
 
     Raises UsageError for a tolerance that is no positive length.
     """
-    if not tolerance_mm > 0.0:
-        raise UsageError("--tolerance", f"{tolerance_mm:g} mm", "a positive length in mm")
+    check_tolerance(tolerance_mm)
     factor = solved.tool_factor
     return Judgement(
         tolerance_mm,
         decide(solved.tool_before, solved.bound_before.bound_mm, tolerance_mm, factor),
         decide(solved.tool_after, solved.bound_after.bound_mm, tolerance_mm, factor),
     )
+
+
+def check_tolerance(tolerance_mm: float | None) -> None:
+    """Raises UsageError for one that is stated and no positive length."""
+    if tolerance_mm is not None and not tolerance_mm > 0.0:
+        raise UsageError("--tolerance", f"{tolerance_mm:g} mm", "a positive length in mm")
 
 
 def maps(solved: SessionSolution) -> tuple[PlaneMap, ...]:

@@ -54,11 +54,6 @@ class Trial:
     subset: Subset | None = None
 
     @property
-    def effect(self) -> str:
-        """``id:where``."""
-        return f"{self.entry.id}:{self.entry.where}"
-
-    @property
     def values(self) -> tuple[float, ...]:
         """The sizes of the entry, in its units."""
         return tuple(one.value for one in self.entry.parameters.values())
@@ -168,11 +163,6 @@ class WhatIf:
 
     trial: Trial
     values: tuple[float, ...]
-
-    @property
-    def effect(self) -> str:
-        """``id:where``."""
-        return self.trial.effect
 
     @property
     def units(self) -> tuple[str, ...]:

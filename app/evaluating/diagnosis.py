@@ -153,8 +153,6 @@ def diagnose_files(
     """As `diagnose_sessions`, of files, with their warnings. Raises RecordError, too."""
     sessions, warnings = load_sessions(paths)
     others, more = load_sessions(held_out)
-    if {path.resolve() for path in paths} & {path.resolve() for path in held_out}:
-        raise _on_both_sides()
     found = diagnose_sessions(sessions, model=model, held_out=others, effects=effects)
     return replace(found, warnings=(*warnings, *more, *found.warnings))
 
@@ -209,20 +207,16 @@ def cases(sessions: Sequence[Session], model: Model) -> list[Case]:
     return found
 
 
-def _on_both_sides() -> UsageError:
-    return UsageError(
-        "--held-out",
-        "a session that is also diagnosed",
-        "sessions that the choice does not see",
-        "Leave it out on one side.",
-    )
-
-
 def _check(sessions: Sequence[Session], others: Sequence[Session]) -> None:
     """One geometry for all, and no session on both sides."""
     # a copy has another path, but it began at the same moment
     if {one.opened.at for one in sessions} & {one.opened.at for one in others}:
-        raise _on_both_sides()
+        raise UsageError(
+            "--held-out",
+            "a session that is also diagnosed",
+            "sessions that the choice does not see",
+            "Leave it out on one side.",
+        )
     if len({session.adjusted for session in (*sessions, *others)}) > 1:
         raise changed_between("sessions diagnosed together", "diagnose")
     geometries = {

@@ -248,7 +248,7 @@ def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: S
     """The mounting that is worth its minutes most."""
     from app.evaluating.solution import load_sessions
     from app.planning.tripod import next_measurement
-    from app.report.schema.plan import PlanReport
+    from app.report.schema.diagnosis import PlanReport
     from app.report.text.planning import plan_text
 
     with working("Looking for the next measurement"):

@@ -21,8 +21,7 @@ from app.measuring.session import Indicators
 from app.measuring.simulated import planned_readings, short_travels, simulated_session
 from app.planning.tripod import stated_noise
 from calib.arrays import LEG_NAMES, FloatArray, conditions
-from calib.diagnosis.next_measurement import options
-from calib.diagnosis.separating import Preparation
+from calib.diagnosis.next_measurement import Preparation, options
 from calib.errors import CalibrationError, ImpossibleRequest, NotIdentifiable, RecordError
 from calib.identify.next_mounting import next_mountings, reach_of
 from calib.tripod.geometry import Geometry

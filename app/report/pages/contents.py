@@ -27,6 +27,7 @@ from app.report.text.result import (
     decided,
     difference_table,
     indicator_words,
+    left_out_words,
     noise_words,
     offsets_table,
     parameter_table,
@@ -348,9 +349,7 @@ def _doubted(solved: SessionSolution, sessions: Sequence[Session]) -> Section:
             if words := "; ".join(filter(None, why)):
                 of = (session.name, f"{reading.reading}", reading.place_words)
                 table.add_row(*of, signed(reading.value_mm, 4), words)
-        if session.skipped:
-            reasons = "; ".join(dict.fromkeys(session.skipped.values()))
-            said.append(f"{session.name}: {len(session.skipped)} steps left out: {reasons}")
+        said += [f"{session.name}: {words}" for words in left_out_words(session)]
     none = "No reading was questioned or superseded, and all fit their repeats."
     return Section("Questioned and superseded readings", [*said, table if table.rows else none])
 

@@ -203,11 +203,12 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
     for warning in solved.warnings:
         say(f"glidecal: {warning}")
     judged = mapped = simulated = None
-    if own.tolerance is not None or own.show_map:
-        from app.evaluating.solution import judge, maps
+    if own.tolerance is not None:
+        from app.evaluating.solution import judge
 
-        judged = None if own.tolerance is None else judge(solved, own.tolerance)
-        mapped = maps(solved) if own.show_map else None
+        judged = judge(solved, own.tolerance)
+    if own.show_map:
+        mapped = solved.choice.tool_maps(solved.subset)
     if own.monte_carlo:
         from app.evaluating.solution import monte_carlo
 
@@ -247,7 +248,7 @@ def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: S
     """The mounting that is worth its minutes most."""
     from app.evaluating.solution import load_sessions
     from app.planning.tripod import next_measurement
-    from app.report.schema.plan import PlanReport
+    from app.report.schema.diagnosis import PlanReport
     from app.report.text.planning import plan_text
 
     with working("Looking for the next measurement"):

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from app.evaluating.comparison import Verification, verify_files
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_sessions
-from app.evaluating.solution import SessionSolution, judge, maps, solve_files
+from app.evaluating.solution import SessionSolution, judge, solve_files
 from app.report.charts.results import (
     before_and_after,
     measured_and_predicted,
@@ -27,6 +27,7 @@ from app.report.text.result import (
     decided,
     difference_table,
     indicator_words,
+    left_out_words,
     noise_words,
     offsets_table,
     parameter_table,
@@ -222,7 +223,7 @@ def _result(solved: SessionSolution, judged: str) -> Section:
             parameter_table(solution),
             *([size_table(solution)] if solution.sizes else []),
             subset_table(solved),
-            Picture(maps_svg(maps(solved)), caption),
+            Picture(maps_svg(solved.choice.tool_maps(solved.subset)), caption),
         ],
     )
 
@@ -348,9 +349,7 @@ def _doubted(solved: SessionSolution, sessions: Sequence[Session]) -> Section:
             if words := "; ".join(filter(None, why)):
                 of = (session.name, f"{reading.reading}", reading.place_words)
                 table.add_row(*of, signed(reading.value_mm, 4), words)
-        if session.skipped:
-            reasons = "; ".join(dict.fromkeys(session.skipped.values()))
-            said.append(f"{session.name}: {len(session.skipped)} steps left out: {reasons}")
+        said += [f"{session.name}: {words}" for words in left_out_words(session)]
     none = "No reading was questioned or superseded, and all fit their repeats."
     return Section("Questioned and superseded readings", [*said, table if table.rows else none])
 

@@ -11,7 +11,7 @@ from app.report.text.tables import hanging, new_table, paragraphs, signed
 from calib.arrays import LEG_NAMES
 from calib.control_chart import FEWEST
 
-DAYS_A_MONTH = 30.44
+DAYS_A_MONTH = 30.44  # 365.25 / 12
 
 TOO_EARLY = (
     f"Whether it drifts cannot be told yet: that takes {FEWEST} sessions over a day or longer."

@@ -126,7 +126,7 @@ class _Catalogue:
     def best(self, most: int) -> WeighedModel:
         """The best set of so many effects or fewer."""
         each = [1] * len(self.candidates)
-        sizes = self.search.by_causes(self.search.singles(), each, most)
+        sizes = self.search.by_causes(each, most)
         return heaviest_first([self.search.weighed(()), *(m for size in sizes for m in size)])[0]
 
     def alike(self, there: _Catalogue, model: WeighedModel) -> WeighedModel:

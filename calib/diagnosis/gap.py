@@ -206,7 +206,7 @@ def _chosen(
     search = Search(rest, blocks, spread, np.zeros(len(blocks)))
     members: tuple[int, ...] = ()
     while len(members) < size:
-        larger = search.larger(members) if members else search.singles()
+        larger = search.larger(members) if members else search.singles
         if not larger:
             break
         members = heaviest_first(larger)[0].members

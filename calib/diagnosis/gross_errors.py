@@ -46,6 +46,9 @@ from calib.noise.repeats import Repeats
 from calib.tripod.differences import reading_matrix
 from calib.tripod.pipeline import Model
 
+LEAST_VARIANCE_MM2 = 1e-8
+"""(0.1 µm)²: beside repeats that happen to be equal anything else would be a mistake."""
+
 BETTER = 0.5
 """A shift must leave less than this share of what drift or one outlier leaves."""
 
@@ -120,7 +123,7 @@ def _robust_variance(observed: Observations) -> float:
         if free > 0:
             residual = without(cells, observed.value_mm[rows])
             found.append(float(residual @ residual) / free)
-    return max(float(np.median(found)), 1e-8) if found else 0.0
+    return max(float(np.median(found)), LEAST_VARIANCE_MM2) if found else 0.0
 
 
 def _clear_step(

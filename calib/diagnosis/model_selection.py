@@ -127,30 +127,27 @@ class ModelSelection:
 
     def run(self) -> Outcome:
         """Name what can be named."""
-        singles = self.search.singles()
         first_p, local = self.step(())
         chosen: WeighedModel | None = None
         models: list[WeighedModel] = []
         steps, doubted = [first_p], False
         if first_p <= POLICY.naming_level:
-            chosen, weighed = self._grow(singles, steps)
+            chosen, weighed = self._grow(steps)
             models = credible_set(weighed)
             own = self.own_errors("cell") if self.problem.has_repeats() else -np.inf
             doubted = chosen.log_weight < own
             if doubted or not self.leaves_no_gap(chosen.members):
                 chosen, models = self._beside_own_errors()
         adequate = self.leaves_no_gap(chosen.members if chosen else ())
-        found = tuple(models), tuple(singles), tuple(steps)
+        found = tuple(models), tuple(self.search.singles), tuple(steps)
         return Outcome(chosen, *found, local, adequate, doubted and not chosen)
 
-    def _grow(
-        self, singles: Sequence[WeighedModel], steps: list[float]
-    ) -> tuple[WeighedModel, list[WeighedModel]]:
+    def _grow(self, steps: list[float]) -> tuple[WeighedModel, list[WeighedModel]]:
         """The smallest number of causes whose best model leaves nothing that stands out."""
         causes = [causes_of(one) for one in self.candidates]
-        sizes = self.search.by_causes(singles, causes, POLICY.most_causes)
+        sizes = self.search.by_causes(causes, POLICY.most_causes)
         everything = self._paid(next(sizes))
-        best = foremost(everything or singles)
+        best = foremost(everything or self.search.singles)
         for _ in range(1, POLICY.most_causes):
             closed = self.leaves_no_gap(best.members)
             p, _ = self.step(best.members, drawn=not closed)
@@ -199,10 +196,9 @@ class ModelSelection:
         problem = self.problem
         spread = Spread(problem.gap(problem.y), float(problem.structure_df))
         search = replace(self.search, y=onto(problem.structure, problem.y), spread=spread)
-        singles = search.singles()
         causes = [causes_of(one) for one in self.candidates]
-        sizes = search.by_causes(singles, causes, POLICY.most_causes)
-        models = {model.members: model for some in (singles, *sizes) for model in some}
+        sizes = search.by_causes(causes, POLICY.most_causes)
+        models = {model.members: model for some in (search.singles, *sizes) for model in some}
         weighed = self._paid([*models.values()])
         if not weighed or foremost(weighed).log_weight < 0.5 * POLICY.decisive:
             return None, []

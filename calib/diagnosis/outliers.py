@@ -32,6 +32,7 @@ from calib.arrays import (
     without,
 )
 from calib.diagnosis.gross_errors import (
+    LEAST_VARIANCE_MM2,
     GrossError,
     cell_basis,
     level_basis,
@@ -48,7 +49,6 @@ LEAST_SHARE = 0.15
 SUSPECT = 0.7
 MOST_SUSPECTS = 6
 MOST_OUTLIERS = 4
-LEAST_VARIANCE_MM2 = 1e-8
 
 REACH = 1.5
 """An outlier may lie anywhere, up to so many times as far from its place as it does."""

@@ -33,7 +33,7 @@ from calib.diagnosis.policy import POLICY
 
 PAIRS_AMONG = 24
 TRIPLES_AMONG = 10
-LEAST_LEFT = 1e-9
+LEAST_LEFT = 1e-9  # of the whole: a fit without residuals would be infinitely likely
 LEAST_LOG = -690.0
 """Smaller logarithms of weights and p-values are all alike: their numbers would be no floats."""
 
@@ -116,19 +116,17 @@ class Search:
     spread: Spread
     log_priors: FloatArray
 
-    def by_causes(
-        self, singles: Sequence[WeighedModel], causes: Sequence[int], most: int
-    ) -> Iterator[list[WeighedModel]]:
+    def by_causes(self, causes: Sequence[int], most: int) -> Iterator[list[WeighedModel]]:
         """Models of one cause, of two, and so on; worked out only when they are asked for.
 
         ``causes`` tell how many things are wrong at once where each candidate is true. Pairs hold
         one of the most promising candidates, triples one of the best pairs.
         """
-        known = list(singles)
+        known = list(self.singles)
         bases: list[tuple[int, ...]] = []
         for count in range(1, most + 1):
             if count == 2:
-                bases = [(k,) for k in self._promising(singles)]
+                bases = [(k,) for k in self._promising()]
             elif count == 3:
                 pairs = [m for m in known if len(m.members) == 2]
                 bases = [m.members for m in heaviest_first(pairs)[:TRIPLES_AMONG]]
@@ -141,6 +139,7 @@ class Search:
         nothing = np.zeros((len(self.y), 0))
         return union([self.blocks[k] for k in members]) if members else nothing
 
+    @cached_property
     def singles(self) -> list[WeighedModel]:
         """Every candidate alone."""
         return sorted(self.larger(()), key=lambda one: one.members)
@@ -188,9 +187,9 @@ class Search:
             found.append((alike, side_by_side, along.reshape(len(alike), rank)))
         return found
 
-    def _promising(self, singles: Sequence[WeighedModel]) -> list[int]:
+    def _promising(self) -> list[int]:
         """Best alone, and best beside the best one."""
-        alone = [m.members[0] for m in heaviest_first(singles)]
+        alone = [m.members[0] for m in heaviest_first(self.singles)]
         beside = heaviest_first(self.larger(alone[:1]))[: PAIRS_AMONG // 2]
         others = [next(k for k in m.members if k != alone[0]) for m in beside]
         return list(dict.fromkeys(alone[:PAIRS_AMONG] + others))

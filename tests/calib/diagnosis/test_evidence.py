@@ -37,11 +37,11 @@ def test_evidence_and_sets() -> None:
     generator = np.random.default_rng(1)
     blocks = tuple(np.linalg.qr(generator.normal(size=(50, 1)))[0] for _ in range(5))
     search = Search(20.0 * blocks[2][:, 0], blocks, KNOWN, np.zeros(5))
-    best = credible_set(search.singles())
+    best = credible_set(search.singles)
     assert best[0].members == (2,)
     assert len(best) == 1
     twins = Search(20.0 * blocks[2][:, 0], (*blocks, -blocks[2]), KNOWN, np.zeros(6))
-    assert {m.members for m in credible_set(twins.singles())} == {(2,), (5,)}
+    assert {m.members for m in credible_set(twins.singles)} == {(2,), (5,)}
     assert contained(blocks[2], -blocks[2]) == pytest.approx(1.0)
     assert union([blocks[0], blocks[0]]).shape[1] == 1
 
@@ -91,7 +91,7 @@ def test_one_and_many_at_once_are_weighed_alike() -> None:
     selection = ModelSelection.of(made, hypotheses_of(made, CATALOGUE))
     search = selection.search
     assert len({block.shape[1] for block in search.blocks}) > 2
-    for one in search.singles():
+    for one in search.singles:
         assert search.weighed(one.members).log_weight == pytest.approx(one.log_weight)
     columns = np.hstack([one.columns for one in selection.candidates[:20]])
     (block,) = made.blocks([columns])

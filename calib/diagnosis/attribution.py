@@ -18,7 +18,7 @@ from calib.diagnosis.selection import contained, heaviest_first
 from calib.tripod.effects.candidates import Candidate
 from calib.tripod.effects.effect import Kind
 
-SEEN = NEW_DIRECTION**2
+LEAST_OPEN = NEW_DIRECTION**2
 """A reading that the fit follows anyway tells nothing."""
 
 MOST_NAMES = 2
@@ -113,11 +113,11 @@ class Attribution:
         whitening = self.problem.whitening
         known = whitening.held_back(self.selection.search.basis(others))
         free = whitening.seen_alone - (known**2).sum(axis=1)
-        rows = np.flatnonzero(free > SEEN)
+        rows = np.flatnonzero(free > LEAST_OPEN)
         own = whitening.held_back(block)[rows] / np.sqrt(free[rows])[:, None]
         off = whitening.held_back(y)[rows] / np.sqrt(free[rows])
         rest = block.T @ y - own * off[:, None]
-        open_share = np.maximum(1.0 - (own**2).sum(axis=1), SEEN)
+        open_share = np.maximum(1.0 - (own**2).sum(axis=1), LEAST_OPEN)
         remains = (rest**2).sum(axis=1) + (own * rest).sum(axis=1) ** 2 / open_share
         return float(remains.min(initial=np.inf)) - float(block.shape[1])
 

@@ -76,8 +76,7 @@ def _errors_of(case: Case, effects: Sequence[Effect]) -> list[GrossError]:
             break
         found.append(error)
         observed = error.corrected
-    step_mm = max(case.indicator.resolution_mm or 0.0, case.indicator.step_mm or 0.0)
-    return [*found, *set_outliers_right(observed, step_mm)]
+    return [*found, *set_outliers_right(observed, case.indicator.display_mm)]
 
 
 def _error_in(case: Case, effects: Sequence[Effect]) -> GrossError | None:

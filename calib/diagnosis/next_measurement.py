@@ -53,11 +53,11 @@ MORE_POSITIONS = NextMeasurement(
     0.0,
 )
 
-MOST_NAMES = 6
-LEAST_SHARE = 0.1
+MOST_COMPARED = 6
+LEAST_WEIGHT = 0.1
 """Weight that the least likely name still has beside the best one."""
 
-SHOWS = 1.0
+APART = 1.0
 """Names that no option separates by so many noise variances are one thing in other words."""
 MATTERS_OF_LOAD = "gravity_sag"
 
@@ -130,7 +130,7 @@ class _Pairing:
         added, apart = best_addition(
             self._attribution.problem,
             [[self._explanation(k, self._given) for k in each] for each in variants],
-            np.maximum(np.exp(weights - weights.max()), LEAST_SHARE),
+            np.maximum(np.exp(weights - weights.max()), LEAST_WEIGHT),
             [self._explanation(k, (self._member,)) for k in self._given],
             load_tells=any(self._candidates[k].id == MATTERS_OF_LOAD for k in tried),
         )
@@ -140,7 +140,7 @@ class _Pairing:
         """Rivals, the best first."""
         rivals = self._attribution.rivals[self._member]
         best = {name: max(self._weight[k] for k in self._of_name[name]) for name in rivals}
-        return descending(rivals, best.__getitem__, LOG_UNIT)[: MOST_NAMES - 1]
+        return descending(rivals, best.__getitem__, LOG_UNIT)[: MOST_COMPARED - 1]
 
     def _variants(self, name: Named) -> list[int]:
         """Candidates of a name that fit about as well as its best, as screws of other leads."""
@@ -165,9 +165,9 @@ class _Pairing:
 def _proposal(added: Added, names: Sequence[Named], apart: FloatArray) -> NextMeasurement | None:
     """What the measurement does, said of the names that it really separates."""
     most = float(apart[0, 1:].max())
-    if most < SHOWS:
+    if most < APART:
         return None
-    verb, bar = "helps to decide", SHOWS
+    verb, bar = "helps to decide", APART
     if most >= POLICY.decisive:
         verb, bar = "decides", POLICY.decisive
     told = [0]

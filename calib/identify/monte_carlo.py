@@ -62,7 +62,7 @@ class Campaign:
         noise = solution.noise
         shown = float(np.mean([one.repeatability_mm2 for one in noise.indicators]))
         rounded = any(one.quantisation_mm2 > LEAST_LOCKED * shown for one in noise.indicators)
-        step = max(figures.resolution_mm or 0.0, figures.step_mm or 0.0) if rounded else 0.0
+        step = figures.display_mm if rounded else 0.0
         return cls(
             solution.model,
             visits(observed),

@@ -51,7 +51,7 @@ BASE = len(PARAMETER_NAMES)
 TOLERATED = 10.0
 """Unremarkable sizes that nobody would have left in a machine where nothing shows them."""
 
-FREE = 50.0
+UNHELD = 50.0
 """Unremarkable sizes that a fitted size may have: readings tell it, no tolerance."""
 
 LARGER = (1.0, 4.0)
@@ -64,7 +64,7 @@ FOUND = 5.5
 SHOWN = 17.8
 """Noise variances explained from which noise alone is not the reason: (FOUND - 1.28) squared."""
 
-LEAST_NOISE_MM = 1e-5
+FINEST_MM = 1e-5
 """No indicator reads better; with less, rounding would be taken for what readings show."""
 
 NAMELESS: tuple[Effect, ...] = (
@@ -347,7 +347,7 @@ def claim_of(
     variances += [np.full(len(one), single) for one in more]
     df = noise.degrees_of_freedom  # a variance from few repeats may be far too small
     doubt = 1.0 if math.isinf(df) else df / max(df - 2.0, 1.0)
-    weight = 1.0 / np.maximum(doubt * np.concatenate(variances), LEAST_NOISE_MM**2)
+    weight = 1.0 / np.maximum(doubt * np.concatenate(variances), FINEST_MM**2)
     off = [one.value_mm - model.readings(one) for one in taken]
     off += [np.zeros(len(one)) for one in more]
     rows = np.column_stack([np.concatenate(off), base, *columns])
@@ -359,7 +359,7 @@ def claim_of(
         parts.pop(0) if taken else rows[:0],
         sum(len(one) - set_up_unknowns(one) for one in taken) - len(start),
         np.concatenate([nominal_mm, start[BASE:]]) - start,
-        np.concatenate([tolerance_mm, [FREE * one.tolerance for one in sizes]]),
+        np.concatenate([tolerance_mm, [UNHELD * one.tolerance for one in sizes]]),
         np.array(size),
         _names(known),
         _metric(model, known, sizes),

@@ -149,6 +149,11 @@ class IndicatorFigures:
     step_mm: float | None = None
 
     @property
+    def display_mm(self) -> float:
+        """Step of the display, stated or seen; 0 where neither is known."""
+        return max(self.resolution_mm or 0.0, self.step_mm or 0.0)
+
+    @property
     def stated_mm(self) -> float | None:
         """Standard deviation of a reading, rounding included, where repeatability is stated."""
         if not self.repeatability_mm:
@@ -217,7 +222,7 @@ def reading_noise(visited: Observations, indicator: IndicatorFigures) -> Noise |
     """
     repeats = Repeats.of(visited)
     free = repeats.degrees_of_freedom
-    step = max(indicator.resolution_mm or 0.0, indicator.step_mm or 0.0)
+    step = indicator.display_mm
     squares = repeats.sums_of_squares(visited.value_mm[:, None])[:, 0]
     arithmetic = (ROUNDING * float(np.abs(visited.value_mm).max())) ** 2
     if free.sum() <= 0.0:

@@ -25,7 +25,6 @@ from calib.stats import two_sided_p_values, variance_ratio_p_value
 WILD_LEVEL = 0.01
 """Chance that one of all readings is called wild although none is (Bonferroni)."""
 
-
 UNEQUAL_LEVEL = 0.02
 """Chance, on either side, that an indicator like the others is judged by itself alone."""
 

@@ -24,6 +24,10 @@ from calib.errors import CalibrationError
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry, dot, inverse, trilaterate
 
 COMPLEX_STEP_MM = 1e-30
+"""Nothing is subtracted, so it may be small; squares of it vanish beside every real part."""
+
+NOTHING = np.empty(0)
+"""Of a stage that is still to come."""
 
 
 class Stage(StrEnum):
@@ -65,10 +69,10 @@ class Flow:
     joint_offset_mm: NDArray[Any]
     length_error_mm: NDArray[Any]
     command_mm: NDArray[Any]
-    carriage_mm: NDArray[Any]
-    foot_mm: NDArray[Any]
-    tool_mm: NDArray[Any]
-    fraction: NDArray[Any]
+    carriage_mm: NDArray[Any] = NOTHING
+    foot_mm: NDArray[Any] = NOTHING
+    tool_mm: NDArray[Any] = NOTHING
+    fraction: NDArray[Any] = NOTHING
 
     def through(self, stage: Stage, stage_input: NDArray[Any]) -> NDArray[Any]:
         """``stage_input`` after every effect of this stage."""
@@ -119,7 +123,6 @@ def driven(
 ) -> Flow:
     """The same as far as the carriages, which need not reach each other."""
     parameters = np.asarray(parameters_mm)
-    none = np.empty(0)
     flow = Flow(
         geometry=geometry,
         taken=taken,
@@ -127,10 +130,6 @@ def driven(
         joint_offset_mm=parameters[..., None, :3],
         length_error_mm=parameters[..., None, 3:],
         command_mm=command_mm,
-        carriage_mm=none,
-        foot_mm=none,
-        tool_mm=none,
-        fraction=none,
     )
     return replace(flow, carriage_mm=actuator(flow))
 

@@ -25,10 +25,9 @@ from calib.hexaslide.geometry import HexaSlide, forward_near, in_degrees, invers
 from calib.hexaslide.planning import (
     SCALED_WORDS,
     UNITS,
-    enough_postures,
+    at_enough,
     fewest_postures,
     rows_seen,
-    sensitivity,
 )
 from calib.hexaslide.procedures import WELL_HELD, Procedure, joint_radius, looseness
 
@@ -334,7 +333,7 @@ def _space(procedure: Procedure, machine: HexaSlide, count: int, search: Search)
     fewest = fewest_postures(procedure, machine)
     few = search.few and count < fewest
     if few:
-        rows = sensitivity(procedure, machine, enough_postures(procedure, machine)).jacobian
+        rows = at_enough(procedure, machine).jacobian
         rows = rows[: count * len(procedure.read)]
         rank = rank_of(rows, EXACT_BLIND)
         if rank < len(rows):

@@ -26,9 +26,6 @@ from calib.tripod.geometry import PARAMETER_NAMES, Geometry, dot, inverse, trila
 COMPLEX_STEP_MM = 1e-30
 """Nothing is subtracted, so it may be small; squares of it vanish beside every real part."""
 
-NOTHING = np.empty(0)
-"""Of a stage that is still to come."""
-
 
 class Stage(StrEnum):
     """Where an effect acts, and what it is handed to change."""
@@ -69,10 +66,10 @@ class Flow:
     joint_offset_mm: NDArray[Any]
     length_error_mm: NDArray[Any]
     command_mm: NDArray[Any]
-    carriage_mm: NDArray[Any] = NOTHING
-    foot_mm: NDArray[Any] = NOTHING
-    tool_mm: NDArray[Any] = NOTHING
-    fraction: NDArray[Any] = NOTHING
+    carriage_mm: NDArray[Any]
+    foot_mm: NDArray[Any]
+    tool_mm: NDArray[Any]
+    fraction: NDArray[Any]
 
     def through(self, stage: Stage, stage_input: NDArray[Any]) -> NDArray[Any]:
         """``stage_input`` after every effect of this stage."""
@@ -122,7 +119,7 @@ def driven(
     effects: Sequence[StageEffect] = (),
 ) -> Flow:
     """The same as far as the carriages, which need not reach each other."""
-    parameters = np.asarray(parameters_mm)
+    parameters, none = np.asarray(parameters_mm), np.empty(0)
     flow = Flow(
         geometry=geometry,
         taken=taken,
@@ -130,6 +127,10 @@ def driven(
         joint_offset_mm=parameters[..., None, :3],
         length_error_mm=parameters[..., None, 3:],
         command_mm=command_mm,
+        carriage_mm=none,
+        foot_mm=none,
+        tool_mm=none,
+        fraction=none,
     )
     return replace(flow, carriage_mm=actuator(flow))
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from calib.arrays import LEG_NAMES, TOOL, Conditions, FloatArray, Observations, numbered
+from calib.arrays import LEG_NAMES, TOOL, Conditions, FloatArray, Observations, numbered, rows_of
 from calib.errors import NotIdentifiable
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
 from calib.tripod.pipeline import derivatives
@@ -69,7 +69,7 @@ def differences(geometry: Geometry, observed: Observations) -> Differences:
     order of papers/000 (11). Raises NotIdentifiable where no mounting has two postures.
     """
     terms: dict[Key, list[Terms]] = {}
-    for members in _by_mount(observed):
+    for members in observed.mountings:
         for key, mean in _differences_of_mount(observed, members):
             terms.setdefault(key, []).append(mean)
     if not terms:
@@ -98,12 +98,6 @@ def _matrix(rows: list[list[Terms]], reading_count: int) -> csr_array:
     )
 
 
-def _by_mount(observed: Observations) -> list[NDArray[np.intp]]:
-    """Row numbers of each mounting."""
-    order = np.argsort(observed.mount, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(observed.mount[order])) + 1)
-
-
 def _differences_of_mount(
     observed: Observations, members: NDArray[np.intp]
 ) -> Iterable[tuple[Key, Terms]]:
@@ -111,9 +105,7 @@ def _differences_of_mount(
     if observed.over_plane[members[0]]:
         yield from _over_plane(observed, members)
         return
-    posture = observed.level[members]
-    order = np.argsort(posture, kind="stable")
-    cells = np.split(members[order], np.flatnonzero(np.diff(posture[order])) + 1)
+    cells = [members[rows] for rows in rows_of(observed.level[members])]
     levels = [_level(observed, cell[0]) for cell in cells]
     zeros = [k for k, cell in enumerate(cells) if observed.at_zero[cell[0]]]
     reference = zeros[0] if zeros else 0
@@ -130,7 +122,7 @@ def _differences_of_mount(
 def _over_plane(observed: Observations, members: NDArray[np.intp]) -> Iterable[tuple[Key, Terms]]:
     """Heights less those of the line through both ends of the leg at the reference."""
     place = numbered(observed.station[members], observed.displacement_mm[members])
-    cells = [members[place == number] for number in range(int(place.max()) + 1)]
+    cells = [members[rows] for rows in rows_of(place)]
     level, station, along = (
         np.array([float(values[cell[0]]) for cell in cells])
         for values in (observed.displacement_mm, observed.station, observed.along_mm)

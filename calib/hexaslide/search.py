@@ -32,7 +32,8 @@ from calib.hexaslide.planning import (
 from calib.hexaslide.procedures import WELL_HELD, Procedure, joint_radius, looseness
 
 SHARPNESS = (8.0, 32.0, 128.0, 512.0, 2048.0)
-"""Criteria of single singular values are made smooth, less and less."""
+"""Criteria of single singular values are made smooth, less and less. On the bare condition number
+of 9 postures of pose-inverse a search ends at 50 to 125, so at 43."""
 
 STEEP = 1e4
 """What it costs, in logarithms of the criterion, to pass a limit by the whole travel: of 1 m some

@@ -279,7 +279,7 @@ def _joint(flow: Flow) -> FloatArray:
 
 def _append_zero_row(taken: Conditions) -> Conditions:
     """The conditions with one more row: the Zero posture, in which indicators are mounted."""
-    nan = np.nan
+    nan = np.nan  # station and axis are some that are valid: this row is no reading
     zero = {"station": 0.5, "axis": 1, "temperature_c": nan, "mount": -1, "along_mm": nan}
     arrays = {}
     for name in (f.name for f in fields(Conditions)):

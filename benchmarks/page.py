@@ -1,12 +1,24 @@
-"""Tables of a run put in their places on a page of Markdown; the words around them stay."""
+"""What is timed, and tables of a run put in their places on a page of Markdown."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import statistics
+import time
+from collections.abc import Callable, Sequence
 
 from benchmarks.pictures import cells
 
 Table = list[str]
+
+
+def seconds(work: Callable[[], object], rounds: int = 7) -> float:
+    """Median time of one call."""
+    taken = []
+    for _ in range(rounds):
+        start = time.perf_counter()
+        work()
+        taken.append(time.perf_counter() - start)
+    return statistics.median(taken)
 
 
 def tables_of(lines: Sequence[str]) -> list[Table]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import platform
-import statistics
 import subprocess
 import sys
 import time
@@ -25,7 +24,7 @@ from benchmarks.controller import controller
 from benchmarks.hexaslide import hexaslide
 from benchmarks.identification import table as identification
 from benchmarks.interface import interface
-from benchmarks.page import Table, tables_of, with_tables, with_versions
+from benchmarks.page import Table, seconds, tables_of, with_tables, with_versions
 from benchmarks.pictures import write_pictures
 from benchmarks.postures import postures
 from calib.arrays import FloatArray
@@ -45,18 +44,7 @@ ROOT = Path(__file__).parent.parent
 SAMPLE = ROOT / "sample_sessions" / "simulated_zero-max-min.jsonl"
 POSTURES = 100_000
 ROOT_POSTURES = 500
-ROUNDS = 7
 ASKED = 2000
-
-
-def seconds(work: Callable[[], object], rounds: int = ROUNDS) -> float:
-    """Median time of one call."""
-    taken = []
-    for _ in range(rounds):
-        start = time.perf_counter()
-        work()
-        taken.append(time.perf_counter() - start)
-    return statistics.median(taken)
 
 
 def direct_kinematics() -> list[str]:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from calib.errors import IndicatorError
 from drivers.exchange import Exchange
-from drivers.line import IndicatorLine
 from drivers.port import carries_settings
 from drivers.profile import (
     Evidence,
@@ -63,16 +62,16 @@ def examine(
     Opens only the named port.
     """
     findings = [_trust(profile), *keyboard_tools()]
-    line = IndicatorLine(profile, port, asked=asked)
+    exchange = Exchange(profile, port, asked, profile.interval_s)
     try:
-        line.start()
+        exchange.open()
     except IndicatorError as problem:
         return [*findings, refused(port, problem)]
     findings.append(PortFinding(True, f"port {port} opens"))
     try:
-        outcomes = [line.ask().result() for _ in range(ATTEMPTS)]
+        outcomes = [exchange.taken() for _ in range(ATTEMPTS)]
     finally:
-        line.close()
+        exchange.hang_up()
     return findings + list(_of_outcomes(profile, asked, outcomes, others))
 
 

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from concurrent.futures import Future
 
 from drivers.exchange import Exchange
-from drivers.port import SLICE_S
 from drivers.profile import Fault, FaultKind, Outcome, Profile, Query
 
 Heard = Callable[[Outcome], None]
@@ -37,7 +36,7 @@ class IndicatorLine:
         self.profile = profile
         self.port = port
         self._listener = listener
-        self._requests: queue.SimpleQueue[Future[Outcome]] = queue.SimpleQueue()
+        self._requests: queue.SimpleQueue[Future[Outcome] | None] = queue.SimpleQueue()
         self._stop = threading.Event()
         self._exchange = Exchange(
             profile,
@@ -66,6 +65,7 @@ class IndicatorLine:
     def close(self) -> None:
         """Stop the thread and close the port; waits for both."""
         self._stop.set()
+        self._requests.put(None)  # it may wait for the next request
         if self._thread.is_alive():
             self._thread.join()
         self._answer_nobody()
@@ -78,18 +78,19 @@ class IndicatorLine:
                 waiting = self._requests.get_nowait()
             except queue.Empty:
                 return
-            waiting.set_result(Fault(FaultKind.DISCONNECTED, "", "the line was closed"))
+            if waiting is not None:
+                waiting.set_result(Fault(FaultKind.DISCONNECTED, "", "the line was closed"))
 
     def _own(self) -> None:
         while not self._stop.is_set():
             idle_s = max(0.0, self._exchange.ready_at - time.monotonic())
             try:
-                asked = self._requests.get(timeout=min(idle_s, SLICE_S))
+                asked = self._requests.get(timeout=idle_s)
             except queue.Empty:
-                if time.monotonic() >= self._exchange.ready_at:
-                    self._heard(self._exchange.outcome())
+                self._heard(self._exchange.outcome())
                 continue
-            asked.set_result(self._heard(self._exchange.taken()))
+            if asked is not None:
+                asked.set_result(self._heard(self._exchange.taken()))
 
     def _heard(self, outcome: Outcome) -> Outcome:
         if not self._stop.is_set():  # a line that is being closed tells nothing any more

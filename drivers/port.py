@@ -99,14 +99,15 @@ def cannot_open(port: str, problem: Exception) -> IndicatorError:
     """Why a port cannot be opened, and what to do."""
     said = str(problem)
     look = "Plug the indicator in; glidecal ports lists what is there"
+    # Windows says PermissionError for a port that another program holds, so that comes first
     reasons = {
         "No such file": ("no such port", look),
         "FileNotFoundError": ("no such port", look),
+        "PermissionError": ("no permission or in use", "Close other programs that use the port"),
         "Permission": (
             "no permission",
             "Join the group that owns the port (dialout), log in again",
         ),
-        "PermissionError": ("no permission or in use", "Close other programs that use the port"),
         "exclusively lock": ("in use by another program", "Close the other program"),
         "busy": ("in use by another program", "Close the other program"),
         "refused": ("no device answers at this address", "Start the device or the simulator first"),

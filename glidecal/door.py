@@ -131,9 +131,8 @@ def simulate(
     display, 0 none.
     """
     from app.measuring.simulated import simulated_of_files
-    from protocols.session import fold
 
-    opened, readings = simulated_of_files(
+    return simulated_of_files(
         None if procedure is None else str(procedure),
         machine,
         Path(model) if model else None,
@@ -143,7 +142,6 @@ def simulate(
         scatter_mm=scatter_mm,
         resolution_mm=resolution_mm,
     )
-    return fold([opened, *readings])
 
 
 def plan(

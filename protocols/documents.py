@@ -185,12 +185,9 @@ def line_of(text: str, location: Sequence[str | int]) -> int | None:
 
 def is_deep(text: str) -> bool:
     """Whether a key has so many parts that reading it would take very long."""
-    return DEEP_KEY.search(TEXTS.sub(_key_or_nothing, text)) is not None
-
-
-def _key_or_nothing(found: re.Match[str]) -> str:
-    """A string that could be a part of a key in short; without what it says, and no comment."""
-    return '""' if found[0][0] != "#" else ""
+    # a string may be a part of a key, whatever it says; a comment is none
+    keys = TEXTS.sub(lambda found: "" if found[0][0] == "#" else '""', text)
+    return DEEP_KEY.search(keys) is not None
 
 
 def _shortened(found: re.Match[str]) -> str:

@@ -364,10 +364,6 @@ class HexaSlideTruth(Document):
         return _lines(self.model_dump(mode="json")) + "\n}\n"
 
 
-def _counted_from_one(place: re.Match[str]) -> str:
-    return f"posture {int(place[1]) + 1}"
-
-
 def _lines(header: dict[str, object]) -> str:
     """One key a line, without the last bracket."""
     rows = (f' "{key}": {json.dumps(value, ensure_ascii=False)}' for key, value in header.items())
@@ -396,11 +392,9 @@ def _read(path: Path, kind: type[D], what: str) -> D:
     try:
         return kind.model_validate_json(text)
     except ValidationError as problem:
-        raise RecordError(
-            f"{what} {path}",
-            NUMBER_OF_POSTURE.sub(_counted_from_one, describe(problem)),
-            "a whole file as glidecal simulate --machine hexaslide writes it",
-        ) from problem
+        found = NUMBER_OF_POSTURE.sub(lambda at: f"posture {int(at[1]) + 1}", describe(problem))
+        allowed = "a whole file as glidecal simulate --machine hexaslide writes it"
+        raise RecordError(f"{what} {path}", found, allowed) from problem
 
 
 def machine_like(nominal: HexaSlideMachine, name: str, machine: HexaSlide) -> HexaSlideMachine:

@@ -13,7 +13,7 @@ from pydantic import AwareDatetime, Field
 from calib.arrays import TOOL, conditions
 from calib.errors import RecordError, UsageError
 from calib.identify.fit import Size
-from calib.identify.solution import FittedSize, Solution
+from calib.identify.solution import Solution
 from calib.tripod.effects import BESIDE_CATALOGUE, CATALOGUE
 from calib.tripod.effects.drives import cyclic_of, effects_of
 from calib.tripod.effects.effect import Effect, EffectInstance
@@ -377,21 +377,19 @@ def with_solution(found: ModelFile, solution: Solution) -> ModelFile:
 
     ``solution`` was fitted with `sizes_of` this model.
     """
-    sizes = iter(solution.sizes)
+    sizes = (
+        {"value": size.value, "standard_uncertainty": size.standard_uncertainty}
+        for size in solution.sizes
+    )
     effects = []
     for entry in found.effects:
         known = {
-            name: one if one.held else _as_fitted(one, next(sizes))
+            name: one if one.held else one.model_copy(update=next(sizes))
             for name, one in entry.parameters.items()
         }
         effects.append(entry.model_copy(update={"parameters": known}))
     values = dict(zip(PARAMETER_NAMES, solution.model.parameters_mm, strict=True))
     return found.model_copy(update={"parameters_mm": values, "effects": tuple(effects)})
-
-
-def _as_fitted(one: ParameterEntry, size: FittedSize) -> ParameterEntry:
-    fitted = {"value": size.value, "standard_uncertainty": size.standard_uncertainty}
-    return one.model_copy(update=fitted)
 
 
 def held_sizes(found: ModelFile) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calib.arrays import LEG_NAMES, TOUCHED_NAMES, FloatArray, Observations
+from calib.arrays import LEG_NAMES, TOUCHED_NAMES, FloatArray, IntArray, Observations
 from calib.errors import NotIdentifiable, RecordError, UsageError
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.geometry import PARAMETER_NAMES, Geometry
@@ -33,37 +33,35 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
     NotIdentifiable where there is no reading.
     """
     _check_same_machine(sessions)
-    rows: list[tuple[str, Reading, float]] = []
+    readings: list[Reading] = []
+    mounts: list[str] = []
     indicators: list[str] = []
+    approach: list[float] = []
     times_s: list[float] = []
     movement: list[FloatArray] = []
     for number, session in enumerate(sessions):
         _check_readings(session)
-        movement.append(_movements(session))
-        rows += [
-            (f"{number}/{reading.mount}", reading, approach)
-            for reading, approach in zip(session.readings, approaches(session), strict=True)
-        ]
-        times_s += _times_s(session)
+        readings += session.readings
+        mounts += [f"{number}/{reading.mount}" for reading in session.readings]
         indicators += [f"{number}/{name}" for name in _indicators(session)]
-    if not rows:
+        approach += approaches(session)
+        times_s += _times_s(session)
+        movement.append(_movements(session))
+    if not readings:
         raise NotIdentifiable("readings", "none", "a session with readings in two postures")
-    mounts = {name: k for k, name in enumerate(dict.fromkeys(name for name, _, _ in rows))}
-    used = {name: k for k, name in enumerate(dict.fromkeys(indicators))}
-    readings = [reading for _, reading, _ in rows]
     found = Observations(
         leg=np.array([leg_number(r.leg) for r in readings], dtype=np.intp),
         axis=np.array([leg_number(r.axis) for r in readings], dtype=np.intp),
         displacement_mm=np.array([r.displacement_mm for r in readings]),
         station=np.array([r.station for r in readings]),
-        approach=np.array([approach for _, _, approach in rows]),
+        approach=np.array(approach),
         cycle=np.array([r.cycle for r in readings], dtype=np.intp),
         time_s=np.array(times_s),
         temperature_c=np.array(
             [np.nan if r.temperature_c is None else r.temperature_c for r in readings]
         ),
-        mount=np.array([mounts[name] for name, _, _ in rows], dtype=np.intp),
-        indicator=np.array([used[name] for name in indicators], dtype=np.intp),
+        mount=_numbered(mounts),
+        indicator=_numbered(indicators),
         position_mm=np.array([r.position_mm or (0.0, 0.0, 0.0) for r in readings]),
         movement=np.concatenate(movement),
         along_mm=np.array([along_mm(r, sessions[0].opened.machine) for r in readings]),
@@ -71,6 +69,12 @@ def to_observations(sessions: Sequence[Session]) -> Observations:
         averaged=np.array([float(r.averaged) for r in readings]),
     )
     return _as_commanded(found, readings, sessions[0].opened.machine.geometry())
+
+
+def _numbered(names: Sequence[str]) -> IntArray:
+    """Numbers ``(n,)`` of names, in the order in which these come first."""
+    number = {name: k for k, name in enumerate(dict.fromkeys(names))}
+    return np.array([number[name] for name in names], dtype=np.intp)
 
 
 def _as_commanded(

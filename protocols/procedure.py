@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import chain, pairwise, product
+from dataclasses import dataclass, replace
+from itertools import chain, pairwise, permutations, product
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -187,11 +187,11 @@ class Procedure(Document):
         axis. Raises as `check_limits`, and UsageError where the indicators do not fit a leg.
         """
         self.check_limits(geometry)
-        visits = self._of_tool(self.plate) if self.plate else self._of_legs(geometry, axes)
+        found = self._of_tool(self.plate) if self.plate else self._of_legs(geometry, axes)
         if self.plane is not None:
-            from_zero = visits if self.levels else ()
-            visits = chain(from_zero, self._over_plane(self.plane, geometry, axes))
-        return tuple(Step(number, *visit) for number, visit in enumerate(visits, start=1))
+            from_zero = found if self.levels else ()
+            found = chain(from_zero, self._over_plane(self.plane, geometry, axes))
+        return tuple(replace(step, number=number) for number, step in enumerate(found, start=1))
 
     def indicators_used(self, instruments: Sequence[Instrument]) -> tuple[Instrument, ...]:
         """Those of these that read: the tool, or over planes alone, the first along each axis.
@@ -214,7 +214,7 @@ class Procedure(Document):
         at = "at the tool" if self.plate else "over the plane"
         raise UsageError(f"indicator of {self.name}", shown, f"one along {axis}, {at}")
 
-    def _of_tool(self, plate: Plate) -> Iterator[Visit]:
+    def _of_tool(self, plate: Plate) -> Iterator[Step]:
         for cycle in range(1, self.cycles + 1):
             places = plate.places_mm()
             if self.random_seed is not None:
@@ -222,22 +222,22 @@ class Procedure(Document):
             if self.return_to_zero and places[0] != ZERO:
                 places.insert(0, ZERO)
             for place in places:
-                yield "tool", 0.0, cycle, 0.0, (plate.axis,), place, False, 0
+                yield Step(0, "tool", 0.0, cycle, 0.0, (plate.axis,), place)
         if self.return_to_zero:
-            yield "tool", 0.0, self.cycles, 0.0, (plate.axis,), ZERO, False, 0
+            yield Step(0, "tool", 0.0, self.cycles, 0.0, (plate.axis,), ZERO)
 
-    def _of_legs(self, geometry: Geometry, axes: Sequence[str]) -> Iterator[Visit]:
+    def _of_legs(self, geometry: Geometry, axes: Sequence[str]) -> Iterator[Step]:
         for station in self.stations:
             for leg in self.legs:
                 for together in axes_on_leg(leg, axes):
                     for cycle in range(1, self.cycles + 1):
                         seed = f"{leg}/{station}/{cycle}"
                         for displacement in self._cycle(geometry, self.levels, seed):
-                            yield leg, displacement, cycle, station, together, None, False, 0
+                            yield Step(0, leg, displacement, cycle, station, together)
                     if self.return_to_zero:
-                        yield leg, 0.0, self.cycles, station, together, None, False, 0
+                        yield Step(0, leg, 0.0, self.cycles, station, together)
 
-    def _over_plane(self, plane: Plane, geometry: Geometry, axes: Sequence[str]) -> Iterator[Visit]:
+    def _over_plane(self, plane: Plane, geometry: Geometry, axes: Sequence[str]) -> Iterator[Step]:
         for axis, leg in product(plane.axes, self.legs):
             if leg == axis:
                 continue
@@ -245,10 +245,10 @@ class Procedure(Document):
             for cycle in range(1, self.cycles + 1):
                 for at in self._cycle(geometry, plane.levels, f"{leg}/over {axis}/{cycle}"):
                     for station in plane.stations:
-                        yield leg, at, cycle, station, (axis,), None, True, first
+                        yield Step(0, leg, at, cycle, station, (axis,), None, True, first)
             if self.return_to_zero:
                 for station in plane.stations:
-                    yield leg, 0.0, self.cycles, station, (axis,), None, True, first
+                    yield Step(0, leg, 0.0, self.cycles, station, (axis,), None, True, first)
 
     def _cycle(self, geometry: Geometry, told: Sequence[Level], seed: str) -> list[float]:
         """Displacements of one cycle: Zero first where it is checked, shuffled where asked for."""
@@ -360,10 +360,6 @@ class Procedure(Document):
         return len(self.steps(geometry, axes)) * self.seconds_per_step
 
 
-Visit = tuple[Touched, float, int, float, tuple[Leg, ...], Triple | None, bool, int]
-"""A step but for its number."""
-
-
 @dataclass(frozen=True)
 class Step:
     """One posture in which one or two indicators are read on one leg, or one at the tool.
@@ -427,20 +423,20 @@ def axes_on_leg(leg: Leg, axes: Sequence[str]) -> list[tuple[Leg, ...]]:
     Raises UsageError where neither fits.
     """
     across: list[Leg] = [axis for axis in ALL_AXES if axis != leg]
-    if len(axes) == 1:
-        groups: list[tuple[Leg, ...]] = [(axis,) for axis in across if axis in axes[0]]
-    else:
-        ways: list[tuple[Leg, ...]] = [(across[0], across[1]), (across[1], across[0])]
-        first, second = axes[0], axes[1]
-        fitting = [way for way in ways if way[0] in first and way[1] in second]
-        groups = sorted(fitting, key=lambda w: first.index(w[0]) + second.index(w[1]))[:1]
-    if not groups:
+    fitting = [
+        way
+        for way in permutations(across, len(axes))
+        if all(axis in allowed for axis, allowed in zip(way, axes, strict=True))
+    ]
+    if not fitting:
         raise UsageError(
             f"indicators on leg {leg}",
             " and ".join(f"@{allowed}" for allowed in axes),
             f"axes {across[0]} and {across[1]}, one for each indicator",
         )
-    return groups
+    if len(axes) == 1:
+        return fitting
+    return [min(fitting, key=lambda way: sum(map(str.index, axes, way)))]
 
 
 def posture_name(displacement_mm: float, geometry: Geometry) -> str:

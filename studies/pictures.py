@@ -6,17 +6,14 @@ import asyncio
 import contextlib
 import re
 import tempfile
-import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from concurrent.futures import Future
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 from unittest.mock import patch
 
 from textual.pilot import Pilot
-from textual.screen import Screen
 
 from app.machines.options import Simulation
 from app.machines.tripod import SimulateOptions, simulate
@@ -33,11 +30,10 @@ from app.screens.session_view import GaugeDisplay, LegReviewScreen
 from app.screens.start import Glidecal
 from app.screens.what_if import WhatIfScreen
 from drivers.profile import IndicatorReading, Outcome
+from tests.screens.driving import answered, press_for, to_measuring, until
 
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
 NARROW, WIDE = (80, 24), (120, 40)
-PATIENCE_S = 20.0
-PRESSES_S = (4.0, 4.0)
 MIDDLE_OF_LEG = 8
 QUESTIONED = 4
 """The first step whose posture was measured before."""
@@ -55,22 +51,6 @@ async def save(pilot: Pilot[str], name: str) -> None:
     (PICTURES / f"{name}.svg").write_text(svg, encoding="utf-8", newline="\n")
 
 
-async def until(
-    pilot: Pilot[str], condition: Callable[[], bool], patience_s: float = PATIENCE_S
-) -> None:
-    """Wait for the program, not for ever."""
-    deadline = time.monotonic() + patience_s
-    while not condition():
-        if time.monotonic() > deadline:
-            raise TimeoutError(condition)
-        await pilot.pause(0.02)
-
-
-async def until_on(pilot: Pilot[str], kind: type[Screen[Any]]) -> None:
-    """Wait for a screen."""
-    await until(pilot, lambda: isinstance(pilot.app.screen, kind))
-
-
 def still(screen: MeasureScreen) -> bool:
     """Whether every panel says that its indicator stands still."""
     return all(panel.has_class("stable") for panel in screen.query(GaugeDisplay))
@@ -81,49 +61,35 @@ def has_done(screen: MeasureScreen, number: int) -> bool:
     return number in screen.guided.session.done() and not screen.busy
 
 
-async def press_until(
-    pilot: Pilot[str], screen: MeasureScreen, condition: Callable[[], bool]
-) -> None:
-    """Take by hand; where readings moved again as the key was pressed, once more."""
-    for patience_s in (*PRESSES_S, PATIENCE_S):
-        await until(pilot, screen.ready_by_hand)
-        await pilot.press("space")
-        with contextlib.suppress(TimeoutError):
-            return await until(pilot, condition, patience_s)
-    raise TimeoutError(condition)
-
-
 async def take_wrong(pilot: Pilot[str], screen: MeasureScreen) -> None:
     """A reading that does not agree with its repeats, questioned; then it is taken again."""
     ask = Gauge.ask
 
     def wrong(gauge: Gauge) -> Future[Outcome]:
-        heard, given = ask(gauge).result(), Future[Outcome]()
+        heard = ask(gauge).result()
         if isinstance(heard, IndicatorReading):
             heard = replace(heard, value_mm=heard.value_mm + OFF_MM)
-        given.set_result(heard)
-        return given
+        return answered(heard)
+
+    def questioned() -> bool:
+        return isinstance(screen.app.screen, ChoiceDialog)
 
     with patch.object(Gauge, "ask", wrong):
-        await press_until(pilot, screen, lambda: isinstance(screen.app.screen, ChoiceDialog))
+        await press_for(pilot, screen, "the question", questioned)
     await save(pilot, "question")
     await pilot.press("1")
-    await until_on(pilot, MeasureScreen)
+    await until(pilot, "measuring", lambda: screen.is_current)
     await pilot.pause(HELD_KEY_S)  # a key held down counts once
 
 
 async def measure(pilot: Pilot[str], interface: Interface, *, photographed: bool) -> None:
     """Every step of a session; on the way the pictures."""
-    await until(pilot, lambda: interface.indicators is not None)
-    await pilot.press("enter")
-    await until_on(pilot, MeasureScreen)
-    screen = interface.screen
-    assert isinstance(screen, MeasureScreen)
+    screen = await to_measuring(pilot, interface)
     reviewed = False
     for step in screen.guided.steps:
         if photographed and step.number == QUESTIONED:
             await take_wrong(pilot, screen)
-        await press_until(pilot, screen, partial(has_done, screen, step.number))
+        await press_for(pilot, screen, "the step", partial(has_done, screen, step.number))
         if photographed and step.number == MIDDLE_OF_LEG:
             await photograph_measuring(pilot, screen)
         if isinstance(interface.screen, LegReviewScreen):
@@ -131,12 +97,12 @@ async def measure(pilot: Pilot[str], interface: Interface, *, photographed: bool
                 await photograph(pilot, "review_wide", WIDE)
                 reviewed = True
             await pilot.press("space")
-    await until_on(pilot, ResultScreen)
+    await until(pilot, "the result", lambda: isinstance(interface.screen, ResultScreen))
 
 
 async def photograph_measuring(pilot: Pilot[str], screen: MeasureScreen) -> None:
     """The middle of a leg: in a narrow terminal and in a wide one with the plot."""
-    await until(pilot, partial(still, screen))
+    await until(pilot, "stillness", partial(still, screen))
     await save(pilot, "measure")
     await photograph(pilot, "measure_wide", WIDE)
 
@@ -158,7 +124,7 @@ async def pictures(folder: Path) -> None:
         await measure(pilot, interface, photographed=True)
         await save(pilot, "result")
         await pilot.press("v")
-        await until_on(pilot, CheckScreen)
+        await until(pilot, "the check", lambda: isinstance(interface.screen, CheckScreen))
         await measure(pilot, interface, photographed=False)
         await save(pilot, "comparison")
         await pilot.press("f10")
@@ -172,7 +138,7 @@ async def diagnosed(session: Path, hidden: SimulateOptions) -> AsyncIterator[Pil
     interface = Glidecal(screen)
     interface.animation_level = "none"
     async with interface.run_test(size=NARROW) as pilot:
-        await until(pilot, lambda: screen.diagnosed is not None)
+        await until(pilot, "a diagnosis", lambda: screen.diagnosed is not None)
         yield pilot
         await pilot.press("f10")
 
@@ -192,14 +158,14 @@ async def what_if(folder: Path) -> None:
     hidden = SimulateOptions("zero-max-min", effect="actuator_scale:y", size=1.1)
     async with diagnosed(folder / "scaled.jsonl", hidden) as pilot:
         await pilot.press("w")
-        await until_on(pilot, ChoiceDialog)
+        await until(pilot, "effects", lambda: isinstance(pilot.app.screen, ChoiceDialog))
         await pilot.press("1")
-        await until_on(pilot, WhatIfScreen)
+        await until(pilot, "what if", lambda: isinstance(pilot.app.screen, WhatIfScreen))
         screen = pilot.app.screen
         assert isinstance(screen, WhatIfScreen)
-        await until(pilot, lambda: screen.ready)
+        await until(pilot, "the figures", lambda: screen.ready)
         await pilot.press(*["left"] * 3)
-        await until(pilot, lambda: screen.ready)
+        await until(pilot, "the figures", lambda: screen.ready)
         await save(pilot, "what_if")
 
 
@@ -209,7 +175,7 @@ async def hexaslide() -> None:
     interface = Glidecal(screen)
     interface.animation_level = "none"
     async with interface.run_test(size=NARROW) as pilot:
-        await until(pilot, lambda: screen.view is not None)
+        await until(pilot, "the machine", lambda: screen.view is not None)
         await photograph(pilot, "hexaslide_wide", WIDE)
         await pilot.press("tab")
         await save(pilot, "hexaslide")

@@ -36,10 +36,10 @@ def write_session(
         truth = replace(truth, effects=hidden)
     if unnamed:
         truth = replace(truth, effects=(unnamed,))
-    opened, readings = simulated_session(
+    made = simulated_session(
         procedure, machine, truth, seed=seed, scatter_mm=SCATTER_MM, resolution_mm=0.001
     )
-    write_whole(path, opened, list(readings))
+    write_whole(path, made.opened, [*made.readings])
     return path
 
 

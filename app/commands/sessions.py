@@ -117,7 +117,6 @@ def validate(sessions: Sessions) -> None:
     """
     from app.measuring.recorded import check_values
     from protocols.record import read_record
-    from protocols.session import fold
 
     status = Exit.DONE
     for path in sessions:
@@ -132,7 +131,7 @@ def validate(sessions: Sessions) -> None:
             say(f"glidecal: {record.unfinished} Continue it with: glidecal run --continue {path}")
             status = Exit.RECORD
             continue
-        session = fold(record.events)
+        session = record.session
         typer.echo(
             f"{path}: unbroken and closed, {len(record.events)} lines, "
             f"{len(session.all_readings)} readings, {len(session.superseded)} superseded"
@@ -160,14 +159,13 @@ def replay(
     from app.report.schema.readings import ReplayReport
     from app.report.text.session import replay_text
     from protocols.record import read_record
-    from protocols.session import fold
 
     if len(session) > 1:
         raise UsageError("replay without a screen", f"{len(session)} sessions", "one session")
     record = read_record(session[0])
     if record.unfinished:
         say(f"glidecal: {record.unfinished}")
-    report = ReplayReport.of(name=session[0].name, session=fold(record.events), end=record.end)
+    report = ReplayReport.of(name=session[0].name, session=record.session, end=record.end)
     typer.echo(Answer(lambda: replay_text(report), lambda: report).shown(as_json=as_json))
 
 

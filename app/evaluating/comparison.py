@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from app.evaluating.solution import SessionSolution, solve_sessions
-from calib.errors import CalibrationError, RecordError, UsageError
-from calib.identify.accuracy import Decision, ToolError, decide
+from app.evaluating.solution import SessionSolution, check_tolerance, solve_sessions
+from calib.errors import CalibrationError, RecordError
+from calib.identify.accuracy import Decision, decide
 from protocols.observations import changed_between
 from protocols.record import Record, read_record
 
@@ -136,29 +136,13 @@ class Verification:
     tolerance_mm: float | None
     decision: Decision | None
 
-    @property
-    def expected(self) -> ToolError:
-        """What the first session promised of the tool with its offsets entered."""
-        return self.compared.before.tool_after
-
-    @property
-    def found(self) -> ToolError:
-        """What the second session says of the tool."""
-        return self.compared.after.tool_before
-
-    @property
-    def something_missing(self) -> bool:
-        """Whether the model leaves more than noise of the second session."""
-        return self.compared.after.solution.lacks_fit
-
 
 def verify_files(before: Path, after: Path, tolerance_mm: float | None = None) -> Verification:
     """Judge the second session by the first; the tolerance is that of its machine if not given.
 
     Raises as `compare_files`, and UsageError for a tolerance that is no positive length.
     """
-    if tolerance_mm is not None and not tolerance_mm > 0.0:
-        raise UsageError("--tolerance", f"{tolerance_mm:g} mm", "a positive length in mm")
+    check_tolerance(tolerance_mm)
     compared = compare_files(before, after)
     if compared.changed:
         raise changed_between(f"sessions {before} and {after}", "solve")

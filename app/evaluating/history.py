@@ -27,7 +27,6 @@ from protocols.machine import Machine
 from protocols.record import MOST_BYTES, check_record
 from protocols.session import Session
 
-JOINTS = ("x", "y", "z")
 DAY_S = 86_400.0
 LONGEST_DAYS = 36_500.0
 """A date beyond a hundred years is none."""

@@ -9,7 +9,6 @@ goes into it. The controller refuses comments behind a number; they stand on lin
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 from importlib import resources
 from textwrap import wrap
 
@@ -17,92 +16,24 @@ from app.report.offsets import Offsets, one_line
 from app.report.schema.solution import Offset
 from app.report.text.tables import WIDTH, uncertain
 from calib.arrays import LEG_NAMES
-from calib.errors import ImpossibleRequest, UsageError
+from calib.errors import UsageError
 from calib.tripod.controller import (
     INTERPOLATION_MM,
     NOTHING_MM,
     ControllerJoint,
+    JointEntries,
     Table,
-    carriage_errors_mm,
+    joint_entries,
     kinematics_of,
     not_told,
-    table_of,
     tool_error_mm,
 )
 from calib.tripod.pipeline import Model, Stage
 from protocols.files import Written
 
-PLAY_ALONE_MM = 2e-4
-"""A table whose columns differ by play alone, within this, is BACKLASH."""
-
 MODULE = "orthoglidekins"
 MOVES_THE_TOOL = (Stage.ACTUATOR, Stage.FOOT, Stage.TOOL)
 UNITS = {1.0: "mm", 25.4: "inch"}
-
-
-@dataclass(frozen=True)
-class JointEntries:
-    """Entries of one joint, mm; ``home_change_mm`` is what HOME_OFFSET grows by."""
-
-    home_change_mm: float
-    backlash_mm: float = 0.0
-    table: Table | None = None
-
-    def turned(self) -> JointEntries:
-        """The same for a joint that counts the other way; play stays as it is."""
-        table = self.table.turned() if self.table else None
-        return replace(self, home_change_mm=-self.home_change_mm, table=table)
-
-
-def joint_entries(model: Model, drive: int, held: ControllerJoint, way: int = 1) -> JointEntries:
-    """Entries of a drive's joint that now holds this; with ``way`` -1 it counts against the drive.
-
-    Raises ImpossibleRequest for what a joint cannot take.
-    """
-    if way < 0:
-        return _of_drive(model, drive, held.turned()).turned()
-    return _of_drive(model, drive, held)
-
-
-def _of_drive(model: Model, drive: int, held: ControllerJoint) -> JointEntries:
-    offset = model.parameters_mm[drive]
-    table = table_of(model, drive)
-    if table is None:
-        return JointEntries(offset)
-    if held.compensated:
-        raise ImpossibleRequest(
-            f"compensation table of joint {LEG_NAMES[drive]}",
-            "another one in the INI file, with which the machine was measured",
-            "a joint without COMP_FILE",
-            "Take the old table out of the INI file, measure again, and export then.",
-        )
-    least = float((table.error_down_mm - table.error_up_mm).min())
-    if least < -NOTHING_MM:
-        raise ImpossibleRequest(
-            f"play of joint {LEG_NAMES[drive]}",
-            f"{least:+.4f} mm",
-            "play that is not negative",
-            "It is no play: take the effect out with glidecal model --remove.",
-        )
-    most = float(max(abs(table.error_up_mm).max(), abs(table.error_down_mm).max()))
-    travel_mm = model.geometry.travel_max_mm - model.geometry.travel_min_mm
-    if not most < travel_mm:
-        raise ImpossibleRequest(
-            f"error of joint {LEG_NAMES[drive]} along its drive",
-            f"{most:.4g} mm",
-            f"less than its travel, {travel_mm:g} mm",
-            "Look at the values in the model: glidecal model.",
-        )
-    # what homing meets at the switch is in the old value; an encoder meets nothing
-    change = offset
-    if not held.absolute_encoder:
-        change = carriage_errors_mm(model, held.home_offset_mm, held.latch_sign or 1)[drive]
-    play = float(table.error_down_mm.mean())
-    if max(abs(table.error_up_mm).max(), abs(table.error_down_mm - play).max()) < PLAY_ALONE_MM:
-        return JointEntries(change, held.backlash_mm + play)
-    half = held.backlash_mm / 2.0  # the controller adds it upwards and takes it off downwards
-    both = Table(table.joint_mm, table.error_up_mm - half, table.error_down_mm + half)
-    return JointEntries(change, table=both)
 
 
 def table_text(table: Table, mm_per_unit: float = 1.0) -> str:
@@ -318,10 +249,6 @@ def pins(
 
     ``joints`` are the joint of each drive and whether it counts with (1) or against (-1) it.
     """
-    return "\n".join(_pins(model, mm_per_unit, joints)) + "\n"
-
-
-def _pins(model: Model, mm_per_unit: float, joints: Sequence[tuple[int, int]]) -> Iterator[str]:
     found, geometry = kinematics_of(model), model.geometry
     vectors = {
         "origin": found.origin_mm / mm_per_unit,
@@ -330,18 +257,13 @@ def _pins(model: Model, mm_per_unit: float, joints: Sequence[tuple[int, int]]) -
         "platform": geometry.platform / mm_per_unit,
     }
     figures = {"zero": found.zero_mm, "length": found.length_mm, "sag": found.sag_mm}
-    for drive in range(len(LEG_NAMES)):
+    values: dict[str, float] = {}
+    for drive, (joint, way) in enumerate(joints):
         for name, rows in vectors.items():
-            for axis, value in zip("xyz", rows[drive], strict=True):
-                yield _setp(f"{name}-{drive}-{axis}", value)
-        for name, values in figures.items():
-            yield _setp(f"{name}-{drive}", values[drive] / mm_per_unit)
-        for name, number in zip(("joint", "way"), joints[drive], strict=True):
-            yield _setp(f"{name}-{drive}", number)
-    for axis, value in zip("xyz", geometry.gravity, strict=True):
-        yield _setp(f"gravity-{axis}", value)
-    yield _setp("side", geometry.side)
-
-
-def _setp(pin: str, value: float) -> str:
-    return f"setp {MODULE}.{pin} {float(value):.12g}"
+            parts = zip("xyz", rows[drive], strict=True)
+            values |= {f"{name}-{drive}-{axis}": part for axis, part in parts}
+        values |= {f"{name}-{drive}": mm[drive] / mm_per_unit for name, mm in figures.items()}
+        values |= {f"joint-{drive}": joint, f"way-{drive}": way}
+    down = zip("xyz", geometry.gravity, strict=True)
+    values |= {**{f"gravity-{axis}": part for axis, part in down}, "side": geometry.side}
+    return "".join(f"setp {MODULE}.{pin} {float(value):.12g}\n" for pin, value in values.items())

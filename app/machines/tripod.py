@@ -150,7 +150,7 @@ def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
     from app.measuring.simulated import simulated_of_files
     from protocols.journal import write_whole
 
-    opened, readings = simulated_of_files(
+    made = simulated_of_files(
         own.protocol,
         asked.machine,
         own.model,
@@ -160,8 +160,8 @@ def simulate(asked: Simulation, own: SimulateOptions, say: Say) -> None:
         scatter_mm=own.scatter,
         resolution_mm=own.resolution,
     )
-    write_whole(asked.output, opened, list(readings))
-    say(f"{len(readings)} simulated readings written to {asked.output}")
+    write_whole(asked.output, made.opened, [*made.readings])
+    say(f"{len(made.readings)} simulated readings written to {asked.output}")
 
 
 @dataclass(frozen=True)
@@ -203,11 +203,12 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
     for warning in solved.warnings:
         say(f"glidecal: {warning}")
     judged = mapped = simulated = None
-    if own.tolerance is not None or own.show_map:
-        from app.evaluating.solution import judge, maps
+    if own.tolerance is not None:
+        from app.evaluating.solution import judge
 
-        judged = None if own.tolerance is None else judge(solved, own.tolerance)
-        mapped = maps(solved) if own.show_map else None
+        judged = judge(solved, own.tolerance)
+    if own.show_map:
+        mapped = solved.choice.tool_maps(solved.subset)
     if own.monte_carlo:
         from app.evaluating.solution import monte_carlo
 
@@ -247,7 +248,7 @@ def plan(machine: str | None, sessions: Sequence[Path], own: PlanOptions, say: S
     """The mounting that is worth its minutes most."""
     from app.evaluating.solution import load_sessions
     from app.planning.tripod import next_measurement
-    from app.report.schema.plan import PlanReport
+    from app.report.schema.diagnosis import PlanReport
     from app.report.text.planning import plan_text
 
     with working("Looking for the next measurement"):

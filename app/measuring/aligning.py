@@ -19,7 +19,7 @@ from drivers.profile import IndicatorReading
 from protocols.machine import Machine
 from protocols.observations import indicator_figures, to_observations
 from protocols.procedure import ALL_AXES, Leg, Procedure, Step
-from protocols.session import Changed, Session, fold
+from protocols.session import Changed, Session
 
 WATCHED = 0.9
 """Far from the tool end the leg moves most with its rail."""
@@ -54,10 +54,10 @@ def align_session(session: Session, reference: Leg) -> Aligned:
 def check_procedure(procedure: Procedure, machine: Machine, reference: Leg) -> None:
     """Raises as `align_session` where readings of a procedure would not tell of the rails."""
     nominal, scatter_mm = Model(machine.geometry()), BenchSettings().scatter_mm
-    opened, readings = simulated_session(
+    session = simulated_session(
         procedure, machine, nominal, seed=0, scatter_mm=scatter_mm, resolution_mm=0.0
     )
-    align_session(fold([opened, *readings]), reference)
+    align_session(session, reference)
 
 
 @dataclass
@@ -70,14 +70,9 @@ class Round:
     watching: int | None = None
     _start_mm: float = 0.0
 
-    @property
-    def machine(self) -> Machine:
-        """The machine that is aligned."""
-        return self.aligned.machine
-
     def station(self, shim: Shim) -> float:
         """Where on the bar the indicator watches."""
-        return min(WATCHED, self.machine.geometry().usable_bar[shim.rail][1])
+        return min(WATCHED, self.aligned.machine.geometry().usable_bar[shim.rail][1])
 
     def watch_step(self, shim: Shim) -> Step:
         """The set-up that watches a screw, at Zero. Raises UsageError where no indicator may."""
@@ -93,7 +88,7 @@ class Round:
 
     def watchable(self, shim: Shim) -> bool:
         """Whether a turn of this screw shows on the leg at Zero."""
-        return abs(shim.shown(self.machine.geometry(), self.station(shim))) > LEAST_SHOWN
+        return abs(shim.shown(self.aligned.machine.geometry(), self.station(shim))) > LEAST_SHOWN
 
     def start(self, number: int) -> bool:
         """The indicator stands: what it shows is where the screw begins. Whether it shows any.
@@ -114,7 +109,9 @@ class Round:
         value, shim = self._value(self.watching), self.aligned.shims[self.watching]
         if value is None:
             return None
-        return (value - self._start_mm) / shim.shown(self.machine.geometry(), self.station(shim))
+        return (value - self._start_mm) / shim.shown(
+            self.aligned.machine.geometry(), self.station(shim)
+        )
 
     def slope_mm(self, number: int) -> float:
         """Leg parallelism at Zero: how much further along the axis the foot is than the tool.
@@ -129,7 +126,7 @@ class Round:
         for k, mm in moved.items():
             other = self.aligned.shims[k]
             if (other.rail, other.towards) == (shim.rail, shim.towards) and mm is not None:
-                way += mm * other.shown(self.machine.geometry(), 1.0)
+                way += mm * other.shown(self.aligned.machine.geometry(), 1.0)
         return way
 
     def done(self, *, watched: bool) -> Changed:

@@ -21,7 +21,7 @@ from calib.errors import GlidecalError, RecordError
 from protocols.journal import Journal
 from protocols.procedure import Step
 from protocols.record import read_record
-from protocols.session import Opened, fold
+from protocols.session import Opened
 
 SIMULATED_WINDOW_S = 0.4
 """How long simulated readings must stand still; real ones as the procedure says."""
@@ -67,7 +67,7 @@ def open_indicators(plan: Plan) -> Indicators:
 def first_step(plan: Plan) -> Step | None:
     """The step that is measured first. Raises RecordError or UsageError."""
     if plan.continued:
-        return fold(read_record(plan.path).events).next_step()
+        return read_record(plan.path).session.next_step()
     return plan.procedure.steps(plan.machine.geometry(), plan.axes)[0]
 
 

@@ -19,7 +19,7 @@ from protocols.machine import Instrument, Machine
 from protocols.motion import timed
 from protocols.procedure import ALL_AXES, Leg, Procedure
 from protocols.record import read_record
-from protocols.session import Changed, Opened, fold
+from protocols.session import Changed, Opened
 
 SIMULATED_INTERVAL_S, QUICK_INTERVAL_S = 0.05, 0.01
 """Simulated indicators may be asked faster than real ones, and faster still where nobody looks;
@@ -157,7 +157,7 @@ def aligning(plan: Plan, reference: Leg) -> Plan:
     """
     if not plan.simulated:
         return replace(plan, reference=reference)
-    changes = fold(read_record(plan.path).events).changes if plan.continued else ()
+    changes = read_record(plan.path).session.changes if plan.continued else ()
     moved = [
         _rail_moved(change, plan.machine.rails_rest_mm())
         for change in changes

@@ -172,7 +172,6 @@ class Playback:
             _table_steps(self._events) if self.is_table else fold(record.events[:1]).steps()
         )
         self._by_number = {step.number: step for step in self.steps}
-        self._ends = [frame.end for frame in self.frames]
         self._times_s = [frame.time_s for frame in self.frames]
         self._speed = SPEEDS.index(_first_speed(self._times_s))
         self.time_s = 0.0  # play time at ×1 since the first event
@@ -359,7 +358,7 @@ class Playback:
 
     def _age_s(self, reading: Reading) -> float:
         """Play time since a reading was shown. Line numbers count events from 1."""
-        shown_in = bisect_left(self._ends, reading.line)
+        shown_in = bisect_left(self.frames, reading.line, key=lambda frame: frame.end)
         return self.time_s - self._times_s[shown_in]
 
 

@@ -14,7 +14,7 @@ from calib.errors import GlidecalError, RecordError
 from drivers.profile import IndicatorReading, Profile, Query
 from protocols.machine import Instrument
 from protocols.record import END_BYTES, Record, read_ends, read_record
-from protocols.session import Closed, Continued, Reading, fold
+from protocols.session import Closed, Continued, Reading
 
 MOST = 12
 
@@ -99,7 +99,7 @@ def _state_by_ends(path: Path) -> SessionFile:
 
 
 def _state(record: Record) -> SessionFile:
-    session = fold(record.events)
+    session = record.session
     readings = f"{len(session.readings)} readings"
     verifies = record.opened.verifies
     if record.end == "closed":
@@ -129,7 +129,7 @@ def check_values(record: Record) -> None:
     A text that the profile of today does not read tells nothing, nor do texts after an
     interruption: there another indicator may have been used.
     """
-    session = fold(record.events)
+    session = record.session
     steps = {step.number: step for step in session.steps()}
     parsers = [_parser(instrument) for instrument in session.opened.instruments]
     before_a_break = takewhile(lambda event: not isinstance(event, Continued), record.events)

@@ -60,13 +60,6 @@ LONGEST_MM = 1000.0
 """No indicator moves so far: a reading beyond is a fault of the device."""
 
 
-def _plausible(outcome: Outcome) -> Outcome:
-    if isinstance(outcome, IndicatorReading) and abs(outcome.value_mm) > LONGEST_MM:
-        words = f"{outcome.value_mm:+.0f} mm is further than any indicator moves"
-        return Fault(FaultKind.OVER_RANGE, outcome.text, words)
-    return outcome
-
-
 @dataclass(frozen=True)
 class Indicators:
     """Indicators that answer, and how to move the machine where that can be done.
@@ -185,24 +178,22 @@ class GuidedSession:
         self._where(step)
         asked = [self.gauges[number].ask() for number in step.indicators]
         outcomes = [
-            self._same_digits(number, axis, _plausible(one.result()))
+            self._plausible(number, axis, one.result())
             for number, axis, one in zip(step.indicators, step.axes, asked, strict=True)
         ]
         moved = self._where(step)  # as before the question
-        faults = tuple(
-            replace(outcome, words=f"{self.name_of(number)}: {outcome.words}")
-            for number, outcome in zip(step.indicators, outcomes, strict=True)
-            if isinstance(outcome, Fault)
-        )
+        faults, failed = [], []
+        for number, axis, outcome in zip(step.indicators, step.axes, outcomes, strict=True):
+            if isinstance(outcome, Fault):
+                words = f"{self.name_of(number)}: {outcome.words}"
+                faults.append(replace(outcome, words=words))
+                kind, text = outcome.kind, outcome.text
+                failed.append(Faulted(step=step.number, axis=axis, kind=kind, text=text))
         if faults:
-            failed = [
-                Faulted(step=step.number, axis=axis, kind=outcome.kind, text=outcome.text)
-                for axis, outcome in zip(step.axes, outcomes, strict=True)
-                if isinstance(outcome, Fault)
-            ]
             self._append(failed)
-            return TakenStep(step, (), faults)
-        mounts, mounted = self._mounting(step)
+            return TakenStep(step, (), tuple(faults))
+        mounted = [self._new_mounting(step)] if self.session.needs_new_zero(step) else []
+        mounts = (mounted or self.session.mountings)[-1].mounts
         readings = self._readings(step, outcomes, mounts, moved)
         time_s = readings[0].time_s or 0.0
         due = expected(self.session, step, time_s)
@@ -210,7 +201,9 @@ class GuidedSession:
         if doubt:
             numbers = tuple(r.reading for r in readings)
             remarks = [Superseded(readings=numbers, reason=f"questioned: {doubt}")]
-        self._append([*mounted, *self._supersede_leftovers(step), *readings, *remarks])
+        # a step cut off between its two readings is measured again as a whole
+        leftovers = self._superseded((step.number,), "step was interrupted")
+        self._append([*mounted, *leftovers, *readings, *remarks])
         self.moved()  # what is due next is worked out in this thread, not in that of the pictures
         return TakenStep(step, readings, (), due, doubt)
 
@@ -253,10 +246,16 @@ class GuidedSession:
         fastest_mm_s = self.session.opened.machine.fastest_feed_mm_min / 60.0
         return (before.time_s or 0.0) + way_mm / fastest_mm_s
 
-    def _same_digits(self, number: int, axis: str, outcome: Outcome) -> Outcome:
-        """A fault where the last digit means something else than before: another unit?"""
+    def _plausible(self, number: int, axis: str, outcome: Outcome) -> Outcome:
+        """A fault for a reading too far off, or whose last digit means something else than before.
+
+        That may be another unit.
+        """
         if not isinstance(outcome, IndicatorReading):
             return outcome
+        if abs(outcome.value_mm) > LONGEST_MM:
+            words = f"{outcome.value_mm:+.0f} mm is further than any indicator moves"
+            return Fault(FaultKind.OVER_RANGE, outcome.text, words)
         before_mm = self._digits_mm.setdefault(number, outcome.resolution_mm)
         if outcome.resolution_mm == before_mm:
             return outcome
@@ -302,14 +301,9 @@ class GuidedSession:
         """
         with self._lock:
             gone = self.steps_repeated_with(number)
-            numbers = tuple(r.reading for r in self.session.readings if r.step in gone)
             skipped = tuple(n for n in gone if n in self.session.skipped)
-            events: list[Line] = []
-            if numbers:
-                events.append(Superseded(readings=numbers, reason=reason))
-            if skipped:
-                events.append(Restored(steps=skipped, reason=reason))
-            self._append(events)
+            restored = [Restored(steps=skipped, reason=reason)] if skipped else []
+            self._append([*self._superseded(gone, reason), *restored])
             return self.step()
 
     def steps_repeated_with(self, number: int) -> frozenset[int]:
@@ -381,9 +375,8 @@ class GuidedSession:
         Readings that they have, such as one of an interrupted step, count no more.
         """
         with self._lock:
-            gone = tuple(r.reading for r in self.session.readings if r.step in numbers)
-            superseded = [Superseded(readings=gone, reason=reason)] if gone else []
-            self._append([*superseded, Skipped(steps=tuple(numbers), reason=reason)])
+            skipped = Skipped(steps=tuple(numbers), reason=reason)
+            self._append([*self._superseded(numbers, reason), skipped])
             return self.step()
 
     def remount(self) -> None:
@@ -445,13 +438,6 @@ class GuidedSession:
         self._journal.append(*events)
         self.session = fold(self._journal.events)
 
-    def _mounting(self, step: Step) -> tuple[dict[Leg, str], list[Mounted]]:
-        """Names of the mountings for this step, and the event where the stand is new."""
-        if not self.session.needs_new_zero(step):
-            return self.session.mountings[-1].mounts, []
-        mounted = self._new_mounting(step)
-        return mounted.mounts, [mounted]
-
     def _new_mounting(self, step: Step) -> Mounted:
         used = {name for mounted in self.session.mountings for name in mounted.mounts.values()}
         mounts: dict[Leg, str] = {}
@@ -464,10 +450,10 @@ class GuidedSession:
         over = step.over_plane or None
         return Mounted(leg=step.leg, station=step.station, mounts=mounts, over_plane=over)
 
-    def _supersede_leftovers(self, step: Step) -> list[Superseded]:
-        """A step cut off between its two readings is measured again as a whole."""
-        numbers = tuple(r.reading for r in self.session.readings if r.step == step.number)
-        return [Superseded(readings=numbers, reason="step was interrupted")] if numbers else []
+    def _superseded(self, steps: Collection[int], reason: str) -> list[Superseded]:
+        """What ends the counting of all readings of these steps, where there are any."""
+        numbers = tuple(r.reading for r in self.session.readings if r.step in steps)
+        return [Superseded(readings=numbers, reason=reason)] if numbers else []
 
     def _readings(
         self,

@@ -31,7 +31,7 @@ from protocols.procedure import (
     leg_number,
     load_procedure,
 )
-from protocols.session import Opened, Reading, fold
+from protocols.session import Opened, Reading, Session, fold
 
 
 def hidden_effect(
@@ -103,8 +103,8 @@ def simulated_session(
     seed: int,
     scatter_mm: float,
     resolution_mm: float,
-) -> tuple[Opened, tuple[Reading, ...]]:
-    """First line and readings of a session that the simulation measured.
+) -> Session:
+    """A session that the simulation measured.
 
     The record names the seed but not the model: nothing in it tells what is to be found. Raises
     RecordError for points off the bars and for readings beyond what any indicator shows.
@@ -137,10 +137,11 @@ def simulated_session(
         )
     decimals = max(0, -math.floor(math.log10(resolution_mm))) if resolution_mm else EXACT_DECIMALS
     texts = [f"{value:.{decimals}f}" for value in values]
-    return opened, tuple(
+    readings = [
         reading.model_copy(update={"value_mm": float(text), "text": text})
         for reading, text in zip(blank, texts, strict=True)
-    )
+    ]
+    return fold([opened, *readings])
 
 
 def simulated_of_files(
@@ -153,7 +154,7 @@ def simulated_of_files(
     seed: int,
     scatter_mm: float,
     resolution_mm: float,
-) -> tuple[Opened, tuple[Reading, ...]]:
+) -> Session:
     """As `simulated_session`, of names and files, None: the usual ones.
 
     An ``effect`` (id, or id:where) of this ``size`` is hidden in the machine. Raises UsageError and
@@ -244,7 +245,7 @@ def short_travels(
 
 def planned_readings(procedure: Procedure, machine: Machine) -> Observations:
     """Every reading of the procedure in order, its value without meaning."""
-    opened, readings = simulated_session(
+    nominal = simulated_session(
         procedure, machine, Model(machine.geometry()), seed=0, scatter_mm=0.0, resolution_mm=0.0
     )
-    return to_observations([fold([opened, *readings])])
+    return to_observations([nominal])

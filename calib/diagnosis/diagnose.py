@@ -19,6 +19,7 @@ from calib.diagnosis.hypotheses import (
     hypotheses_of,
     is_known,
     log_priors,
+    other_leads_mm,
 )
 from calib.diagnosis.model_selection import ModelSelection, Outcome
 from calib.diagnosis.next_measurement import propose
@@ -34,7 +35,6 @@ from calib.diagnosis.results import (
     ModelDiscrepancy,
     Verdict,
 )
-from calib.diagnosis.screws import other_leads_mm
 from calib.diagnosis.selection import LEAST_LOG, heaviest_first
 from calib.errors import NotIdentifiable
 from calib.tripod.effects.effect import Effect, EffectInstance, Kind

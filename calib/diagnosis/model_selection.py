@@ -28,7 +28,6 @@ from calib.diagnosis.hypotheses import (
     is_known,
     log_priors,
     losses,
-    prior_constrained,
     unremarkable,
 )
 from calib.diagnosis.policy import POLICY
@@ -96,7 +95,6 @@ class ModelSelection:
     log_priors: FloatArray
 
     def __post_init__(self) -> None:
-        self._gaps: dict[tuple[int, ...], Gap] = {}
         self._refined: dict[tuple[int, ...], tuple[Sizes, FloatArray]] = {}
 
     @classmethod
@@ -251,11 +249,6 @@ class ModelSelection:
 
     def gap(self, kept: tuple[int, ...]) -> Gap:
         """What a model leaves beyond the scatter of repeats."""
-        if kept not in self._gaps:
-            self._gaps[kept] = self._gap(kept)
-        return self._gaps[kept]
-
-    def _gap(self, kept: tuple[int, ...]) -> Gap:
         residual, df = self.residual(kept), self._structure_df(kept)
         gap = self.problem.gap(residual)
         rms_mm = self.problem.gap_rms_mm(residual)
@@ -304,8 +297,10 @@ class ModelSelection:
         candidates = [self.candidates[k] for k in members]
         size = POLICY.far * np.concatenate([unremarkable(one) for one in candidates])
         free = self.problem.free(np.hstack([one.columns for one in candidates]) * size)
-        value = prior_constrained(free, self.problem.y if y is None else y) * size
-        spread = np.sqrt(np.linalg.inv(free.T @ free + np.eye(len(size))).diagonal()) * size
+        y = self.problem.y if y is None else y
+        information = free.T @ free + np.eye(len(size))  # each size has a unit normal prior
+        value = np.linalg.solve(information, free.T) @ y * size
+        spread = np.sqrt(np.linalg.inv(information).diagonal()) * size
         found: Sizes = {}
         start = 0
         for k, one in zip(members, candidates, strict=True):

@@ -3,17 +3,25 @@
 A reading is judged by its repeats of the same approach, and by all of its posture, since a wrong
 label also makes the approach wrong and may leave a reading without repeats. A label is wrong when
 the reading fits the repeats in another posture, or on another leg.
+
+It lands among the repeats of some other posture by accident, too, the more easily the more postures
+there are. Two things tell an accident from a wrong label: how closely it fits, and whether every
+posture has been read as often as elsewhere once the label is changed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.arrays import (
     DEPENDENT,
+    TOUCHED_NAMES,
     FloatArray,
     IntArray,
     Observations,
@@ -30,13 +38,6 @@ from calib.diagnosis.gross_errors import (
     place_of,
     posture_basis,
 )
-from calib.diagnosis.labels import (
-    evened,
-    labels_within_reach,
-    nearer_labels,
-    odds_of_label,
-    relabelled,
-)
 from calib.diagnosis.policy import POLICY
 from calib.diagnosis.results import Named
 
@@ -47,6 +48,9 @@ SUSPECT = 0.7
 MOST_SUSPECTS = 6
 MOST_OUTLIERS = 4
 LEAST_VARIANCE_MM2 = 1e-8
+
+REACH = 1.5
+"""An outlier may lie anywhere, up to so many times as far from its place as it does."""
 
 Basis = Callable[[Observations, IntArray], FloatArray]
 
@@ -174,13 +178,14 @@ def _likeliest(
     """
     fits = []
     for row in suspects.tolist():
-        chances = labels_within_reach(observed, row) * len(suspects)
-        for label in nearer_labels(observed, row):
+        near, chances = labels_near(observed, row)
+        for label in near:
             moved = relabelled(observed, row, label)
             judged = _Judged.of(moved, least_mm2)
             if judged.fit[row] > 0.0:  # else it is alone there
                 even = evened(observed, moved)
-                odds = odds_of_label(float(distance[row]), float(judged.fit[row]), chances, even)
+                far, fit = float(distance[row]), float(judged.fit[row])
+                odds = odds_of_label(far, fit, chances * len(suspects), even)
                 fits.append(_Fit(row, label.words, moved, judged, odds))
     if not fits:
         return []
@@ -188,10 +193,10 @@ def _likeliest(
     bar = first.residual_mm2 + POLICY.decisive * first.variance_mm2
     alike = [one for one in fits if one.judged.residual_mm2 <= bar]
     best, *others = descending(alike, lambda one: one.odds)
-    near = [
+    nearly = [
         one for one in others if one.row == best.row and one.odds * POLICY.doubtful_odds > best.odds
     ]
-    return [best, *near]
+    return [best, *nearly]
 
 
 def _mislabelled(observed: Observations, places: list[_Fit]) -> GrossError:
@@ -260,3 +265,108 @@ def _posture(observed: Observations, row: int) -> str:
 
 def _without(observed: Observations, rows: Sequence[int] | IntArray) -> Observations:
     return observed.take(np.delete(np.arange(len(observed)), rows))
+
+
+@dataclass(frozen=True)
+class Label:
+    """A posture of a mounting."""
+
+    mount: int
+    posture: int
+    words: str
+
+
+def other_labels(observed: Observations, row: int) -> Iterator[Label]:
+    """The other postures of its mounting, and the same posture under the other leg."""
+    own, level = int(observed.mount[row]), int(observed.level[row])
+    for posture in np.unique(observed.level[observed.mount == own]).tolist():
+        if posture != level:
+            words = observed.posture_words(_first(observed.level == posture))
+            yield Label(own, posture, words)
+    there = (observed.axis == observed.axis[row]) & (observed.leg != observed.leg[row])
+    there &= observed.station == observed.station[row]
+    there &= observed.over_plane == observed.over_plane[row]
+    for mount in np.unique(observed.mount[there]).tolist():
+        leg = TOUCHED_NAMES[observed.leg[observed.mount == mount][0]].upper()
+        yield Label(mount, level, f"leg {leg}")
+
+
+def labels_near(observed: Observations, row: int) -> tuple[list[Label], int]:
+    """Labels whose other readings are less than half as far from this one as its own are.
+
+    With them how many an outlier might have landed at by accident; at least one.
+    """
+
+    def middle(mount: int, posture: int) -> float:
+        there = (observed.mount == mount) & (observed.level == posture)
+        there[row] = False
+        return float(np.median(observed.value_mm[there])) if there.any() else math.inf
+
+    value, home = float(observed.value_mm[row]), middle(observed.mount[row], observed.level[row])
+    labels = list(other_labels(observed, row))
+    middles = [middle(one.mount, one.posture) for one in labels]
+    off = abs(value - home)
+    near = [one for one, of in zip(labels, middles, strict=True) if abs(value - of) < off / 2.0]
+    if math.isinf(home):  # alone in its posture: it may have landed anywhere
+        return near, max(sum(map(math.isfinite, middles)), 1)
+    return near, max(sum(abs(of - home) < REACH * off for of in middles), 1)
+
+
+def odds_of_label(far: float, fit: float, labels: int, evened: float) -> float:
+    """Odds of a wrong label against an outlier that fits by accident.
+
+    ``far`` is its distance from where it is written down, ``fit`` from the new place, both in
+    standard deviations; ``labels`` how many such fits there might be; ``evened`` is +1, 0
+    or -1, see there. The tails of honest readings are Student's, 4 degrees of freedom.
+    """
+    there = 0.375 * math.pow(1.0 + fit**2 / 4.0, -2.5)
+    return 2.0 * REACH * far * there / labels * math.pow(POLICY.doubtful_odds, evened)
+
+
+def evened(before: Observations, after: Observations) -> float:
+    """1 where a changed label makes the session more even in both postures, -1 less, else 0."""
+    change = _unevenness(after) - _unevenness(before)
+    return -float(np.sign(change)) if abs(change) > 1.5 else 0.0
+
+
+def _unevenness(observed: Observations) -> float:
+    """By how many readings the postures of mountings differ from what most mountings have."""
+    count = np.zeros((observed.mount_count, int(observed.level.max()) + 1))
+    np.add.at(count, (observed.mount, observed.level), 1.0)
+    return float(np.abs(count - np.median(count, axis=0)).sum())
+
+
+def relabelled(observed: Observations, row: int, label: Label) -> Observations:
+    """The session with one row under another label, and the approaches that this makes.
+
+    A reading of the tool takes the movement of the first one there.
+    """
+    model = _first(observed.mount == label.mount)
+    there = _first(observed.level == label.posture)
+    of_mount = ("leg", "station", "indicator", "mount")
+    of_level: tuple[str, ...] = ("displacement_mm", "position_mm", "movement")
+    if observed.over_plane[model]:
+        of_level += ("station", "along_mm")
+    arrays: dict[str, NDArray[Any]] = {}
+    for source, names in ((model, of_mount), (there, of_level)):
+        for name in names:
+            arrays.setdefault(name, getattr(observed, name).copy())
+            arrays[name][row] = arrays[name][source]
+    moved = replace(observed, **arrays)
+    old, new = _traced(observed), _traced(moved)
+    return replace(moved, approach=np.where(new != old, new, observed.approach))
+
+
+def _first(rows: NDArray[np.bool_]) -> int:
+    return int(np.flatnonzero(rows)[0])
+
+
+def _traced(observed: Observations) -> FloatArray:
+    """Sign of the last movement before each reading ``(n,)`` of a mounting, 0 where unknown."""
+    found = np.zeros(len(observed))
+    for rows in observed.mountings:
+        moved = np.sign(np.diff(observed.displacement_mm[rows], prepend=np.nan))
+        moved[:1] = 0.0
+        last = np.maximum.accumulate(np.where(moved != 0.0, np.arange(len(rows)), 0))
+        found[rows] = moved[last]
+    return found

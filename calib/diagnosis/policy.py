@@ -7,7 +7,7 @@ How far a search looks (`PAIRS_AMONG`, `DRAWS`) and what belongs to one shape of
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 Number = TypeVar("Number", int, float)
@@ -19,7 +19,7 @@ def _choice(value: Number, unit: str, decides: str, reason: str) -> Number:
 
 @dataclass(frozen=True)
 class Policy:
-    """The choices. Each was tried on blind sessions; `as_table` is the page's table of them."""
+    """The choices. Each was tried on blind sessions; docs/diagnosis.md has a table of them."""
 
     agreement_level: float = _choice(
         0.01, "chance", "a gap counts below it", "one sound session in a hundred may be looked at"
@@ -107,16 +107,3 @@ class Policy:
 
 
 POLICY = Policy()
-
-
-def as_table(policy: Policy = POLICY) -> str:
-    """The choices as a table in Markdown."""
-    head = ["| choice | value | of what | why |", "|---|---|---|---|"]
-    return "\n".join(
-        head
-        + [
-            f"| `{one.name}` | {getattr(policy, one.name):g} {one.metadata['unit']}"
-            f" | {one.metadata['decides']} | {one.metadata['reason']} |"
-            for one in fields(policy)
-        ]
-    )

@@ -76,6 +76,11 @@ class Case:
         """The same session with other readings."""
         return replace(self, observed=observed)
 
+    @property
+    def noise(self) -> Noise | None:
+        """Of its readings, None where none is known."""
+        return reading_noise(visits(self.observed), self.indicator)
+
     def fitted(self) -> FittedSession:
         """The base parameters fitted, to linearise there. Raises NotIdentifiable."""
         visited = with_first_movements(visits(self.observed))
@@ -151,14 +156,6 @@ class FittedSession:
             parts.append(np.zeros((len(observed), basis.shape[1])))
             parts[-1][rows] = basis
         return np.hstack(parts)
-
-
-@dataclass(frozen=True, eq=False)
-class Bars:
-    """Mean ``(3,)`` and a root ``(3, 3)`` of the covariance of leg lengths, in tolerances."""
-
-    mean: FloatArray
-    root: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,21 +238,24 @@ class Problem:
     mount: IntArray
 
     @classmethod
-    def of(cls, fitted_sessions: Sequence[FittedSession], known: Bars | None = None) -> Problem:
-        """Stack the sessions; ``known`` is what others tell of the lengths."""
+    def of(
+        cls,
+        fitted_sessions: Sequence[FittedSession],
+        known: tuple[FloatArray, FloatArray] | None = None,
+    ) -> Problem:
+        """Stack the sessions; ``known`` is what others tell of the lengths (`bars_seen`)."""
         root = np.sqrt(np.concatenate([one.weight for one in fitted_sessions]))
         residual = root * np.concatenate([one.residual_mm for one in fitted_sessions])
         zeros = root[:, None] * block_diag(*(one.set_ups for one in fitted_sessions))
         offsets = root[:, None] * block_diag(*(one.base[:, :3] for one in fitted_sessions))
         bars = root[:, None] * np.vstack([one.base[:, 3:] for one in fitted_sessions])
         if known:
-            residual, bars = residual - bars @ known.mean, bars @ known.root
+            mean, covariance_root = known
+            residual, bars = residual - bars @ mean, bars @ covariance_root
         whitening = Whitening.of(zeros, offsets, bars)
         freedom = [one.noise.degrees_of_freedom if one.noise else 0.0 for one in fitted_sessions]
-        mounts, count = [], 0
-        for one in fitted_sessions:
-            mounts.append(one.observed.mount + count)
-            count += one.observed.mount_count
+        starts = np.cumsum([0, *(one.observed.mount_count for one in fitted_sessions)])
+        mounts = [one.observed.mount + k for one, k in zip(fitted_sessions, starts, strict=False)]
         return cls(
             tuple(fitted_sessions),
             residual,
@@ -303,11 +303,14 @@ class Problem:
         """What is left of readings ``(n,)``, mm, the lengths fitted within their tolerance."""
         return np.asarray(self.whitening.held_back(y) / self.root_weight)
 
-    def bars_seen(self) -> Bars:
-        """What these sessions tell of the lengths that they share, in tolerances."""
+    def bars_seen(self) -> tuple[FloatArray, FloatArray]:
+        """What these sessions tell of the lengths that they share, in tolerances.
+
+        Mean ``(3,)`` and a root ``(3, 3)`` of the covariance.
+        """
         free = without(self.whitening.free, self.bars)
         covariance = np.linalg.inv(free.T @ free + np.eye(free.shape[1]))
-        return Bars(covariance @ (free.T @ self.residual), np.linalg.cholesky(covariance))
+        return covariance @ (free.T @ self.residual), np.linalg.cholesky(covariance)
 
     @cached_property
     def structure(self) -> FloatArray:

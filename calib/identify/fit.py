@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -148,10 +149,8 @@ def exact_fit(
         if not optimum.converged[0]:
             raise _no_optimum("no optimum within reach")
         fitted = _moved_to(model, free, (), optimum.values[:, 0])
-    try:
+    with _within_reach():
         predicted, design = _predicted(fitted, observed, free, sizes)
-    except UnreachablePosture as problem:
-        raise _no_optimum(str(problem)) from problem
     return Fit(fitted, design, predicted, _estimator(observed, weight, design))
 
 
@@ -176,15 +175,11 @@ def prior_fit(
     base = _values_of(model, free, sizes)
     values = base if near_mm is None else np.append(near_mm, base[len(free) :])
     least = np.append(tolerance_mm, [size.tolerance for size in sizes])
-    try:
+    with _within_reach():
         evaluate = _evaluator(model, observed, free, sizes)
-    except UnreachablePosture as problem:
-        raise _no_optimum(str(problem)) from problem
     for _ in range(MOST_STEPS):
-        try:
+        with _within_reach():
             predicted, design = evaluate(values)
-        except UnreachablePosture as problem:
-            raise _no_optimum(str(problem)) from problem
         centred = without_zeros(observed, weight, design)
         pull = centred.T * weight
         inverse = np.linalg.inv(pull @ centred + precision)
@@ -290,7 +285,7 @@ def _fit_with_effects(
     start[: len(free)] = weighted_fit(model, observed, free, weight).parameters_mm[list(free)]
     if not np.isfinite(residual(start)).all():
         start = base
-    try:
+    with _within_reach((UnreachablePosture, ValueError)):  # the latter where even the start is NaN
         found = least_squares(
             residual,
             start,
@@ -300,11 +295,20 @@ def _fit_with_effects(
             xtol=TOLERANCE,
             gtol=TOLERANCE,
         )
-    except (UnreachablePosture, ValueError) as problem:
-        raise _no_optimum(str(problem)) from problem
     if not found.success:
         raise _no_optimum(str(found.message))
     return _moved_to(model, free, sizes, found.x)
+
+
+@contextmanager
+def _within_reach(
+    failures: tuple[type[Exception], ...] = (UnreachablePosture,),
+) -> Iterator[None]:
+    """Where the legs cannot meet there is no optimum."""
+    try:
+        yield
+    except failures as problem:
+        raise _no_optimum(str(problem)) from problem
 
 
 def _no_optimum(found: str) -> NotIdentifiable:
@@ -361,28 +365,20 @@ class PlainFit:
 
     def solve(self, value_mm: FloatArray) -> Optimum:
         """Best free parameters of sessions with readings ``(n_readings, b)``, mm."""
-        return self.solve_means(self.average @ value_mm)
-
-    def solve_means(self, mean_mm: FloatArray) -> Optimum:
-        """The same from the means ``(n_places, b)`` of `average`."""
-        measured = self.whiten @ mean_mm
+        measured = self.whiten @ (self.average @ value_mm)
         start = self.first_step @ (measured - self.predicted)
         bent = np.einsum("nij,ib,jb->nb", self.curvature, start, start)
         start = start - self.first_step @ (0.5 * bent) + self.base[self.free]
         return minimise(self._evaluate(measured), start, self.curvature)
 
-    def full(self, values: FloatArray) -> FloatArray:
-        """All six parameters ``(6, b)`` for free ones ``(k, b)``."""
-        full = np.repeat(self.base, values.shape[1], axis=1)
-        full[self.free] = values
-        return full
-
     def _evaluate(self, measured: FloatArray) -> Evaluate:
         def evaluate(
             values: FloatArray, problem: NDArray[np.intp]
         ) -> tuple[FloatArray, FloatArray]:
+            parameters = np.repeat(self.base, values.shape[1], axis=1)
+            parameters[self.free] = values
             with np.errstate(invalid="ignore"):  # out of reach: NaN, and the step is refused
-                predicted, slope = self.design.readings_and_derivatives(self.full(values))
+                predicted, slope = self.design.readings_and_derivatives(parameters)
             if len(self.free) < len(slope):
                 slope = slope[self.free]
             return measured[:, problem] - self.whiten @ predicted, np.matmul(self.whiten, slope)

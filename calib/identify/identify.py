@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from calib.arrays import (
     DEPENDENT,
@@ -41,7 +42,6 @@ from calib.identify.fit import (
     prior_fit,
     weighted_fit,
 )
-from calib.identify.propagation import Propagation, propagate, uncertainties
 from calib.identify.solution import (
     SUBSETS,
     FittedSize,
@@ -150,7 +150,7 @@ def identify_from(
         spread = spread.with_prior(visited, weight, fit.design, tolerance)
     before = measured.combine @ model.readings(visited)
     predicted = measured.combine @ fit.predicted_mm
-    k = len(free)
+    k, coverage = len(free), _coverage(spread)
     system = measured.combine @ fit.design
     return Solution(
         model=fit.model,
@@ -162,8 +162,13 @@ def identify_from(
         covariance_mm2=spread.covariance_mm2[:k, :k],
         held_mm2=spread.held_mm2[:k, :k],
         rounding_mm2=spread.rounding_mm2[:k, :k],
-        coverage_factors=_coverage(spread)[:k],
-        sizes=_fitted(told.sizes, fit.model, spread),
+        coverage_factors=coverage[:k],
+        sizes=tuple(
+            FittedSize(size.name, size.unit, size.value(fit.model), float(u), float(factor))
+            for size, u, factor in zip(
+                told.sizes, spread.uncertainty_mm[k:], coverage[k:], strict=True
+            )
+        ),
         differences=measured,
         difference_uncertainty_mm=uncertainties(measured.combine, visited, noise),
         predicted_mm=predicted,
@@ -273,20 +278,6 @@ def _refuse_unseen_sizes(told: Told, columns: FloatArray, noise: Noise | None) -
         )
 
 
-def _fitted(sizes: tuple[Size, ...], model: Model, spread: Propagation) -> tuple[FittedSize, ...]:
-    """Sizes as they were found, behind the parameters in the covariance."""
-    found = zip(
-        sizes,
-        spread.uncertainty_mm[len(spread.uncertainty_mm) - len(sizes) :],
-        _coverage(spread)[len(spread.uncertainty_mm) - len(sizes) :],
-        strict=True,
-    )
-    return tuple(
-        FittedSize(size.name, size.unit, size.value(model), float(u), float(k))
-        for size, u, k in found
-    )
-
-
 def _coverage(spread: Propagation) -> FloatArray:
     """Factor for 95 % of each parameter; Student's t with its own degrees of freedom."""
     return np.array([coverage_factor(float(nu)) for nu in spread.degrees_of_freedom])
@@ -325,3 +316,82 @@ def _noise_from_residuals(visited: Observations, efficient: Fit) -> Noise:
 
 def _rms(values_mm: FloatArray) -> float:
     return float(np.sqrt(np.mean(values_mm**2)))
+
+
+@dataclass(frozen=True, eq=False)
+class Propagation:
+    """Covariance ``(k, k)`` in mm² and the degrees of freedom ``(k,)`` of each variance.
+
+    ``held_mm2`` ``(k, k)`` is the part of the covariance that is not noise of the readings but what
+    the tolerances of a prior leave open; ``rounding_mm2`` ``(k, k)`` is the part that steps of the
+    display give to all repeats of a posture.
+    """
+
+    covariance_mm2: FloatArray
+    degrees_of_freedom: FloatArray
+    held_mm2: FloatArray
+    rounding_mm2: FloatArray
+
+    @property
+    def uncertainty_mm(self) -> FloatArray:
+        """Standard uncertainties ``(k,)``, mm."""
+        return np.sqrt(self.covariance_mm2.diagonal())
+
+    def with_prior(
+        self,
+        observed: Observations,
+        weight: FloatArray,
+        design: FloatArray,
+        tolerance_mm: FloatArray,
+    ) -> Propagation:
+        """The same with what tolerances ``(k,)`` leave open: the covariance of Bayes' estimate."""
+        centred = without_zeros(observed, weight, design)
+        seen = (centred.T * weight) @ centred
+        posterior = np.asarray(np.linalg.inv(seen + np.diag(tolerance_mm**-2.0)))
+        share = self.covariance_mm2.diagonal() / posterior.diagonal()
+        with np.errstate(divide="ignore"):
+            degrees = np.asarray(self.degrees_of_freedom / share**2)
+        held = posterior - self.covariance_mm2
+        return Propagation(posterior, degrees, held, self.rounding_mm2)
+
+
+def propagate(estimator: FloatArray, observed: Observations, noise: Noise) -> Propagation:
+    """Law of propagation (GUM 5.2) for a linear map ``(k, n_readings)`` of the readings.
+
+    Each reading has a scatter of its own; rounding that is locked is common to the readings of a
+    posture. Degrees of freedom after Welch and Satterthwaite (GUM G.4.1), one contribution for each
+    indicator, one in all where they are pooled.
+    """
+    shown = noise.repeatability_mm2(observed)
+    covariance = (estimator * shown) @ estimator.T
+    together = np.asarray((_at_places(observed, noise).T @ estimator.T).T)
+    shared = together @ together.T
+    covariance = covariance + shared
+    variance, own = covariance.diagonal(), estimator**2 * shown
+    known = np.array([one.degrees_of_freedom for one in noise.indicators])
+    group = noise.estimates[observed.indicator]
+    spread = np.zeros_like(variance)
+    for number in np.unique(group):
+        contribution = own[:, group == number].sum(axis=1)
+        spread += contribution**2 / known[number]
+    with np.errstate(divide="ignore"):
+        degrees = np.asarray(np.where(spread > 0.0, variance**2 / spread, np.inf))
+    return Propagation(covariance, degrees, np.zeros_like(covariance), shared)
+
+
+def uncertainties(combine: csr_array, observed: Observations, noise: Noise) -> FloatArray:
+    """Standard uncertainties ``(k,)`` for a sparse map ``(k, n_readings)``, mm; no covariances."""
+    own = combine.multiply(combine) @ noise.repeatability_mm2(observed)
+    together = combine @ _at_places(observed, noise)
+    shared = together.multiply(together).sum(axis=1)
+    return np.sqrt(np.asarray(own, dtype=np.float64) + np.asarray(shared, dtype=np.float64))
+
+
+def _at_places(observed: Observations, noise: Noise) -> csr_array:
+    """What each reading shares with its posture ``(n_readings, n_places)``, mm."""
+    place = observed.posture
+    rows = np.arange(len(place))
+    return csr_array(
+        (np.sqrt(noise.quantisation_mm2(observed)), (rows, place)),
+        shape=(len(place), int(place.max()) + 1),
+    )

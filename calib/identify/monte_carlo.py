@@ -75,14 +75,6 @@ class Campaign:
 
 
 @dataclass(frozen=True, eq=False)
-class Intervals:
-    """Standard uncertainties and coverage factors of sessions, ``(k, b)`` each, from repeats."""
-
-    uncertainty_mm: FloatArray
-    coverage_factor: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class MonteCarlo:
     """Errors of identified parameters over all sessions that converged.
 
@@ -112,58 +104,18 @@ class MonteCarlo:
 def simulate_and_identify(campaign: Campaign, sessions: int, seed: int) -> MonteCarlo:
     """Simulate, identify and judge so many sessions."""
     kind = _Kind.of(campaign)
-    size = len(campaign.free)
-    total = _Sums(0, np.zeros(size), np.zeros((size, size)), np.zeros(size))
-    starts = range(0, sessions, CHUNK)
-    ends = [min(start + CHUNK, sessions) for start in starts]
-    chunks = zip(starts, ends, strict=True)
-    parts = in_parallel(lambda chunk: kind.sums(seed, *chunk), tuple(chunks))
-    for part in parts:
-        total += part
-    failed = total.failed
-    covered, product, stated = total.covered, total.product_mm2, total.stated_mm2
-    judged = max(sessions - failed, 1)
+    chunks = [(start, min(start + CHUNK, sessions)) for start in range(0, sessions, CHUNK)]
+    parts = in_parallel(lambda chunk: kind.sums(seed, *chunk), chunks)
+    good, covered, product, stated = (np.sum(each, axis=0) for each in zip(*parts, strict=True))
+    judged = max(int(good), 1)
     return MonteCarlo(
         names=tuple(PARAMETER_NAMES[k] for k in campaign.free),
         sessions=sessions,
-        failed=failed,
+        failed=sessions - int(good),
         covered=covered / judged,
         error_covariance_mm2=product / judged,
         predicted_mm2=stated / judged,
     )
-
-
-def identify_many(
-    model: Model, observed: Observations, free: tuple[int, ...], value_mm: FloatArray
-) -> FloatArray:
-    """Free parameters ``(k, sessions)`` for readings ``(n_readings, sessions)`` taken alike, in mm.
-
-    Equal weights; NaN where a session has no optimum within reach.
-    """
-    fit = PlainFit.of(model, observed, free, observed.averaged)
-    found = np.full((len(free), value_mm.shape[1]), np.nan)
-    for start in range(0, value_mm.shape[1], CHUNK):
-        optimum = fit.solve(value_mm[:, start : start + CHUNK])
-        found[:, start : start + CHUNK] = np.where(optimum.converged, optimum.values, np.nan)
-    return found
-
-
-@dataclass(frozen=True, eq=False)
-class _Sums:
-    """Over some sessions: how many failed, and sums over the rest ``(k,)``, ``(k, k)``."""
-
-    failed: int
-    covered: FloatArray
-    product_mm2: FloatArray
-    stated_mm2: FloatArray
-
-    def __add__(self, other: _Sums) -> _Sums:
-        return _Sums(
-            self.failed + other.failed,
-            self.covered + other.covered,
-            self.product_mm2 + other.product_mm2,
-            self.stated_mm2 + other.stated_mm2,
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,10 +132,10 @@ class _Kind:
     @classmethod
     def of(cls, campaign: Campaign) -> _Kind:
         observed = campaign.observed
-        expected = IndicatorFigures(campaign.resolution_mm, campaign.scatter_mm).noise(
-            observed.indicator_count
-        )
-        expected = expected or _unit_noise(observed)
+        count = observed.indicator_count
+        expected = IndicatorFigures(campaign.resolution_mm, campaign.scatter_mm).noise(count)
+        # perfect readings: equal weights, whatever they are
+        expected = expected or Noise((IndicatorNoise(1.0, 0.0, math.inf),) * count, "instrument")
         weight = reading_weights(observed, expected)
         fit = PlainFit.of(campaign.model, observed, campaign.free, weight)
         place = np.argmax(fit.average > 0.0, axis=0)
@@ -191,21 +143,21 @@ class _Kind:
         repeats = Repeats.of(observed)
         return cls(campaign, fit, repeats, together, place, expected.indicators[0])
 
-    def sums(self, seed: int, start: int, end: int) -> _Sums:
-        """Simulate, identify and judge the sessions of these numbers, always alike."""
+    def sums(
+        self, seed: int, start: int, end: int
+    ) -> tuple[int, FloatArray, FloatArray, FloatArray]:
+        """Simulate, identify and judge the sessions of these numbers, always alike.
+
+        How many converged, and over these: intervals that hold the truth ``(k,)``, products of
+        errors ``(k, k)``, stated variances ``(k,)``.
+        """
         truth, values = self.draw(end - start, np.random.default_rng([seed, start]))
         optimum = self.fit.solve(values)
         good = optimum.converged
         error = (optimum.values - truth)[:, good]
-        intervals = self.intervals(optimum, values)
-        uncertainty = intervals.uncertainty_mm[:, good]
-        held = np.abs(error) <= intervals.coverage_factor[:, good] * uncertainty
-        return _Sums(
-            failed=end - start - int(good.sum()),
-            covered=held.sum(axis=1),
-            product_mm2=error @ error.T,
-            stated_mm2=(uncertainty**2).sum(axis=1),
-        )
+        uncertainty, factor = (of[:, good] for of in self.intervals(optimum, values))
+        held = np.abs(error) <= factor * uncertainty
+        return int(good.sum()), held.sum(axis=1), error @ error.T, (uncertainty**2).sum(axis=1)
 
     def draw(self, count: int, generator: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """True free parameters ``(k, count)`` and readings ``(n_readings, count)``, mm."""
@@ -220,8 +172,10 @@ class _Kind:
         noisy = exact + zeros[observed.mount] + scatter * generator.normal(size=exact.shape)
         return truth[index], round_to(noisy, campaign.resolution_mm)
 
-    def intervals(self, optimum: Optimum, values: FloatArray) -> Intervals:
-        """Uncertainty of each session from its own repeats, pooled over the indicators.
+    def intervals(self, optimum: Optimum, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Standard uncertainty and coverage factor ``(k, b)`` of each session.
+
+        From its own repeats, pooled over the indicators.
 
         Where the noise is known, from that.
         """
@@ -236,7 +190,7 @@ class _Kind:
         variance = own + square.sum(axis=1) * locked
         with np.errstate(divide="ignore", invalid="ignore"):
             degrees = np.where(own > 0.0, variance**2 / (own**2 / free), math.inf)
-        return Intervals(np.sqrt(variance), coverage_factors(degrees))
+        return np.sqrt(variance), coverage_factors(degrees)
 
     def _noise(self, values: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         """Degrees of freedom, and the variances shown and locked of each session ``(b,)``, mm²."""
@@ -250,7 +204,3 @@ class _Kind:
         free = float(self.repeats.degrees_of_freedom.sum())
         shown = self.repeats.sums_of_squares(values).sum(axis=0) / free
         return free, shown, quantisation_of_repeatability(shown, self.campaign.resolution_mm, free)
-
-
-def _unit_noise(observed: Observations) -> Noise:
-    return Noise((IndicatorNoise(1.0, 0.0, math.inf),) * observed.indicator_count, "instrument")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -191,57 +191,37 @@ def reach_of(
 ) -> Reach:
     """The bound now, and after set-ups that each lower it most for its time."""
     fitted = _fitted(model, observed, noise, tolerance_mm)
-    places = [
-        (leg, station)
-        for station in STATIONS
-        for leg in range(3)
-        if _whole_way(fitted.geometry, [leg], station)
+    every: list[tuple[tuple[int, ...], float]]
+    every = [((leg,), station) for station in STATIONS for leg in range(3)]
+    every += [((0, 1, 2), station) for station in STATIONS]
+    options = [
+        (legs, at, way)
+        for legs, at in every
+        if (way := levels_within(fitted.geometry, [(leg, at) for leg in legs], WAY))
     ]
-    options: list[tuple[tuple[int, ...], float]] = [((leg,), station) for leg, station in places]
-    options += [
-        ((0, 1, 2), station)
-        for station in STATIONS
-        if all((leg, station) in places for leg in range(3))
-    ]
-    taken = [
-        _there_and_back(leg, station, _whole_way(fitted.geometry, legs, station))
-        for legs, station in options
-        for leg in legs
-    ]
+    taken = [_there_and_back(leg, at, way) for legs, at, way in options for leg in legs]
     claim, rows = claim_of(fitted, observed, noise, tolerance_mm, model.parameters_mm, more=taken)
     each = iter(rows)
-    seen = [[next(each) for _ in legs] for legs, _ in options]
-    levels = [_whole_way(fitted.geometry, *one) for one in options]
-    now = claim.bound(claim.expected)
+    seen = [[next(each) for _ in legs] for legs, _, _ in options]
+    took = [
+        len(legs) * (minutes_per_mounting + len(way) * seconds_per_step / 60.0)
+        for legs, _, way in options
+    ]
+    now = bound = claim.bound(claim.expected)
     found: list[FurtherSetUp] = []
-    bound, minutes = now, 0.0
-    while len(found) < MOST_FURTHER and options:
+    minutes = 0.0
+    while len(found) < MOST_FURTHER:
         claims = [claim.adding(one) for one in seen]
         bounds = [one.bound(one.expected) for one in claims]
-        took = [
-            len(legs) * (minutes_per_mounting + len(level) * seconds_per_step / 60.0)
-            for (legs, _), level in zip(options, levels, strict=True)
-        ]
-        gains = [
-            math.log(bound.bound_mm / one.bound_mm) / time
-            for one, time in zip(bounds, took, strict=True)
-        ]
         worth = [k for k, one in enumerate(bounds) if one.bound_mm < WORTH * bound.bound_mm]
         if not worth:
             break
-        best = worth[largest(np.array([gains[k] for k in worth]))]
+        gains = [math.log(bound.bound_mm / bounds[k].bound_mm) / took[k] for k in worth]
+        best = worth[largest(np.array(gains))]
         claim, bound, minutes = claims[best], bounds[best], minutes + took[best]
-        legs, station = options[best]
-        found.append(
-            FurtherSetUp(
-                tuple(LEG_NAMES[leg] for leg in legs),
-                station,
-                levels[best],
-                minutes,
-                bound.bound_mm,
-                _open_words(bound),
-            )
-        )
+        legs, at, way = options[best]
+        names = tuple(LEG_NAMES[leg] for leg in legs)
+        found.append(FurtherSetUp(names, at, way, minutes, bound.bound_mm, _open_words(bound)))
     return Reach(now, tuple(found))
 
 
@@ -249,13 +229,22 @@ def _open_words(bound: ToolBound) -> str:
     return f"{bound.worst.id} ({bound.worst.where})" if bound.worst else ""
 
 
-def _whole_way(geometry: Geometry, legs: Sequence[int], station: float) -> tuple[float, ...]:
-    """Displacements up, down and back between what joint limits and bars allow; none: nowhere."""
-    lows, highs = zip(*(geometry.span_mm(leg, station) for leg in legs), strict=True)
-    low, high = math.ceil(max(lows)), math.floor(min(highs))
+def levels_within(
+    geometry: Geometry,
+    places: Iterable[tuple[int, float]],
+    parts: Sequence[float],
+    clear_mm: float = 0.0,
+) -> tuple[float, ...]:
+    """Displacements, whole mm, as parts of the way that joint limits and bars allow.
+
+    ``places`` are legs and stations; the ends stay clear of limits by ``clear_mm``. None where no
+    way to both sides is left.
+    """
+    lows, highs = zip(*(geometry.span_mm(*place) for place in places), strict=True)
+    low, high = math.ceil(max(lows) + clear_mm), math.floor(min(highs) - clear_mm)
     if not low < 0 < high:
         return ()
-    return tuple(float(round(part * (high if part > 0.0 else -low))) for part in WAY)
+    return tuple(float(round(part * (high if part > 0.0 else -low))) for part in parts)
 
 
 def _there_and_back(leg: int, station: float, levels_mm: tuple[float, ...]) -> Conditions:
@@ -399,13 +388,15 @@ def expected_of(planned: TripodPlanning, tolerance_mm: FloatArray) -> Expected:
     shown = replace(visited, value_mm=model.readings(visited))
     claim = claim_of(model, shown, planned.noise, tolerance_mm, model.parameters_mm)[0]
     parameters = tuple(
-        ExpectedParameter(name, _told(one), _told(six), last) for name, one, six, last in rows
+        ExpectedParameter(
+            name,
+            one if math.isfinite(one) else None,
+            six if math.isfinite(six) else None,
+            last,
+        )
+        for name, one, six, last in rows
     )
     return Expected(parameters, claim.bound(claim.expected))
-
-
-def _told(half_width_mm: float) -> float | None:
-    return half_width_mm if math.isfinite(half_width_mm) else None
 
 
 def _half_widths(rows: FloatArray) -> FloatArray:

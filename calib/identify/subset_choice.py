@@ -11,17 +11,20 @@ import numpy as np
 
 from calib.arrays import FloatArray, Observations
 from calib.errors import NotIdentifiable
-from calib.identify.accuracy import ToolError, tool_error
+from calib.identify.accuracy import ToolError, tool_error, tool_map
 from calib.identify.fit import Size
 from calib.identify.identify import Told, identify_from
 from calib.identify.solution import SUBSETS, Method, Solution, Subset, Weights
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.geometry import PARAMETER_NAMES, TOLERANCE_MM
 from calib.tripod.pipeline import Model
-from calib.tripod.workspace import workspace_jacobian
+from calib.tripod.workspace import PLANES, PlaneMap, workspace_jacobian
 
 if TYPE_CHECKING:  # the catalogue comes with it: only where a bound is asked for
     from calib.identify.tool_bound import Claim, ToolBound
+
+MAP_POINTS = 5
+"""Along each side of a map of the tool's error."""
 
 CLEARLY_BETTER = 0.9
 """Of the tool's error another choice must promise less than this share: other parameters than joint
@@ -126,6 +129,12 @@ class SubsetChoice:
         index, one = list(SUBSETS[subset]), self.solutions[subset]
         metric = self._claim.metric[np.ix_(index, index)]
         return quantile_mm(metric, np.zeros(len(index)), one.covariance_mm2 - one.held_mm2)
+
+    def tool_maps(self, subset: Subset) -> tuple[PlaneMap, ...]:
+        """Expected error of the tool with a subset entered, on the three planes through Zero."""
+        geometry = self.solutions[subset].model.geometry
+        left = left_after(self.solutions, subset)
+        return tuple(tool_map(geometry, *left, plane, MAP_POINTS) for plane in PLANES)
 
     def error_before(self, subset: Subset) -> ToolError:
         """The tool's error with what the controller holds now, as far as this subset tells.

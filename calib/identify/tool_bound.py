@@ -131,30 +131,20 @@ class _Name:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """Means of postures, whitened and without zeros: residual ``(n,)`` and derivatives.
-
-    ``base`` ``(n, b)`` are columns of base parameters and fitted sizes at ``at`` ``(b,)``,
-    ``effects`` ``(n, k)`` those of the catalogue.
-    """
-
-    residual: FloatArray
-    base: FloatArray
-    effects: FloatArray
-    free: int
-
-
-@dataclass(frozen=True, eq=False)
 class Claim:
     """What readings tell of the machine, as far as the tool is concerned.
 
-    ``prior_mm`` ``(b,)`` are expected base parameters and sizes, ``spread`` ``(b,)`` their standard
-    deviations, both from the point of linearisation; ``size`` ``(k,)`` are unremarkable sizes of
-    the effects' columns, ``metric`` ``(b + k, b + k)`` mean squares at the tool, ``near`` those of
-    where it is relative to Zero, over the part of the workspace about it.
+    ``rows`` ``(n, 1 + b + k)`` are means of postures, whitened and without zeros: residual,
+    derivatives by base parameters and fitted sizes, and by the sizes of the catalogue; ``free``
+    directions are left to these. ``prior`` ``(b,)`` are expected base parameters and sizes,
+    ``spread`` ``(b,)`` their standard deviations, both from the point of linearisation; ``size``
+    ``(k,)`` are unremarkable sizes of the effects' columns, ``metric`` ``(b + k, b + k)`` mean
+    squares at the tool, ``near`` those of where it is relative to Zero, over the part of the
+    workspace about it.
     """
 
-    seen: Seen
+    rows: FloatArray
+    free: int
     prior: FloatArray
     spread: FloatArray
     size: FloatArray
@@ -162,33 +152,28 @@ class Claim:
     metric: FloatArray
     near: FloatArray
 
-    def adding(self, more: Sequence[Seen]) -> Claim:
-        """The same after readings that show what these let expect."""
-        expected = self.expected
-        extra = [replace(one, residual=one.base @ expected) for one in more]
-        every = [self.seen, *extra]
-        return replace(
-            self,
-            seen=Seen(
-                np.concatenate([one.residual for one in every]),
-                np.vstack([one.base for one in every]),
-                np.vstack([one.effects for one in every]),
-                sum(one.free for one in every),
-            ),
-        )
+    def adding(self, more: Sequence[FloatArray]) -> Claim:
+        """The same after readings like these rows that show what is expected."""
+        count, expected = len(self.spread), self.expected
+        shown = [one[:, 1 : 1 + count] @ expected for one in more]
+        extra = [
+            np.column_stack([of_it, one[:, 1:]]) for of_it, one in zip(shown, more, strict=True)
+        ]
+        return replace(self, rows=np.vstack([self.rows, *extra]))
 
     @cached_property
     def _solved(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Of base parameters alone: covariance, its answer to rows, columns and residual left."""
-        rows = np.vstack([self.seen.base * self.spread, np.eye(len(self.spread))])
-        q, r = np.linalg.qr(rows)
+        count = len(self.spread)
+        residual, base, effects = np.split(self.rows, [1, 1 + count], axis=1)
+        held = np.zeros((count, effects.shape[1] + 1))
+        held[:, -1] = self.prior / self.spread
+        others = np.vstack([np.hstack([effects, residual]), held])
+        # tolerances are rows beside the readings: no product of derivatives loses digits
+        q, r = np.linalg.qr(np.vstack([base * self.spread, np.eye(count)]))
         inverse_r = self.spread[:, None] * np.linalg.inv(r)
-        width = self.seen.effects.shape[1]
-        effects = np.vstack([self.seen.effects, np.zeros((len(self.spread), width))])
-        residual = np.concatenate([self.seen.residual, self.prior / self.spread])
-        answer = inverse_r @ (q.T @ np.column_stack([effects, residual]))
-        left = without(q, np.column_stack([effects, residual]))
-        return inverse_r @ inverse_r.T, answer, left[:, :-1], left[:, -1]
+        left = without(q, others)
+        return inverse_r @ inverse_r.T, inverse_r @ (q.T @ others), left[:, :-1], left[:, -1]
 
     @property
     def expected(self) -> FloatArray:
@@ -199,7 +184,7 @@ class Claim:
     def _plain(self) -> _Posterior:
         """Nothing is missing."""
         covariance, answer, _, _ = self._solved
-        return _Posterior(None, (), answer[:, -1], covariance)
+        return _Posterior((), answer[:, -1], covariance)
 
     @cached_property
     def _weighed(self) -> tuple[list[FloatArray], FloatArray, FloatArray]:
@@ -231,23 +216,16 @@ class Claim:
         """Variance ratio that the name which explains most leaves; at least 1."""
         residual, explained = self._solved[3], self._weighed[2]
         square = float(residual @ residual)
-        if not self.names:
-            return max(1.0, square / max(self.seen.free, 1))
-        free = self.seen.free - np.array([len(one.columns) for one in self.names])
+        free = self.free - np.array([len(one.columns) for one in self.names])
         left = (square - explained) / np.maximum(free, 1)
         return max(1.0, float(left.min()))
 
-    def noisier(self, factor: float) -> Claim:
-        """The same with so many times the variance of the noise."""
-        seen, root = self.seen, math.sqrt(factor)
-        residual, base, effects = seen.residual / root, seen.base / root, seen.effects / root
-        return replace(self, seen=Seen(residual, base, effects, seen.free))
-
     @cached_property
-    def _open(self) -> list[_Posterior]:
-        """The names that hold 95 % of the weight; each id has the same before any reading."""
-        if not self.names:
-            return []
+    def _open(self) -> list[tuple[_Name, _Posterior, float, bool]]:
+        """The names that hold 95 % of the weight, each with its own and whether it is shown.
+
+        Each id has the same weight before any reading.
+        """
         scales, room, explained = self._weighed
         ids = [one.effect.id for one in self.names]
         ways = np.log([ids.count(one) for one in ids])
@@ -257,19 +235,17 @@ class Claim:
         inside = np.cumsum(weight[order]) / weight.sum()
         kept = order[: int(np.searchsorted(inside, COVERAGE)) + 1]
         shown = explained.ravel() >= SHOWN
-        return [
-            replace(
-                self._posterior(self.names[k % len(ids)], scales[k // len(ids)]),
-                weight=float(weight[k]),
-                shown=bool(shown[k]),
-            )
-            for k in kept
-        ]
+        found = []
+        for k in kept:
+            name = self.names[k % len(ids)]
+            one = self._posterior(name.columns, scales[k // len(ids)])
+            found.append((name, one, float(weight[k]), bool(shown[k])))
+        return found
 
-    def _posterior(self, name: _Name, expected: FloatArray) -> _Posterior:
+    def _posterior(self, members: tuple[int, ...], expected: FloatArray) -> _Posterior:
         """Base parameters, then the sizes of a name, of which ``expected`` ``(k,)`` are likely."""
         covariance, answer, left, residual = self._solved
-        index = list(name.columns)
+        index = list(members)
         scale, columns = expected[index], left[:, index]
         inner = np.eye(len(index)) + scale[:, None] * (columns.T @ columns) * scale
         spread = scale[:, None] * np.linalg.inv(inner) * scale
@@ -277,69 +253,58 @@ class Claim:
         moved = answer[:, index]
         beside = -moved @ spread
         return _Posterior(
-            name,
-            name.columns,
+            members,
             np.concatenate([answer[:, -1] - moved @ value, value]),
             np.block([[covariance - beside @ moved.T, beside], [beside.T, spread]]),
         )
 
     def expected_mm(self, entered: FloatArray) -> float:
         """R.m.s. error of the tool to expect, over the names that are open."""
-        every = self._open or [self._plain]
-        square = sum(one.weight * self._square_mm2(one, entered) for one in every)
-        return math.sqrt(square / sum(one.weight for one in every))
+        square = 0.0
+        for _, one, weight, _ in self._open:
+            metric, off = self._off(one, entered, self.metric)
+            square += weight * float(np.trace(metric @ one.covariance) + off @ metric @ off)
+        return math.sqrt(square / sum(weight for _, _, weight, _ in self._open))
 
     def bound(self, entered: FloatArray) -> ToolBound:
         """With parameters and sizes ``(b,)`` entered, from the point of linearisation."""
-        plain = self._quantile_mm(self._plain, entered)
+        plain = self._quantile_mm(self._plain, entered, self.metric)
         worst: dict[str, OpenName] = {}
-        for one in self._open:
-            if one.name is None:
-                continue
-            effect, at_most = one.name.effect, self._quantile_mm(one, entered)
+        for name, one, _, shown in self._open:
+            effect, at_most = name.effect, self._quantile_mm(one, entered, self.metric)
             # of places that bind alike the first stays, whatever the last digit says
             so_far = worst[effect.id].bound_mm * (1.0 + TIE) if effect.id in worst else -1.0
             if at_most > so_far:
-                what = effect.id, one.name.where, effect.title
-                worst[effect.id] = OpenName(*what, at_most, one.shown)
+                worst[effect.id] = OpenName(effect.id, name.where, effect.title, at_most, shown)
         names = tuple(descending(worst.values(), lambda one: one.bound_mm))
         return ToolBound(max([plain, *(one.bound_mm for one in names)]), plain, names)
 
     def near_mm(self, entered: FloatArray) -> float:
         """The bound of the error relative to Zero, over a workpiece there: what milling shows."""
-        every = [self._plain, *self._open]
-        return max(
-            quantile_mm(*self._off(one, entered, self.near), one.covariance) for one in every
-        )
+        every = [self._plain, *(one for _, one, _, _ in self._open)]
+        return max(self._quantile_mm(one, entered, self.near) for one in every)
 
-    def _quantile_mm(self, one: _Posterior, entered: FloatArray) -> float:
-        return quantile_mm(*self._off(one, entered), one.covariance)
-
-    def _square_mm2(self, one: _Posterior, entered: FloatArray) -> float:
-        metric, off = self._off(one, entered)
-        return float(np.trace(metric @ one.covariance) + off @ metric @ off)
+    def _quantile_mm(self, one: _Posterior, entered: FloatArray, metric: FloatArray) -> float:
+        return quantile_mm(*self._off(one, entered, metric), one.covariance)
 
     def _off(
-        self, one: _Posterior, entered: FloatArray, metric: FloatArray | None = None
+        self, one: _Posterior, entered: FloatArray, metric: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """The metric of a name's parameters and sizes, and what they are off by."""
         count = len(self.spread)
         index = [*range(count), *(count + k for k in one.columns)]
         off = one.mean.copy()
         off[:count] -= entered
-        return (self.metric if metric is None else metric)[np.ix_(index, index)], off
+        return metric[np.ix_(index, index)], off
 
 
 @dataclass(frozen=True, eq=False)
 class _Posterior:
-    """A name after the readings: mean and covariance of base and its columns."""
+    """After the readings: mean and covariance of base parameters and of the sizes ``columns``."""
 
-    name: _Name | None
     columns: tuple[int, ...]
     mean: FloatArray
     covariance: FloatArray
-    weight: float = 1.0
-    shown: bool = False
 
 
 def quantile_mm(metric: FloatArray, mean: FloatArray, covariance: FloatArray) -> float:
@@ -362,7 +327,7 @@ def claim_of(
     *,
     sizes: tuple[Size, ...] = (),
     more: Sequence[Conditions] = (),
-) -> tuple[Claim, tuple[Seen, ...]]:
+) -> tuple[Claim, list[FloatArray]]:
     """What the readings tell, linear about a fitted ``model``, whose ``sizes`` are free.
 
     Base parameters are expected at ``nominal_mm`` ``(6,)`` within their tolerances ``(6,)``. With
@@ -387,18 +352,12 @@ def claim_of(
     off += [np.zeros(len(one)) for one in more]
     rows = np.column_stack([np.concatenate(off), base, *columns])
     rows = np.sqrt(weight)[:, None] * without_zeros(every, weight, rows)
-    last = 1 + base.shape[1]
-    ends = np.cumsum([len(one) for one in (*taken, *more)])[:-1]
-    parts = [
-        Seen(part[:, 0], part[:, 1:last], part[:, last:], len(one) - set_up_unknowns(one))
-        for one, part in zip((*taken, *more), np.split(rows, ends), strict=True)
-    ]
-    nothing = Seen(rows[:0, 0], rows[:0, 1:last], rows[:0, last:], 0)
-    first, others = (parts[0], parts[1:]) if taken else (nothing, parts)
+    parts = np.split(rows, np.cumsum([len(one) for one in (*taken, *more)])[:-1])
     start = np.array([*model.parameters_mm, *(one.value(model) for one in sizes)])
     known = tuple(placed)
     claim = Claim(
-        replace(first, free=first.free - len(start)),
+        parts.pop(0) if taken else rows[:0],
+        sum(len(one) - set_up_unknowns(one) for one in taken) - len(start),
         np.concatenate([nominal_mm, start[BASE:]]) - start,
         np.concatenate([tolerance_mm, [FREE * one.tolerance for one in sizes]]),
         np.array(size),
@@ -406,8 +365,8 @@ def claim_of(
         _metric(model, known, sizes),
         _metric(model, known, sizes, near_zero=True),
     )
-    misfit = claim.misfit
-    return (claim.noisier(misfit) if misfit > 1.0 else claim), tuple(others)
+    # what no name explains is more noise than the repeats show
+    return replace(claim, rows=claim.rows / math.sqrt(claim.misfit)), parts
 
 
 def _unremarkable(effect: Effect, geometry: Geometry) -> list[float]:

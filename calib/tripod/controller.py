@@ -31,6 +31,9 @@ INTERPOLATION_MM = 1e-3
 NOTHING_MM = 1e-6
 """A smaller error of a carriage or foot is none."""
 
+PLAY_ALONE_MM = 2e-4
+"""A table whose columns differ by play alone, within this, is an entry for backlash."""
+
 JUDGED_POINTS = 4001
 """Places between the joint limits where a table is compared with what it stands for."""
 
@@ -95,6 +98,20 @@ class Table:
         return Table(-self.joint_mm[::-1], -self.error_down_mm[::-1], -self.error_up_mm[::-1])
 
 
+@dataclass(frozen=True)
+class JointEntries:
+    """Entries of one joint, mm; ``home_change_mm`` is what the place of its switch grows by."""
+
+    home_change_mm: float
+    backlash_mm: float = 0.0
+    table: Table | None = None
+
+    def turned(self) -> JointEntries:
+        """The same for a joint that counts the other way; play stays as it is."""
+        table = self.table.turned() if self.table else None
+        return replace(self, home_change_mm=-self.home_change_mm, table=table)
+
+
 @dataclass(frozen=True, eq=False)
 class Kinematics:
     """Feet as polynomials of true carriage coordinates: origin + direction c + bend (c - zero)².
@@ -122,11 +139,6 @@ def carriage_error_mm(model: Model, joint_mm: FloatArray, way: float) -> FloatAr
     return np.asarray(flow.carriage_mm - joint_mm)
 
 
-def carriage_errors_mm(model: Model, joint_mm: float, way: float) -> list[float]:
-    """`carriage_error_mm` of every joint at one coordinate."""
-    return list(map(float, carriage_error_mm(model, np.full((1, 3), joint_mm), way)[0]))
-
-
 def table_of(model: Model, joint: int) -> Table | None:
     """The fewest evenly spaced points that follow what the effects add to d_rho within 1 µm.
 
@@ -151,6 +163,54 @@ def table_of(model: Model, joint: int) -> Table | None:
         f"{MOST_POINTS} points do not follow the error within {INTERPOLATION_MM * 1e3:g} µm",
         "an error that changes less over the travel",
     )
+
+
+def joint_entries(model: Model, drive: int, held: ControllerJoint, way: int = 1) -> JointEntries:
+    """Entries of a drive's joint that now holds this; with ``way`` -1 it counts against the drive.
+
+    Raises ImpossibleRequest for what a joint cannot take.
+    """
+    if way < 0:
+        return joint_entries(model, drive, held.turned()).turned()
+    offset = model.parameters_mm[drive]
+    table = table_of(model, drive)
+    if table is None:
+        return JointEntries(offset)
+    if held.compensated:
+        raise ImpossibleRequest(
+            f"compensation table of joint {LEG_NAMES[drive]}",
+            "another one in the INI file, with which the machine was measured",
+            "a joint without COMP_FILE",
+            "Take the old table out of the INI file, measure again, and export then.",
+        )
+    least = float((table.error_down_mm - table.error_up_mm).min())
+    if least < -NOTHING_MM:
+        raise ImpossibleRequest(
+            f"play of joint {LEG_NAMES[drive]}",
+            f"{least:+.4f} mm",
+            "play that is not negative",
+            "It is no play: take the effect out with glidecal model --remove.",
+        )
+    most = float(max(abs(table.error_up_mm).max(), abs(table.error_down_mm).max()))
+    travel_mm = model.geometry.travel_max_mm - model.geometry.travel_min_mm
+    if not most < travel_mm:
+        raise ImpossibleRequest(
+            f"error of joint {LEG_NAMES[drive]} along its drive",
+            f"{most:.4g} mm",
+            f"less than its travel, {travel_mm:g} mm",
+            "Look at the values in the model: glidecal model.",
+        )
+    # what homing meets at the switch is in the old value; an encoder meets nothing
+    change = offset
+    if not held.absolute_encoder:
+        switch = np.full((1, 3), held.home_offset_mm)
+        change = float(carriage_error_mm(model, switch, held.latch_sign or 1)[0, drive])
+    play = float(table.error_down_mm.mean())
+    if max(abs(table.error_up_mm).max(), abs(table.error_down_mm - play).max()) < PLAY_ALONE_MM:
+        return JointEntries(change, held.backlash_mm + play)
+    half = held.backlash_mm / 2.0  # the controller adds it upwards and takes it off downwards
+    both = Table(table.joint_mm, table.error_up_mm - half, table.error_down_mm + half)
+    return JointEntries(change, table=both)
 
 
 def kinematics_of(model: Model) -> Kinematics:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from app.exports.linuxcnc import joint_entries, pins, table_text
-from calib.tripod.controller import ControllerJoint
+from app.exports.linuxcnc import pins, table_text
+from calib.tripod.controller import ControllerJoint, joint_entries
 from calib.tripod.effects.drives import ActuatorCyclic, ActuatorScale, Backlash
 from calib.tripod.effects.effect import EffectInstance
 from calib.tripod.geometry import Geometry

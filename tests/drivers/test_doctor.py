@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
+from serial import SerialException
 
 from calib.errors import IndicatorError
 from drivers.doctor import (
@@ -121,6 +122,16 @@ def test_no_permission(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("serial.serial_for_url", refuse)
     assert "no permission" in told(QUICK, "/dev/ttyUSB0")
     assert "dialout" in told(QUICK, "/dev/ttyUSB0")
+
+
+def test_a_port_that_windows_refuses_may_be_in_use(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(port: str, **_: object) -> None:
+        why = PermissionError(13, "Access is denied.", None, 5)
+        raise SerialException(f"could not open port {port!r}: {why!r}")
+
+    monkeypatch.setattr("serial.serial_for_url", refuse)
+    assert "in use" in told(QUICK, "COM5")
+    assert "dialout" not in told(QUICK, "COM5")
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals need POSIX")

@@ -21,8 +21,7 @@ from app.measuring.session import Indicators
 from app.measuring.simulated import planned_readings, short_travels, simulated_session
 from app.planning.tripod import stated_noise
 from calib.arrays import LEG_NAMES, FloatArray, conditions
-from calib.diagnosis.next_measurement import options
-from calib.diagnosis.separating import Preparation
+from calib.diagnosis.next_measurement import Preparation, options
 from calib.errors import CalibrationError, ImpossibleRequest, NotIdentifiable, RecordError
 from calib.identify.next_mounting import next_mountings, reach_of
 from calib.tripod.geometry import Geometry
@@ -328,19 +327,19 @@ def test_an_older_record_with_such_points_is_solved_and_not_repeated(tmp_path: P
     free, path = Machine(usable_bar=(0.0, 1.0)), tmp_path / "old.jsonl"
     fields = {"stations": (0.5, 0.65), "levels": ("zero", "max", "min")}
     procedure = Procedure.model_validate(MINE.model_dump(by_alias=True) | fields)
-    opened, readings = simulated_session(
+    made = simulated_session(
         procedure, free, Model(), seed=1, scatter_mm=0.002, resolution_mm=0.001
     )
     older = {"machine": Machine(), "instruments": simulated_indicators()}
-    write_whole(path, opened.model_copy(update=older), list(readings))
+    write_whole(path, made.opened.model_copy(update=older), [*made.readings])
     sessions, warnings = load_sessions([path])
-    assert len(sessions[0].readings) == len(readings)
+    assert len(sessions[0].readings) == len(made.readings)
     assert warnings == [
         "old.jsonl: readings off the bars: 6, the first at station 0.65 of leg x touched at 0.972 "
         "of the bar in posture MIN; usable is 0.05 … 0.95. They are used as if the bar went on "
         "there."
     ]
-    assert solve_sessions(sessions).reading_count == len(readings)
+    assert solve_sessions(sessions).reading_count == len(made.readings)
     again = plan_to_repeat(path)
     assert again is not None
     with pytest.raises(RecordError, match=r"station 0\.65 of leg x touched at 0\.972"):

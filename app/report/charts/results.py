@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from app.evaluating.history import JOINTS, MachineHistory
+from app.evaluating.history import MachineHistory
 from app.evaluating.solution import SessionSolution
 from app.measuring.leg_review import leg_rows
 from app.report.charts.charts import NOISE, Chart, Point, Series, series_of
-from calib.arrays import FloatArray
+from calib.arrays import LEG_NAMES, FloatArray
 from calib.diagnosis.results import SEEN, Cell
 from calib.identify.solution import Solution
 from protocols.procedure import Step
@@ -175,7 +175,7 @@ def offsets_over_time(found: MachineHistory) -> Chart:
     """Change of each joint offset since the first session; lines where something was changed."""
     series = tuple(
         Series(f"joint {name}", found.days, tuple(1000.0 * mm for mm in one.change.tolist()))
-        for name, one in zip(JOINTS, found.joints, strict=True)
+        for name, one in zip(LEG_NAMES, found.joints, strict=True)
     )
     days = zip(found.days, found.points, strict=True)
     marks = tuple(day for day, point in days if point.event)

@@ -13,7 +13,7 @@ LEFT, RIGHT = (
 )
 """Of a braille character: its bits for any four dots of one column, topmost first."""
 
-BLANK = 0x2800
+BLANK = 0x2800  # of Unicode: braille without dots; a bit of the last byte for each of its dots
 BANDS = 3.0
 """The scale is at least so many times as high as the band of rest."""
 

@@ -10,8 +10,7 @@ from rich.table import Table
 
 from app.evaluating.comparison import Verification, verify_files
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_sessions
-from app.evaluating.history import JOINTS
-from app.evaluating.solution import SessionSolution, judge, maps, solve_files
+from app.evaluating.solution import SessionSolution, judge, solve_files
 from app.report.charts.results import (
     before_and_after,
     measured_and_predicted,
@@ -28,6 +27,7 @@ from app.report.text.result import (
     decided,
     difference_table,
     indicator_words,
+    left_out_words,
     noise_words,
     offsets_table,
     parameter_table,
@@ -38,6 +38,7 @@ from app.report.text.result import (
 )
 from app.report.text.tables import LEAST_MM, new_table, signed, uncertain
 from app.version import program
+from calib.arrays import LEG_NAMES
 from calib.diagnosis.results import Diagnosis
 from calib.errors import NotIdentifiable
 from calib.identify.solution import Subset
@@ -222,7 +223,7 @@ def _result(solved: SessionSolution, judged: str) -> Section:
             parameter_table(solution),
             *([size_table(solution)] if solution.sizes else []),
             subset_table(solved),
-            Picture(maps_svg(maps(solved)), caption),
+            Picture(maps_svg(solved.choice.tool_maps(solved.subset)), caption),
         ],
     )
 
@@ -261,7 +262,7 @@ def _controller(solved: SessionSolution, model: Path | None) -> Section:
         return Section(heading, [f"No joint offsets: {problem}", *effects])
     table = new_table("joint", "entered when measured, mm", "found, mm", "together, mm")
     held_mm = machine.entered_offsets_mm
-    for name, held, found in zip(JOINTS, held_mm, found_mm, strict=True):
+    for name, held, found in zip(LEG_NAMES, held_mm, found_mm, strict=True):
         table.add_row(name, signed(held, 4), signed(found, 4), signed(held + found, 4))
     said = (
         "True position of a joint = believed position + offset. These are the offsets that "
@@ -348,9 +349,7 @@ def _doubted(solved: SessionSolution, sessions: Sequence[Session]) -> Section:
             if words := "; ".join(filter(None, why)):
                 of = (session.name, f"{reading.reading}", reading.place_words)
                 table.add_row(*of, signed(reading.value_mm, 4), words)
-        if session.skipped:
-            reasons = "; ".join(dict.fromkeys(session.skipped.values()))
-            said.append(f"{session.name}: {len(session.skipped)} steps left out: {reasons}")
+        said += [f"{session.name}: {words}" for words in left_out_words(session)]
     none = "No reading was questioned or superseded, and all fit their repeats."
     return Section("Questioned and superseded readings", [*said, table if table.rows else none])
 

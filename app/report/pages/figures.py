@@ -43,7 +43,7 @@ MARKERS = "8sD^vP"
 the eye and takes a third of its bytes.
 """
 
-WIDTH_IN, HEIGHT_IN = 6.9, 2.5
+WIDTH_IN, HEIGHT_IN = 6.9, 2.5  # A4 less the margins of report.html is 7.0 wide
 BAR = 0.22
 
 Point = tuple[float, float]

@@ -181,14 +181,14 @@ class HexaSlideParameter:
 
 def _parameters(solved: CalibratedMachine) -> dict[str, HexaSlideParameter]:
     found, u, factor = solved.found, solved.uncertainty, solved.factor
-    rows = {}
+    parameters = {}
     for k, name in enumerate(found.names):
         known = name in found.known
         own = float(u[k]) if known and u is not None else None
         uncertain = () if own is None else (own, own * (factor or 0.0), factor)
         value, nominal = float(found.parameters[k]), float(solved.start[k])
-        rows[name] = HexaSlideParameter(value, nominal, unit_of(name), known, *uncertain)
-    return rows
+        parameters[name] = HexaSlideParameter(value, nominal, unit_of(name), known, *uncertain)
+    return parameters
 
 
 @dataclass(frozen=True)
@@ -225,12 +225,10 @@ class ComponentResidual:
 def _by_component(solved: CalibratedMachine) -> tuple[ComponentResidual, ...]:
     after = solved.found.after
     sizes = 1000.0 * (after.values**2).mean(axis=0) ** 0.5
-    columns = zip(
-        after.names, sizes.tolist(), after.angular, solved.by_column.tolist(), strict=True
-    )
+    columns = (after.names, sizes.tolist(), after.angular, solved.by_column.tolist())
     return tuple(
         ComponentResidual(name, size, "mrad" if angular else "mm", share)
-        for name, size, angular, share in columns
+        for name, size, angular, share in zip(*columns, strict=True)
     )
 
 

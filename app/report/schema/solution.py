@@ -315,8 +315,8 @@ class VerificationReport(Report):
     schema_id: Literal["glidecal.verification/1"] = schema("glidecal.verification/1")
     before: FirstName = at("found.compared.before.names")
     after: FirstName = at("found.compared.after.names")
-    tool_expected: ToolError = at("found.expected", "of the six parameters alone")
-    tool_found: ToolError = at("found.found", "of the six parameters alone")
+    tool_expected: ToolError = at("found.compared.before.tool_after", "of the six parameters alone")
+    tool_found: ToolError = at("found.compared.after.tool_before", "of the six parameters alone")
     bound_expected_mm: float = at(
         "found.compared.before.bound_after.bound_mm", "promised by the first session, 95 %"
     )
@@ -332,7 +332,9 @@ class VerificationReport(Report):
     tolerance_mm: float | None = at("found.tolerance_mm")
     decision: Decision | None = at("found.decision", "null: no tolerance")
     offsets: tuple[RemainingOffsetEntry, ...] = at("found.offsets")
-    something_missing: bool = at("found.something_missing", "more than noise is left: diagnose")
+    something_missing: bool = at(
+        "found.compared.after.solution.lacks_fit", "more than noise is left: diagnose"
+    )
     remarks: tuple[str, ...] = at("found.compared.remarks")
 
 

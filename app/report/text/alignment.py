@@ -78,7 +78,7 @@ def screw_text(work: Round, number: int) -> str:
     shim = work.aligned.shims[number]
     rail, at, towards, by = _cells(shim)
     axis, leg = LEG_NAMES[shim.towards].upper(), LEG_NAMES[shim.rail].upper()
-    along = work.station(shim) * work.machine.geometry().leg_length_mm[shim.rail]
+    along = work.station(shim) * work.aligned.machine.geometry().leg_length_mm[shim.rail]
     slope = signed(work.slope_mm(number))
     parallel = f"Leg {leg} at Zero: its foot {slope} mm along {axis} from its tool end."
     if work.watching == number:

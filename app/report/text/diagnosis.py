@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,6 +9,8 @@ from rich.table import Table
 
 from app.evaluating.diagnosis import SessionDiagnosis, mistakes_of
 from app.report.text.tables import (
+    decimals,
+    figures,
     hanging,
     new_table,
     paragraphs,
@@ -249,12 +250,12 @@ def _rivals(one: Finding) -> str:
 
 def _values_and_gap(one: Finding) -> list[str]:
     """Parameters to two figures of their standard uncertainty, then the gap before and after."""
-    lines = []
+    said = []
     for value in one.parameters:
         u = value.standard_uncertainty
         places = decimals(u)
-        lines.append(f"{value.name} = {value.value:+.{places}f} ± {u:.{places}f} {value.unit}")
-    return [*lines, f"gap {one.gap_rms_before_mm:.4f} → {one.gap_rms_after_mm:.4f} mm"]
+        said.append(f"{value.name} = {value.value:+.{places}f} ± {u:.{places}f} {value.unit}")
+    return [*said, f"gap {one.gap_rms_before_mm:.4f} → {one.gap_rms_after_mm:.4f} mm"]
 
 
 def discrepancy_text(found: ModelDiscrepancy) -> str:
@@ -267,17 +268,6 @@ def discrepancy_text(found: ModelDiscrepancy) -> str:
     if found.held_out:
         below.append(held_out_words(found.held_out))
     return "\n".join([f"{begin}: {effect.title}.", *(hanging(INDENT + v, INDENT) for v in below)])
-
-
-def decimals(size: float) -> int:
-    """Decimals that show two significant figures of a size."""
-    return max(0, 1 - math.floor(math.log10(size))) if size > 0.0 else 4
-
-
-def figures(size: float) -> str:
-    """A size to two significant figures, without an exponent."""
-    rounded = float(f"{size:.1e}")
-    return f"{rounded:.{decimals(rounded)}f}"
 
 
 def held_out_words(gap: HeldOutGap) -> str:

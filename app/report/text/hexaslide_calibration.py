@@ -43,6 +43,14 @@ def calibration_text(solved: CalibratedMachine) -> str:
         f"{said.postures.fitted} postures in {said.steps} steps.",
         f"{LEFT_WORDS[said.procedure]}, r.m.s.: {_both(said.rms_before, said.rms_after)}.",
     )
+    count, total = len(said.postures.held_out), said.postures.count
+    check = "No posture was kept out of the fit as a check."
+    if said.held_out is not None:
+        both = _both(said.held_out.rms_before, said.held_out.rms_after)
+        check = (
+            f"Check on {count} of {total} postures ({100.0 * count / total:.0f} %), kept out of "
+            f"the fit: {both} r.m.s., noise of measuring included."
+        )
     return paragraphs(
         f"{said.measurements}: {said.machine} ({said.machine_file}), {said.procedure.value}, "
         f"{said.postures.count} {said.origin} postures; read: {read}",
@@ -50,7 +58,7 @@ def calibration_text(solved: CalibratedMachine) -> str:
         _parameters(said),
         "\n".join(_figures(said, solved.factor)),
         *_left(said),
-        "\n".join([_held_out(said), *_truth(said)]),
+        "\n".join([check, *_truth(said)]),
     )
 
 
@@ -100,8 +108,6 @@ def caveats(said: HexaSlideCalibrationReport) -> list[str]:
 
 def _parameters(said: HexaSlideCalibrationReport) -> str | Table:
     """Individually known parameters in thousandths of their units."""
-    if not said.individually_known:
-        return "No parameter is known by itself."
     table = new_table("parameter", "value", "from nominal", "± U (95 %)", "unit")
     for name in said.individually_known:
         one = said.parameters[name]
@@ -113,7 +119,7 @@ def _parameters(said: HexaSlideCalibrationReport) -> str | Table:
             "unknown" if half is None else f"{1000.0 * half:.4f}",
             THOUSANDTHS[one.unit],
         )
-    return table
+    return table if said.individually_known else "No parameter is known by itself."
 
 
 def _figures(said: HexaSlideCalibrationReport, factor: float | None) -> list[str]:
@@ -168,17 +174,6 @@ def _left(said: HexaSlideCalibrationReport) -> tuple[Table, str]:
     return table, (
         f"Postures with the largest shares: {words}; even would be {even:.0f} % each. "
         f"{residuals.remark}"
-    )
-
-
-def _held_out(said: HexaSlideCalibrationReport) -> str:
-    count, total = len(said.postures.held_out), said.postures.count
-    if said.held_out is None:
-        return "No posture was kept out of the fit as a check."
-    both = _both(said.held_out.rms_before, said.held_out.rms_after)
-    return (
-        f"Check on {count} of {total} postures ({100.0 * count / total:.0f} %), kept out of the "
-        f"fit: {both} r.m.s., noise of measuring included."
     )
 
 

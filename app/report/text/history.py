@@ -6,11 +6,12 @@ from datetime import datetime
 
 from rich.table import Table
 
-from app.evaluating.history import JOINTS, History, MachineHistory
+from app.evaluating.history import History, MachineHistory
 from app.report.text.tables import hanging, new_table, paragraphs, signed
+from calib.arrays import LEG_NAMES
 from calib.control_chart import FEWEST
 
-DAYS_A_MONTH = 30.44
+DAYS_A_MONTH = 30.44  # 365.25 / 12
 
 TOO_EARLY = (
     f"Whether it drifts cannot be told yet: that takes {FEWEST} sessions over a day or longer."
@@ -67,7 +68,7 @@ def due_words(found: MachineHistory) -> str:
 
 def _drifts(found: MachineHistory) -> list[str]:
     said = []
-    for name, one in zip(JOINTS, found.joints, strict=True):
+    for name, one in zip(LEG_NAMES, found.joints, strict=True):
         if one.drift is None:
             said.append(f"Drift of joint {name}: cannot be told")
             continue
@@ -79,7 +80,9 @@ def _drifts(found: MachineHistory) -> list[str]:
 
 def _sessions(found: MachineHistory) -> tuple[Table, list[str]]:
     """A row for each session, and a note below."""
-    table = new_table("", "began", *(f"{n}, mm" for n in JOINTS), "±, mm", "tool, mm", "°C", left=2)
+    table = new_table(
+        "", "began", *(f"{n}, mm" for n in LEG_NAMES), "±, mm", "tool, mm", "°C", left=2
+    )
     notes = []
     for number, point in enumerate(found.points, start=1):
         entry = point.entry
@@ -96,7 +99,7 @@ def _sessions(found: MachineHistory) -> tuple[Table, list[str]]:
         )
         said = [point.path.name, point.event, *(entry.effects or ())]
         if any(changed):
-            joints = ", ".join(name for name, new in zip(JOINTS, changed, strict=True) if new)
+            joints = ", ".join(name for name, new in zip(LEG_NAMES, changed, strict=True) if new)
             said.append(f"joint {joints} changed beyond uncertainty")
         notes.append(hanging(f"{number}  {'; '.join(filter(None, said))}", "   "))
     return table, notes

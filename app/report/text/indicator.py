@@ -8,7 +8,7 @@ from app.report.text.tables import hanging
 from drivers.doctor import PortFinding
 from drivers.profile import Fault, Outcome, Profile
 
-INDENT = " " * 9
+INDENT = " " * 9  # to the words behind the arrow
 
 
 def outcome_text(outcome: Outcome) -> str:

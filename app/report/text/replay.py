@@ -52,23 +52,15 @@ def progress_line(name: str, place: str, speed: int, state: str) -> str:
 
 def said_text(playback: Playback) -> str:
     """One line for what is shown last; at both ends also what is wrong with the record."""
-    text = _frame_text(playback.events_shown_last)
-    if not playback.warning or not playback.at_either_end:
-        return text
-    return f"{text} {playback.warning}"
-
-
-def _frame_text(events: Sequence[Event]) -> str:
-    """One line for what happened at one moment of the record."""
+    events = playback.events_shown_last
     taken = [event for event in events if isinstance(event, Reading)]
     faults = [event for event in events if isinstance(event, Faulted)]
-    if taken:
-        return _taken(taken)
-    return "; ".join(one_line(_event(event)) for event in faults or events[:1])
+    text = _taken(taken) if taken else "; ".join(map(_event, faults or events[:1]))
+    return f"{text} {playback.warning}" if playback.warning and playback.at_either_end else text
 
 
 def _event(event: Event) -> str:
-    """A single event that is no reading."""
+    """A single event that is no reading, in one line."""
     match event:
         case Opened():
             by = f" by {event.operator}" if event.operator else ""
@@ -97,7 +89,7 @@ def _event(event: Event) -> str:
             said = f"Closed with {event.readings} readings, {whole}."
         case _:
             said = _changed(event) if isinstance(event, Changed) else event.event
-    return said
+    return one_line(said)
 
 
 def _changed(event: Changed) -> str:

@@ -49,10 +49,7 @@ def solution_text(solved: SessionSolution) -> str:
     tool = f"Tool: at most {bound} mm with these values. {bound_made_of(solved)}"
     remarks = [remark for session in solved.sessions for remark in session.opened.remarks]
     for session in solved.sessions:
-        remarks += dict.fromkeys(session.notes)
-        if count := len(session.skipped):
-            reasons = "; ".join(dict.fromkeys(session.skipped.values()))
-            remarks.append(f"{count} step{'s' if count > 1 else ''} left out: {reasons}")
+        remarks += [*dict.fromkeys(session.notes), *left_out_words(session)]
     return paragraphs(
         f"{', '.join(solved.names)}: {SUBSET_WORDS[solution.subset]}, "
         f"{_method_words(solution)}, {solved.reading_count} readings",
@@ -66,6 +63,12 @@ def solution_text(solved: SessionSolution) -> str:
         "\n".join(map(_measured_words, solved.sessions)),
         *(f"Remark: {remark}" for remark in remarks),
     )
+
+
+def left_out_words(session: Session) -> list[str]:
+    """How many steps were left out and why; nothing where none was."""
+    count, reasons = len(session.skipped), "; ".join(dict.fromkeys(session.skipped.values()))
+    return [f"{count} step{'s' if count > 1 else ''} left out: {reasons}"] if count else []
 
 
 def _measured_words(session: Session) -> str:
@@ -400,11 +403,11 @@ def decided(found: Verification) -> str:
 
 def what_to_do(found: Verification) -> list[str]:
     """What went wrong at the controller, or in the model."""
-    after = found.compared.after.names[0]
+    after = found.compared.after
     wrong = {kind: [one.name for one in found.offsets if one.entered == kind] for kind in WRONG}
     said = [f"{', '.join(names)}: {WRONG[kind]}" for kind, names in wrong.items() if names]
-    if found.something_missing:
-        said.append(f"Something is missing from the model: glidecal diagnose {after}")
+    if after.solution.lacks_fit:
+        said.append(f"Something is missing from the model: glidecal diagnose {after.names[0]}")
     if not said and found.decision in ("fail", "undecided"):
         said.append(
             "The offsets are as expected. Measure more (glidecal plan), or fit the lengths too."

@@ -60,24 +60,34 @@ def map_table(one: PlaneMap, shown: Callable[[float], str]) -> Table:
 
 def wrapped(text: str) -> str:
     """Every line of the text broken at the width of a plain terminal."""
-    return "\n".join(
-        fill(line, WIDTH, break_long_words=False, break_on_hyphens=False)
-        for line in text.splitlines()
-    )
+    return "\n".join(hanging(line, "") for line in text.splitlines())
 
 
 def hanging(line: str, indent: str) -> str:
-    """A long line broken at the same width, later lines set in."""
-    return fill(line, WIDTH, subsequent_indent=indent, break_long_words=False)
+    """A long line broken at the same width, later lines set in; names stay whole."""
+    return fill(
+        line, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
 
 
 LEAST_MM = 1e-6
 """What is less than a millionth of a millimetre is arithmetic."""
 
 
+def decimals(size: float) -> int:
+    """Decimals that show two digits of a size (GUM 7.2.6); of nothing, four."""
+    return max(0, 1 - math.floor(math.log10(size))) if size > 0.0 else 4
+
+
+def figures(size: float) -> str:
+    """A size to two digits, without an exponent."""
+    rounded = float(f"{size:.1e}")
+    return f"{rounded:.{decimals(rounded)}f}"
+
+
 def decimals_for(uncertainty_mm: float, least: int = 3) -> int:
-    """Decimals that show two digits of an uncertainty (GUM 7.2.6), at least so many."""
-    return max(least, 1 - math.floor(math.log10(max(uncertainty_mm, LEAST_MM))))
+    """Decimals for an uncertainty in mm, at least so many."""
+    return max(least, decimals(max(uncertainty_mm, LEAST_MM)))
 
 
 def uncertain(value_mm: float, least: int = 3) -> str:

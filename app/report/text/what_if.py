@@ -8,9 +8,9 @@ from pathlib import Path
 
 from app.evaluating.what_if import Choice, Trial, WhatIf
 from app.report.text.caveats import SUBSET_WORDS
-from app.report.text.diagnosis import decimals
 from app.report.text.tables import (
     LEAST_MM,
+    decimals,
     new_table,
     paragraphs,
     signed,
@@ -52,19 +52,17 @@ RESIZING = "Fitting everything else …"
 RESIZED = "Model written: {}."
 MISTAKES = "WARNING: the readings hold mistakes that were named. Correct them first: Escape, A."
 STANDING = {
-    "model": "in the model",
-    "named": "named",
-    "unnamed": "the unnamed rest",
-    "candidate": "candidate",
+    "model": ", in the model",
+    "named": ", named",
+    "unnamed": ", the unnamed rest",
+    "candidate": ", candidate",
     "undiagnosed": "",
 }
 
 
 def choice_words(one: Choice) -> str:
     """A line of the list of effects."""
-    said = f"{one.entry.id} ({one.entry.where})"
-    standing = STANDING[one.standing]
-    return f"{said}, {standing}: {one.entry.title}" if standing else f"{said}: {one.entry.title}"
+    return f"{one.entry.id} ({one.entry.where}){STANDING[one.standing]}: {one.entry.title}"
 
 
 def heading_text(choice: Choice, trial: Trial, model: Path | None) -> str:
@@ -80,9 +78,8 @@ def doubt_text(choice: Choice, *, mistakes: bool) -> str:
     """What to beware of; empty where there is nothing."""
     said = [MISTAKES] if mistakes else []
     if choice.alike:
-        said.append(
-            f"WARNING: these readings cannot distinguish it from: {', '.join(choice.alike)}."
-        )
+        alike = ", ".join(choice.alike)
+        said.append(f"WARNING: these readings cannot distinguish it from: {alike}.")
     return wrapped("\n".join(said))
 
 

@@ -151,7 +151,7 @@ def measured(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
     def measure(plan: Plan, *, headless: bool) -> None:
         assert headless
         taken.append(plan)
-        opened, readings = simulated_session(
+        made = simulated_session(
             plan.procedure,
             plan.machine,
             TRUTH,
@@ -159,7 +159,7 @@ def measured(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
             scatter_mm=0.002,
             resolution_mm=0.001,
         )
-        write_whole(plan.path, opened, list(readings))
+        write_whole(plan.path, made.opened, [*made.readings])
 
     monkeypatch.setattr(measuring, "measure", measure)
     return taken

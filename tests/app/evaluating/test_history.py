@@ -36,12 +36,12 @@ def measured(
     left = (a - b for a, b in zip(offsets_mm, machine.entered_offsets_mm, strict=True))
     truth = Model(machine.geometry(), (*left, 0.0, 0.0, 0.0))
     procedure = load_procedure("zero-max-min", machine.geometry())
-    opened, readings = simulated_session(
+    made = simulated_session(
         procedure, machine, truth, seed=number, scatter_mm=0.002, resolution_mm=0.001
     )
     when = {"at": BEGAN + timedelta(days=30 * number), "temperature_c": 20.0 + number}
     path = folder / f"s{number}.jsonl"
-    write_whole(path, opened.model_copy(update=when), list(readings))
+    write_whole(path, made.opened.model_copy(update=when), [*made.readings])
     return path
 
 

@@ -154,7 +154,7 @@ def test_readings_that_were_questioned_stand_by_themselves(tmp_path: Path) -> No
     assert ("3", "does not count: questioned: not as expected") in rows
     assert ("4", "counts again: kept: looked twice") in rows
     sentences = [part for part in section.parts if isinstance(part, str)]
-    assert sentences == ["doubted.jsonl: 1 steps left out: no room"]
+    assert sentences == ["doubted.jsonl: 1 step left out: no room"]
 
 
 def test_readings_of_a_posture_stand_in_a_row_each_below_its_axis() -> None:

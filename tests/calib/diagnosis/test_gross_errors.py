@@ -11,8 +11,7 @@ from calib.arrays import IntArray, Observations
 from calib.diagnosis.cleaning import clean
 from calib.diagnosis.diagnose import DOUBT, diagnose
 from calib.diagnosis.gross_errors import find_shift
-from calib.diagnosis.labels import Label, relabelled
-from calib.diagnosis.outliers import set_outliers_right
+from calib.diagnosis.outliers import Label, relabelled, set_outliers_right
 from calib.diagnosis.problem import Case
 from calib.diagnosis.results import Finding
 from calib.tripod.effects import CATALOGUE

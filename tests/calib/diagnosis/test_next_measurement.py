@@ -9,10 +9,18 @@ import pytest
 from scipy.linalg import block_diag
 
 from calib.arrays import Conditions, FloatArray, Observations, observe
-from calib.diagnosis.next_measurement import GOAL, best_addition, options
+from calib.diagnosis.next_measurement import (
+    GOAL,
+    Added,
+    Explanation,
+    Judge,
+    Preparation,
+    added_conditions,
+    best_addition,
+    options,
+)
 from calib.diagnosis.policy import POLICY
 from calib.diagnosis.problem import Case, Problem
-from calib.diagnosis.separating import Added, Explanation, Judge, Preparation, added_conditions
 from calib.noise.reading import IndicatorFigures
 from calib.tripod.effects.candidates import Candidate, candidates
 from calib.tripod.effects.effect import EffectInstance

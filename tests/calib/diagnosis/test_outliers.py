@@ -11,17 +11,16 @@ from scipy import stats
 from calib.arrays import IntArray, Observations
 from calib.diagnosis.cleaning import clean
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.labels import (
+from calib.diagnosis.outliers import (
     REACH,
     Label,
     evened,
-    labels_within_reach,
-    nearer_labels,
+    labels_near,
     odds_of_label,
     other_labels,
     relabelled,
+    set_outliers_right,
 )
-from calib.diagnosis.outliers import set_outliers_right
 from calib.diagnosis.policy import POLICY
 from calib.diagnosis.results import Named
 from calib.tripod.effects import CATALOGUE
@@ -251,7 +250,7 @@ def test_the_labels_that_an_accident_may_hit() -> None:
     observed = replace(one, value_mm=np.searchsorted(levels, one.displacement_mm).astype(float))
     row = int(rows_at(observed, 2, float(levels[0]))[0])
     observed = reading(observed, row, 3.0)
-    within = [each.words for each in nearer_labels(observed, row)]
-    assert within == [f"{level:+g} mm" for level in levels[2:5].tolist()]
+    near, within_reach = labels_near(observed, row)
+    assert [each.words for each in near] == [f"{level:+g} mm" for level in levels[2:5].tolist()]
     other_leg = 1
-    assert labels_within_reach(observed, row) == 4 + other_leg
+    assert within_reach == 4 + other_leg

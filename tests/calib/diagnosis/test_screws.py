@@ -9,8 +9,8 @@ import pytest
 
 from calib.arrays import Observations
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.hypotheses import screws_of, with_searched_leads
 from calib.diagnosis.problem import Problem
-from calib.diagnosis.screws import screws_of, with_searched_leads
 from calib.tripod.effects import CATALOGUE
 from calib.tripod.effects.candidates import place_columns
 from calib.tripod.effects.drives import ActuatorCyclic, ActuatorScale

@@ -272,7 +272,7 @@ def test_backlash_over_the_steps_of_the_procedures() -> None:
 
 def planned(name: str, machine: Machine) -> list[Event]:
     """Events of a session whose values are without meaning."""
-    first, readings = simulated_session(
+    made = simulated_session(
         load_procedure(name, machine.geometry()),
         machine,
         Model(),
@@ -280,7 +280,7 @@ def planned(name: str, machine: Machine) -> list[Event]:
         scatter_mm=0.0,
         resolution_mm=0.0,
     )
-    return [first, *readings]
+    return [made.opened, *made.readings]
 
 
 def test_weight_hangs_on_the_vertical_bar_and_presses_when_turned_over() -> None:

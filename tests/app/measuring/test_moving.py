@@ -15,7 +15,6 @@ from app.evaluating.solution import solve_for_controller
 from app.measuring.demo import SelfMovingBench, demo_plan
 from app.measuring.moving import Mover, Moving, check_motion, ways_of
 from app.measuring.opening import start_session
-from app.measuring.plan import QUICK_INTERVAL_S
 from app.measuring.simulated import BenchSettings
 from app.measuring.unattended import measure_all
 from calib.errors import MotionError, RecordError, UsageError
@@ -202,7 +201,7 @@ def test_a_check_says_who_says_so_and_moves_nothing() -> None:
 def test_a_demonstration_that_moves_itself_finds_the_hidden_offsets(tmp_path: Path) -> None:
     plan = demo_plan(tmp_path, None, 5, by_itself="twin")
     once = plan.procedure.model_copy(update={"cycles": 1})
-    plan = replace(plan, procedure=once, interval_s=QUICK_INTERVAL_S)
+    plan = replace(plan, procedure=once)
     with start_session(plan) as guided:
         measure_all(guided, lambda _: True, lambda _: None)
     found = solve_for_controller(plan.path).joint_offsets_mm

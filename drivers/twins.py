@@ -196,7 +196,7 @@ class _PseudoTerminal:
         import tty  # POSIX only
 
         self._own_end, self._far_end = os.openpty()
-        tty.setraw(self._far_end)
+        tty.setraw(self._far_end)  # else it echoes, and makes LF of each CR
         self.url = os.ttyname(self._far_end)
         self._open = True
 

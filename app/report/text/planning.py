@@ -8,7 +8,7 @@ from app.planning.tripod import MeasurementPlan
 from app.report.text.tables import map_table, new_table, paragraphs, uncertain, wrapped
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.design.criteria import Criterion
-from calib.design.identifiability import Combination, SeenBy
+from calib.design.identifiability import SeenBy
 from calib.diagnosis.results import AliasMap
 from calib.identify.next_mounting import Expected, FurtherSetUp, Proposal, Reach
 from calib.stats import coverage_factor
@@ -95,25 +95,22 @@ def _verdict(seen: SeenBy) -> str:
 def _combinations(seen: SeenBy) -> str:
     lines = []
     enough = seen.limited_by == "nothing"
-    without = (
-        f"  {'No posture of this procedure shows' if enough else 'More postures may show'} it."
-    )
-    for one in seen.unidentifiable:
-        lines += [f"NOT IDENTIFIABLE: {one.name}.", *_addition(one, without)]
-    for one in seen.weak:
-        half, tool = COVERAGE * (one.standard_uncertainty or 0.0), COVERAGE * (one.tool_mm or 0.0)
-        lines.append(
-            f"WEAK: {one.name} known only to ±{half:.3f} mm (95 %), ±{tool:.3f} mm at the tool."
-        )
-        lines += _addition(one)
+    without = "No posture of this procedure shows" if enough else "More postures may show"
+    for one in (*seen.unidentifiable, *seen.weak):
+        u, tool_mm = one.standard_uncertainty, one.tool_mm
+        said = f"NOT IDENTIFIABLE: {one.name}."
+        if u is not None and tool_mm is not None:
+            half, tool = COVERAGE * u, COVERAGE * tool_mm
+            said = (
+                f"WEAK: {one.name} known only to ±{half:.3f} mm (95 %), ±{tool:.3f} mm at the tool."
+            )
+        lines.append(said)
+        if one.cure is not None:
+            half = COVERAGE * one.cure.standard_uncertainty
+            lines.append(f"  Best single addition: {one.cure.where}; then ±{half:.3f} mm.")
+        elif u is None:
+            lines.append(f"  {without} it.")
     return "\n".join(lines)
-
-
-def _addition(one: Combination, *without: str) -> tuple[str, ...]:
-    if one.cure is None:
-        return without
-    half = COVERAGE * one.cure.standard_uncertainty
-    return (f"  Best single addition: {one.cure.where}; then ±{half:.3f} mm.",)
 
 
 def postures_text(chosen: ChosenPostures) -> str:

@@ -118,10 +118,7 @@ def check_text(plan: Plan) -> str:
 
 
 def trial_text(trial: Trial, step: Step) -> str:
-    """Which spindle is to be pushed, and what the last push told; ``step`` is the one to measure.
-
-    Empty where nothing is to be tried.
-    """
+    """Which spindle is to be pushed before ``step`` is measured, and what the last push told."""
     if trial.done:
         return "Each spindle was found at its place. Enter begins."
     named = [indicator_words(k, one) for k, one in enumerate(trial.instruments)]

@@ -60,15 +60,14 @@ def map_table(one: PlaneMap, shown: Callable[[float], str]) -> Table:
 
 def wrapped(text: str) -> str:
     """Every line of the text broken at the width of a plain terminal."""
-    return "\n".join(
-        fill(line, WIDTH, break_long_words=False, break_on_hyphens=False)
-        for line in text.splitlines()
-    )
+    return "\n".join(hanging(line, "") for line in text.splitlines())
 
 
 def hanging(line: str, indent: str) -> str:
-    """A long line broken at the same width, later lines set in."""
-    return fill(line, WIDTH, subsequent_indent=indent, break_long_words=False)
+    """A long line broken at the same width, later lines set in; names stay whole."""
+    return fill(
+        line, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
 
 
 LEAST_MM = 1e-6

@@ -1,0 +1,24 @@
+"""How lines of texts break, and what paragraphs are made of."""
+
+from __future__ import annotations
+
+from app.report.text.tables import hanging, new_table, paragraphs, wrapped
+
+NAME = "simulated_zero-max-min-plane-of-the-second-of-june.jsonl"
+
+
+def test_a_name_with_hyphens_stays_whole() -> None:
+    """Whoever copies it to a command needs all of it."""
+    said = f"WARNING: session {NAME}: found a line that was changed"
+    assert NAME in hanging(f"  in these few words before {said}", "  ")
+    assert NAME in wrapped(f"in these few words before {said}")
+
+
+def test_paragraphs_break_sentences_and_keep_lines() -> None:
+    table = new_table("name", "value")
+    table.add_row(NAME, "1")
+    line = f"glidecal solve {NAME} --model {NAME}"
+    said, kept, shown = paragraphs("word " * 30, "", [], [line], table).split("\n\n")
+    assert len(said.splitlines()) == 2
+    assert kept == line
+    assert shown.splitlines()[0].split() == ["name", "value"]

@@ -103,7 +103,7 @@ def open_indicators(plan: Plan, machine: Machine, undo: ExitStack) -> Indicators
         gauge.start()
         undo.callback(gauge.close)
         gauges.append(gauge)
-    return Indicators(tuple(gauges), machine.go, lambda: None)
+    return Indicators(tuple(gauges), machine.go)
 
 
 @dataclass(frozen=True)

@@ -118,17 +118,14 @@ def run(
         measured_until(plan, until, headless=headless)
 
 
-HELD = {
-    *("protocol", "output", "operator", "temperature", "note", "seed", "random_order"),
-    "dry_run",
-}
-"""What is settled where a session goes on."""
+SETTLED = ("protocol", "output", "operator", "temperature", "note", "seed", "random_order")
 
 
 def refuse_beside_continue(context: typer.Context) -> None:
-    """Raises UsageError for what a session that goes on has told already."""
-    if context.params["resume"] and (wrong := typed(context, HELD)):
-        raise UsageError(wrong, "beside --continue", "--continue without: the record tells it")
+    """Raises UsageError for what is settled where a session goes on."""
+    if context.params["resume"] and (wrong := typed(context, (*SETTLED, "dry_run"))):
+        next_step = "A session goes on as its record says."
+        raise UsageError(wrong, "beside --continue", "--continue without it", next_step)
 
 
 def _all_of_it(plan: Plan) -> str:

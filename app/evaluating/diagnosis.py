@@ -28,7 +28,6 @@ from calib.identify.next_mounting import (
 )
 from calib.identify.solution import Subset
 from calib.identify.tool_bound import ToolBound
-from calib.noise.reading import Noise, reading_noise, visits
 from calib.tripod.effects.effect import Effect, Kind
 from calib.tripod.effects.empirical import EMPIRICAL
 from calib.tripod.pipeline import Model
@@ -117,30 +116,29 @@ class SessionDiagnosis:
         Effects of the model are taken to be compensated. None where no noise is known, or where the
         parameters that fit belong to no machine.
         """
-        case, noise = self._last
-        if noise is None:
+        case = self._last
+        if case.noise is None:
             return None
         try:
-            return bound_of(case.model, case.observed, noise, case.tolerance_mm)
+            return bound_of(case.model, case.observed, case.noise, case.tolerance_mm)
         except CalibrationError:
             return None
 
-    def reach(self, minutes_per_mounting: float = MINUTES_PER_MOUNTING) -> Reach | None:
+    def reach(self) -> Reach | None:
         """The same after further set-ups, and when more would not help."""
-        case, noise = self._last
-        if self.tool_bound is None or noise is None or not case.model.geometry.orthogonal:
+        case = self._last
+        if self.tool_bound is None or case.noise is None or not case.model.geometry.orthogonal:
             return None
         opened, step_s = self.sessions[-1].opened, SECONDS_PER_STEP
         if opened.machine.motion is not None and opened.procedure is not None:
             step_s = seconds_per_step(opened.machine, opened.procedure)
-        pace = minutes_per_mounting, step_s
-        return reach_of(case.model, case.observed, noise, case.tolerance_mm, *pace)
+        pace = MINUTES_PER_MOUNTING, step_s
+        return reach_of(case.model, case.observed, case.noise, case.tolerance_mm, *pace)
 
-    @cached_property
-    def _last(self) -> tuple[Case, Noise | None]:
+    @property
+    def _last(self) -> Case:
         """The machine as it stands now, without mistakes that were found in its readings."""
-        case = self.cases[-1].with_readings(self.diagnosis.cleaned[-1].observed)
-        return case, reading_noise(visits(case.observed), case.indicator)
+        return self.cases[-1].with_readings(self.diagnosis.cleaned[-1].observed)
 
 
 def diagnose_files(
@@ -153,8 +151,6 @@ def diagnose_files(
     """As `diagnose_sessions`, of files, with their warnings. Raises RecordError, too."""
     sessions, warnings = load_sessions(paths)
     others, more = load_sessions(held_out)
-    if {path.resolve() for path in paths} & {path.resolve() for path in held_out}:
-        raise _on_both_sides()
     found = diagnose_sessions(sessions, model=model, held_out=others, effects=effects)
     return replace(found, warnings=(*warnings, *more, *found.warnings))
 
@@ -209,20 +205,16 @@ def cases(sessions: Sequence[Session], model: Model) -> list[Case]:
     return found
 
 
-def _on_both_sides() -> UsageError:
-    return UsageError(
-        "--held-out",
-        "a session that is also diagnosed",
-        "sessions that the choice does not see",
-        "Leave it out on one side.",
-    )
-
-
 def _check(sessions: Sequence[Session], others: Sequence[Session]) -> None:
     """One geometry for all, and no session on both sides."""
     # a copy has another path, but it began at the same moment
     if {one.opened.at for one in sessions} & {one.opened.at for one in others}:
-        raise _on_both_sides()
+        raise UsageError(
+            "--held-out",
+            "a session that is also diagnosed",
+            "sessions that the choice does not see",
+            "Leave it out on one side.",
+        )
     if len({session.adjusted for session in (*sessions, *others)}) > 1:
         raise changed_between("sessions diagnosed together", "diagnose")
     geometries = {

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Literal
 
 from calib.arrays import Observations
 from calib.errors import NotIdentifiable, RecordError, UsageError
-from calib.identify.accuracy import Decision, ToolError, decide, tool_map
+from calib.identify.accuracy import Decision, ToolError, decide
 from calib.identify.fit import plane_tilts_mrad
 from calib.identify.monte_carlo import Campaign, MonteCarlo, simulate_and_identify
 from calib.identify.solution import Method, Solution, Subset, Weights
-from calib.identify.subset_choice import CLEARLY_BETTER, SubsetChoice, choose_subset, left_after
+from calib.identify.subset_choice import CLEARLY_BETTER, SubsetChoice, choose_subset
 from calib.noise.reading import (
     NoisyIndicator,
     noisy_indicators,
@@ -23,7 +23,6 @@ from calib.noise.reading import (
 )
 from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
-from calib.tripod.workspace import PLANES, PlaneMap
 from protocols.data_table import Cell, DataTable
 from protocols.observations import indicator_figures, to_observations
 from protocols.record import read_record
@@ -401,9 +400,6 @@ def solve_for_controller(path: Path) -> SessionSolution:
     return solve_files([path]).for_controller()
 
 
-POINTS = 5
-
-
 @dataclass(frozen=True)
 class Judgement:
     """The bound at the tool against a tolerance, before and after; fail with a guard band."""
@@ -431,13 +427,6 @@ def check_tolerance(tolerance_mm: float | None) -> None:
     """Raises UsageError for one that is stated and no positive length."""
     if tolerance_mm is not None and not tolerance_mm > 0.0:
         raise UsageError("--tolerance", f"{tolerance_mm:g} mm", "a positive length in mm")
-
-
-def maps(solved: SessionSolution) -> tuple[PlaneMap, ...]:
-    """Expected error of the tool with the solution entered, on the three planes through Zero."""
-    geometry = solved.solution.model.geometry
-    bias, covariance = left_after(solved.choice.solutions, solved.solution.subset)
-    return tuple(tool_map(geometry, bias, covariance, plane, POINTS) for plane in PLANES)
 
 
 def monte_carlo(solved: SessionSolution, sessions: int, seed: int) -> MonteCarlo:

@@ -243,16 +243,10 @@ def what_if(
     if chosen is None:
         numbers = " or ".join(sorted({str(len(one.parameters)) for one in fitting}))
         raise UsageError(f"values of {effect}", f"{len(values)}", numbers)
-    trial = Trial(tuple(sessions), _lacking(beside, chosen), chosen, subset)
+    trial = trial_of(Choice(chosen, "undiagnosed"), sessions, beside, subset)
     found = trial.at(values)
     found.work_out_all()  # what cannot be worked out is said here
     return found
-
-
-def _lacking(model: ModelFile, entry: EffectEntry) -> ModelFile:
-    """The model without an effect at a place."""
-    others = [one for one in model.effects if (one.id, one.where) != (entry.id, entry.where)]
-    return model.model_copy(update={"effects": tuple(others)})
 
 
 def _of_the_catalogue(sessions: Sequence[Session]) -> Iterator[EffectEntry]:
@@ -308,7 +302,11 @@ def choices(
     diagnosed: SessionDiagnosis | None = None,
 ) -> list[Choice]:
     """Effects to try: those of the model, then what was diagnosed, else all that could show."""
-    found = [_of_the_model(entry) for entry in model.effects] if model else []
+    found: list[Choice] = []
+    for entry in model.effects if model else ():
+        unsure = entry.provenance is not None and entry.provenance.verdict == "ambiguous"
+        alike = ("others that fitted as well",) if unsure else ()
+        found.append(Choice(entry, "model", alike))
     if diagnosed is not None:
         found += _of_the_diagnosis(diagnosed.diagnosis)
     else:
@@ -325,15 +323,11 @@ def trial_of(
     model: ModelFile | None = None,
     subset: Subset | None = None,
 ) -> Trial:
-    """The effect of this choice, to be moved."""
-    known = _lacking(model or ModelFile(machine=sessions[0].opened.machine), choice.entry)
-    known = known.model_copy(update={"effects": (*known.effects, *choice.beside)})
-    return Trial(tuple(sessions), known, choice.entry, subset)
-
-
-def _of_the_model(entry: EffectEntry) -> Choice:
-    unsure = entry.provenance is not None and entry.provenance.verdict == "ambiguous"
-    return Choice(entry, "model", ("others that fitted as well",) if unsure else ())
+    """The effect of this choice, to be moved beside the other effects of the model."""
+    known = model or ModelFile(machine=sessions[0].opened.machine)
+    others = [one for one in known.effects if (one.id, one.where) != choice.key]
+    beside = known.model_copy(update={"effects": (*others, *choice.beside)})
+    return Trial(tuple(sessions), beside, choice.entry, subset)
 
 
 def _of_the_diagnosis(found: Diagnosis) -> Iterator[Choice]:

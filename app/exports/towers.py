@@ -6,7 +6,7 @@ sqrt(length^2 - radius^2).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from app.exports.linuxcnc import (
@@ -19,7 +19,7 @@ from app.exports.linuxcnc import (
 from app.report.offsets import Offsets
 from calib.arrays import LEG_NAMES, FloatArray
 from calib.errors import UsageError
-from calib.tripod.pipeline import Model, Stage
+from calib.tripod.pipeline import Stage
 from calib.tripod.towers import LEAST_MM, Entered, Towers, each_alone, entered, tower_model
 from protocols.files import Written
 
@@ -85,45 +85,34 @@ def comments(
     offsets: Offsets, found: Entered, put: str, holds: str, *, each_tower: bool = True
 ) -> list[str]:
     """What stands above the values: where they go, what they are for, what they leave, cautions."""
-    said = [*origin(offsets), put, *_for(found, holds)]
-    said += _left(offsets.model, found, each_tower=each_tower)
-    for name, one in offsets.parameters.items():
-        said += known_lines(name, one, lacks_fit=offsets.lacks_fit)
-    return [line for text in (*said, *offsets.cautions) for line in short_lines(text)]
-
-
-def _for(found: Entered, holds: str) -> Iterator[str]:
     now = found.now
-    yield (
+    said = [
+        *origin(offsets),
+        put,
         f"made for a controller that now holds radius {now.radius_mm:.3f} mm, lengths of the bars "
         f"{_three(now.length_mm)} mm, towers at {_three(now.angle_deg)}°, {holds}; if it "
-        "holds others, these values are wrong"
-    )
-    yield (
+        "holds others, these values are wrong",
         f"tool error over the workspace, if the model is right: {found.before_mm:.4f} mm r.m.s. "
-        f"now, {found.after_mm:.4f} mm with these values"
-    )
+        f"now, {found.after_mm:.4f} mm with these values",
+    ]
     x, y, z = found.at_zero_mm.tolist()
     if max(abs(x), abs(y), abs(z)) >= LEAST_MM:
-        yield (
+        said.append(
             f"the tool sent to Zero then stands at ({x:+.4f}, {y:+.4f}, {z:+.4f}) mm: errors count "
             "from there"
         )
-
-
-def _left(model: Model, found: Entered, *, each_tower: bool) -> Iterator[str]:
-    """Which parts the values hold, and what they leave of each of the others by itself."""
-    alone = dict(each_alone(model, each_tower=each_tower))
-    held = [name for name, left_mm in alone.items() if left_mm < LEAST_MM]
-    if held:
-        yield f"wholly in these values: {', '.join(held)}"
-    short = {name: mm for name, mm in alone.items() if mm >= LEAST_MM}
-    if short:
+    alone = dict(each_alone(offsets.model, each_tower=each_tower))
+    if held := [name for name, left_mm in alone.items() if left_mm < LEAST_MM]:
+        said.append(f"wholly in these values: {', '.join(held)}")
+    if short := {name: mm for name, mm in alone.items() if mm >= LEAST_MM}:
         shown = ", ".join(f"{name} leaves {mm:.4f} mm" for name, mm in short.items())
-        yield (
+        said.append(
             f"not wholly: the firmware has no value for all of {', '.join(short)}. By itself "
             f"{shown}, together {found.after_mm:.4f} mm r.m.s. at the tool"
         )
+    for name, one in offsets.parameters.items():
+        said += known_lines(name, one, lacks_fit=offsets.lacks_fit)
+    return [line for text in (*said, *offsets.cautions) for line in short_lines(text)]
 
 
 def _three(values: FloatArray, decimals: int = 3) -> str:

@@ -203,11 +203,12 @@ def solve(files: Sequence[Path], own: SolveOptions, say: Say) -> Answer:
     for warning in solved.warnings:
         say(f"glidecal: {warning}")
     judged = mapped = simulated = None
-    if own.tolerance is not None or own.show_map:
-        from app.evaluating.solution import judge, maps
+    if own.tolerance is not None:
+        from app.evaluating.solution import judge
 
-        judged = None if own.tolerance is None else judge(solved, own.tolerance)
-        mapped = maps(solved) if own.show_map else None
+        judged = judge(solved, own.tolerance)
+    if own.show_map:
+        mapped = solved.choice.tool_maps(solved.subset)
     if own.monte_carlo:
         from app.evaluating.solution import monte_carlo
 

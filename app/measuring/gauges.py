@@ -18,7 +18,6 @@ from drivers.line import IndicatorLine
 from drivers.profile import Fault, IndicatorReading, Outcome, Profile, Query
 from protocols.machine import Instrument
 
-HISTORY = 120
 SLOT_S, SLOTS = 0.25, 80
 """The strip chart covers so many moments of this length: 20 s."""
 
@@ -27,7 +26,7 @@ READINGS_IN_WINDOW = 2.5
 """A slow indicator must have given at least two readings before it can be called stable."""
 
 SPACING_S = 0.02
-"""The history holds one outcome in this time, so that a fast indicator does not fill it."""
+"""The history holds one outcome in this time, so that that of a fast indicator stays short."""
 
 
 ONE_DIGIT = 1.001
@@ -94,7 +93,7 @@ class Gauge:
         self._lock = threading.Lock()
         self._slot = 0.0
         self._flicker_mm = self._digit_mm = 0.0
-        self._heard: deque[tuple[float, Outcome]] = deque(maxlen=HISTORY)
+        self._heard: deque[tuple[float, Outcome]] = deque()
         self._moments: deque[tuple[int, float, float]] = deque(maxlen=SLOTS)
         self._latest: Outcome | None = None
         self._pressed = self._rests = False
@@ -130,6 +129,8 @@ class Gauge:
             else:
                 self._slot = now
                 self._heard.append((now, outcome))
+                while len(self._heard) > 1 and now - self._heard[1][0] >= self._window_s:
+                    self._heard.popleft()  # the one before the window stays: it was heard whole
             self._latest = outcome
         if changes:
             self.on_news()

@@ -96,27 +96,19 @@ def before_measuring(
 
 
 def procedure_files(orders: Orders, like: Procedure, path: Path) -> tuple[Path, Written]:
-    """What to write where: the procedure, or one for each mounting with its name before the suffix.
+    """What to write where: one procedure where all mountings visit the same displacements, else one
+    for each, with its name before the suffix.
 
     Timing and limits are those of the procedure ``like`` them.
     """
-    texts = _texts(orders, like)
-    if list(texts) == [""]:
-        return path, texts
-    return path.parent, {f"{path.stem}{part}.toml": text for part, text in texts.items()}
-
-
-def _texts(orders: Orders, like: Procedure) -> dict[str, str]:
-    """One procedure where all mountings visit the same displacements, else one for each."""
     legs = sorted({leg for leg, _ in orders})
     stations = sorted({station for _, station in orders})
     first = next(iter(orders.values()))
-    if len(orders) == len(legs) * len(stations) and all(
-        order == first for order in orders.values()
-    ):
-        return {"": _toml(like, "optimum", legs, stations, first)}
-    return {
-        f"-{LEG_NAMES[leg]}-{station:g}": _toml(
+    all_alike = all(order == first for order in orders.values())
+    if all_alike and len(orders) == len(legs) * len(stations):
+        return path, {"": _toml(like, "optimum", legs, stations, first)}
+    return path.parent, {
+        f"{path.stem}-{LEG_NAMES[leg]}-{station:g}.toml": _toml(
             like, f"optimum-{LEG_NAMES[leg]}", [leg], [station], order
         )
         for (leg, station), order in orders.items()

@@ -76,6 +76,11 @@ class Case:
         """The same session with other readings."""
         return replace(self, observed=observed)
 
+    @property
+    def noise(self) -> Noise | None:
+        """Of its readings, None where none is known."""
+        return reading_noise(visits(self.observed), self.indicator)
+
     def fitted(self) -> FittedSession:
         """The base parameters fitted, to linearise there. Raises NotIdentifiable."""
         visited = with_first_movements(visits(self.observed))

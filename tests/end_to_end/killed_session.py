@@ -90,7 +90,7 @@ class Life:
         self._acts = 0
         lines = [InstantLine(number + k / 1000, self._chance) for k in range(2)]
         gauges = tuple(InstantGauge(line) for line in lines)
-        self._indicators = Indicators(gauges, lambda _: None, lambda: None)
+        self._indicators = Indicators(gauges, lambda _: None)
 
     def live(self) -> None:
         """Go on with the session until it is closed, or until the end."""

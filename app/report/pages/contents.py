@@ -10,7 +10,7 @@ from rich.table import Table
 
 from app.evaluating.comparison import Verification, verify_files
 from app.evaluating.diagnosis import SessionDiagnosis, diagnose_sessions
-from app.evaluating.solution import SessionSolution, judge, maps, solve_files
+from app.evaluating.solution import SessionSolution, judge, solve_files
 from app.report.charts.results import (
     before_and_after,
     measured_and_predicted,
@@ -223,7 +223,7 @@ def _result(solved: SessionSolution, judged: str) -> Section:
             parameter_table(solution),
             *([size_table(solution)] if solution.sizes else []),
             subset_table(solved),
-            Picture(maps_svg(maps(solved)), caption),
+            Picture(maps_svg(solved.choice.tool_maps(solved.subset)), caption),
         ],
     )
 

@@ -22,13 +22,13 @@ def reading(value_mm: float) -> IndicatorReading:
 class Told:
     """An indicator whose port is never opened: `hear` speaks in its place and counts the news."""
 
-    def __init__(self) -> None:
+    def __init__(self, window_s: float = WINDOW_S) -> None:
         self.gauge = Gauge(
             MITUTOYO_01A,
             "nowhere",
             Query(),
             interval_s=INTERVAL_S,
-            window_s=WINDOW_S,
+            window_s=window_s,
             tolerance_mm=TOLERANCE_MM,
         )
         self.now_s = 100.0
@@ -52,8 +52,11 @@ class Told:
 
 @pytest.fixture
 def told(monkeypatch: pytest.MonkeyPatch) -> Told:
+    return in_its_time(Told(), monkeypatch)
+
+
+def in_its_time(one: Told, monkeypatch: pytest.MonkeyPatch) -> Told:
     """In a time that passes with what is heard."""
-    one = Told()
     clock = SimpleNamespace(monotonic=lambda: one.now_s)
     monkeypatch.setattr("app.measuring.gauges.time", clock)
     return one
@@ -115,6 +118,20 @@ def test_only_the_window_tells_stable_from_moving(told: Told) -> None:
     assert told.motion() is Motion.MOVING
     told.hear(reading(0.502), reading(0.5), reading(0.502))
     assert told.motion() is Motion.STABLE
+
+
+@pytest.mark.parametrize("window_s", [1.0, 60.0])
+def test_a_window_is_heard_whole_however_long(
+    window_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = in_its_time(Told(window_s), monkeypatch)
+    count = round(window_s / INTERVAL_S)
+    told.hear(reading(0.9), *[reading(0.5)] * (count - 1))
+    assert told.motion() is Motion.MOVING
+    told.hear(*[reading(0.5)] * 3)
+    assert told.motion() is Motion.STABLE
+    told.hear(*[reading(0.5)] * count, reading(0.9))
+    assert told.motion() is Motion.MOVING
 
 
 def test_the_band_of_rest_is_a_digit_and_twice_the_flicker_at_rest(told: Told) -> None:

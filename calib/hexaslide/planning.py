@@ -22,7 +22,6 @@ from calib.arrays import (
 from calib.design.identifiability import (
     AddedMeasurement,
     ClassicalQr,
-    Combination,
     Examination,
     Identifiability,
     SeenBy,
@@ -317,8 +316,10 @@ class HexaSlideSeen:
         """Names of the combinations that no posture shows."""
         all_seen = reachable(self.procedure, self.machine)
         never = basis_of(all_seen.unseen_vectors.T, EXACT_BLIND)
-        names = self.seen.found.names
-        return tuple(one.name for one in self.seen.unidentifiable if _lies_in(never, one, names))
+        lost = self.seen.found.unseen
+        return tuple(
+            one.combination for one in lost if np.linalg.norm(without(never, one.vector)) < BLIND
+        )
 
     @cached_property
     def rules(self) -> tuple[PaperRule, ...]:
@@ -346,11 +347,6 @@ def look_at(planned: HexaSlidePlanning) -> HexaSlideSeen:
     scale = Scale.of(planned.procedure, planned.machine)
     conditions = conditions_by_units(planned.procedure, seen.examined.bare, seen.found.rank, scale)
     return HexaSlideSeen(planned, seen, conditions)
-
-
-def _lies_in(space: FloatArray, one: Combination, names: tuple[str, ...]) -> bool:
-    vector = np.array([one.shares.get(name, 0.0) for name in names])
-    return bool(np.linalg.norm(without(space, vector)) < BLIND)
 
 
 DIFFERENCE_STEP = 1e-7

@@ -175,7 +175,9 @@ def residuals(
     else:
         values = -read_at(procedure, machine, postures)
         values[:, len(procedure.read) - len(procedure.measured) :] += readings.measured
-        values = _turned_back(values, procedure.read)
+        angular = np.array([name in ANGLES for name in procedure.read])
+        # between -π and π: a turn may be read on the other side of the cut
+        values = np.where(angular, np.remainder(values + np.pi, 2.0 * np.pi) - np.pi, values)
     slopes = jacobian(procedure, machine.geometry, postures, machine.link)
     return Residuals(procedure.read, values, postures), np.asarray(slopes)
 
@@ -210,12 +212,6 @@ def stretch(link: ConstraintLink | None, postures: FloatArray) -> FloatArray:
     link = present(link)
     apart = postures[:, :3] + rotation(postures[:, 3:]) @ link.platform_end - link.base_end
     return np.asarray(link.length_m - np.linalg.norm(apart, axis=1))
-
-
-def _turned_back(values: FloatArray, names: tuple[str, ...]) -> FloatArray:
-    """Angles between -π and π."""
-    angular = np.array([name in ANGLES for name in names])
-    return np.where(angular, np.remainder(values + np.pi, 2.0 * np.pi) - np.pi, values)
 
 
 def variances(readings: Readings, geometry: Geometry) -> FloatArray:

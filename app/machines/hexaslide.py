@@ -25,7 +25,7 @@ from app.machines.options import (
     parts,
     working,
 )
-from app.screens.look import Look
+from app.screens import Look
 from calib.errors import UsageError
 
 if TYPE_CHECKING:  # heavy: imported where used

@@ -18,7 +18,7 @@ from protocols.machine_files import USUAL_MACHINE, machine_names
 
 if TYPE_CHECKING:  # heavy: imported where used
     from app.report.schema.document import Report
-    from app.screens.look import Look, MakeScreen
+    from app.screens import Look, MakeScreen
     from calib.design.criteria import Criterion
 
 

@@ -7,25 +7,16 @@ from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Horizontal
 from textual.widgets import Footer, Static
 
 from app.measuring.aligning import Round, align_session
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession
-from app.report.text.alignment import (
-    ALIGN_HELP,
-    MOVE_CHOICES,
-    MOVE_QUESTION,
-    UNSEEN,
-    round_text,
-    screw_text,
-)
+from app.report.text import alignment as texts
 from app.report.text.session import progress_text
 from app.screens.corrections import Corrections
-from app.screens.interface import ChoiceDialog
 from app.screens.pages import signalled
-from app.screens.session_view import GaugeDisplay
+from app.screens.session_view import Gauges
 from calib.errors import GlidecalError
 from calib.tripod.alignment import RailMoved
 
@@ -37,7 +28,7 @@ TURN_MM = 0.02
 class AlignScreen(Corrections):
     """One screw after the other; what it has moved by and what is to go, while it is turned."""
 
-    HELP = ALIGN_HELP
+    HELP = texts.ALIGN_HELP
     FINISHES = "F"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "choose(-1)", "Up", show=False, id="align.up"),
@@ -57,13 +48,11 @@ class AlignScreen(Corrections):
         super().__init__(guided, plan)
         self.chosen = 0
         self.round: Round | None = None
-        self._displays = [GaugeDisplay(k, one) for k, one in enumerate(plan.instruments)]
 
     def compose(self) -> ComposeResult:
         yield Static("", id="progress", markup=False)
         yield Static("", id="step", markup=False)
-        with Horizontal(id="gauges"):
-            yield from self._displays
+        yield Gauges(self.plan.instruments)
         yield Static("", id="said", markup=False)
         yield Static("", id="screws", markup=False)
         yield Footer(compact=True, show_command_palette=False)
@@ -78,7 +67,7 @@ class AlignScreen(Corrections):
             self.say(f"{problem} C measures again.")
         else:
             self.round = Round(self.guided, aligned)
-            self.say(UNSEEN.format(aligned.reference.upper()))
+            self.say(texts.UNSEEN.format(aligned.reference.upper()))
             self._stand()
         self.set_interval(LIVE_S, self._show)
         self._show()
@@ -94,11 +83,10 @@ class AlignScreen(Corrections):
         self.say(text)
 
     def _show(self) -> None:
-        for display, gauge in zip(self._displays, self.guided.gauges, strict=True):
-            display.show(gauge.live())
+        self.query_one(Gauges).show([gauge.live() for gauge in self.guided.gauges])
         if self.round:
-            self.query_one("#step", Static).update(screw_text(self.round, self.chosen))
-            self.query_one("#screws", Static).update(round_text(self.round, self.chosen))
+            self.query_one("#step", Static).update(texts.screw_text(self.round, self.chosen))
+            self.query_one("#screws", Static).update(texts.round_text(self.round, self.chosen))
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Only a simulated machine has screws to be turned by a key."""
@@ -115,9 +103,7 @@ class AlignScreen(Corrections):
             self.say(str(problem))
             return
         self.guided.watch(step)
-        axes = dict(zip(step.indicators, step.axes, strict=True))
-        for k, (display, one) in enumerate(zip(self._displays, self.plan.instruments, strict=True)):
-            display.name_it(one, axes.get(k, ""))
+        self.query_one(Gauges).name_them(self.plan.instruments, step)
 
     def action_choose(self, by: int) -> None:
         """Another screw; one that is watched is finished first."""
@@ -132,11 +118,10 @@ class AlignScreen(Corrections):
 
     def _before_a_move(self, then: Callable[[], None]) -> None:
         """The first move of a round ends what the round has measured: that is asked."""
-        if not self.guided.session.readings:
+        if self.guided.session.readings:
+            self.ask_whether(texts.MOVE_QUESTION, texts.MOVE_CHOICES, then)
+        else:
             then()
-            return
-        dialog = ChoiceDialog(MOVE_QUESTION, MOVE_CHOICES)
-        self.ask(dialog, lambda answer: then() if answer == "move" else None)
 
     def action_watch(self) -> None:
         """Begin to watch the chosen screw, or write down where it is now."""

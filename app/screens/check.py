@@ -10,7 +10,7 @@ from typing import ClassVar
 from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Horizontal, VerticalScroll
+from textual.containers import VerticalScroll
 from textual.screen import Screen
 from textual.widgets import Footer, Static
 
@@ -24,7 +24,8 @@ from app.report.text.home import CHECK_HELP
 from app.report.text.preparing import check_text, dry_run_text, trial_text
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
-from app.screens.session_view import GaugeDisplay
+from app.screens.pages import apart, is_left
+from app.screens.session_view import Gauges
 from calib.errors import GlidecalError
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Procedure, Step
@@ -63,9 +64,7 @@ class CheckScreen(Screen[None]):
         else:
             yield words
         yield Static("", id="trial", markup=False)
-        with Horizontal(id="gauges"):
-            for number, instrument in enumerate(self._plan.instruments):
-                yield GaugeDisplay(number, instrument)
+        yield Gauges(self._plan.instruments)
         yield Footer()
 
     def on_mount(self) -> None:
@@ -74,22 +73,24 @@ class CheckScreen(Screen[None]):
 
     @work(thread=True)
     def _open(self) -> None:
+        """To its end, be this screen left meanwhile: ports that are open then are closed again."""
+        interface = self.app  # a screen that is gone has none
         try:
             indicators = open_indicators(self._plan)
         except GlidecalError as problem:
-            self.app.call_from_thread(self._refused, problem)
+            interface.call_from_thread(self._refused, problem)
         else:
-            self.app.call_from_thread(self._opened, indicators)
+            interface.call_from_thread(self._opened, indicators)
 
     def _refused(self, problem: GlidecalError) -> None:
-        if self not in self.app.screen_stack:
+        if is_left(self):
             return
         self._problem = problem
         self.query_one("#words", Static).update(f"{problem}\n\nR tries again, Escape goes back.")
         self.refresh_bindings()
 
     def _opened(self, indicators: Indicators) -> None:
-        if self not in self.app.screen_stack:  # left meanwhile: nobody else would close them
+        if is_left(self):
             indicators.close()
             return
         self.app.indicators = indicators
@@ -108,20 +109,15 @@ class CheckScreen(Screen[None]):
         if self.app.indicators is None:
             return
         states = [gauge.live() for gauge in self.app.indicators.gauges]
-        for display, live in zip(self.query(GaugeDisplay), states, strict=True):
-            display.show(live)
+        self.query_one(Gauges).show(states)
         if trial := self._trial:
             unready = not trial.ready
             if ended := trial.look(states):
                 self.app.bell()
             if ended or (unready and trial.ready):
-                self._show_trial()
-
-    def _show_trial(self) -> None:
-        trial, step = self._trial, self._first
-        if trial and step:
-            self.query_one("#trial", Static).update(trial_text(trial, step))
-        self.refresh_bindings()
+                if self._first:
+                    self.query_one("#trial", Static).update(trial_text(trial, self._first))
+                self.refresh_bindings()
 
     def action_exchange(self) -> None:
         """The spindle that moved is the one that was asked for: its port belongs there."""
@@ -130,10 +126,7 @@ class CheckScreen(Screen[None]):
             opened = self.app.indicators
             if opened:
                 self.app.indicators = replace(opened, gauges=opened.gauges[::-1])
-            for display, known in zip(
-                self.query(GaugeDisplay), self._trial.instruments, strict=True
-            ):
-                display.name_it(known)
+            self.query_one(Gauges).name_them(self._trial.instruments)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Begin is offered once the indicators are open, another try where they did not open."""
@@ -212,20 +205,16 @@ class DryRunScreen(Screen[None]):
             yield Static("", id="expected", markup=False)
         yield Footer()
 
-    def on_mount(self) -> None:
-        self._expect()
+    @work
+    async def on_mount(self) -> None:
+        said = await apart(self, self._expected)
+        self.query_one("#expected", Static).update(f"\n{said}")
 
-    @work(thread=True)
-    def _expect(self) -> None:
+    def _expected(self) -> str:
         from app.planning.tripod import before_measuring
         from app.report.text.planning import before_measuring_text
 
         try:
-            said = before_measuring_text(*before_measuring(*self._asked))
+            return before_measuring_text(*before_measuring(*self._asked))
         except GlidecalError as problem:
-            said = str(problem)
-        self.app.call_from_thread(self._expected, said)
-
-    def _expected(self, text: str) -> None:
-        if self in self.app.screen_stack:
-            self.query_one("#expected", Static).update(f"\n{text}")
+            return str(problem)

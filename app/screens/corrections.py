@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import ClassVar, TypeVar
 
 from textual import work
@@ -12,16 +14,8 @@ from textual.screen import ModalScreen, Screen
 from app.evaluating.solution import solve_files
 from app.measuring.plan import Plan
 from app.measuring.session import GuidedSession
+from app.report.text import session as texts
 from app.report.text.alignment import adjusted_words
-from app.report.text.session import (
-    LEAVE_CHOICES,
-    LEAVE_QUESTION,
-    MOVED_CHOICES,
-    MOVED_QUESTION,
-    RESTORE_CHOICES,
-    RESTORE_QUESTION,
-    point_text,
-)
 from app.screens.interface import ChoiceDialog, Interface, TextDialog
 from calib.errors import GlidecalError
 
@@ -62,6 +56,13 @@ class Corrections(Screen[None]):
 
         self.app.push_screen(dialog, answered)
 
+    def ask_whether(
+        self, question: str, choices: Sequence[tuple[str, str]], then: Callable[[], None]
+    ) -> None:
+        """Ask no or yes, in this order of the choices."""
+        (_, _), (yes, _) = choices
+        self.ask(ChoiceDialog(question, choices), lambda said: then() if said == yes else None)
+
     def write(self, writing: Callable[[], object]) -> bool:
         """Write to the record; where the disk refuses, say so."""
         try:
@@ -71,23 +72,25 @@ class Corrections(Screen[None]):
             return False
         return True
 
-    @work(thread=True)
-    def finish(self) -> None:
+    @work
+    async def finish(self) -> None:
         """Close the record, on to the result."""
         try:
-            self.guided.finish()
-            solved = solve_files([self.guided.path])
+            result = await asyncio.to_thread(self._result)
         except GlidecalError as problem:
             again = f"{self.FINISHES} tries again, F10 leaves."
-            said = f"Every reading is on the disk, but: {problem} {again}"
-            self.app.call_from_thread(self.refused, said)
+            self.refused(f"Every reading is on the disk, but: {problem} {again}")
             return
         self.app.guided = None
-        result = self.app.result(solved, self.plan, self.guided.path)
-        self.app.call_from_thread(self.app.go_to, result)
+        self.app.go_to(result)
         if self.guided.session.changes:
-            said = adjusted_words(self.guided.session.adjusted)
-            self.app.call_from_thread(self.app.notify, said, timeout=30)
+            self.app.notify(adjusted_words(self.guided.session.adjusted), timeout=30)
+
+    def _result(self) -> Screen[None]:
+        from app.screens.result import ResultScreen
+
+        self.guided.finish()
+        return ResultScreen(solve_files([self.guided.path]), self.plan, self.guided.path)
 
     def action_undo(self) -> None:
         """Measure the last step again; its readings stay in the record, superseded.
@@ -99,7 +102,7 @@ class Corrections(Screen[None]):
         if self.busy or last is None:
             return
         if len(self.guided.steps_repeated_with(last)) > 1:
-            self._chosen(str(last))
+            self._chosen(last)
         elif self.write(self.guided.undo):
             step = self.guided.step()
             again = f"Step {step.number if step else 0} is next again."
@@ -114,14 +117,13 @@ class Corrections(Screen[None]):
         points = [step for step in self.guided.steps if step.number in known]
         if self.busy or not points:
             return
-        choices = [(str(step.number), point_text(step, session)) for step in points]
+        choices = [(step.number, texts.point_text(step, session)) for step in points]
         question = "Which step? Nothing changes until you say what to do with it."
         self.ask(ChoiceDialog(question, choices, len(choices) - 1), self._chosen)
 
-    def _chosen(self, number: str | None) -> None:
-        if not number:
+    def _chosen(self, step: int | None) -> None:
+        if step is None:
             return
-        step = int(number)
         session = self.guided.session
         if any(r.step == step for r in session.readings) or step in session.skipped:
             gone = len(self.guided.steps_repeated_with(step))
@@ -129,12 +131,12 @@ class Corrections(Screen[None]):
             question = f"Why is step {step} {brought}? With a reason, Enter makes it the next step."
             if gone > 1:
                 question += f" Its stand is gone: {gone} steps are measured, to share one zero."
-            dialog = TextDialog(question, "reason", without=self._as_before())
-            self.ask(dialog, lambda why: self._repeat(step, why))
+            said = f"Step {step} is measured again: {{}}"
+            self._with_reason(question, partial(self.guided.repeat, step), said)
         else:
             why = session.superseded[max(r.reading for r in session.all_readings if r.step == step)]
-            again = ChoiceDialog(RESTORE_QUESTION.format(step, why), RESTORE_CHOICES)
-            self.ask(again, lambda answer: self._restore(step) if answer == "use" else None)
+            question = texts.RESTORE_QUESTION.format(step, why)
+            self.ask_whether(question, texts.RESTORE_CHOICES, partial(self._restore, step))
 
     def _restore(self, step: int) -> None:
         if self.write(lambda: self.guided.restore(step, "restored by the operator")):
@@ -146,51 +148,45 @@ class Corrections(Screen[None]):
             )
             self.proceed()
 
-    def _as_before(self) -> str:
+    def _with_reason(self, question: str, writing: Callable[[str], object], said: str) -> None:
+        """Ask for a reason and write it, then say so; without one nothing changes."""
         step = self.guided.step()
         then = f"step {step.number} stays the next" if step else "the session is done"
-        return f"nothing changes, {then}."
+        as_before = f"nothing changes, {then}."
 
-    def _repeat(self, number: int, reason: str | None) -> None:
-        if not reason:
-            self.say(self._as_before().capitalize())
-        elif self.write(lambda: self.guided.repeat(number, reason)):
-            self.say(f"Step {number} is measured again: {reason}")
-            self.proceed()
+        def answered(reason: str | None) -> None:
+            if not reason:
+                self.say(as_before.capitalize())
+            elif self.write(partial(writing, reason)):
+                self.say(said.format(reason))
+                self.proceed()
+
+        self.ask(TextDialog(question, "reason", without=as_before), answered)
 
     def action_skip(self) -> None:
         step = self.guided.step()
         if step is None or self.busy:
             return
         rest = [s.number for s in self.guided.rest_of_place()]
-        choices = [("one", f"Step {step.number} only")]
+        choices = [([step.number], f"Step {step.number} only")]
         if len(rest) > 1:
-            choices.append(("rest", f"The rest of leg {step.leg.upper()}: {len(rest)} steps"))
-        self.ask(
-            ChoiceDialog("What do you want to skip?", choices),
-            lambda what: self._skip_why([step.number] if what == "one" else rest) if what else None,
-        )
+            choices.append((rest, f"The rest of leg {step.leg.upper()}: {len(rest)} steps"))
 
-    def _skip_why(self, numbers: Sequence[int]) -> None:
-        self.ask(
-            TextDialog("Why? The reason stays in the record.", "reason", without=self._as_before()),
-            lambda why: self._skip(numbers, why),
-        )
+        def chosen(numbers: list[int] | None) -> None:
+            if numbers:
+                question = "Why? The reason stays in the record."
+                said = "Skipped: {}. Key B brings a skipped step back."
+                self._with_reason(question, partial(self.guided.skip, numbers), said)
 
-    def _skip(self, numbers: Sequence[int], reason: str | None) -> None:
-        if not reason:
-            self.say(self._as_before().capitalize())
-        elif self.write(lambda: self.guided.skip(numbers, reason)):
-            self.say(f"Skipped: {reason}. Key B brings a skipped step back.")
-            self.proceed()
+        self.ask(ChoiceDialog("What do you want to skip?", choices), chosen)
 
     def action_remount(self) -> None:
         """The stand was moved: later readings have a new zero. Asks first."""
         if not self.busy:
-            self.ask(ChoiceDialog(MOVED_QUESTION, MOVED_CHOICES), self._remount)
+            self.ask_whether(texts.MOVED_QUESTION, texts.MOVED_CHOICES, self._remount)
 
-    def _remount(self, answer: str | None) -> None:
-        if answer == "moved" and self.write(self.guided.remount):
+    def _remount(self) -> None:
+        if self.write(self.guided.remount):
             self.say("New set-up: readings from here on have a new zero")
             self.proceed()
 
@@ -198,11 +194,10 @@ class Corrections(Screen[None]):
         """Back to the home screen, with the session paused. Asks first."""
         self.automatic = False
         if not self.busy:
-            self.ask(ChoiceDialog(LEAVE_QUESTION, LEAVE_CHOICES), self._leave)
+            self.ask_whether(texts.LEAVE_QUESTION, texts.LEAVE_CHOICES, self._leave)
 
-    def _leave(self, answer: str | None) -> None:
-        if answer == "home":
-            self.app.run_worker(self.app.pause_session())
+    def _leave(self) -> None:
+        self.app.run_worker(self.app.pause_session())
 
     def action_note(self) -> None:
         self.ask(TextDialog("Note for the record.", "what happened"), self._noted)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -12,7 +12,6 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
 from textual.widgets import Footer, Static, TabbedContent, TabPane
-from textual.worker import get_current_worker
 
 from app.evaluating.diagnosis import (
     SessionDiagnosis,
@@ -23,16 +22,16 @@ from app.evaluating.diagnosis import (
     resize,
     write_procedure,
 )
-from app.evaluating.solution import SessionSolution, solve_files
+from app.evaluating.solution import solve_files
 from app.evaluating.what_if import Choice, choices, trial_of
-from app.measuring.plan import Plan, plan_to_repeat
+from app.measuring.plan import plan_to_repeat
 from app.report.charts.results import residuals_before_and_after
 from app.report.text import diagnosis as texts
-from app.report.text import what_if as what_if_texts
 from app.report.text.result import ONLY_SHOWN
 from app.screens.interface import ChoiceDialog, Interface, TextDialog
-from app.screens.pages import PagedScreen, signalled
+from app.screens.pages import PagedScreen, apart, signalled
 from app.screens.plot import ChartPlot
+from app.screens.what_if import WhatIfScreen, ask_effect
 from calib.errors import GlidecalError
 from protocols.files import unused_path
 from protocols.model_file import EffectEntry, ModelFile, read_model_file
@@ -111,29 +110,14 @@ class DiagnoseScreen(PagedScreen):
     def _page_text(self, name: str) -> Static:
         return self.query_one(f"#{name}-text", Static)
 
-    @work(thread=True, group="diagnose", exclusive=True)
-    def _diagnose(self) -> None:
-        worker = get_current_worker()
+    @work(group="diagnose", exclusive=True)
+    async def _diagnose(self) -> None:
         try:
-            self._known = read_model_file(self.model) if self.model else None
-            found = diagnose_files(self.paths, model=self.model)
-            found.tool_bound  # worked out here, not while the page is drawn  # noqa: B018
+            self._known, found = await apart(self, _diagnosis, self.paths, self.model)
         except GlidecalError as problem:
-            if not worker.is_cancelled:
-                self.app.call_from_thread(self._found, partial(self._fail, problem))
-        else:
-            if not worker.is_cancelled:
-                self.app.call_from_thread(self._found, partial(self._show, found))
-
-    def _found(self, show: Callable[[], None]) -> None:
-        if self in self.app.screen_stack:  # nobody left it meanwhile
-            show()
-
-    def _fail(self, problem: GlidecalError) -> None:
-        self.looking = False
-        self._say_everywhere(texts.problem_text(problem))
-
-    def _show(self, found: SessionDiagnosis) -> None:
+            self.looking = False
+            self._say_everywhere(texts.problem_text(problem))
+            return
         self.looking, self.diagnosed = False, found
         self.refresh_bindings()
         now = found.diagnosis.gap_before.rms_mm
@@ -147,9 +131,6 @@ class DiagnoseScreen(PagedScreen):
         chart = self.query_one("#change-chart", ChartPlot)
         chart.display = True
         chart.show(residuals_before_and_after(found.diagnosis.residuals.cells))
-
-    def action_page(self, name: str) -> None:
-        self.query_one(TabbedContent).active = name
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """What cannot be done now is not offered; its key says why."""
@@ -181,7 +162,7 @@ class DiagnoseScreen(PagedScreen):
         if found is None:
             return
         dialog = ChoiceDialog(texts.WHAT_TO_ADOPT, texts.adopt_choices(found))
-        self.app.push_screen(dialog, self._ask_file)
+        self.app.ask(dialog, partial(self._ask_file, found))
 
     def action_what_if(self) -> None:
         """Ask for an effect, then show what it does at any size."""
@@ -189,56 +170,48 @@ class DiagnoseScreen(PagedScreen):
         if found is None:
             return
         listed = choices(found.sessions, self._known, found)
-        if listed:
-            asked = [(one, what_if_texts.choice_words(one)) for one in listed]
-            self.app.ask_which(what_if_texts.WHICH, asked, partial(self._try, found))
-        else:
-            self.app.complain(what_if_texts.NOTHING_TO_TRY)
+        ask_effect(self.app, listed, partial(self._try, found))
 
     def _try(self, found: SessionDiagnosis, choice: Choice) -> None:
         trial = trial_of(choice, found.sessions, self._known)
         mistakes = bool(mistakes_of(found))
-        screen = self.app.what_if(
-            choice, trial, self._adopt_tried, model=self.model, mistakes=mistakes
-        )
+        adopt = partial(self._adopt_tried, found)
+        screen = WhatIfScreen(choice, trial, adopt, model=self.model, mistakes=mistakes)
         self.app.push_screen(screen)
 
-    def _adopt_tried(self, choice: Choice, entry: EffectEntry) -> None:
+    def _adopt_tried(self, found: SessionDiagnosis, choice: Choice, entry: EffectEntry) -> None:
         """One of the model gets its size there, another one is adopted as by A."""
         if choice.standing != "model":
             answer = "named" if choice.standing == "named" else f"{entry.id}:{entry.where}"
-            self._ask_file(answer, entry)
-        elif self.diagnosed is not None and self.model is not None:
+            self._ask_file(found, answer, entry)
+        elif self.model is not None:
             with self.app.complaining():
-                resize(self.diagnosed.sessions, self.model, entry)
+                resize(found.sessions, self.model, entry)
                 said = texts.MODEL_WRITTEN.format(self.model)
                 self.app.notify(said, timeout=10, markup=False)
-                self._gap_before_mm = self.diagnosed.diagnosis.gap_before.rms_mm
+                self._gap_before_mm = found.diagnosis.gap_before.rms_mm
                 self._look()
 
-    def _ask_file(self, answer: str | None, held: EffectEntry | None = None) -> None:
-        if not answer:
-            return
+    def _ask_file(
+        self, found: SessionDiagnosis, answer: str, held: EffectEntry | None = None
+    ) -> None:
         first, correcting = self.paths[0], answer == texts.CORRECT
         proposed = self.model or unused_path(first.with_name(f"{first.stem}_model.json"))
         if correcting:
             proposed = unused_path(first.with_name(f"{first.stem}_corrected.jsonl"))
 
-        def named(typed: str | None) -> None:
-            if typed and correcting:
-                self._correct(Path(typed).expanduser())
-            elif typed:
-                candidate = None if answer == "named" else answer
-                self._adopt(Path(typed).expanduser(), candidate, held)
+        def named(typed: str) -> None:
+            target = Path(typed).expanduser()
+            if correcting:
+                self._correct(found, target)
+            else:
+                self._adopt(found, target, None if answer == "named" else answer, held)
 
         question = texts.WHICH_SESSION if correcting else texts.WHICH_FILE
-        self.app.push_screen(TextDialog(question, "path", str(proposed)), named)
+        self.app.ask(TextDialog(question, "path", str(proposed)), named)
 
-    def _correct(self, target: Path) -> None:
+    def _correct(self, found: SessionDiagnosis, target: Path) -> None:
         """Write the session without its mistakes and look again, at that."""
-        found = self._ready()
-        if found is None:
-            return
         with self.app.complaining():
             source = self.paths[0]
             correct(found, source, target)
@@ -249,6 +222,7 @@ class DiagnoseScreen(PagedScreen):
 
     def _adopt(
         self,
+        found: SessionDiagnosis,
         target: Path,
         candidate: str | None,
         held: EffectEntry | None,
@@ -256,10 +230,7 @@ class DiagnoseScreen(PagedScreen):
         replace: bool = False,
     ) -> None:
         """Write the model and look again with it."""
-        found = self._ready()
-        if found is None:
-            return
-        again = partial(self._adopt, target, candidate, held, replace=True)
+        again = partial(self._adopt, found, target, candidate, held, replace=True)
         with self.app.complaining(again):
             adopt(
                 found,
@@ -290,23 +261,28 @@ class DiagnoseScreen(PagedScreen):
             write_procedure(found, path)
             self.app.notify(texts.NEXT_WRITTEN.format(path), timeout=12, markup=False)
 
-    @work(thread=True, group="result", exclusive=True)
-    def action_result(self) -> None:
+    @work(group="result", exclusive=True)
+    async def action_result(self) -> None:
         """What these sessions give, with the adopted effects where there are any."""
-        path = self.paths[0]
-        try:
-            solved = solve_files(self.paths, model=self.model)
-            plan = None if self.app.read_only else plan_to_repeat(path)
-        except GlidecalError as problem:
-            self.app.call_from_thread(self.app.complain, problem)
-        else:
-            self.app.call_from_thread(self._show_result, solved, plan, path)
+        from app.screens.result import ResultScreen
 
-    def _show_result(self, solved: SessionSolution, plan: Plan | None, path: Path) -> None:
-        self.app.push_screen(self.app.result(solved, plan, path, self.model))
+        path, model = self.paths[0], self.model
+        with self.app.complaining():
+            solved = await apart(self, solve_files, self.paths, model=model)
+            plan = None if self.app.read_only else await apart(self, plan_to_repeat, path)
+            self.app.push_screen(ResultScreen(solved, plan, path, model))
 
     def action_copy(self) -> None:
         if self._ready() is None:
             return
         text = str(self._page_text(self.query_one(TabbedContent).active).content)
         self.app.copy(text)
+
+
+def _diagnosis(
+    paths: Sequence[Path], model: Path | None
+) -> tuple[ModelFile | None, SessionDiagnosis]:
+    known = read_model_file(model) if model else None
+    found = diagnose_files(paths, model=model)
+    found.tool_bound  # worked out here, not while the page is drawn  # noqa: B018
+    return known, found

@@ -3,38 +3,22 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
-from textual import on, work
+from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.message import Message
 from textual.widgets import Footer, Static, TabbedContent, TabPane
 
 from app.planning.hexaslide import Request, hexaslide_planning
 from app.report.charts.hexaslide import drawn_machine, drawn_postures
-from app.report.text.hexaslide import (
-    HEXASLIDE_HELP,
-    LOOKING,
-    NO_VIEW,
-    STOPPED,
-    WHICH_COMPONENTS,
-    WHICH_MACHINE,
-    count_problem,
-    count_question,
-    drawn_at_text,
-    heading_text,
-    list_text,
-    problem_text,
-    search_text,
-    sees_text,
-)
+from app.report.text import hexaslide as texts
 from app.screens.interface import Interface, TextDialog
-from app.screens.pages import PagedScreen
-from app.screens.plot import DrawingPlot
+from app.screens.pages import PagedScreen, apart
+from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError
 from calib.hexaslide.planning import (
     KINDS,
@@ -51,46 +35,15 @@ TEXTS = {"sees": "sees-text", "machine": "drawn-text", "places": "search-text", 
 """What is copied from each page."""
 
 
-@dataclass
-class ShownProcedure(Message):
-    """What a procedure sees, or why that cannot be told."""
-
-    asked: int
-    view: HexaSlideSeen | GlidecalError
-
-
 class _Left(Exception):
     """Nobody waits for the search any more."""
-
-
-@dataclass
-class SearchNews(Message):
-    """A start of the search is done; without a result the search has ended."""
-
-    search: threading.Event
-    found: BestPostures | None
-    problem: GlidecalError | None = None
 
 
 class HexaSlideScreen(PagedScreen):
     """Four procedures on one machine; nothing is written."""
 
     app: Interface
-    HELP = HEXASLIDE_HELP
-    CSS = """
-    HexaSlideScreen #hexaslide {
-        height: 1; background: $primary; color: $text; padding: 0 1;
-        text-wrap: nowrap; text-overflow: ellipsis;
-    }
-    HexaSlideScreen TabbedContent { height: 1fr; }
-    HexaSlideScreen TabPane { padding: 0; }
-    HexaSlideScreen .page { width: auto; height: auto; padding: 0 1; }
-    HexaSlideScreen DrawingPlot { width: 1fr; height: 1fr; }
-    HexaSlideScreen Horizontal { height: 1fr; }
-    HexaSlideScreen #sketch { display: none; width: 1fr; }
-    HexaSlideScreen.wide #sketch { display: block; }
-    HexaSlideScreen.wide #sees VerticalScroll { width: 79; }
-    """
+    HELP = texts.HEXASLIDE_HELP
     BINDINGS: ClassVar[list[BindingType]] = [
         *(
             Binding(f"{k}", f"procedure('{kind}')", kind, show=False, id=f"hexaslide.{kind}")
@@ -115,15 +68,9 @@ class HexaSlideScreen(PagedScreen):
         self.view: HexaSlideSeen | None = None
         self.found: BestPostures | None = None
         self.looking = False
-        self._asked = 0
+        self.searching = False
         self._count = 0
         self._drawn_at = 0
-        self._stop: threading.Event | None = None
-
-    @property
-    def searching(self) -> bool:
-        """Whether a search goes on."""
-        return self._stop is not None
 
     def compose(self) -> ComposeResult:
         yield Static("", id="hexaslide", markup=False)
@@ -132,31 +79,27 @@ class HexaSlideScreen(PagedScreen):
                 with VerticalScroll():
                     yield Static("", id="sees-text", classes="page", markup=False)
                 with Vertical(id="sketch"):
-                    yield DrawingPlot(plot_id="sketch-front")
-                    yield DrawingPlot(plot_id="sketch-above")
+                    yield ChartPlot(plot_id="sketch-front")
+                    yield ChartPlot(plot_id="sketch-above")
             with TabPane("Machine", id="machine"), Vertical():
                 yield Static("", id="drawn-text", classes="page", markup=False)
                 with Horizontal():
-                    yield DrawingPlot(plot_id="front")
-                    yield DrawingPlot(plot_id="above")
+                    yield ChartPlot(plot_id="front")
+                    yield ChartPlot(plot_id="above")
             with TabPane("Postures", id="places"), Vertical():
                 yield Static("", id="search-text", classes="page", markup=False)
                 with Horizontal():
-                    yield DrawingPlot(plot_id="projection0")
-                    yield DrawingPlot(plot_id="projection1")
+                    yield ChartPlot(plot_id="projection0")
+                    yield ChartPlot(plot_id="projection1")
             with TabPane("Angles", id="angles"), Horizontal():
-                yield DrawingPlot(plot_id="projection2")
-                yield DrawingPlot(plot_id="projection3")
+                yield ChartPlot(plot_id="projection2")
+                yield ChartPlot(plot_id="projection3")
             with TabPane("List", id="list"), VerticalScroll():
                 yield Static("", id="list-text", classes="page", markup=False)
         yield Footer(compact=True, show_command_palette=False)
 
     def on_mount(self) -> None:
         self._look(self.request)
-
-    def on_unmount(self) -> None:
-        """A search does not outlive its screen."""
-        self._end_search()
 
     def _say(self, name: str, text: str) -> None:
         self.query_one(f"#{name}", Static).update(text)
@@ -166,39 +109,30 @@ class HexaSlideScreen(PagedScreen):
         self._end_search()
         self.request, self.view, self.found = request, None, None
         self.looking = True
-        self._asked += 1
         self._show_heading()
-        self._say_everywhere(LOOKING)
-        self._look_apart(request, self._asked)
+        self._say_everywhere(texts.LOOKING)
+        self._look_apart(request)
 
     def _show_heading(self) -> None:
-        self._say("hexaslide", heading_text(self.request.machine_file, self.view))
+        self._say("hexaslide", texts.heading_text(self.request.machine_file, self.view))
 
     def _say_everywhere(self, text: str) -> None:
         for name in TEXTS.values():
             self._say(name, text)
-        for plot in self.query(DrawingPlot):
+        for plot in self.query(ChartPlot):
             plot.display = False
 
-    @work(thread=True, group="look")
-    def _look_apart(self, request: Request, asked: int) -> None:
+    @work(group="look", exclusive=True)
+    async def _look_apart(self, request: Request) -> None:
         try:
-            view: HexaSlideSeen | GlidecalError = look_at(hexaslide_planning(request))
+            view = await apart(self, lambda: look_at(hexaslide_planning(request)))
         except GlidecalError as problem:
-            view = problem
-        self.post_message(ShownProcedure(asked, view))
-
-    @on(ShownProcedure)
-    def _show_view(self, message: ShownProcedure) -> None:
-        if message.asked != self._asked:
+            self.looking = False
+            self._say_everywhere(texts.problem_text(problem))
             return
         self.looking = False
-        if isinstance(message.view, GlidecalError):
-            self._say_everywhere(problem_text(message.view))
-            return
-        self.view, self._drawn_at = message.view, 0
-        self._count = self.view.fewest
-        for plot in self.query(DrawingPlot):
+        self.view, self._drawn_at, self._count = view, 0, view.fewest
+        for plot in self.query(ChartPlot):
             plot.display = True
         self._show_heading()
         self._show_all()
@@ -208,28 +142,28 @@ class HexaSlideScreen(PagedScreen):
         if view is None:
             return
         best = None if found is None else conditions_at(view, found.coordinates)
-        self._say("sees-text", sees_text(view, found, best))
-        self._say("list-text", list_text(found))
+        self._say("sees-text", texts.sees_text(view, found, best))
+        self._say("list-text", texts.list_text(found))
         self._show_search()
         for k, drawing in enumerate(drawn_postures(view.machine, found)):
-            self.query_one(f"#projection{k}", DrawingPlot).show(drawing)
+            self.query_one(f"#projection{k}", ChartPlot).show(drawing)
         self._draw_machine(view)
 
     def _show_search(self) -> None:
         if self.view is not None:
-            text = search_text(self.view, self._count, self.found, searching=self.searching)
+            text = texts.search_text(self.view, self._count, self.found, searching=self.searching)
             self._say("search-text", text)
 
     def _draw_machine(self, view: HexaSlideSeen) -> None:
         count = 0 if self.found is None else len(self.found.coordinates)
-        self._say("drawn-text", drawn_at_text(self._drawn_at, count))
+        self._say("drawn-text", texts.drawn_at_text(self._drawn_at, count))
         posture = view.machine.box.centre
         if self.found is not None and self._drawn_at:
             posture = self.found.coordinates[self._drawn_at - 1]
         front, above = drawn_machine(view.machine, posture)
         for place in ("", "sketch-"):
-            self.query_one(f"#{place}front", DrawingPlot).show(front)
-            self.query_one(f"#{place}above", DrawingPlot).show(above)
+            self.query_one(f"#{place}front", ChartPlot).show(front)
+            self.query_one(f"#{place}above", ChartPlot).show(above)
 
     def action_procedure(self, name: str) -> None:
         """One of the paper's procedures."""
@@ -238,15 +172,14 @@ class HexaSlideScreen(PagedScreen):
     def action_measured(self) -> None:
         """Ask which components of the posture are measured."""
 
-        def typed(text: str | None) -> None:
-            if text:
-                measured = tuple(part.strip() for part in text.split(","))
-                linked = self.request.procedure == Kind.CONSTRAINT_LINK
-                kind = Kind.CONSTRAINT_LINK if linked else Kind.POSE_FORWARD
-                self._look(replace(self.request, procedure=kind, measured=measured))
+        def typed(text: str) -> None:
+            measured = tuple(part.strip() for part in text.split(","))
+            linked = self.request.procedure == Kind.CONSTRAINT_LINK
+            kind = Kind.CONSTRAINT_LINK if linked else Kind.POSE_FORWARD
+            self._look(replace(self.request, procedure=kind, measured=measured))
 
         proposed = ",".join(self.request.measured or ("x", "y", "z", "theta"))
-        self.app.push_screen(TextDialog(WHICH_COMPONENTS, "x,y,z,theta", proposed), typed)
+        self.app.ask(TextDialog(texts.WHICH_COMPONENTS, "x,y,z,theta", proposed), typed)
 
     def action_machine(self) -> None:
         """Ask for a machine file."""
@@ -258,22 +191,22 @@ class HexaSlideScreen(PagedScreen):
                 self._look(replace(self.request, machine_file=path))
 
         proposed = str(now) if now else ""
-        self.app.push_screen(TextDialog(WHICH_MACHINE, "path", proposed), typed)
+        self.app.push_screen(TextDialog(texts.WHICH_MACHINE, "path", proposed), typed)
 
     def action_count(self) -> None:
         """Ask how many postures."""
         if self.view is None:
-            self.app.complain(LOOKING if self.looking else NO_VIEW)
+            self.app.complain(texts.LOOKING if self.looking else texts.NO_VIEW)
             return
-        question = TextDialog(count_question(self.view.fewest), "number", str(self._count))
-        self.app.push_screen(question, self._take_count)
+        question = TextDialog(texts.count_question(self.view.fewest), "number", str(self._count))
+        self.app.ask(question, self._take_count)
 
-    def _take_count(self, text: str | None) -> None:
-        if not text or self.view is None:
+    def _take_count(self, text: str) -> None:
+        if self.view is None:
             return
         fewest = self.view.fewest
         if not text.isdecimal() or not fewest <= int(text) <= MOST_POSTURES:
-            self.app.complain(count_problem(text, fewest, MOST_POSTURES))
+            self.app.complain(texts.count_problem(text, fewest, MOST_POSTURES))
             return
         self._end_search()
         self._count, self.found, self._drawn_at = int(text), None, 0
@@ -282,48 +215,37 @@ class HexaSlideScreen(PagedScreen):
     def action_search(self) -> None:
         """Search for the best postures, one start after the other."""
         if self.view is None:
-            self.app.complain(LOOKING if self.looking else NO_VIEW)
+            self.app.complain(texts.LOOKING if self.looking else texts.NO_VIEW)
             return
         self._end_search()
-        self._stop, self.found, self._drawn_at = threading.Event(), None, 0
+        self.searching, self.found, self._drawn_at = True, None, 0
         self.query_one(TabbedContent).active = "places"
         self._show_all()
-        self._search(self.view, self._count, self._stop)
+        self._search(self.view, self._count)
 
-    @work(thread=True, group="search")
-    def _search(self, view: HexaSlideSeen, count: int, stop: threading.Event) -> None:
+    @work(group="search")
+    async def _search(self, view: HexaSlideSeen, count: int) -> None:
+        left = threading.Event()
+
         def watch() -> None:
-            if stop.is_set():
+            if left.is_set():
                 raise _Left
 
         wanted = Search(seed=view.planned.seed, starts=STARTS)
-        problem: GlidecalError | None = None
         try:
-            for found in searches(view.procedure, view.machine, count, wanted, watch):
-                self.post_message(SearchNews(stop, found))
-        except _Left:
-            return
-        except GlidecalError as failure:
-            problem = failure
-        self.post_message(SearchNews(stop, None, problem))
-
-    @on(SearchNews)
-    def _show_found(self, message: SearchNews) -> None:
-        if message.search is not self._stop:
-            return
-        if message.found is None:
-            self._stop = None
-            if message.problem is not None:
-                self.app.complain(message.problem)
-            self._show_search()
-            return
-        self.found = message.found
-        self._show_all()
+            with self.app.complaining():
+                starts = searches(view.procedure, view.machine, count, wanted, watch)
+                while found := await apart(self, next, starts, None):
+                    self.found = found
+                    self._show_all()
+        finally:  # a search does not outlive its worker, and that not its screen
+            left.set()
+        self.searching = False
+        self._show_search()
 
     def _end_search(self) -> None:
-        if self._stop is not None:
-            self._stop.set()
-            self._stop = None
+        self.searching = False
+        self.workers.cancel_group(self, "search")
 
     def action_draw(self, by: int) -> None:
         """The machine at the next of the postures that were found; 0 is the middle of the box."""
@@ -341,9 +263,7 @@ class HexaSlideScreen(PagedScreen):
         """Stop the search, or go back to where this was opened from."""
         if self.searching:
             self._end_search()
-            self.app.notify(STOPPED, markup=False)
+            self.app.notify(texts.STOPPED, markup=False)
             self._show_search()
-        elif self in self.app.screen_stack[2:]:  # Textual's blank one is the first
-            self.app.pop_screen()
         else:
-            self.app.go_to(self.app.home())
+            self.app.action_go_back()

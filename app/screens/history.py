@@ -26,7 +26,7 @@ class HistoryScreen(PagedScreen):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("tab,right", "turn_to(1)", "Next page", id="history.next"),
         Binding("shift+tab,left", "turn_to(-1)", "Previous", show=False, id="history.previous"),
-        Binding("escape", "back", "Back", id="history.back"),
+        Binding("escape", "app.go_back", "Back", id="history.back"),
         Binding("f10", "app.quit", "Quit", id="history.quit"),
     ]
 
@@ -44,10 +44,3 @@ class HistoryScreen(PagedScreen):
                     yield Static(machine.machine, markup=False)
                     yield ChartPlot(offsets_over_time(machine))
         yield Footer()
-
-    def action_back(self) -> None:
-        """To the screen below, or home; from a served page nowhere else."""
-        if len(self.app.screen_stack) > 2:
-            self.app.pop_screen()
-        elif not self.app.read_only:
-            self.app.go_to(self.app.home())

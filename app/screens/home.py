@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from textual import work
 from textual.app import ComposeResult
@@ -26,16 +26,13 @@ from app.measuring.recorded import (
     sessions_below,
 )
 from app.report.text import home as texts
-from app.report.text.home import ELSEWHERE, NO_SESSIONS, PICK_KEYS, session_label
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
-from calib.errors import GlidecalError
-from protocols.files import FilesThere
-
-if TYPE_CHECKING:
-    from app.evaluating.history import History
+from app.screens.pages import apart
 
 DEMO_FOLDER = Path("demo-sessions")
+Job = Callable[[], Callable[[], object]]
+"""Computes something, and gives back what shows it."""
 
 
 class HomeScreen(Screen[None]):
@@ -52,10 +49,7 @@ class HomeScreen(Screen[None]):
         self._working = False
 
     def compose(self) -> ComposeResult:
-        yield Title()
-        yield Static(texts.HOME_QUESTION, markup=False, id="question")
-        yield OptionList(id="choices", markup=False)
-        yield Footer()
+        yield from _listing(texts.HOME_QUESTION, ())
 
     def on_screen_resume(self) -> None:
         """Sessions may have come or gone on while another screen was open."""
@@ -102,13 +96,13 @@ class HomeScreen(Screen[None]):
             return
         choices = texts.session_choices(session, read_only=self.app.read_only)
         dialog = ChoiceDialog(texts.session_label(session), choices)
-        self.app.push_screen(dialog, lambda what: self._do(what, session) if what else None)
+        self.app.ask(dialog, lambda what: self._do(what, session))
 
     def _do(self, what: str, session: SessionFile | None) -> None:
         """Carry a choice out, with a session or after asking which one."""
         with self.app.complaining():
             if what == "new":
-                self.app.push_screen(self.app.preparation())
+                self.app.push_screen(self._form())
             elif what == "demo":
                 self._demonstrate()
             elif what == "compare":
@@ -119,33 +113,45 @@ class HomeScreen(Screen[None]):
                 self.app.push_screen(look.screen())
             elif session is None:
                 self._pick(texts.WHICH[what], partial(self._do, what))
-            elif what == "continue":
-                self._continue(session.path)
-            elif what == "replay":
-                self.app.push_screen(self.app.replay(session.path))
-            elif what == "diagnose":
-                self.app.push_screen(self.app.diagnosis([session.path]))
             else:
-                job = self._export if what == "export" else self._show_result
-                self._start(partial(job, session.path))
+                self._do_with(session.path, what)
+
+    def _do_with(self, path: Path, what: str) -> None:
+        if what == "continue":
+            self._continue(path)
+        elif what == "replay":
+            self.app.push_screen(_replay(path))
+        elif what == "diagnose":
+            self.app.push_screen(self.app.diagnosis([path]))
+        elif what == "export":
+            job = partial(self._export, path)
+            self._start(job, replacing=partial(job, replace=True))
+        else:
+            self._start(partial(self._show_result, path))
+
+    def _form(self) -> Screen[None]:
+        """The form that was left, as it was left."""
+        from app.screens.prepare import PrepareScreen
+
+        form = self.app.form
+        if form is None or form in self.app.screen_stack:  # there a session began with it
+            form = self.app.form = PrepareScreen()
+            self.app.install_screen(form, f"form {id(form)}")  # it stays when it is left
+        return form
 
     def _continue(self, path: Path, typed: str = "") -> None:
         """The instrument check, after asking for the ports of a record of another computer."""
         from app.measuring.indicators import parse_indicator
         from app.measuring.plan import PortsUnknown, plan_to_continue
 
-        try:
-            plan = plan_to_continue(path, tuple(map(parse_indicator, typed.split())))
-        except PortsUnknown as problem:
-            dialog = TextDialog(texts.PORTS_QUESTION.format(problem.thing), texts.PORTS_HINT)
-            self.app.push_screen(dialog, partial(self._continue_with, path))
-        else:
-            self.app.push_screen(self.app.check(plan))
-
-    def _continue_with(self, path: Path, typed: str | None) -> None:
         with self.app.complaining():
-            if typed:
-                self._continue(path, typed)
+            try:
+                plan = plan_to_continue(path, tuple(map(parse_indicator, typed.split())))
+            except PortsUnknown as problem:
+                dialog = TextDialog(texts.PORTS_QUESTION.format(problem.thing), texts.PORTS_HINT)
+                self.app.ask(dialog, partial(self._continue, path))
+            else:
+                self.app.push_screen(self.app.check(plan))
 
     def _demonstrate(self) -> None:
         from app.measuring.demo import WATCHED, demo_plan
@@ -162,8 +168,7 @@ class HomeScreen(Screen[None]):
         left_out: SessionFile | None = None,
     ) -> None:
         sessions = [session for session in self._recent if session != left_out]
-        picking = PickScreen(question, sessions, proposed)
-        self.app.push_screen(picking, lambda session: then(session) if session else None)
+        self.app.ask(PickScreen(question, sessions, proposed), then)
 
     def _compare(self, session: SessionFile | None) -> None:
         """Find the two sessions; one that verifies another brings its partner."""
@@ -178,13 +183,13 @@ class HomeScreen(Screen[None]):
             return
         dialog = ChoiceDialog(texts.partner_question(session.path, partner), texts.PARTNER_CHOICES)
 
-        def answered(answer: str | None) -> None:
+        def answered(answer: str) -> None:
             if answer == "both":
                 self._start(partial(self._show_comparison, partner, session.path))
-            elif answer == "other":
+            else:
                 self._pick_after(session)
 
-        self.app.push_screen(dialog, answered)
+        self.app.ask(dialog, answered)
 
     def _pick_after(self, before: SessionFile) -> None:
         def picked(after: SessionFile) -> None:
@@ -193,37 +198,30 @@ class HomeScreen(Screen[None]):
         question = f"{before.path}\n{texts.WHICH['after']}"
         self._pick(question, picked, follow_up(before, self._recent), left_out=before)
 
-    def _start(self, job: Callable[[], Callable[[], object]]) -> None:
-        """Compute apart from the screen; the job gives back what is to be shown."""
-        self._set_working(True)
-        self._run_job(job)
+    def _start(self, job: Job, replacing: Job | None = None) -> None:
+        """Compute apart from the screen, which loads what the job needs there, too."""
+        self._working = True
+        self.query_one("#question", Static).update(texts.COMPUTING)
+        self._finish(job, replacing)
 
-    def _set_working(self, working: bool) -> None:
-        self._working = working
-        said = texts.COMPUTING if working else texts.HOME_QUESTION
-        self.query_one("#question", Static).update(said)
-
-    @work(thread=True)
-    def _run_job(self, job: Callable[[], Callable[[], object]]) -> None:
-        try:
-            show = job()
-        except GlidecalError as problem:
-            show = partial(self.app.complain, problem)
-        self.app.call_from_thread(self._finish_job, show)
-
-    def _finish_job(self, show: Callable[[], object]) -> None:
-        self._set_working(False)
-        show()
+    @work
+    async def _finish(self, job: Job, replacing: Job | None) -> None:
+        with self.app.complaining(replacing and partial(self._start, replacing)):
+            show = await apart(self, job)
+            show()
+        self._working = False
+        self.query_one("#question", Static).update(texts.HOME_QUESTION)
 
     def _show_result(self, path: Path) -> Callable[[], object]:
         from app.evaluating.solution import solve_files
         from app.measuring.plan import plan_to_repeat
+        from app.screens.result import ResultScreen
 
         solved = solve_files([path])
         plan = None if self.app.read_only else plan_to_repeat(path)
 
         def show() -> None:
-            self.app.push_screen(self.app.result(solved, plan, path))
+            self.app.push_screen(ResultScreen(solved, plan, path))
             for warning in solved.warnings:
                 self.app.notify(warning, severity="warning", markup=False)
 
@@ -236,27 +234,22 @@ class HomeScreen(Screen[None]):
 
         folder = path.with_suffix("")
         solved = solve_for_controller(path)
-        try:
-            written, refused = export_offsets(solved, folder, replace=replace)
-        except FilesThere as problem:
-            again = partial(self._start, partial(self._export, path, replace=True))
-            return partial(self.app.ask_to_replace, problem, again)
+        written, refused = export_offsets(solved, folder, replace=replace)
         said, caution = exported_text(folder, written), export_caution(solved, refused)
         if caution:  # stays until it is read
             return partial(self.app.push_screen, HelpDialog(f"{said}\n\nWARNING: {caution}"))
         return partial(self.app.notify, said, timeout=10, markup=False)
 
     def _show_history(self) -> Callable[[], object]:
-        from app.evaluating.history import read_history
-
-        found = read_history(Path())
-        return lambda: self.app.push_screen(self.app.history(found))
+        screen = _history(Path())
+        return lambda: self.app.push_screen(screen)
 
     def _show_comparison(self, before: Path, after: Path) -> Callable[[], object]:
         from app.evaluating.comparison import compare_files
+        from app.screens.result import CompareScreen
 
         comparison = compare_files(before, after)
-        return lambda: self.app.push_screen(self.app.comparison(comparison))
+        return lambda: self.app.push_screen(CompareScreen(comparison))
 
 
 class PickScreen(LeftOnce[SessionFile]):
@@ -282,30 +275,20 @@ class PickScreen(LeftOnce[SessionFile]):
         self._proposed = proposed
 
     def compose(self) -> ComposeResult:
-        yield Title()
-        words = self._question if self._sessions else f"{self._question}\n{NO_SESSIONS}"
-        yield Static(f"{words}\n{PICK_KEYS}", markup=False, id="question")
-        labels = [Option(session_label(session)) for session in self._sessions]
-        yield OptionList(*labels, Option(ELSEWHERE), id="choices", markup=False)
-        yield Footer()
-
-    def on_mount(self) -> None:
-        choices = self.query_one("#choices", OptionList)
-        known = self._proposed in self._sessions
-        choices.highlighted = self._sessions.index(self._proposed) if known else 0
-        choices.focus()
+        words = self._question if self._sessions else f"{self._question}\n{texts.NO_SESSIONS}"
+        labels = [Option(texts.session_label(session)) for session in self._sessions]
+        at = self._sessions.index(self._proposed) if self._proposed in self._sessions else 0
+        options = [*labels, Option(texts.ELSEWHERE)]
+        yield from _listing(f"{words}\n{texts.PICK_KEYS}", options, at)
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         if event.option_index < len(self._sessions):
             self._choose(self._sessions[event.option_index])
         else:
-            self.app.push_screen(
-                TextDialog("Type the path of a session file.", "path"), self._typed
-            )
+            self.app.ask(TextDialog("Type the path of a session file.", "path"), self._typed)
 
-    def _typed(self, path: str | None) -> None:
-        if path:
-            self._choose(look_at(Path(path).expanduser()))
+    def _typed(self, path: str) -> None:
+        self._choose(look_at(Path(path).expanduser()))
 
     def _choose(self, session: SessionFile) -> None:
         if session.problem:
@@ -334,18 +317,10 @@ class ReplayChoiceScreen(Screen[None]):
             self._paths += sessions_below(folder)[:MOST_LISTED]
 
     def compose(self) -> ComposeResult:
-        yield Title()
         served = f"\n{texts.REPORTS_SERVED}" if self.app.read_only else ""
-        yield Static(f"{texts.REPLAY_QUESTION}{served}", markup=False, id="question")
         histories = (Option(texts.HISTORY_OF.format(folder.name)) for folder in self._folders)
-        labels = (Option(session_label(look_at(path))) for path in self._paths)
-        yield OptionList(*histories, *labels, id="choices", markup=False)
-        yield Footer()
-
-    def on_mount(self) -> None:
-        choices = self.query_one("#choices", OptionList)
-        choices.highlighted = 0
-        choices.focus()
+        labels = (Option(texts.session_label(look_at(path))) for path in self._paths)
+        yield from _listing(f"{texts.REPLAY_QUESTION}{served}", [*histories, *labels])
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         number = event.option_index - len(self._folders)
@@ -354,19 +329,33 @@ class ReplayChoiceScreen(Screen[None]):
             self._read_history(self._folders[event.option_index])
             return
         with self.app.complaining():
-            self.app.push_screen(self.app.replay(self._paths[number]))
+            self.app.push_screen(_replay(self._paths[number]))
 
-    @work(thread=True, group="history", exclusive=True)
-    def _read_history(self, folder: Path) -> None:
-        from app.evaluating.history import read_history
+    @work(exclusive=True)
+    async def _read_history(self, folder: Path) -> None:
+        with self.app.complaining():
+            history = await apart(self, _history, folder)
+            if self.is_current:
+                self.app.push_screen(history)
 
-        try:
-            found = read_history(folder)
-        except GlidecalError as problem:
-            self.app.call_from_thread(self.app.complain, problem)
-        else:
-            self.app.call_from_thread(self._show_history, found)
 
-    def _show_history(self, found: History) -> None:
-        if self.is_current:
-            self.app.push_screen(self.app.history(found))
+def _listing(question: str, options: Sequence[Option], at: int = 0) -> ComposeResult:
+    yield Title()
+    yield Static(question, markup=False, id="question")
+    choices = OptionList(*options, id="choices", markup=False)
+    choices.highlighted = at
+    yield choices
+    yield Footer()
+
+
+def _history(folder: Path) -> Screen[None]:
+    from app.evaluating.history import read_history
+    from app.screens.history import HistoryScreen
+
+    return HistoryScreen(read_history(folder))
+
+
+def _replay(path: Path) -> Screen[None]:
+    from app.screens.replay import ReplayScreen
+
+    return ReplayScreen(path)

@@ -9,7 +9,7 @@ import stat
 import sys
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
@@ -35,8 +35,8 @@ from textual.widgets.option_list import Option
 from app.exit_codes import Exit
 from app.report.text.home import REPLACE_CHOICES, WORDS_OF_LOOKS, key_list_text
 from app.report.text.tables import copied_text
+from app.screens import Look
 from app.screens.fast_keys import Dialog, Palette, ready
-from app.screens.look import Look
 from app.screens.pages import legible, signalled
 from app.settings import Settings, save_theme, settings_path
 from calib.errors import GlidecalError
@@ -44,10 +44,6 @@ from calib.printable import HIDDEN
 from protocols.files import FilesThere, unused_path
 
 if TYPE_CHECKING:
-    from app.evaluating.comparison import Comparison
-    from app.evaluating.history import History
-    from app.evaluating.solution import SessionSolution
-    from app.evaluating.what_if import Adopt, Choice, Trial
     from app.measuring.plan import Plan
     from app.measuring.session import GuidedSession, Indicators
 
@@ -84,21 +80,21 @@ class TextDialog(Dialog[str]):
             event.input.placeholder = f"{self._hint}: none yet, write one, or Escape"
 
 
-class ChoiceDialog(Dialog[str]):
+class ChoiceDialog(Dialog[Thing]):
     """One of several answers, by arrow keys and Enter, by its number, or none by Escape.
 
     ``choices`` are pairs of an answer and the words that stand for it.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        ("escape", "dismiss('')", "Cancel"),
+        ("escape", "dismiss(None)", "Cancel"),
         *((str(number), f"pick({number})", "") for number in range(1, 10)),
     ]
 
     def __init__(
         self,
         question: str,
-        choices: Sequence[tuple[str, str]],
+        choices: Sequence[tuple[Thing, str]],
         highlighted: int = 0,
         leaving: str = "Escape cancels.",
     ) -> None:
@@ -132,11 +128,7 @@ class ChoiceDialog(Dialog[str]):
 class HelpDialog(Dialog[None]):
     """Words about the present screen and the panel that has the focus."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        ("escape", "dismiss(None)", "Close"),
-        ("f1", "dismiss(None)", "Close"),
-        ("enter", "dismiss(None)", "Close"),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = [("escape,f1,enter", "dismiss(None)", "Close")]
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -187,8 +179,8 @@ PRINTABLE_ROWS = PrintableRows()
 class Interface(App[str]):
     """Screens over one session at a time. The result of `run` is a line for after the end.
 
-    A screen that leads to another one asks for it here and knows none itself; `Glidecal` in
-    `app.screens.start` knows them all.
+    A screen that leads back to one before it asks for that here; `Glidecal` in `app.screens.start`
+    knows those. Else they would import each other.
     """
 
     TITLE = "glidecal"
@@ -216,15 +208,16 @@ class Interface(App[str]):
         self.looks = looks
         self._settings = settings or Settings()
         self._remembered = self._settings.theme or self.theme
-        self._forget_signals: Callable[[], None] = lambda: None
         if not self._settings.animations:
             self.animation_level = "none"
         self.indicators: Indicators | None = None
         self.guided: GuidedSession | None = None
+        self.form: Screen[None] | None = None
+        """Of the preparation, as it was left."""
         self._status = Exit.DONE
 
     def on_mount(self) -> None:
-        self._forget_signals = on_signals(lambda: self.run_worker(self._hang_up()))
+        on_signals(lambda: self.run_worker(self._hang_up()))
         if self._settings.theme:
             self.theme = self._settings.theme
         self.set_keymap(self._settings.keys)
@@ -277,6 +270,7 @@ class Interface(App[str]):
         yield SystemCommand(*theme, self.action_change_theme)
         yield SystemCommand(*light, self.action_light_or_dark)
         if not self.read_only:
+            # after a refresh: by then the palette is gone, and the screen below is the one shown
             yield SystemCommand(*picture, lambda: self.call_after_refresh(self._save_screenshot))
         yield SystemCommand(*keys, lambda: self.call_after_refresh(self._show_keys))
         yield SystemCommand(*leave, self.action_quit)
@@ -330,26 +324,14 @@ class Interface(App[str]):
         self.clear_notifications()
         self.notify(str(problem), severity="error", timeout=12, markup=False)
 
-    def ask_to_replace(self, problem: FilesThere, write: Callable[[], object]) -> None:
-        """Files are there already: write them where a person gives them up."""
+    def ask(self, dialog: Screen[Thing], then: Callable[[Thing], object]) -> None:
+        """Ask something; without an answer nothing is done."""
 
-        def answered(answer: str | None) -> None:
-            if answer == "replace":
-                write()
-
-        self.push_screen(ChoiceDialog(f"{problem.words}.", REPLACE_CHOICES), answered)
-
-    def ask_which(
-        self, question: str, listed: Sequence[tuple[Thing, str]], chosen: Callable[[Thing], None]
-    ) -> None:
-        """Ask for one of these things, by their words; nothing is done where none is chosen."""
-
-        def answered(answer: str | None) -> None:
+        def answered(answer: Thing | None) -> None:
             if answer:
-                chosen(listed[int(answer)][0])
+                then(answer)
 
-        choices = [(str(number), words) for number, (_, words) in enumerate(listed)]
-        self.push_screen(ChoiceDialog(question, choices), answered)
+        self.push_screen(dialog, answered)
 
     @contextmanager
     def complaining(self, replacing: Callable[[], object] | None = None) -> Iterator[None]:
@@ -361,7 +343,8 @@ class Interface(App[str]):
             yield
         except GlidecalError as problem:
             if replacing and isinstance(problem, FilesThere):
-                self.ask_to_replace(problem, replacing)
+                dialog = ChoiceDialog(f"{problem.words}.", REPLACE_CHOICES)
+                self.ask(dialog, lambda answer: replacing() if answer == "replace" else None)
             else:
                 self.complain(problem)
 
@@ -370,6 +353,13 @@ class Interface(App[str]):
         self.notify("Finishing …", markup=False)
         said = await self._leave()
         self.exit(said, return_code=self._status)
+
+    def action_go_back(self) -> None:
+        """To the screen below, or home: not for those who only look, it offers other files."""
+        if len(self.screen_stack) > 2:  # Textual's blank one is the first
+            self.pop_screen()
+        elif not self.read_only:
+            self.go_to(self.home())
 
     async def pause_session(self) -> None:
         """Home; the open session can be continued."""
@@ -388,7 +378,6 @@ class Interface(App[str]):
 
     async def on_unmount(self) -> None:
         """However the interface ends, ports and record are let go."""
-        self._forget_signals()
         await self._leave()
 
     async def _leave(self) -> str:
@@ -415,38 +404,13 @@ class Interface(App[str]):
     def home(self) -> Screen[None]: ...
 
     @abstractmethod
-    def preparation(self) -> Screen[None]: ...
-
-    @abstractmethod
     def check(self, plan: Plan) -> Screen[None]: ...
 
     @abstractmethod
     def measuring(self, guided: GuidedSession, plan: Plan) -> Screen[None]: ...
 
     @abstractmethod
-    def aligning(self, guided: GuidedSession, plan: Plan) -> Screen[None]: ...
-
-    @abstractmethod
-    def result(
-        self, solved: SessionSolution, plan: Plan | None, path: Path, model: Path | None = None
-    ) -> Screen[None]: ...
-
-    @abstractmethod
-    def what_if(
-        self, choice: Choice, trial: Trial, adopt: Adopt, *, model: Path | None, mistakes: bool
-    ) -> Screen[None]: ...
-
-    @abstractmethod
-    def comparison(self, compared: Comparison) -> Screen[None]: ...
-
-    @abstractmethod
     def diagnosis(self, paths: list[Path]) -> Screen[None]: ...
-
-    @abstractmethod
-    def history(self, found: History) -> Screen[None]: ...
-
-    @abstractmethod
-    def replay(self, path: Path) -> Screen[None]: ...
 
     def go_to(self, screen: Screen[Any]) -> None:
         """Replace the present screen; what was told of it goes with it."""
@@ -454,24 +418,16 @@ class Interface(App[str]):
         self.switch_screen(screen)
 
 
-def on_signals(leave: Callable[[], object]) -> Callable[[], None]:
-    """Call ``leave`` in the running loop for each of the signals; gives back how to undo that.
+def on_signals(leave: Callable[[], object]) -> None:
+    """Call ``leave`` in the running loop for each of the signals, until the loop is closed.
 
-    Where a loop takes no signals (Windows, another thread than the main one) nothing happens.
+    Where a loop takes no signals (Windows, another thread than the main one) nothing happens: the
+    terminal's own keys leave as before.
     """
     loop = asyncio.get_running_loop()
-    known = [getattr(signal, name) for name in SIGNALS if hasattr(signal, name)]
-    try:
-        for number in known:
+    with suppress(NotImplementedError, RuntimeError, ValueError):
+        for number in (getattr(signal, name) for name in SIGNALS if hasattr(signal, name)):
             loop.add_signal_handler(number, _receive, number, leave)
-    except (NotImplementedError, RuntimeError, ValueError):
-        known = []  # Windows, or not the main thread: the terminal's own keys leave as before
-
-    def undo() -> None:
-        for number in known:
-            loop.remove_signal_handler(number)
-
-    return undo
 
 
 def _receive(number: signal.Signals, leave: Callable[[], object]) -> None:

@@ -6,7 +6,6 @@ import importlib
 import pkgutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 from textual.app import App
@@ -116,7 +115,6 @@ def _with_chosen(
             yield key, binding
 
 
-@cache
 def _places() -> tuple[tuple[tuple[str, Binding], ...], ...]:
     """The bindings of each screen together with those of the application."""
     for module in pkgutil.iter_modules(importlib.import_module("app.screens").__path__):

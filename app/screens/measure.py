@@ -12,7 +12,6 @@ from typing import ClassVar
 from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.css.query import NoMatches
 from textual.widgets import Footer
 
 from app.measuring.gauges import Live, Motion
@@ -24,7 +23,7 @@ from app.report.text import motion
 from app.report.text import session as texts
 from app.screens.corrections import Corrections
 from app.screens.interface import ChoiceDialog
-from app.screens.pages import Resting
+from app.screens.pages import Resting, apart, is_left
 from app.screens.session_view import LegReviewScreen, SessionView
 from calib.errors import GlidecalError, sentence
 from drivers.profile import Fault, IndicatorReading
@@ -119,12 +118,10 @@ class MeasureScreen(Corrections, Resting):
             self.guided.mover.on_news = tell
         while True:
             await news.wait()
-            await asyncio.sleep(self._gather_s())
+            idle = time.monotonic() - self._moved_at > IDLE_S
+            await asyncio.sleep(IDLE_GATHER_S if idle else GATHER_S)
             news.clear()
             self._show_live()
-
-    def _gather_s(self) -> float:
-        return IDLE_GATHER_S if time.monotonic() - self._moved_at > IDLE_S else GATHER_S
 
     def _look(self) -> None:
         now = steady_s()
@@ -134,7 +131,7 @@ class MeasureScreen(Corrections, Resting):
             self.say(texts.slept_text(slept_s))
         if not self.busy:  # a take holds the record, and looks itself
             self.write(self._look_at_clock)
-        if time.monotonic() - self._shown_at > AGES_S / 2:
+        if time.monotonic() - self._shown_at > AGES_S / 2:  # else news has just shown the ages
             self._show_live()
 
     def _look_at_clock(self) -> None:
@@ -171,6 +168,8 @@ class MeasureScreen(Corrections, Resting):
         return states
 
     def _show_live(self) -> None:
+        if is_left(self):  # news come while the screen is being closed, too
+            return
         self._shown_at = time.monotonic()
         states = self._draw_live()
         self._tell_lost_and_found(states)
@@ -194,16 +193,13 @@ class MeasureScreen(Corrections, Resting):
     def _tell_lost_and_found(self, states: Sequence[Live]) -> None:
         """One line when an indicator goes and when it comes back."""
         for number, live in enumerate(states):
-            lost = isinstance(live.outcome, Fault)
-            if lost and number not in self._lost:
+            name, outcome = self.guided.name_of(number), live.outcome
+            if isinstance(outcome, Fault) and number not in self._lost:
                 self._lost.add(number)
-                words = live.outcome.words if isinstance(live.outcome, Fault) else ""
-                name = self.guided.name_of(number)
-                self.say(f"FAULT: {name}: {sentence(words)} The session waits.")
-            elif isinstance(live.outcome, IndicatorReading) and number in self._lost:
+                self.say(f"FAULT: {name}: {sentence(outcome.words)} The session waits.")
+            elif isinstance(outcome, IndicatorReading) and number in self._lost:
                 self._lost.remove(number)
-                name = self.guided.name_of(number).capitalize()
-                self.say(f"{name} answers again. Continue with this step.")
+                self.say(f"{name.capitalize()} answers again. Continue with this step.")
 
     def _tell_motion(self) -> None:
         """One line when a machine that moves itself does something else; a stop is a hold."""
@@ -211,12 +207,11 @@ class MeasureScreen(Corrections, Resting):
         step = self.guided.step() if mover is not None else None
         if mover is None or step is None:
             return
-        lost_words(self.guided)
+        lost_words(self.guided)  # a loss stops it; `_tell_lost_and_found` has the words
         if (mover.state, mover.why) == self._moving:
             return
         self._moving = mover.state, mover.why
-        with suppress(NoMatches):  # news may come while the screen is being closed
-            self.say(motion.moving_text(mover, step))
+        self.say(motion.moving_text(mover, step))
         if mover.state is Moving.STOPPED and not self.held:
             self._set_hold(True, f"the machine stopped: {mover.why}")
 
@@ -262,16 +257,13 @@ class MeasureScreen(Corrections, Resting):
             self.busy, self._anyway_until = True, 0.0
             self._take()
 
-    @work(thread=True)
-    def _take(self) -> None:
+    @work
+    async def _take(self) -> None:
         try:
-            taken = self.guided.take()
+            taken = await apart(self, self.guided.take)
         except GlidecalError as problem:
-            self.app.call_from_thread(self.refused, str(problem))
-        else:
-            self.app.call_from_thread(self._taken, taken)
-
-    def _taken(self, taken: TakenStep | None) -> None:
+            self.refused(str(problem))
+            return
         self.busy = False
         if taken is None:
             return
@@ -372,7 +364,9 @@ class MeasureScreen(Corrections, Resting):
 
     def _begin_finish(self) -> None:
         if self.plan.reference and not self.guided.closed:
-            self.app.go_to(self.app.aligning(self.guided, self.plan))
+            from app.screens.align import AlignScreen
+
+            self.app.go_to(AlignScreen(self.guided, self.plan))
         elif not self.busy:
             self.busy = True
             self.say("Every reading is on the disk. Computing the result …")

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import Self
+from typing import Any, ParamSpec, Self, TypeVar
 
 from rich.segment import Segment
 from textual.color import Color
@@ -16,6 +17,9 @@ from textual.screen import Screen
 from textual.strip import Strip
 from textual.widget import Widget
 from textual.widgets import TabbedContent, Tabs
+
+Given = ParamSpec("Given")
+Found = TypeVar("Found")
 
 GOOD, CAUTION, FAULT = (f"bold $text-{name}" for name in ("success", "warning", "error"))
 SIGNALS = {
@@ -40,6 +44,25 @@ def signalled(text: str) -> Content:
     for word in re.finditer(rf"^({'|'.join(map(re.escape, SIGNALS))})", text, re.MULTILINE):
         found = found.stylize(SIGNALS[word[0]], *word.span())
     return found
+
+
+def is_left(screen: Screen[Any]) -> bool:
+    """Whether nobody comes back to a screen; Textual says so when parts of it are gone already."""
+    return not screen.app.is_running or screen not in screen.app.screen_stack
+
+
+async def apart(
+    screen: Screen[Any], job: Callable[Given, Found], *given: Given.args, **named: Given.kwargs
+) -> Found:
+    """What a job gives that is done in a thread while the screen goes on.
+
+    For workers of the screen: where it was left meanwhile they end here, as if cancelled.
+    """
+    try:
+        return await asyncio.to_thread(job, *given, **named)
+    finally:
+        if is_left(screen):
+            raise asyncio.CancelledError
 
 
 class Resting(Widget):
@@ -152,6 +175,9 @@ class PagedScreen(Screen[None]):
         """Up and down scroll the text of the page that is shown."""
         scrolls = event.pane.query(VerticalScroll)
         self.set_focus(scrolls.first() if scrolls else None)
+
+    def action_page(self, name: str) -> None:
+        self.query_one(TabbedContent).active = name
 
     def action_turn_to(self, direction: int) -> None:
         tabs = self.query_one(Tabs)

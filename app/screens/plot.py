@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import ClassVar
+from collections.abc import Iterable, Sequence
 
-from textual.app import ComposeResult, RenderResult
-from textual.binding import BindingType
+from textual.app import RenderResult
 from textual.color import Color
-from textual.containers import Vertical
 from textual.geometry import Size
-from textual.widgets import Static
 from textual_plotext import PlotextPlot
 
 from app.report.charts.charts import (
     Chart,
     Drawing,
+    Series,
     StrokeStyle,
     even_limits,
     label_cells,
@@ -26,12 +23,6 @@ from app.report.charts.charts import (
     turned,
     turned_limits,
 )
-from app.report.charts.tripod import drawn_set_up
-from app.report.text.session import set_up_text
-from app.screens.fast_keys import Dialog
-from protocols.machine import Instrument
-from protocols.procedure import Step
-from protocols.session import Session
 
 MARKERS = ("x", "o", "+", "*")
 """Told apart by shape, not by colour alone."""
@@ -49,9 +40,25 @@ FRAME_ROWS = FRAME + 3
 
 NOTHING = "nothing measured yet"
 
+LINES = {StrokeStyle.THIN: "braille", StrokeStyle.THICK: "hd", StrokeStyle.BEADED: "•"}
+DOTS = {StrokeStyle.DOTTED: "·", StrokeStyle.MARKED: ":"}
+STROKE_COLOURS = {
+    StrokeStyle.DOTTED: "foreground",
+    StrokeStyle.MARKED: "text-secondary",
+    StrokeStyle.THIN: "text-primary",
+    StrokeStyle.THICK: "text-accent",
+    StrokeStyle.BEADED: "text-warning",
+}
+
+LABEL_CELLS = 7
+"""Of a number below the drawing."""
+
+LABELLED_ROWS = 3
+"""So many rows for one number beside the drawing."""
+
 
 class ChartPlot(PlotextPlot):
-    """Draws a chart; nothing is drawn again that did not change."""
+    """Draws a chart, or strokes and marks; nothing is drawn again that did not change."""
 
     def __init__(self, chart: Chart | None = None, plot_id: str | None = None) -> None:
         super().__init__(id=plot_id)
@@ -64,7 +71,6 @@ class ChartPlot(PlotextPlot):
         self._take_colours()
 
     def _take_colours(self) -> None:
-        """What is drawn in other colours does not hold any more."""
         self.theme = "clear" if self._colour("foreground") == TERMINAL else "auto"
         self._drawn = None
         self.refresh()
@@ -92,6 +98,9 @@ class ChartPlot(PlotextPlot):
     def _draw(self, chart: Chart) -> None:
         plot = self.plt
         plot.clear_figure()
+        if isinstance(chart, Drawing):
+            self._draw_strokes(chart)
+            return
         if not chart.series:
             plot.title(f"{chart.heading}: {NOTHING}")
             return
@@ -99,10 +108,11 @@ class ChartPlot(PlotextPlot):
         plot.xlabel(self._legend(chart))
         if self._on_its_side(chart):
             self._scale_on_side(chart)
-            self._points(turned(chart, self._rows))
-        else:
-            self._scale_upright(chart)
-            self._points(chart)
+            self._points(turned(chart, self._rows).series)
+            return
+        self._scale_upright(chart)
+        columns = self._columns
+        self._points(chart.series if chart.x_names else [thinned(s, columns) for s in chart.series])
 
     @property
     def _columns(self) -> int:
@@ -152,71 +162,15 @@ class ChartPlot(PlotextPlot):
         plot.yticks(list(chart.x_ticks()), list(reversed(chart.x_names)))
         plot.plot([0.0, 0.0], [lower, upper], marker="│", color=self._colour("foreground"))
 
-    def _points(self, chart: Chart) -> None:
-        for series, marker, name in zip(chart.series, MARKERS, COLOURS, strict=False):
-            shown = series if chart.x_names else thinned(series, self._columns)
+    def _points(self, several: Iterable[Series]) -> None:
+        for series, marker, name in zip(several, MARKERS, COLOURS, strict=False):
             colour = self._colour(name)
-            self.plt.scatter(list(shown.x), list(shown.y), marker=marker, color=colour)
+            self.plt.scatter(list(series.x), list(series.y), marker=marker, color=colour)
 
-    def _colour(self, variable: str) -> tuple[int, int, int] | str:
-        """Its own colour where the terminal chooses colours itself: then shape alone tells."""
-        colour = Color.parse(self.app.theme_variables[variable])
-        return colour.rgb if colour.ansi is None else TERMINAL
-
-
-LINES = {StrokeStyle.THIN: "braille", StrokeStyle.THICK: "hd", StrokeStyle.BEADED: "•"}
-DOTS = {StrokeStyle.DOTTED: "·", StrokeStyle.MARKED: ":"}
-STROKE_COLOURS = {
-    StrokeStyle.DOTTED: "foreground",
-    StrokeStyle.MARKED: "text-secondary",
-    StrokeStyle.THIN: "text-primary",
-    StrokeStyle.THICK: "text-accent",
-    StrokeStyle.BEADED: "text-warning",
-}
-
-LABEL_CELLS = 7
-"""Of a number below the drawing."""
-
-LABELLED_ROWS = 3
-"""So many rows for one number beside the drawing."""
-
-
-class SetUpScreen(Dialog[None]):
-    """Where the indicators of a step stand: words and picture, as large as the terminal."""
-
-    HELP = "Thick: the bar that is touched, x: where. Dots: each spindle, up to its body."
-    BINDINGS: ClassVar[list[BindingType]] = [
-        ("escape", "dismiss(None)", "Back"),
-        ("w", "dismiss(None)", "Back"),
-        ("enter", "dismiss(None)", "Back"),
-        ("space", "dismiss(None)", "Back"),
-    ]
-
-    def __init__(
-        self, session: Session, step: Step, instruments: Sequence[Instrument | None]
-    ) -> None:
-        super().__init__()
-        self._words = set_up_text(session, step, instruments)
-        self._drawing = drawn_set_up(session, step, instruments)
-
-    def compose(self) -> ComposeResult:
-        with Vertical(classes="wide-dialog"):
-            yield Static(self._words, markup=False)
-            yield DrawingPlot(self._drawing)
-            yield Static("Escape, Space or W goes back.", markup=False)
-
-
-class DrawingPlot(ChartPlot):
-    """Draws strokes and marks; anything else as a chart."""
-
-    def _draw(self, chart: Chart) -> None:
-        if not isinstance(chart, Drawing):
-            super()._draw(chart)
-            return
-        self.plt.clear_figure()
+    def _draw_strokes(self, chart: Drawing) -> None:
         self.plt.title(chart.heading)
         self.plt.xlabel(self._legend(chart))
-        self._scale(chart)
+        self._scale_drawing(chart)
         for stroke in chart.strokes:
             x, y = ([point[k] for point in stroke.points] for k in (0, 1))
             colour = self._colour(STROKE_COLOURS[stroke.style])
@@ -224,9 +178,12 @@ class DrawingPlot(ChartPlot):
                 self.plt.plot(x, y, marker=LINES[stroke.style], color=colour)
             else:
                 self.plt.scatter(x, y, marker=DOTS[stroke.style], color=colour)
-        self._marks(chart)
+        self._points(chart.series)
+        words, ground = self._colour("foreground"), self._colour("surface")
+        for label in chart.labels:
+            self.plt.text(label.words, *label.at, color=words, background=ground)
 
-    def _scale(self, chart: Drawing) -> None:
+    def _scale_drawing(self, chart: Drawing) -> None:
         plot, columns = self.plt, self._columns
         across, upwards = chart.limits(columns, self._rows)
         plot.xlim(*across)
@@ -241,10 +198,7 @@ class DrawingPlot(ChartPlot):
         ticks = ticks_within(upwards, max(2, self._rows // LABELLED_ROWS))
         plot.yticks(list(ticks), tick_labels(ticks) if ticks else [])
 
-    def _marks(self, chart: Drawing) -> None:
-        for series, marker, name in zip(chart.series, MARKERS, COLOURS, strict=False):
-            colour = self._colour(name)
-            self.plt.scatter(list(series.x), list(series.y), marker=marker, color=colour)
-        words, ground = self._colour("foreground"), self._colour("surface")
-        for label in chart.labels:
-            self.plt.text(label.words, *label.at, color=words, background=ground)
+    def _colour(self, variable: str) -> tuple[int, int, int] | str:
+        """Its own colour where the terminal chooses colours itself: then shape alone tells."""
+        colour = Color.parse(self.app.theme_variables[variable])
+        return colour.rgb if colour.ansi is None else TERMINAL

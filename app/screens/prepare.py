@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from functools import partial
 from itertools import permutations
 from pathlib import Path
 from threading import Event
@@ -34,11 +35,12 @@ from app.measuring.plan import Plan, session_name
 from app.report.text import home as texts
 from app.report.text.indicator import findings_text, trial_text
 from app.report.text.preparing import procedure_sentence
-from app.screens.check import DryRunScreen
+from app.screens.check import CheckScreen, DryRunScreen
 from app.screens.fast_keys import LeftOnce, Title
 from app.screens.interface import Interface
+from app.screens.pages import apart
 from calib.errors import GlidecalError, IndicatorError, UsageError
-from drivers.doctor import PortFinding, Trials, findings_of, refused, try_profiles
+from drivers.doctor import Trials, findings_of, refused, try_profiles
 from drivers.profile import Evidence, Query, Unit
 from drivers.profiles import PROFILES
 from protocols.data_table import NUMBER
@@ -98,18 +100,11 @@ class IndicatorScreen(LeftOnce[Form]):
         yield Footer()
 
     def _input(self, name: str) -> ComposeResult:
-        label, hint = texts.INDICATOR_FIELDS[name]
-        typed = Input(str(self._form.get(name, "")), hint, id=name, compact=True)
-        typed.max_length = MOST_LETTERS
-        yield from row(label, typed)
+        yield from entry(name, *texts.INDICATOR_FIELDS[name], str(self._form.get(name, "")))
 
     def on_mount(self) -> None:
         first = "#here" if serial_ports() and not self._form.get("port") else "#port"
         self.query_one(first).focus()
-
-    def on_unmount(self) -> None:
-        if self._stop is not None:
-            self._stop.set()
 
     def on_select_changed(self, event: Select.Changed) -> None:
         name, value = str(event.select.id), event.value
@@ -172,34 +167,32 @@ class IndicatorScreen(LeftOnce[Form]):
             asking = {name: self._read().get(name) for name in ("port", "channel", "unit")}
             known = indicator_of({"profile": DEFAULT_PROFILE, **asking})  # any: not asked for
             self._stop = Event()
-            self._try(known.port, asked_of(known))
+            self._try(known.port, asked_of(known), self._stop)
 
-    @work(thread=True)
-    def _try(self, port: str, asked: Query) -> None:
-        stop = self._stop or Event()
-
+    @work
+    async def _try(self, port: str, asked: Query, stop: Event) -> None:
         def tell(*trial: object) -> None:
             self.app.call_from_thread(self._say, f"{texts.TRYING}\n{trial_text(*trial)}")  # type: ignore[arg-type]
 
+        said = ""
         try:
-            found: Trials | IndicatorError = try_profiles(
-                PROFILES.values(), port, asked, progress=tell, stopped=stop.is_set
+            found = await apart(
+                self,
+                partial(try_profiles, progress=tell, stopped=stop.is_set),
+                PROFILES.values(),
+                port,
+                asked,
             )
         except IndicatorError as problem:
-            found = problem
-        self.app.call_from_thread(self._tried, port, found)
-
-    def _tried(self, port: str, found: Trials | IndicatorError) -> None:
-        if self not in self.app.screen_stack:
-            return
-        stopped, self._stop = self._stop is not None and self._stop.is_set(), None
-        if isinstance(found, IndicatorError):
-            findings: Iterable[PortFinding] = [refused(port, found)]
+            said = findings_text([refused(port, problem)])
         else:
-            findings = findings_of(found)
             self._propose(port, found)
-        none = isinstance(found, Trials) and not found.fits
-        self._say(texts.STOPPED if stopped and none else findings_text(findings))
+            stopped = stop.is_set() and not found.fits
+            said = texts.STOPPED if stopped else findings_text(findings_of(found))
+        finally:
+            stop.set()
+        self._stop = None
+        self._say(said)
 
     def _propose(self, port: str, found: Trials) -> None:
         """Put the profiles that fit first; take one that somebody verified, unless one is taken."""
@@ -225,6 +218,13 @@ def row(label: str, widget: Widget) -> ComposeResult:
     with Horizontal(classes="field"):
         yield Label(label, markup=False)
         yield widget
+
+
+def entry(name: str, label: str, hint: str, value: str = "") -> ComposeResult:
+    """A line to type into; a value of a file may be longer than what can be typed."""
+    typed = Input(value, hint, id=name, compact=True)
+    typed.max_length = MOST_LETTERS
+    yield from row(label, typed)
 
 
 def choice(
@@ -292,18 +292,14 @@ class PrepareScreen(Screen[None]):
     def compose(self) -> ComposeResult:
         yield Title()
         with VerticalScroll(id="form"):
-            yield from self._input(*MACHINE)
+            yield from entry(*MACHINE)
             yield from row("Procedure", choice("procedure", _procedures(self._offered_for)))
             for name, words in zip(INDICATORS, texts.WHICH_INDICATOR, strict=True):
                 yield from row(words, IndicatorField(id=name, markup=False))
             for field in FIELDS:
-                yield from self._input(*field)
+                yield from entry(*field)
             yield Static("", id="summary", markup=False)
         yield Footer(compact=True, show_command_palette=False)
-
-    def _input(self, name: str, label: str, hint: str) -> ComposeResult:
-        typed = Input(placeholder=hint, id=name, compact=True, max_length=MOST_LETTERS)
-        yield from row(label, typed)
 
     def on_mount(self) -> None:
         for name, words in texts.FIELD_HELP.items():
@@ -402,7 +398,7 @@ class PrepareScreen(Screen[None]):
 
     def action_check(self) -> None:
         with self.app.complaining():
-            self.app.push_screen(self.app.check(self._plan()))
+            self.app.push_screen(CheckScreen(self._plan()))
 
     def action_dry_run(self) -> None:
         """Every step, before anything is opened, and what the readings will tell."""

@@ -13,10 +13,11 @@ from textual.events import Resize
 from textual.screen import Screen
 from textual.widgets import Footer, Log
 
-from app.evaluating.solution import SessionSolution, solve_files
+from app.evaluating.solution import solve_files
 from app.measuring.playback import Playback
 from app.report.text import replay as texts
 from app.screens.interface import Interface, TextDialog
+from app.screens.pages import apart
 from app.screens.session_view import SessionView
 from calib.errors import GlidecalError
 from protocols.record import read_record
@@ -56,22 +57,18 @@ class ReplayScreen(Screen[None]):
         super().__init__()
         self.path = path
         self.playback = Playback(read_record(path))
+        known = self.playback.session.opened.instruments
+        self.view = SessionView((*known, None, None)[: self.playback.gauge_count])
         self._listed: list[str] = []
         self._looked_at_s = time.monotonic()
         self._solving = False
 
     def compose(self) -> ComposeResult:
-        known = self.playback.session.opened.instruments
-        yield SessionView((*known, None, None)[: self.playback.gauge_count])
+        yield self.view
         listing = Log(id="taken", auto_scroll=True)
         listing.can_focus = False  # the arrow keys are the replay's
         yield listing
         yield Footer(compact=True, show_command_palette=False)
-
-    @property
-    def view(self) -> SessionView:
-        """The picture of the session."""
-        return self.query_one(SessionView)
 
     def on_mount(self) -> None:
         self._show()
@@ -147,11 +144,9 @@ class ReplayScreen(Screen[None]):
         self._pause()
         question = texts.JUMP_QUESTION.format(self.playback.unit)
         hint = f"1 … {len(self.playback.steps)}"
-        self.app.push_screen(TextDialog(question, hint), self._jump)
+        self.app.ask(TextDialog(question, hint), self._jump)
 
-    def _jump(self, text: str | None) -> None:
-        if not text:
-            return
+    def _jump(self, text: str) -> None:
         try:
             self.playback.jump_to(text)
         except GlidecalError as problem:
@@ -193,25 +188,20 @@ class ReplayScreen(Screen[None]):
         """There is a way back where this is not the first screen; below it is the empty one."""
         return action != "back" or self in self.app.screen_stack[2:]
 
-    def action_result(self) -> None:
+    @work
+    async def action_result(self) -> None:
         """Solve the whole session in the background and show the result."""
-        if not self._solving:
-            self._pause()
-            self._solving = True
-            self._solve()
+        from app.screens.result import ResultScreen
 
-    @work(thread=True)
-    def _solve(self) -> None:
+        if self._solving:
+            return
+        self._pause()
+        self._solving = True
         try:
-            solved = solve_files([self.path])
+            solved = await apart(self, solve_files, [self.path])
         except GlidecalError as problem:
-            self.app.call_from_thread(self._solved, str(problem))
+            self.view.say(texts.UNSOLVED.format(problem))
         else:
-            self.app.call_from_thread(self._solved, solved)
-
-    def _solved(self, found: SessionSolution | str) -> None:
+            if self.is_current:
+                self.app.push_screen(ResultScreen(solved, None, self.path))
         self._solving = False
-        if isinstance(found, str):
-            self.view.say(texts.UNSOLVED.format(found))
-        elif self.is_current:
-            self.app.push_screen(self.app.result(found, None, self.path))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import asyncio
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -26,19 +26,13 @@ from app.report.text import what_if as what_if_texts
 from app.report.text.home import REPORTS_SERVED
 from app.screens.fast_keys import Title
 from app.screens.interface import Interface
-from app.screens.pages import PagedScreen, signalled
+from app.screens.pages import PagedScreen, apart, is_left, signalled
 from app.screens.plot import ChartPlot
-from calib.errors import GlidecalError, extra
+from app.screens.what_if import WhatIfScreen, ask_effect
+from calib.errors import extra
 from calib.identify.solution import Subset
-from protocols.files import FilesThere
 from protocols.model_file import EffectEntry, ModelFile, read_model_file
 
-CHOICES: dict[str, Subset] = {
-    "1": "joint-offsets",
-    "2": "leg-lengths",
-    "3": "both",
-    "4": "with-tolerances",
-}
 RESULT, PLOT, COMPARISON = "tab-result", "tab-plot", "tab-comparison"
 
 
@@ -51,20 +45,20 @@ class ResultScreen(PagedScreen):
         Binding("e", "export", "Export", id="result.export"),
         Binding("v", "verify", "Verify", id="result.verify"),
         Binding("r", "report", "Report", id="result.report"),
-        Binding("e", "refuse_export", show=False),
-        Binding("v", "refuse_verify", show=False),
-        Binding("r", "refuse_report", show=False),
-        Binding("1", "choose('1')", "Offsets", show=False, id="result.offsets"),
-        Binding("2", "choose('2')", "Legs", show=False, id="result.lengths"),
-        Binding("3", "choose('3')", "Both", show=False, id="result.both"),
-        Binding("4", "choose('4')", "Tolerances", show=False, id="result.tolerances"),
+        Binding("e", "refuse('export')", show=False),
+        Binding("v", "refuse('verify')", show=False),
+        Binding("r", "refuse('report')", show=False),
+        Binding("1", "choose('joint-offsets')", "Offsets", show=False, id="result.offsets"),
+        Binding("2", "choose('leg-lengths')", "Legs", show=False, id="result.lengths"),
+        Binding("3", "choose('both')", "Both", show=False, id="result.both"),
+        Binding("4", "choose('with-tolerances')", "Tolerances", show=False, id="result.tolerances"),
         Binding("tab,right", "turn_to(1)", "Next", show=False, id="result.next"),
         Binding("shift+tab,left", "turn_to(-1)", "Previous", show=False, id="result.previous"),
         Binding("d", "diagnose", "Diagnose", id="result.diagnose"),
         Binding("w", "what_if", "What if", id="result.what_if"),
         Binding("y", "copy", "Copy", show=False, id="result.copy"),
         Binding("h", "home", "Home", show=False, id="result.home"),
-        Binding("escape", "back", "Back", id="result.back"),
+        Binding("escape", "app.go_back", "Back", id="result.back"),
         Binding("f10", "app.quit", "Quit", id="result.quit"),
     ]
 
@@ -116,52 +110,36 @@ class ResultScreen(PagedScreen):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Nothing is offered that this program will not do; its key says why."""
-        if action in ("export", "report", "home"):
-            return not self.app.read_only
-        if action == "verify":
-            return not self.app.read_only and self.plan is not None
-        return True
+        if action == "verify" and self.plan is None:
+            return False
+        return action not in ("export", "report", "verify", "home") or not self.app.read_only
 
-    def action_refuse_export(self) -> None:
-        self.app.complain(texts.ONLY_SHOWN)
+    def action_refuse(self, action: str) -> None:
+        said = texts.ONLY_SHOWN if self.app.read_only else texts.NO_PLAN
+        self.app.complain(f"{said} {REPORTS_SERVED}" if action == "report" else said)
 
-    def action_refuse_report(self) -> None:
-        self.app.complain(f"{texts.ONLY_SHOWN} {REPORTS_SERVED}")
-
-    def action_refuse_verify(self) -> None:
-        self.app.complain(texts.ONLY_SHOWN if self.app.read_only else texts.NO_PLAN)
-
-    def action_choose(self, key: str) -> None:
+    def action_choose(self, subset: Subset) -> None:
         """Show another set of parameters."""
         with self.app.complaining():
-            self.solved = self.solved.with_subset(CHOICES[key])
+            self.solved = self.solved.with_subset(subset)
             self._show()
 
-    def action_export(self) -> None:
+    def action_export(self, *, replace: bool = False) -> None:
         """Write the offsets in every format beside the session."""
-        self._export()
+        self.app.run_worker(self._export(replace=replace))
 
-    @work(thread=True, group="export")
-    def _export(self, *, replace: bool = False) -> None:
-        folder = self.path.with_suffix("")
-        try:
-            offsets = self._joint_offsets()
-            written, refused = export_offsets(offsets, folder, replace=replace)
-            said = texts.exported_text(folder, written)
-            caution = texts.export_caution(offsets, refused)
-        except FilesThere as problem:
-            again = partial(self._export, replace=True)
-            self.app.call_from_thread(self.app.ask_to_replace, problem, again)
-        except GlidecalError as problem:
-            self.app.call_from_thread(self.app.complain, problem)
-        else:
-            self.app.call_from_thread(self._exported, said, caution)
-
-    def _exported(self, said: str, caution: str) -> None:
+    async def _export(self, *, replace: bool) -> None:
         """What was written is said in passing, what to beware of stays on the page."""
-        self.app.notify(said, timeout=10, markup=False)
-        self.caution = caution
-        self._show()
+        folder = self.path.with_suffix("")
+        with self.app.complaining(partial(self.action_export, replace=True)):
+            offsets = await asyncio.to_thread(self._joint_offsets)
+            written, refused = await asyncio.to_thread(
+                export_offsets, offsets, folder, replace=replace
+            )
+            self.app.notify(texts.exported_text(folder, written), timeout=10, markup=False)
+            self.caution = texts.export_caution(offsets, refused)
+            if not is_left(self):
+                self._show()
 
     def _joint_offsets(self) -> SessionSolution:
         return self.solved.with_subset("joint-offsets")
@@ -177,53 +155,38 @@ class ResultScreen(PagedScreen):
     def action_report(self) -> None:
         """Write the report beside the session; after a verification that of both sessions."""
         self.app.notify(texts.WRITING_REPORT, markup=False)
-        self._report()
+        self._begin_report()
 
-    @work(thread=True, group="export")
-    def _report(self, *, replace: bool = False) -> None:
-        first = partner_of(self.path, self.solved.sessions[0].opened.verifies)
+    def _begin_report(self, *, replace: bool = False) -> None:
+        self.app.run_worker(self._report(replace=replace))
+
+    async def _report(self, *, replace: bool) -> None:
         target = self.path.with_suffix(".html")
-        try:
-            with extra("glidecal report", "report"):
-                from app.report.pages.report import write_report
-            write_report(
-                [first or self.path], target, after=self.path if first else None, replace=replace
-            )
-        except FilesThere as problem:
-            again = partial(self._report, replace=True)
-            self.app.call_from_thread(self.app.ask_to_replace, problem, again)
-        except GlidecalError as problem:
-            self.app.call_from_thread(self.app.complain, problem)
-        else:
-            said = texts.REPORT_WRITTEN.format(target)
-            self.app.call_from_thread(partial(self.app.notify, said, timeout=10, markup=False))
+        with self.app.complaining(partial(self._begin_report, replace=True)):
+            await asyncio.to_thread(self._write_report, target, replace=replace)
+            self.app.notify(texts.REPORT_WRITTEN.format(target), timeout=10, markup=False)
 
-    @work(thread=True, group="what-if", exclusive=True)
-    def action_what_if(self) -> None:
+    def _write_report(self, target: Path, *, replace: bool) -> None:
+        with extra("glidecal report", "report"):
+            from app.report.pages.report import write_report
+        first = partner_of(self.path, self.solved.sessions[0].opened.verifies)
+        after = self.path if first else None
+        write_report([first or self.path], target, after=after, replace=replace)
+
+    @work(exclusive=True)
+    async def action_what_if(self) -> None:
         """Ask for an effect, then show what it does at any size beside the set that is shown."""
-        try:
-            known = read_model_file(self.model) if self.model else None
-            listed = choices(self.solved.sessions, known)
-        except GlidecalError as problem:
-            self.app.call_from_thread(self.app.complain, problem)
-        else:
-            self.app.call_from_thread(self._ask_which, listed, known)
-
-    def _ask_which(self, listed: Sequence[Choice], known: ModelFile | None) -> None:
-        asked = [(one, what_if_texts.choice_words(one)) for one in listed]
-        if self.is_current and asked:
-            self.app.ask_which(what_if_texts.WHICH, asked, partial(self._try, known))
-        elif self.is_current:
-            self.app.complain(what_if_texts.NOTHING_TO_TRY)
+        with self.app.complaining():
+            known = await apart(self, read_model_file, self.model) if self.model else None
+            listed = await apart(self, choices, self.solved.sessions, known)
+            if self.is_current:
+                ask_effect(self.app, listed, partial(self._try, known))
 
     def _try(self, known: ModelFile | None, choice: Choice) -> None:
         solved = self.solved
         subset = solved.solution.subset
         trial = trial_of(choice, solved.sessions, known, subset)
-        screen = self.app.what_if(
-            choice, trial, self._adopt_tried, model=self.model, mistakes=False
-        )
-        self.app.push_screen(screen)
+        self.app.push_screen(WhatIfScreen(choice, trial, self._adopt_tried, model=self.model))
 
     def _adopt_tried(self, choice: Choice, entry: EffectEntry) -> None:
         """An effect of the model gets this size; any other one is for the diagnosis to adopt."""
@@ -231,25 +194,17 @@ class ResultScreen(PagedScreen):
             self.app.complain(what_if_texts.DIAGNOSE_FIRST)
             return
         self.app.notify(what_if_texts.RESIZING, markup=False)
-        self._resize(self.model, entry)
+        self.app.run_worker(self._resize(self.model, entry))
 
-    @work(thread=True, group="what-if", exclusive=True)
-    def _resize(self, model: Path, entry: EffectEntry) -> None:
+    async def _resize(self, model: Path, entry: EffectEntry) -> None:
         sessions, subset = self.solved.sessions, self.solved.subset
-        try:
-            written = resize(sessions, model, entry)
-            solved = solve_sessions(sessions, subset=subset, model=written)
-        except GlidecalError as problem:
-            self.app.call_from_thread(self.app.complain, problem)
-        else:
-            self.app.call_from_thread(self._resized, solved, model)
-
-    def _resized(self, solved: SessionSolution, model: Path) -> None:
-        said = what_if_texts.RESIZED.format(model)
-        self.app.notify(said, timeout=10, markup=False)
-        if self.is_attached:  # nobody left it meanwhile
-            self.solved = solved
-            self._show()
+        with self.app.complaining():
+            written = await asyncio.to_thread(resize, sessions, model, entry)
+            solved = await asyncio.to_thread(solve_sessions, sessions, subset=subset, model=written)
+            self.app.notify(what_if_texts.RESIZED.format(model), timeout=10, markup=False)
+            if not is_left(self):
+                self.solved = solved
+                self._show()
 
     def action_diagnose(self) -> None:
         self.app.push_screen(self.app.diagnosis([self.path]))
@@ -259,17 +214,8 @@ class ResultScreen(PagedScreen):
         text = str(self.query_one("#compared" if compared else "#text", Static).content)
         self.app.copy(text)
 
-    def action_back(self) -> None:
-        """To the screen below, or home; from a served page nowhere else."""
-        if len(self.app.screen_stack) > 2:
-            self.app.pop_screen()
-        else:
-            self.action_home()
-
     def action_home(self) -> None:
-        """Home offers other files and real indicators: not to somebody who only looks."""
-        if not self.app.read_only:
-            self.app.go_to(self.app.home())
+        self.app.go_to(self.app.home())
 
 
 class CompareScreen(Screen[None]):

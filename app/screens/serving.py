@@ -30,7 +30,7 @@ from textual_serve.app_service import AppService
 from textual_serve.download_manager import DownloadManager
 from textual_serve.server import Server, to_int
 
-from app.screens.serving_reports import ReportPages
+from app.screens.serving_reports import PROGRAM, ReportPages
 from calib.errors import UsageError
 from protocols.files import reason_of
 
@@ -232,11 +232,8 @@ def _shown(width: int, height: int) -> tuple[int, int]:
 
 
 def replay_command(sessions: Sequence[Path]) -> list[str]:
-    """The words that start one tab; ``-P`` keeps the current folder off Python's path."""
-    return [
-        *(sys.executable, "-P", "-m", "app", "replay", "--served", "--"),
-        *(str(path.absolute()) for path in sessions),
-    ]
+    """The words that start one tab."""
+    return [*PROGRAM, "replay", "--served", "--", *(str(path.absolute()) for path in sessions)]
 
 
 class _OneLine(logging.Handler):

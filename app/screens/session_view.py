@@ -23,12 +23,12 @@ from app.measuring.leg_review import review_leg
 from app.report.charts.results import readings_by_posture
 from app.report.charts.strips import strip_rows
 from app.report.charts.tripod import drawn_set_up
-from app.report.text.session import REVIEW_HELP, review_text, so_far_text, step_in_list, step_text
+from app.report.text import session as texts
 from app.report.text.tables import signed
 from app.screens.fast_keys import Dialog
 from app.screens.interface import WIDE
 from app.screens.pages import Resting, signalled
-from app.screens.plot import ChartPlot, DrawingPlot, SetUpScreen
+from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError, sentence
 from calib.tripod.geometry import Geometry
 from drivers.profile import Fault, IndicatorReading
@@ -176,6 +176,25 @@ class Row(Horizontal, Resting):
     """Widgets side by side."""
 
 
+class Gauges(Row):
+    """The indicators side by side."""
+
+    def __init__(self, instruments: Sequence[Instrument | None]) -> None:
+        self._displays = [GaugeDisplay(k, one) for k, one in enumerate(instruments)]
+        super().__init__(*self._displays, id="gauges")
+
+    def show(self, states: Sequence[Live]) -> None:
+        """What they tell now."""
+        for display, live in zip(self._displays, states, strict=True):
+            display.show(live)
+
+    def name_them(self, instruments: Sequence[Instrument | None], step: Step | None = None) -> None:
+        """Which they are, and along which axes they measure in a step."""
+        axes = dict(zip(step.indicators, step.axes, strict=True)) if step else {}
+        for number, (display, known) in enumerate(zip(self._displays, instruments, strict=True)):
+            display.name_it(known, axes.get(number, ""))
+
+
 class Words(Static, Resting):
     """Lines of text."""
 
@@ -197,13 +216,13 @@ class StepList(Words):
         for step in steps:
             mark = "+" if step.number in done else "-" if step.number in session.skipped else " "
             mark = ">" if now and step.number == now.number else mark
-            self._lines.append(f"{mark} {step.number:>3} {step_in_list(step, geometry)}")
+            self._lines.append(f"{mark} {step.number:>3} {texts.step_in_list(step, geometry)}")
         self._at = (now.number if now else len(steps)) - 1
         self.on_resize()
 
     def on_resize(self) -> None:
         """The present step stays in view."""
-        height = max(self.content_size.height, 4)
+        height = max(self.content_size.height, 4)  # so many on the least screen; 0 until laid out
         first = max(0, min(self._at - height // 2, len(self._lines) - height))
         self.update("\n".join(self._lines[first : first + height]), layout=False)
 
@@ -214,18 +233,17 @@ class SessionView(Vertical, Resting):
     def __init__(self, instruments: Sequence[Instrument | None]) -> None:
         super().__init__()
         self._instruments = tuple(instruments)
-        self._displays = tuple(GaugeDisplay(k, one) for k, one in enumerate(self._instruments))
+        self._gauges = Gauges(self._instruments)
 
     def compose(self) -> ComposeResult:
         yield Words("", id="progress", markup=False)
         yield Words("", id="step", markup=False)
         yield StepList()
-        with Row(id="gauges"):
-            yield from self._displays
+        yield self._gauges
         yield Words("", id="said", markup=False)
         with Row(id="lower"):
             yield Words("", id="table", markup=False)
-            yield DrawingPlot(plot_id="chart")
+            yield ChartPlot(plot_id="chart")
 
     def show_progress(self, text: str) -> None:
         """The line at the top."""
@@ -239,27 +257,24 @@ class SessionView(Vertical, Resting):
         self.query_one(StepList).show(steps, step, session, geometry)
         if step is None:
             return
-        words = step_text(step, session, itself=itself)
+        words = texts.step_text(step, session, itself=itself)
         self.query_one("#step", Static).update(words, layout=False)
-        self.query_one("#table", Static).update(so_far_text(session, steps, step), layout=False)
+        self.query_one("#table", Static).update(
+            texts.so_far_text(session, steps, step), layout=False
+        )
         self.set_timer(CHART_S, partial(self._show_chart, session, step))
-        axes = dict(zip(step.indicators, step.axes, strict=True))
-        for number, (display, known) in enumerate(
-            zip(self._displays, self._instruments, strict=False)
-        ):
-            display.name_it(known, axes.get(number, ""))
+        self._gauges.name_them(self._instruments, step)
 
     def _show_chart(self, session: Session, step: Step) -> None:
         """The readings of the leg; the picture of the set-up while there are none to show."""
         chart = readings_by_posture(session, step)
-        self.query_one(DrawingPlot).show(
+        self.query_one(ChartPlot).show(
             chart if chart.series else drawn_set_up(session, step, self._instruments) or chart
         )
 
     def show_live(self, states: Sequence[Live]) -> None:
         """What the indicators tell now."""
-        for display, live in zip(self._displays, states, strict=True):
-            display.show(live)
+        self._gauges.show(states)
 
     def where(self, session: Session, step: Step | None) -> SetUpScreen | None:
         """The set-up of a step as a picture with words; None where no leg is read."""
@@ -287,6 +302,26 @@ class SessionView(Vertical, Resting):
             self.add_class("plotted")
 
 
+class SetUpScreen(Dialog[None]):
+    """Where the indicators of a step stand: words and picture, as large as the terminal."""
+
+    HELP = "Thick: the bar that is touched, x: where. Dots: each spindle, up to its body."
+    BINDINGS: ClassVar[list[BindingType]] = [("escape,w,enter,space", "dismiss(None)", "Back")]
+
+    def __init__(
+        self, session: Session, step: Step, instruments: Sequence[Instrument | None]
+    ) -> None:
+        super().__init__()
+        self._words = texts.set_up_text(session, step, instruments)
+        self._drawing = drawn_set_up(session, step, instruments)
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="wide-dialog"):
+            yield Static(self._words, markup=False)
+            yield ChartPlot(self._drawing)
+            yield Static("Escape, Space or W goes back.", markup=False)
+
+
 UNATTENDED_S = 1.0
 """How long an unattended demonstration shows the review."""
 
@@ -294,7 +329,7 @@ UNATTENDED_S = 1.0
 class LegReviewScreen(Dialog[bool]):
     """Look, then go on to the next leg; dismissed with whether the session shall be on hold."""
 
-    HELP = REVIEW_HELP
+    HELP = texts.REVIEW_HELP
     AUTO_FOCUS = "#review"
     BINDINGS: ClassVar[list[BindingType]] = [
         ("space,enter,escape", "dismiss(False)", "Continue"),
@@ -310,7 +345,7 @@ class LegReviewScreen(Dialog[bool]):
 
     def compose(self) -> ComposeResult:
         try:
-            text = review_text(review_leg(self._session, self._step))
+            text = texts.review_text(review_leg(self._session, self._step))
         except GlidecalError as problem:
             text = str(problem)
         with Horizontal(classes="wide-dialog"):

@@ -11,27 +11,20 @@ from typing import TYPE_CHECKING
 from textual.screen import Screen
 
 from app.report.streams import need_terminal
+from app.screens import Look
 from app.screens.home import HomeScreen, ReplayChoiceScreen
 from app.screens.interface import Interface
 from app.screens.keys import settings_for_screens
-from app.screens.look import Look
 from app.settings import settings_path
 from protocols.record import read_record
 
 if TYPE_CHECKING:
-    from app.evaluating.comparison import Comparison
-    from app.evaluating.history import History
-    from app.evaluating.solution import SessionSolution
-    from app.evaluating.what_if import Adopt, Choice, Trial
     from app.measuring.plan import Plan
     from app.measuring.session import GuidedSession
-    from app.screens.prepare import PrepareScreen
 
 
 class Glidecal(Interface):
-    """The interface with every screen. What is slow to load waits until it is asked for."""
-
-    _form: PrepareScreen | None = None
+    """The interface with its screens. What is slow to load waits until it is asked for."""
 
     def on_ready(self) -> None:
         """Load what the next screens need, once the first picture is there."""
@@ -40,15 +33,6 @@ class Glidecal(Interface):
 
     def home(self) -> Screen[None]:
         return HomeScreen()
-
-    def preparation(self) -> Screen[None]:
-        """The form that was left, as it was left."""
-        from app.screens.prepare import PrepareScreen
-
-        if self._form is None or self._form in self.screen_stack:  # there a session began with it
-            self._form = PrepareScreen()
-            self.install_screen(self._form, f"form {id(self._form)}")
-        return self._form
 
     def check(self, plan: Plan) -> Screen[None]:
         from app.screens.check import CheckScreen
@@ -60,44 +44,10 @@ class Glidecal(Interface):
 
         return MeasureScreen(guided, plan)
 
-    def aligning(self, guided: GuidedSession, plan: Plan) -> Screen[None]:
-        from app.screens.align import AlignScreen
-
-        return AlignScreen(guided, plan)
-
-    def result(
-        self, solved: SessionSolution, plan: Plan | None, path: Path, model: Path | None = None
-    ) -> Screen[None]:
-        from app.screens.result import ResultScreen
-
-        return ResultScreen(solved, plan, path, model)
-
-    def what_if(
-        self, choice: Choice, trial: Trial, adopt: Adopt, *, model: Path | None, mistakes: bool
-    ) -> Screen[None]:
-        from app.screens.what_if import WhatIfScreen
-
-        return WhatIfScreen(choice, trial, adopt, model=model, mistakes=mistakes)
-
-    def comparison(self, compared: Comparison) -> Screen[None]:
-        from app.screens.result import CompareScreen
-
-        return CompareScreen(compared)
-
-    def history(self, found: History) -> Screen[None]:
-        from app.screens.history import HistoryScreen
-
-        return HistoryScreen(found)
-
     def diagnosis(self, paths: list[Path]) -> Screen[None]:
         from app.screens.diagnose import DiagnoseScreen
 
         return DiagnoseScreen(paths)
-
-    def replay(self, path: Path) -> Screen[None]:
-        from app.screens.replay import ReplayScreen
-
-        return ReplayScreen(path)
 
 
 def open_interface(looks: Sequence[Look]) -> int:

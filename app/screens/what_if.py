@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -17,8 +17,8 @@ from app.evaluating.what_if import COARSE, Adopt, Choice, Trial, WhatIf
 from app.report.charts.results import predictions_with, residuals_with
 from app.report.text import what_if as texts
 from app.report.text.result import ONLY_SHOWN
-from app.screens.interface import Interface
-from app.screens.pages import PagedScreen, signalled
+from app.screens.interface import ChoiceDialog, Interface
+from app.screens.pages import PagedScreen, apart, signalled
 from app.screens.plot import ChartPlot
 from calib.errors import GlidecalError, NotIdentifiable
 from calib.identify.solution import FittedSize
@@ -96,34 +96,22 @@ class WhatIfScreen(PagedScreen):
         self.query_one("#diagnosed", Static).update(heading)
         self._begin()
 
-    @work(thread=True, group="what-if-begin")
-    def _begin(self) -> None:
+    @work
+    async def _begin(self) -> None:
         """What is worked out once: the set of parameters, the size that fits, how far steps go."""
-        fitted: tuple[FittedSize, ...] = ()
-        why_not = ""
         try:
-            trial = self.trial.recommended()
+            self.trial = await apart(self, self.trial.recommended)
             try:
-                fitted = trial.fitted
+                self.fitted = await apart(self, lambda: self.trial.fitted)
             except NotIdentifiable as problem:
-                why_not = str(problem)
-            trial.begin()
+                self._why_not = str(problem)
+            await apart(self, self.trial.begin)
         except GlidecalError as problem:
-            self.app.call_from_thread(self._fail, problem)
-        else:
-            self.app.call_from_thread(self._begun, trial, fitted, why_not)
-
-    def _fail(self, problem: GlidecalError) -> None:
-        self.looking = False
-        if self.is_attached:  # nobody left it meanwhile
+            self.looking = False
             self.query_one("#what-if", Static).update(str(problem))
-
-    def _begun(self, trial: Trial, fitted: tuple[FittedSize, ...], why_not: str) -> None:
-        if not self.is_attached:
             return
-        self.trial, self.without, self.fitted, self._why_not = trial, trial.without, fitted, why_not
-        self.values = trial.values
-        if fitted:
+        self.without, self.values = self.trial.without, self.trial.values
+        if self.fitted:
             self.action_best()
         else:
             self._moved_to(self.values)
@@ -138,33 +126,27 @@ class WhatIfScreen(PagedScreen):
         self._show_words()
         self._follow()
 
-    def _follow(self) -> None:
+    @work
+    async def _follow(self) -> None:
         """Work out the latest size; sizes that came and went meanwhile are left out."""
-        if not self._following and not self.ready:
-            self._following = True
-            self._work_out(self.trial.at(self.values))
-
-    @work(thread=True, group="what-if")
-    def _work_out(self, found: WhatIf) -> None:
-        try:
-            found.work_out()
-        except GlidecalError as problem:
-            self.app.call_from_thread(self._worked_out, found, problem)
-        else:
-            self.app.call_from_thread(self._worked_out, found, None)
-
-    def _worked_out(self, found: WhatIf, problem: GlidecalError | None) -> None:
-        self._following = self.looking = False
-        if not self.is_attached:
+        if self._following:
             return
-        if problem is not None and found.values == self.values:
-            self._why_not = str(problem)
-            self._show_words()
-            return
-        if problem is None:
-            self.now = found
-            self._show()
-        self._follow()
+        self._following = True
+        while not self.ready:
+            found = self.trial.at(self.values)
+            try:
+                await apart(self, found.work_out)
+            except GlidecalError as problem:
+                if found.values == self.values:
+                    self._why_not = str(problem)
+                    self._show_words()
+                    break
+            else:
+                self.now = found
+                self._show()
+            finally:
+                self.looking = False
+        self._following = False
 
     def _show_words(self) -> None:
         sizes = texts.sizes_text(self.trial, self.values, self.number, self.fitted, self._why_not)
@@ -219,9 +201,6 @@ class WhatIfScreen(PagedScreen):
             self.app.pop_screen()
             self.app.call_later(partial(self._adopt, self.choice, entry))
 
-    def action_page(self, name: str) -> None:
-        self.query_one(TabbedContent).active = name
-
     def action_scroll(self, pages: int) -> None:
         page = self.query_one(VerticalScroll)
         if pages > 0:
@@ -238,3 +217,14 @@ class WhatIfScreen(PagedScreen):
 
 
 COPIED = ("diagnosed", "what-if", "numbers-text")
+
+
+def ask_effect(
+    interface: Interface, listed: Sequence[Choice], then: Callable[[Choice], None]
+) -> None:
+    """Ask for one of these effects; nothing is done where none is chosen."""
+    if not listed:
+        interface.complain(texts.NOTHING_TO_TRY)
+        return
+    dialog = ChoiceDialog(texts.WHICH, [(one, texts.choice_words(one)) for one in listed])
+    interface.ask(dialog, then)

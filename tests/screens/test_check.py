@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
+import threading
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from app.measuring.demo import demo_plan
 from app.measuring.plan import Plan
+from app.measuring.session import Indicators
 from app.screens.check import CheckScreen
 from app.screens.measure import MeasureScreen
 from app.screens.session_view import GaugeDisplay
@@ -90,3 +95,20 @@ async def test_begun_without_the_record_says_so(tmp_path: Path) -> None:
     session = fold(read_record(plan.path).events)
     assert session.notes[0].count("not pushed by hand") == 2
     assert [one.pushed_in for one in session.opened.instruments] == [None, None]
+
+
+async def test_ports_that_open_after_the_program_was_left_are_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left, closed = threading.Event(), threading.Event()
+
+    def slowly(_: Plan) -> Indicators:
+        assert left.wait(20.0)
+        return Indicators((), close_bench=closed.set)
+
+    monkeypatch.setattr("app.screens.check.open_indicators", slowly)
+    interface = Glidecal(CheckScreen(demo_plan(tmp_path, "zero-max-min", 1)))
+    async with interface.run_test(size=SIZE) as pilot:
+        await pilot.press("f10")
+    left.set()
+    assert await asyncio.to_thread(closed.wait, 20.0)

@@ -82,6 +82,7 @@ async def test_a_reading_that_disagrees_is_questioned(
             await take(pilot, screen)
         await take_something_else(pilot, screen, monkeypatch, 0.2)
         await until(pilot, "a question", lambda: isinstance(interface.screen, ChoiceDialog))
+        await until(pilot, "its words", lambda: interface.screen.query(Static))
         question = str(interface.screen.query(Static).first().content)
         assert "Step 4, leg X ZERO" in question
         assert "± 0.050 mm is expected" in question
@@ -219,6 +220,7 @@ async def test_review_after_each_leg(tmp_path: Path) -> None:
         await press_for(
             pilot, screen, "review", lambda: isinstance(interface.screen, LegReviewScreen)
         )
+        await until(pilot, "its words", lambda: text(interface, "#review-text"))
         said = str(interface.screen.query_one("#review-text", Static).content)
         assert "Leg X is done" in said
         assert "4 differences so far" in said

@@ -22,7 +22,7 @@ from app.planning.hexaslide import Request
 from app.screens.hexaslide import HexaSlideScreen
 from app.screens.home import HomeScreen
 from app.screens.interface import HelpDialog, Interface, TextDialog
-from app.screens.plot import DrawingPlot
+from app.screens.plot import ChartPlot
 from app.screens.start import Glidecal
 from calib.hexaslide.derivatives import jacobian
 from calib.hexaslide.geometry import HexaSlide
@@ -41,12 +41,12 @@ RANKS = {
 
 
 def drawn(interface: Interface, name: str) -> str:
-    return str(interface.screen.query_one(f"#{name}", DrawingPlot).render())
+    return str(interface.screen.query_one(f"#{name}", ChartPlot).render())
 
 
 def number_colours(interface: Interface, name: str) -> tuple[object, object]:
     """Colours of the letter and of the ground where chain 1 is written."""
-    shown = interface.screen.query_one(f"#{name}", DrawingPlot).render()
+    shown = interface.screen.query_one(f"#{name}", ChartPlot).render()
     assert isinstance(shown, Text)
     place = next(m.start() for m in re.finditer(r"(?<![.\d])1(?![.\d])", shown.plain))
     style = shown.get_style_at_offset(interface.console, place)
@@ -322,14 +322,14 @@ async def test_a_broken_machine_file_then_a_good_one(tmp_path: Path) -> None:
         screen = await looked(pilot, interface, HexaSlideScreen)
         assert text(interface, "#hexaslide") == "own [m].toml"
         assert "does not reach its rail" in text(interface, "#sees-text")
-        assert not any(plot.display for plot in screen.query(DrawingPlot))
+        assert not any(plot.display for plot in screen.query(ChartPlot))
         await pilot.press("c")
         assert "nothing to search" in said(interface)
         await pilot.press("f")
         await enter(pilot, interface, str(linkless))
         await looked(pilot, interface, HexaSlideScreen)
         assert text(interface, "#hexaslide") == "linkless.toml   1 of 4: pose-inverse"
-        assert all(plot.display for plot in screen.query(DrawingPlot))
+        assert all(plot.display for plot in screen.query(ChartPlot))
         await pilot.press("4")
         await looked(pilot, interface, HexaSlideScreen)
         assert "no [constraint_link]" in text(interface, "#sees-text")

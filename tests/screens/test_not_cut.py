@@ -39,11 +39,10 @@ from app.screens.home import HomeScreen, PickScreen, ReplayChoiceScreen
 from app.screens.interface import ChoiceDialog, HelpDialog, Interface, TextDialog
 from app.screens.measure import MeasureScreen
 from app.screens.pages import PagedScreen
-from app.screens.plot import SetUpScreen
 from app.screens.prepare import IndicatorScreen, PrepareScreen
 from app.screens.replay import ReplayScreen
 from app.screens.result import CompareScreen, ResultScreen
-from app.screens.session_view import GaugeDisplay, LegReviewScreen
+from app.screens.session_view import GaugeDisplay, LegReviewScreen, SetUpScreen
 from app.screens.start import Glidecal
 from app.screens.what_if import WhatIfScreen
 from protocols.machine import load_machine

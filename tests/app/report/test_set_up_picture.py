@@ -11,7 +11,7 @@ from textual.app import App, ComposeResult
 from app.report.charts.charts import Drawing, StrokeStyle
 from app.report.charts.tripod import drawn_set_up
 from app.report.text.session import set_up_text
-from app.screens.plot import DrawingPlot
+from app.screens.plot import ChartPlot
 from protocols.machine import Instrument, Machine
 from protocols.procedure import Step, load_procedure
 from protocols.session import Opened, Session, fold
@@ -95,7 +95,7 @@ async def test_a_terminal_marks_the_touched_point_where_the_machine_says(
 
         class Page(App[None]):
             def compose(self) -> ComposeResult:
-                yield DrawingPlot(drawing)  # noqa: B023 (used at once)
+                yield ChartPlot(drawing)  # noqa: B023 (used at once)
 
         app = Page()
         async with app.run_test(size=size) as pilot:

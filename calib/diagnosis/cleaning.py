@@ -65,6 +65,7 @@ def _errors_of(case: Case, effects: Sequence[Effect]) -> list[GrossError]:
     """One after the other, each in the data that the one before left."""
     found: list[GrossError] = []
     observed = case.observed
+    # shifts first: repeats alone tell them, whatever else is wrong with the readings
     while len(found) < POLICY.most_causes and (shift := find_shift(observed)) is not None:
         found.append(shift)
         observed = shift.corrected

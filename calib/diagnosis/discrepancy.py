@@ -149,14 +149,12 @@ def _described(
     unnamed_effects = descending(
         rest.unnamed_effects(), lambda one: evidence(one.explained, one.rank, rest.spread), LOG_UNIT
     )
-    p = (
-        min(rest.p_value(unnamed_effects[0]) * len(unnamed_effects), 1.0)
-        if unnamed_effects
-        else 1.0
-    )
-    if p > POLICY.naming_level:
+    if not unnamed_effects:
         return None, False
     best, problem = unnamed_effects[0], selection.problem
+    p = min(rest.p_value(best) * len(unnamed_effects), 1.0)  # Bonferroni
+    if p > POLICY.naming_level:
+        return None, False
     finding = _finding(rest, best, p)
     if others:
         held = on_other_sessions(problem, others, (*named, *finding.effects))

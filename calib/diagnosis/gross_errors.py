@@ -89,22 +89,26 @@ def place_of(observed: Observations, rows: IntArray) -> str:
     return TOUCHED_LETTERS[observed.leg[first]] + LEG_NAMES[observed.axis[first]]
 
 
+def words_of(observed: Observations, row: int) -> str:
+    """Posture and cycle of a reading."""
+    return f"at {observed.posture_words(row)}, cycle {observed.cycle[row]}"
+
+
 def find_shift(observed: Observations) -> GrossError | None:
     """The clearest shift of a stand, or None. Judged by repeats alone, without a model."""
     noise = _robust_variance(observed)
     tried = (_clear_step(observed, rows, noise) for rows in observed.mountings if noise)
-    best = max((step for step in tried if step), key=lambda step: step.gain, default=None)
+    best = max((step for step in tried if step), key=lambda step: step[0], default=None)
     if best is None:
         return None
+    _, shift_mm, rows = best
     corrected = observed.value_mm.copy()
-    corrected[best.rows] -= best.shift_mm
-    first = best.rows[0]
+    corrected[rows] -= shift_mm
     title = (
-        f"the stand moved by {best.shift_mm:+.4f} mm before the reading at "
-        f"{observed.posture_words(first)}, cycle {observed.cycle[first]}"
+        f"the stand moved by {shift_mm:+.4f} mm before the reading {words_of(observed, rows[0])}"
     )
     put_back = replace(observed, value_mm=corrected)
-    return GrossError("stand_slip", place_of(observed, best.rows), title, best.rows, put_back)
+    return GrossError("stand_slip", place_of(observed, rows), title, rows, put_back)
 
 
 def _robust_variance(observed: Observations) -> float:
@@ -119,44 +123,33 @@ def _robust_variance(observed: Observations) -> float:
     return max(float(np.median(found)), 1e-8) if found else 0.0
 
 
-@dataclass(frozen=True, eq=False)
-class _Step:
-    """A step of one mounting: the rows moved, what it explains, and whether nothing else does."""
+def _clear_step(
+    observed: Observations, rows: IntArray, noise: float
+) -> tuple[float, float, IntArray] | None:
+    """What a step of one mounting explains, its size in mm and the rows moved; None without any.
 
-    rows: IntArray
-    gain: float
-    shift_mm: float
-    clear: bool
-
-
-def _clear_step(observed: Observations, rows: IntArray, noise: float) -> _Step | None:
-    """By repeats of one approach; where they cannot tell, by all readings of a posture."""
-    for basis in (cell_basis, posture_basis):
-        step = _best_step(observed, rows, basis(observed, rows), noise)
-        if step is None or step.gain < POLICY.shift_variances * noise:
-            return None
-        if step.clear:
-            return step
-    return None
-
-
-def _best_step(
-    observed: Observations, rows: IntArray, basis: FloatArray, noise: float
-) -> _Step | None:
-    value = without(basis, observed.value_mm[rows])
-    total, count = float(value @ value), len(rows)
-    if count < 4:
+    By repeats of one approach; where they cannot tell, by all readings of a posture.
+    """
+    count = len(rows)
+    if count < 4:  # two readings on each side of a step
         return None
     order = np.arange(count, dtype=np.float64)
-    alone = np.column_stack([value, basis])
-    from_row_on = np.cumsum(alone[::-1], axis=0)[::-1]
-    slopes, gains = _explained(from_row_on, count - order)
-    outliers = _explained(alone, np.ones(count))[1]
-    drift = _explained(order[None] @ alone, order[None] @ order)[1]
-    k = 2 + largest(gains[2:-1])
-    beside = max(float(drift[0]), float(outliers.max()))
-    clear = max(total - float(gains[k]), noise) <= BETTER * (total - beside)
-    return _Step(rows[k:], float(gains[k]), float(slopes[k]), clear)
+    for basis_of_repeats in (cell_basis, posture_basis):
+        basis = basis_of_repeats(observed, rows)
+        value = without(basis, observed.value_mm[rows])
+        alone = np.column_stack([value, basis])
+        from_row_on = np.cumsum(alone[::-1], axis=0)[::-1]
+        slopes, gains = _explained(from_row_on, count - order)
+        k = 2 + largest(gains[2:-1])
+        gain = float(gains[k])
+        if gain < POLICY.shift_variances * noise:
+            return None
+        outliers = _explained(alone, np.ones(count))[1]
+        drift = _explained(order[None] @ alone, order[None] @ order)[1]
+        total, beside = float(value @ value), max(float(drift[0]), float(outliers.max()))
+        if max(total - gain, noise) <= BETTER * (total - beside):
+            return gain, float(slopes[k]), rows[k:]
+    return None
 
 
 def _explained(products: FloatArray, squares: FloatArray) -> tuple[FloatArray, FloatArray]:

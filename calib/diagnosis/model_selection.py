@@ -54,6 +54,7 @@ MOST_LOOKED_AT = 100
 """Models of one size whose sizes are judged together, at most."""
 
 CORRECTIONS = 2
+"""How often sizes go through the simulation, which bends where derivatives do not."""
 
 Sizes = dict[int, tuple[tuple[Value, ...], tuple[EffectInstance, ...]]]
 """Parameters of each candidate, and the effects that they make."""

@@ -111,6 +111,9 @@ class _Pairing:
         self._given = tuple(k for k in members if k != member and self._candidates[k].shares)
         singles = attribution.outcome.singles
         self._weight = {m.members[0]: m.log_weight for m in singles}
+        self._of_name: dict[Named, list[int]] = {}
+        for k in range(len(self._candidates)):
+            self._of_name.setdefault(attribution.named(k), []).append(k)
 
     def proposal(self) -> NextMeasurement | None:
         """What separates them; None where nothing does, or where a name is a lone reading."""
@@ -136,16 +139,13 @@ class _Pairing:
     def _likeliest(self) -> list[Named]:
         """Rivals, the best first."""
         rivals = self._attribution.rivals[self._member]
-        best = {name: max(self._weight[k] for k in self._of_name(name)) for name in rivals}
+        best = {name: max(self._weight[k] for k in self._of_name[name]) for name in rivals}
         return descending(rivals, best.__getitem__, LOG_UNIT)[: MOST_NAMES - 1]
-
-    def _of_name(self, name: Named) -> list[int]:
-        return [k for k in range(len(self._candidates)) if self._attribution.named(k) == name]
 
     def _variants(self, name: Named) -> list[int]:
         """Candidates of a name that fit about as well as its best, as screws of other leads."""
         found = [
-            k for k in self._of_name(name) if self._candidates[k].shares and k not in self._given
+            k for k in self._of_name[name] if self._candidates[k].shares and k not in self._given
         ]
         found = descending(found, self._weight.__getitem__, LOG_UNIT)
         best = self._weight[found[0]] if found else 0.0
@@ -167,13 +167,14 @@ def _proposal(added: Added, names: Sequence[Named], apart: FloatArray) -> NextMe
     most = float(apart[0, 1:].max())
     if most < SHOWS:
         return None
-    bar = POLICY.decisive if most >= POLICY.decisive else SHOWS
+    verb, bar = "helps to decide", SHOWS
+    if most >= POLICY.decisive:
+        verb, bar = "decides", POLICY.decisive
     told = [0]
     for k in range(1, len(names)):
         if all(apart[k, other] >= bar for other in told):
             told.append(k)
     words = [f"{names[k].id} ({names[k].where})" for k in told]
-    verb = "decides" if bar == POLICY.decisive else "helps to decide"
     return NextMeasurement(
         f"{added.words}; it {verb} between {', '.join(words[:-1])} and {words[-1]}",
         _procedure_text(added),

@@ -37,6 +37,7 @@ from calib.diagnosis.gross_errors import (
     level_basis,
     place_of,
     posture_basis,
+    words_of,
 )
 from calib.diagnosis.policy import POLICY
 from calib.diagnosis.results import Named
@@ -202,7 +203,7 @@ def _likeliest(
 def _mislabelled(observed: Observations, places: list[_Fit]) -> GrossError:
     """It is put where it belongs; where several places fit as well, it is left out."""
     best = places[0]
-    title = f"the reading {_posture(observed, best.row)} belongs to "
+    title = f"the reading {words_of(observed, best.row)} belongs to "
     title += " or ".join(one.words for one in places)
     corrected = best.observed if len(places) == 1 else _without(observed, [best.row])
     rows = np.array([best.row], dtype=np.intp)
@@ -243,11 +244,11 @@ def _wild(observed: Observations, suspects: IntArray, least_mm2: float) -> Gross
 def _wild_in_words(observed: Observations, rows: IntArray) -> tuple[str, bool]:
     """The title, and whether a shift of the stand would leave the very same readings."""
     if len(rows) > 1:
-        postures = " or ".join(_posture(observed, row) for row in sorted(rows.tolist()))
+        postures = " or ".join(words_of(observed, row) for row in sorted(rows.tolist()))
         return f"one reading is an outlier, {postures}", False
     row = int(rows[0])
     mounted = np.flatnonzero(observed.mount == observed.mount[row])
-    title = f"one outlier {_posture(observed, row)}"
+    title = f"one outlier {words_of(observed, row)}"
     if row == mounted[0]:
         return f"{title}, or the stand moved after it", True
     if row == mounted[-1]:
@@ -257,10 +258,6 @@ def _wild_in_words(observed: Observations, rows: IntArray) -> tuple[str, bool]:
 
 def _unused(rows: IntArray) -> str:
     return "none of them is used" if len(rows) > 1 else "it is not used"
-
-
-def _posture(observed: Observations, row: int) -> str:
-    return f"at {observed.posture_words(row)}, cycle {observed.cycle[row]}"
 
 
 def _without(observed: Observations, rows: Sequence[int] | IntArray) -> Observations:

@@ -35,7 +35,9 @@ def shared_pattern(sessions: Sequence[FittedSession]) -> SharedPattern | None:
     """
     if len(sessions) < 2:
         return None
-    real = [k for k, one in enumerate(sessions) if _has_gap(Problem.of([one]))]
+    alone = [Problem.of([one]) for one in sessions]
+    chances = [one.gap_p_value(one.gap(one.y), one.structure_df) for one in alone]
+    real = [k for k, chance in enumerate(chances) if chance <= POLICY.agreement_level]
     if len(real) < 2:
         return None
     patterns = _Patterns.of([sessions[k] for k in real])
@@ -72,11 +74,6 @@ def once_in(p_value: float) -> str:
     return f"{rarer}once in {1.0 / max(p_value, RAREST):.0f} times"
 
 
-def _has_gap(problem: Problem) -> bool:
-    chance = problem.gap_p_value(problem.gap(problem.y), problem.structure_df)
-    return chance <= POLICY.agreement_level
-
-
 @dataclass(frozen=True, eq=False)
 class _Patterns:
     """m sessions at the same k postures.
@@ -101,23 +98,19 @@ class _Patterns:
         common = sorted(set.intersection(*(set(one) for one in keyed)))
         if not common:
             return None
-        averages = [
-            _averaging(one, [rows[key] for key in common])
-            for one, rows in zip(sessions, keyed, strict=True)
-        ]
-        means = [
-            average @ (one.observed.value_mm - one.model.readings(one.observed))
-            for one, average in zip(sessions, averages, strict=True)
-        ]
-        variance = np.array(
-            [
-                average**2 @ (1.0 / one.weight)
-                for one, average in zip(sessions, averages, strict=True)
-            ]
-        )
+        means, variances, zeros, bases = [], [], [], []
+        for one, rows in zip(sessions, keyed, strict=True):
+            average = np.zeros((len(common), len(one.observed)))  # weighted means of these rows
+            for k, key in enumerate(common):
+                weight = one.weight[rows[key]]
+                average[k, rows[key]] = weight / weight.sum()
+            means.append(average @ (one.observed.value_mm - one.model.readings(one.observed)))
+            variances.append(average**2 @ (1.0 / one.weight))
+            zeros.append(average @ one.set_ups)
+            bases.append(average @ one.base)
+        variance = np.array(variances)
         root = 1.0 / np.sqrt(variance.mean(axis=0))
-        zeros = [average @ one.set_ups for one, average in zip(sessions, averages, strict=True)]
-        base = root[:, None] * (averages[0] @ sessions[0].base)
+        base = root[:, None] * bases[0]
         free = basis_of(root[:, None] * np.hstack(zeros), DEPENDENT)
         whitening = Whitening.of(free, base[:, :3], base[:, 3:])
         groups: dict[tuple[float, ...], list[int]] = {}
@@ -205,11 +198,3 @@ def _rows_by_posture(one: FittedSession) -> dict[tuple[float, ...], list[int]]:
     for k, key in enumerate(np.column_stack(keys).round(4).tolist()):
         rows.setdefault(tuple(key), []).append(k)
     return rows
-
-
-def _averaging(one: FittedSession, groups: Sequence[Sequence[int]]) -> FloatArray:
-    """The matrix ``(k, n)`` of weighted means of these rows."""
-    average = np.zeros((len(groups), len(one.observed)))
-    for k, rows in enumerate(groups):
-        average[k, rows] = one.weight[rows] / one.weight[rows].sum()
-    return average

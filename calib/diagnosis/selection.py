@@ -38,7 +38,7 @@ LEAST_LOG = -690.0
 """Smaller logarithms of weights and p-values are all alike: their numbers would be no floats."""
 
 SEED = 20081
-DRAWS = 1999
+DRAWS = 1999  # p-values down to 1 in 2000, a tenth of `POLICY.naming_level`
 GRID = 400
 LOG_UNIT = 1e3
 """Log weights are differences of numbers so large, or more; see `calib.arrays`."""

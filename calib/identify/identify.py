@@ -61,10 +61,12 @@ from calib.noise.reading import (
 )
 from calib.stats import coverage_factor
 from calib.tripod.differences import Differences, differences
-from calib.tripod.geometry import PARAMETER_NAMES
+from calib.tripod.geometry import PARAMETER_NAMES, TOLERANCE_MM
 from calib.tripod.movements import with_first_movements
 from calib.tripod.pipeline import Model, derivatives
 from calib.tripod.planning import sensitivity_of_readings
+
+TOLERANCES_MM: FloatArray = np.full(len(PARAMETER_NAMES), TOLERANCE_MM)
 
 NOTICED = 50.0
 """Tolerances: so large an effect would be seen without measuring, as offsets of 5 mm would."""
@@ -78,7 +80,7 @@ def identify(
     *,
     weights: Weights = "equal",
     indicator: IndicatorFigures | None = None,
-    tolerance_mm: FloatArray | None = None,
+    tolerance_mm: FloatArray = TOLERANCES_MM,
     sizes: tuple[Size, ...] = (),
 ) -> Solution:
     """Identify the parameters of a subset; the others keep the model's values.
@@ -86,9 +88,10 @@ def identify(
     ``sizes`` of the model's effects are fitted with them, by the exact method only.
 
     ``weights`` matters for the linear method only. The indicator's figures serve as noise where
-    there are no repeats. The subset ``with-tolerances`` needs ``tolerance_mm`` ``(6,)``, takes the
-    exact method and always determines everything; its covariance holds the tolerances too. Raises
-    NotIdentifiable where the readings do not determine the subset.
+    there are no repeats. Parts may be off by ``tolerance_mm`` ``(6,)``, each a standard deviation.
+    The subset ``with-tolerances`` takes the exact method and always determines everything; its
+    covariance holds the tolerances too. Raises NotIdentifiable where the readings do not determine
+    the subset.
     """
     told = Told.of(model, observed, indicator or IndicatorFigures(), sizes)
     return identify_from(told, subset, method, weights=weights, tolerance_mm=tolerance_mm)
@@ -129,14 +132,19 @@ def identify_from(
     method: Method,
     *,
     weights: Weights,
-    tolerance_mm: FloatArray | None,
+    tolerance_mm: FloatArray,
 ) -> Solution:
     """As `identify`, of what was worked out once for all sets."""
     free = SUBSETS[subset]
     model, visited, measured, noise = told.model, told.visited, told.measured, told.noise
     weight = reading_weights(visited, noise)
-    efficient = _efficient_fit(told, subset, method, tolerance_mm)
     held = subset == "with-tolerances"
+    if held and noise is None:
+        raise NotIdentifiable(
+            "the set 'with-tolerances'", "no noise to weigh them with", "both of them"
+        )
+    within_mm = tolerance_mm if held else None
+    efficient = _efficient_fit(told, subset, method, weight, within_mm)
     papers = method == "linear" and weights == "equal" and not held
     fit = papers_fit(model, visited, free, measured) if papers else efficient
     _refuse_impossible(model, fit)
@@ -144,9 +152,8 @@ def identify_from(
         noise = _noise_from_residuals(visited, efficient)
         weight = reading_weights(visited, noise)
     spread = propagate(fit.estimator, visited, noise)
-    if held and tolerance_mm is not None:
-        unbounded = np.full(len(told.sizes), np.inf)
-        tolerance = np.concatenate([tolerance_mm, unbounded])
+    if within_mm is not None:
+        tolerance = np.concatenate([within_mm, np.full(len(told.sizes), np.inf)])
         spread = spread.with_prior(visited, weight, fit.design, tolerance)
     before = measured.combine @ model.readings(visited)
     predicted = measured.combine @ fit.predicted_mm
@@ -186,9 +193,7 @@ def identify_from(
             noise,
         ),
         condition_number=float(np.linalg.cond(system)),
-        weak_directions=_seen(
-            told, weight, efficient.design, free, noise, tolerance_mm if held else None
-        ).weak,
+        weak_directions=_seen(told, weight, efficient.design, free, noise, within_mm).weak,
         residual_mm=without_zeros(visited, weight, visited.value_mm - fit.predicted_mm),
         outside=_of_others(fit, visited, free),
         tolerance_mm=tolerance_mm,
@@ -204,20 +209,15 @@ def _of_others(fit: Fit, visited: Observations, free: tuple[int, ...]) -> FloatA
 
 
 def _efficient_fit(
-    told: Told, subset: Subset, method: Method, tolerance_mm: FloatArray | None
+    told: Told, subset: Subset, method: Method, weight: FloatArray, within_mm: FloatArray | None
 ) -> Fit:
     """The best estimate of its kind, refused where some combination is not seen."""
     model, visited, noise, sizes = told.model, told.visited, told.noise, told.sizes
-    free, weight = SUBSETS[subset], reading_weights(visited, noise)
-    held = subset == "with-tolerances"
-    if held and (tolerance_mm is None or noise is None):
-        found = "no tolerances" if tolerance_mm is None else "no noise to weigh them with"
-        raise NotIdentifiable("the set 'with-tolerances'", found, "both of them")
+    free = SUBSETS[subset]
     if sizes:  # no fit can begin with a size that nothing shows
-        start = design_of(model, visited, free, sizes)
-        _seen(told, weight, start, free, noise, tolerance_mm if held else None)
-    if held and tolerance_mm is not None:
-        return prior_fit(model, visited, weight, tolerance_mm, sizes)
+        _seen(told, weight, design_of(model, visited, free, sizes), free, noise, within_mm)
+    if within_mm is not None:
+        return prior_fit(model, visited, weight, within_mm, sizes)
     linear = weighted_fit(model, visited, free, weight)
     refuse_unseen(_seen(told, weight, linear.design, free, noise), subset)
     if method == "linear":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -324,21 +324,16 @@ def _judged(
                 tool_mm=float(variance[k]) ** 0.5,
                 variance_per_minute_mm2=(before - float(variance[k])) / minutes,
             )
-            held = best.get((leg, station))
-            if held is None or _gain(proposal) > _gain(held):
+            held = best.setdefault((leg, station), proposal)
+            if proposal.variance_per_minute_mm2 > held.variance_per_minute_mm2:
                 best[leg, station] = proposal
-    return descending(best.values(), _gain)[: RUNNERS_UP + 1]
-
-
-def _gain(proposal: Proposal) -> float:
-    return proposal.variance_per_minute_mm2
+    return descending(best.values(), lambda one: one.variance_per_minute_mm2)[: RUNNERS_UP + 1]
 
 
 def _mountings(
     pool: LegPool, size: int
-) -> list[tuple[int, float, list[tuple[float, ...]], FloatArray]]:
+) -> Iterator[tuple[int, float, list[tuple[float, ...]], FloatArray]]:
     """Sets of displacements at each place with rows ``(b, 2 size, 6)``, own zeros fitted."""
-    found = []
     for number, (leg, station) in enumerate(pool.places):
         members = np.flatnonzero(pool.place == number)
         row = {float(pool.displacement_mm[k]): int(k) for k in members}
@@ -351,8 +346,7 @@ def _mountings(
         index = np.array([[row[level] for level in one] for one in sets])
         rows = pool.rows[index][:, :, :, :PARAMETERS]
         centred = rows - rows.mean(axis=1, keepdims=True)
-        found.append((leg, station, sets, centred.reshape(len(sets), -1, PARAMETERS)))
-    return found
+        yield leg, station, sets, centred.reshape(len(sets), -1, PARAMETERS)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -67,7 +67,7 @@ class Solution:
     ``(n_differences,)`` each.
     Uncertainties carry the noise of the readings; they do not carry what the model leaves out.
     ``outside`` ``(k, 6)`` is what an error of each parameter outside the set does to these, and
-    ``tolerance_mm`` ``(6,)`` how far they may be off, None where nobody stated it.
+    ``tolerance_mm`` ``(6,)`` how far they may be off.
     """
 
     model: Model
@@ -91,9 +91,9 @@ class Solution:
     condition_number: float
     weak_directions: tuple[Direction, ...]
     residual_mm: FloatArray
-    sizes: tuple[FittedSize, ...] = ()
-    outside: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    tolerance_mm: FloatArray | None = None
+    sizes: tuple[FittedSize, ...]
+    outside: FloatArray
+    tolerance_mm: FloatArray
 
     @property
     def expanded_with_tolerances_mm(self) -> FloatArray:
@@ -103,7 +103,7 @@ class Solution:
     @property
     def expanded_of_difference_mm(self) -> FloatArray | None:
         """The same of d_rho - d_L ``(3,)`` where the readings tell little of d_rho but that."""
-        if self.subset != "joint-offsets" or self.tolerance_mm is None:
+        if self.subset != "joint-offsets":
             return None
         apart = self.outside + np.eye(len(PARAMETER_NAMES))[3:]
         found = self._with_tolerances(apart)
@@ -114,8 +114,6 @@ class Solution:
 
     def _off_mm(self, outside: FloatArray) -> FloatArray:
         """What parts outside the set, off within tolerances, make of the parameters (95 %)."""
-        if self.tolerance_mm is None:
-            return np.zeros_like(self.expanded_mm)
         off = coverage_factor(math.inf) * np.linalg.norm(outside * self.tolerance_mm, axis=1)
         return np.asarray(off)
 
@@ -138,8 +136,6 @@ class Solution:
     @property
     def beyond_tolerance(self) -> tuple[tuple[str, float, float], ...]:
         """Parameters surely more than `BELIEVED` tolerances off: name, value and tolerance, mm."""
-        if self.tolerance_mm is None:
-            return ()
         tolerance = self.tolerance_mm[list(SUBSETS[self.subset])]
         beyond = np.abs(self.values_mm) - self.expanded_mm > BELIEVED * tolerance
         rows = zip(self.names, self.values_mm.tolist(), tolerance.tolist(), beyond, strict=True)

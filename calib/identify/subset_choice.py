@@ -16,7 +16,7 @@ from calib.identify.fit import Size
 from calib.identify.identify import Told, identify_from
 from calib.identify.solution import SUBSETS, Method, Solution, Subset, Weights
 from calib.noise.reading import IndicatorFigures
-from calib.tripod.geometry import PARAMETER_NAMES, TOLERANCE_MM
+from calib.tripod.geometry import PARAMETER_NAMES
 from calib.tripod.pipeline import Model
 from calib.tripod.workspace import PLANES, PlaneMap, workspace_jacobian
 
@@ -36,9 +36,8 @@ class SubsetChoice:
     """The solution of every subset that the data determine, and which of them is recommended.
 
     ``tool_after`` is the error of the tool to expect over the workspace with the values of each
-    entered, and for ``with-tolerances`` where the tolerances of the parts are stated. ``refused``
-    holds the reason for every subset that the data do not determine. ``told`` and tolerances
-    ``(6,)`` are what all of them were made of.
+    entered. ``refused`` holds the reason for every subset that the data do not determine. ``told``
+    and tolerances ``(6,)`` are what all of them were made of.
     """
 
     told: Told
@@ -157,7 +156,7 @@ def choose_subset(
     *,
     weights: Weights = "equal",
     indicator: IndicatorFigures | None = None,
-    tolerance_mm: FloatArray | None = None,
+    tolerance_mm: FloatArray,
     sizes: tuple[Size, ...] = (),
 ) -> SubsetChoice:
     """Identify all subsets, and say what the tool would be off by with each.
@@ -168,8 +167,7 @@ def choose_subset(
     told = Told.of(model, observed, indicator or IndicatorFigures(), sizes)
     solutions: dict[Subset, Solution] = {}
     refused: dict[Subset, NotIdentifiable] = {}
-    wanted = [s for s in SUBSETS if s != "with-tolerances" or tolerance_mm is not None]
-    for subset in wanted:
+    for subset in SUBSETS:
         try:
             solutions[subset] = identify_from(
                 told, subset, method, weights=weights, tolerance_mm=tolerance_mm
@@ -184,7 +182,7 @@ def choose_subset(
     }
     return SubsetChoice(
         told,
-        np.full(len(PARAMETER_NAMES), TOLERANCE_MM) if tolerance_mm is None else tolerance_mm,
+        tolerance_mm,
         solutions,
         after,
         refused,
@@ -199,7 +197,7 @@ def left_after(solutions: dict[Subset, Solution], subset: Subset) -> tuple[Float
     not even joint offsets are, the parameters held by tolerances say what is left.
     """
     solution, full = solutions[subset], solutions.get("both")
-    factor = noise_factor(solutions, subset)
+    factor = (full or solution).spread
     held = solutions.get("with-tolerances")
     if held is not None and not {"both", "joint-offsets"} & solutions.keys():
         # a plain set alone would take what it leaves out for perfect
@@ -215,11 +213,6 @@ def left_after(solutions: dict[Subset, Solution], subset: Subset) -> tuple[Float
     chance = float(np.einsum("pij,jk,pik->p", jacobian, differing, jacobian).mean())
     real = max(moved - max(chance, 0.0), 0.0)
     return shift * math.sqrt(real / moved if moved > 0.0 else 0.0), covariance
-
-
-def noise_factor(solutions: dict[Subset, Solution], subset: Subset) -> float:
-    """Factor on the variance of the noise: of what the full set leaves, else the subset itself."""
-    return solutions.get("both", solutions[subset]).spread
 
 
 def full_covariance(solution: Solution, factor: float = 1.0) -> FloatArray:

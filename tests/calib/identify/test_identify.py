@@ -18,6 +18,7 @@ from calib.noise.reading import IndicatorFigures
 from calib.tripod.pipeline import Model
 from tests.builders import observed, postures
 
+TOLERANCES_MM = np.array([2.0] * 3 + [0.1] * 3)
 MODEL = Model()
 within_3_mm = st.floats(-3.0, 3.0)
 
@@ -163,7 +164,7 @@ def test_lack_of_fit_is_quiet_on_good_data_and_loud_on_a_bent_leg() -> None:
 
 def test_long_legs_are_recommended_to_be_identified_too() -> None:
     data = observed([1.0, -0.5, 0.3, 2.0, -1.5, 1.0], postures(repeats=3), scatter_mm=0.001)
-    assert choose_subset(MODEL, data).recommended == "both"
+    assert choose_subset(MODEL, data, tolerance_mm=TOLERANCES_MM).recommended == "both"
 
 
 def test_one_blunder_does_not_take_the_other_subsets_along() -> None:
@@ -171,9 +172,9 @@ def test_one_blunder_does_not_take_the_other_subsets_along() -> None:
     good = observed([-0.5, 0.5, -1.7, 0, 0, 0], postures(), scatter_mm=0.02)
     value = good.value_mm.copy()
     value[4] += 10.0
-    choice = choose_subset(
-        MODEL, observe(good, value), indicator=IndicatorFigures(repeatability_mm=0.02)
-    )
+    figures = IndicatorFigures(repeatability_mm=0.02)
+    bad = observe(good, value)
+    choice = choose_subset(MODEL, bad, indicator=figures, tolerance_mm=TOLERANCES_MM)
     assert "joint-offsets" in choice.solutions
     fit = choice.solutions["joint-offsets"].lack_of_fit
     assert fit is not None
